@@ -1,0 +1,31 @@
+# Thin targets; every one of them sets up what it needs in $(VENV) first.
+VENV ?= .venv
+PYTHON ?= python3
+RUN = $(VENV)/bin/python
+
+paint: $(VENV)/.paint  ## paint the default picture
+	$(RUN) run.py $(ARGS)
+
+test: $(VENV)/.dev  ## run the tests
+	$(RUN) -m pytest $(ARGS)
+
+lint: $(VENV)/.dev  ## format check, lint, types
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/mypy
+
+bench: $(VENV)/.dev  ## the figures of docs/performance.md (minutes, on an idle machine)
+	$(RUN) benchmarks/step.py
+	$(RUN) benchmarks/pictures.py
+
+$(VENV)/.paint: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/pip install --quiet -e '.[video]'
+	touch $@
+
+$(VENV)/.dev: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/pip install --quiet -e '.[dev]'
+	touch $@
+
+.PHONY: paint test lint bench

@@ -1,0 +1,148 @@
+"""What one gradient step costs: the compiled blend against eager PyTorch and the thesis's top-k, memory, and growth.
+
+    python benchmarks/step.py            all of it (about four minutes on two idle cores, 10 GB of memory)
+    python benchmarks/step.py --quick    without the eager blends
+
+Every table is one run: read the ratios, not the seconds.
+"""
+
+import argparse
+import math
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import brushexp  # noqa: F401  (before torch: it sets how threads wait)
+
+# isort: split
+import torch
+
+from brushexp.blend.base import Blend
+from brushexp.blend.tiled import Kernel, Tiled
+from brushexp.blend.topk import TopK
+from brushexp.process import peak_memory
+from brushexp.renderer.analytic import Analytic
+from brushexp.strokes.catalogue import Strokes
+
+BACKGROUND = torch.ones(3)
+
+
+def scene(n: int, side: int) -> Strokes:
+    """``n`` gently bent strokes, 15 to 35 px long and 4 to 12 px wide, on ``side`` x ``side`` pixels."""
+    torch.manual_seed(0)
+    length, angle = 15 + 20 * torch.rand(n), math.pi * torch.rand(n)
+    along = torch.stack([angle.cos(), angle.sin()], -1) * length[:, None] / 64
+    return Strokes(
+        position=torch.rand(n, 2) * side,
+        scale=torch.full((n,), 64.0),
+        start=-along,
+        control=torch.randn(n, 2) * 3 / 32,
+        end=along,
+        width=(4 + 8 * torch.rand(n)) / 64,
+        color=torch.rand(n, 3),
+        opacity=torch.full((n,), 0.95),
+    )
+
+
+def gradient_step(blend: Blend, strokes: Strokes, target: torch.Tensor) -> Callable[[], tuple[torch.Tensor, ...]]:
+    """A function that takes one step: forward, mean squared error, backward."""
+    leaves = strokes.map(lambda value: value.clone().requires_grad_())
+    order, size = torch.arange(len(strokes)), (target.shape[1], target.shape[2])
+    renderer = Analytic()
+
+    def step() -> tuple[torch.Tensor, ...]:
+        for _, value in leaves.items():
+            value.grad = None
+        image = blend(renderer(leaves), order, size, BACKGROUND).image
+        (image - target).square().mean().backward()
+        return image.detach(), *(value.grad for _, value in leaves.items())
+
+    return step
+
+
+def seconds_of(function: Callable[[], object], runs: int) -> float:
+    """Median wall time after one run that does not count."""
+    function()
+    times = []
+    for _ in range(runs):
+        start = time.perf_counter()
+        function()
+        times.append(time.perf_counter() - start)
+    return statistics.median(times)
+
+
+def against_eager() -> None:
+    """The compiled blend, eager PyTorch on the same tile lists, and the thesis's top-k."""
+    strokes, target = scene(10_000, 1024), torch.rand(3, 1024, 1024)
+    fast = gradient_step(Tiled(), strokes, target)
+    reference, seconds = fast(), seconds_of(fast, 15)
+    print("\n1024 x 1024 px, 10,000 strokes, forward + backward\n")
+    print("| blend | ms per step | times tiled | picture, max difference | gradient, relative difference |")
+    print("|---|---|---|---|---|")
+    print(f"| tiled (Numba) | {1e3 * seconds:.1f} | 1 | | |")
+    rivals = {"tiled, eager PyTorch": Tiled(opaque=0.0, kernel=Kernel.torch)}
+    rivals |= {f"topk, k={k}": TopK(k=k) for k in (4, 8, 16)}
+    for name, blend in rivals.items():
+        slow = gradient_step(blend, strokes, target)
+        result = slow()
+        other = seconds_of(slow, 1)
+        again = seconds_of(fast, 5)  # beside the slow one, so that the ratio is of one moment
+        picture = (result[0] - reference[0]).abs().max()
+        gradient = max(float((a - b).norm() / b.norm()) for a, b in zip(reference[1:], result[1:], strict=True))
+        print(f"| {name} | {1e3 * other:.0f} | {other / again:.0f} | {picture:.1e} | {gradient:.1e} |", flush=True)
+
+
+def growth() -> None:
+    """Cost against pixels and strokes."""
+    print("\nGrowth at 100 px per stroke\n\n| megapixels | strokes | ms per step | per megapixel, against the first |")
+    print("|---|---|---|---|")
+    first = 0.0
+    for side in (1024, 2048, 4096):
+        n = side * side // 105
+        seconds = seconds_of(gradient_step(Tiled(), scene(n, side), torch.rand(3, side, side)), 7)
+        each = seconds / (side * side)
+        first = first or each
+        print(f"| {side * side / 1e6:.1f} | {n:,} | {1e3 * seconds:.0f} | {each / first:.2f} |", flush=True)
+
+
+def switches() -> None:
+    """What each saving brings."""
+    strokes, target = scene(10_000, 1024), torch.rand(3, 1024, 1024)
+    print("\nSwitches of the tiled blend, 1024 x 1024 px, 10,000 strokes\n\n| setting | ms per step |\n|---|---|")
+    for text, blend in (
+        ("as is (opaque 1e-4)", Tiled()),
+        ("every stroke looked at (opaque 0)", Tiled(opaque=0.0)),
+        ("opaque 1/512", Tiled(opaque=1 / 512)),
+    ):
+        print(f"| {text} | {1e3 * seconds_of(gradient_step(blend, strokes, target), 9):.1f} |", flush=True)
+
+
+def memory() -> None:
+    """Peak memory of ten steps at a megapixel, in a process of its own, beyond what the imports take."""
+    code = "from step import memory_of_ten_steps; memory_of_ten_steps()"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=sys.path[0])
+
+
+def memory_of_ten_steps() -> None:
+    """Print the growth of this process's peak."""
+    Tiled()
+    before = peak_memory()
+    step = gradient_step(Tiled(), scene(10_000, 1024), torch.rand(3, 1024, 1024))
+    for _ in range(10):
+        step()
+    print(
+        f"\nMemory of ten steps at 1024 x 1024 px, 10,000 strokes, beyond the imports: {peak_memory() - before:.0f} MB"
+    )
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="leave out the eager blends")
+    quick = parser.parse_args().quick
+    switches()
+    growth()
+    memory()
+    if not quick:
+        against_eager()

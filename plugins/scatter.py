@@ -1,0 +1,57 @@
+"""Strokes at random places: ``init=scatter``. A whole plugin is one file like this.
+
+The decorator makes the class a choice on the command line. The keyword-only parameters of ``__init__`` become its
+options (``init.detail=0.5``), typed, with these defaults. What ``__call__`` receives and has to return is written in
+``brushexp/init/base.py``.
+"""
+
+import math
+
+import torch
+from torch import Tensor
+
+from brushexp.errors import UserError
+from brushexp.init.base import Initializer
+from brushexp.registry import register
+from brushexp.strokes.catalogue import Strokes
+
+
+@register("init", "scatter")
+class Scatter(Initializer):
+    """Random places, denser where the picture has detail; random directions.
+
+    Args:
+        detail: share of the strokes that goes where the picture changes, 0 to 1; the rest is spread evenly.
+        size: length and width of a stroke in mean distances between strokes.
+    """
+
+    def __init__(self, *, detail: float = 0.7, size: float = 1.0) -> None:
+        if not 0 <= detail <= 1:  # what a user can mend is a UserError that says how
+            raise UserError(f"init.detail={detail:g} is outside 0 to 1; try init.detail=0.7")
+        if not 0 < size <= 100:
+            raise UserError(f"init.size={size:g} is not within 0 to 100; try init.size=1")
+        self.detail = detail
+        self.size = size
+
+    def __call__(self, target: Tensor, n_strokes: int, generator: torch.Generator) -> Strokes:
+        _, height, width = target.shape
+        n = n_strokes
+        padded = torch.nn.functional.pad(target[None], (0, 1, 0, 1), mode="replicate")[0]
+        change = (padded[:, 1:, :-1] - target).abs().sum(0) + (padded[:, :-1, 1:] - target).abs().sum(0)  # (H, W)
+        chance = (1 - self.detail) / (height * width) + self.detail * change / change.sum().clamp_min(1e-9)
+        pixel = torch.multinomial(chance.flatten() + 1e-12, n, replacement=False, generator=generator)
+        row, column = pixel // width, pixel % width
+        pitch = math.sqrt(height * width / n)  # mean distance between strokes, pixels
+        window = max(6.4 * pitch, 4.0)  # pixels; all lengths below are in (half-)windows
+        angle = math.pi * torch.rand(n, generator=generator)
+        along = torch.stack([angle.cos(), angle.sin()], -1) * self.size * pitch / window
+        return Strokes(
+            position=torch.stack([column, row], -1) + 0.5,
+            scale=torch.full((n,), window),
+            start=-along,
+            control=torch.zeros(n, 2),
+            end=along,
+            width=torch.full((n,), self.size * pitch / window),
+            color=target[:, row, column].T.contiguous(),
+            opacity=torch.full((n,), 0.95),
+        )

@@ -1,0 +1,28 @@
+"""Entry point: ``python run.py image=photo.jpg strokes=8000``; add ``-m`` to sweep, ``--help`` to see the choices."""
+
+import time
+from pathlib import Path
+
+START = time.monotonic()  # before the slow imports, which count
+
+import hydra  # noqa: E402
+from omegaconf import DictConfig  # noqa: E402
+
+from brushexp.command_line import explained, prepare  # noqa: E402
+
+HERE = Path(__file__).parent
+
+
+@hydra.main(version_base="1.3", config_path="conf", config_name="config")
+def main(cfg: DictConfig) -> dict[str, object]:
+    """Run the task that the config names and return its numbers."""
+    prepare(HERE)  # again: in a parallel sweep this is another process
+    from brushexp.runner import run  # noqa: PLC0415  (Lightning takes seconds to import; --help should not)
+
+    return run(cfg, START)
+
+
+if __name__ == "__main__":
+    with explained():
+        prepare(HERE)  # before main(): Hydra reads the choices when it composes
+        main()

@@ -1,0 +1,1 @@
+"""Blends: strokes in depth order -> the picture. Pick one: ``blend=tiled``."""

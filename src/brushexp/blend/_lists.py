@@ -1,0 +1,150 @@
+"""Which strokes touch which tile: compiled list builder.
+
+A list is built for strokes that are already sorted front to back, so that each tile's strokes come in that order.
+A (tile, stroke) pair has two numbers: its place in the tile's list, and its slot in the stroke's row of pairs, where
+the kernels leave gradients so that they can be summed per stroke without atomics and always in the same order.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+TILE = 8  # pixels
+PIECES = 4  # straight pieces that stand for a curve when tiles are tested
+BANDS = 16  # bands of tile rows that are filled independently; fixed, so that slots do not depend on the thread count
+
+Array = np.ndarray[Any, Any]
+
+
+@dataclass(frozen=True)
+class TileLists:
+    """The pairs of one canvas.
+
+    Attributes:
+        first: (tiles + 1,) where each tile's list begins in ``stroke`` and ``slot``; tiles go row by row.
+        stroke: (pairs,) index of the stroke, front to back within a tile.
+        slot: (pairs,) the pair's place when pairs are sorted by stroke.
+        row: (N + 1,) where each stroke's slots begin.
+        shape: tile rows and columns.
+    """
+
+    first: Array
+    stroke: Array
+    slot: Array
+    row: Array
+    shape: tuple[int, int]
+
+
+def build_lists(curve: Array, reach: Array, size: tuple[int, int]) -> TileLists:
+    """List the strokes that may touch each tile.
+
+    Args:
+        curve: (N, 6) float32: the three control points in pixels, front to back.
+        reach: (N,) float32: pixels beyond which a stroke is transparent; nothing is listed where it is 0 or less.
+        size: (H, W) of the canvas.
+    """
+    rows, columns = -(-size[0] // TILE), -(-size[1] // TILE)
+    boxes = np.empty((len(curve), 4), np.int32)
+    _boxes(curve, reach, rows, columns, boxes)
+    per_tile = np.zeros(rows * columns, np.int64)
+    per_band = np.zeros((len(curve), BANDS), np.int64)
+    _count(curve, reach, boxes, rows, columns, per_tile, per_band)
+    first = np.concatenate([np.zeros(1, np.int64), np.cumsum(per_tile)])
+    ends = np.cumsum(per_band.reshape(-1)).reshape(per_band.shape)
+    row = np.concatenate([np.zeros(1, np.int64), ends[:, -1]])
+    stroke, slot = np.empty(first[-1], np.int32), np.empty(first[-1], np.int64)
+    _fill(curve, reach, boxes, rows, columns, first[:-1].copy(), ends - per_band, stroke, slot)
+    return TileLists(first, stroke, slot, row, (rows, columns))
+
+
+@njit(cache=True, error_model="numpy", parallel=True, nogil=True)
+def _boxes(curve, reach, rows, columns, boxes):  # type: ignore[no-untyped-def]
+    """Tile rectangle (top, bottom, left, right; inclusive) of each stroke; bottom < top where there is none."""
+    for i in prange(len(curve)):
+        sx, sy, cx, cy, ex, ey = curve[i]
+        mx, my = (sx + 2 * cx + ex) / 4, (sy + 2 * cy + ey) / 4
+        # A quadratic curve lies within its chord's and its middle's box, widened by an eighth of its bend.
+        slack_x, slack_y = reach[i] + abs(sx - 2 * cx + ex) / 8, reach[i] + abs(sy - 2 * cy + ey) / 8
+        left, right = min(sx, ex, mx) - slack_x, max(sx, ex, mx) + slack_x
+        top, bottom = min(sy, ey, my) - slack_y, max(sy, ey, my) + slack_y
+        inside = reach[i] > 0 and right > 0 and bottom > 0 and left < columns * TILE and top < rows * TILE
+        boxes[i, 0] = max(0, int(max(top, 0) / TILE)) if inside else 1
+        boxes[i, 1] = int(min(bottom, rows * TILE - 1) / TILE) if inside else 0
+        boxes[i, 2] = int(max(left, 0) / TILE) if inside else 1
+        boxes[i, 3] = int(min(right, columns * TILE - 1) / TILE) if inside else 0
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _touches(points, reach, x, y):  # type: ignore[no-untyped-def]
+    """Whether a piecewise straight stroke of half thickness ``reach`` may meet the pixel centres around (x, y).
+
+    Separating axes along and across each piece, against the square of pixel centres of one tile.
+    """
+    half = 0.5 * (TILE - 1)
+    for m in range(PIECES):
+        ax, ay = points[m, 0], points[m, 1]
+        ux, uy = points[m + 1, 0] - ax, points[m + 1, 1] - ay
+        length = np.sqrt(ux * ux + uy * uy)
+        if length > 1e-6:
+            ux, uy = ux / length, uy / length
+        else:
+            ux, uy = 1.0, 0.0
+        spread = reach + half * (abs(ux) + abs(uy))
+        along = ux * (x - ax) + uy * (y - ay)
+        across = ux * (y - ay) - uy * (x - ax)
+        if abs(across) <= spread and -spread <= along <= length + spread:
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _flatten(curve, points):  # type: ignore[no-untyped-def]
+    """Write PIECES + 1 points of a curve and return how far it strays from the pieces between them."""
+    sx, sy, cx, cy, ex, ey = curve
+    for m in range(PIECES + 1):
+        t = m / PIECES
+        v = 1 - t
+        points[m, 0] = v * v * sx + 2 * t * v * cx + t * t * ex
+        points[m, 1] = v * v * sy + 2 * t * v * cy + t * t * ey
+    bx, by = sx - 2 * cx + ex, sy - 2 * cy + ey
+    return np.sqrt(bx * bx + by * by) / (4 * PIECES * PIECES)
+
+
+@njit(cache=True, error_model="numpy", parallel=True, nogil=True)
+def _count(curve, reach, boxes, rows, columns, per_tile, per_band):  # type: ignore[no-untyped-def]
+    for band in prange(BANDS):
+        low, high = band * rows // BANDS, (band + 1) * rows // BANDS
+        points = np.empty((PIECES + 1, 2), np.float64)
+        for i in range(len(curve)):
+            top, bottom = max(boxes[i, 0], low), min(boxes[i, 1], high - 1)
+            if top > bottom:
+                continue
+            r = reach[i] + _flatten(curve[i], points)
+            for ty in range(top, bottom + 1):
+                for tx in range(boxes[i, 2], boxes[i, 3] + 1):
+                    if _touches(points, r, (tx + 0.5) * TILE, (ty + 0.5) * TILE):
+                        per_tile[ty * columns + tx] += 1
+                        per_band[i, band] += 1
+
+
+@njit(cache=True, error_model="numpy", parallel=True, nogil=True)
+def _fill(curve, reach, boxes, rows, columns, place, row, stroke, slot):  # type: ignore[no-untyped-def]
+    for band in prange(BANDS):
+        low, high = band * rows // BANDS, (band + 1) * rows // BANDS
+        points = np.empty((PIECES + 1, 2), np.float64)
+        for i in range(len(curve)):
+            top, bottom = max(boxes[i, 0], low), min(boxes[i, 1], high - 1)
+            if top > bottom:
+                continue
+            r = reach[i] + _flatten(curve[i], points)
+            pair = row[i, band]
+            for ty in range(top, bottom + 1):
+                for tx in range(boxes[i, 2], boxes[i, 3] + 1):
+                    if _touches(points, r, (tx + 0.5) * TILE, (ty + 0.5) * TILE):
+                        tile = ty * columns + tx
+                        stroke[place[tile]] = i
+                        slot[place[tile]] = pair
+                        place[tile] += 1
+                        pair += 1

@@ -1,0 +1,102 @@
+"""Mistakes a config can hold that Hydra accepts in silence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from brushexp.errors import UserError
+from brushexp.registry import MULTI_SELECT, plugins
+
+
+@dataclass
+class Shared:
+    """Types of the keys that every task has; their values are in conf/config.yaml."""
+
+    task: str
+    seed: int
+    device: str
+    threads: int | None
+    output: str
+
+
+@dataclass
+class Paint(Shared):
+    """Types of the keys of ``task=paint``; values and meaning are in conf/task/paint.yaml."""
+
+    image: str
+    resolution: int | None
+    strokes: int | None
+    pixels_per_stroke: float
+    steps: int
+    background: str
+    catalogue: str | None
+    resume: str | None
+    early_stop: float | None
+    checkpoint_every: float | None
+    frames: int
+    frame_side: int
+
+
+@dataclass
+class Render(Shared):
+    """Types of the keys of ``task=render``."""
+
+    catalogue: str
+    resolution: int | None
+
+
+RANGES = {  # key: lowest value, what it is
+    "seed": (0, "a whole number from 0"),
+    "threads": (1, "a number of processor cores"),
+    "resolution": (1, "a number of pixels"),
+    "strokes": (1, "a number of strokes"),
+    "pixels_per_stroke": (1, "a number of pixels from 1"),
+    "steps": (0, "a number of steps from 0"),
+    "early_stop": (0, "a gain in dB"),
+    "checkpoint_every": (0, "a number of seconds"),
+    "frames": (0, "a number of pictures from 0"),
+    "frame_side": (2, "a number of pixels from 2"),
+}
+
+
+def check_keys(cfg: DictConfig, schema: type[Shared]) -> None:
+    """Stop when a top-level key has the wrong type or lies outside its range.
+
+    Raises:
+        UserError: with the key, its value, and what it takes.
+    """
+    typed = OmegaConf.structured(schema)
+    for field in fields(schema):
+        name, value = field.name, cfg.get(field.name)
+        try:
+            typed[name] = value
+        except OmegaConfBaseException as error:
+            raise UserError(f"{name}={value} is not of type {field.type}; give {name} another value") from error
+        low, meaning = RANGES.get(name, (None, ""))
+        if low is not None and value is not None and not value >= low:
+            raise UserError(f"{name}={value} is not {meaning}; set {name} to {low} or more")
+
+
+def check_losses(cfg: DictConfig, overrides: list[str]) -> None:
+    """Stop when no loss is chosen, or when one is tuned that is not chosen.
+
+    Raises:
+        UserError: with the override that would mend the config.
+    """
+    for family in MULTI_SELECT:
+        if any(override.startswith(f"+{family}=") for override in overrides):
+            raise UserError(f"+{family}=... is ignored by Hydra beside a list; name them all: '{family}=[mse,...]'")
+        chosen = [name for name, node in cfg.get(family, {}).items() if "_target_" in node]
+        tuned = [name for name in cfg.get(family, {}) if name not in chosen]
+        if tuned:
+            names = ",".join([*chosen, *tuned])
+            raise UserError(
+                f"{family}.{tuned[0]} is tuned but not chosen (chosen: {', '.join(chosen) or 'none'}); "
+                f"add it with '{family}=[{names}]' or drop the keys below {family}.{tuned[0]}"
+            )
+    if "loss" in cfg and not cfg.loss:
+        choices = ", ".join(plugin.name for plugin in plugins("loss"))
+        raise UserError(f"no loss is chosen, so there is nothing to optimise; try loss=mse (there are: {choices})")

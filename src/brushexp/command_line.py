@@ -1,0 +1,77 @@
+"""What stands around the tasks on the command line: plugins before, errors that can be read after."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import fields
+from pathlib import Path
+
+from hydra.errors import CompactHydraException
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from brushexp.checks import Paint, Render
+from brushexp.errors import UserError
+from brushexp.registry import FAMILIES, load_plugins, plugins
+
+
+def prepare(root: Path) -> None:
+    """Load the plugins of the program and of ``root/plugins``, and let ``--help`` list them."""
+    load_plugins(root / "plugins")
+    OmegaConf.register_new_resolver("plugins", lambda: catalogue_of_plugins(root / "conf"), replace=True)
+
+
+def catalogue_of_plugins(conf: Path) -> str:
+    """Every plugin and preset of every family, one line each."""
+    lines = []
+    for family, meaning in FAMILIES.items():
+        lines.append(f"{family}: {meaning}")
+        rows = {plugin.name: plugin.summary for plugin in plugins(family)} | _presets(conf / family)
+        lines += [f"    {name:<18}{summary}" for name, summary in sorted(rows.items())]
+    return "\n".join(lines)
+
+
+def _presets(folder: Path) -> dict[str, str]:
+    """Name -> first comment line of each preset of a family."""
+    return {path.stem: path.read_text().partition("\n")[0].lstrip("# ") for path in sorted(folder.glob("*.yaml"))}
+
+
+@contextmanager
+def explained() -> Iterator[None]:
+    """Turn what a user can mend into one line on stderr and an exit code; let bugs through with their traceback."""
+    os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # Hydra then leaves exceptions to us
+    warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)  # Lightning calls a name that torch deprecates
+    try:
+        yield
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except (UserError, CompactHydraException, OmegaConfBaseException, OSError) as error:
+        if isinstance(error, OSError) and not isinstance(error, CompactHydraException) and error.filename is None:
+            raise
+        print(f"brushexp: {explanation(error)}", file=sys.stderr)
+        sys.exit(1)
+
+
+def explanation(error: BaseException) -> str:
+    """What is wrong, in the words of the program."""
+    if isinstance(error, OSError) and not isinstance(error, CompactHydraException):
+        return f"cannot use {error.filename}: {error.strerror}; choose another place with output=..."
+    text = " ".join(str(error).partition("Config search path")[0].split())
+    missing = re.search(r"Could not (?:find|load) '(\w+)/", text)
+    if missing and missing[1] in FAMILIES and "Available options" not in text:
+        text += f"; choose from: {', '.join(plugin.name for plugin in plugins(missing[1]))}"
+    if isinstance(error, CompactHydraException) and isinstance(error.__cause__, OmegaConfBaseException):
+        text += f": {' '.join(str(error.__cause__).split())}"
+    option = re.search(r"Key '\w+' not in '(\w+)'", text)
+    if option:
+        names = [f.name for p in plugins() if p.config.__name__ == option[1] for f in fields(p.config)]
+        text += f"; its options: {', '.join(name for name in names if name != '_target_') or 'none'}"
+    elif "is not in struct" in text:
+        keys = {field.name for schema in (Paint, Render) for field in fields(schema)}
+        text += f"; the keys are {', '.join(sorted(keys | set(FAMILIES)))}"
+    return text

@@ -1,0 +1,1 @@
+"""Density policies: when strokes are added and removed. Pick one: ``density=fixed``."""

@@ -1,0 +1,98 @@
+"""Files that are written whole or not at all, and how numbers become pixels and JSON."""
+
+import errno
+import io
+import json
+import math
+import os
+import secrets
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from PIL import Image
+from torch import Tensor
+
+from brushexp.errors import UserError
+
+_CURES = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free some space or choose another folder"),
+    **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), "choose a folder that you may write to"),
+    errno.ENOENT: "create its folder or choose another one",
+}
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield a temporary path beside ``path``; what is written there takes the place of ``path`` at once, or never.
+
+    Whatever goes wrong inside, Ctrl-C included, the temporary file is removed and the previous file is untouched.
+
+    Raises:
+        UserError: if the file cannot be written: no space, no permission, not a folder.
+    """
+    temporary = path.with_name(f".{path.stem[:40]}-{secrets.token_hex(4)}{path.suffix}")
+    try:
+        yield temporary
+        with temporary.open("r+b") as file:
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except BaseException as error:
+        with suppress(OSError):
+            temporary.unlink()
+        if isinstance(error, OSError):
+            cure = _CURES.get(error.errno or 0, "choose another folder")
+            reason = error.strerror or str(error)
+            raise UserError(f"cannot write {path}: {reason}; {cure} with output=...") from error
+        raise
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write a file as `replacing` does."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a UTF-8 file as `replacing` does; what UTF-8 cannot hold (parts of odd file names) is escaped."""
+    write_bytes(path, text.encode("utf-8", "backslashreplace"))
+
+
+def write_json(path: Path, data: Any) -> None:
+    """Write strict JSON: a number that is not finite becomes null."""
+    write_text(path, json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def write_picture(path: Path, image: Tensor | np.ndarray) -> None:
+    """Write a PNG.
+
+    Args:
+        path: where to.
+        image: a tensor (3, H, W) in [0, 1], or bytes (H, W, 3).
+    """
+    pixels = to_bytes(image) if isinstance(image, Tensor) else image
+    encoded = io.BytesIO()  # in memory: Pillow does not say why writing to a file failed
+    Image.fromarray(pixels).save(encoded, format="PNG")
+    write_bytes(path, encoded.getvalue())
+
+
+def to_bytes(image: Tensor) -> np.ndarray:
+    """Round a picture (3, H, W) to 8 bits (H, W, 3): clipped to [0, 1], halves upwards, NaN to 0."""
+    levels = image.detach().to(torch.float32, copy=True).nan_to_num_(0.0).clamp_(0, 1).mul_(255).add_(0.5)
+    return levels.to(torch.uint8).permute(1, 2, 0).contiguous().cpu().numpy()
+
+
+def _plain(data: Any) -> Any:
+    """The same data, made of what JSON knows."""
+    if isinstance(data, Mapping):
+        return {str(key): _plain(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_plain(value) for value in data]
+    if isinstance(data, np.generic):
+        return _plain(data.item())
+    if isinstance(data, float) and not math.isfinite(data):
+        return None
+    return str(data) if isinstance(data, Path) else data

@@ -1,0 +1,1 @@
+"""Initialisers: a target picture -> the first strokes. Pick one: ``init=slic``."""

@@ -1,0 +1,193 @@
+"""From a partition of the picture into cells to one stroke for each cell."""
+
+import heapq
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import torch
+from scipy.ndimage import gaussian_filter
+from torch import Tensor
+
+from brushexp.errors import UserError
+from brushexp.strokes.catalogue import Strokes
+
+WINDOW = 6.4  # side of a stroke's window in pitches: the thesis's 64 px at 100 px per stroke
+SMALLEST_WINDOW = 4.0  # pixels
+SPREAD, THINNEST = 0.1, 0.03  # of the thesis's random start: points in half-windows, width in windows
+CELL_WEIGHT = 0.25  # of the cell's own elongation beside the picture's structure
+FLAT = 1e-4  # squared grey levels per pixel: gradients weaker than 1 % of the range say little about direction
+
+Array = np.ndarray
+
+
+class Orient(Enum):
+    """Where a stroke points at first."""
+
+    structure = "structure"
+    random = "random"
+
+
+@dataclass(frozen=True)
+class Look:
+    """How the first strokes look.
+
+    Attributes:
+        orient: structure: along the picture's edges, filling the cell; random: as in the thesis, points drawn from
+            N(0, 0.1) half-windows, the least width, and the optimiser finds the rest.
+        length: of a stroke, in sides of its cell (structure only).
+        width: of a stroke, in sides of its cell (structure only).
+        opacity: 0 to 1.
+    """
+
+    orient: Orient
+    length: float
+    width: float
+    opacity: float
+
+    def __post_init__(self) -> None:
+        for key in ("length", "width"):
+            if not 0 < getattr(self, key) <= 10:
+                raise UserError(f"init.{key}={getattr(self, key):g} is not within 0 to 10 cells; try init.{key}=1")
+        if not 0 <= self.opacity <= 1:
+            raise UserError(f"init.opacity={self.opacity:g} is outside 0 to 1; try init.opacity=0.95")
+
+
+def strokes_of_cells(target: Tensor, labels: Array, n: int, look: Look, generator: torch.Generator) -> Strokes:
+    """One stroke per cell: at its centre of mass, in its mean colour, of its size.
+
+    Args:
+        target: (3, H, W) in [0, 1].
+        labels: (H, W) number of each pixel's cell, 0 to n - 1, none of them empty.
+        n: cells.
+        look: direction and size.
+        generator: of everything random.
+    """
+    _, height, width = target.shape
+    picture = target.numpy().astype(np.float64)
+    centre, covariance, area = _moments(labels.ravel(), n, height, width)
+    color = _means(picture.reshape(3, -1), labels.ravel(), n)
+    pitch = math.sqrt(height * width / n)
+    scale = max(WINDOW * pitch, SMALLEST_WINDOW)
+    if look.orient is Orient.random:
+        start, control, end = (SPREAD * torch.randn(3, n, 2, generator=generator)).clamp(-1, 1)
+        thickness = torch.full((n,), THINNEST)
+    else:
+        side = np.sqrt(area).clip(0.4 * pitch, 2.5 * pitch)
+        angle = _direction(picture, labels.ravel(), n, covariance)
+        along = np.stack([np.cos(angle), np.sin(angle)], -1) * (look.length * side / scale)[:, None]
+        end = torch.from_numpy(along).float()
+        start, control = -end, torch.zeros(n, 2)
+        thickness = torch.from_numpy(look.width * side / scale).float()
+    return Strokes(
+        position=torch.from_numpy(centre).float(),
+        scale=torch.full((n,), scale),
+        start=start,
+        control=control,
+        end=end,
+        width=thickness,
+        color=torch.from_numpy(color).float().clamp(0, 1),
+        opacity=torch.full((n,), look.opacity),
+    )
+
+
+def exactly(labels: Array, n: int) -> Array:
+    """Make a partition (H, W) have ``n`` cells: small ones join their neighbours, or large ones are cut in two."""
+    height, width = labels.shape
+    _, flat = np.unique(labels.ravel(), return_inverse=True)
+    area = np.bincount(flat)
+    if len(area) > n:
+        flat = _joined(flat, area, n, height, width)
+    elif len(area) < n:
+        flat = _cut(flat, _shares(area, n), height, width)
+    return flat.reshape(height, width)
+
+
+def _joined(flat: Array, area: Array, n: int, height: int, width: int) -> Array:
+    """Keep the ``n`` largest cells; every other one joins the nearest of them."""
+    from scipy.spatial import cKDTree  # noqa: PLC0415
+
+    centre, _, _ = _moments(flat, len(area), height, width)
+    kept = np.sort(np.argsort(-area, kind="stable")[:n])
+    heir = np.empty(len(area), np.int64)
+    heir[:] = cKDTree(centre[kept]).query(centre)[1]
+    heir[kept] = np.arange(n)
+    return heir[flat]
+
+
+def _shares(area: Array, n: int) -> Array:
+    """Into how many pieces each cell is cut: ``n`` in all, as equal in area as can be."""
+    pieces = np.ones(len(area), np.int64)
+    heap = [(-float(size), cell) for cell, size in enumerate(area)]
+    heapq.heapify(heap)
+    for _ in range(n - len(area)):
+        _, cell = heap[0]
+        pieces[cell] += 1
+        heapq.heapreplace(heap, (-area[cell] / pieces[cell], cell))
+    return pieces
+
+
+def _cut(flat: Array, pieces: Array, height: int, width: int) -> Array:
+    """Cut cells across their longer axis, again and again, until each is in its number of pieces."""
+    x, y = _coordinates(height, width)
+    flat, pieces = flat.copy(), pieces.copy()
+    while (pieces > 1).any():
+        n = len(pieces)
+        centre, covariance, _ = _moments(flat, n, height, width)
+        angle = _major_axis(covariance)
+        pixel = np.flatnonzero((pieces > 1)[flat])
+        cell = flat[pixel]
+        along = (x[pixel] - centre[cell, 0]) * np.cos(angle[cell]) + (y[pixel] - centre[cell, 1]) * np.sin(angle[cell])
+        order = np.lexsort((along, cell))
+        pixel, cell = pixel[order], cell[order]
+        count = np.bincount(cell, minlength=n)
+        rank = np.arange(len(cell)) - (np.cumsum(count) - count)[cell]
+        part = pieces // 2
+        moves = rank < (count * part // pieces)[cell]
+        successor = n - 1 + np.cumsum(pieces > 1)
+        flat[pixel[moves]] = successor[cell[moves]]
+        pieces = np.concatenate([pieces - np.where(pieces > 1, part, 0), part[pieces > 1]])
+    return flat
+
+
+def _coordinates(height: int, width: int) -> tuple[Array, Array]:
+    """Positions x and y (H * W,) of the pixel centres."""
+    y, x = np.mgrid[:height, :width] + 0.5
+    return x.ravel(), y.ravel()
+
+
+def _means(values: Array, flat: Array, n: int) -> Array:
+    """Mean (n, C) of values (C, H * W) over each cell."""
+    count = np.bincount(flat, minlength=n)
+    return np.stack([np.bincount(flat, weights=value, minlength=n) / count for value in values], 1)
+
+
+def _moments(flat: Array, n: int, height: int, width: int) -> tuple[Array, Array, Array]:
+    """Centre (n, 2), covariance (n, 3: xx, xy, yy) and area (n,) of each cell, pixels."""
+    x, y = _coordinates(height, width)
+    centre = _means(np.stack([x, y]), flat, n)
+    dx, dy = x - centre[flat, 0], y - centre[flat, 1]
+    return centre, _means(np.stack([dx * dx, dx * dy, dy * dy]), flat, n), np.bincount(flat, minlength=n)
+
+
+def _major_axis(covariance: Array) -> Array:
+    """Direction (n,) of the longer axis, radians."""
+    return 0.5 * np.arctan2(2 * covariance[:, 1], covariance[:, 0] - covariance[:, 2])
+
+
+def _direction(picture: Array, flat: Array, n: int, covariance: Array) -> Array:
+    """Direction (n,) in which the picture changes least around each cell, radians.
+
+    The structure tensor (Bigun and Granlund, 1987), averaged over the cell and divided by its trace, plus a little of
+    the cell's own elongation, which decides where the picture is flat; summed as double angles.
+    """
+    padded = np.pad(picture, ((0, 0), (1, 1), (1, 1)), mode="edge")
+    gx, gy = (padded[:, 1:-1, 2:] - padded[:, 1:-1, :-2]) / 2, (padded[:, 2:, 1:-1] - padded[:, :-2, 1:-1]) / 2
+    products = np.stack([gaussian_filter((a * b).sum(0), 1.0) for a, b in ((gx, gx), (gx, gy), (gy, gy))])
+    tensor = _means(products.reshape(3, -1), flat, n)
+    strength = tensor[:, 0] + tensor[:, 2] + FLAT
+    extent = covariance[:, 0] + covariance[:, 2] + 1e-9  # of a cell of one pixel it is 0
+    cosine = (tensor[:, 2] - tensor[:, 0]) / strength + CELL_WEIGHT * (covariance[:, 0] - covariance[:, 2]) / extent
+    sine = -2 * tensor[:, 1] / strength + CELL_WEIGHT * 2 * covariance[:, 1] / extent
+    return 0.5 * np.arctan2(sine, cosine)

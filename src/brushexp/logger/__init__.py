@@ -1,0 +1,1 @@
+"""Loggers: where the curves of a run go. Pick several: ``'logger=[csv]'``."""

@@ -1,0 +1,1 @@
+"""Optimisers: how the strokes move. Pick one: ``optimizer=adam``."""

@@ -1,0 +1,24 @@
+"""What every optimiser receives and returns."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+
+from torch import nn, optim
+
+
+class Optimizer(ABC):
+    """Moves the strokes.
+
+    Attributes:
+        units: stroke field -> its unit, see `strokes.catalogue.Catalogue`; what is missing or 0 stays as it is.
+    """
+
+    units: Mapping[str, float]
+
+    @abstractmethod
+    def over(self, parameters: Iterable[nn.Parameter]) -> optim.Optimizer:
+        """The PyTorch optimiser of these parameters."""
+
+    @abstractmethod
+    def rate(self, progress: float) -> float:
+        """Learning rate when ``progress`` (0 at the first step, below 1 at the last) of the steps are done."""

@@ -1,0 +1,1 @@
+"""Orders: which stroke lies on top. Pick one: ``order=area``."""

@@ -1,0 +1,46 @@
+"""How good a finished painting is."""
+
+import math
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.features.distance import effl0_distance
+
+WINDOW = 11  # pixels: SSIM compares windows of this size
+
+
+def measure(painting: np.ndarray, target: np.ndarray) -> dict[str, float | str | None]:
+    """Compare two 8-bit RGB pictures (H, W, 3) as they are saved, over all pixels.
+
+    Returns:
+        psnr (dB, infinite for equal pictures), ssim (Wang et al., 2004; None for a picture smaller than its window),
+        l1 (mean |difference|, 0 to 1), perceptual (distance in the network perceptual_backbone).
+    """
+    from torchmetrics.functional.image import (  # noqa: PLC0415  (takes seconds to import)
+        peak_signal_noise_ratio,
+        structural_similarity_index_measure,
+    )
+
+    a, b = _as_batch(painting), _as_batch(target)
+    ssim = None
+    if min(painting.shape[:2]) >= WINDOW:
+        ssim = float(structural_similarity_index_measure(a, b, data_range=1.0))  # type: ignore[arg-type]
+    psnr = float(peak_signal_noise_ratio(a, b, data_range=1.0)) if bool((a != b).any()) else math.inf
+    return {
+        "psnr": psnr,
+        "ssim": ssim,
+        "l1": float((a - b).abs().mean()),
+        "perceptual": effl0_distance(a[0], b[0]),
+        "perceptual_backbone": "effl0",
+    }
+
+
+def psnr_of(mean_squared_error: float) -> float:
+    """Peak signal-to-noise ratio in dB of pictures in [0, 1]."""
+    return -10 * math.log10(mean_squared_error) if mean_squared_error > 0 else math.inf
+
+
+def _as_batch(picture: np.ndarray) -> Tensor:
+    return torch.from_numpy(picture).permute(2, 0, 1)[None].to(torch.float32) / 255

@@ -1,0 +1,152 @@
+"""What goes on beside the steps: the bar, frames, checkpoints, and the ways to stop."""
+
+from __future__ import annotations
+
+import logging
+import math
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import lightning as L
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from brushexp.files import replacing
+from brushexp.paint.metrics import psnr_of
+from brushexp.paint.painter import Painter
+from brushexp.paint.timelapse import Timelapse
+
+log = logging.getLogger(__name__)
+CHECKPOINT = "checkpoint.ckpt"
+INTERRUPTED, STOPPED_EARLY = "interrupted", "stopped early"
+WINDOW = 100  # steps over which early_stop asks for a gain
+NOTICES = 5  # lines in the log of a run, where there is no terminal for a bar
+
+
+class ProgressBar(L.Callback):
+    """A bar with steps, loss, PSNR and time left; a few lines in the log where there is no terminal."""
+
+    def __init__(self) -> None:
+        console = Console(stderr=True)
+        self.bar = Progress(
+            TextColumn("painting"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[state]}"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            console=console,
+            disable=not console.is_terminal,
+            transient=True,
+        )
+        self.noticed = 0
+
+    def on_fit_start(self, trainer: L.Trainer, painter: L.LightningModule) -> None:
+        assert isinstance(painter, Painter)
+        self.bar.start()
+        self.task = self.bar.add_task("painting", total=painter.steps, completed=painter.step, state="")
+
+    def on_train_batch_end(self, trainer: L.Trainer, painter: L.LightningModule, *_: object) -> None:
+        assert isinstance(painter, Painter)
+        state = _state(painter)
+        self.bar.update(self.task, completed=painter.step, state=state)
+        if self.bar.disable and painter.step * NOTICES // painter.steps > self.noticed:
+            self.noticed = painter.step * NOTICES // painter.steps
+            log.info("step %d of %d: %s", painter.step, painter.steps, state)
+
+    def on_fit_end(self, trainer: L.Trainer, painter: L.LightningModule) -> None:
+        self.bar.stop()
+
+    def on_exception(self, trainer: L.Trainer, painter: L.LightningModule, exception: BaseException) -> None:
+        self.bar.stop()
+
+
+def _state(painter: Painter) -> str:
+    total = sum(painter.parts.losses[name].weight * float(term) for name, term in painter.terms.items())
+    return f"loss {total:.5f}  {psnr_of(painter.error):.2f} dB"
+
+
+class Frames(L.Callback):
+    """Shows the timelapse the frames it wants, and keeps them in the checkpoint."""
+
+    def __init__(self, timelapse: Timelapse) -> None:
+        self.timelapse = timelapse
+
+    def look(self, painter: Painter) -> None:
+        """Offer the picture as it is now."""
+        if self.timelapse.due(painter.step, painter.steps):
+            self.timelapse.add(painter.picture(), painter.step)
+
+    def state_dict(self) -> dict[str, Any]:
+        return self.timelapse.state_dict()
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        self.timelapse.load_state_dict(state_dict)
+
+
+class Checkpoints(L.Callback):
+    """Ends the fit after the last step; keeps a file from which an interrupted run continues exactly.
+
+    Args:
+        path: the file; a finished run does not leave it behind.
+        every: seconds between two of them; None keeps one only when the run is interrupted.
+    """
+
+    def __init__(self, path: Path, every: float | None) -> None:
+        self.path = path
+        self.every = math.inf if every is None else every
+        self.last = time.monotonic()
+
+    def on_train_epoch_end(self, trainer: L.Trainer, painter: L.LightningModule) -> None:
+        assert isinstance(painter, Painter)
+        finished = painter.step >= painter.steps or painter.stop == STOPPED_EARLY
+        if finished:
+            self.path.unlink(missing_ok=True)
+        elif painter.stop or time.monotonic() - self.last > self.every:
+            with replacing(self.path) as temporary:
+                trainer.save_checkpoint(temporary)
+            self.last = time.monotonic()
+        trainer.should_stop = finished or bool(painter.stop)
+
+
+class EarlyStop:
+    """Ends the run when 100 steps no longer gain ``gain`` dB; None never does."""
+
+    def __init__(self, gain: float | None) -> None:
+        self.gain = gain
+        self.before: float | None = None
+
+    def look(self, painter: Painter) -> None:
+        """Compare with 100 steps ago."""
+        if self.gain is None or painter.step % WINDOW:
+            return
+        now = psnr_of(painter.error)
+        if self.before is not None and now - self.before < self.gain:
+            painter.stop = STOPPED_EARLY
+        self.before = now
+
+
+@contextmanager
+def interruptible(painter: Painter) -> Iterator[None]:
+    """Let the first Ctrl-C finish the present step and end the fit; the second one stops at once."""
+
+    def finish(signum: int, frame: FrameType | None) -> None:
+        painter.stop = INTERRUPTED
+        signal.signal(signal.SIGINT, before)
+        log.warning("stopping after this step; what is painted so far will be written (Ctrl-C again: at once)")
+
+    try:
+        before = signal.signal(signal.SIGINT, finish)
+    except ValueError:  # not the main thread: nobody can press Ctrl-C here
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

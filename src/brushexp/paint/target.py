@@ -1,0 +1,121 @@
+"""The target: the picture that strokes shall imitate, and the colour of the canvas below them."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image
+from torch import Tensor
+
+from brushexp.errors import UserError
+from brushexp.paint.decode import MAX_PIXELS, read_picture
+
+MAX_SIDE = 16384  # pixels: the largest ``resolution``
+SAMPLE_SUFFIXES = (".png", ".jpg")  # the GIF and TIFF files beside the samples are test data
+
+
+def load_target(image: str, resolution: int | None) -> Tensor:
+    """Read a picture, upright, over white, in sRGB, and resample it.
+
+    Args:
+        image: path of a picture file, or one of ``sample_names()``; a file wins over a sample of its name.
+        resolution: longer side in pixels, 1 to 16384; the shorter side follows in proportion and is at least 1.
+            None keeps the size of the file.
+
+    Returns:
+        (3, H, W) float32, contiguous, display-referred sRGB in [0, 1].
+
+    Raises:
+        UserError: if there is no such picture, it cannot be read, it or the result has more than 100 megapixels, or
+            ``resolution`` is out of range.
+    """
+    if resolution is not None and not 1 <= resolution <= MAX_SIDE:
+        raise UserError(
+            f"resolution={resolution} is not a side from 1 to {MAX_SIDE} pixels; set resolution=512, say, or "
+            "resolution=null for the size of the file"
+        )
+    picture = read_picture(_path_of(image))
+    if resolution is not None:
+        picture = _resample(picture, _size_at(resolution, *picture.shape[:2]))
+    planes = np.ascontiguousarray(np.moveaxis(picture, 2, 0), dtype=np.float32)
+    if picture.dtype == np.uint8:
+        planes /= 255
+    return torch.from_numpy(planes)
+
+
+def background_color(spec: str, target: Tensor) -> Tensor:
+    """Colour of the bare canvas.
+
+    Args:
+        spec: ``mean`` (of the target), ``white``, ``black``, or ``#rrggbb`` in hexadecimal digits.
+        target: (3, H, W) in [0, 1].
+
+    Returns:
+        (3,) float32 in [0, 1], on the device of ``target``.
+
+    Raises:
+        UserError: if ``spec`` is none of these.
+    """
+    if spec == "mean":
+        return target.mean((1, 2), dtype=torch.float64).to(torch.float32)
+    digits = {"white": "#ffffff", "black": "#000000"}.get(spec, spec)
+    if not re.fullmatch("#[0-9a-fA-F]{6}", digits):
+        raise UserError(f"background={spec} is not a colour; use background=mean, white, black or '#rrggbb'")
+    return torch.tensor(list(bytes.fromhex(digits[1:])), dtype=torch.float32, device=target.device) / 255
+
+
+def sample_names() -> list[str]:
+    """Names of the pictures that scikit-image ships, in alphabetical order; none of them needs a network."""
+    return sorted(_samples())
+
+
+def _samples() -> dict[str, Path]:
+    import skimage.data  # noqa: PLC0415  (``--help`` does not need it)
+
+    folder = Path(skimage.data.__file__).parent
+    return {path.stem: path for path in folder.iterdir() if path.suffix in SAMPLE_SUFFIXES}
+
+
+def _path_of(image: str) -> Path:
+    """The file that ``image`` names; a shell leaves the ~ of ``image=~/photo.jpg`` to us."""
+    path = os.path.expanduser(image)  # these three functions of os, unlike those of pathlib, never raise
+    if os.path.isfile(path):
+        return Path(path)
+    samples = _samples()
+    if image in samples:
+        return samples[image]
+    choices = f"the path of a picture or one of the samples {', '.join(sorted(samples))}"
+    if os.path.isdir(path):
+        raise UserError(f"image={image} is a folder; give {choices}")
+    if os.path.exists(path):
+        raise UserError(f"image={image} is a device or a pipe, not a file; give {choices}")
+    raise UserError(f"image={image} is not there; give {choices}")
+
+
+def _size_at(resolution: int, height: int, width: int) -> tuple[int, int]:
+    """Height and width in proportion, with the longer side at ``resolution``."""
+    longer = max(height, width)
+    size = (max(1, round(height * resolution / longer)), max(1, round(width * resolution / longer)))
+    if math.prod(size) > MAX_PIXELS:
+        most = math.floor(math.sqrt(MAX_PIXELS / (height * width)) * longer)
+        raise UserError(
+            f"resolution={resolution} makes {size[1]} x {size[0]} pixels, more than {MAX_PIXELS // 10**6} megapixels; "
+            f"use resolution={most} or less"
+        )
+    return size
+
+
+def _resample(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Lanczos, 3 lobes, widened when the picture shrinks; (H, W, 3) uint8 or float32 in [0, 1] stays what it is."""
+    height, width = size
+    if picture.shape[:2] == size:
+        return picture
+    if picture.dtype == np.uint8:
+        return np.asarray(Image.fromarray(picture).resize((width, height), Image.Resampling.LANCZOS))
+    channels = [Image.fromarray(picture[..., c]).resize((width, height), Image.Resampling.LANCZOS) for c in range(3)]
+    return np.stack([np.asarray(channel) for channel in channels], 2).clip(0, 1)  # Lanczos overshoots at edges

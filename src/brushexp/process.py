@@ -1,0 +1,35 @@
+"""How this process waits and how it keeps memory: settings of the C libraries that no option of torch reaches."""
+
+import ctypes
+import os
+import resource
+import sys
+from pathlib import Path
+
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # names of malloc.h
+
+
+def let_threads_sleep() -> None:
+    """Make threads of OpenMP that wait for each other sleep instead of spin; call it before torch is imported.
+
+    On a busy machine spinning makes every step several times slower (docs/performance.md).
+    """
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+
+def keep_memory() -> None:
+    """Let glibc keep freed pictures for the next step; else it returns blocks above 32 MB and faults them in again."""
+    if sys.platform == "linux":
+        libc = ctypes.CDLL(None)
+        if hasattr(libc, "mallopt"):  # musl has none
+            libc.mallopt(M_MMAP_THRESHOLD, 2**30)
+            libc.mallopt(M_TRIM_THRESHOLD, 2**31 - 1)
+
+
+def peak_memory() -> float:
+    """Most memory that this process has had at once, in MB."""
+    status = Path("/proc/self/status")
+    if status.exists():  # unlike getrusage it does not count what the parent had before it started us
+        line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        return int(line.split()[1]) / 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)

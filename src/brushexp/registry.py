@@ -1,0 +1,205 @@
+"""Make a class choosable on the command line: ``@register("loss", "mse")`` gives ``loss=mse``.
+
+Keyword-only parameters of ``__init__`` are the plugin's config: typed, overridable, listed by --help.
+Positional parameters are run-time objects; the framework passes them and no config mentions them.
+"""
+
+import importlib
+import inspect
+import os
+import pkgutil
+import sys
+from collections.abc import Callable, Iterator
+from copy import copy
+from dataclasses import dataclass, field, make_dataclass
+from functools import partial
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeVar
+
+from hydra.core.config_store import ConfigStore
+from hydra.errors import InstantiationException
+from hydra.utils import instantiate
+from omegaconf import MISSING, DictConfig, OmegaConf
+
+from brushexp.errors import UserError
+
+FAMILIES = {
+    "init": "target picture -> first strokes",
+    "renderer": "stroke parameters -> what each stroke covers",
+    "blend": "strokes in depth order -> picture",
+    "order": "strokes -> depth",
+    "loss": "painting -> number to minimise",
+    "density": "when strokes are added and removed",
+    "sampler": "which part of the canvas a step looks at",
+    "optimizer": "how strokes move",
+    "engine": "brush simulators: stroke parameters -> picture of one stroke",
+    "logger": "where the curves of a run go",
+}
+MULTI_SELECT = ("loss", "logger")  # families of which one run may use several members
+USER_PACKAGE = "brushexp_plugins"  # the import name of all files found in plugin folders
+SEARCH_PATH = "BRUSHEXP_PLUGINS"  # environment variable: more plugin folders
+ENTRY_POINTS = "brushexp.plugins"  # entry-point group of published plugins
+
+C = TypeVar("C", bound=type)
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """One registered class and where it came from."""
+
+    family: str
+    name: str
+    cls: type
+    config: type
+
+    @property
+    def summary(self) -> str:
+        """First line of the docstring, as ``--help`` shows it."""
+        return (inspect.getdoc(self.cls) or "").partition("\n")[0]
+
+
+_plugins: dict[tuple[str, str], Plugin] = {}
+
+
+def register(family: str, name: str) -> Callable[[C], C]:
+    """Publish the decorated class as the Hydra choice ``family=name``.
+
+    Raises:
+        UserError: if the family is unknown, or another class already owns the name.
+    """
+    if family not in FAMILIES:
+        raise UserError(f"unknown plugin family {family!r}; choose one of {', '.join(FAMILIES)}")
+
+    def publish(cls: C) -> C:
+        owner = _plugins.get((family, name))
+        if owner is not None and owner.cls.__module__ != cls.__module__:
+            raise UserError(
+                f"{family}={name} is taken by {owner.cls.__module__}; give the class in {cls.__module__} another name"
+            )
+        config = config_of(cls)
+        _plugins[family, name] = Plugin(family, name, cls, config)
+        package = f"{family}.{name}" if family in MULTI_SELECT else family
+        # A worker process of a sweep inherits a filled store and stores the same node again: no clash.
+        ConfigStore.instance().store(group=family, name=name, node=config, package=package, provider=cls.__module__)
+        return cls
+
+    return publish
+
+
+def config_of(cls: type) -> type:
+    """Derive a structured config: one field per keyword-only parameter of ``cls.__init__``."""
+    fields: list[tuple[str, Any, Any]] = [("_target_", str, f"{cls.__module__}.{cls.__qualname__}")]
+    for parameter in inspect.signature(cls, eval_str=True).parameters.values():
+        if parameter.kind is not parameter.KEYWORD_ONLY:
+            continue
+        if parameter.annotation is parameter.empty:
+            raise TypeError(f"{cls.__qualname__}.__init__: give '{parameter.name}' a type; it is a config key")
+        value = MISSING if parameter.default is parameter.empty else parameter.default
+        fields.append((parameter.name, parameter.annotation, field(default_factory=partial(copy, value))))
+    return make_dataclass(f"{cls.__name__}Config", fields)
+
+
+def plugins(family: str | None = None) -> list[Plugin]:
+    """All registered plugins, or those of one family, by family and name."""
+    found = [plugin for plugin in _plugins.values() if family in (None, plugin.family)]
+    return sorted(found, key=lambda plugin: (list(FAMILIES).index(plugin.family), plugin.name))
+
+
+def plugin_of(node: DictConfig) -> Plugin:
+    """The plugin that a config node (with ``_target_``) describes.
+
+    Raises:
+        UserError: if the node names code that is not a registered plugin.
+    """
+    for plugin in plugins():
+        if f"{plugin.cls.__module__}.{plugin.cls.__qualname__}" == node._target_:
+            return plugin
+    raise UserError(f"{node._target_} is not a registered plugin; add the file that defines it to {SEARCH_PATH}")
+
+
+def build(node: DictConfig, *runtime: object) -> Any:
+    """Turn a config node into its object; nothing else in brushexp calls ``instantiate``."""
+    plugin_of(node)  # configs may come from files: only registered classes are ever called
+    try:
+        return instantiate(node, *runtime, _convert_="all")  # plain lists and dicts, not OmegaConf's
+    except InstantiationException as error:
+        if isinstance(error.__cause__, UserError):
+            raise error.__cause__ from None
+        raise
+
+
+def build_named(family: str, name: str, options: dict[str, Any]) -> Any:
+    """Build ``family=name`` with options read from a file: only registered classes, only their typed keys.
+
+    Raises:
+        UserError: if no such plugin is registered or an option does not fit it.
+    """
+    plugin = _plugins.get((family, name))
+    if plugin is None:
+        choices = ", ".join(p.name for p in plugins(family))
+        raise UserError(f"{family}={name} is not among the plugins here ({choices}); add the file that defines it")
+    try:
+        node: DictConfig = OmegaConf.structured(plugin.config)
+        node.merge_with(options)
+    except Exception as error:  # OmegaConf has a dozen kinds
+        raise UserError(f"{family}={name} does not take these options: {error}") from error
+    return build(node)
+
+
+def load_plugins(directory: Path) -> list[str]:
+    """Import the built-in families, ``directory/*.py``, the folders in ``BRUSHEXP_PLUGINS`` and the entry points.
+
+    Raises:
+        UserError: if any of them fails to import; it names the file and the line.
+    """
+    for family in FAMILIES:
+        package = importlib.import_module(f"brushexp.{family}")
+        for module in pkgutil.iter_modules(package.__path__, f"brushexp.{family}."):
+            if not module.name.rpartition(".")[2].startswith("_"):
+                importlib.import_module(module.name)
+    files = list(_plugin_files(directory))
+    _mount({path.parent for path in files})
+    for path in files:
+        _import_or_explain(partial(importlib.import_module, f"{USER_PACKAGE}.{path.stem}"), str(path))
+    for point in entry_points(group=ENTRY_POINTS):
+        _import_or_explain(point.load, f"entry point {point.name} ({point.value})")
+    return [path.stem for path in files]
+
+
+def _plugin_files(directory: Path) -> Iterator[Path]:
+    """Every plugin file, in a fixed order; two files of one name are refused."""
+    extra = [Path(part) for part in os.environ.get(SEARCH_PATH, "").split(os.pathsep) if part]
+    for folder in extra:
+        if not folder.is_dir():
+            raise UserError(f"{SEARCH_PATH} names {folder}, which is not a folder; correct or unset it")
+    seen: dict[str, Path] = {}
+    for folder in dict.fromkeys(path.resolve() for path in [directory, *extra]):
+        for path in sorted(folder.glob("*.py")):
+            if path.stem.startswith("_"):
+                continue
+            if path.stem in seen:
+                raise UserError(f"plugin files {seen[path.stem]} and {path} have the same name; rename one")
+            seen[path.stem] = path
+            yield path
+
+
+def _mount(folders: set[Path]) -> None:
+    """Make plugin folders importable as one package, so that configs and worker processes can name their classes."""
+    package = sys.modules.setdefault(USER_PACKAGE, ModuleType(USER_PACKAGE, "Plugins of the user."))
+    package.__path__ = sorted(map(str, folders))
+    importlib.invalidate_caches()
+
+
+def _import_or_explain(load: Callable[[], object], source: str) -> None:
+    try:
+        load()
+    except UserError as error:
+        raise UserError(f"plugin {source}: {error}") from error
+    except SyntaxError as error:
+        raise UserError(f"plugin {source}, line {error.lineno}: {error.msg}; correct it or move it away") from error
+    except Exception as error:
+        raise UserError(
+            f"plugin {source} cannot be loaded: {type(error).__name__}: {error}; correct it or move it away"
+        ) from error

@@ -1,0 +1,1 @@
+"""Renderers: stroke parameters -> what each stroke covers. Pick one: ``renderer=analytic``."""

@@ -1,0 +1,109 @@
+"""One sheet with the pictures of all runs of a sweep, side by side and labelled by what varies."""
+
+import hashlib
+import io
+import math
+from pathlib import Path
+
+from brushexp.files import write_bytes
+from brushexp.report.drawing import Cell, Grid, draw, largest_side
+from brushexp.report.table import NOTHING, Result, collect, formatted, settings, summary, varying
+
+COLUMNS = 6  # up to 48 pictures; larger sheets are about square
+MATRIX_COLUMNS = 12  # a wider matrix is laid out row by row instead
+LEGIBLE = 160  # pixels: and so is a matrix with smaller pictures
+LONGEST = 40  # letters of a value; of a longer one the end is shown
+
+
+def write_sheet(folder: Path) -> Path | None:
+    """Write ``sheet.png`` of a sweep; None if no run has left a painting.
+
+    Runs that differ in two settings and cover all combinations form a matrix; others stand row by row.
+    """
+    results = collect(folder)
+    if not any((folder / result["run"] / "painting.png").is_file() for result in results):
+        return None
+    targets = _targets(folder, results)
+    grid = _matrix(folder, results, targets) or _row_by_row(folder, results, targets)
+    encoded = io.BytesIO()
+    sheet = draw(grid, f"{folder.resolve().name}: {summary(results)}")
+    sheet.save(encoded, format="PNG", compress_level=1)  # a third of the usual time
+    write_bytes(folder / "sheet.png", encoded.getvalue())
+    return folder / "sheet.png"
+
+
+def _targets(folder: Path, results: list[Result]) -> dict[str, Path]:
+    """The target of each run that has one; of several equal pictures, the first."""
+    first: dict[bytes, Path] = {}
+    targets = {}
+    for result in results:
+        path = folder / result["run"] / "target.png"
+        if path.is_file():
+            targets[result["run"]] = first.setdefault(hashlib.sha256(path.read_bytes()).digest(), path)
+    return targets
+
+
+def _row_by_row(folder: Path, results: list[Result], targets: dict[str, Path]) -> Grid:
+    """Every target stands before the first run that was painted after it."""
+    axes = varying(results)
+    words = {key: _words(key, values) for key, values in axes.items()}
+    cells = []
+    shown = set()
+    for result in results:
+        target = targets.get(result["run"])
+        if target is not None and target not in shown:
+            shown.add(target)
+            cells.append(Cell(target, ("target",)))
+        chosen = settings(result)
+        cells.append(_cell(folder, result, tuple(words[key][chosen.get(key, "")] for key in axes)))
+    n = len(cells)
+    columns = math.ceil(n / math.ceil(n / COLUMNS)) if n <= 8 * COLUMNS else math.ceil(math.sqrt(n))
+    return Grid([cells[i : i + columns] for i in range(0, n, columns)])
+
+
+def _matrix(folder: Path, results: list[Result], targets: dict[str, Path]) -> Grid | None:
+    """One setting across, one down, and the target at the head of every row; None if the runs are no such grid."""
+    axes = varying(results)
+    runs = {tuple(settings(result).get(key, "") for key in axes): result for result in results}
+    if len(axes) != 2 or not len(runs) == len(results) == math.prod(map(len, axes.values())):
+        return None
+    wide_first = sorted(axes, key=lambda key: (len(axes[key]) > COLUMNS, -len(axes[key])))
+    for across, down in (wide_first, wide_first[::-1]):
+        columns, rows = _words(across, axes[across]), _words(down, axes[down])
+        table = [[runs[tuple({across: x, down: y}[key] for key in axes)] for x in columns] for y in rows]
+        heads = [{targets[result["run"]] for result in row if result["run"] in targets} for row in table]
+        grid = Grid(
+            [
+                [*(Cell(target) for target in head), *(_cell(folder, result) for result in row)]
+                for head, row in zip(heads, table, strict=True)
+            ],
+            row_heads=list(rows.values()),
+            column_heads=["target"] * bool(targets) + list(columns.values()),
+        )
+        fits = len(columns) <= MATRIX_COLUMNS and largest_side(grid) >= LEGIBLE
+        if fits and all(len(head) == bool(targets) for head in heads):
+            return grid
+    return None
+
+
+def _cell(folder: Path, result: Result, label: tuple[str, ...] = ()) -> Cell:
+    run = f"run {result['run']}"
+    if result["status"] == "failed":
+        return Cell(None, label, (run,), alarm="failed", words=str(result.get("error", "")))
+    numbers = [f"{formatted(result, key)} {unit}" for key, unit in (("psnr", "dB"), ("seconds", "s"))]
+    state = [result["status"]] * (result["status"] != "completed")
+    note = (*state, *(number for number in numbers if NOTHING not in number), run)
+    path = folder / result["run"] / "painting.png"
+    return Cell(path, label, note) if path.is_file() else Cell(None, label, note, words="no picture")
+
+
+def _words(key: str, values: list[str]) -> dict[str, str]:
+    """How each value of a setting is written on the sheet: paths without the folders that tell nothing."""
+    names = values
+    for depth in range(1, 1 + max(value.count("/") for value in values)):
+        tails = ["/".join(value.split("/")[-depth:]) for value in values]
+        if len(set(tails)) == len(tails):
+            names = tails
+            break
+    short = [name if len(name) <= LONGEST else "..." + name[-LONGEST:] for name in names]
+    return {value: f"{key}={name}" for value, name in zip(values, short, strict=True)}

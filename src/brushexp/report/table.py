@@ -1,0 +1,128 @@
+"""One table over all runs of a sweep.
+
+Every function takes the folder of any sweep and may be called by hand.
+"""
+
+import csv
+import io
+import json
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from brushexp.errors import UserError
+from brushexp.files import write_text
+
+Result = dict[str, Any]
+DIGITS = {"psnr": 2, "ssim": 4, "l1": 4, "perceptual": 4, "seconds": 1, "n_strokes": 0}  # table.md: main metrics
+LEAD = ("run", "status", "error")  # first columns of table.csv
+LONGEST = 200  # letters of an error message in table.md
+NOTHING = "–"
+
+
+def collect(folder: Path) -> list[Result]:
+    """Read every run's ``result.json``, in the order of the job numbers; an unreadable one counts as failed.
+
+    Raises:
+        UserError: if there is none.
+    """
+    results = [_read(path) for path in folder.glob("*/result.json")]
+    if not results:
+        raise UserError(f"there is no result.json below {folder}; give the folder of a sweep")
+    return sorted(results, key=lambda result: _by_number(result["run"]))
+
+
+def settings(result: Result) -> dict[str, str]:
+    """What the command line of a run said; ``loss`` as the names of its losses."""
+    loss = {"loss": result["loss"]} if result.get("loss") else {}
+    return {**result.get("overrides", {}), **loss}
+
+
+def varying(results: Iterable[Result]) -> dict[str, list[str]]:
+    """The settings in which the runs differ, and the values of each, in order of first appearance."""
+    runs = [settings(result) for result in results]
+    keys = dict.fromkeys(key for run in runs for key in run)
+    values = {key: list(dict.fromkeys(run.get(key, "") for run in runs)) for key in keys}
+    return {key: found for key, found in values.items() if len(found) > 1}
+
+
+def summary(results: list[Result]) -> str:
+    """How many runs, and how many of them failed."""
+    failed = sum(result["status"] == "failed" for result in results)
+    return f"{len(results)} run{'s' * (len(results) != 1)}, {failed} failed"
+
+
+def formatted(result: Result, metric: str) -> str:
+    """A metric with as many digits as tell something."""
+    value = result.get(metric)
+    if metric == "psnr" and value is None and result.get("l1") == 0:
+        return "inf"  # which JSON does not know
+    return f"{value:.{DIGITS[metric]}f}" if isinstance(value, int | float) else NOTHING
+
+
+def write_table(folder: Path) -> tuple[Path, Path]:
+    """Write ``table.csv`` (every column, full precision) and ``table.md`` (what varies, and the main metrics).
+
+    Returns:
+        Their paths.
+    """
+    results = collect(folder)
+    paths = folder / "table.csv", folder / "table.md"
+    write_text(paths[0], as_csv(results))
+    write_text(paths[1], as_markdown(results))
+    return paths
+
+
+def as_csv(results: list[Result]) -> str:
+    """A column per setting and number; a setting that bears the name of a number is called ``override.<name>``."""
+    fixed = {*LEAD, "overrides", "loss"}
+    numbers = list(dict.fromkeys(key for result in results for key in result if key not in fixed))
+    keys = list(dict.fromkeys(key for result in results for key in settings(result)))
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow([*LEAD, *(f"override.{key}" if key in {*LEAD, *numbers} else key for key in keys), *numbers])
+    for result in results:
+        chosen = settings(result)
+        row = [*map(result.get, LEAD), *map(chosen.get, keys), *map(result.get, numbers)]
+        writer.writerow(row)
+    return file.getvalue()
+
+
+def as_markdown(results: list[Result]) -> str:
+    """A table with a caption; numbers stand on the right."""
+    keys = list(varying(results))
+    head = ["run", *keys, "status", *DIGITS]
+    rules = ["---:", *("---" for _ in keys), "---", *("---:" for _ in DIGITS)]
+    lines = [head, rules]
+    for result in results:
+        chosen = settings(result)
+        metrics = [formatted(result, metric) for metric in DIGITS]
+        lines.append([result["run"], *(chosen.get(key, "") for key in keys), _status(result), *metrics])
+    table = [f"| {' | '.join(line if line is rules else map(_escaped, line))} |" for line in lines]
+    return "\n".join([f"{summary(results)}.", "", *table, ""])
+
+
+def _status(result: Result) -> str:
+    if result["status"] != "failed":
+        return str(result["status"])
+    error = str(result.get("error", ""))
+    return f"failed: {error[:LONGEST]}{'…' * (len(error) > LONGEST)}"
+
+
+def _escaped(text: str) -> str:
+    r"""Markdown that shows exactly this text: ``a|b_c`` becomes ``a\|b\_c``."""
+    return re.sub(r"([\\`*_\[\]<>|~$&])", r"\\\1", " ".join(str(text).split()))
+
+
+def _read(path: Path) -> Result:
+    run = path.parent.name
+    try:
+        result = json.loads(path.read_text(encoding="utf-8"))
+        return {"status": "completed", "overrides": {}, **result, "run": run}
+    except (OSError, ValueError, TypeError) as error:
+        return {"run": run, "status": "failed", "error": f"its result.json cannot be read: {error}", "overrides": {}}
+
+
+def _by_number(run: str) -> tuple[bool, int, str]:
+    return (not run.isdecimal(), int(run) if run.isdecimal() else 0, run)

@@ -1,0 +1,194 @@
+"""The stroke catalogue: the numbers that are optimised, their units and their bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, fields, replace
+
+import torch
+from torch import Tensor, nn, optim
+
+from brushexp.errors import UserError
+
+
+@dataclass(frozen=True)
+class Field:
+    """Shape and range of one field of a stroke."""
+
+    size: int  # numbers per stroke; 0 means a plain (N,) tensor
+    low: float
+    high: float
+    unit: str
+
+    def shape(self, n: int) -> tuple[int, ...]:
+        """Shape of this field for ``n`` strokes."""
+        return (n, self.size) if self.size else (n,)
+
+
+FAR = 1e6  # beyond this a float32 pixel coordinate is coarser than a tenth of a pixel
+FIELDS = {
+    "position": Field(2, -FAR, FAR, "pixels of the canvas, x to the right, y down; the window's centre"),
+    "scale": Field(0, 1e-3, FAR, "side of the stroke's window in pixels"),
+    "start": Field(2, -1e3, 1e3, "half-windows from position"),
+    "control": Field(2, -1e3, 1e3, "half-windows from position"),
+    "end": Field(2, -1e3, 1e3, "half-windows from position"),
+    "width": Field(0, 0.0, 1e3, "full thickness as a fraction of the window's side"),
+    "color": Field(3, 0.0, 1.0, "display-referred (sRGB) red, green, blue"),
+    "opacity": Field(0, 0.0, 1.0, "1 covers what lies below"),
+}
+
+
+@dataclass(frozen=True)
+class Strokes:
+    """N strokes as tensors of one dtype on one device; units and ranges in ``FIELDS``.
+
+    Attributes:
+        position: (N, 2) the window's centre, pixels; pixel centres lie at +0.5.
+        scale: (N,) side of the window, pixels.
+        start: (N, 2) first point of the quadratic Bezier curve, half-windows from ``position``.
+        control: (N, 2) its control point.
+        end: (N, 2) its last point.
+        width: (N,) full thickness, fraction of the window's side.
+        color: (N, 3) RGB.
+        opacity: (N,).
+    """
+
+    position: Tensor
+    scale: Tensor
+    start: Tensor
+    control: Tensor
+    end: Tensor
+    width: Tensor
+    color: Tensor
+    opacity: Tensor
+
+    def __len__(self) -> int:
+        return self.position.shape[0]
+
+    def __getitem__(self, index: Tensor | slice) -> Strokes:
+        return self.map(lambda value: value[index])
+
+    def items(self) -> Iterator[tuple[str, Tensor]]:
+        """Names and tensors, in the order of ``FIELDS``."""
+        return ((field.name, getattr(self, field.name)) for field in fields(self))
+
+    def map(self, function: Callable[[Tensor], Tensor]) -> Strokes:
+        """Apply a function to every field."""
+        return Strokes(**{name: function(value) for name, value in self.items()})
+
+    def moved(self, zoom: float = 1.0, shift: tuple[float, float] = (0.0, 0.0)) -> Strokes:
+        """The same strokes on a canvas ``zoom`` times as large, moved by ``shift`` (x, y) pixels of that canvas."""
+        position = self.position * zoom + self.position.new_tensor(shift)
+        return replace(self, position=position, scale=self.scale * zoom)
+
+    @staticmethod
+    def join(*parts: Strokes) -> Strokes:
+        """Concatenate."""
+        return Strokes(**{name: torch.cat([getattr(part, name) for part in parts]) for name in FIELDS})
+
+    @staticmethod
+    def none(like: Tensor | None = None) -> Strokes:
+        """No strokes, of the dtype and device of ``like``."""
+        like = torch.empty(0) if like is None else like
+        return Strokes(**{name: like.new_empty(field.shape(0)) for name, field in FIELDS.items()})
+
+
+def check_strokes(strokes: Strokes) -> None:
+    """Refuse strokes of a wrong shape, with numbers that are not finite, or outside ``FIELDS``.
+
+    Raises:
+        UserError: names the field, and the first stroke at fault.
+    """
+    for name, field in FIELDS.items():
+        value = getattr(strokes, name)
+        if tuple(value.shape) != field.shape(len(strokes)):
+            raise UserError(f"{name} has shape {tuple(value.shape)}; {field.shape(len(strokes))} is needed")
+        wrong = ~(value.isfinite() & (value >= field.low) & (value <= field.high))
+        if wrong.any():
+            index = int(wrong.reshape(len(strokes), -1).any(1).nonzero()[0])
+            number = value[index].detach().reshape(-1).tolist()
+            raise UserError(
+                f"stroke {index}: {name} is {', '.join(f'{x:g}' for x in number)}; "
+                f"it must lie in [{field.low:g}, {field.high:g}] ({field.unit})"
+            )
+
+
+class Catalogue(nn.Module):
+    """Owns the strokes as parameters, keeps them finite and in range, adds and removes them.
+
+    An optimiser sees each field divided by its ``unit``, so that one learning rate serves all fields (a diagonal
+    preconditioner): a step of ``lr`` moves the field by about ``lr * unit`` under Adam. The unit of ``position`` is
+    that many half-windows of each stroke. A unit of 0 freezes the field.
+
+    Args:
+        strokes: the first strokes.
+        units: unit per field; fields that are missing are frozen.
+    """
+
+    scale: Tensor
+
+    def __init__(self, strokes: Strokes, units: Mapping[str, float]) -> None:
+        super().__init__()
+        check_strokes(strokes)
+        unknown = set(units) - set(FIELDS)
+        if unknown:
+            raise UserError(f"no stroke field is called {sorted(unknown)[0]!r}; the fields are {', '.join(FIELDS)}")
+        self.units = {name: float(units.get(name, 0.0)) for name in FIELDS}
+        if self.units["scale"] and self.units["position"]:
+            raise UserError("scale is the unit of position, so only one of them can move; set the rate of scale to 0")
+        self._store(strokes)
+
+    def forward(self) -> Strokes:
+        """The strokes now, differentiable in the parameters."""
+        return Strokes(**{name: getattr(self, name) * self._unit(name) for name in FIELDS})
+
+    def __len__(self) -> int:
+        return int(self.scale.shape[0])
+
+    @torch.no_grad()
+    def keep_in_range(self) -> None:
+        """Project every moving field into its range; a NaN becomes 0 (or the nearest bound)."""
+        for name, field in FIELDS.items():
+            if self.units[name]:
+                value, unit = getattr(self, name), self._unit(name)
+                value.copy_((value * unit).nan_to_num_(0.0).clamp_(field.low, field.high) / unit)
+
+    @torch.no_grad()
+    def revise(self, keep: Tensor, new: Strokes, optimizer: optim.Optimizer) -> None:
+        """Drop the strokes where ``keep`` (N,) is false and append ``new``; the others keep their optimiser state.
+
+        State that is not one number per parameter (the history of L-BFGS) starts afresh.
+        """
+        before = {id(getattr(self, name)): name for name in FIELDS}
+        self._store(Strokes.join(self()[keep], new))
+        for group in optimizer.param_groups:
+            group["params"] = [getattr(self, before[id(old)]) for old in group["params"]]
+        for old in [old for old in optimizer.state if id(old) in before]:
+            state = optimizer.state.pop(old)
+            if all(torch.is_tensor(value) and value.shape in ((), old.shape) for value in state.values()):
+                parameter = getattr(self, before[id(old)])
+                optimizer.state[parameter] = {key: _carry(value, keep, parameter) for key, value in state.items()}
+
+    def _unit(self, name: str) -> Tensor | float:
+        """What one unit of a parameter is in the units of its field."""
+        unit = self.units[name] or 1.0
+        return 0.5 * unit * self.scale[:, None] if name == "position" and self.units[name] else unit
+
+    def _store(self, strokes: Strokes) -> None:
+        """Take over strokes: fields that move become parameters, the others buffers."""
+        check_strokes(strokes)
+        for name in sorted(FIELDS, key=lambda name: name != "scale"):  # scale first: it is the unit of position
+            value = getattr(strokes, name).detach().clone()
+            delattr(self, name) if hasattr(self, name) else None
+            if self.units[name]:
+                self.register_parameter(name, nn.Parameter(value / self._unit(name)))
+            else:
+                self.register_buffer(name, value)
+
+
+def _carry(value: Tensor, keep: Tensor, parameter: Tensor) -> Tensor:
+    """Optimiser state for the strokes that stay, zeros for the new ones; counters stay as they are."""
+    if value.ndim == 0:
+        return value
+    kept = value[keep]
+    return torch.cat([kept, kept.new_zeros(len(parameter) - len(kept), *kept.shape[1:])])

@@ -1,0 +1,122 @@
+"""The distribution of valid strokes (thesis 2020, eq. 6.1 to 6.5): drawn from, measured in, and as plain numbers."""
+
+from collections.abc import Callable
+from functools import partial
+from itertools import count
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from brushexp.strokes.catalogue import Strokes
+
+WINDOW = 64.0  # pixels on the side of the window of a simulated stroke
+WIDTH = (0.03, 0.2)  # thinnest and thickest stroke, in sides of the window
+INSET = 0.7  # strokes are shrunk by this about the window's centre, so that its edge cuts none
+SPREAD = (1 / 200, 1 / 25)  # variance of the control point along and across s - e, in units of |s - e|
+SHORTEST = 4 * WIDTH[0] * INSET  # distance from start to end of the shortest valid stroke, half-windows
+
+Array = NDArray[np.float64]
+
+
+def sample_prior(n: int, seed: int = 0, first: int = 0) -> Strokes:
+    """Draw valid strokes number ``first`` to ``first + n - 1``; each depends on ``seed`` and its own number alone.
+
+    Start and end are uniform in the window and the thickness w is uniform in ``WIDTH``, redrawn until |s - e| >= 2 w
+    (in sides of the window); the control point is normal about the middle with variances ``SPREAD``, redrawn until it
+    lies in the window; then all three points are scaled by ``INSET``. Hence the length of a stroke is at least 1.4 w.
+    Differs from the source: its eq. 6.1 prints the inequality the other way round.
+
+    Args:
+        n: how many.
+        seed: 0 to 2**64 - 1.
+        first: number of the first one.
+
+    Returns:
+        float32 on the CPU, at position 0 in a window of 64 pixels, opaque, colours uniform.
+    """
+    draw = partial(_uniform, seed, first, n)
+    body = _redraw(lambda attempt: draw(2 * attempt, 8), _long_enough)  # (n, 8): start 2, end 2, width, colour 3
+    start, end = 2 * body[:, :2] - 1, 2 * body[:, 2:4] - 1  # half-windows
+    control = _redraw(lambda attempt: _bent(start, end, draw(2 * attempt + 1, 4)), _inside)
+    parts = (INSET * start, INSET * control, INSET * end, 2 * body[:, 4:] - 1)
+    return strokes_of(torch.from_numpy(np.concatenate(parts, axis=1)).float())
+
+
+def parameters_of(strokes: Strokes) -> Tensor:
+    """What a stroke looks like in its window as (N, 10): start 2, control 2, end 2, width 1, colour 3.
+
+    Valid strokes lie in [-1, 1]: the points are in half-windows; ``WIDTH`` and the colours' [0, 1] are mapped to it.
+    """
+    width = (2 * strokes.width - (WIDTH[1] + WIDTH[0])) / (WIDTH[1] - WIDTH[0])
+    return torch.cat([strokes.start, strokes.control, strokes.end, width[:, None], 2 * strokes.color - 1], dim=1)
+
+
+def strokes_of(parameters: Tensor) -> Strokes:
+    """Inverse of ``parameters_of``: opaque strokes at position 0 in a window of 64 pixels from (N, 10)."""
+    start, control, end, width, color = parameters.split([2, 2, 2, 1, 3], dim=1)
+    one = torch.ones_like(width[:, 0])
+    return Strokes(
+        position=torch.zeros_like(start),
+        scale=WINDOW * one,
+        start=start,
+        control=control,
+        end=end,
+        width=WIDTH[0] + (WIDTH[1] - WIDTH[0]) * 0.5 * (width[:, 0] + 1),
+        color=0.5 * (color + 1),
+        opacity=one,
+    )
+
+
+def bend_of(strokes: Strokes) -> Tensor:
+    """Control point (N, 2) along and across s - e, from the middle between s and e, in units of |s - e|.
+
+    A stroke shorter than ``SHORTEST`` is measured as if it had that length, so that value and gradient stay finite
+    where start and end coincide; no valid stroke is that short.
+    """
+    chord = strokes.start - strokes.end
+    offset = strokes.control - 0.5 * (strokes.start + strokes.end)
+    across = torch.stack([-chord[:, 1], chord[:, 0]], dim=1)
+    square = chord.square().sum(1, keepdim=True).clamp_min(SHORTEST**2)
+    return torch.stack([(offset * chord).sum(1), (offset * across).sum(1)], dim=1) / square
+
+
+def _uniform(seed: int, first: int, n: int, stream: int, columns: int) -> Array:
+    """Numbers (n, columns) in the open interval (0, 1); row i depends on seed, stream and first + i alone.
+
+    Philox (Salmon et al., 2011) gives four words per step of its counter, so ``columns`` must be a multiple of 4.
+    """
+    source = np.random.Philox(key=np.array([seed, stream], dtype=np.uint64)).advance(first * columns // 4)
+    words = source.random_raw(n * columns).reshape(n, columns)
+    return ((words >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
+
+
+def _redraw(draw: Callable[[int], Array], valid: Callable[[Array], NDArray[np.bool_]]) -> Array:
+    """Rows of ``draw(0)``, those that are not valid replaced by their namesakes of ``draw(1)``, ``draw(2)`` ..."""
+    rows = draw(0)
+    for attempt in count(1):
+        wrong = ~valid(rows)
+        if not wrong.any():
+            break
+        rows[wrong] = draw(attempt)[wrong]
+    return rows
+
+
+def _long_enough(body: Array) -> NDArray[np.bool_]:
+    length = np.linalg.norm(body[:, :2] - body[:, 2:4], axis=1)
+    return length >= 2 * (WIDTH[0] + (WIDTH[1] - WIDTH[0]) * body[:, 4])
+
+
+def _inside(points: Array) -> NDArray[np.bool_]:
+    return np.abs(points).max(axis=1) <= 1
+
+
+def _bent(start: Array, end: Array, uniform: Array) -> Array:
+    """Control points (n, 2) from two of the uniform numbers (n, 4) each (Box and Muller, 1958)."""
+    radius, angle = np.sqrt(-2 * np.log(uniform[:, 0])), 2 * np.pi * uniform[:, 1]
+    along = np.sqrt(SPREAD[0]) * radius * np.cos(angle)
+    across = np.sqrt(SPREAD[1]) * radius * np.sin(angle)
+    chord = start - end
+    side = np.stack([-chord[:, 1], chord[:, 0]], axis=1)
+    return 0.5 * (start + end) + along[:, None] * chord + across[:, None] * side

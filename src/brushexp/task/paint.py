@@ -1,0 +1,197 @@
+"""``task=paint``: optimise a catalogue of strokes until it looks like the picture."""
+
+from __future__ import annotations
+
+import logging
+import time
+from pathlib import Path
+
+import lightning as L
+import torch
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
+
+from brushexp.checks import Paint, check_keys
+from brushexp.errors import UserError
+from brushexp.files import to_bytes, write_json, write_picture
+from brushexp.paint.metrics import measure
+from brushexp.paint.outputs import summary_line
+from brushexp.paint.painter import Painter, Parts
+from brushexp.paint.progress import CHECKPOINT, INTERRUPTED, Checkpoints, EarlyStop, Frames, ProgressBar, interruptible
+from brushexp.paint.target import background_color, load_target
+from brushexp.paint.timelapse import Timelapse
+from brushexp.process import peak_memory
+from brushexp.registry import build, plugin_of
+from brushexp.strokes.catalogue import Catalogue, Strokes
+from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
+
+log = logging.getLogger(__name__)
+
+
+def run(cfg: DictConfig, start: float) -> dict[str, object]:
+    """Paint one picture, write everything into the run's folder, and return the numbers of metrics.json."""
+    folder = Path(HydraConfig.get().runtime.output_dir)
+    checkpoint = None
+    if cfg.get("resume") is not None:
+        checkpoint, cfg = interrupted_run(Path(cfg.resume), cfg)
+    check_keys(cfg, Paint)
+    device = device_of(cfg.device)
+    L.seed_everything(cfg.seed, verbose=False)
+    target = load_target(cfg.image, cfg.resolution)
+    background = background_color(cfg.background, target)
+    parts = parts_of(cfg)
+    catalogue = Catalogue(first_strokes(cfg, target), parts.optimizer.units)
+    painter = Painter(catalogue, parts, target, background, steps=cfg.steps, seed=cfg.seed).to(device)
+    frames = Frames(Timelapse(cfg.frames, cfg.frame_side))
+    write_picture(folder / "target.png", target)
+    if painter.steps:
+        fit(painter, cfg, folder, checkpoint, frames)
+    metrics = finish(painter, cfg, folder, start)
+    frames.timelapse.write(folder)
+    log.info(summary_line(folder, metrics))
+    if painter.stop == INTERRUPTED:
+        log.warning("interrupted at step %d; continue with: python run.py resume=%s", painter.step, folder)
+        raise KeyboardInterrupt
+    return metrics
+
+
+def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
+    """Checkpoint and settings of a run that is to be continued.
+
+    Raises:
+        UserError: if there is nothing to continue there, or the command line changes what must stay.
+    """
+    allowed = ("resume", "output", "device", "threads", "checkpoint_every", "task")
+    for override in HydraConfig.get().overrides.task:
+        if override.lstrip("+~").partition("=")[0] not in allowed:
+            raise UserError(f"resume continues a run with its own settings; drop {override}")
+    settings, checkpoint = folder / ".hydra" / "config.yaml", folder / CHECKPOINT
+    for path in (settings, checkpoint):
+        if not path.is_file():
+            raise UserError(f"resume={folder}: there is no {path.name}; give the folder of an interrupted run")
+    kept = OmegaConf.load(settings)
+    assert isinstance(kept, DictConfig)
+    kept.merge_with({key: cfg[key] for key in ("output", "device", "threads", "checkpoint_every")})
+    return checkpoint, kept
+
+
+def device_of(name: str) -> torch.device:
+    """The device called ``name``; auto is the first CUDA device, or the CPU where there is none."""
+    available = torch.cuda.is_available()
+    if name == "auto":
+        return torch.device("cuda" if available else "cpu")
+    try:
+        device = torch.device(name)
+    except RuntimeError as error:
+        raise UserError(f"device={name} is not a device; use device=auto, cpu, cuda or cuda:1") from error
+    if device.type not in ("cpu", "cuda"):
+        raise UserError(f"device={name} is not supported; use device=auto, cpu, cuda or cuda:1")
+    if device.type == "cuda" and (not available or (device.index or 0) >= torch.cuda.device_count()):
+        raise UserError(f"device={name}, but PyTorch finds {torch.cuda.device_count()} CUDA devices; use device=cpu")
+    return device
+
+
+def parts_of(cfg: DictConfig) -> Parts:
+    """Build what the config names."""
+    return Parts(
+        renderer=build(cfg.renderer),
+        blend=build(cfg.blend),
+        order=build(cfg.order),
+        losses={name: build(node) for name, node in cfg.loss.items()},
+        density=build(cfg.density),
+        sampler=build(cfg.sampler),
+        optimizer=build(cfg.optimizer),
+    )
+
+
+def first_strokes(cfg: DictConfig, target: Tensor) -> Strokes:
+    """The strokes to start from: those of ``catalogue``, or those that ``init`` makes."""
+    _, height, width = target.shape
+    if cfg.catalogue is not None:
+        return strokes_from(Path(cfg.catalogue), cfg.strokes, (height, width))
+    n = cfg.strokes or max(1, round(height * width / cfg.pixels_per_stroke))
+    if n > height * width:
+        raise UserError(
+            f"strokes={n} is more than the {height} x {width} picture has pixels; "
+            f"set strokes to {height * width} at most, or enlarge the picture with resolution"
+        )
+    strokes: Strokes = build(cfg.init)(target, n, torch.Generator().manual_seed(cfg.seed))
+    return strokes
+
+
+def strokes_from(path: Path, n: int | None, size: tuple[int, int]) -> Strokes:
+    """Strokes of a saved catalogue, bottom first, on a canvas of ``size``."""
+    saved = load_catalogue(path)
+    if n not in (None, len(saved.strokes)):
+        raise UserError(f"strokes={n}, but {path} has {len(saved.strokes)}; drop strokes or catalogue")
+    height, width = saved.size
+    zoom = max(size) / max(saved.size)
+    if abs(zoom * height - size[0]) > 1 or abs(zoom * width - size[1]) > 1:
+        raise UserError(
+            f"{path} was painted on {height} x {width} pixels, the picture has {size[0]} x {size[1]}; "
+            "the sides must have the same ratio"
+        )
+    return saved.strokes[saved.depth.argsort()].moved(zoom=zoom)
+
+
+def fit(painter: Painter, cfg: DictConfig, folder: Path, checkpoint: Path | None, frames: Frames) -> None:
+    """Take the gradient steps."""
+    stop_early = EarlyStop(cfg.early_stop)
+    checkpoints = Checkpoints(folder / CHECKPOINT, cfg.checkpoint_every)
+
+    def watch(step: int) -> None:
+        frames.look(painter)
+        stop_early.look(painter)
+
+    painter.watch = watch
+    painter.rehearse()
+    if checkpoint is None:
+        frames.look(painter)
+    trainer = L.Trainer(
+        accelerator="gpu" if painter.device.type == "cuda" else "cpu",
+        devices=[painter.device.index or 0] if painter.device.type == "cuda" else 1,
+        max_epochs=-1,
+        logger=[build(node).open(folder) for node in cfg.logger.values()],
+        callbacks=[ProgressBar(), frames, checkpoints],
+        log_every_n_steps=1,
+        enable_checkpointing=False,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+    )
+    with interruptible(painter):
+        trainer.fit(painter, range(1), ckpt_path=None if checkpoint is None else str(checkpoint))
+
+
+def finish(painter: Painter, cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
+    """Write the painting, its catalogue and its numbers."""
+    picture = to_bytes(painter.picture())
+    write_picture(folder / "painting.png", picture)
+    with torch.no_grad():
+        strokes = painter.catalogue().map(lambda value: value.detach().cpu())
+    depth = torch.empty(len(strokes), dtype=torch.int32)
+    depth[painter.front_to_back.cpu()] = torch.arange(len(strokes) - 1, -1, -1, dtype=torch.int32)
+    saved = Saved(
+        strokes=strokes,
+        depth=depth,
+        size=painter.size,
+        background=painter.background.cpu(),
+        renderer=plugin_of(cfg.renderer).name,
+        renderer_hash="",
+        seed=cfg.seed,
+        config=OmegaConf.to_yaml(cfg, resolve=True),
+    )
+    save_catalogue(folder / "catalogue.h5", saved)
+    metrics: dict[str, object] = {
+        **measure(picture, to_bytes(painter.target)),
+        "seconds": painter.seconds,
+        "seconds_total": time.monotonic() - start,
+        "seconds_per_step": painter.seconds / painter.step if painter.step else None,
+        "peak_memory_mb": peak_memory(),
+        "n_strokes": len(strokes),
+        "steps": painter.step,
+        "device": str(painter.device),
+        "status": painter.stop or "completed",
+    }
+    write_json(folder / "metrics.json", metrics)
+    return metrics

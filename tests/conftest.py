@@ -1,0 +1,31 @@
+"""Fixtures every test may use."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig
+
+from brushexp.command_line import prepare
+
+ROOT = Path(__file__).parents[1]
+prepare(ROOT)  # at import, so that @parametrize can list what is registered
+torch.set_num_threads(1)  # tiny tensors: threads cost more than they give, most of all on a busy machine
+
+
+@pytest.fixture(autouse=True)
+def _seeded() -> None:
+    torch.manual_seed(0)
+
+
+@pytest.fixture
+def config() -> Callable[..., DictConfig]:
+    """Compose conf/config.yaml with overrides, as the command line would."""
+
+    def compose_with(*overrides: str) -> DictConfig:
+        with initialize_config_dir(version_base="1.3", config_dir=str(ROOT / "conf")):
+            return compose("config", overrides=list(overrides))
+
+    return compose_with

@@ -1,0 +1,64 @@
+"""Random strokes for tests."""
+
+import torch
+
+from brushexp.strokes.catalogue import Strokes
+
+
+def random_strokes(
+    n: int,
+    size: tuple[int, int],
+    *,
+    seed: int = 0,
+    bend: float = 0.3,
+    width: tuple[float, float] = (0.02, 0.3),
+    dtype: torch.dtype = torch.float32,
+) -> Strokes:
+    """``n`` strokes on and around a canvas of ``size`` (H, W); ``bend`` is how far controls stray from the middle."""
+    generator = torch.Generator().manual_seed(seed)
+
+    def uniform(*shape: int) -> torch.Tensor:
+        return torch.rand(*shape, generator=generator)
+
+    start, end = uniform(n, 2) * 2 - 1, uniform(n, 2) * 2 - 1
+    strokes = Strokes(
+        position=(uniform(n, 2) * 1.4 - 0.2) * torch.tensor([size[1], size[0]]),
+        scale=5 + 25 * uniform(n),
+        start=start,
+        control=(start + end) / 2 + bend * torch.randn(n, 2, generator=generator),
+        end=end,
+        width=width[0] + (width[1] - width[0]) * uniform(n),
+        color=uniform(n, 3),
+        opacity=uniform(n),
+    )
+    return strokes.map(lambda value: value.to(dtype))
+
+
+def leaves(strokes: Strokes, dtype: torch.dtype = torch.float32) -> Strokes:
+    """Copies that collect gradients."""
+    return strokes.map(lambda value: value.detach().to(dtype).clone().requires_grad_())
+
+
+def straight(
+    start: tuple[float, float],
+    end: tuple[float, float],
+    *,
+    width: float = 4.0,
+    color: tuple[float, float, float] = (1.0, 0.0, 0.0),
+    opacity: float = 1.0,
+) -> Strokes:
+    """One straight stroke given in pixels."""
+    points = torch.tensor([start, end], dtype=torch.float32)
+    centre = points.mean(0)
+    scale = max(float((points - centre).abs().max()) * 2, 8.0)
+    ends = (points - centre) * 2 / scale
+    return Strokes(
+        position=centre[None],
+        scale=torch.tensor([scale]),
+        start=ends[:1],
+        control=torch.zeros(1, 2),
+        end=ends[1:],
+        width=torch.tensor([width / scale]),
+        color=torch.tensor([color]),
+        opacity=torch.tensor([opacity]),
+    )

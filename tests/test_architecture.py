@@ -1,0 +1,64 @@
+"""The tree is the architecture: the map names real modules, and plugins know only contracts."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from brushexp import paint
+from brushexp.registry import FAMILIES
+
+ROOT = Path(__file__).parents[1]
+SOURCE = ROOT / "src" / "brushexp"
+# What any plugin may import, besides the contracts of the families and the private modules of its own.
+SHARED = {"registry", "errors", "strokes.catalogue", "strokes.bezier", "strokes.prior", "features"}
+
+
+def imports(path: Path) -> set[str]:
+    """Modules of brushexp that a file imports, without the leading ``brushexp.``."""
+    nodes = (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom))
+    found = set()
+    for node in nodes:
+        if (node.module or "").startswith("brushexp."):
+            module = node.module.removeprefix("brushexp.")
+            is_package = (SOURCE / module.replace(".", "/")).is_dir() and module not in SHARED
+            found |= {f"{module}.{alias.name}" for alias in node.names} if is_package else {module}
+    return found
+
+
+def test_the_map_names_every_module_of_the_path():
+    line = " ".join(paint.__doc__.splitlines()[2:])
+    steps = {step.strip() for step in line.replace("(with", "->").replace(")", "").replace(",", "->").split("->")} - {
+        ""
+    }
+    modules = {path.stem for path in Path(paint.__file__).parent.glob("*.py")} - {"__init__"}
+    assert modules <= steps, f"not on the map: {modules - steps}"
+    assert steps <= modules | set(FAMILIES), f"on the map only: {steps - modules - set(FAMILIES)}"
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_plugins_know_only_contracts(family):
+    contracts = {f"{other}.base" for other in FAMILIES}
+    for path in (SOURCE / family).glob("*.py"):
+        own = {f"{family}.{other.stem}" for other in (SOURCE / family).glob("*.py")}
+        extra = imports(path) - SHARED - contracts - own
+        assert not extra, f"{path.name} reaches into {extra}; pass it what it needs instead"
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_every_family_is_a_package_with_a_contract(family):
+    assert (SOURCE / family / "base.py").is_file()
+    assert f"{family}=" in (SOURCE / family / "__init__.py").read_text()
+
+
+def test_no_preset_has_the_name_of_a_plugin():
+    from brushexp.registry import plugins  # noqa: PLC0415
+
+    for family in FAMILIES:
+        presets = {path.stem for path in (ROOT / "conf" / family).glob("*.yaml")}
+        assert not presets & {plugin.name for plugin in plugins(family)}
+
+
+def test_every_task_has_a_module_and_a_config():
+    modules = {path.stem for path in (SOURCE / "task").glob("*.py")} - {"__init__"}
+    assert modules == {path.stem for path in (ROOT / "conf" / "task").glob("*.yaml")}

@@ -1,0 +1,125 @@
+"""The catalogue owns the strokes, keeps them in range, adds and removes them."""
+
+import pytest
+import torch
+from scenes import random_strokes
+
+from brushexp.errors import UserError
+from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes, check_strokes
+
+UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3, "color": 1.0, "opacity": 0.5}
+
+
+def assert_same(strokes, expected):
+    for name in FIELDS:
+        torch.testing.assert_close(getattr(strokes, name), getattr(expected, name))
+
+
+def test_a_catalogue_gives_back_its_strokes():
+    strokes = random_strokes(20, (30, 40))
+    assert_same(Catalogue(strokes, UNITS)(), strokes)
+
+
+def test_a_step_of_one_rate_moves_each_field_by_its_unit():
+    strokes = random_strokes(5, (30, 40))
+    catalogue = Catalogue(strokes, UNITS)
+    optimizer = torch.optim.SGD(catalogue.parameters(), lr=1e-3)
+    sum(parameter.sum() for parameter in catalogue.parameters()).backward()
+    optimizer.step()
+    moved = catalogue()
+    torch.testing.assert_close(moved.width, strokes.width - 1e-3 * 0.3)
+    torch.testing.assert_close(moved.position, strokes.position - 1e-3 * 0.5 * strokes.scale[:, None])
+    assert torch.equal(moved.scale, strokes.scale), "a field without a unit must not move"
+
+
+def test_every_moving_field_gets_a_gradient():
+    catalogue = Catalogue(random_strokes(5, (30, 40)), UNITS)
+    strokes = catalogue()
+    sum((getattr(strokes, name) ** 2).sum() for name in UNITS).backward()
+    assert {name for name, parameter in catalogue.named_parameters() if parameter.grad.abs().sum() > 0} == set(UNITS)
+
+
+def test_the_scale_can_move_instead_of_the_position():
+    catalogue = Catalogue(random_strokes(5, (30, 40)), {"scale": 10.0})
+    catalogue().scale.sum().backward()
+    torch.testing.assert_close(catalogue.scale.grad, torch.full((5,), 10.0))
+    with pytest.raises(UserError, match="set the rate of scale to 0"):
+        Catalogue(random_strokes(5, (30, 40)), {"scale": 10.0, "position": 1.0})
+
+
+def test_an_unknown_field_is_refused_with_the_choices():
+    with pytest.raises(UserError, match="no stroke field is called 'colour'; the fields are position, scale"):
+        Catalogue(random_strokes(1, (8, 8)), {"colour": 1.0})
+
+
+def test_numbers_out_of_range_are_brought_back():
+    catalogue = Catalogue(random_strokes(4, (30, 40)), UNITS)
+    with torch.no_grad():
+        catalogue.color[0, 0] = 7.0
+        catalogue.opacity[1] = -3.0
+        catalogue.width[2] = -1.0
+        catalogue.start[3, 0] = torch.nan
+        catalogue.position[0, 1] = torch.inf
+    catalogue.keep_in_range()
+    check_strokes(catalogue())
+
+
+def test_a_stroke_that_is_not_finite_is_named():
+    strokes = random_strokes(4, (30, 40))
+    strokes.control[2, 1] = torch.nan
+    with pytest.raises(UserError, match=r"stroke 2: control is .*nan; it must lie in \[-1000, 1000\]"):
+        Catalogue(strokes, UNITS)
+
+
+def test_strokes_that_stay_keep_their_optimiser_state():
+    strokes, new = random_strokes(6, (30, 40)), random_strokes(3, (30, 40), seed=9)
+    catalogue = Catalogue(strokes, UNITS)
+    optimizer = torch.optim.Adam(catalogue.parameters(), lr=0.01)
+    for _ in range(3):
+        optimizer.zero_grad()
+        sum(parameter.square().sum() for parameter in catalogue.parameters()).backward()
+        optimizer.step()
+    before, momentum = catalogue(), optimizer.state[catalogue.start]["exp_avg"].clone()
+    keep = torch.tensor([True, False, True, True, False, True])
+    catalogue.revise(keep, new, optimizer)
+    assert_same(catalogue()[:4], before[keep].map(torch.Tensor.detach))
+    assert_same(catalogue()[4:], new)
+    state = optimizer.state[catalogue.start]
+    torch.testing.assert_close(state["exp_avg"][:4], momentum[keep])
+    assert (state["exp_avg"][4:] == 0).all()
+    assert float(state["step"]) == 3
+    optimizer.zero_grad()
+    catalogue().start.sum().backward()
+    optimizer.step()  # the optimiser moves the new parameters
+    assert not torch.equal(catalogue().start[4:], new.start)
+
+
+def test_history_of_all_strokes_at_once_starts_afresh():
+    catalogue = Catalogue(random_strokes(6, (30, 40)), UNITS)
+    optimizer = torch.optim.LBFGS(catalogue.parameters(), lr=0.1)
+
+    def closure():
+        optimizer.zero_grad()
+        total = sum(parameter.square().sum() for parameter in catalogue.parameters())
+        total.backward()
+        return total
+
+    optimizer.step(closure)
+    catalogue.revise(torch.arange(6) < 4, Strokes.none(), optimizer)
+    optimizer.step(closure)
+    assert len(catalogue) == 4
+    check_strokes(catalogue())
+
+
+def test_a_catalogue_may_be_empty():
+    catalogue = Catalogue(Strokes.none(), UNITS)
+    catalogue.keep_in_range()
+    assert len(catalogue()) == 0
+
+
+def test_strokes_move_with_their_canvas():
+    strokes = random_strokes(3, (30, 40))
+    moved = strokes.moved(zoom=2.0, shift=(5.0, -1.0))
+    torch.testing.assert_close(moved.position, strokes.position * 2 + torch.tensor([5.0, -1.0]))
+    torch.testing.assert_close(moved.scale, strokes.scale * 2)
+    assert torch.equal(moved.start, strokes.start)

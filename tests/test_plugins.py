@@ -1,0 +1,176 @@
+"""The contract of each family, checked for every registered plugin and preset, yours included."""
+
+from pathlib import Path
+
+import pytest
+import torch
+from scenes import leaves, random_strokes
+
+from brushexp.loss.base import Painting
+from brushexp.order.base import front_to_back
+from brushexp.registry import FAMILIES, MULTI_SELECT, build, plugins
+from brushexp.sampler.base import Region
+from brushexp.strokes.catalogue import FIELDS, Catalogue, check_strokes
+
+ROOT = Path(__file__).parents[1]
+SIZE = (24, 40)  # not square: catches a swap of height and width
+IN_PAINT = [family for family in FAMILIES if family != "engine"]  # families that the config of task=paint has
+
+
+def names(family: str) -> list[str]:
+    """Plugins and presets of a family."""
+    presets = [path.stem for path in (ROOT / "conf" / family).glob("*.yaml")]
+    return sorted([plugin.name for plugin in plugins(family)] + presets)
+
+
+def default(config, family: str, name: str):
+    """Build a plugin from its default config."""
+    cfg = config(f"{family}={name}")
+    return build(cfg[family][name] if family in MULTI_SELECT else cfg[family])
+
+
+@pytest.mark.parametrize("plugin", plugins(), ids=lambda plugin: f"{plugin.family}={plugin.name}")
+def test_every_plugin_says_in_one_line_what_it_is(plugin):
+    assert 10 <= len(plugin.summary) <= 200
+    assert plugin.summary.rstrip(".:;") != plugin.cls.__name__
+
+
+@pytest.mark.parametrize("family", IN_PAINT)
+def test_the_options_of_every_choice_are_typed(config, family):
+    for name in names(family):
+        node = config(f"{family}={name}")[family]
+        assert "_target_" in (node[name] if family in MULTI_SELECT else node)
+
+
+@pytest.mark.parametrize("n", [1, 7, 60])
+@pytest.mark.parametrize("name", names("init"))
+def test_init_makes_as_many_strokes_as_asked_in_range(config, name, n):
+    make = default(config, "init", name)
+    target = torch.rand(3, *SIZE)
+    strokes = make(target, n, torch.Generator().manual_seed(1))
+    assert len(strokes) == n
+    assert all(value.dtype == torch.float32 for _, value in strokes.items())
+    check_strokes(strokes)
+    again = make(target, n, torch.Generator().manual_seed(1))
+    assert all(torch.equal(getattr(strokes, field), getattr(again, field)) for field in FIELDS), "the seed decides"
+
+
+@pytest.mark.parametrize("name", names("renderer"))
+def test_renderer_is_bounded_and_differentiable_in_every_field(config, name):
+    strokes = leaves(random_strokes(5, SIZE, width=(0.1, 0.3)))
+    layers = default(config, "renderer", name)(strokes)
+    points = torch.rand(1, 400, 2) * torch.tensor([40.0, 24.0])
+    alpha, color = layers.sample(torch.arange(5)[None], points)
+    assert alpha.shape == (1, 5, 400)
+    assert color.shape in ((1, 5, 1, 3), (1, 5, 400, 3))
+    assert alpha.min() >= -1e-6
+    assert alpha.max() <= 1 + 1e-6
+    (alpha[..., None] * color).sum().backward()
+    assert {field for field, value in strokes.items() if value.grad.abs().sum() > 0} == set(FIELDS)
+
+
+@pytest.mark.parametrize("name", names("renderer"))
+def test_nothing_of_a_stroke_lies_beyond_its_reach(config, name):
+    layers = default(config, "renderer", name)(random_strokes(5, SIZE))
+    fine = torch.linspace(0, 1, 200)
+    weights = torch.stack([(1 - fine) ** 2, 2 * fine * (1 - fine), fine**2], -1)  # (200, 3)
+    points = torch.rand(500, 2) * 80 - 20
+    distance = torch.cdist(points[None], weights @ layers.curve)  # (5, 500, 200)
+    alpha, _ = layers.sample(torch.arange(5)[None], points[None])
+    beyond = distance.min(-1).values > layers.reach[:, None] + 0.1
+    assert (alpha[0][beyond] == 0).all()
+
+
+@pytest.mark.parametrize("name", names("blend"))
+def test_blend_paints_the_size_it_is_told(config, name):
+    layers = default(config, "renderer", "analytic")(random_strokes(9, SIZE))
+    canvas = default(config, "blend", name)(layers, torch.arange(9), SIZE, torch.ones(3), torch.rand(3, *SIZE))
+    assert canvas.image.shape == (3, *SIZE)
+    assert canvas.image.min() >= 0
+    assert canvas.image.max() <= 1 + 1e-5
+    assert canvas.accuracy.shape == (9,)
+
+
+@pytest.mark.parametrize("name", names("order"))
+def test_order_gives_every_stroke_a_depth(config, name):
+    order = default(config, "order", name)
+    assert order.every >= 1
+    for accuracy in (None, torch.rand(9)):
+        depth = order.depth(random_strokes(9, SIZE), accuracy)
+        assert sorted(front_to_back(depth).tolist()) == list(range(9))
+
+
+@pytest.mark.parametrize("name", names("loss"))
+def test_loss_is_finite_differentiable_and_zero_at_best(config, name):
+    loss = default(config, "loss", name)
+    assert loss.weight > 0
+    image, strokes = torch.rand(3, *SIZE, requires_grad=True), leaves(random_strokes(6, SIZE, bend=0.05))
+    value = loss(Painting(image, torch.rand(3, *SIZE), strokes))
+    assert value.shape == ()
+    assert value.isfinite()
+    assert value >= 0
+    value.backward()
+    for gradient in [image.grad, *(tensor.grad for _, tensor in strokes.items())]:
+        assert gradient is None or gradient.isfinite().all()
+    if image.grad is not None and image.grad.abs().sum() > 0:
+        assert loss(Painting(image.detach(), image.detach(), strokes)) < 1e-8, "a perfect picture costs nothing"
+
+
+@pytest.mark.parametrize("name", names("loss"))
+@pytest.mark.parametrize("n", [0, 1])
+def test_loss_is_finite_for_hardly_any_strokes(config, name, n):
+    image = torch.rand(3, *SIZE, requires_grad=True)
+    assert default(config, "loss", name)(Painting(image, torch.rand(3, *SIZE), random_strokes(n, SIZE))).isfinite()
+
+
+@pytest.mark.parametrize("name", names("density"))
+def test_density_revises_what_is_there(config, name):
+    painting = Painting(torch.rand(3, *SIZE), torch.rand(3, *SIZE), random_strokes(6, SIZE))
+    for step in range(1, 11):
+        revision = default(config, "density", name).revise(painting, step, 10)
+        if revision is not None:
+            assert revision.keep.shape == (6,)
+            check_strokes(revision.new)
+
+
+@pytest.mark.parametrize("name", names("sampler"))
+def test_sampler_stays_on_the_canvas(config, name):
+    sampler = default(config, "sampler", name)
+    for step in range(20):
+        region = sampler(SIZE, step, torch.Generator().manual_seed(step))
+        assert isinstance(region, Region)
+        assert 0 <= region.top <= region.top + region.height <= SIZE[0]
+        assert 0 <= region.left <= region.left + region.width <= SIZE[1]
+        assert region.height > 0
+        assert region.width > 0
+
+
+@pytest.mark.parametrize("name", names("optimizer"))
+def test_optimizer_lowers_a_loss(config, name):
+    optimizer = default(config, "optimizer", name)
+    catalogue = Catalogue(random_strokes(6, SIZE), optimizer.units)
+    goal = torch.full((6, 3), 0.5)
+    torch_optimizer = optimizer.over(catalogue.parameters())
+
+    def closure():
+        torch_optimizer.zero_grad()
+        loss = (catalogue().color - goal).square().mean()
+        loss.backward()
+        return loss
+
+    before = float(closure().detach())
+    for step in range(10):
+        rate = optimizer.rate(step / 10)
+        assert rate >= 0
+        for group in torch_optimizer.param_groups:
+            group["lr"] = rate
+        torch_optimizer.step(closure)
+    assert float(closure().detach()) < before
+
+
+@pytest.mark.parametrize("name", names("logger"))
+def test_logger_writes_into_the_folder_of_the_run(config, name, tmp_path):
+    logger = default(config, "logger", name).open(tmp_path)
+    logger.log_metrics({"loss/mse": 0.5}, step=1)
+    logger.save()
+    assert any(path.is_file() for path in tmp_path.rglob("*"))

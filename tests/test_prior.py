@@ -1,0 +1,145 @@
+"""The distribution of valid strokes, and strokes as plain numbers."""
+
+import numpy as np
+import pytest
+import torch
+from torch.testing import assert_close
+
+from brushexp.strokes.catalogue import Strokes, check_strokes
+from brushexp.strokes.prior import INSET, SHORTEST, SPREAD, WIDTH, bend_of, parameters_of, sample_prior, strokes_of
+
+N = 10_000
+
+
+def naive_sample(n: int) -> np.ndarray:
+    """The distribution as the thesis words it, one stroke at a time: (n, 10), points in half-windows."""
+    random = np.random.default_rng(1)
+    rows = []
+    for _ in range(n):
+        while True:
+            start, end, width = random.random(2), random.random(2), random.uniform(*WIDTH)
+            if np.hypot(*(start - end)) >= 2 * width:
+                break
+        a = start - end
+        frame = np.array([a, [-a[1], a[0]]])
+        while True:
+            control = (start + end) / 2 + random.normal(0, np.sqrt(SPREAD)) @ frame
+            if ((control >= 0) & (control <= 1)).all():
+                break
+        points = [INSET * (2 * p - 1) for p in (start, control, end)]
+        rows.append([*points[0], *points[1], *points[2], width, *random.random(3)])
+    return np.array(rows)
+
+
+def table(strokes: Strokes) -> np.ndarray:
+    parts = [strokes.start, strokes.control, strokes.end, strokes.width[:, None], strokes.color]
+    return torch.cat(parts, dim=1).double().numpy()
+
+
+def test_samples_have_the_moments_of_the_naive_sampler():
+    ours, theirs = table(sample_prior(N, seed=5)), naive_sample(N)
+    spread = theirs.std(axis=0)
+    assert np.abs((ours.mean(0) - theirs.mean(0)) / spread).max() < 5 * np.sqrt(2 / N)
+    assert np.abs((np.cov(ours.T) - np.cov(theirs.T)) / np.outer(spread, spread)).max() < 5 * 2 / np.sqrt(N)
+    assert (
+        np.abs(np.quantile(ours / spread, [0.1, 0.9], axis=0) - np.quantile(theirs / spread, [0.1, 0.9], axis=0)).max()
+        < 0.1
+    )
+
+
+def test_samples_keep_the_constraints():
+    strokes = sample_prior(N, seed=2)
+    check_strokes(strokes)
+    for points in (strokes.start, strokes.control, strokes.end):
+        assert points.abs().max() <= INSET + 1e-6
+    assert strokes.width.min() >= WIDTH[0] - 1e-7
+    assert strokes.width.max() <= WIDTH[1] + 1e-7
+    length = 0.5 * (strokes.start - strokes.end).norm(dim=1) / INSET  # in window sides, before they were shrunk
+    assert (length >= 2 * strokes.width - 1e-6).all()
+    assert length.min() < 2 * WIDTH[0] * 1.5  # the constraint bites
+    assert (strokes.position == 0).all()
+    assert (strokes.scale == 64).all()
+    assert (strokes.opacity == 1).all()
+
+
+def test_bends_far_from_the_edge_have_the_wanted_covariance():
+    strokes = sample_prior(4 * N)
+    middle = 0.5 * (strokes.start + strokes.end)
+    room = INSET - middle.abs().amax(1)
+    free = room > (strokes.start - strokes.end).norm(dim=1)  # five standard deviations: the window redraws nothing here
+    bend = bend_of(strokes[free]).double()
+    n = len(bend)
+    assert n > 2000
+    assert_close(
+        bend.T.cov(), torch.tensor(SPREAD).double().diag(), rtol=5 * (2 / n) ** 0.5, atol=5 * (0.005 * 0.04 / n) ** 0.5
+    )
+    assert (bend.mean(0).abs() < 5 * (torch.tensor(SPREAD) / n).sqrt()).all()
+
+
+def test_a_stroke_depends_on_seed_and_number_alone():
+    many = table(sample_prior(1000, seed=7))
+    for n in (0, 1, 2, 999):
+        np.testing.assert_array_equal(table(sample_prior(n, seed=7)), many[:n])
+    np.testing.assert_array_equal(table(sample_prior(100, seed=7, first=333)), many[333:433])
+    np.testing.assert_array_equal(table(sample_prior(1, seed=7, first=999)), many[999:])
+
+
+def test_seeds_give_different_strokes():
+    largest = 2**64 - 1
+    first = table(sample_prior(50, seed=0))
+    for seed in (1, largest):
+        assert np.abs(table(sample_prior(50, seed=seed)) - first).min(axis=0).max() > 0
+
+
+def test_strokes_are_not_alike():
+    numbers = table(sample_prior(2000))
+    assert len(np.unique(numbers, axis=0)) == 2000
+    lagged = np.corrcoef(numbers[:-1].T, numbers[1:].T)[:10, 10:]
+    assert np.abs(lagged).max() < 5 / np.sqrt(2000)
+
+
+def test_parameters_lie_in_the_unit_range_and_come_back():
+    strokes = sample_prior(300, seed=3)
+    numbers = parameters_of(strokes)
+    assert numbers.shape == (300, 10)
+    assert numbers.abs().max() <= 1 + 1e-6
+    for (name, ours), (_, theirs) in zip(strokes.items(), strokes_of(numbers).items(), strict=True):
+        assert_close(ours, theirs, msg=name)
+    assert_close(parameters_of(strokes_of(numbers)), numbers)
+
+
+def test_parameters_are_start_control_end_width_and_colour():
+    numbers = torch.tensor([[-1.0, -0.5, 0.0, 0.25, 0.5, 1.0, -1.0, -1.0, 0.0, 1.0]], dtype=torch.float64)
+    strokes = strokes_of(numbers)
+    assert strokes.start.tolist() == [[-1.0, -0.5]]
+    assert strokes.control.tolist() == [[0.0, 0.25]]
+    assert strokes.end.tolist() == [[0.5, 1.0]]
+    assert strokes.width.tolist() == [0.03]
+    assert strokes.color.tolist() == [[0.0, 0.5, 1.0]]
+    assert strokes.opacity.dtype == torch.float64
+
+
+def test_parameters_are_differentiable_both_ways():
+    numbers = parameters_of(sample_prior(3)).double().requires_grad_()
+    assert torch.autograd.gradcheck(lambda x: parameters_of(strokes_of(x)), numbers)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7, 3.0, -2.0])
+def test_bends_are_measured_in_the_frame_of_the_stroke(angle):
+    turn = torch.tensor([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    start, end = torch.tensor([0.4, 0.1]).double(), torch.tensor([-0.2, 0.1]).double()  # s - e = (0.6, 0)
+    control = 0.5 * (start + end) + torch.tensor([0.06, -0.12])
+    points = torch.stack([start, control, end]) @ turn.T
+    numbers = torch.cat([points.flatten(), torch.zeros(4)])[None]
+    assert_close(bend_of(strokes_of(numbers)), torch.tensor([[0.1, -0.2]]).double())
+
+
+def test_bends_of_a_point_are_finite():
+    numbers = torch.zeros(2, 10, dtype=torch.float64)
+    numbers[0, 2:4] = torch.tensor([0.3, -0.4])
+    numbers.requires_grad_()
+    bend = bend_of(strokes_of(numbers))
+    assert (bend == 0).all()
+    (slope,) = torch.autograd.grad(bend.sum(), numbers)
+    assert slope.isfinite().all()
+    assert slope.abs().max() < 1 / SHORTEST**2

@@ -1,0 +1,155 @@
+"""Registering a class makes it a typed Hydra choice; plugins are found in three kinds of places."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hydra.errors import ConfigCompositionException
+from omegaconf import OmegaConf
+
+from brushexp import registry
+from brushexp.errors import UserError
+from brushexp.registry import build, build_named, config_of, load_plugins, plugins, register
+
+ROOT = Path(__file__).parents[1]
+
+PLUGIN = """
+from brushexp.order.base import Order
+from brushexp.registry import register
+
+@register("order", "{name}")
+class Upside(Order):
+    \"\"\"Upside down.\"\"\"
+    def __init__(self, *, every: int = 3) -> None:
+        self.every, self.needs_accuracy = every, False
+    def depth(self, strokes, accuracy):
+        return -strokes.opacity
+"""
+
+
+@pytest.fixture
+def clean(monkeypatch):
+    """Forget what a test registers."""
+    monkeypatch.setattr(registry, "_plugins", dict(registry._plugins))
+
+
+@pytest.mark.usefixtures("clean", "hydra_restore_singletons")  # Hydra ships the second one
+def test_a_taken_name_is_refused_with_its_owner():
+    class Mse:
+        def __init__(self, *, weight: float = 1.0) -> None: ...
+
+    with pytest.raises(UserError, match=r"loss=mse is taken by brushexp\.loss\.pixel"):
+        register("loss", "mse")(Mse)
+
+
+def test_an_unknown_family_is_refused_with_the_choices():
+    with pytest.raises(UserError, match="unknown plugin family 'losses'; choose one of init, renderer"):
+        register("losses", "x")
+
+
+def test_run_time_arguments_are_no_config():
+    class Thing:
+        def __init__(self, target, *, rows: int = 8, rate: float) -> None: ...
+
+    assert list(config_of(Thing).__dataclass_fields__) == ["_target_", "rows", "rate"]
+
+
+def test_an_option_without_a_type_is_refused():
+    class Thing:
+        def __init__(self, *, rows=8) -> None: ...
+
+    with pytest.raises(TypeError, match="give 'rows' a type"):
+        config_of(Thing)
+
+
+def test_defaults_are_not_shared(config):
+    first = config("optimizer=torch").optimizer
+    first.units["position"] = 99.0
+    assert config("optimizer=torch").optimizer.units["position"] != 99.0
+
+
+@pytest.mark.parametrize(
+    "override", ["renderer.soft=wide", "blend.kernel=fast", "renderer.sof=1", "init=nope", "nope=1"]
+)
+def test_a_wrong_option_key_or_choice_is_refused_at_composition(config, override):
+    with pytest.raises(ConfigCompositionException):
+        config(override)
+
+
+@pytest.mark.parametrize(
+    ("override", "chosen"),
+    [("loss=mse", ["mse"]), ("loss=[width,mse]", ["width", "mse"]), ("loss=[]", [])],
+)
+def test_loss_selects_one_several_or_none(config, override, chosen):
+    assert list(config(override).loss) == chosen
+
+
+def test_only_registered_classes_are_ever_built():
+    with pytest.raises(UserError, match=r"os\.system is not a registered plugin"):
+        build(OmegaConf.create({"_target_": "os.system", "command": "true"}))
+
+
+def test_options_from_a_file_are_checked_like_those_typed():
+    assert build_named("renderer", "analytic", {"soft": 2.0}).soft == 2.0
+    with pytest.raises(UserError, match="does not take these options"):
+        build_named("renderer", "analytic", {"soft": "wide"})
+    with pytest.raises(UserError, match=r"renderer=cubist is not among the plugins here \(analytic"):
+        build_named("renderer", "cubist", {})
+
+
+@pytest.mark.usefixtures("clean", "hydra_restore_singletons")
+def test_plugins_in_folders_of_the_environment_are_found(tmp_path, monkeypatch):
+    (tmp_path / "upside.py").write_text(PLUGIN.format(name="upside"))
+    (tmp_path / "_helper.py").write_text("this is no plugin")
+    monkeypatch.setenv("BRUSHEXP_PLUGINS", str(tmp_path))
+    assert "upside" in load_plugins(ROOT / "plugins")
+    plugin = next(p for p in plugins("order") if p.name == "upside")
+    assert plugin.summary == "Upside down."
+    assert build_named("order", "upside", {"every": 5}).every == 5
+
+
+def test_a_folder_that_is_not_there_is_named(monkeypatch):
+    monkeypatch.setenv("BRUSHEXP_PLUGINS", "/nowhere/at/all")
+    with pytest.raises(UserError, match="BRUSHEXP_PLUGINS names /nowhere/at/all, which is not a folder"):
+        load_plugins(ROOT / "plugins")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("def broken(:\n", r"broken_syntax\.py, line 1: .*; correct it or move it away"),
+        ("import nothing_like_this\n", r"cannot be loaded: ModuleNotFoundError: No module named 'nothing_like_this'"),
+        ("1 / 0\n", r"ZeroDivisionError: division by zero"),
+    ],
+)
+def test_a_broken_plugin_stops_the_program(tmp_path, monkeypatch, text, message):
+    (tmp_path / "broken_syntax.py").write_text(text)
+    monkeypatch.setenv("BRUSHEXP_PLUGINS", str(tmp_path))
+    with pytest.raises(UserError, match=message):
+        load_plugins(ROOT / "plugins")
+
+
+def test_two_plugin_files_of_one_name_are_refused(tmp_path, monkeypatch):
+    name = next((ROOT / "plugins").glob("[a-z]*.py")).name
+    (tmp_path / name).write_text("")
+    monkeypatch.setenv("BRUSHEXP_PLUGINS", str(tmp_path))
+    with pytest.raises(UserError, match="have the same name; rename one"):
+        load_plugins(ROOT / "plugins")
+
+
+def test_published_plugins_are_found(tmp_path):
+    """A distribution with an entry point in the group ``brushexp.plugins`` is loaded."""
+    (tmp_path / "published_order.py").write_text(PLUGIN.format(name="published"))
+    info = tmp_path / "published-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: published\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[brushexp.plugins]\npublished = published_order\n")
+    code = (
+        "from pathlib import Path; from brushexp.registry import load_plugins, plugins;"
+        "load_plugins(Path('nowhere')); print([p.name for p in plugins('order')])"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={"PYTHONPATH": str(tmp_path)}
+    )
+    assert "published" in result.stdout

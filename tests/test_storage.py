@@ -1,0 +1,269 @@
+"""A catalogue comes back from disk as it was, and a damaged one is refused in words."""
+
+import re
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import torch
+
+from brushexp.errors import UserError
+from brushexp.strokes.catalogue import FIELDS, Strokes
+from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
+
+CONFIG = "task: paint\nloss:\n  mse:\n    weight: 1.0\nimage: größe.png\n"
+
+
+def some(count: int = 7) -> Saved:
+    strokes = {name: torch.rand(field.shape(count)).clamp(min=0.01) for name, field in FIELDS.items()}
+    return Saved(
+        strokes=Strokes(**strokes),
+        depth=torch.randperm(count).int(),
+        size=(30, 50),
+        background=torch.tensor([0.25, 0.5, 1.0]),
+        renderer="textured",
+        renderer_hash="ab12",
+        seed=3,
+        config=CONFIG,
+    )
+
+
+@pytest.fixture
+def stored(tmp_path):
+    save_catalogue(tmp_path / "catalogue.h5", some())
+    return tmp_path / "catalogue.h5"
+
+
+def assert_same(read: Saved, saved: Saved) -> None:
+    for name in FIELDS:
+        torch.testing.assert_close(getattr(read.strokes, name), getattr(saved.strokes, name), rtol=0, atol=0)
+    torch.testing.assert_close(read.depth, saved.depth, rtol=0, atol=0)
+    torch.testing.assert_close(read.background, saved.background, rtol=0, atol=0)
+    for name in ("size", "renderer", "renderer_hash", "seed", "config"):
+        assert getattr(read, name) == getattr(saved, name)
+
+
+def refused(path: Path) -> str:
+    """The message with which reading is refused: one line that names the file."""
+    with pytest.raises(UserError) as caught:
+        load_catalogue(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert str(path) in message
+    return message
+
+
+def rewrite(file: h5py.File, name: str, data: object) -> None:
+    del file[name]
+    file.create_dataset(name, data=data).attrs["unit"] = ""
+
+
+@pytest.mark.parametrize("count", [0, 1, 7, 3000])
+def test_a_catalogue_comes_back_as_it_was(tmp_path, count):
+    saved = some(count)
+    save_catalogue(tmp_path / "a.h5", saved)
+    assert_same(load_catalogue(tmp_path / "a.h5"), saved)
+
+
+def test_parameters_and_other_types_are_stored_as_numbers(tmp_path):
+    saved = some()
+    strokes = saved.strokes.map(lambda value: value.double().requires_grad_())
+    save_catalogue(tmp_path / "a.h5", replace(saved, strokes=strokes, depth=saved.depth.long()))
+    read = load_catalogue(tmp_path / "a.h5")
+    torch.testing.assert_close(read.strokes.color, saved.strokes.color, rtol=0, atol=0)
+    assert not read.strokes.color.requires_grad
+
+
+def test_the_same_catalogue_is_stored_in_the_same_bytes(tmp_path):
+    saved = some()
+    for name in ("a.h5", "b.h5"):
+        save_catalogue(tmp_path / name, saved)
+    assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
+
+
+def test_a_long_config_fits(tmp_path):
+    config = "".join(f"key_{i}: {'x' * 100}\n" for i in range(1000))
+    save_catalogue(tmp_path / "a.h5", replace(some(), config=config))
+    assert load_catalogue(tmp_path / "a.h5").config == config
+
+
+def test_the_file_says_what_it_holds(stored):
+    with h5py.File(stored) as file:
+        assert set(file) == {*FIELDS, "depth"}
+        assert file.attrs["format"] == b"brushexp catalogue"
+        assert file.attrs["format_version"] == 1
+        for name, field in FIELDS.items():
+            assert file[name].dtype == np.float32
+            assert file[name].attrs["unit"].decode() == field.unit
+        assert file["depth"].dtype == np.int32
+
+
+def test_the_config_is_text_and_runs_nothing(tmp_path):
+    mark = tmp_path / "mark"
+    config = f"a: !!python/object/apply:os.mkdir ['{mark}']\n_target_: os.mkdir\npath: {mark}\n"
+    save_catalogue(tmp_path / "a.h5", replace(some(), config=config))
+    assert load_catalogue(tmp_path / "a.h5").config == config
+    assert not mark.exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"size": (0, 5)}, "the canvas is 0 x 5"),
+        ({"depth": torch.zeros(7).int()}, "depth is not an order"),
+        ({"background": torch.tensor([0.0, 2.0, 0.0])}, "background is"),
+        ({"config": "a: [1"}, "config is not YAML"),
+    ],
+)
+def test_what_could_not_be_read_again_is_not_written(tmp_path, change, message):
+    with pytest.raises(UserError, match=message):
+        save_catalogue(tmp_path / "a.h5", replace(some(), **change))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_bad_stroke_is_not_written(tmp_path):
+    saved = some()
+    saved.strokes.width[4] = torch.nan
+    with pytest.raises(UserError, match="stroke 4: width is nan"):
+        save_catalogue(tmp_path / "a.h5", saved)
+
+
+def test_a_missing_file_is_explained(tmp_path):
+    assert "there is no file" in refused(tmp_path / "a.h5")
+
+
+def test_for_a_folder_the_file_in_it_is_proposed(tmp_path):
+    assert f"catalogue={tmp_path / 'catalogue.h5'}" in refused(tmp_path)
+
+
+@pytest.mark.parametrize("data", [b"", b"\x89PNG\r\n\x1a\n" + bytes(3000), b"x" * 5000])
+def test_a_file_of_another_kind_is_explained(tmp_path, data):
+    path = tmp_path / "a.h5"
+    path.write_bytes(data)
+    assert "not an HDF5 file" in refused(path)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.9, 0.999])
+def test_a_truncated_file_is_explained(stored, share):
+    data = stored.read_bytes()
+    stored.write_bytes(data[: int(len(data) * share)])
+    assert "is damaged or cut short" in refused(stored)
+
+
+@pytest.mark.timeout(60)
+def test_no_wrong_byte_goes_unnoticed(stored):
+    data = stored.read_bytes()
+    saved = load_catalogue(stored)
+    for position in range(0, len(data), 31):
+        stored.write_bytes(data[:position] + bytes([data[position] ^ 0x55]) + data[position + 1 :])
+        with suppress(UserError):  # some bytes say nothing
+            assert_same(load_catalogue(stored), saved)
+
+
+def test_an_unreadable_file_is_explained(stored, monkeypatch):
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refuse)
+    assert "Permission denied" in refused(stored)
+
+
+def test_another_hdf5_file_is_explained(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["params"] = np.zeros((3, 10))
+    assert "not a brushexp catalogue" in refused(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("format", "brushexp strokes", "not a brushexp catalogue"),
+        ("format", 3, "attribute format is"),
+        ("format_version", 2, "was written by a newer version of brushexp .*update brushexp"),
+        ("format_version", 0, "format_version is 0; 1 is needed"),
+        ("format_version", "1", "attribute format_version is '1'; a whole number is needed"),
+        ("height", 0, "the canvas is 0 x 50 pixels"),
+        ("width", 2_000_000, "the canvas is 30 x 2000000 pixels"),
+        ("width", -4, "the canvas is 30 x -4 pixels"),
+        ("width", 3.5, "attribute width is .*; a whole number is needed"),
+        ("background", [0.1, 0.2], "background is"),
+        ("background", [0.1, 0.2, np.nan], "background is"),
+        ("background", [0.1, 0.2, 1.5], "background is"),
+        ("background", "white", "attribute background is .*; numbers are needed"),
+        ("renderer", 5, "attribute renderer is .*; text is needed"),
+        ("renderer_hash", np.zeros(3), "attribute renderer_hash is .*; text is needed"),
+        ("seed", "x", "attribute seed is 'x'; a whole number is needed"),
+        ("config", 5, "attribute config is .*; text is needed"),
+        ("config", "a: [1, 2", "config is not YAML"),
+        ("config", "a: b: c", "config is not YAML"),
+        ("config", "just words", "config is not a YAML mapping"),
+        ("config", "a: &x [1]\nb: *x", "config contains a YAML alias"),
+    ],
+)
+def test_a_wrong_attribute_is_explained(stored, name, value, message):
+    with h5py.File(stored, "a") as file:
+        file.attrs[name] = value
+    assert re.search(message, refused(stored))
+
+
+@pytest.mark.parametrize("name", ["format_version", "height", "background", "renderer", "renderer_hash", "config"])
+def test_a_missing_attribute_is_explained(stored, name):
+    with h5py.File(stored, "a") as file:
+        del file.attrs[name]
+    assert f"has no attribute {name}" in refused(stored)
+
+
+@pytest.mark.parametrize("name", [*FIELDS, "depth"])
+def test_a_missing_dataset_is_explained(stored, name):
+    with h5py.File(stored, "a") as file:
+        del file[name]
+    assert f"has no dataset {name}" in refused(stored)
+
+
+def test_a_group_instead_of_a_dataset_is_explained(stored):
+    with h5py.File(stored, "a") as file:
+        del file["width"]
+        file.create_group("width")
+    assert "has no dataset width" in refused(stored)
+
+
+def test_a_missing_unit_is_explained(stored):
+    with h5py.File(stored, "a") as file:
+        del file["scale"].attrs["unit"]
+    assert "dataset scale has no attribute unit" in refused(stored)
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "message"),
+    [
+        ("position", np.zeros((7, 3), np.float32), r"position has shape \(7, 3\); \(7, 2\) is needed"),
+        ("width", np.zeros((6,), np.float32), r"width has shape \(6,\); \(7,\) is needed"),
+        ("opacity", np.float32(1), r"opacity has shape \(\); \(7,\) is needed"),
+        ("color", np.zeros((7, 3), np.float64), "color has type float64; float32 is needed"),
+        ("start", np.full((7, 2), b"x"), r"start has type \|S1; float32 is needed"),
+        ("depth", np.arange(7), "depth has type int64; int32 is needed"),
+        ("depth", np.zeros((7, 1), np.int32), r"depth has shape \(7, 1\); \(N,\) is needed"),
+        ("depth", np.arange(1, 8, dtype=np.int32), "depth is not an order of the strokes"),
+        ("depth", np.array([0, 1, 2, 3, 4, 5, 5], np.int32), "depth is not an order of the strokes"),
+        ("depth", np.arange(6, dtype=np.int32), r"position has shape \(7, 2\); \(6, 2\) is needed"),
+        ("opacity", np.array([0, 1, 0, 0, 0, 2, 0], np.float32), r"stroke 5: opacity is 2; it must lie in \[0, 1\]"),
+        ("scale", np.array([1, 1, np.inf, 1, 1, 1, 1], np.float32), "stroke 2: scale is inf"),
+        ("color", np.full((7, 3), np.nan, np.float32), "stroke 0: color is nan, nan, nan"),
+    ],
+)
+def test_a_wrong_dataset_is_explained(stored, name, data, message):
+    with h5py.File(stored, "a") as file:
+        rewrite(file, name, data)
+    assert re.search(message, refused(stored))
+
+
+def test_a_file_that_claims_to_be_huge_is_refused_before_it_is_read(stored):
+    with h5py.File(stored, "a") as file:
+        for name in (*FIELDS, "depth"):
+            kind, width = file[name].dtype, file[name].shape[1:]
+            del file[name]
+            file.create_dataset(name, shape=(10**10, *width), dtype=kind, chunks=(1000, *width)).attrs["unit"] = ""
+    assert "10000000000 strokes; at most" in refused(stored)

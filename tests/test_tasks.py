@@ -1,0 +1,245 @@
+"""The program as users start it: what it writes, how it resumes, how it refuses."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from PIL import Image
+
+ROOT = Path(__file__).parents[1]
+SMALL = ["image=chelsea", "resolution=48", "steps=30", "threads=1", "frames=5"]
+
+
+def start(*overrides: str, cwd: Path, **environment: str) -> subprocess.Popen:
+    """The program in a process of its own."""
+    command = [sys.executable, "-W", "ignore::FutureWarning", str(ROOT / "run.py"), *overrides]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, cwd=cwd, env={**os.environ, **environment})
+
+
+def run(*overrides: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess:
+    """The same, finished."""
+    process = start(*overrides, cwd=cwd, **environment)
+    out, err = process.communicate(timeout=280)
+    return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+
+
+def picture(path: Path) -> np.ndarray:
+    return np.asarray(Image.open(path))
+
+
+@pytest.fixture(scope="module")
+def painted(tmp_path_factory) -> Path:
+    """Folder of a small finished run."""
+    folder = tmp_path_factory.mktemp("painted") / "run"
+    result = run(*SMALL, f"output={folder}", cwd=folder.parent)
+    assert result.returncode == 0, result.stderr
+    assert "painting.png: " in result.stdout
+    return folder
+
+
+def test_a_run_leaves_all_its_results(painted):
+    files = {path.name for path in painted.iterdir()}
+    assert {"painting.png", "target.png", "catalogue.h5", "metrics.json", "run.log", ".hydra"} <= files
+    assert files & {"timelapse.mp4", "timelapse.gif"}
+    assert "checkpoint.ckpt" not in files
+    metrics = json.loads((painted / "metrics.json").read_text())
+    assert metrics["status"] == "completed"
+    assert metrics["steps"] == 30
+    assert metrics["n_strokes"] == round(48 * 32 / 100)
+    assert metrics["psnr"] > 12
+    assert {
+        "ssim",
+        "l1",
+        "perceptual",
+        "seconds",
+        "seconds_total",
+        "seconds_per_step",
+        "peak_memory_mb",
+        "device",
+    } <= set(metrics)
+
+
+def test_psnr_is_that_of_the_saved_picture(painted):
+    error = picture(painted / "painting.png").astype(float) - picture(painted / "target.png")
+    psnr = 10 * np.log10(255**2 / (error**2).mean())
+    assert json.loads((painted / "metrics.json").read_text())["psnr"] == pytest.approx(psnr, abs=1e-3)
+
+
+def test_a_saved_catalogue_renders_to_the_painting_and_larger(painted, tmp_path):
+    result = run("task=render", f"catalogue={painted}/catalogue.h5", f"output={tmp_path}/same", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    same = picture(tmp_path / "same" / "painting.png").astype(int)
+    assert np.abs(same - picture(painted / "painting.png")).max() <= 1
+    result = run(
+        "task=render", f"catalogue={painted}/catalogue.h5", "resolution=192", f"output={tmp_path}/large", cwd=tmp_path
+    )
+    assert result.returncode == 0, result.stderr
+    large = picture(tmp_path / "large" / "painting.png")
+    assert large.shape == (128, 192, 3)
+    shrunk = np.asarray(Image.fromarray(large).resize((48, 32), Image.Resampling.BOX)).astype(float)
+    assert np.abs(shrunk - picture(painted / "painting.png")).mean() < 12
+
+
+def test_painting_goes_on_from_a_catalogue(painted, tmp_path):
+    result = run(
+        *SMALL, f"catalogue={painted}/catalogue.h5", "steps=0", "order=fixed", f"output={tmp_path}/a", cwd=tmp_path
+    )
+    assert result.returncode == 0, result.stderr
+    assert np.abs(picture(tmp_path / "a" / "painting.png").astype(int) - picture(painted / "painting.png")).max() <= 1
+
+
+def test_no_steps_paint_the_initialisation(tmp_path):
+    result = run(*SMALL, "steps=0", f"output={tmp_path}/a", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert json.loads((tmp_path / "a" / "metrics.json").read_text())["steps"] == 0
+
+
+def test_the_same_seed_gives_the_same_bits(painted, tmp_path):
+    result = run(*SMALL, f"output={tmp_path}/a", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert np.array_equal(picture(tmp_path / "a" / "painting.png"), picture(painted / "painting.png"))
+
+
+def test_an_interrupted_run_continues_exactly(tmp_path):
+    settings = ["image=chelsea", "resolution=64", "steps=4000", "threads=1", "frames=5", "order=accuracy"]
+    process = start(*settings, "checkpoint_every=0", f"output={tmp_path}/a", cwd=tmp_path)
+    checkpoint = tmp_path / "a" / "checkpoint.ckpt"
+    while not checkpoint.exists() and process.poll() is None:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 130, err
+    metrics = json.loads((tmp_path / "a" / "metrics.json").read_text())
+    assert metrics["status"] == "interrupted"
+    assert 0 < metrics["steps"] < 4000
+    assert (tmp_path / "a" / "painting.png").exists()
+    assert checkpoint.exists()
+    resumed = run(f"resume={tmp_path}/a", f"output={tmp_path}/b", cwd=tmp_path)
+    assert resumed.returncode == 0, resumed.stderr
+    whole = run(*settings, f"output={tmp_path}/c", cwd=tmp_path)
+    assert whole.returncode == 0, whole.stderr
+    with h5py.File(tmp_path / "b" / "catalogue.h5") as b, h5py.File(tmp_path / "c" / "catalogue.h5") as c:
+        for name in c:
+            assert np.array_equal(b[name], c[name]), name
+    assert json.loads((tmp_path / "b" / "metrics.json").read_text())["steps"] == 4000
+    refused = run(f"resume={tmp_path}/a", "steps=9", cwd=tmp_path)
+    assert refused.returncode == 1
+    assert "drop steps=9" in refused.stdout + refused.stderr
+
+
+def test_a_run_stops_when_nothing_is_gained(tmp_path):
+    result = run(*SMALL, "steps=100000", "early_stop=20", f"output={tmp_path}/a", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    metrics = json.loads((tmp_path / "a" / "metrics.json").read_text())
+    assert metrics["status"] == "stopped early"
+    assert metrics["steps"] == 200
+
+
+def test_a_sweep_ends_in_one_table_and_one_sheet(tmp_path):
+    result = run(
+        *SMALL,
+        "-m",
+        "loss=mse,perceptual",
+        "init=grid,slic,scatter",
+        "strokes=15,100000",
+        f"output={tmp_path}/s",
+        cwd=tmp_path,
+    )
+    assert result.returncode != 0, "half of the jobs ask for more strokes than pixels"
+    rows = (tmp_path / "s" / "table.csv").read_text().splitlines()
+    assert len(rows) == 1 + 12
+    assert sum("failed" in row for row in rows) == 6
+    assert "strokes=100000 is more than" in rows[2]
+    assert (tmp_path / "s" / "table.md").exists()
+    assert Image.open(tmp_path / "s" / "sheet.png").width > 400
+
+
+def test_a_sweep_runs_on_several_cores(tmp_path):
+    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    result = run(
+        *SMALL,
+        "-m",
+        "threads=null",
+        "hydra/launcher=joblib",
+        "hydra.launcher.n_jobs=2",
+        "init=grid,scatter",
+        f"output={tmp_path}/s",
+        cwd=tmp_path,
+    )
+    assert result.returncode == 0, result.stderr
+    assert len((tmp_path / "s" / "table.csv").read_text().splitlines()) == 3
+
+
+def test_help_lists_every_plugin_in_one_line(tmp_path):
+    result = run("--help", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    for name in ("slic", "analytic", "tiled", "topk", "accuracy", "perceptual", "adam", "lbfgs", "scatter", "edges"):
+        assert any(line.strip().startswith(f"{name} ") for line in result.stdout.splitlines()), name
+
+
+REFUSED = {
+    "image=nothing.png": "image=nothing.png",
+    "strokes=0": "set strokes to 1 or more",
+    "strokes=-3": "set strokes to 1 or more",
+    "strokes=99999": "is more than the 32 x 48 picture has pixels",
+    "steps=-1": "set steps to 0 or more",
+    "steps=many": "steps=many is not of type int",
+    "loss=[]": "try loss=mse",
+    "loss=[mse] +loss=kl": "name them all",
+    "loss=[mse] ++loss.kl.weight=3": r"loss.kl is tuned but not chosen",
+    "loss=[nope]": "choose from: edges, kl, l1, mse, perceptual, width",
+    "init=nope": "Available options in 'init'",
+    "renderer.sof=2": "its options: soft, taper",
+    "renderer.soft=wide": "could not be converted to Float",
+    "nonsense=1": "the keys are",
+    "device=cuda:7": "CUDA devices; use device=cpu",
+    "catalogue=nothing.h5": "nothing.h5",
+    "background=pinkish": "background=pinkish",
+    "resume=nowhere": "give the folder of an interrupted run",
+}
+
+
+@pytest.mark.parametrize("overrides", REFUSED)
+def test_bad_input_ends_in_one_clear_line(overrides, tmp_path):
+    # With a request that cannot be met nothing may be left but the log and the settings.
+    result = run(*SMALL[:2], *overrides.split(), f"output={tmp_path}/a", cwd=tmp_path)
+    assert result.returncode == 1
+    lines = [line for line in (result.stdout + result.stderr).splitlines() if line.strip()]
+    assert len(lines) == 1, lines
+    assert REFUSED[overrides] in lines[0]
+    left = {path.name for path in (tmp_path / "a").glob("*")} if (tmp_path / "a").exists() else set()
+    assert left <= {".hydra", "run.log"}
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    result = run(*SMALL, f"output={tmp_path}/file/run", cwd=tmp_path)
+    assert result.returncode == 1
+    assert "choose another place with output=" in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_a_broken_plugin_ends_in_one_clear_line(tmp_path):
+    (tmp_path / "plugins").mkdir()
+    (tmp_path / "plugins" / "mine.py").write_text("class Half(\n")
+    result = run(*SMALL, cwd=tmp_path, BRUSHEXP_PLUGINS=str(tmp_path / "plugins"))
+    assert result.returncode == 1
+    assert len(result.stderr.splitlines()) == 1
+    assert "mine.py, line 1" in result.stderr
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3000, 4)])
+def test_strange_pictures_work(tmp_path, size):
+    Image.new("RGB", size, (200, 30, 90)).save(tmp_path / "strange.png")
+    result = run("image=strange.png", "steps=3", "threads=1", f"output={tmp_path}/a", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert picture(tmp_path / "a" / "painting.png").shape == (size[1], size[0], 3)
+    assert json.loads((tmp_path / "a" / "metrics.json").read_text())["ssim"] is None
