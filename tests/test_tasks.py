@@ -32,7 +32,8 @@ def run(*overrides: str, cwd: Path, **environment: str) -> subprocess.CompletedP
 
 
 def picture(path: Path) -> np.ndarray:
-    return np.asarray(Image.open(path))
+    with Image.open(path) as image:
+        return np.asarray(image)
 
 
 @pytest.fixture(scope="module")
@@ -145,8 +146,8 @@ def test_a_run_stops_when_nothing_is_gained(tmp_path):
 
 def test_a_sweep_ends_in_one_table_and_one_sheet(tmp_path):
     result = run(
-        *SMALL,
         "-m",
+        *SMALL,
         "loss=mse,perceptual",
         "init=grid,slic,scatter",
         "strokes=15,100000",
@@ -159,14 +160,14 @@ def test_a_sweep_ends_in_one_table_and_one_sheet(tmp_path):
     assert sum("failed" in row for row in rows) == 6
     assert "strokes=100000 is more than" in rows[2]
     assert (tmp_path / "s" / "table.md").exists()
-    assert Image.open(tmp_path / "s" / "sheet.png").width > 400
+    assert picture(tmp_path / "s" / "sheet.png").shape[1] > 400
 
 
 def test_a_sweep_runs_on_several_cores(tmp_path):
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     result = run(
-        *SMALL,
         "-m",
+        *SMALL,
         "threads=null",
         "hydra/launcher=joblib",
         "hydra.launcher.n_jobs=2",

@@ -22,6 +22,7 @@ from hydra.core.config_store import ConfigStore
 from hydra.errors import InstantiationException
 from hydra.utils import instantiate
 from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.errors import UserError
 
@@ -53,6 +54,11 @@ class Plugin:
     name: str
     cls: type
     config: type
+
+    @property
+    def target(self) -> str:
+        """Where the class is found, as configs name it."""
+        return f"{self.cls.__module__}.{self.cls.__qualname__}"
 
     @property
     def summary(self) -> str:
@@ -114,16 +120,21 @@ def plugin_of(node: DictConfig) -> Plugin:
         UserError: if the node names code that is not a registered plugin.
     """
     for plugin in plugins():
-        if f"{plugin.cls.__module__}.{plugin.cls.__qualname__}" == node._target_:
+        if plugin.target == node._target_:
             return plugin
     raise UserError(f"{node._target_} is not a registered plugin; add the file that defines it to {SEARCH_PATH}")
 
 
 def build(node: DictConfig, *runtime: object) -> Any:
     """Turn a config node into its object; nothing else in brushexp calls ``instantiate``."""
-    plugin_of(node)  # configs may come from files: only registered classes are ever called
+    plugin = plugin_of(node)  # configs may come from files: only registered classes are ever called
+    typed: DictConfig = OmegaConf.structured(plugin.config)
     try:
-        return instantiate(node, *runtime, _convert_="all")  # plain lists and dicts, not OmegaConf's
+        typed.merge_with(OmegaConf.to_container(node, resolve=True))  # in a worker its types are copies of ours
+    except OmegaConfBaseException as error:
+        raise UserError(f"{plugin.family}={plugin.name} does not take these options: {error}") from error
+    try:
+        return instantiate(typed, *runtime, _convert_="all")  # plain lists and dicts, not OmegaConf's
     except InstantiationException as error:
         if isinstance(error.__cause__, UserError):
             raise error.__cause__ from None
@@ -140,12 +151,7 @@ def build_named(family: str, name: str, options: dict[str, Any]) -> Any:
     if plugin is None:
         choices = ", ".join(p.name for p in plugins(family))
         raise UserError(f"{family}={name} is not among the plugins here ({choices}); add the file that defines it")
-    try:
-        node: DictConfig = OmegaConf.structured(plugin.config)
-        node.merge_with(options)
-    except Exception as error:  # OmegaConf has a dozen kinds
-        raise UserError(f"{family}={name} does not take these options: {error}") from error
-    return build(node)
+    return build(OmegaConf.create(options | {"_target_": plugin.target}))
 
 
 def load_plugins(directory: Path) -> list[str]:

@@ -343,8 +343,8 @@ def _add_taper(p, i, ox, oy, taper, mine, buf, out):  # type: ignore[no-untyped-
 def backward(p, first, stroke, slot, columns, background, soft, taper, used, nearest, grad_image, grad_pairs):  # type: ignore[no-untyped-def]
     """Gradients of all pairs from the gradient of the picture.
 
-    The forward pass of each tile is repeated, but for the search of nearest points; then its strokes are visited back to front with the colour behind them,
-    which needs no division by 1 - alpha.
+    The forward pass of each tile is repeated, but for the search of nearest points; then its strokes are visited back
+    to front with the colour behind them, which needs no division by 1 - alpha.
 
     Args:
         p: (N, 11) float32 strokes, front to back, as in COLUMNS.

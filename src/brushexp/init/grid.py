@@ -57,7 +57,8 @@ class OverlappingGrid(Initializer):
 def lattice(height: int, width: int, n: int, *, shift: bool = False) -> np.ndarray:
     """Number (H, W) of each pixel's cell in a lattice of exactly ``n`` nearly square cells.
 
-    Rows differ by one cell at most. With ``shift`` every other row is moved by half a cell.
+    Rows differ by one cell at most. With ``shift`` rows are moved by a quarter of a cell, to the right and to the left
+    in turn; the cells at the edge of the canvas make up for it.
     """
     rows = min(n, height, max(math.ceil(n / width), round(math.sqrt(n * height / width)), 1))
     counts = np.full(rows, n // rows)
@@ -66,6 +67,6 @@ def lattice(height: int, width: int, n: int, *, shift: bool = False) -> np.ndarr
     row = np.arange(height) * rows // height
     place = (np.arange(width) + 0.5) / width * counts[row][:, None]  # (H, W), in cells
     if shift:
-        place = place - 0.5 * ((row % 2 == 1) & (counts[row] * 2 <= width))[:, None]
+        place = place + np.where(row % 2 == 1, -0.25, 0.25)[:, None]
     column = np.clip(place.astype(np.int64), 0, counts[row][:, None] - 1)
     return first[row][:, None] + column

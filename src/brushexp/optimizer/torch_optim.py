@@ -11,7 +11,7 @@ from brushexp.errors import UserError
 from brushexp.optimizer.base import Optimizer
 from brushexp.registry import register
 
-# A learning rate of 0.01 moves a control point by a hundredth of a half-window per step of Adam, as in the thesis.
+# A learning rate of 0.01 moves a control point by a hundredth of a half-window per step of Adam: the thesis's rate.
 UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3, "color": 1.0, "opacity": 1.0}
 
 
@@ -42,7 +42,7 @@ class TorchOptim(Optimizer):
         self,
         *,
         name: str = "Adam",
-        lr: float = 0.01,
+        lr: float = 0.02,
         units: dict[str, float] = UNITS,
         schedule: Schedule = Schedule.linear,
         hold: float = 0.5,
@@ -54,7 +54,7 @@ class TorchOptim(Optimizer):
             choices = [key for key, value in vars(optim).items() if isinstance(value, type) and key != "Optimizer"]
             raise UserError(f"torch.optim has no optimiser {name!r}; set optimizer.name to one of {', '.join(choices)}")
         if not (math.isfinite(lr) and lr > 0):
-            raise UserError(f"optimizer.lr={lr:g} is not a positive number; try optimizer.lr=0.01")
+            raise UserError(f"optimizer.lr={lr:g} is not a positive number; try optimizer.lr=0.02")
         for key, value in (("warmup", warmup), ("hold", hold)):
             if not 0 <= value < 1:
                 raise UserError(f"optimizer.{key}={value:g} is not a fraction below 1; try optimizer.{key}=0.1")

@@ -16,10 +16,10 @@ class Analytic(Renderer):
         taper: how much thinner the two ends are than the middle, 0 (not at all) to 1 (pointed).
     """
 
-    def __init__(self, *, soft: float = 1.5, taper: float = 0.0) -> None:
+    def __init__(self, *, soft: float = 2.0, taper: float = 0.0) -> None:
         super().__init__()
         if not 0.1 <= soft <= 100:
-            raise UserError(f"renderer.soft={soft:g} is not a width of 0.1 to 100 pixels; try renderer.soft=1.5")
+            raise UserError(f"renderer.soft={soft:g} is not a width of 0.1 to 100 pixels; try renderer.soft=2")
         if not 0 <= taper <= 1:
             raise UserError(f"renderer.taper={taper:g} is outside 0 to 1; try renderer.taper=0.5")
         self.soft = soft

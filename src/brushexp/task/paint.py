@@ -62,14 +62,14 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
     Raises:
         UserError: if there is nothing to continue there, or the command line changes what must stay.
     """
-    allowed = ("resume", "output", "device", "threads", "checkpoint_every", "task")
-    for override in HydraConfig.get().overrides.task:
-        if override.lstrip("+~").partition("=")[0] not in allowed:
-            raise UserError(f"resume continues a run with its own settings; drop {override}")
     settings, checkpoint = folder / ".hydra" / "config.yaml", folder / CHECKPOINT
     for path in (settings, checkpoint):
         if not path.is_file():
             raise UserError(f"resume={folder}: there is no {path.name}; give the folder of an interrupted run")
+    allowed = ("resume", "output", "device", "threads", "checkpoint_every", "task")
+    for override in HydraConfig.get().overrides.task:
+        if override.lstrip("+~").partition("=")[0] not in allowed:
+            raise UserError(f"resume continues a run with its own settings; drop {override}")
     kept = OmegaConf.load(settings)
     assert isinstance(kept, DictConfig)
     kept.merge_with({key: cfg[key] for key in ("output", "device", "threads", "checkpoint_every")})

@@ -30,7 +30,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     resolution = cfg.resolution or max(saved.size)
     if resolution > LARGEST:
         raise UserError(f"resolution={resolution} is more than {LARGEST} pixels; choose a smaller one")
-    renderer = renderer_of(saved) if cfg.renderer is None else build(cfg.renderer)
+    renderer = renderer_of(saved) if cfg.get("renderer") is None else build(cfg.renderer)
     before = time.monotonic()
     picture = render(saved, renderer, build(cfg.blend), resolution)
     path = Path(HydraConfig.get().runtime.output_dir) / "painting.png"

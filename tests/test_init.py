@@ -1,0 +1,202 @@
+"""Initialisers: exact counts, colours against the obvious loop, directions, extremes, sources of randomness."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+from torch.testing import assert_close
+
+from brushexp.errors import UserError
+from brushexp.init._cells import Orient
+from brushexp.init.base import Initializer
+from brushexp.init.grid import Grid, OverlappingGrid, lattice
+from brushexp.init.slic import Slic, refined, superpixels
+from brushexp.registry import build_named
+from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
+
+BUILT_IN = [Grid(), OverlappingGrid(), Slic(), Slic(detail=0.0), Slic(orient=Orient.random)]
+NAMES = ["grid", "overlapping_grid", "slic", "slic_even", "slic_random"]
+every_init = pytest.mark.parametrize("init", BUILT_IN, ids=NAMES)
+
+
+def noise(height: int, width: int, seed: int = 0) -> Tensor:
+    return torch.rand(3, height, width, generator=torch.Generator().manual_seed(seed))
+
+
+def stripes(height: int, width: int, degrees: float) -> Tensor:
+    """Bands along a direction (clockwise from x to the right, as y points down), 12 pixels from crest to crest."""
+    y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
+    across = y * math.cos(math.radians(degrees)) - x * math.sin(math.radians(degrees))
+    return (0.5 + 0.4 * torch.sin(2 * math.pi * across / 12)).expand(3, height, width).contiguous()
+
+
+def made(init: Initializer, target: Tensor, n: int, seed: int = 0) -> Strokes:
+    return init(target, n, torch.Generator().manual_seed(seed))
+
+
+def same(one: Strokes, other: Strokes) -> bool:
+    return all(torch.equal(getattr(one, name), getattr(other, name)) for name in FIELDS)
+
+
+def colors_by_loop(target: Tensor, labels: np.ndarray, n: int) -> Tensor:
+    cells: list[list[Tensor]] = [[] for _ in range(n)]
+    for y in range(labels.shape[0]):
+        for x in range(labels.shape[1]):
+            cells[labels[y, x]].append(target[:, y, x])
+    return torch.stack([torch.stack(cell).mean(0) for cell in cells])
+
+
+def centres_by_loop(labels: np.ndarray, n: int) -> Tensor:
+    points = [np.argwhere(labels == cell)[:, ::-1].mean(0) + 0.5 for cell in range(n)]
+    return torch.tensor(np.array(points), dtype=torch.float32)
+
+
+@every_init
+@pytest.mark.parametrize("size", [(1, 1), (1, 2), (1, 300), (300, 1), (2, 2), (9, 7), (4, 2000), (2000, 4), (37, 61)])
+@pytest.mark.parametrize("look", ["noise", "constant"])
+def test_any_canvas_gets_exactly_n_strokes_within_it(init, size, look):
+    height, width = size
+    pixels = height * width
+    target = noise(height, width) if look == "noise" else torch.full((3, height, width), 0.5)
+    for n in sorted({n for n in (1, 2, 3, 5, pixels // 9, pixels // 3, pixels - 1, pixels) if 1 <= n <= pixels}):
+        strokes = made(init, target, n)
+        assert len(strokes) == n
+        check_strokes(strokes)
+        assert all(value.dtype == torch.float32 for _, value in strokes.items())
+        x, y = strokes.position.T
+        assert 0 < x.min() <= x.max() < width, "a canvas that is not square must not be transposed"
+        assert 0 < y.min() <= y.max() < height
+
+
+@every_init
+def test_the_generator_decides_and_nothing_else_does(init):
+    target = noise(30, 50)
+    torch.manual_seed(1)
+    np.random.seed(1)  # noqa: NPY002  (the global state is the point)
+    one, state = made(init, target, 40), torch.get_rng_state()
+    torch.manual_seed(2)
+    np.random.seed(2)  # noqa: NPY002
+    assert same(one, made(init, target, 40))
+    torch.manual_seed(1)
+    assert torch.equal(torch.get_rng_state(), state), "the global generator is not to be moved"
+
+
+def test_another_seed_gives_another_random_start():
+    init = Grid(orient=Orient.random)
+    assert not same(made(init, noise(30, 50), 40, seed=1), made(init, noise(30, 50), 40, seed=2))
+
+
+@every_init
+def test_the_target_is_left_as_it_was(init):
+    target = noise(30, 50)
+    made(init, target, 40)
+    assert torch.equal(target, noise(30, 50))
+
+
+@pytest.mark.parametrize("n", [1, 7, 40, 600])
+@pytest.mark.parametrize("shift", [False, True])
+def test_a_lattice_stroke_has_the_mean_colour_and_centre_of_its_cell(n, shift):
+    target, labels = noise(20, 30), lattice(20, 30, n, shift=shift)
+    strokes = made(OverlappingGrid() if shift else Grid(), target, n)
+    assert_close(strokes.color, colors_by_loop(target, labels, n))
+    assert_close(strokes.position, centres_by_loop(labels, n))
+
+
+@pytest.mark.parametrize("n", [1, 7, 40])
+def test_a_superpixel_stroke_has_the_mean_colour_and_centre_of_mass_of_its_superpixel(n):
+    target, init = noise(20, 30), Slic()
+    labels = refined(superpixels(target, max(1, round(n / 2)), init.compactness), n, target.numpy())
+    assert sorted(set(labels.ravel())) == list(range(n))
+    strokes = made(init, target, n)
+    assert_close(strokes.color, colors_by_loop(target, labels, n))
+    assert_close(strokes.position, centres_by_loop(labels, n))
+
+
+@pytest.mark.parametrize(("height", "width", "n"), [(20, 30, 7), (1, 30, 30), (30, 1, 13), (7, 9, 63), (50, 4, 41)])
+@pytest.mark.parametrize("shift", [False, True])
+def test_rows_of_a_lattice_differ_by_one_cell_at_most(height, width, n, shift):
+    labels = lattice(height, width, n, shift=shift)
+    assert sorted(set(labels.ravel())) == list(range(n))
+    counts = {len(row) for row in {tuple(sorted(set(row))) for row in labels.tolist()}}
+    assert max(counts) - min(counts) <= 1
+
+
+def test_overlapping_strokes_are_larger_and_their_rows_are_shifted():
+    target = noise(40, 40)
+    apart, overlapping = made(Grid(), target, 16), made(OverlappingGrid(), target, 16)
+    assert (overlapping.width > apart.width).all()
+    first, second = overlapping.position[:4, 0], overlapping.position[4:8, 0]
+    assert_close(second[1:-1] - first[1:-1], torch.full((2,), 5.0), atol=1.0, rtol=0)
+
+
+@pytest.mark.parametrize("init", BUILT_IN[:4], ids=NAMES[:4])
+@pytest.mark.parametrize("degrees", [0, 30, 45, 90, 120])
+def test_strokes_follow_the_stripes_of_the_picture(init, degrees):
+    strokes = made(init, stripes(96, 144, degrees), 200)
+    along = strokes.end - strokes.start
+    inside = (strokes.position > 8).all(1) & (strokes.position < torch.tensor([136, 88])).all(1)
+    angle = torch.atan2(along[:, 1], along[:, 0]).rad2deg()[inside]
+    deviation = (angle - degrees + 90) % 180 - 90
+    assert (deviation.abs() < 10).float().mean() > 0.95
+
+
+@pytest.mark.parametrize("init", BUILT_IN[:4], ids=NAMES[:4])
+def test_the_control_point_is_midway_and_the_window_is_a_few_strokes_wide(init):
+    strokes = made(init, noise(40, 60), 24)
+    assert_close(strokes.control, (strokes.start + strokes.end) / 2)
+    assert_close(strokes.scale, torch.full((24,), 64.0), msg="64 px at 100 px per stroke, as in the thesis")
+    assert strokes.start.abs().max() < 1
+
+
+@pytest.mark.parametrize("init", [Grid(orient=Orient.random), BUILT_IN[4]], ids=["grid", "slic"])
+def test_the_random_start_is_that_of_the_thesis(init):
+    strokes = made(init, noise(100, 120), 1200)
+    points = torch.stack([strokes.start, strokes.control, strokes.end])
+    assert_close(points.std(), torch.tensor(0.1), atol=0.005, rtol=0)
+    assert_close(points.mean(), torch.tensor(0.0), atol=0.005, rtol=0)
+    assert_close(strokes.width, torch.full((1200,), 0.03))
+
+
+def test_slic_puts_more_strokes_where_the_picture_has_detail():
+    target = torch.full((3, 60, 90), 0.5)
+    target[:, :, 60:] = noise(60, 30)  # a third of the canvas
+    shares = [float((made(Slic(detail=d), target, 150).position[:, 0] > 60).float().mean()) for d in (0.0, 0.5)]
+    assert shares[1] > max(0.5, shares[0])
+
+
+def test_cutting_shares_the_pieces_out_evenly_where_nothing_tells_cells_apart():
+    labels = refined(np.zeros((24, 36), np.int64), 24, np.full((3, 24, 36), 0.5))
+    area = np.bincount(labels.ravel())
+    assert len(area) == 24
+    assert area.max() <= 2 * area.min()
+
+
+@pytest.mark.parametrize("detail", [0.0, 1.0])
+def test_scatter_makes_n_different_places(detail):
+    scatter = build_named("init", "scatter", {"detail": detail})
+    strokes = made(scatter, noise(12, 20), 240)
+    assert len({tuple(place) for place in strokes.position.tolist()}) == 240
+
+
+def test_scatter_prefers_detail():
+    target = torch.full((3, 60, 90), 0.5)
+    target[:, :, 60:] = noise(60, 30)
+    strokes = made(build_named("init", "scatter", {"detail": 0.7}), target, 300)
+    assert (strokes.position[:, 0] > 60).float().mean() > 0.5
+
+
+@pytest.mark.parametrize(
+    ("options", "cure"),
+    [
+        ({"compactness": 0.0}, "init.compactness=10"),
+        ({"detail": 1.0}, "init.detail=0.5"),
+        ({"length": 0.0}, "init.length=1"),
+        ({"width": math.nan}, "init.width=1"),
+        ({"opacity": 1.5}, "init.opacity=0.95"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused_with_a_cure(options, cure):
+    with pytest.raises(UserError, match=cure):
+        Slic(**options)
