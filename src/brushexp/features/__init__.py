@@ -5,7 +5,7 @@ from brushexp.features.base import Backbone
 from brushexp.features.efficientnet_lite import load_effl0
 from brushexp.features.vgg import load_vgg16, load_vgg16_hed
 
-BACKBONES = {"effl0": load_effl0, "vgg16": load_vgg16, "vgg16_hed": load_vgg16_hed}
+BACKBONES = {"effl0": load_effl0, "vgg16": load_vgg16, "vgg16-hed": load_vgg16_hed}
 
 
 def open_backbone(name: str, weights: str | None = None) -> Backbone:

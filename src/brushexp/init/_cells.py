@@ -1,6 +1,5 @@
 """From a partition of the picture into cells to one stroke for each cell."""
 
-import heapq
 import math
 from dataclasses import dataclass
 from enum import Enum
@@ -67,7 +66,7 @@ def strokes_of_cells(target: Tensor, labels: Array, n: int, look: Look, generato
     _, height, width = target.shape
     picture = target.numpy().astype(np.float64)
     centre, covariance, area = _moments(labels.ravel(), n, height, width)
-    color = _means(picture.reshape(3, -1), labels.ravel(), n)
+    color = means(picture.reshape(3, -1), labels.ravel(), n)
     pitch = math.sqrt(height * width / n)
     scale = max(WINDOW * pitch, SMALLEST_WINDOW)
     if look.orient is Orient.random:
@@ -92,44 +91,22 @@ def strokes_of_cells(target: Tensor, labels: Array, n: int, look: Look, generato
     )
 
 
-def exactly(labels: Array, n: int) -> Array:
-    """Make a partition (H, W) have ``n`` cells: small ones join their neighbours, or large ones are cut in two."""
-    height, width = labels.shape
-    _, flat = np.unique(labels.ravel(), return_inverse=True)
-    area = np.bincount(flat)
-    if len(area) > n:
-        flat = _joined(flat, area, n, height, width)
-    elif len(area) < n:
-        flat = _cut(flat, _shares(area, n), height, width)
-    return flat.reshape(height, width)
-
-
-def _joined(flat: Array, area: Array, n: int, height: int, width: int) -> Array:
-    """Keep the ``n`` largest cells; every other one joins the nearest of them."""
+def joined(labels: Array, n: int) -> Array:
+    """Keep the ``n`` largest cells of a partition (H, W); every other one joins the nearest of them."""
     from scipy.spatial import cKDTree  # noqa: PLC0415
 
+    height, width = labels.shape
+    flat = labels.ravel()
+    area = np.bincount(flat)
     centre, _, _ = _moments(flat, len(area), height, width)
     kept = np.sort(np.argsort(-area, kind="stable")[:n])
-    heir = np.empty(len(area), np.int64)
-    heir[:] = cKDTree(centre[kept]).query(centre)[1]
+    heir: Array = cKDTree(centre[kept]).query(centre)[1]
     heir[kept] = np.arange(n)
-    return heir[flat]
+    return heir[flat].reshape(height, width)
 
 
-def _shares(area: Array, n: int) -> Array:
-    """Into how many pieces each cell is cut: ``n`` in all, as equal in area as can be."""
-    pieces = np.ones(len(area), np.int64)
-    heap = [(-float(size), cell) for cell, size in enumerate(area)]
-    heapq.heapify(heap)
-    for _ in range(n - len(area)):
-        _, cell = heap[0]
-        pieces[cell] += 1
-        heapq.heapreplace(heap, (-area[cell] / pieces[cell], cell))
-    return pieces
-
-
-def _cut(flat: Array, pieces: Array, height: int, width: int) -> Array:
-    """Cut cells across their longer axis, again and again, until each is in its number of pieces."""
+def cut(flat: Array, pieces: Array, height: int, width: int) -> Array:
+    """Cut cells (H * W,) across their longer axis, again and again, until each is in its number of pieces (n,)."""
     x, y = _coordinates(height, width)
     flat, pieces = flat.copy(), pieces.copy()
     while (pieces > 1).any():
@@ -157,7 +134,7 @@ def _coordinates(height: int, width: int) -> tuple[Array, Array]:
     return x.ravel(), y.ravel()
 
 
-def _means(values: Array, flat: Array, n: int) -> Array:
+def means(values: Array, flat: Array, n: int) -> Array:
     """Mean (n, C) of values (C, H * W) over each cell."""
     count = np.bincount(flat, minlength=n)
     return np.stack([np.bincount(flat, weights=value, minlength=n) / count for value in values], 1)
@@ -166,9 +143,9 @@ def _means(values: Array, flat: Array, n: int) -> Array:
 def _moments(flat: Array, n: int, height: int, width: int) -> tuple[Array, Array, Array]:
     """Centre (n, 2), covariance (n, 3: xx, xy, yy) and area (n,) of each cell, pixels."""
     x, y = _coordinates(height, width)
-    centre = _means(np.stack([x, y]), flat, n)
+    centre = means(np.stack([x, y]), flat, n)
     dx, dy = x - centre[flat, 0], y - centre[flat, 1]
-    return centre, _means(np.stack([dx * dx, dx * dy, dy * dy]), flat, n), np.bincount(flat, minlength=n)
+    return centre, means(np.stack([dx * dx, dx * dy, dy * dy]), flat, n), np.bincount(flat, minlength=n)
 
 
 def _major_axis(covariance: Array) -> Array:
@@ -185,7 +162,7 @@ def _direction(picture: Array, flat: Array, n: int, covariance: Array) -> Array:
     padded = np.pad(picture, ((0, 0), (1, 1), (1, 1)), mode="edge")
     gx, gy = (padded[:, 1:-1, 2:] - padded[:, 1:-1, :-2]) / 2, (padded[:, 2:, 1:-1] - padded[:, :-2, 1:-1]) / 2
     products = np.stack([gaussian_filter((a * b).sum(0), 1.0) for a, b in ((gx, gx), (gx, gy), (gy, gy))])
-    tensor = _means(products.reshape(3, -1), flat, n)
+    tensor = means(products.reshape(3, -1), flat, n)
     strength = tensor[:, 0] + tensor[:, 2] + FLAT
     extent = covariance[:, 0] + covariance[:, 2] + 1e-9  # of a cell of one pixel it is 0
     cosine = (tensor[:, 2] - tensor[:, 0]) / strength + CELL_WEIGHT * (covariance[:, 0] - covariance[:, 2]) / extent

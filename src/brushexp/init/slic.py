@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.init._cells import Look, Orient, _cut, _means, exactly, strokes_of_cells
+from brushexp.init._cells import Look, Orient, cut, joined, means, strokes_of_cells
 from brushexp.init.base import Initializer
 from brushexp.init.grid import lattice
 from brushexp.registry import register
@@ -89,14 +89,14 @@ def refined(labels: np.ndarray, n: int, picture: np.ndarray) -> np.ndarray:
     """
     height, width = labels.shape
     if labels.max() >= n:
-        return exactly(labels, n)
+        return joined(labels, n)
     flat, channels = labels.ravel(), picture.reshape(3, -1).astype(np.float64)
     for left in range(ROUNDS, 0, -1):
         k = int(flat.max()) + 1
         area = np.bincount(flat, minlength=k)
-        variance = (_means(channels**2, flat, k) - _means(channels, flat, k) ** 2).sum(1).clip(0)
+        variance = (means(channels**2, flat, k) - means(channels, flat, k) ** 2).sum(1).clip(0)
         pieces = _pieces(area * np.sqrt(variance + GREY_LEVEL**2), area, k + (n - k) // left)
-        flat = _cut(flat, pieces, height, width)
+        flat = cut(flat, pieces, height, width)
     return flat.reshape(height, width)
 
 
