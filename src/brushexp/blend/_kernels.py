@@ -48,6 +48,12 @@ def samples_for(bend, chord):  # type: ignore[no-untyped-def]
 
 
 @inline
+def _constant(a, b, c0, t):  # type: ignore[no-untyped-def]
+    """What all pixels share in the squared distance at parameter ``t``."""
+    return (F(0.25) * a * t + b * F(1 / 3)) * t * t + F(0.5) * c0 * t
+
+
+@inline
 def _find_nearest(p, i, ox, oy, buf):  # type: ignore[no-untyped-def]
     """Write to row _T the parameter of the nearest point of stroke ``i`` for the pixels of the tile at (ox, oy)."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
@@ -64,20 +70,22 @@ def _find_nearest(p, i, ox, oy, buf):  # type: ignore[no-untyped-def]
         for q in range(AREA):
             buf[_T * AREA + q] = F(0)
             buf[_BEST * AREA + q] = F(0)
-        for m in range(1, samples, 2):  # two at a time: half the traffic
-            t, u = F(m) * step, F(m + 1) * step
-            constant_t = (F(0.25) * a * t + b * F(1 / 3)) * t * t + F(0.5) * c0 * t
-            constant_u = (F(0.25) * a * u + b * F(1 / 3)) * u * u + F(0.5) * c0 * u
-            half_t, half_u = F(0.5) * t, F(0.5) * u
+        for m in range(1, samples, 4):  # four at a time: a quarter of the traffic
+            t0, t1, t2, t3 = F(m) * step, F(m + 1) * step, F(m + 2) * step, F(m + 3) * step
+            k0, k1 = _constant(a, b, c0, t0), _constant(a, b, c0, t1)
+            k2, k3 = _constant(a, b, c0, t2), _constant(a, b, c0, t3)
             for q in range(AREA):
                 mx, my = sx - F(q & 7) - F(0.5), sy - F(q >> 3) - F(0.5)
-                bend, forward = bx * mx + by * my, fx * mx + fy * my
-                at_t = (bend * half_t + forward + constant_t) * t  # a quarter of |B - p|^2 - |P0 - p|^2
-                at_u = (bend * half_u + forward + constant_u) * u
-                best, where = (at_t, t) if at_t < at_u else (at_u, u)
+                bend, forward = F(0.5) * (bx * mx + by * my), fx * mx + fy * my
+                # A quarter of |B(t) - p|^2 - |P0 - p|^2 at the four places, and the best of them.
+                at0, at1 = (bend * t0 + forward + k0) * t0, (bend * t1 + forward + k1) * t1
+                at2, at3 = (bend * t2 + forward + k2) * t2, (bend * t3 + forward + k3) * t3
+                low, t_low = (at0, t0) if at0 < at1 else (at1, t1)
+                high, t_high = (at2, t2) if at2 < at3 else (at3, t3)
+                best, t = (low, t_low) if low < high else (high, t_high)
                 nearer = best < buf[_BEST * AREA + q]
                 buf[_BEST * AREA + q] = best if nearer else buf[_BEST * AREA + q]
-                buf[_T * AREA + q] = where if nearer else buf[_T * AREA + q]
+                buf[_T * AREA + q] = t if nearer else buf[_T * AREA + q]
     a3, b2 = F(3) * a, F(2) * b
     for q in range(AREA):
         mx, my = sx - F(q & 7) - F(0.5), sy - F(q >> 3) - F(0.5)

@@ -50,12 +50,14 @@ def build_lists(curve: Array, reach: Array, size: tuple[int, int]) -> TileLists:
     _boxes(curve, reach, rows, columns, boxes)
     per_tile = np.zeros(rows * columns, np.int64)
     per_band = np.zeros((len(curve), BANDS), np.int64)
-    _count(curve, reach, boxes, rows, columns, per_tile, per_band)
+    space = np.concatenate([np.zeros(1, np.int64), np.cumsum(_candidates(boxes, rows))])
+    hits = np.empty(space[-1], np.int32)
+    _find(curve, reach, boxes, rows, columns, space, hits, per_tile, per_band)
     first = np.concatenate([np.zeros(1, np.int64), np.cumsum(per_tile)])
     ends = np.cumsum(per_band.reshape(-1)).reshape(per_band.shape)
     row = np.concatenate([np.zeros(1, np.int64), ends[:, -1]])
     stroke, slot = np.empty(first[-1], np.int32), np.empty(first[-1], np.int64)
-    _fill(curve, reach, boxes, rows, columns, first[:-1].copy(), ends - per_band, stroke, slot)
+    _fill(hits, space, first[:-1].copy(), ends - per_band, per_band, stroke, slot)
     return TileLists(first, stroke, slot, row, (rows, columns))
 
 
@@ -113,38 +115,51 @@ def _flatten(curve, points):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", parallel=True, nogil=True)
-def _count(curve, reach, boxes, rows, columns, per_tile, per_band):  # type: ignore[no-untyped-def]
+def _candidates(boxes, rows):  # type: ignore[no-untyped-def]
+    """Tiles (BANDS,) of each band that lie in the boxes of strokes."""
+    space = np.zeros(BANDS, np.int64)
     for band in prange(BANDS):
         low, high = band * rows // BANDS, (band + 1) * rows // BANDS
-        points = np.empty((PIECES + 1, 2), np.float64)
-        for i in range(len(curve)):
-            top, bottom = max(boxes[i, 0], low), min(boxes[i, 1], high - 1)
-            if top > bottom:
-                continue
-            r = reach[i] + _flatten(curve[i], points)
-            for ty in range(top, bottom + 1):
-                for tx in range(boxes[i, 2], boxes[i, 3] + 1):
-                    if _touches(points, r, (tx + 0.5) * TILE, (ty + 0.5) * TILE):
-                        per_tile[ty * columns + tx] += 1
-                        per_band[i, band] += 1
+        count = 0
+        for i in range(len(boxes)):
+            height = min(boxes[i, 1], high - 1) - max(boxes[i, 0], low) + 1
+            count += max(height, 0) * (boxes[i, 3] - boxes[i, 2] + 1)
+        space[band] = count
+    return space
 
 
 @njit(cache=True, error_model="numpy", parallel=True, nogil=True)
-def _fill(curve, reach, boxes, rows, columns, place, row, stroke, slot):  # type: ignore[no-untyped-def]
+def _find(curve, reach, boxes, rows, columns, space, hits, per_tile, per_band):  # type: ignore[no-untyped-def]
+    """Test the candidates of each band: write the tile of those that touch from ``space[band]`` on, and count."""
     for band in prange(BANDS):
         low, high = band * rows // BANDS, (band + 1) * rows // BANDS
         points = np.empty((PIECES + 1, 2), np.float64)
+        place = space[band]
         for i in range(len(curve)):
             top, bottom = max(boxes[i, 0], low), min(boxes[i, 1], high - 1)
             if top > bottom:
                 continue
             r = reach[i] + _flatten(curve[i], points)
-            pair = row[i, band]
+            before = place
             for ty in range(top, bottom + 1):
                 for tx in range(boxes[i, 2], boxes[i, 3] + 1):
                     if _touches(points, r, (tx + 0.5) * TILE, (ty + 0.5) * TILE):
                         tile = ty * columns + tx
-                        stroke[place[tile]] = i
-                        slot[place[tile]] = pair
-                        place[tile] += 1
-                        pair += 1
+                        hits[place] = tile
+                        per_tile[tile] += 1
+                        place += 1
+            per_band[i, band] = place - before
+
+
+@njit(cache=True, error_model="numpy", parallel=True, nogil=True)
+def _fill(hits, space, place, row, per_band, stroke, slot):  # type: ignore[no-untyped-def]
+    """Put the hits of each band, which come by stroke, where their tile and their stroke want them."""
+    for band in prange(BANDS):
+        at = space[band]
+        for i in range(len(row)):
+            for k in range(per_band[i, band]):
+                tile = hits[at]
+                stroke[place[tile]] = i
+                slot[place[tile]] = row[i, band] + k
+                place[tile] += 1
+                at += 1

@@ -31,9 +31,9 @@ class Tiled(Blend):
         kernel: numba (profile renderers, float32, CPU), torch (anything, slower), or auto.
     """
 
-    def __init__(self, *, opaque: float = 1e-4, kernel: Kernel = Kernel.auto) -> None:
+    def __init__(self, *, opaque: float = 5e-5, kernel: Kernel = Kernel.auto) -> None:
         if not 0 <= opaque < 1:
-            raise UserError(f"blend.opaque={opaque:g} is not a fraction below 1; try blend.opaque=1e-4")
+            raise UserError(f"blend.opaque={opaque:g} is not a fraction below 1; try blend.opaque=5e-5")
         from brushexp.blend import _eager, _scene  # noqa: PLC0415  (Numba takes a second; --help should not)
 
         self.opaque = opaque

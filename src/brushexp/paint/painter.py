@@ -112,6 +112,12 @@ class Painter(L.LightningModule):
         """The whole picture (3, H, W) now."""
         return self.paint(Region(0, 0, *self.size))[0].image
 
+    def latest(self) -> Tensor:
+        """The whole picture as the last step saw it, if it looked at all of it; else as it is now."""
+        if self._last is not None and tuple(self._last[0].shape[1:]) == self.size:
+            return self._last[0]
+        return self.picture()
+
     def rehearse(self) -> None:
         """Go through one step without taking it, so that whatever is compiled or loaded at first use is there."""
         self._objective(Region(0, 0, *self.size))

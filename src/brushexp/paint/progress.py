@@ -81,7 +81,7 @@ class Frames(L.Callback):
     def look(self, painter: Painter) -> None:
         """Offer the picture as it is now."""
         if self.timelapse.due(painter.step, painter.steps):
-            self.timelapse.add(painter.picture(), painter.step)
+            self.timelapse.add(painter.latest(), painter.step)
 
     def state_dict(self) -> dict[str, Any]:
         return self.timelapse.state_dict()

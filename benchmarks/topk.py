@@ -1,0 +1,43 @@
+"""What the thesis's top-k costs in dB: a finished painting drawn with the k uppermost strokes of each pixel.
+
+python benchmarks/topk.py RUN [RUN ...]      folders of finished runs
+"""
+
+import sys
+from pathlib import Path
+
+import brushexp  # noqa: F401  (before torch: it sets how threads wait)
+
+# isort: split
+import numpy as np
+import torch
+from PIL import Image
+
+from brushexp.blend.base import Blend
+from brushexp.blend.tiled import Tiled
+from brushexp.blend.topk import TopK
+from brushexp.command_line import prepare
+from brushexp.paint.metrics import psnr_of
+from brushexp.paint.outputs import render
+from brushexp.strokes.storage import load_catalogue
+from brushexp.task.render import renderer_of
+
+
+def psnr(folder: Path, blend: Blend) -> float:
+    """PSNR of a run's catalogue, drawn anew, against the run's target."""
+    saved = load_catalogue(folder / "catalogue.h5")
+    picture = render(saved, renderer_of(saved), blend, max(saved.size)).numpy().astype(np.float64)
+    with Image.open(folder / "target.png") as image:
+        target = np.asarray(image).astype(np.float64)
+    return psnr_of(float(((picture - target) ** 2).mean()) / 255**2)
+
+
+if __name__ == "__main__":
+    prepare(Path(__file__).parents[1])
+    torch.set_grad_enabled(False)
+    blends: dict[str, Blend] = {"tiled": Tiled()} | {f"topk k={k}": TopK(k=k) for k in (4, 8, 16)}
+    print(f"| painting | {' | '.join(blends)} |\n|{'---|' * (len(blends) + 1)}")
+    for folder in map(Path, sys.argv[1:]):
+        print(
+            f"| {folder.name} | {' | '.join(f'{psnr(folder, blend):.2f}' for blend in blends.values())} |", flush=True
+        )
