@@ -94,6 +94,21 @@ def against_eager() -> None:
         print(f"| {name} | {1e3 * other:.0f} | {other / again:.0f} | {picture:.1e} | {gradient:.1e} |", flush=True)
 
 
+@torch.no_grad()
+def against_double() -> None:
+    """How far the float32 pictures are from eager PyTorch in float64."""
+    strokes, order = scene(10_000, 1024), torch.arange(10_000)
+
+    def picture(blend: Blend, dtype: torch.dtype) -> torch.Tensor:
+        layers = Analytic()(strokes.map(lambda value: value.to(dtype)))
+        return blend(layers, order, (1024, 1024), BACKGROUND.to(dtype)).image
+
+    eager = Tiled(opaque=0.0, kernel=Kernel.torch)
+    exact = picture(eager, torch.float64)
+    for name, blend in (("tiled (Numba)", Tiled()), ("eager PyTorch in float32", eager)):
+        print(f"\n{name} differs from float64 by {(picture(blend, torch.float32) - exact).abs().max():.1e} at most")
+
+
 def growth() -> None:
     """Cost against pixels and strokes."""
     print("\nGrowth at 100 px per stroke\n\n| megapixels | strokes | ms per step | per megapixel, against the first |")
@@ -146,3 +161,4 @@ if __name__ == "__main__":
     memory()
     if not quick:
         against_eager()
+        against_double()

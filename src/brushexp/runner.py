@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import logging
 import os
+import time
 
 import torch
 from hydra.conf import HydraConf
@@ -23,9 +24,11 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
 
     Args:
         cfg: the composed config.
-        start: `time.monotonic` when the program started.
+        start: `time.monotonic` when the program started; in a sweep each job counts from its own start.
     """
     hydra = HydraConfig.get()
+    if hydra.mode is RunMode.MULTIRUN:
+        start = time.monotonic()  # each job by itself
     torch.set_num_threads(cfg.threads if isinstance(cfg.threads, int) and cfg.threads > 0 else fair_share(hydra))
     task = importlib.import_module(f"brushexp.task.{cfg.task}")
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware on every run
