@@ -31,6 +31,8 @@ class Paint(Shared):
     strokes: int | None
     pixels_per_stroke: float
     steps: int
+    warm_start: str | None
+    finish_steps: int
     background: str
     catalogue: str | None
     resume: str | None
@@ -48,18 +50,90 @@ class Render(Shared):
     resolution: int | None
 
 
+@dataclass
+class Simulate(Shared):
+    """Types of the keys of ``task=simulate``."""
+
+    n: int
+    path: str | None
+
+
+@dataclass
+class Train(Shared):
+    """Types of the keys of ``task=train``; values and meaning are in conf/task/train.yaml."""
+
+    data: list[str] | None
+    simulate: int | None
+    sets: str
+    batch_size: int
+    epochs: int | None
+    minutes: float | None
+    lr: float
+    ema: float
+    precision: str
+    limit: int | None
+    critic: bool
+    critic_lr: float
+    critic_weight: float
+    critic_width: int
+    checkpoint_every: float | None
+    resume: str | None
+
+
+@dataclass
+class Evaluate(Shared):
+    """Types of the keys of ``task=evaluate``; values and meaning are in conf/task/evaluate.yaml."""
+
+    data: list[str] | None
+    split: str
+    n: int | None
+    other_data: bool
+    inception: str | None
+
+
+@dataclass
+class Prune(Shared):
+    """Types of the keys of ``task=prune``; values and meaning are in conf/task/prune.yaml."""
+
+    data: list[str] | None
+    ratios: list[float]
+    n: int | None
+    other_data: bool
+    batch_size: int
+    epochs: int | None
+    minutes: float | None
+    lr: float
+    ema: float
+    precision: str
+    limit: int | None
+
+
 RANGES = {  # key: lowest value, what it is
     "seed": (0, "a whole number from 0"),
     "threads": (1, "a number of processor cores"),
     "resolution": (1, "a number of pixels"),
     "strokes": (1, "a number of strokes"),
+    "n": (1, "a number of strokes"),
+    "simulate": (1, "a number of strokes"),
     "pixels_per_stroke": (1, "a number of pixels from 1"),
     "steps": (0, "a number of steps from 0"),
+    "finish_steps": (0, "a number of steps from 0"),
     "early_stop": (0, "a gain in dB"),
     "checkpoint_every": (0, "a number of seconds"),
     "frames": (0, "a number of pictures from 0"),
+    "batch_size": (1, "a number of strokes"),
+    "epochs": (0, "a number of passes through the data"),
+    "minutes": (0, "a number of minutes"),
+    "limit": (1, "a number of strokes"),
+    "critic_weight": (0, "a weight"),
+    "critic_width": (1, "a number of channels"),
     "frame_side": (2, "a number of pixels from 2"),
 }
+
+
+def schemas(of: type[Shared] = Shared) -> list[type[Shared]]:
+    """The types of keys of every task."""
+    return [found for schema in of.__subclasses__() for found in [schema, *schemas(schema)]]
 
 
 def check_keys(cfg: DictConfig, schema: type[Shared]) -> None:

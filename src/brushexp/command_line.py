@@ -15,7 +15,7 @@ from hydra.errors import CompactHydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.checks import Paint, Render
+from brushexp.checks import schemas
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, load_plugins, plugins
 
@@ -72,6 +72,6 @@ def explanation(error: BaseException) -> str:
         names = [f.name for p in plugins() if p.config.__name__ == option[1] for f in fields(p.config)]
         text += f"; its options: {', '.join(name for name in names if name != '_target_') or 'none'}"
     elif "is not in struct" in text:
-        keys = {field.name for schema in (Paint, Render) for field in fields(schema)}
+        keys = {field.name for schema in schemas() for field in fields(schema)}
         text += f"; the keys are {', '.join(sorted(keys | set(FAMILIES)))}"
     return text

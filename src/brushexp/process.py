@@ -26,6 +26,15 @@ def keep_memory() -> None:
             libc.mallopt(M_TRIM_THRESHOLD, 2**31 - 1)
 
 
+def share_threads() -> None:
+    """Let compiled kernels use as many threads as PyTorch does."""
+    import numba  # noqa: PLC0415  (a second; --help should not wait for it)
+    import torch  # noqa: PLC0415  (`let_threads_sleep` has to come first)
+
+    most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+    numba.set_num_threads(max(1, min(torch.get_num_threads(), most)))
+
+
 def peak_memory() -> float:
     """Most memory that this process has had at once, in MB."""
     status = Path("/proc/self/status")

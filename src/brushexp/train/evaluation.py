@@ -1,0 +1,201 @@
+"""How good the pictures of a renderer are, in numbers: single strokes, and crowds of them."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+from torchmetrics.image.fid import FrechetInceptionDistance
+from torchmetrics.image.kid import KernelInceptionDistance
+
+from brushexp.errors import UserError
+from brushexp.features import open_backbone
+
+TAP, TAP_CHANNELS = "b10", 112  # of effl0: with more features than pictures, an FID says little
+INCEPTION_FEATURES = 2048
+SEEN_SIDE = 128  # pixels: smaller pictures are enlarged for effl0, whose tap is 16 times coarser
+KID_MOST = 5000  # pictures that are compared with each other; memory grows with the square
+
+Features = Callable[[Tensor], Tensor]  # pictures (n, 3, H, W) in [0, 1] -> (n, F)
+
+
+def premultiplied(images: Tensor) -> Tensor:
+    """RGBA with straight alpha -> colour times alpha, and alpha; (..., 4, H, W).
+
+    What a stroke adds to a picture below it is alpha * colour - alpha * below. Errors of these four channels are hence
+    what errors in paintings come from; a colour where there is no paint, which nobody sees, counts nothing, and one at
+    a faint edge little. So this is what renderers are trained on and what a critic looks at.
+    """
+    return torch.cat([images[..., :3, :, :] * images[..., 3:, :, :], images[..., 3:, :, :]], dim=-3)
+
+
+def squared_error(images: Tensor, truth: Tensor) -> Tensor:
+    """L2: mean squared difference of the four `premultiplied` channels; a number.
+
+    Args:
+        images: (n, 4, S, S) RGBA in [0, 1], straight alpha.
+        truth: the same.
+    """
+    return (premultiplied(images) - premultiplied(truth)).square().mean()
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Sums over strokes, which can be added; `figures` are their means.
+
+    Attributes:
+        pixels: pixels of all windows.
+        squared: squared error of the four premultiplied channels, their mean per pixel.
+        alpha: squared error of alpha.
+        paint: true alpha.
+        color: squared error of the straight colour (mean of R, G, B) times true alpha.
+    """
+
+    pixels: float = 0.0
+    squared: float = 0.0
+    alpha: float = 0.0
+    paint: float = 0.0
+    color: float = 0.0
+
+    def __add__(self, other: Errors) -> Errors:
+        return Errors(*(getattr(self, field.name) + getattr(other, field.name) for field in fields(self)))
+
+    def figures(self) -> dict[str, float]:
+        """``l2``, ``psnr_alpha`` (dB, over all pixels of the windows) and ``psnr_color`` (dB).
+
+        The colour is compared where there is paint: every pixel counts as much as it has true alpha.
+        """
+        if not self.pixels:
+            raise ValueError("no strokes were compared")
+        return {
+            "l2": self.squared / self.pixels,
+            "psnr_alpha": decibels(self.alpha / self.pixels),
+            "psnr_color": decibels(self.color / self.paint) if self.paint else math.nan,
+        }
+
+
+@torch.no_grad()
+def errors_of(images: Tensor, truth: Tensor) -> Errors:
+    """Errors of pictures (n, 4, S, S), RGBA in [0, 1], straight alpha."""
+    images, truth = images.double(), truth.double()
+    paint = truth[:, 3]
+    pixels = paint.numel()
+    return Errors(
+        pixels=pixels,
+        squared=pixels * float(squared_error(images, truth)) if pixels else 0.0,
+        alpha=float((images[:, 3] - paint).square().sum()),
+        paint=float(paint.sum()),
+        color=float(((images[:, :3] - truth[:, :3]).square().mean(1) * paint).sum()),
+    )
+
+
+def decibels(mean_squared_error: float) -> float:
+    """Peak signal-to-noise ratio in dB of values in [0, 1]; infinite without error."""
+    return -10 * math.log10(mean_squared_error) if mean_squared_error > 0 else math.inf
+
+
+class FeatureDistance:
+    """How different two crowds of strokes look, those drawn and the true ones: FID and KID over white.
+
+    FID is the Frechet distance of two normal distributions of features (Heusel et al., 2017, arXiv:1706.08500), here
+    in double precision; KID the squared maximum mean discrepancy with the cubic kernel (Binkowski et al., 2018,
+    arXiv:1801.01401), here over all pictures at once instead of random subsets, so that it is the same each time.
+    Both depend on how many pictures there are: state n with them. With the features "effl0" they are no published FID
+    or KID, and do not compare with any.
+
+    Args:
+        name: of the features, which the figures bear.
+        features: makes them.
+        count: how many there are of a picture.
+        n: strokes that will be compared, of each kind.
+    """
+
+    def __init__(self, name: str, features: Features, count: int, n: int) -> None:
+        self.name, self.features = name, features
+        ready = _Ready(count)
+        self.fid = FrechetInceptionDistance(feature=ready)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # it keeps all features: they are few
+            self.kid = KernelInceptionDistance(feature=ready, subsets=1, subset_size=max(1, min(n, KID_MOST)))
+
+    def add(self, images: Tensor, truth: Tensor) -> None:
+        """Look at pictures (n, 4, S, S), RGBA in [0, 1], straight alpha."""
+        for pictures, true in ((images, False), (truth, True)):
+            found = self.features(over_white(pictures)).double().cpu()
+            self.fid.update(found, real=true)
+            self.kid.update(found, real=true)
+
+    def figures(self) -> dict[str, float]:
+        """``fid_<name>`` and ``kid_<name>``; not a number where there are fewer than two strokes."""
+        if int(self.fid.real_features_num_samples) < 2:
+            return {f"fid_{self.name}": math.nan, f"kid_{self.name}": math.nan}
+        return {f"fid_{self.name}": float(self.fid.compute()), f"kid_{self.name}": float(self.kid.compute()[0])}
+
+
+class _Ready(nn.Module):
+    """Stands where torchmetrics wants a network, for features that are made already."""
+
+    def __init__(self, count: int) -> None:
+        super().__init__()
+        self.num_features = count
+
+    def forward(self, features: Tensor) -> Tensor:
+        return features
+
+
+def effl0_crowds(n: int, device: torch.device) -> FeatureDistance:
+    """`FeatureDistance` "effl0": 112 channels of a network that comes with a package, averaged over a picture."""
+    network = open_backbone("effl0").to(device)
+
+    def features(pictures: Tensor) -> Tensor:
+        zoom = max(1, -(-SEEN_SIDE // pictures.shape[-1]))
+        large = functional.interpolate(pictures, scale_factor=zoom, mode="bilinear") if zoom > 1 else pictures
+        return network(large, (TAP,))[TAP].mean((2, 3))
+
+    return FeatureDistance("effl0", features, TAP_CHANNELS, n)
+
+
+def inception_crowds(path: Path, n: int, device: torch.device) -> FeatureDistance:
+    """`FeatureDistance` "inception": the published FID and KID, in the 2048 features of Inception v3.
+
+    Args:
+        path: of the network as TorchScript, which takes bytes (n, 3, H, W) and ``return_features=True`` and enlarges
+            the pictures itself; such a one was published as inception-2015-12-05.pt beside StyleGAN2-ADA.
+        n: strokes that will be compared; an FID of fewer than 2048 is too low.
+        device: where to compute it.
+
+    Raises:
+        UserError: if the file is missing or not such a network.
+    """
+    if not path.is_file():
+        raise UserError(f"inception={path}: there is no such file; give inception-2015-12-05.pt, or null")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # of TorchScript as a whole
+            network = torch.jit.load(str(path), map_location=device).eval()
+
+        def features(pictures: Tensor) -> Tensor:
+            found: Tensor = network((pictures * 255 + 0.5).to(torch.uint8), return_features=True)
+            return found
+
+        shape = tuple(features(torch.zeros(1, 3, 64, 64, device=device)).shape)
+    except (RuntimeError, ValueError, TypeError, AttributeError) as error:
+        reason = str(error).strip().partition("\n")[0]
+        raise UserError(
+            f"inception={path} is not that network as TorchScript ({reason}); give inception-2015-12-05.pt, or null"
+        ) from error
+    if shape != (1, INCEPTION_FEATURES):
+        raise UserError(f"inception={path} makes features {shape}; a network that makes (1, 2048) is needed")
+    return FeatureDistance("inception", features, INCEPTION_FEATURES, n)
+
+
+def over_white(images: Tensor) -> Tensor:
+    """RGBA (n, 4, H, W), straight alpha, on white paper: (n, 3, H, W) in [0, 1]."""
+    alpha = images[:, 3:]
+    return (alpha * images[:, :3] + (1 - alpha)).clamp(0, 1)

@@ -1,0 +1,294 @@
+"""Every brush simulator keeps the contract; the plain ones also agree with obvious loops."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+from torch.testing import assert_close
+
+from brushexp.engine.base import Simulated
+from brushexp.errors import UserError
+from brushexp.registry import build_named, plugins
+from brushexp.strokes.prior import parameters_of, sample_prior, strokes_of
+
+WINDOW = 32
+EXTREMES = {
+    "no width": [-0.5, 0, 0, 0.2, 0.5, 0, -1.3529, 0, 0, 0],
+    "less than no width": [-0.5, 0, 0, 0.2, 0.5, 0, -30, 0, 0, 0],
+    "as wide as the window": [-0.5, 0, 0, 0.2, 0.5, 0, 10.41, 0, 0, 0],
+    "no length": [0.3, 0.1, 0.3, 0.1, 0.3, 0.1, 0, 0, 0, 0],
+    "neither": [0.3, 0.1, 0.3, 0.1, 0.3, 0.1, -1.3529, 0, 0, 0],
+    "back and forth": [0.3, 0.1, -0.6, 0.1, 0.3, 0.1, 0, 0, 0, 0],
+    "control far outside": [-0.5, 0, 3, -40, 0.5, 0, 0, 0, 0, 0],
+    "all outside": [5, 5, 6, 5, 7, 6, 0, 0, 0, 0],
+    "out of all bounds": [-1e30, 1e30, 1e30, -1e30, 3e38, 3e38, 3e38, -3e38, 3e38, 1e30],
+    "colour outside": [-0.5, 0, 0, 0.2, 0.5, 0, 0, -3, 3, 1.5],
+}
+
+
+@pytest.fixture(scope="module", params=[plugin.name for plugin in plugins("engine")])
+def engine(request):
+    return build_named("engine", request.param, {"window": WINDOW})
+
+
+def valid(n: int) -> Tensor:
+    return parameters_of(sample_prior(n, seed=4))
+
+
+def turned(parameters: Tensor) -> Tensor:
+    """Strokes turned by 90 degrees about the centre: x, y -> -y, x."""
+    result = parameters.clone()
+    result[:, 0:6:2], result[:, 1:6:2] = -parameters[:, 1:6:2], parameters[:, 0:6:2]
+    return result
+
+
+def distances(parameters: Tensor) -> Tensor:
+    """From every pixel's centre to the curves, (n, S, S), windows."""
+    strokes = strokes_of(parameters)
+    t = torch.linspace(0, 1, 101)[:, None, None]
+    curve = (1 - t) ** 2 * strokes.start + 2 * t * (1 - t) * strokes.control + t**2 * strokes.end  # (101, n, 2)
+    middle = 2 * (torch.arange(WINDOW) + 0.5) / WINDOW - 1
+    y, x = torch.meshgrid(middle, middle, indexing="ij")
+    offset = torch.stack([x, y], dim=-1) - curve[:, :, None, None]
+    return 0.5 * offset.norm(dim=-1).amin(0)
+
+
+def check(parameters: Tensor, painted: Simulated) -> None:
+    n = len(parameters)
+    assert painted.images.shape == (n, 4, WINDOW, WINDOW)
+    assert painted.heights.shape == (n, WINDOW, WINDOW)
+    for values in (painted.images, painted.heights):
+        assert values.dtype == torch.float32
+        assert values.isfinite().all()
+        assert (values >= 0).all()
+    assert (painted.images <= 1).all()
+
+
+def test_an_engine_returns_what_the_contract_says(engine):
+    parameters = valid(6)
+    painted = engine(parameters, seed=1)
+    check(parameters, painted)
+    assert engine.window == WINDOW
+    assert (painted.images[:, 3].amax((1, 2)) > 0.2).all()
+    assert (painted.heights.amax((1, 2)) > 0).all()
+    corner = painted.images[:, 3, 0, 0]
+    assert_close(corner, torch.zeros_like(corner))
+
+
+def test_where_there_is_no_paint_lies_the_colour_of_the_stroke(engine):
+    parameters = valid(6)
+    color, alpha = engine(parameters, seed=1).images.split([3, 1], dim=1)
+    expected = strokes_of(parameters).color[:, :, None, None].expand_as(color)
+    bare = (alpha == 0).expand_as(color)
+    assert bare.any()
+    assert_close(color[bare], expected[bare])
+
+
+def test_a_stroke_depends_on_its_number_and_not_on_its_batch(engine):
+    parameters = valid(6)
+    whole = engine(parameters, seed=3, first=5)
+    for start, stop in ((0, 1), (2, 3), (2, 6)):
+        part = engine(parameters[start:stop], seed=3, first=5 + start)
+        assert torch.equal(part.images, whole.images[start:stop])
+        assert torch.equal(part.heights, whole.heights[start:stop])
+
+
+def test_a_stroke_does_not_depend_on_the_number_of_threads(engine):
+    parameters = valid(6)
+    one = engine(parameters, seed=3)
+    try:
+        torch.set_num_threads(2)
+        two = engine(parameters, seed=3)
+    finally:
+        torch.set_num_threads(1)
+    assert torch.equal(one.images, two.images)
+    assert torch.equal(one.heights, two.heights)
+
+
+@pytest.mark.parametrize("seed", [0, 2**63, 2**64 - 1])
+def test_every_seed_is_taken_and_gives_the_same_again(engine, seed):
+    parameters = valid(2)
+    assert torch.equal(engine(parameters, seed=seed).images, engine(parameters, seed=seed).images)
+
+
+@pytest.mark.parametrize("case", EXTREMES)
+def test_anything_finite_is_drawn(engine, case):
+    parameters = torch.tensor([EXTREMES[case]])
+    check(parameters, engine(parameters, seed=1))
+
+
+def test_extreme_strokes_leave_their_neighbours_alone(engine):
+    alone = valid(1)
+    parameters = torch.cat([torch.tensor(list(EXTREMES.values())), alone])
+    painted = engine(parameters, seed=1)
+    assert torch.equal(painted.images[-1:], engine(alone, seed=1, first=len(EXTREMES)).images)
+
+
+def test_no_strokes_are_no_pictures(engine):
+    check(torch.empty(0, 10), engine(torch.empty(0, 10), seed=1))
+
+
+def test_gradients_and_the_parameters_themselves_are_left_alone(engine):
+    parameters = valid(2).requires_grad_()
+    before = parameters.detach().clone()
+    assert not engine(parameters, seed=1).images.requires_grad
+    assert torch.equal(parameters, before)
+
+
+def test_paint_lies_where_the_stroke_is(engine):
+    parameters = valid(12)
+    alpha = engine(parameters, seed=1).images[:, 3]
+    width = strokes_of(parameters).width[:, None, None]
+    near = distances(parameters) <= 0.5 * width + 2 / WINDOW
+    share = (alpha * near).sum((1, 2)) / alpha.sum((1, 2))
+    assert share.min() > 0.6
+    assert share.mean() > 0.8
+    covered = (alpha * near).sum((1, 2)) / (distances(parameters) <= 0.5 * width).sum((1, 2)).clamp_min(1)
+    assert covered.min() > 0.25
+
+
+def test_the_centre_of_the_paint_is_the_centre_of_the_stroke(engine):
+    parameters = torch.tensor([[-0.6, 0.3, 0, 0.3, 0.6, 0.3, w, 0, 0, 0] for w in (-1.0, 0.0, 1.0)])
+    alpha = engine(parameters, seed=1).images[:, 3]
+    middle = (torch.arange(WINDOW) + 0.5) / WINDOW
+    x = (alpha.sum(1) * middle).sum(1) / alpha.sum((1, 2))
+    y = (alpha.sum(2) * middle).sum(1) / alpha.sum((1, 2))
+    assert_close(x, torch.full((3,), 0.5), atol=0.06, rtol=0)
+    assert_close(y, torch.full((3,), 0.65), atol=0.04, rtol=0)
+
+
+def test_a_wider_stroke_covers_more(engine):
+    widths = torch.linspace(-1, 1, 4)
+    parameters = torch.tensor([[-0.6, 0.3, 0, -0.2, 0.6, 0.3, 0, 0, 0, 0]]).repeat(4, 1)
+    parameters[:, 6] = widths
+    area = engine(parameters, seed=1).images[:, 3].mean((1, 2))
+    assert (area.diff() > 0.01).all()
+
+
+def test_a_turned_stroke_is_a_turned_picture(engine):
+    parameters = torch.tensor([[-0.6, 0.3, 0.1, -0.4, 0.5, 0.1, 0.5, 0, 0, 0]]).repeat(24, 1)  # grains average out
+    straight, round_the_corner = (engine(p, seed=1).images[:, 3].mean(0) for p in (parameters, turned(parameters)))
+    coarse = torch.nn.functional.avg_pool2d(torch.rot90(straight, -1)[None], 4)
+    assert_close(torch.nn.functional.avg_pool2d(round_the_corner[None], 4), coarse, atol=0.2, rtol=0)
+    assert (torch.nn.functional.avg_pool2d(round_the_corner[None], 4) - coarse).abs().mean() < 0.03
+
+
+def test_dabs_differ_from_number_to_number_and_from_seed_to_seed():
+    engine = build_named("engine", "dabs", {"window": WINDOW})
+    parameters = valid(1).repeat(2, 1)
+    first, second = engine(parameters, seed=1).images
+    assert (first - second).abs().max() > 0.1
+    assert (engine(parameters, seed=2).images[0] - first).abs().max() > 0.1
+
+
+def test_discs_agree_with_the_loop():
+    engine = build_named("engine", "disc", {"window": WINDOW})
+    parameters = valid(3)
+    strokes, side = strokes_of(parameters.double()), 2 * WINDOW
+    y, x = np.mgrid[:side, :side] + 0.5
+    for alpha, start, control, end, width in zip(
+        engine(parameters, seed=1).images[:, 3],
+        strokes.start.numpy(), strokes.control.numpy(), strokes.end.numpy(), strokes.width.numpy(), strict=True,
+    ):  # fmt: skip
+        canvas = np.zeros((side, side))
+        for t in np.arange(100) / 100:
+            u, v = ((1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end + 1) * side / 2
+            canvas[np.hypot(x - u, y - v) <= width * side / 2] = 1
+        expected = canvas.reshape(WINDOW, 2, WINDOW, 2).mean((1, 3))
+        assert_close(alpha, torch.from_numpy(expected).float())
+
+
+def band(**settings: float) -> Tensor:
+    """Mean alpha across the middle of level strokes 0.2 wide in a window of 64."""
+    engine = build_named("engine", "dabs", {"window": 64} | settings)
+    parameters = torch.tensor([[-0.7, 0, 0, 0, 0.7, 0, 1.0, 0, 0, 0]]).repeat(100, 1)
+    return engine(parameters, seed=1).images[:, 3, :, 24:40].mean((0, 2))
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"pressure": 0.4},
+        {"pressure": 1.0, "end_pressure": 1.0},
+        {"offset_by_random": 0.0},
+        {"offset_by_random": 4.0, "hardness": 0.8},
+        {"opaque_linearize": 0.9},
+        {"hardness": 1.0, "dabs_per_radius": 3.0},
+    ],
+    ids=str,
+)
+def test_a_band_of_dabs_is_as_wide_as_the_stroke_at_half_its_height(settings):
+    profile = band(**settings)
+    half = 0.5 * profile[30:34].mean()
+    assert_close((profile >= half).sum().item() / 64, 0.2, atol=2.5 / 64, rtol=0)
+
+
+def test_a_dry_stroke_has_grain():
+    parameters = torch.tensor([[-0.7, 0, 0, 0, 0.7, 0, 1.0, 0, 0, 0]])
+    inside = (slice(None), 3, slice(29, 35), slice(16, 48))
+    dry, tube = (build_named("engine", name, {"window": 64})(parameters, seed=1).images for name in ("dabs", "disc"))
+    assert dry[inside].std() > 0.1
+    assert_close(tube[inside], torch.ones(1, 6, 32))
+
+
+def test_one_dab_has_the_profile_of_libmypaint():
+    h = 0.2
+    settings = {"window": 64, "supersample": 8, "hardness": h, "offset_by_random": 0.0, "radius_by_random": 0.0}
+    engine = build_named("engine", "dabs", settings | {"pressure": 0.5, "end_pressure": 0.5})
+    alpha = engine(torch.tensor([[0.0] * 6 + [1.0] + [0.0] * 3]), seed=1).images[0, 3]
+    radius = 0.1 / engine.half_width * 64
+    middle = torch.arange(64) + 0.5 - 32
+    rr = (middle[:, None] ** 2 + middle**2) / radius**2
+    inner, outer = 1 - rr * (1 / h - 1), h / (1 - h) * (1 - rr)
+    expected = (0.8 + 0.2 * 0.5) * 0.5 * torch.where(rr <= h, inner, outer.clamp_min(0))
+    assert_close(alpha, expected, atol=0.02, rtol=0)
+
+
+def test_linearized_dabs_add_up_to_the_opacity():
+    from brushexp.engine._stamps import opacity_of  # noqa: PLC0415
+
+    assert math.isclose(opacity_of(0.5, 0.8, 0.2, 0.0, 12.0), 0.45)
+    assert math.isclose(1 - (1 - opacity_of(0.5, 0.8, 0.2, 1.0, 12.0)) ** 24, 0.45)
+    assert opacity_of(1.0, 1.0, 1.0, 0.9, 12.0) == 1
+    assert opacity_of(0.0, 0.8, 0.2, 0.9, 12.0) == 0
+
+
+def test_pressure_rises_over_the_head_and_sinks_over_the_tail():
+    from brushexp.engine._stamps import pressure_at  # noqa: PLC0415
+
+    expected = {0.0: 0.4, 0.125: 0.6, 0.25: 0.8, 0.5: 0.8, 0.75: 0.8, 0.875: 0.6, 1.0: 0.4}
+    for share, pressure in expected.items():
+        assert math.isclose(pressure_at(share, 0.8, 0.4, 0.25, 0.75), pressure)
+    for share in (0.0, 0.5, 1.0):
+        assert pressure_at(share, 0.8, 0.4, 0.0, 1.0) == 0.8
+
+
+def test_random_numbers_of_dabs_are_normal_and_independent():
+    from brushexp.engine._stamps import _gauss  # noqa: PLC0415
+
+    draws = np.array([[_gauss(np.uint64(key), counter) for counter in range(400)] for key in range(50)])
+    assert abs(draws.mean()) < 5 / np.sqrt(draws.size)
+    assert abs(draws.var() - 1) < 5 * np.sqrt(2 / draws.size)
+    assert np.abs(draws).max() <= 2 * np.sqrt(3)
+    for shifted in (draws[:, 1:] * draws[:, :-1], draws[1:] * draws[:-1]):
+        assert abs(shifted.mean()) < 5 / np.sqrt(draws.size)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("disc", {"window": 7}, "engine.window=7 .* try engine.window=64"),
+        ("disc", {"window": 513}, "8 to 512"),
+        ("dabs", {"window": 4}, "engine.window=4 .* try engine.window=8"),
+        ("dabs", {"hardness": 1.5}, "engine.hardness=1.5 .* try engine.hardness=1"),
+        ("dabs", {"dabs_per_radius": 0.0}, "engine.dabs_per_radius=0 "),
+        ("dabs", {"head": 0.8}, "engine.head=0.8 is not within 0 to 0.75"),
+        ("dabs", {"pressure": float("nan")}, "engine.pressure=nan"),
+    ],
+)
+def test_wrong_settings_are_refused_with_the_cure(name, options, message):
+    with pytest.raises(UserError, match=message):
+        build_named("engine", name, options)

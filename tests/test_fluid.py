@@ -1,0 +1,259 @@
+"""The fluid brush: each step against a slow, obvious one, and what the whole must do."""
+
+import numpy as np
+import pytest
+import torch
+
+from brushexp.engine import _bristles, _paint
+from brushexp.engine.fluid import Fluid
+from brushexp.errors import UserError
+from brushexp.strokes.prior import parameters_of, sample_prior, strokes_of
+
+RNG = np.random.default_rng(0)
+
+
+def stroke(start, control, end, *, width=0.1, color=(0.2, 0.5, 0.8)):
+    """One stroke (1, 10), points in half-windows."""
+    scaled = (2 * width - 0.23) / 0.17
+    return torch.tensor([[*start, *control, *end, scaled, *(2 * c - 1 for c in color)]])
+
+
+def one_frame_of_one_bristle(p, velocity, root, scale, stiffness, gravity, damping, iterations):
+    """What `move` does, one vertex after the other, in float64; p and velocity are (V, 3)."""
+    q = p + damping * velocity - np.array([0, 0, gravity])
+    weight = [0.0] + [1.0] * (len(p) - 1)
+    for _ in range(iterations):
+        q[0] = root
+        for begin in (0, 1):
+            for a in range(begin, len(p) - 1, 2):
+                way = q[a + 1] - q[a]
+                d = np.linalg.norm(way)
+                push = (d - 0.5 * scale) * way / max(d, 0.01) / (weight[a] + weight[a + 1])
+                q[a] += weight[a] * push
+                q[a + 1] -= weight[a + 1] * push
+        for begin in (0, 1, 2):
+            for a in range(begin, len(p) - 2, 3):
+                first, second = q[a + 1] - q[a], q[a + 2] - q[a + 1]
+                l1, l2 = np.linalg.norm(first), np.linalg.norm(second)
+                first, second = first / l1, second / l2
+                dot = first @ second
+                if dot > 0:
+                    ga, gc = (dot * first - second) / max(l1, 1e-4), (first - dot * second) / max(l2, 1e-4)
+                    gb = -ga - gc
+                    size = weight[a] * ga @ ga + gb @ gb + gc @ gc
+                    factor = stiffness * (dot - 1) / max(size, 1e-4)
+                    q[a] -= weight[a] * factor * ga
+                    q[a + 1] -= factor * gb
+                    q[a + 2] -= factor * gc
+        q[:, 2] = np.where(q[:, 2] < 0, 0.5 * q[:, 2], q[:, 2])
+    return q, q - p
+
+
+def test_bristles_move_as_one_by_one():
+    n, scale = 3, 6.0
+    roots = RNG.uniform(-0.7, 0.7, (2, n)).astype(np.float32)
+    stiffness = RNG.uniform(0, 0.3, n).astype(np.float32)
+    p = np.empty((3, _bristles.VERTICES, n), np.float32)
+    p[:2] = scale * (roots[:, None] + RNG.normal(0, 0.2, (2, _bristles.VERTICES, n)))
+    p[2] = scale * np.linspace(2, 0.1, _bristles.VERTICES)[:, None]
+    velocity, before, q = np.zeros_like(p), np.empty_like(p), np.empty_like(p)
+    slow = [(p[:, :, i].T.astype(float), np.zeros((_bristles.VERTICES, 3))) for i in range(n)]
+    for x in (1.0, 3.0):
+        f = np.float32
+        _bristles.move(p, velocity, before, q, roots, f(x), f(0), f(scale), stiffness, f(30), f(0.75), 4)
+        for i in range(n):
+            root = np.array([x + scale * roots[0, i], scale * roots[1, i], 2 * scale])
+            slow[i] = one_frame_of_one_bristle(*slow[i], root, scale, float(stiffness[i]), 30.0, 0.75, 4)
+            np.testing.assert_allclose(p[:, :, i].T, slow[i][0], atol=2e-3)
+            np.testing.assert_allclose(velocity[:, :, i].T, slow[i][1], atol=2e-3)
+
+
+def test_a_resting_brush_lies_on_the_canvas_and_is_as_long_as_it_should():
+    brush = Fluid()
+    brush(stroke((-0.5, 0), (0, 0), (0.5, 0)), seed=0)
+    (pose,) = brush._poses
+    segments = np.linalg.norm(np.diff(pose, axis=1), axis=0)  # brush radii
+    assert np.abs(segments - 0.5).mean() < 0.02
+    assert pose[2].min() > -0.05
+    assert np.abs(pose[2, 5:]).mean() < 0.1
+    assert pose[0, -1].mean() < -1, "it trails behind the handle"
+
+
+def test_splats_keep_the_amount_of_paint_on_any_grid():
+    scale, opacity, n = 8.0, 0.02, 5
+    p = np.zeros((3, _bristles.VERTICES, n), np.float32)
+    p[:2] = RNG.uniform(80, 170, (2, _bristles.VERTICES, n))
+    before = p + RNG.uniform(-10, 10, p.shape).astype(np.float32)
+    before[2] = 0
+    radius, expected = 0.05 * scale, 0.0
+    for side in (66, 258, 514):
+        grid, area = np.zeros((3, side * side), np.float32), np.array([side, -1, side, -1])
+        _paint._splat(p, before, p - before, np.float32(scale), np.float32(opacity), np.float32(0), side, grid, area)
+        total = grid[0].sum() * (256 / (side - 2)) ** 2
+        for v in range(_bristles.VERTICES - 1):  # the integral of max(1 - d / R, 0) over a capsule
+            for i in range(n):
+                for t in (np.arange(8) + 0.5) / 8:
+                    now, then = (s[:2, v, i] + t * (s[:2, v + 1, i] - s[:2, v, i]) for s in (p, before))
+                    way = np.linalg.norm(now - then)
+                    expected += opacity * (radius * way + np.pi / 3 * radius**2)
+        assert total == pytest.approx(expected, rel=0.01)
+        expected = 0.0
+
+
+def test_the_closed_form_of_a_frame_agrees_with_splat_after_splat():
+    splats = RNG.uniform(0, 0.025, 200)
+    cover = 0.3
+    for weight in splats:
+        cover = cover * (1 - weight) + weight
+    side = 4
+    grid, state = np.zeros((3, side * side), np.float32), np.zeros((4, side * side), np.float32)
+    grid[0, 5], state[2, 5] = splats.sum(), 0.3
+    _paint._lay(grid, state, side, np.array([1, 2, 1, 2]))
+    assert state[2, 5] == pytest.approx(cover, abs=0.005)
+    assert state[3, 5] == pytest.approx(splats.sum(), rel=1e-5)
+    assert not grid.any(), "ready for the next frame"
+
+
+def flow(side):
+    """A smooth flow (2, side, side), still at the margin."""
+    y, x = np.mgrid[:side, :side] / side * 2 * np.pi
+    field = np.stack([np.sin(x) * np.cos(2 * y), np.cos(x + 1) * np.sin(y)]).astype(np.float32)
+    field[:, [0, -1]] = field[:, :, [0, -1]] = 0
+    return field
+
+
+def divergence(field):
+    return 0.5 * (field[0, 1:-1, 2:] - field[0, 1:-1, :-2] + field[1, 2:, 1:-1] - field[1, :-2, 1:-1])
+
+
+@pytest.mark.parametrize("rounds", [0, 1, 2, 7])
+def test_projection_agrees_with_whole_arrays(rounds):
+    side = 18
+    state = np.zeros((4, side * side), np.float32)
+    state[:2] = flow(side).reshape(2, -1)
+    before = state[:2].reshape(2, side, side).astype(float)
+    _paint._project(state, np.zeros((3, side * side), np.float32), side, np.array([1, side - 2, 1, side - 2]), rounds)
+    pressure = np.zeros((side, side))
+    for _ in range(rounds):
+        near = pressure[1:-1, :-2] + pressure[1:-1, 2:] + pressure[:-2, 1:-1] + pressure[2:, 1:-1]
+        pressure[1:-1, 1:-1] = (near - divergence(before)) / 4
+    before[0, 1:-1, 1:-1] -= 0.5 * (pressure[1:-1, 2:] - pressure[1:-1, :-2])
+    before[1, 1:-1, 1:-1] -= 0.5 * (pressure[2:, 1:-1] - pressure[:-2, 1:-1])
+    np.testing.assert_allclose(state[:2].reshape(2, side, side), before, atol=1e-6)
+
+
+def test_more_rounds_leave_less_divergence():
+    side, left = 34, []
+    for rounds in (0, 2, 100):
+        state = np.zeros((4, side * side), np.float32)
+        state[:2] = flow(side).reshape(2, -1)
+        scratch = np.zeros((3, side * side), np.float32)
+        _paint._project(state, scratch, side, np.array([1, side - 2, 1, side - 2]), rounds)
+        left.append(np.abs(divergence(state[:2].reshape(2, side, side))[4:-4, 4:-4]).mean())
+    assert left[0] > left[1] > left[2]
+
+
+def bilinear(field, x, y):
+    """A flat or stacked field (..., side, side) between its cells."""
+    x, y = np.clip(x, 1, field.shape[-1] - 2.001), np.clip(y, 1, field.shape[-1] - 2.001)
+    ix, iy = int(x), int(y)
+    fx, fy = x - ix, y - iy
+    low = (1 - fx) * field[..., iy, ix] + fx * field[..., iy, ix + 1]
+    return (1 - fy) * low + fy * ((1 - fx) * field[..., iy + 1, ix] + fx * field[..., iy + 1, ix + 1])
+
+
+def test_advection_agrees_with_cell_by_cell():
+    side = 18
+    state = RNG.uniform(0, 1, (4, side, side)).astype(np.float32)
+    state[:2] = 5 * flow(side)
+    new = np.zeros((4, side * side), np.float32)
+    _paint._advect(state.reshape(4, -1), new, side, np.array([1, side - 2, 1, side - 2]), np.float32(0.8))
+    dt = 100 / 60 * (side - 2) / 256
+    decay = np.array([0.8, 0.8, 1, 1])
+    for y in range(1, side - 1):
+        for x in range(1, side - 1):
+            half = bilinear(state[:2], x - dt / 2 * state[0, y, x], y - dt / 2 * state[1, y, x])
+            expected = decay * bilinear(state, x - dt * half[0], y - dt * half[1])
+            np.testing.assert_allclose(new.reshape(4, side, side)[:, y, x], expected, atol=2e-5)
+
+
+def test_flat_paint_shows_the_recorded_colour():
+    parameters = parameters_of(sample_prior(100, seed=3))
+    images = Fluid(relief=0.0)(parameters, seed=0).images
+    color = 0.5 * (parameters[:, 7:] + 1)
+    torch.testing.assert_close(images[:, :3], color[:, :, None, None].expand(-1, -1, 64, 64), atol=1e-5, rtol=0)
+    images = Fluid()(parameters, seed=0).images
+    off = ((images[:, :3] - color[:, :, None, None]).abs().mean(1) * images[:, 3]).sum() / images[:, 3].sum()
+    assert off < 0.015, "light on the ridges changes it little"
+
+
+def test_paint_reaches_from_start_to_end():
+    alpha = Fluid(window=128)(stroke((-0.6, 0.1), (0, 0.1), (0.6, 0.1)), seed=0).images[0, 3]
+    columns = (alpha.max(0).values > 0.2).nonzero()[:, 0] / 64 - 1  # half-windows
+    assert columns.min() == pytest.approx(-0.6, abs=0.06)
+    assert columns.max() == pytest.approx(0.6, abs=0.06)
+    rows = (alpha.mean(1) > 0.2 * alpha.mean(1).max()).nonzero()[:, 0] / 64 - 1
+    assert rows.max() - rows.min() == pytest.approx(0.2, abs=0.04), "as wide as the width says"
+
+
+def test_a_turned_stroke_leaves_a_turned_picture():
+    flat = Fluid(relief=0.0)
+    along = flat(stroke((-0.5, 0.1), (0, -0.2), (0.6, 0.1)), seed=0).images[0, 3]
+    down = flat(stroke((-0.1, -0.5), (0.2, 0), (-0.1, 0.6)), seed=0).images[0, 3]
+    torch.testing.assert_close(torch.rot90(along, -1), down, atol=0.02, rtol=0)
+
+
+def test_bristles_leave_streaks():
+    """Across the stroke the paint goes up and down more often than a smooth profile, which does it once."""
+    alpha = Fluid(window=256, supersample=1)(stroke((-0.7, 0), (0, 0), (0.7, 0), width=0.19), seed=0).images[0, 3]
+    across = alpha[:, 118:138].mean(1)
+    rises = ((across[1:-1] > across[:-2] + 1e-3) & (across[1:-1] > across[2:] + 1e-3)).sum()
+    assert rises >= 4
+
+
+def test_stroke_number_decides_the_brush():
+    parameters = stroke((-0.5, 0), (0, 0.1), (0.5, 0)).expand(4, 10)
+    one, two = Fluid(), Fluid(brushes=2)
+    same = one(parameters, seed=0).images
+    torch.testing.assert_close(same[0], same[3])
+    images = two(parameters, seed=0).images
+    assert torch.equal(images[0], images[2])
+    assert torch.equal(images[1], images[3])
+    assert not torch.equal(images[0], images[1])
+    assert torch.equal(two(parameters[:1], seed=0, first=3).images[0], images[3])
+    assert not torch.equal(one(parameters, seed=1).images, same)
+
+
+@pytest.mark.parametrize("option", ["projection", "fluidity", "load", "after", "jacobi", "stiffness", "gravity"])
+def test_every_setting_of_the_physics_matters(option):
+    other = {"projection": False, "fluidity": 0.3, "load": 0.3, "after": 30, "jacobi": 20, "stiffness": 0.9}
+    parameters = stroke((-0.5, 0), (0, 0.3), (0.5, 0), width=0.2)
+    plain = Fluid()(parameters, seed=0).images
+    assert not torch.equal(Fluid(**{option: other.get(option, 3.0)})(parameters, seed=0).images, plain)
+
+
+def test_a_finer_simulation_lays_as_much_paint():
+    parameters = parameters_of(sample_prior(40, seed=5))
+    amounts = [Fluid(supersample=fine)(parameters, seed=0).images[:, 3].mean() for fine in (1, 2, 4)]
+    assert max(amounts) < 1.1 * min(amounts)
+
+
+def test_strokes_of_the_prior_stay_in_their_windows():
+    alpha = Fluid()(parameters_of(sample_prior(300, seed=1)), seed=0).images[:, 3]
+    edge = torch.cat([alpha[:, 0], alpha[:, -1], alpha[:, :, 0], alpha[:, :, -1]], 1)
+    assert (edge.max(1).values > 0.1).float().mean() < 0.01
+
+
+def test_the_centre_of_the_paint_is_the_centre_of_the_stroke():
+    parameters = parameters_of(sample_prior(200, seed=2))
+    alpha, strokes = Fluid()(parameters, seed=0).images[:, 3], strokes_of(parameters)
+    place = (torch.arange(64) + 0.5) / 32 - 1
+    total = alpha.sum((1, 2))
+    centre = torch.stack([(alpha.sum(1) * place).sum(1) / total, (alpha.sum(2) * place).sum(1) / total], 1)
+    middle = (strokes.start + 2 * strokes.control + strokes.end) / 4
+    assert (centre - middle).norm(dim=1).mean() < 0.06  # half-windows: two pixels
+
+
+def test_a_setting_out_of_range_is_refused():
+    with pytest.raises(UserError, match=r"engine\.bristles=3 is not within 10 to 200"):
+        Fluid(bristles=3)
