@@ -2,7 +2,24 @@
 
 import torch
 
+from brushexp.renderer.analytic import Analytic
+from brushexp.renderer.base import PatchRenderer, window_pictures
 from brushexp.strokes.catalogue import Strokes
+
+
+class Windowed(PatchRenderer):
+    """A patch renderer without a network: analytic strokes, drawn in their windows."""
+
+    window = 16
+
+    def __init__(self, *, soft: float = 1.5) -> None:
+        super().__init__()
+        self.brush = Analytic(soft=soft)
+        self.drawn = 0
+
+    def draw(self, parameters: torch.Tensor) -> torch.Tensor:
+        self.drawn += len(parameters)
+        return window_pictures(self.brush, parameters, self.window)
 
 
 def random_strokes(

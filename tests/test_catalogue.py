@@ -111,6 +111,15 @@ def test_history_of_all_strokes_at_once_starts_afresh():
     check_strokes(catalogue())
 
 
+def test_strokes_are_replaced_in_place_whatever_their_units():
+    units = UNITS | {"width": 0.0, "color": 0.3}
+    catalogue, new = Catalogue(random_strokes(6, (30, 40)), units), random_strokes(6, (30, 40), seed=9)
+    held = {name: parameter for name, parameter in catalogue.named_parameters()}
+    catalogue.replace(new)
+    assert_same(catalogue(), new)
+    assert all(parameter is held[name] for name, parameter in catalogue.named_parameters())
+
+
 def test_a_catalogue_may_be_empty():
     catalogue = Catalogue(Strokes.none(), UNITS)
     catalogue.keep_in_range()

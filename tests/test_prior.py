@@ -3,10 +3,23 @@
 import numpy as np
 import pytest
 import torch
+from scenes import random_strokes, straight
 from torch.testing import assert_close
 
-from brushexp.strokes.catalogue import Strokes, check_strokes
-from brushexp.strokes.prior import INSET, SHORTEST, SPREAD, WIDTH, bend_of, parameters_of, sample_prior, strokes_of
+from brushexp.strokes.bezier import curve_of, half_width_of
+from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
+from brushexp.strokes.prior import (
+    INSET,
+    SHORTEST,
+    SPREAD,
+    WIDTH,
+    bend_of,
+    clamp_to_prior,
+    parameters_of,
+    rewindow,
+    sample_prior,
+    strokes_of,
+)
 
 N = 10_000
 
@@ -143,3 +156,68 @@ def test_bends_of_a_point_are_finite():
     (slope,) = torch.autograd.grad(bend.sum(), numbers)
     assert slope.isfinite().all()
     assert slope.abs().max() < 1 / SHORTEST**2
+
+
+def in_pixels(strokes: Strokes) -> torch.Tensor:
+    return torch.cat([curve_of(strokes).flatten(1), 2 * half_width_of(strokes)[:, None]], dim=1)
+
+
+def test_valid_strokes_keep_their_windows():
+    strokes = clamp_to_prior(sample_prior(500))
+    for name in FIELDS:
+        assert torch.equal(getattr(rewindow(strokes), name), getattr(strokes, name)), name
+
+
+def test_strokes_that_fit_into_some_window_stay_where_they_are():
+    valid = sample_prior(500, seed=3)
+    generator = torch.Generator().manual_seed(0)
+    place, zoom = 300 * torch.rand(500, 2, generator=generator), 0.2 + 9 * torch.rand(500, 1, generator=generator)
+    scale, shift = (valid.scale[:, None] / zoom)[:, 0], 2 * torch.rand(500, 2, generator=generator) - 1
+    points = {name: getattr(valid, name) * zoom + shift for name in ("start", "control", "end")}
+    odd = Strokes(
+        position=place, scale=scale, width=valid.width * zoom[:, 0], color=valid.color, opacity=valid.opacity, **points
+    )
+    new = rewindow(odd)
+    assert_close(in_pixels(clamp_to_prior(new)), in_pixels(odd), atol=1e-3, rtol=0)
+    assert_close(new.color, odd.color)
+    assert_close(new.opacity, odd.opacity)
+
+
+def test_any_stroke_becomes_valid_near_where_it_was():
+    for bend in (0.0, 0.3, 3.0):
+        strokes = random_strokes(300, (80, 120), bend=bend, width=(0.0, 1.0))
+        new = rewindow(strokes)
+        check_strokes(new)
+        left = (in_pixels(clamp_to_prior(new)) - in_pixels(new)).abs().amax(1)
+        assert (left < 2e-3).float().mean() > 0.98, "but for hairpins there should be nothing left to clamp"
+        middle, before = curve_of(new).mean(1), curve_of(strokes).mean(1)
+        assert (middle - before).norm(dim=1).max() < 0.5 * strokes.scale.max()
+
+
+SHAPES = {"a disc": ((20, 20), (20, 20), 9.0), "short": ((20, 20), (25, 22), 12.0), "thin": ((5, 20), (105, 20), 1.5)}
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_a_stroke_that_fits_into_no_window_keeps_its_area(kind):
+    start, end, width = SHAPES[kind]
+    stroke = straight(start, end, width=width)
+    new = clamp_to_prior(rewindow(stroke))
+
+    def area(stroke: Strokes) -> float:
+        curve, width = curve_of(stroke)[0], 2 * half_width_of(stroke)[0]
+        return float((curve[2] - curve[0]).norm() * width + 0.25 * torch.pi * width**2)
+
+    assert area(new) == pytest.approx(area(stroke), rel=0.03)
+    assert_close(curve_of(new)[0].mean(0), curve_of(stroke)[0].mean(0))
+    assert not torch.allclose(in_pixels(new), in_pixels(stroke), atol=0.1)
+
+
+def test_strokes_of_no_size_get_a_window():
+    stroke = straight((8, 8), (8, 8), width=0.0)
+    new = rewindow(stroke)
+    check_strokes(new)
+    assert in_pixels(clamp_to_prior(new))[0, 6] < 0.1
+
+
+def test_no_strokes_are_rewindowed_to_none():
+    assert len(rewindow(Strokes.none())) == 0

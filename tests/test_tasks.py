@@ -6,12 +6,17 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+import torch
 from PIL import Image
+
+from brushexp.strokes.prior import clamp_to_prior
+from brushexp.strokes.storage import load_catalogue, save_catalogue
 
 ROOT = Path(__file__).parents[1]
 SMALL = ["image=chelsea", "resolution=48", "steps=30", "threads=1", "frames=5"]
@@ -96,6 +101,15 @@ def test_a_saved_catalogue_renders_to_the_painting_and_larger(painted, tmp_path)
     assert np.abs(shrunk - picture(painted / "painting.png")).mean() < 12
 
 
+def test_a_catalogue_tells_when_the_weights_are_others(painted, tmp_path):
+    other = tmp_path / "catalogue.h5"
+    save_catalogue(other, replace(load_catalogue(painted / "catalogue.h5"), renderer_hash="0123"))
+    for path, warned in ((painted / "catalogue.h5", False), (other, True)):
+        result = run("task=render", f"catalogue={path}", f"output={tmp_path}/a", cwd=tmp_path)
+        assert result.returncode == 0, result.stderr
+        assert ("painted with other weights of renderer=analytic" in result.stdout + result.stderr) is warned
+
+
 def test_painting_goes_on_from_a_catalogue(painted, tmp_path):
     result = run(
         *SMALL, f"catalogue={painted}/catalogue.h5", "steps=0", "order=fixed", f"output={tmp_path}/a", cwd=tmp_path
@@ -141,6 +155,56 @@ def test_an_interrupted_run_continues_exactly(tmp_path):
     refused = run(f"resume={tmp_path}/a", "steps=9", cwd=tmp_path)
     assert refused.returncode == 1
     assert "drop steps=9" in refused.stdout + refused.stderr
+
+
+@pytest.fixture(scope="module")
+def windowed(tmp_path_factory) -> dict[str, str]:
+    """Environment in which renderer=windowed, a patch renderer, can be chosen."""
+    folder = tmp_path_factory.mktemp("plugins")
+    code = ["from scenes import Windowed", "from brushexp.registry import register"]
+    code += ['register("renderer", "windowed")(Windowed)']
+    (folder / "windowed.py").write_text("\n".join(code))
+    return {"BRUSHEXP_PLUGINS": str(folder), "PYTHONPATH": str(ROOT / "tests")}
+
+
+def test_a_slow_renderer_takes_over_from_a_fast_one(windowed, tmp_path):
+    settings = [*SMALL, "renderer=windowed", "finish_steps=8", "early_stop=null"]
+    result = run(*settings, f"output={tmp_path}/a", cwd=tmp_path, **windowed)
+    assert result.returncode == 0, result.stderr
+    log = (tmp_path / "a" / "run.log").read_text()
+    assert "step 30: from here windowed draws" in log
+    assert "of 15 strokes were changed" in log
+    metrics = json.loads((tmp_path / "a" / "metrics.json").read_text())
+    assert metrics["steps"] == 38
+    assert metrics["psnr"] > 12
+    saved = load_catalogue(tmp_path / "a" / "catalogue.h5")
+    assert saved.renderer == "windowed"
+    valid = clamp_to_prior(saved.strokes)
+    for name, value in saved.strokes.items():
+        torch.testing.assert_close(getattr(valid, name), value, atol=1e-6, rtol=0)
+    again = run("task=render", f"catalogue={tmp_path}/a/catalogue.h5", f"output={tmp_path}/b", cwd=tmp_path, **windowed)
+    assert again.returncode == 0, again.stderr
+    same = picture(tmp_path / "b" / "painting.png").astype(int)
+    assert np.abs(same - picture(tmp_path / "a" / "painting.png")).max() <= 1
+
+
+def test_an_interrupted_warm_start_continues_exactly(windowed, tmp_path):
+    settings = ["image=chelsea", "resolution=48", "steps=1500", "finish_steps=4", "threads=1", "frames=0"]
+    settings += ["renderer=windowed", "warm_start=analytic"]
+    process = start(*settings, "checkpoint_every=0", f"output={tmp_path}/a", cwd=tmp_path, **windowed)
+    while not (tmp_path / "a" / "checkpoint.ckpt").exists() and process.poll() is None:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 130, err
+    assert load_catalogue(tmp_path / "a" / "catalogue.h5").renderer == "windowed"
+    resumed = run(f"resume={tmp_path}/a", f"output={tmp_path}/b", cwd=tmp_path, **windowed)
+    assert resumed.returncode == 0, resumed.stderr
+    whole = run(*settings, f"output={tmp_path}/c", cwd=tmp_path, **windowed)
+    assert whole.returncode == 0, whole.stderr
+    results = [load_catalogue(tmp_path / name / "catalogue.h5").strokes for name in ("b", "c")]
+    for name, value in results[0].items():
+        assert torch.equal(value, getattr(results[1], name)), name
 
 
 def test_a_run_stops_when_nothing_is_gained(tmp_path):
@@ -200,6 +264,8 @@ REFUSED = {
     "strokes=99999": "is more than the 32 x 48 picture has pixels",
     "steps=-1": "set steps to 0 or more",
     "steps=many": "steps=many is not of type int",
+    "warm_start=nope": "choose auto, null or one of analytic",
+    "finish_steps=-1": "set finish_steps to 0 or more",
     "loss=[]": "try loss=mse",
     "loss=[mse] +loss=kl": "name them all",
     "loss=[mse] ++loss.kl.weight=3": r"loss.kl is tuned but not chosen",

@@ -8,19 +8,15 @@ gradient is the unit normal times the Bernstein weights; a tapered stroke adds t
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from brushexp.blend._lists import TILE
+from brushexp.compiled import inline, kernel
 
 AREA = TILE * TILE
 WORKERS = 64  # every so many tiles are one worker's: fixed, and enough to share the work evenly
 COLUMNS = 11  # of a stroke: start, control, end (x, y each), half width, red, green, blue, opacity
 F = np.float32
-# Rewriting allowed to the compiler: everything that keeps NaN and infinity what they are.
-MATHS = {"contract", "reassoc", "nsz", "arcp"}
-# Division as in numpy: a check for zero in a loop would keep it from becoming SIMD code.
-inline = njit(cache=True, error_model="numpy", fastmath=MATHS, inline="always")
-kernel = njit(cache=True, error_model="numpy", fastmath=MATHS, parallel=True, nogil=True)
 FLOOR = F(1e-6)  # least second derivative Newton divides by, against the curve's own size
 NEWTON_STEPS = 3
 # Rows of a tile's scratch, each AREA numbers.

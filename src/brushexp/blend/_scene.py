@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field
 
-import numba
 import numpy as np
 
 from brushexp.blend import _kernels
@@ -72,9 +71,3 @@ class Scene:
         result = np.empty_like(sums)
         result[self.order] = sums
         return result
-
-
-def use_threads(n: int) -> None:
-    """Let the kernels use as many threads as PyTorch does."""
-    most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-    numba.set_num_threads(max(1, min(n, most)))

@@ -1,9 +1,11 @@
 """The optimisation: gradient steps over the catalogue, as a LightningModule."""
 
+import logging
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
 import lightning as L
@@ -18,16 +20,34 @@ from brushexp.order.base import Order, front_to_back
 from brushexp.paint.metrics import psnr_of
 from brushexp.renderer.base import Renderer
 from brushexp.sampler.base import Region, Sampler
-from brushexp.strokes.catalogue import Catalogue
+from brushexp.strokes.bezier import curve_of, half_width_of
+from brushexp.strokes.catalogue import Catalogue, Strokes
 
+log = logging.getLogger(__name__)
 SECONDS_PER_CALL = 0.2  # one training step of Lightning takes as many gradient steps as fit, so that its own cost hides
+MOVED = 0.01  # pixels by which a stroke may change without being counted
+
+
+@dataclass(frozen=True)
+class Stage:
+    """So many steps with one renderer.
+
+    Attributes:
+        name: of the renderer, for messages.
+        renderer: draws the strokes.
+        steps: gradient steps.
+    """
+
+    name: str
+    renderer: Renderer
+    steps: int
 
 
 @dataclass(frozen=True)
 class Parts:
-    """What a painting is made with: one member of each family."""
+    """What a painting is made with: one member of each family, but one renderer for each stage."""
 
-    renderer: Renderer
+    stages: Sequence[Stage]
     blend: Blend
     order: Order
     losses: Mapping[str, Loss]
@@ -37,14 +57,16 @@ class Parts:
 
 
 class Painter(L.LightningModule):
-    """Moves strokes until the picture matches the target. The renderer stays frozen.
+    """Moves strokes until the picture matches the target. Renderers stay frozen.
+
+    The steps go through the stages one after another. When one begins, its renderer adopts the strokes and the
+    optimiser starts afresh; the learning rate goes once through its schedule in each.
 
     Args:
         catalogue: the strokes.
         parts: how they are drawn, compared and moved.
         target: (3, H, W) in [0, 1].
         background: (3,) colour of the bare canvas.
-        steps: gradient steps in all.
         seed: of everything random in the steps.
         watch: called after every step with the number of steps done.
     """
@@ -61,7 +83,6 @@ class Painter(L.LightningModule):
         target: Tensor,
         background: Tensor,
         *,
-        steps: int,
         seed: int,
         watch: Callable[[int], None] = lambda step: None,
     ) -> None:
@@ -70,11 +91,11 @@ class Painter(L.LightningModule):
         self.strict_loading = False  # frozen networks are not in the checkpoint
         self.catalogue = catalogue
         self.parts = parts
-        self.renderer = parts.renderer.requires_grad_(False)
+        self.renderers = nn.ModuleList(stage.renderer.requires_grad_(False) for stage in parts.stages)
+        self.ends = list(accumulate(stage.steps for stage in parts.stages))  # step at which each stage is over
         self.losses = nn.ModuleDict(parts.losses)
         self.register_buffer("target", target, persistent=False)
         self.register_buffer("background", background, persistent=False)
-        self.steps = steps
         self.watch = watch
         self.generator = torch.Generator().manual_seed(seed)
         self.step = 0
@@ -83,7 +104,28 @@ class Painter(L.LightningModule):
         self.terms: dict[str, Tensor] = {}  # the losses of the last step, unweighted
         self._last: tuple[Tensor, Tensor] | None = None  # picture and target that the last step compared
         self._accuracy: Tensor | None = None
-        self._renew_order()
+        self._adopt()
+
+    @property
+    def steps(self) -> int:
+        """Gradient steps in all."""
+        return self.ends[-1]
+
+    @property
+    def stage(self) -> int:
+        """Number of the present stage; after the last step, of the last one."""
+        return next((k for k, end in enumerate(self.ends) if self.step < end), len(self.ends) - 1)
+
+    @property
+    def progress(self) -> tuple[int, int]:
+        """Steps of the present stage that are done, and all of them."""
+        begin = self.ends[self.stage - 1] if self.stage else 0
+        return self.step - begin, self.ends[self.stage] - begin
+
+    @property
+    def renderer(self) -> Renderer:
+        """That of the present stage."""
+        return self.parts.stages[self.stage].renderer
 
     @property
     def size(self) -> tuple[int, int]:
@@ -118,6 +160,23 @@ class Painter(L.LightningModule):
             return self._last[0]
         return self.picture()
 
+    def end_stage(self) -> bool:
+        """Leave out what is left of the present stage; False if it is the last one."""
+        stage = self.stage
+        if stage == len(self.ends) - 1:
+            return False
+        left = self.ends[stage] - self.step
+        self.ends[stage:] = [end - left for end in self.ends[stage:]]
+        return True
+
+    def end_all_but_last(self) -> None:
+        """Hand the strokes over to the last renderer, whatever the steps: what a run leaves is always drawn by it."""
+        before = self.stage
+        while self.end_stage():
+            pass
+        if self.stage != before:
+            self._adopt()
+
     def rehearse(self) -> None:
         """Go through one step without taking it, so that whatever is compiled or loaded at first use is there."""
         self._objective(Region(0, 0, *self.size))
@@ -147,6 +206,7 @@ class Painter(L.LightningModule):
         checkpoint["state_dict"] = {k: v for k, v in checkpoint["state_dict"].items() if k not in frozen}
         checkpoint["painter"] = {
             "step": self.step,
+            "ends": self.ends,
             "seconds": self.seconds,
             "generator": self.generator.get_state(),
             "torch": torch.get_rng_state(),
@@ -156,7 +216,7 @@ class Painter(L.LightningModule):
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         state = checkpoint["painter"]
-        self.step, self.seconds = state["step"], state["seconds"]
+        self.step, self.ends, self.seconds = state["step"], state["ends"], state["seconds"]
         self.generator.set_state(state["generator"])
         torch.set_rng_state(state["torch"])
         self._accuracy = state["accuracy"]
@@ -165,8 +225,10 @@ class Painter(L.LightningModule):
     def _take_step(self, optimizer: optim.Optimizer) -> None:
         if self.step % self.parts.order.every == 0:
             self._renew_order()
+        stage, renderer = self.stage, self.renderer
+        done, steps = self.progress
         for group in optimizer.param_groups:
-            group["lr"] = self.parts.optimizer.rate(self.step / self.steps)
+            group["lr"] = self.parts.optimizer.rate(done / steps)
         region = self.parts.sampler(self.size, self.step, self.generator)
         judge = self.parts.order.needs_accuracy and (self.step + 1) % self.parts.order.every == 0
         painting: Painting | None = None
@@ -179,6 +241,10 @@ class Painter(L.LightningModule):
 
         optimizer.step(objective)  # type: ignore[arg-type]
         self.catalogue.keep_in_range()
+        strokes = self.catalogue()
+        projected = renderer.project(strokes)
+        if projected is not strokes:
+            self.catalogue.replace(projected)
         self.step += 1
         assert painting is not None
         revision = self.parts.density.revise(painting, self.step, self.steps)
@@ -187,6 +253,9 @@ class Painter(L.LightningModule):
             self._accuracy = None
             self._renew_order()
         self.watch(self.step)
+        if self.stage != stage:
+            self._adopt()
+            optimizer.state.clear()
 
     def _objective(self, region: Region, *, judge: bool = False) -> tuple[Tensor, Painting]:
         """The weighted sum of losses, after its gradient has been computed."""
@@ -204,5 +273,27 @@ class Painter(L.LightningModule):
         return total.detach(), painting
 
     @torch.no_grad()
+    def _adopt(self) -> None:
+        """Hand the strokes over to the renderer of the present stage."""
+        strokes, stage = self.catalogue(), self.parts.stages[self.stage]
+        adopted = stage.renderer.adopt(strokes)
+        if adopted is not strokes:
+            self.catalogue.replace(adopted)
+        changed = _count_changed(strokes, adopted)
+        if changed or self.stage:
+            log.info(
+                "step %d: from here %s draws; %d of %d strokes were changed to fit what it can draw",
+                self.step, stage.name, changed, len(strokes),
+            )  # fmt: skip
+        self._renew_order()
+
+    @torch.no_grad()
     def _renew_order(self) -> None:
         self.front_to_back = front_to_back(self.parts.order.depth(self.catalogue(), self._accuracy))
+
+
+def _count_changed(before: Strokes, after: Strokes) -> int:
+    """Strokes whose curve or thickness differs by more than ``MOVED`` pixels."""
+    points = (curve_of(after) - curve_of(before)).abs().flatten(1).amax(1)
+    thickness = 2 * (half_width_of(after) - half_width_of(before)).abs()
+    return int((torch.maximum(points, thickness) > MOVED).sum())

@@ -29,12 +29,15 @@ NOTICES = 5  # lines in the log of a run, where there is no terminal for a bar
 
 
 class ProgressBar(L.Callback):
-    """A bar with steps, loss, PSNR and time left; a few lines in the log where there is no terminal."""
+    """A bar with steps, loss, PSNR and time left; a few lines in the log where there is no terminal.
+
+    Each stage has its own: a step of one may take a hundred times as long as a step of another.
+    """
 
     def __init__(self) -> None:
         console = Console(stderr=True)
         self.bar = Progress(
-            TextColumn("painting"),
+            TextColumn("{task.description}"),
             BarColumn(),
             MofNCompleteColumn(),
             TextColumn("{task.fields[state]}"),
@@ -45,20 +48,29 @@ class ProgressBar(L.Callback):
             disable=not console.is_terminal,
             transient=True,
         )
-        self.noticed = 0
+        self.stage = self.noticed = 0
 
     def on_fit_start(self, trainer: L.Trainer, painter: L.LightningModule) -> None:
         assert isinstance(painter, Painter)
         self.bar.start()
-        self.task = self.bar.add_task("painting", total=painter.steps, completed=painter.step, state="")
+        self.task = self.bar.add_task("painting", state="")
+        self._begin_stage(painter)
 
     def on_train_batch_end(self, trainer: L.Trainer, painter: L.LightningModule, *_: object) -> None:
         assert isinstance(painter, Painter)
-        state = _state(painter)
-        self.bar.update(self.task, completed=painter.step, state=state)
-        if self.bar.disable and painter.step * NOTICES // painter.steps > self.noticed:
-            self.noticed = painter.step * NOTICES // painter.steps
+        if painter.stage != self.stage:
+            self._begin_stage(painter)
+        state, (done, steps) = _state(painter), painter.progress
+        self.bar.update(self.task, completed=done, state=state)
+        if self.bar.disable and done * NOTICES // max(steps, 1) > self.noticed:
+            self.noticed = done * NOTICES // max(steps, 1)
             log.info("step %d of %d: %s", painter.step, painter.steps, state)
+
+    def _begin_stage(self, painter: Painter) -> None:
+        stages, (done, steps) = painter.parts.stages, painter.progress
+        self.stage, self.noticed = painter.stage, 0
+        description = f"painting with {stages[self.stage].name}" if len(stages) > 1 else "painting"
+        self.bar.reset(self.task, total=steps, completed=done, description=description)
 
     def on_fit_end(self, trainer: L.Trainer, painter: L.LightningModule) -> None:
         self.bar.stop()
@@ -116,18 +128,22 @@ class Checkpoints(L.Callback):
 
 
 class EarlyStop:
-    """Ends the run when 100 steps no longer gain ``gain`` dB; None never does."""
+    """Ends a stage when 100 of its steps no longer gain ``gain`` dB, and with the last one the run; None never does."""
 
     def __init__(self, gain: float | None) -> None:
         self.gain = gain
         self.before: float | None = None
+        self.stage = 0
 
     def look(self, painter: Painter) -> None:
         """Compare with 100 steps ago."""
         if self.gain is None or painter.step % WINDOW:
             return
         now = psnr_of(painter.error)
-        if self.before is not None and now - self.before < self.gain:
+        if painter.stage != self.stage:
+            self.before, self.stage = None, painter.stage
+            return
+        if self.before is not None and now - self.before < self.gain and not painter.end_stage():
             painter.stop = STOPPED_EARLY
         self.before = now
 

@@ -1,5 +1,7 @@
 """The closed-form stroke: needs no training and is drawn by the compiled kernels."""
 
+from torch import Tensor
+
 from brushexp.errors import UserError
 from brushexp.registry import register
 from brushexp.renderer.base import Profile, Renderer
@@ -25,5 +27,5 @@ class Analytic(Renderer):
         self.soft = soft
         self.taper = taper
 
-    def forward(self, strokes: Strokes) -> Profile:
+    def forward(self, strokes: Strokes, number: Tensor | None = None) -> Profile:
         return Profile(curve_of(strokes), half_width_of(strokes), strokes.color, strokes.opacity, self.soft, self.taper)

@@ -154,6 +154,15 @@ class Catalogue(nn.Module):
                 value.copy_((value * unit).nan_to_num_(0.0).clamp_(field.low, field.high) / unit)
 
     @torch.no_grad()
+    def replace(self, strokes: Strokes) -> None:
+        """Write other numbers for the same strokes, into the parameters that an optimiser holds."""
+        before = self()
+        for name in sorted(FIELDS, key=lambda name: name != "scale"):  # scale first: it is the unit of position
+            value = getattr(strokes, name)
+            if name == "position" or not torch.equal(value, getattr(before, name)):
+                getattr(self, name).copy_(value / self._unit(name))
+
+    @torch.no_grad()
     def revise(self, keep: Tensor, new: Strokes, optimizer: optim.Optimizer) -> None:
         """Drop the strokes where ``keep`` (N,) is false and append ``new``; the others keep their optimiser state.
 

@@ -17,16 +17,17 @@ from brushexp.errors import UserError
 from brushexp.files import to_bytes, write_json, write_picture
 from brushexp.paint.metrics import measure
 from brushexp.paint.outputs import summary_line
-from brushexp.paint.painter import Painter, Parts
+from brushexp.paint.painter import Painter, Parts, Stage
 from brushexp.paint.progress import CHECKPOINT, INTERRUPTED, Checkpoints, EarlyStop, Frames, ProgressBar, interruptible
 from brushexp.paint.target import background_color, load_target
 from brushexp.paint.timelapse import Timelapse
 from brushexp.process import peak_memory
-from brushexp.registry import build, plugin_of
+from brushexp.registry import build, build_named, plugin_of, plugins
 from brushexp.strokes.catalogue import Catalogue, Strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 
 log = logging.getLogger(__name__)
+AUTO = "auto"  # warm_start that leaves it to the renderer
 
 
 def run(cfg: DictConfig, start: float) -> dict[str, object]:
@@ -42,7 +43,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     background = background_color(cfg.background, target)
     parts = parts_of(cfg)
     catalogue = Catalogue(first_strokes(cfg, target), parts.optimizer.units)
-    painter = Painter(catalogue, parts, target, background, steps=cfg.steps, seed=cfg.seed).to(device)
+    painter = Painter(catalogue, parts, target, background, seed=cfg.seed).to(device)
     frames = Frames(Timelapse(cfg.frames, cfg.frame_side))
     write_picture(folder / "target.png", target)
     if painter.steps:
@@ -95,7 +96,7 @@ def device_of(name: str) -> torch.device:
 def parts_of(cfg: DictConfig) -> Parts:
     """Build what the config names."""
     return Parts(
-        renderer=build(cfg.renderer),
+        stages=stages_of(cfg),
         blend=build(cfg.blend),
         order=build(cfg.order),
         losses={name: build(node) for name, node in cfg.loss.items()},
@@ -103,6 +104,18 @@ def parts_of(cfg: DictConfig) -> Parts:
         sampler=build(cfg.sampler),
         optimizer=build(cfg.optimizer),
     )
+
+
+def stages_of(cfg: DictConfig) -> list[Stage]:
+    """The renderers and their steps: the chosen one, and before it the one that ``warm_start`` asks for, if any."""
+    name, renderer = plugin_of(cfg.renderer).name, build(cfg.renderer)
+    first = renderer.stand_in if cfg.warm_start == AUTO else cfg.warm_start
+    if first is None or not cfg.steps:
+        return [Stage(name, renderer, cfg.steps)]
+    names = [plugin.name for plugin in plugins("renderer")]
+    if first not in names:
+        raise UserError(f"warm_start={first} is not a renderer; choose {AUTO}, null or one of {', '.join(names)}")
+    return [Stage(first, build_named("renderer", first, {}), cfg.steps), Stage(name, renderer, cfg.finish_steps)]
 
 
 def first_strokes(cfg: DictConfig, target: Tensor) -> Strokes:
@@ -165,6 +178,7 @@ def fit(painter: Painter, cfg: DictConfig, folder: Path, checkpoint: Path | None
 
 def finish(painter: Painter, cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Write the painting, its catalogue and its numbers."""
+    painter.end_all_but_last()
     picture = to_bytes(painter.picture())
     write_picture(folder / "painting.png", picture)
     with torch.no_grad():
@@ -177,7 +191,7 @@ def finish(painter: Painter, cfg: DictConfig, folder: Path, start: float) -> dic
         size=painter.size,
         background=painter.background.cpu(),
         renderer=plugin_of(cfg.renderer).name,
-        renderer_hash="",
+        renderer_hash=painter.renderer.weights_hash,
         seed=cfg.seed,
         config=OmegaConf.to_yaml(cfg, resolve=True),
     )

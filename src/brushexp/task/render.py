@@ -14,7 +14,7 @@ from brushexp.checks import Render, check_keys
 from brushexp.errors import UserError
 from brushexp.files import write_picture
 from brushexp.paint.outputs import render
-from brushexp.registry import build, build_named
+from brushexp.registry import build, build_named, plugin_of
 from brushexp.renderer.base import Renderer
 from brushexp.strokes.storage import Saved, load_catalogue
 
@@ -30,7 +30,15 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     resolution = cfg.resolution or max(saved.size)
     if resolution > LARGEST:
         raise UserError(f"resolution={resolution} is more than {LARGEST} pixels; choose a smaller one")
-    renderer = renderer_of(saved) if cfg.get("renderer") is None else build(cfg.renderer)
+    chosen = cfg.get("renderer")
+    renderer = renderer_of(saved) if chosen is None else build(chosen)
+    same = chosen is None or plugin_of(chosen).name == saved.renderer
+    if same and renderer.weights_hash != saved.renderer_hash:
+        log.warning(
+            "%s was painted with other weights of renderer=%s, so the picture will differ; "
+            "give those with renderer=%s renderer.checkpoint=...",
+            cfg.catalogue, saved.renderer, saved.renderer,
+        )  # fmt: skip
     before = time.monotonic()
     picture = render(saved, renderer, build(cfg.blend), resolution)
     path = Path(HydraConfig.get().runtime.output_dir) / "painting.png"

@@ -1,0 +1,76 @@
+"""Shape and colour apart: ``renderer=dual``. A neural renderer in one file, as an example of how one is added.
+
+A colour need not be learned by convolutions: paint of any colour has the same shape. So the network sees only the
+seven numbers of the shape and draws two planes, a mask (alpha) and a shading; the colour is put in afterwards, exactly.
+
+What the framework does with it: `PatchRenderer` brings parameters into the range of training, calls `draw`, places the
+windows on the canvas and saves memory; ``python run.py task=train renderer=dual data=strokes.h5`` trains it;
+``python run.py renderer=dual renderer.checkpoint=outputs/x/dual.safetensors`` paints with it.
+"""
+
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from brushexp.errors import UserError
+from brushexp.registry import register
+from brushexp.renderer.base import PatchRenderer
+from brushexp.renderer.checkpoint import restore
+
+
+@register("renderer", "dual")
+class Dual(PatchRenderer):
+    """Network for the shape alone, exact colour on top: plugins/dual.py shows how a renderer is added.
+
+    Args:
+        window: side of the picture in pixels, a multiple of 16.
+        width: channels of the finest convolutions; four times as many at the coarsest ones.
+        shading: how far paint may be lighter or darker than its colour, 0 (not) to 1.
+        checkpoint: a .safetensors file of task=train; null for random weights, to be trained.
+    """
+
+    def __init__(
+        self, *, window: int = 64, width: int = 32, shading: float = 0.5, checkpoint: str | None = None
+    ) -> None:
+        super().__init__()
+        if window < 16 or window % 16:  # what a user can mend is a UserError that says how
+            raise UserError(f"renderer.window={window} is not a multiple of 16; try renderer.window=64")
+        if not 1 <= width <= 1024:
+            raise UserError(f"renderer.width={width} is not a number of channels, 1 to 1024; try renderer.width=32")
+        self.window = window  # the contract: draw() makes pictures of this side
+        self.shading = shading
+        self.side = window // 16  # pixels of the picture that the dense layers make
+        self.dense = nn.Sequential(
+            nn.Linear(7, 256), nn.GELU(), nn.Linear(256, 256), nn.GELU(), nn.Linear(256, 4 * width * self.side**2)
+        )
+        # Half as many channels at each doubling: the number of operations stays about the same.
+        channels = [4 * width, 4 * width, 2 * width, width]
+        self.steps = nn.ModuleList(
+            nn.Sequential(
+                nn.Upsample(scale_factor=2),
+                nn.Conv2d(before, after, 3, padding=1),
+                nn.GELU(),
+                nn.Conv2d(after, after, 3, padding=1),
+                nn.GELU(),
+            )
+            for before, after in pairwise(channels)
+        )
+        # Two planes at twice the size: pixel_shuffle turns 2 * 4 channels into 2 planes of 2 x 2 times the pixels.
+        self.last = nn.Conv2d(width, 8, 3, padding=1)
+        with torch.no_grad():
+            self.last.weight.mul_(0.1)
+            self.last.bias[:4] = -3.0  # most of a window is empty
+        # Always last: loads weights, if there are any, and refuses those of other options, with the reason.
+        restore(self, "dual", checkpoint, {"window": window, "width": width, "shading": shading})
+
+    def draw(self, parameters: Tensor) -> Tensor:
+        shape, color = parameters.split([7, 3], dim=1)  # the order is that of strokes.prior.parameters_of
+        x = functional.gelu(self.dense(shape)).reshape(len(shape), -1, self.side, self.side)
+        for step in self.steps:
+            x = step(x)
+        alpha, light = functional.pixel_shuffle(self.last(x), 2).to(parameters.dtype).split(1, dim=1)  # (n, 1, S, S)
+        plain = 0.5 * (color[:, :, None, None] + 1)  # [-1, 1] -> [0, 1]
+        shaded = plain * (1 + self.shading * light.tanh())
+        return torch.cat([shaded.clamp(0, 1), alpha.sigmoid()], dim=1)

@@ -1,0 +1,57 @@
+"""Coordinates in a stroke: how far along its curve a point lies, how far beyond an end, and how far to the side."""
+
+import torch
+from torch import Tensor
+
+from brushexp.strokes.bezier import closest_parameter, point_at
+
+STILL = 1e-3  # a curve slower than this part of its size has no direction of its own (a cusp, a point)
+STILL_PIXELS = 0.005  # and no curve has one that is slower than this
+LEAST = 0.1  # derivatives are limited as if the curve were nowhere slower than about this part of its size
+SHORTEST = 1 / 32  # and, squared, no shorter than about a quarter of its half width
+
+
+def stroke_frame(curve: Tensor, points: Tensor, half_width: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Coordinates (...) of ``points`` (..., 2) in strokes with control points (..., 3, 2).
+
+    ``t`` is the nearest parameter in [0, 1]; ``along`` (pixels) is 0 beside the curve, negative before the start and
+    positive beyond the end, measured along the end's tangent; ``across`` (pixels) is positive where a point lies
+    clockwise of the direction of the stroke as seen on a canvas whose y points down. Always along^2 + across^2 is the
+    squared distance, so nothing comes nearer than it is.
+
+    Where the curve stands still it has no tangent: the point of a fold, a curve that is a point. The direction is then
+    taken square to the offset, with the point on the outer side of the curve.
+
+    Derivatives: ``across`` has the unit normal (envelope theorem), ``t`` that of the implicit function theorem, and at
+    the ends the tangent turns. The last two grow without bound where a curve is short, stands still, or bends around
+    the point; they are limited there (``LEAST``, ``SHORTEST``), so that one such pixel does not throw a stroke about.
+    """
+    start, control, end = curve.unbind(-2)
+    bend, forward = start - 2 * control + end, control - start
+    with torch.no_grad():
+        nearest = closest_parameter(curve, points)
+    offset = points - point_at(curve, nearest)
+    velocity = forward + nearest[..., None] * bend  # half of B'
+    with torch.no_grad():
+        size = forward.square().sum(-1) + (forward + bend).square().sum(-1)
+        speed = velocity.square().sum(-1)
+        moves = speed > STILL**2 * size + STILL_PIXELS**2
+        outer = torch.where(_cross(forward, bend) > 0, -1.0, 1.0).to(curve.dtype)
+        square = outer[..., None] * torch.stack([offset[..., 1], -offset[..., 0]], dim=-1)
+        tangent = torch.where(moves[..., None], velocity, square)
+        tangent = tangent / tangent.square().sum(-1, keepdim=True).clamp_min(1e-30).sqrt()
+        normal = torch.stack([-tangent[..., 1], tangent[..., 0]], dim=-1)
+        at_end = (nearest <= 0) | (nearest >= 1)
+        turns = (moves & at_end) / speed.clamp_min(LEAST * size + 1e-30).sqrt()
+        steep = 2 * speed - (offset * bend).sum(-1)
+        slides = ~at_end / steep.clamp_min(LEAST * size + SHORTEST * half_width.square())
+    turn = (normal * (velocity - velocity.detach())).sum(-1) * turns  # 0, with a derivative
+    tangent = tangent + normal * turn[..., None]
+    slope = (offset * velocity).sum(-1)
+    t = nearest + (slope - slope.detach()) * slides
+    along = torch.where(at_end, (tangent * offset).sum(-1), 0.0)
+    return t, along, _cross(tangent, offset)
+
+
+def _cross(a: Tensor, b: Tensor) -> Tensor:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -1,0 +1,396 @@
+"""Renderers that draw windows: their contract, their options, and the files their weights are kept in."""
+
+import json
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+
+from brushexp.errors import UserError
+from brushexp.registry import build_named, plugins
+from brushexp.renderer import checkpoint as files
+from brushexp.renderer._fields import stroke_planes
+from brushexp.renderer.base import FAINT, Patches, PatchRenderer, window_pictures
+from brushexp.renderer.checkpoint import read_recipe, restore, save_checkpoint, weights_hash
+from brushexp.renderer.neural import Activation, Coordinates, Neural, Normalisation, Upsampling
+from brushexp.strokes.prior import WIDTH, clamp_to_prior, parameters_of, sample_prior, strokes_of
+
+NAMES = [plugin.name for plugin in plugins("renderer") if issubclass(plugin.cls, PatchRenderer)]
+TINY = {"width": 4, "widest": 8, "dense": [16], "checkpoint": None}
+
+
+def tiny(**options) -> Neural:
+    return Neural(**{**TINY, **options})
+
+
+def parameters(n: int = 5) -> torch.Tensor:
+    return parameters_of(sample_prior(n))
+
+
+@pytest.fixture(params=NAMES)
+def renderer(request) -> PatchRenderer:
+    """Every patch renderer, as it is trained."""
+    return build_named("renderer", request.param, {"checkpoint": None}).eval()
+
+
+def test_it_draws_windows_in_range(renderer):
+    with torch.no_grad():
+        images = renderer.draw(parameters())
+    assert images.shape == (5, 4, renderer.window, renderer.window)
+    assert images.dtype == torch.float32
+    assert images.min() >= 0
+    assert images.max() <= 1
+
+
+def test_its_gradient_is_finite_and_reaches_every_number(renderer):
+    given = parameters().requires_grad_()
+    images = renderer.draw(given)
+    (images[:, :3] * images[:, 3:]).sum().backward()
+    assert bool(given.grad.isfinite().all())
+    assert bool((given.grad.abs().sum(0) > 0).all())
+
+
+def test_its_gradient_is_that_of_its_pictures(renderer):
+    renderer = renderer.double()
+    given, direction = parameters(2).double().requires_grad_(), torch.randn(2, 10, dtype=torch.float64)
+    weights = torch.rand(2, 4, renderer.window, renderer.window, dtype=torch.float64)
+    (weights * renderer.draw(given)).sum().backward()
+    step = 1e-8 * direction  # shorter than the way to most kinks
+    with torch.no_grad():
+        slope = (weights * (renderer.draw(given + step) - renderer.draw(given - step))).sum() / 2e-8
+    torch.testing.assert_close((given.grad * direction).sum(), slope, rtol=1e-3, atol=1e-5)
+
+
+def test_it_paints_the_same_twice_and_alone(renderer):
+    given = parameters()
+    with torch.no_grad():
+        together = renderer.draw(given)
+        assert torch.equal(renderer.draw(given), together)
+        torch.testing.assert_close(renderer.draw(given[2:3]), together[2:3], rtol=1e-4, atol=1e-5)
+
+
+def test_strokes_outside_the_range_are_drawn_at_its_edge(renderer):
+    far = 30 * parameters()
+    far[0] = 0
+    with torch.no_grad():
+        images = window_pictures(renderer, far, renderer.window)
+        nearest = window_pictures(renderer, parameters_of(clamp_to_prior(strokes_of(far))), renderer.window)
+    assert bool(images.isfinite().all())
+    torch.testing.assert_close(images, nearest)
+
+
+def test_the_pictures_of_a_canvas_are_those_of_the_windows(renderer):
+    strokes = sample_prior(3)
+    strokes = replace(strokes, position=strokes.position + 40, scale=torch.tensor([20.0, 64.0, 100.0]))
+    with torch.no_grad():
+        layers = renderer(strokes)
+        assert isinstance(layers, Patches)
+        drawn = renderer.draw(parameters_of(strokes))
+    drawn[:, 3] *= drawn[:, 3] >= FAINT
+    torch.testing.assert_close(layers.images, drawn)
+
+
+@pytest.mark.parametrize("noise", [False, True])
+@pytest.mark.parametrize("coordconv", Coordinates)
+@pytest.mark.parametrize("tint", [False, True])
+def test_the_layers_can_be_combined(noise, coordconv, tint):
+    renderer = tiny(noise=noise, coordconv=coordconv, tint=tint).train()
+    assert renderer.draw(parameters()).shape == (5, 4, 64, 64)
+
+
+@pytest.mark.parametrize("activation", Activation)
+@pytest.mark.parametrize("normalisation", Normalisation)
+def test_every_activation_and_normalisation_trains(activation, normalisation):
+    renderer = tiny(activation=activation, normalisation=normalisation).train()
+    renderer.draw(parameters()).mean().backward()
+    assert all(bool(weight.grad.isfinite().all()) for weight in renderer.parameters())
+
+
+@pytest.mark.parametrize("upsampling", Upsampling)
+@pytest.mark.parametrize(("window", "subpixel"), [(64, 1), (64, 4), (128, 2), (256, 4)])
+def test_every_window_is_reached(upsampling, window, subpixel):
+    renderer = tiny(upsampling=upsampling, window=window, subpixel=subpixel)
+    with torch.no_grad():
+        assert renderer.draw(parameters(2)).shape == (2, 4, window, window)
+
+
+def test_coordinates_act_as_two_more_channels():
+    layer = tiny(coordconv=Coordinates.window).convolving[0]
+    x = torch.randn(2, layer.convolution.in_channels, 8, 8)
+    planes = tiny(coordconv=Coordinates.window)._planes(parameters(2), 8)
+    known = torch.cat([x, planes.expand(2, -1, -1, -1)], dim=1)
+    pointwise = torch.nn.functional.pad(layer.coordinates.weight, (1, 1, 1, 1))  # a 3 x 3 kernel of its middle alone
+    weights = torch.cat([layer.convolution.weight, pointwise], dim=1)
+    expected = torch.nn.functional.conv2d(known, weights, layer.convolution.bias, padding=1)
+    torch.testing.assert_close(layer(x, planes), expected, rtol=1e-4, atol=1e-5)
+
+
+def test_the_planes_of_a_straight_stroke_are_its_coordinates():
+    strokes = strokes_of(torch.tensor([[-0.5, -0.2, 0.0, 0.1, 0.5, 0.4, 0.0, 0.0, 0.0, 0.0]]))
+    planes = stroke_planes(parameters_of(strokes), 64)[0]
+    line = (torch.arange(64) + 0.5) / 32 - 1
+    offset = torch.stack([line[None] + 0.5 + 0 * line[:, None], line[:, None] + 0.2 + 0 * line[None]])
+    chord = (strokes.end - strokes.start)[0]
+    length = chord.norm()
+    along = (offset * chord[:, None, None]).sum(0) / length
+    across = (chord[0] * offset[1] - chord[1] * offset[0]) / length / strokes.width
+    torch.testing.assert_close(planes[0], 2 * (along / length).clamp(-0.5, 1.5) - 1)
+    torch.testing.assert_close(planes[1], across.clamp(-3, 3))
+    beyond = torch.maximum(-along, along - length).clamp_min(0) / strokes.width
+    torch.testing.assert_close(planes[2], beyond.clamp_max(3.0))
+    torch.testing.assert_close(planes[3], torch.exp(-(planes[1] ** 2) / 4) * torch.cos(torch.pi * planes[1]))
+
+
+def test_the_planes_of_a_bent_stroke_are_0_on_its_curve():
+    strokes = sample_prior(50, seed=7)
+    planes = stroke_planes(parameters_of(strokes), 256)
+    distance = planes[:, 1].abs()
+    for t in (0.1, 0.5, 0.8):
+        place = (1 - t) ** 2 * strokes.start + 2 * t * (1 - t) * strokes.control + t**2 * strokes.end
+        pixel = ((place + 1) * 128).long().clamp(0, 255)
+        here = distance[torch.arange(50), pixel[:, 1], pixel[:, 0]]
+        assert here.median() < 0.15  # half widths
+        assert here.quantile(0.9) < 0.6
+
+
+def test_places_on_a_straight_stroke_are_measured_from_its_axis():
+    side = 64
+    given = torch.zeros(1, 10)
+    given[0, 0], given[0, 4] = -0.5, 0.5  # from left to right through the middle
+    along, across, beyond = stroke_planes(given, side)[0, :3]
+    half = 0.5 * sum(WIDTH)  # of the middle width, half-windows
+    line = (torch.arange(side) + 0.5) * (2 / side) - 1
+    middle = (line / 0.5).clamp(-2, 2)
+    torch.testing.assert_close(along, middle.expand(side, -1), rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(across, (line / half).clamp(-3, 3)[:, None].expand(-1, side), rtol=1e-4, atol=1e-5)
+    outside = ((line.abs() - 0.5).clamp_min(0) / half).clamp_max(3)
+    torch.testing.assert_close(beyond, outside.expand(side, -1), rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["start", "control", "end"])
+def test_places_on_a_degenerate_stroke_are_finite_with_their_gradient(name):
+    given = 0.6 * torch.ones(2, 10)
+    given[1] = 0
+    first = {"start": 0, "control": 2, "end": 4}[name]
+    given[0, first : first + 2] = -0.6  # two of the three points coincide; in the second stroke all of them do
+    given.requires_grad_()
+    planes = stroke_planes(given, 16)
+    planes.square().sum().backward()
+    assert bool(planes.isfinite().all())
+    assert bool(given.grad.isfinite().all())
+
+
+def test_noise_is_fresh_in_training_and_fixed_in_painting():
+    renderer = tiny(noise=True)
+    with torch.no_grad():
+        for layer in renderer.convolving:
+            layer.strength.fill_(1.0)
+        assert not torch.equal(renderer.train().draw(parameters()), renderer.draw(parameters()))
+        assert torch.equal(renderer.eval().draw(parameters()), renderer.draw(parameters()))
+        again = tiny(noise=True)
+        again.load_state_dict(renderer.state_dict())
+        assert torch.equal(again.draw(parameters()), renderer.draw(parameters()))
+
+
+def test_the_default_is_as_small_as_promised():
+    renderer = Neural(checkpoint=None)
+    numbers = sum(weight.numel() for weight in renderer.parameters())
+    assert numbers <= 2_000_000
+    assert not renderer.training
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"window": 100}, "renderer.window=100 is not 64, 128 or 256"),
+        ({"subpixel": 3}, "try renderer.subpixel=2"),
+        ({"width": 0}, "renderer.width=0 is not a number of channels"),
+        ({"dense": []}, "renderer.dense"),
+    ],
+)
+def test_wrong_options_are_refused(options, message):
+    with pytest.raises(UserError, match=message):
+        tiny(**options)
+
+
+OPTIONS = {
+    "window": 64,
+    "width": 4,
+    "widest": 8,
+    "dense": [16],
+    "subpixel": 2,
+    "coordconv": Coordinates.stroke,
+    "tint": True,
+    "noise": False,
+    "activation": Activation.relu,
+    "normalisation": Normalisation.none,
+    "upsampling": Upsampling.nearest,
+}
+
+
+@pytest.fixture
+def kept(tmp_path) -> Path:
+    """A checkpoint of a tiny renderer."""
+    path = tmp_path / "mine.safetensors"
+    save_checkpoint(path, "neural", tiny(**OPTIONS), {"options": OPTIONS, "figures": {"l2": 1.0}})
+    return path
+
+
+@pytest.mark.parametrize("half", [False, True])
+@pytest.mark.parametrize("normalisation", Normalisation)
+def test_a_checkpoint_brings_the_same_pictures_and_hash_back(tmp_path, half, normalisation):
+    options = {**OPTIONS, "normalisation": normalisation}
+    renderer = tiny(**options).train()
+    renderer.draw(parameters())  # gives a batch norm something to keep
+    path = tmp_path / "mine.safetensors"
+    digest = save_checkpoint(path, "neural", renderer.eval(), {"options": options}, half=half)
+    again = tiny(**options, checkpoint=str(path))
+    with torch.no_grad():
+        assert torch.equal(again.draw(parameters()), renderer.draw(parameters()))
+    assert again.weights_hash == digest == weights_hash(renderer) == read_recipe(path)["hash"]
+    assert not again.training
+    kinds = {value.dtype for value in load_file(path).values()} - {torch.int64}
+    assert kinds == {torch.float16 if half else torch.float32}
+
+
+def test_a_checkpoint_works_for_any_renderer(tmp_path):
+    options = {"window": 32, "width": 2, "shading": 0.25}
+    renderer = build_named("renderer", "dual", options)
+    path = tmp_path / "a" / "dual.safetensors"
+    path.parent.mkdir()
+    save_checkpoint(path, "dual", renderer, {"options": {**options, "checkpoint": None}})
+    again = build_named("renderer", "dual", {**options, "checkpoint": str(path)})
+    assert weights_hash(again) == weights_hash(renderer) != ""
+    with pytest.raises(UserError, match=r"trained with renderer.shading=0.25, not 0.5; set renderer.shading=0.25"):
+        build_named("renderer", "dual", {**options, "shading": 0.5, "checkpoint": str(path)})
+    with pytest.raises(UserError, match="is of renderer=dual, not of neural"):
+        tiny(checkpoint=str(path))
+
+
+def test_a_renderer_without_weights_has_no_hash():
+    assert weights_hash(build_named("renderer", "analytic", {})) == ""
+    assert restore(torch.nn.Linear(1, 1), "mine", None, {}) == ""
+
+
+def test_numbers_too_large_for_16_bits_are_kept(tmp_path):
+    module = torch.nn.Linear(2, 1)
+    with torch.no_grad():
+        module.weight.fill_(1e6)
+    save_checkpoint(tmp_path / "mine", "mine", module, {"options": {}})
+    assert load_file(tmp_path / "mine.safetensors")["weight"].dtype == torch.float32
+
+
+def test_a_plain_name_is_one_that_comes_with_the_program(kept, monkeypatch):
+    monkeypatch.setattr(files, "SHIPPED", kept.parent)
+    assert weights_hash(tiny(**{**OPTIONS, "checkpoint": "mine"})) == read_recipe(kept)["hash"]
+    assert files.shipped("mine") == "mine"
+    assert files.shipped("yours") is None
+    with pytest.raises(UserError, match=r"yours does not come with the program \(there are: mine\)"):
+        tiny(checkpoint="yours")
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "typed"),
+    [
+        ("width", 5, "renderer.width=4"),
+        ("dense", [16, 16], r"renderer.dense=\[16\]"),
+        ("activation", Activation.elu, "renderer.activation=relu"),
+        ("tint", False, "renderer.tint=true"),
+    ],
+)
+def test_other_options_are_refused_with_what_to_type(kept, option, value, typed):
+    with pytest.raises(UserError, match=f"set {typed}"):
+        tiny(**{**OPTIONS, option: value, "checkpoint": str(kept)})
+
+
+def tensors_of(path: Path) -> dict[str, torch.Tensor]:
+    """Copies: those of load_file lie in the file itself, which is about to be written over."""
+    return {name: value.clone() for name, value in load_file(path).items()}
+
+
+def broken_weights(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:1000])
+
+
+def other_weights(path: Path) -> None:
+    save_file({name: value + 1 for name, value in tensors_of(path).items()}, path)
+
+
+def missing_tensor(path: Path) -> None:
+    save_file({name: value for name, value in tensors_of(path).items() if name != "last.bias"}, path)
+
+
+def other_shape(path: Path) -> None:
+    save_file({**tensors_of(path), "last.bias": torch.zeros(3)}, path)
+
+
+def not_finite(path: Path) -> None:
+    save_file({**tensors_of(path), "last.bias": torch.full((16,), torch.nan)}, path)
+
+
+def pickled(path: Path) -> None:
+    torch.save(tensors_of(path), path)
+
+
+def pickled_plainly(path: Path) -> None:
+    path.write_bytes(pickle.dumps({"weights": [1.0]}))
+
+
+def no_recipe(path: Path) -> None:
+    path.with_suffix(".json").unlink()
+
+
+def broken_recipe(path: Path) -> None:
+    path.with_suffix(".json").write_text("{")
+
+
+def another_json(path: Path) -> None:
+    path.with_suffix(".json").write_text("[]")
+
+
+def newer_recipe(path: Path) -> None:
+    recipe = {**json.loads(path.with_suffix(".json").read_text()), "format_version": 99}
+    path.with_suffix(".json").write_text(json.dumps(recipe))
+
+
+def half_a_recipe(path: Path) -> None:
+    recipe = json.loads(path.with_suffix(".json").read_text())
+    del recipe["options"]
+    path.with_suffix(".json").write_text(json.dumps(recipe))
+
+
+def missing(path: Path) -> None:
+    path.unlink()
+
+
+DAMAGE = {
+    missing: "there is no such file; give the .safetensors of task=train",
+    broken_weights: "is damaged or no .safetensors file",
+    other_weights: "describes other weights; copy both files",
+    missing_tensor: "has no tensor last.bias",
+    other_shape: r"last.bias has shape \(3,\), this renderer needs \(16,\)",
+    not_finite: "last.bias has numbers that are not finite",
+    pickled: "is a pickle, which can run code; give the .safetensors",
+    pickled_plainly: "is a pickle, which can run code",
+    no_recipe: r"has no recipe beside it; copy mine.json",
+    broken_recipe: "is not JSON",
+    another_json: "is not the recipe of a renderer",
+    newer_recipe: "has format_version 99, and this brushexp reads 1; update brushexp",
+    half_a_recipe: "has no options",
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE, ids=lambda damage: damage.__name__)
+def test_a_bad_checkpoint_is_refused_in_one_clear_line(kept, damage):
+    damage(kept)
+    with pytest.raises(UserError, match=DAMAGE[damage]) as caught:
+        tiny(**{**OPTIONS, "checkpoint": str(kept)})
+    assert "\n" not in str(caught.value)
+
+
+def test_a_checkpoint_that_cannot_be_written_is_named(tmp_path):
+    with pytest.raises(UserError, match="cannot write"):
+        save_checkpoint(tmp_path / "nowhere" / "a.safetensors", "neural", tiny(), {"options": OPTIONS})
