@@ -5,13 +5,23 @@ from pathlib import Path
 
 import pytest
 
-from brushexp import paint
+from brushexp import paint, train
 from brushexp.registry import FAMILIES
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "brushexp"
 # What any plugin may import, besides the contracts of the families and the private modules of its own.
-SHARED = {"registry", "errors", "strokes.catalogue", "strokes.bezier", "strokes.prior", "features"}
+SHARED = {
+    "registry",
+    "errors",
+    "files",
+    "process",
+    "compiled",
+    "strokes.catalogue",
+    "strokes.bezier",
+    "strokes.prior",
+    "features",
+}
 
 
 def imports(path: Path) -> set[str]:
@@ -26,12 +36,13 @@ def imports(path: Path) -> set[str]:
     return found
 
 
-def test_the_map_names_every_module_of_the_path():
-    line = " ".join(paint.__doc__.splitlines()[2:])
+@pytest.mark.parametrize("path", [paint, train], ids=lambda path: path.__name__)
+def test_the_map_names_every_module_of_the_path(path):
+    line = " ".join(path.__doc__.splitlines()[2:])
     steps = {step.strip() for step in line.replace("(with", "->").replace(")", "").replace(",", "->").split("->")} - {
         ""
     }
-    modules = {path.stem for path in Path(paint.__file__).parent.glob("*.py")} - {"__init__"}
+    modules = {file.stem for file in Path(path.__file__).parent.glob("*.py")} - {"__init__"}
     assert modules <= steps, f"not on the map: {modules - steps}"
     assert steps <= modules | set(FAMILIES), f"on the map only: {steps - modules - set(FAMILIES)}"
 

@@ -3,6 +3,7 @@
 import re
 import unicodedata
 from collections.abc import Iterable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -24,9 +25,9 @@ Lines = list[tuple[str, str]]  # text and colour
 
 @dataclass(frozen=True)
 class Cell:
-    """One place of a sheet: a picture, or words in a grey box, and a label below it."""
+    """One place of a sheet: a picture (or its file), or words in a grey box, and a label below it."""
 
-    picture: Path | None
+    picture: Path | Image.Image | None
     label: tuple[str, ...] = ()  # pieces between which a line may end
     note: tuple[str, ...] = ()  # below the label, fainter
     alarm: str = ""  # first line in the box
@@ -35,11 +36,12 @@ class Cell:
 
 @dataclass(frozen=True)
 class Grid:
-    """Cells in rows; headings are empty where there are none."""
+    """Cells in rows; headings are empty where there are none; a picture's longer side is ``side`` pixels at most."""
 
     rows: list[list[Cell]]
     row_heads: list[str] = field(default_factory=list)
     column_heads: list[str] = field(default_factory=list)
+    side: int = SIDE
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,7 @@ def plain_letters(text: str) -> str:
 def largest_side(grid: Grid) -> int:
     """Longer side of the pictures, so that the sheet stays below its limit whatever the labels say."""
     columns = max(map(len, grid.rows)) + bool(grid.row_heads)
-    for side in range(SIDE, SMALLEST_SIDE, -10):
+    for side in range(grid.side, SMALLEST_SIDE, -10):
         _, line, gap = _proportions(side)
         width = columns * (side + gap) + 2 * gap
         height = len(grid.rows) * (side + LABEL_LINES * line + gap) + (HEAD_LINES + 4) * line
@@ -195,12 +197,12 @@ def _in_words(cell: Cell, size: Size, type_: Type) -> Image.Image:
     return box
 
 
-def _scaled_size(path: Path | None, side: int) -> Size | None:
+def _scaled_size(source: Path | Image.Image | None, side: int) -> Size | None:
     """Size on the sheet, from the head of the file; None if there is none or it cannot be read."""
-    if path is None:
+    if source is None:
         return None
     try:
-        with Image.open(path) as picture:
+        with _opened(source) as picture:
             width, height = picture.size
     except UNREADABLE:
         return None
@@ -209,12 +211,16 @@ def _scaled_size(path: Path | None, side: int) -> Size | None:
     return max(1, round(width * zoom)), max(1, round(height * zoom))
 
 
-def _scaled(path: Path | None, side: int) -> Image.Image | None:
-    size = _scaled_size(path, side)
-    if path is None or size is None:
+def _opened(source: Path | Image.Image) -> AbstractContextManager[Image.Image]:
+    return nullcontext(source) if isinstance(source, Image.Image) else Image.open(source)
+
+
+def _scaled(source: Path | Image.Image | None, side: int) -> Image.Image | None:
+    size = _scaled_size(source, side)
+    if source is None or size is None:
         return None
     try:
-        with Image.open(path) as picture:
+        with _opened(source) as picture:
             method = Image.Resampling.NEAREST if size[0] > picture.width else Image.Resampling.BICUBIC
             return picture.convert("RGB").resize(size, method, reducing_gap=2.0)
     except UNREADABLE:

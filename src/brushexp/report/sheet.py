@@ -6,22 +6,24 @@ import math
 from pathlib import Path
 
 from brushexp.files import write_bytes
-from brushexp.report.drawing import Cell, Grid, draw, largest_side
+from brushexp.report.drawing import SIDE, Cell, Grid, draw, largest_side
 from brushexp.report.table import NOTHING, Result, collect, formatted, settings, summary, varying
 
 COLUMNS = 6  # up to 48 pictures; larger sheets are about square
 MATRIX_COLUMNS = 12  # a wider matrix is laid out row by row instead
 LEGIBLE = 160  # pixels: and so is a matrix with smaller pictures
 LONGEST = 40  # letters of a value; of a longer one the end is shown
+NOTED = {"psnr": "dB", "psnr_alpha": "dB in alpha", "seconds": "s"}  # metrics below a picture
 
 
 def write_sheet(folder: Path) -> Path | None:
-    """Write ``sheet.png`` of a sweep; None if no run has left a painting.
+    """Write ``sheet.png`` of a sweep; None if no run has left a picture.
 
+    That is painting.png, or what a run calls its ``picture``; a picture of many strokes gets twice the room.
     Runs that differ in two settings and cover all combinations form a matrix; others stand row by row.
     """
     results = collect(folder)
-    if not any((folder / result["run"] / "painting.png").is_file() for result in results):
+    if not any(_picture(folder, result).is_file() for result in results):
         return None
     targets = _targets(folder, results)
     grid = _matrix(folder, results, targets) or _row_by_row(folder, results, targets)
@@ -58,7 +60,7 @@ def _row_by_row(folder: Path, results: list[Result], targets: dict[str, Path]) -
         cells.append(_cell(folder, result, tuple(words[key][chosen.get(key, "")] for key in axes)))
     n = len(cells)
     columns = math.ceil(n / math.ceil(n / COLUMNS)) if n <= 8 * COLUMNS else math.ceil(math.sqrt(n))
-    return Grid([cells[i : i + columns] for i in range(0, n, columns)])
+    return Grid([cells[i : i + columns] for i in range(0, n, columns)], side=_side(results))
 
 
 def _matrix(folder: Path, results: list[Result], targets: dict[str, Path]) -> Grid | None:
@@ -79,6 +81,7 @@ def _matrix(folder: Path, results: list[Result], targets: dict[str, Path]) -> Gr
             ],
             row_heads=list(rows.values()),
             column_heads=["target"] * bool(targets) + list(columns.values()),
+            side=_side(results),
         )
         fits = len(columns) <= MATRIX_COLUMNS and largest_side(grid) >= LEGIBLE
         if fits and all(len(head) == bool(targets) for head in heads):
@@ -90,11 +93,21 @@ def _cell(folder: Path, result: Result, label: tuple[str, ...] = ()) -> Cell:
     run = f"run {result['run']}"
     if result["status"] == "failed":
         return Cell(None, label, (run,), alarm="failed", words=str(result.get("error", "")))
-    numbers = [f"{formatted(result, key)} {unit}" for key, unit in (("psnr", "dB"), ("seconds", "s"))]
+    numbers = [f"{formatted(result, key)} {unit}" for key, unit in NOTED.items()]
     state = [result["status"]] * (result["status"] != "completed")
     note = (*state, *(number for number in numbers if NOTHING not in number), run)
-    path = folder / result["run"] / "painting.png"
+    path = _picture(folder, result)
     return Cell(path, label, note) if path.is_file() else Cell(None, label, note, words="no picture")
+
+
+def _side(results: list[Result]) -> int:
+    """Room for a picture: a sheet of strokes is made of many small ones."""
+    return 2 * SIDE if any("picture" in result for result in results) else SIDE
+
+
+def _picture(folder: Path, result: Result) -> Path:
+    """The picture that a run is shown by."""
+    return folder / result["run"] / Path(str(result.get("picture", "painting.png"))).name
 
 
 def _words(key: str, values: list[str]) -> dict[str, str]:

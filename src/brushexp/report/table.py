@@ -15,7 +15,12 @@ from brushexp.errors import UserError
 from brushexp.files import write_text
 
 Result = dict[str, Any]
-DIGITS = {"psnr": 2, "ssim": 4, "l1": 4, "perceptual": 4, "seconds": 1, "n_strokes": 0}  # table.md: main metrics
+DIGITS = {  # table.md: main metrics, of which those are shown that some run has
+    **{"psnr": 2, "ssim": 4, "l1": 4, "perceptual": 4},
+    **{"l2": 6, "psnr_alpha": 2, "psnr_color": 2, "fid_effl0": 2, "kid_effl0": 2, "fid_inception": 2},
+    **{"strokes_per_second": 0, "strokes_per_second_backward": 0, "parameters": 0, "file_mb": 2},
+    **{"seconds": 1, "n_strokes": 0},
+}
 LEAD = ("run", "status", "error")  # first columns of table.csv
 LONGEST = 200  # letters of an error message in table.md
 NOTHING = "–"
@@ -76,7 +81,7 @@ def write_table(folder: Path) -> tuple[Path, Path]:
 
 def as_csv(results: list[Result]) -> str:
     """A column per setting and number; a setting that bears the name of a number is called ``override.<name>``."""
-    fixed = {*LEAD, "overrides", "loss"}
+    fixed = {*LEAD, "overrides", "loss", "picture"}
     numbers = list(dict.fromkeys(key for result in results for key in result if key not in fixed))
     keys = list(dict.fromkeys(key for result in results for key in settings(result)))
     file = io.StringIO()
@@ -92,12 +97,13 @@ def as_csv(results: list[Result]) -> str:
 def as_markdown(results: list[Result]) -> str:
     """A table with a caption; numbers stand on the right."""
     keys = list(varying(results))
-    head = ["run", *keys, "status", *DIGITS]
-    rules = ["---:", *("---" for _ in keys), "---", *("---:" for _ in DIGITS)]
+    shown = [metric for metric in DIGITS if any(metric in result for result in results)]
+    head = ["run", *keys, "status", *shown]
+    rules = ["---:", *("---" for _ in keys), "---", *("---:" for _ in shown)]
     lines = [head, rules]
     for result in results:
         chosen = settings(result)
-        metrics = [formatted(result, metric) for metric in DIGITS]
+        metrics = [formatted(result, metric) for metric in shown]
         lines.append([result["run"], *(chosen.get(key, "") for key in keys), _status(result), *metrics])
     table = [f"| {' | '.join(line if line is rules else map(_escaped, line))} |" for line in lines]
     return "\n".join([f"{summary(results)}.", "", *table, ""])

@@ -1,0 +1,59 @@
+"""The critic and the loss it teaches with."""
+
+import pytest
+import torch
+
+from brushexp.train.adversarial import Critic, relativistic_loss
+
+
+def test_the_loss_is_rasgan_as_written():
+    real, drawn = torch.randn(7, dtype=torch.float64), torch.randn(5, dtype=torch.float64)
+    critic = -torch.sigmoid(real - drawn.mean()).log().mean() - (1 - torch.sigmoid(drawn - real.mean())).log().mean()
+    renderer = -torch.sigmoid(drawn - real.mean()).log().mean() - (1 - torch.sigmoid(real - drawn.mean())).log().mean()
+    torch.testing.assert_close(relativistic_loss(real, drawn), critic)
+    torch.testing.assert_close(relativistic_loss(drawn, real), renderer)
+
+
+def test_the_loss_agrees_with_cross_entropy_on_logits():
+    cross_entropy = torch.nn.functional.binary_cross_entropy_with_logits
+    real, drawn = 3 * torch.randn(6), 3 * torch.randn(6)
+    expected = cross_entropy(real - drawn.mean(), torch.ones(6)) + cross_entropy(drawn - real.mean(), torch.zeros(6))
+    torch.testing.assert_close(relativistic_loss(real, drawn), expected)
+
+
+@pytest.mark.parametrize("score", [1e4, -1e4])
+def test_the_loss_and_its_gradient_are_finite_for_any_score(score):
+    real = torch.full((4,), score, requires_grad=True)
+    drawn = torch.full((4,), -score, requires_grad=True)
+    loss = relativistic_loss(real, drawn)
+    loss.backward()
+    assert bool(loss.isfinite())
+    assert bool(real.grad.isfinite().all())
+    assert bool(drawn.grad.isfinite().all())
+    assert float(loss.detach()) == pytest.approx(0 if score > 0 else 4e4, abs=1e-3)
+
+
+@pytest.mark.parametrize("window", [16, 64, 128])
+def test_the_critic_gives_one_score_a_picture(window):
+    critic = Critic(window, 4)
+    pictures = torch.rand(3, 4, window, window, requires_grad=True)
+    scores = critic(pictures)
+    assert scores.shape == (3,)
+    torch.testing.assert_close(critic(pictures[1:2]), scores[1:2], rtol=1e-4, atol=1e-6)
+    scores.sum().backward()
+    assert bool(pictures.grad.isfinite().all())
+    assert float(pictures.grad.abs().sum()) > 0
+
+
+def test_the_critic_learns_to_tell_two_kinds_of_pictures_apart():
+    critic = Critic(16, 4)
+    optimizer = torch.optim.Adam(critic.parameters(), 1e-3)
+    smooth = torch.rand(16, 4, 1, 1).expand(-1, -1, 16, 16)
+    rough = torch.rand(16, 4, 16, 16)
+    first = float(relativistic_loss(critic(smooth), critic(rough)).detach())
+    for _ in range(60):
+        optimizer.zero_grad()
+        loss = relativistic_loss(critic(smooth), critic(rough))
+        loss.backward()
+        optimizer.step()
+    assert float(loss.detach()) < 0.3 * first

@@ -1,0 +1,321 @@
+"""Judging renderers: distances of crowds, speed, strokes outside the range, and the task that does it all."""
+
+import csv
+import json
+import math
+import time
+import warnings
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import scipy.linalg
+import torch
+from PIL import Image
+
+from brushexp.errors import UserError
+from brushexp.files import write_json, write_picture
+from brushexp.registry import build_named, plugins
+from brushexp.renderer.analytic import Analytic
+from brushexp.renderer.base import PatchRenderer, window_pictures
+from brushexp.renderer.checkpoint import save_checkpoint
+from brushexp.report.sheet import write_sheet
+from brushexp.report.table import write_table
+from brushexp.strokes.prior import INSET, WIDTH, clamp_to_prior, parameters_of, sample_prior
+from brushexp.task import evaluate
+from brushexp.train import judging
+from brushexp.train.dataset import Origin
+from brushexp.train.evaluation import FeatureDistance, effl0_crowds, errors_of, inception_crowds, over_white
+from brushexp.train.judging import EXTREMES, draw_extremes, extreme_strokes, judge, strokes_per_second
+from brushexp.train.stream import OnTheWay, StrokeBatch, StrokeData
+
+RENDERERS = [plugin.name for plugin in plugins("renderer")]
+CPU = torch.device("cpu")
+
+
+def distance(n: int, count: int = 5) -> FeatureDistance:
+    """Of the first features of a picture: its left upper pixels."""
+    return FeatureDistance("mine", lambda pictures: pictures.flatten(1)[:, :count], count, n)
+
+
+def crowd(n: int, shift: float = 0.0) -> torch.Tensor:
+    """Opaque pictures of random numbers."""
+    images = 0.3 + shift + 0.3 * torch.rand(n, 4, 3, 4)
+    images[:, 3] = 1
+    return images
+
+
+def strokes(n: int, side: int = 32, **options) -> StrokeBatch:
+    parameters = parameters_of(sample_prior(n))
+    with torch.no_grad():
+        return StrokeBatch(parameters, window_pictures(Analytic(**options), parameters, side), torch.arange(n))
+
+
+# distances of crowds
+
+
+def test_fid_and_kid_are_their_formulas():
+    ours, truth = crowd(40), crowd(40, shift=0.1)
+    found = distance(40)
+    for part in (slice(0, 15), slice(15, 40)):
+        found.add(ours[part], truth[part])
+    a, b = (images.flatten(1)[:, :5].double().numpy() for images in (ours, truth))
+    means = np.square(a.mean(0) - b.mean(0)).sum()
+    covariances = [np.cov(x, rowvar=False) for x in (a, b)]
+    root = scipy.linalg.sqrtm(covariances[0] @ covariances[1]).real
+    fid = means + np.trace(covariances[0] + covariances[1] - 2 * root)
+    near = [(x @ y.T / 5 + 1) ** 3 for x, y in ((a, a), (b, b), (a, b))]
+    within = sum((k.sum() - np.trace(k)) / (40 * 39) for k in near[:2])
+    figures = found.figures()
+    assert figures["fid_mine"] == pytest.approx(fid, rel=1e-9)
+    assert figures["kid_mine"] == pytest.approx(within - 2 * near[2].mean(), rel=1e-6)
+
+
+def test_crowds_do_not_depend_on_the_order_or_the_batches():
+    ours, truth = crowd(30), crowd(30, shift=0.05)
+    one, other = distance(30), distance(30)
+    one.add(ours, truth)
+    order = torch.randperm(30)
+    for part in order.split(7):
+        other.add(ours[part], truth[part])
+    assert other.figures() == pytest.approx(one.figures(), rel=1e-9)
+
+
+def test_a_crowd_of_one_has_no_distance():
+    found = distance(1)
+    assert all(math.isnan(value) for value in found.figures().values())
+    found.add(crowd(1), crowd(1))
+    assert all(math.isnan(value) for value in found.figures().values())
+
+
+def test_what_looks_more_different_is_farther_for_effl0():
+    truth, close, far = (strokes(16, soft=soft).images for soft in (1.0, 2.0, 8.0))
+    found = []
+    for images in (truth, close, far):
+        measure = effl0_crowds(16, CPU)
+        measure.add(images, truth)
+        found.append(measure.figures()["fid_effl0"])
+    assert abs(found[0]) < 1e-6 * found[2]
+    assert found[0] < found[1] < found[2]
+
+
+class Bytes(torch.nn.Module):
+    """Stands for the published network."""
+
+    def __init__(self, count: int) -> None:
+        super().__init__()
+        self.count = count
+
+    def forward(self, images: torch.Tensor, return_features: bool = False) -> torch.Tensor:
+        assert images.dtype == torch.uint8
+        assert return_features
+        return images.float().flatten(1).repeat(1, 1 + self.count)[:, : self.count]
+
+
+def scripted(path: Path, count: int) -> Path:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        torch.jit.script(Bytes(count)).save(str(path))
+    return path
+
+
+def test_inception_comes_from_a_file(tmp_path):
+    measure = inception_crowds(scripted(tmp_path / "i.pt", 2048), 4, CPU)
+    images = torch.rand(4, 4, 8, 9)
+    measure.add(images, images)
+    assert int(measure.fid.fake_features_num_samples) == int(measure.fid.real_features_num_samples) == 4
+    assert measure.fid.real_features_sum.shape == (2048,)
+    assert measure.name == "inception"
+
+
+def test_a_wrong_inception_file_is_refused(tmp_path):
+    with pytest.raises(UserError, match=r"there is no such file; give inception-2015-12-05.pt"):
+        inception_crowds(tmp_path / "no.pt", 4, CPU)
+    (tmp_path / "text.pt").write_text("hello")
+    with pytest.raises(UserError, match="is not that network as TorchScript"):
+        inception_crowds(tmp_path / "text.pt", 4, CPU)
+    with pytest.raises(UserError, match=r"makes features \(1, 7\); a network that makes \(1, 2048\)"):
+        inception_crowds(scripted(tmp_path / "small.pt", 7), 4, CPU)
+
+
+def test_paint_lies_on_white():
+    images = torch.tensor([[0.2, 0.4, 0.6, 0.0], [0.2, 0.4, 0.6, 0.5], [0.2, 0.4, 0.6, 1.0]]).reshape(3, 4, 1, 1)
+    expected = torch.tensor([[1.0, 1.0, 1.0], [0.6, 0.7, 0.8], [0.2, 0.4, 0.6]])
+    torch.testing.assert_close(over_white(images).reshape(3, 3), expected)
+
+
+# judging
+
+
+def test_the_figures_are_those_of_all_strokes_together():
+    batch = strokes(10, soft=3.0)
+    parts = [StrokeBatch(*(values[part] for values in batch)) for part in (slice(0, 7), slice(7, 10))]
+    figures = judge(Analytic(), parts, 32, [distance(10)])
+    with torch.no_grad():
+        drawn = window_pictures(Analytic(), batch.parameters, 32)
+    expected = errors_of(drawn, batch.images).figures()
+    assert {key: figures[key] for key in expected} == pytest.approx(expected)
+    assert math.isfinite(figures["fid_mine"])
+
+
+def test_the_true_pictures_are_without_error():
+    figures = judge(Analytic(), [strokes(4)], 32, [])
+    assert figures["l2"] == 0
+    assert figures["psnr_alpha"] == figures["psnr_color"] == math.inf
+
+
+@pytest.mark.parametrize("name", RENDERERS)
+def test_time_is_taken_of_every_renderer(name, monkeypatch):
+    monkeypatch.setattr(judging, "ACROSS", 2)
+    monkeypatch.setattr(judging, "DOWN", 1)
+    monkeypatch.setattr(judging, "REPETITIONS", 1)
+    renderer = build_named("renderer", name, {}).requires_grad_(False)
+    threads = torch.get_num_threads()
+    for backward in (False, True):
+        speed = strokes_per_second(renderer, build_named("blend", "tiled", {}), 16, backward=backward)
+        assert 0 < speed < math.inf
+    assert torch.get_num_threads() == threads
+
+
+# outside the range of training
+
+
+@pytest.mark.parametrize("name", RENDERERS)
+def test_no_stroke_makes_what_a_user_gets_other_than_a_number(name):
+    renderer = build_named("renderer", name, {}).requires_grad_(False)
+    outside = draw_extremes(renderer, build_named("engine", "disc", {}))
+    assert outside.finite
+    assert list(outside.pictures) == ["painted", "bare"][: 1 + isinstance(renderer, PatchRenderer)]
+    assert len(outside.rows) == len(EXTREMES) * len(outside.pictures)
+    assert all(row["finite"] for row in outside.rows if row["drawn"] == "painted")
+
+
+def test_one_extreme_is_ordinary_and_the_others_are_at_or_beyond_the_edge():
+    found = extreme_strokes()
+    within = clamp_to_prior(found)
+    same = (parameters_of(found) - parameters_of(within)).abs().amax(1) == 0
+    assert bool(same[0])
+    assert set(EXTREMES) >= {"width 0", "width 1", "length 0", "control at 5", "red -0.5", "red 1.5"}
+    assert float(found.width.min()) < WIDTH[0] < WIDTH[1] < float(found.width.max())
+    assert float(found.control.abs().max()) > INSET
+    assert float(found.color.min()) < 0
+    assert float(found.color.max()) > 1
+
+
+def test_a_perfect_renderer_has_the_mass_of_the_nearest_stroke():
+    class Same:
+        window = 24
+
+        def __call__(self, parameters, *, seed, first=0):
+            return SimpleNamespace(images=window_pictures(Analytic(), parameters, 24))
+
+    rows = {row["stroke"]: row for row in draw_extremes(Analytic(), Same()).rows}
+    assert rows["ordinary"]["alpha_mass"] == pytest.approx(1, rel=1e-5)
+    assert rows["ordinary"]["l2"] == pytest.approx(0, abs=1e-12)
+    assert rows["width 0"]["alpha_mass"] == pytest.approx(0, abs=1e-6)
+    assert rows["width 0.5"]["alpha_mass"] > 1
+    assert not rows["red 1.5"]["in_range"]
+
+
+# the task
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, config):
+    """Run the task in this process."""
+
+    def run_with(*overrides: str) -> dict[str, object]:
+        hydra = SimpleNamespace(runtime=SimpleNamespace(output_dir=str(tmp_path)))
+        monkeypatch.setattr(evaluate, "HydraConfig", SimpleNamespace(get=lambda: hydra))
+        monkeypatch.setattr(judging, "ACROSS", 2)
+        monkeypatch.setattr(judging, "REPETITIONS", 1)
+        cfg = config("task=evaluate", "engine=disc", "engine.window=32", "n=20", "device=cpu", *overrides)
+        return evaluate.run(cfg, time.monotonic())
+
+    return run_with
+
+
+def test_a_run_leaves_numbers_and_pictures(run, tmp_path):
+    metrics = run("renderer=analytic", "renderer.soft=1")
+    assert json.loads((tmp_path / "metrics.json").read_text()).keys() == metrics.keys()
+    assert metrics["n"] == 20
+    assert metrics["parameters"] == 0
+    assert metrics["file_mb"] is None
+    assert metrics["finite_outside"]
+    assert metrics["psnr_alpha"] > 15
+    for key in ("l2", "fid_effl0", "kid_effl0", "strokes_per_second", "strokes_per_second_backward"):
+        assert math.isfinite(metrics[key])
+    for name in ("strokes.png", "outside.png"):
+        with Image.open(tmp_path / name) as sheet:
+            assert sheet.width > 8 * 64
+    with (tmp_path / "outside.csv").open(newline="") as file:
+        assert {row["stroke"] for row in csv.DictReader(file)} == set(EXTREMES)
+
+
+def test_the_size_of_a_trained_renderer_is_told(run, tmp_path):
+    options = {"window": 64, "width": 4, "widest": 8, "dense": [16], "checkpoint": None}
+    renderer = build_named("renderer", "neural", options)
+    path = tmp_path / "mine.safetensors"
+    full = {"subpixel": 2, "coordconv": "stroke", "tint": True, "noise": False, "activation": "relu"}
+    recipe = {"options": {**options, **full, "normalisation": "none", "upsampling": "nearest"}}
+    recipe["data"] = {"engine": "disc", "engine_config": {"window": 64}, "window": 64}
+    save_checkpoint(path, "neural", renderer, recipe)
+    chosen = ["renderer=neural", "renderer.width=4", "renderer.widest=8", "renderer.dense=[16]"]
+    chosen += [f"renderer.checkpoint={path}"]
+    metrics = run(*chosen, "engine.window=64")
+    assert metrics["file_mb"] == pytest.approx(path.stat().st_size / 1e6)
+    assert metrics["parameters"] == sum(weight.numel() for weight in renderer.parameters())
+    with pytest.raises(UserError, match=r"made with engine.window=32, .* other_data=true judges it all the same"):
+        run(*chosen)
+    assert run(*chosen, "other_data=true")["n"] == 20
+
+
+def test_random_weights_are_mentioned(run, caplog):
+    run("renderer=neural", "renderer.width=4", "renderer.widest=8", "renderer.dense=[16]", "renderer.checkpoint=null")
+    assert "neural has random weights; give those of task=train" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["split=training"], "split=training is not one of test, validation; try split=test"),
+        (["n=0"], "n=0 is not a number of strokes"),
+        (["inception=none.pt"], "inception=none.pt: there is no such file"),
+        (["data=nowhere.h5"], "there is no file nowhere.h5"),
+    ],
+)
+def test_wrong_keys_are_refused(run, overrides, message):
+    with pytest.raises(UserError, match=message):
+        run("renderer=analytic", *overrides)
+
+
+def test_exactly_the_strokes_that_were_asked_for_are_judged():
+    engine = build_named("engine", "disc", {"window": 8})
+    data = StrokeData(OnTheWay(engine, Origin("disc", {}, 8), held_out=50), batch_size=16)
+    assert [evaluate.number_of(data, "test", wanted) for wanted in (None, 20, 80)] == [50, 20, 50]
+    found = {split: list(evaluate.held_out(data, split, 20)) for split in ("test", "validation")}
+    assert [len(batch.number) for batch in found["test"]] == [16, 4]
+    numbers = [torch.cat([batch.number for batch in batches]) for batches in found.values()]
+    assert not set(numbers[0].tolist()) & set(numbers[1].tolist())
+    assert len(evaluate.first_strokes(found["test"], 18).number) == 18
+
+
+# the report of a sweep
+
+
+def test_a_sweep_has_their_metrics_and_their_pictures(tmp_path):
+    for number, name in enumerate(("analytic", "neural")):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        metrics = {"l2": 0.0012345, "psnr_alpha": 24.318, "fid_effl0": 12.3456, "strokes_per_second": 512.4}
+        result = {"status": "completed", "overrides": {"renderer": name}, "picture": "strokes.png", **metrics}
+        write_json(folder / "result.json", result)
+        write_picture(folder / "strokes.png", np.full((90, 900, 3), 100 + number, np.uint8))
+    text = write_table(tmp_path)[1].read_text().splitlines()
+    assert text[2] == r"| run | renderer | status | l2 | psnr\_alpha | fid\_effl0 | strokes\_per\_second |"
+    assert text[4] == "| 0 | analytic | completed | 0.001234 | 24.32 | 12.35 | 512 |"
+    assert "picture" not in (tmp_path / "table.csv").read_text().splitlines()[0]
+    with Image.open(write_sheet(tmp_path)) as sheet:
+        pixels = np.asarray(sheet)[..., 0]
+    assert all((pixels == level).any(0).sum() > 790 for level in (100, 101))  # twice the room of a painting

@@ -1,0 +1,237 @@
+"""Removing channels: what does nothing goes first, what is left loads as any other renderer, and it can be trained."""
+
+import csv
+import json
+import sys
+import time
+from copy import deepcopy
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import torch
+
+from brushexp.errors import UserError
+from brushexp.registry import build_named
+from brushexp.renderer.analytic import Analytic
+from brushexp.renderer.base import window_pictures
+from brushexp.renderer.checkpoint import save_checkpoint, weights_hash
+from brushexp.renderer.neural import Activation, Coarsest, Coordinates, Neural, Normalisation, Upsampling
+from brushexp.strokes.prior import parameters_of, sample_prior
+from brushexp.task import prune as task
+from brushexp.train import judging
+from brushexp.train.dataset import Origin
+from brushexp.train.pruning import MULTIPLE, _Spread, check_prunable, prune
+from brushexp.train.recording import Recording
+from brushexp.train.stream import StrokeBatch
+
+OPTIONS = {
+    "window": 64,
+    "width": 16,
+    "widest": 32,
+    "dense": [32, 16],
+    "subpixel": 4,
+    "coordconv": Coordinates.stroke,
+    "tint": True,
+    "noise": False,
+    "activation": "relu",
+    "normalisation": Normalisation.none,
+    "upsampling": Upsampling.nearest,
+}
+
+
+def tiny(**options) -> Neural:
+    chosen = {key: getattr(value, "name", value) for key, value in {**OPTIONS, **options}.items()}
+    return build_named("renderer", "neural", {"checkpoint": None, **chosen})
+
+
+def batch(n: int = 6) -> StrokeBatch:
+    parameters = parameters_of(sample_prior(n))
+    with torch.no_grad():
+        return StrokeBatch(parameters, window_pictures(Analytic(), parameters, 64), torch.arange(n))
+
+
+@torch.no_grad()
+def silence_every_other_channel(renderer: Neural) -> None:
+    """Let every second channel of every layer but the last be 0, whatever comes in."""
+    for layer in renderer.dense:
+        layer.weight[::2], layer.bias[::2] = 0, 0
+    first = renderer.first
+    first.weight.view(16, first.channels, -1)[:, ::2] = 0
+    first.bias.view(16, first.channels)[:, ::2] = 0
+    for layer in renderer.convolving:
+        layer.convolution.weight[::2], layer.convolution.bias[::2] = 0, 0
+        if layer.coordinates is not None:
+            layer.coordinates.weight[::2] = 0
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"upsampling": Upsampling.bilinear, "coordconv": Coordinates.window},
+        {"coordconv": Coordinates.none, "tint": False, "noise": True},
+        {"normalisation": Normalisation.batch},
+    ],
+)
+def test_channels_that_do_nothing_are_the_ones_to_go(options):
+    renderer = tiny(activation="elu", **options)  # after relu, others might be silent too
+    silence_every_other_channel(renderer)
+    before = renderer.state_dict()["last.weight"].clone()
+    pruned = prune(renderer, 0.5, [batch()])
+    assert pruned.widths == [width // 2 for width in renderer.widths]
+    with torch.no_grad():
+        given = parameters_of(sample_prior(5, seed=3))
+        torch.testing.assert_close(pruned.draw(given), renderer.draw(given), rtol=1e-4, atol=1e-5)
+    assert torch.equal(renderer.last.weight, before)
+
+
+def test_widths_are_multiples_and_shrink_with_the_ratio():
+    renderer = tiny()
+    numbers = []
+    for ratio in (0.0, 0.25, 0.5, 0.9):
+        pruned = prune(renderer, ratio, [batch(2)])
+        assert all(width % MULTIPLE == 0 and width >= MULTIPLE for width in pruned.widths)
+        assert pruned.draw(batch(2).parameters).shape == (2, 4, 64, 64)
+        numbers.append(sum(weight.numel() for weight in pruned.parameters()))
+    assert numbers[0] == sum(weight.numel() for weight in renderer.parameters())
+    assert numbers == sorted(numbers, reverse=True)
+    assert numbers[3] < 0.3 * numbers[0]
+
+
+def test_a_pruned_renderer_still_learns():
+    pruned = prune(tiny(), 0.5, [batch(2)])
+    assert all(weight.requires_grad and weight.grad is None for weight in pruned.parameters())
+    pruned.draw(batch(2).parameters).square().mean().backward()
+    assert all(bool(weight.grad.isfinite().all()) for weight in pruned.parameters())
+
+
+def test_a_ratio_of_0_changes_nothing():
+    renderer = tiny()
+    pruned = prune(renderer, 0, [])
+    assert weights_hash(pruned) == weights_hash(renderer)
+    assert pruned is not renderer
+
+
+def test_the_coarsest_picture_is_a_transposed_convolution():
+    layer = Coarsest(5, 3)
+    spread = _Spread(layer)
+    given = torch.randn(4, 5)
+    with torch.no_grad():
+        torch.testing.assert_close(spread(given), layer(given))
+        torch.testing.assert_close(spread.as_linear()(given), layer(given))
+
+
+def test_a_pruned_checkpoint_loads_by_its_name_alone(tmp_path):
+    pruned = prune(tiny(), 0.5, [batch(2)]).eval()
+    path = tmp_path / "pruned.safetensors"
+    save_checkpoint(path, "neural", pruned, {"options": {**OPTIONS, "channels": pruned.widths}})
+    again = tiny(checkpoint=str(path))
+    assert again.widths == pruned.widths != tiny().widths
+    with torch.no_grad():
+        assert torch.equal(again.draw(batch().parameters), pruned.draw(batch().parameters))
+    assert weights_hash(tiny(checkpoint=str(path), channels=pruned.widths)) == weights_hash(pruned)
+    with pytest.raises(UserError, match=r"was trained with renderer.channels=\[16, .*, not \[32, "):
+        tiny(checkpoint=str(path), channels=tiny().widths)
+
+
+def test_a_pruned_renderer_can_be_pruned_again():
+    once = prune(tiny(), 0.5, [batch(2)])
+    assert all(b <= a for a, b in zip(once.widths, prune(once, 0.5, [batch(2)]).widths, strict=True))
+
+
+@pytest.mark.parametrize("channels", [[8], [8] * 30, [0] * 9, [8] * 8 + ["x"]])
+def test_channels_that_do_not_fit_are_refused(channels):
+    with pytest.raises(UserError, match=r"renderer.channels=\[.*\] are not 9 widths"):
+        Neural(**{**OPTIONS, "activation": Activation.relu}, channels=channels, checkpoint=None)
+    assert tiny(channels=[8] * 9).widths == [8] * 9
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"normalisation": Normalisation.group}, "renderer.normalisation=group or instance mixes channels"),
+        ({"normalisation": Normalisation.instance}, "renderer.normalisation=group or instance mixes channels"),
+        ({"upsampling": Upsampling.pixel_shuffle}, "renderer.upsampling=pixel_shuffle ties channels to pixels"),
+    ],
+)
+def test_networks_whose_channels_cannot_be_told_apart_are_refused(options, message):
+    with pytest.raises(UserError, match=message):
+        prune(tiny(**options), 0.5, [batch(2)])
+
+
+def test_other_renderers_are_refused():
+    with pytest.raises(UserError, match="Analytic has no option for the widths of its layers; use renderer=neural"):
+        check_prunable(Analytic())
+
+
+def test_a_missing_library_is_named_with_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch_pruning", None)
+    with pytest.raises(UserError, match=r"task=prune needs torch-pruning; pip install 'brushexp\[prune\]'"):
+        prune(tiny(), 0.5, [])
+
+
+# the task
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, config):
+    """Run the task in this process, on strokes of the plainest engine."""
+    engine = build_named("engine", "disc", {})
+    strokes = tmp_path / "strokes.h5"
+    with Recording(strokes, Origin("disc", {"window": 64}, 64), 0, 350) as recording:
+        for first, size in recording.batches():
+            parameters = parameters_of(sample_prior(size, 0, first))
+            recording.add(parameters, engine(parameters, seed=0, first=first))
+        recording.finish()
+    trained = tmp_path / "trained.safetensors"
+    origin = {"engine": "disc", "engine_config": {"window": 64}, "window": 64}
+    save_checkpoint(trained, "neural", tiny(), {"options": deepcopy(OPTIONS), "data": origin})
+    monkeypatch.setattr(judging, "ACROSS", 2)
+    monkeypatch.setattr(judging, "REPETITIONS", 1)
+    hydra = SimpleNamespace(runtime=SimpleNamespace(output_dir=str(tmp_path)))
+    monkeypatch.setattr(task, "HydraConfig", SimpleNamespace(get=lambda: hydra))
+    chosen = {"width": 16, "widest": 32, "dense": "[32,16]", "subpixel": 4, "checkpoint": trained}
+
+    def run_with(*overrides: str) -> dict[str, object]:
+        common = ["task=prune", "device=cpu", f"data={strokes}", "epochs=1", "limit=64", "n=8", "precision=float32"]
+        options = [f"renderer.{key}={value}" for key, value in chosen.items()]
+        return task.run(config(*common, *options, *overrides), time.monotonic())
+
+    return run_with
+
+
+def test_a_run_leaves_a_table_and_renderers_that_paint(run, tmp_path):
+    metrics = run("ratios=[0,0.5]")
+    assert metrics["status"] == "completed"
+    assert metrics["n"] == 8
+    rows = json.loads((tmp_path / "metrics.json").read_text())["pruned"]
+    with (tmp_path / "pruning.csv").open(newline="") as file:
+        assert [float(row["ratio"]) for row in csv.DictReader(file)] == [0, 0.5]
+    assert len((tmp_path / "pruning.md").read_text().splitlines()) == 4
+    assert (tmp_path / "strokes.png").is_file()
+    assert not list(tmp_path.rglob("checkpoint.ckpt"))
+    assert rows[1]["parameters"] < 0.5 * rows[0]["parameters"]
+    assert rows[1]["file_mb"] < rows[0]["file_mb"]
+    assert rows[1]["l2"] < rows[1]["l2_before"]
+    path = tmp_path / "neural_50.safetensors"
+    again = tiny(checkpoint=str(path))
+    assert sum(weight.numel() for weight in again.parameters()) == rows[1]["parameters"]
+    recipe = json.loads(path.with_suffix(".json").read_text())
+    assert recipe["training"]["pruned"] == 0.5
+    assert Path(recipe["training"]["started_from"]).name == "trained.safetensors"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["ratios=[]"], r"ratios=\[\] are not shares from 0 to below 1; try 'ratios="),
+        (["ratios=[1.0]"], r"ratios=\[1.0\] are not shares"),
+        (["renderer.checkpoint=null"], "there are no trained weights to prune; give those of task=train"),
+        (["epochs=null", "minutes=null"], "neither epochs nor minutes is set"),
+        (["precision=half"], "precision=half is not one of float32, bfloat16"),
+    ],
+)
+def test_wrong_keys_are_refused(run, overrides, message):
+    with pytest.raises(UserError, match=message):
+        run(*overrides)
