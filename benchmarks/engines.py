@@ -55,7 +55,8 @@ def panel(name: str, window: int) -> np.ndarray:
     """The twelve strokes of one engine, four rows of three: (H, W, 3) uint8."""
     engine: Engine = build_named("engine", name, {"window": window})
     pictures = over_paper(engine(twelve(), seed=0).images)
-    rows = [torch.cat(list(pictures[3 * k : 3 * k + 3]), dim=2)[:, window // 4 :][:, : window // 2] for k in range(4)]
+    seen = slice(window * 3 // 16, window * 12 // 16)  # above and below is nothing
+    rows = [torch.cat(list(pictures[3 * k : 3 * k + 3, :, seen]), dim=2) for k in range(4)]
     sheet = (torch.cat(rows, dim=1).permute(1, 2, 0) * 255).round().byte().numpy()
     zoom = LARGE // window
     return sheet.repeat(zoom, axis=0).repeat(zoom, axis=1)

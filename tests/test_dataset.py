@@ -369,14 +369,19 @@ def test_a_missing_or_foreign_dataset_is_explained(stored, name):
     assert f"has no dataset {name}" in refused(stored)
     with h5py.File(stored, "a") as file:
         file[name] = np.zeros(shape, np.float64)
+    assert f"dataset {name} has no attribute unit" in refused(stored)
+    with h5py.File(stored, "a") as file:
+        file[name].attrs["unit"] = "none"
     assert f"{name} has type float64" in refused(stored)
     with h5py.File(stored, "a") as file:
         del file[name]
         file[name] = np.zeros(shape, kind)
+        file[name].attrs["unit"] = "none"
     assert f"{name} has chunks None" in refused(stored)
     with h5py.File(stored, "a") as file:
         del file[name]
         file.create_dataset(name, shape, kind, chunks=(BLOCK, *shape[1:]), maxshape=(None, *shape[1:]))[:500] = 0
+        file[name].attrs["unit"] = "none"
     assert f"{name} has only 32 of its chunks; it is not complete" in refused(stored)
 
 

@@ -1,5 +1,7 @@
 """The distribution of valid strokes, and strokes as plain numbers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -221,3 +223,14 @@ def test_strokes_of_no_size_get_a_window():
 
 def test_no_strokes_are_rewindowed_to_none():
     assert len(rewindow(Strokes.none())) == 0
+
+
+def test_a_point_becomes_the_shortest_valid_stroke():
+    strokes = strokes_of(torch.zeros(3, 10))
+    strokes = replace(strokes, end=torch.tensor([[0.0, 0.0], [0.01, 0.0], [0.0, 0.5]]))
+    clamped = clamp_to_prior(strokes)
+    length = (clamped.end - clamped.start).norm(dim=1)
+    torch.testing.assert_close(length, torch.tensor([SHORTEST, SHORTEST, 0.5]))
+    torch.testing.assert_close(clamped.start[:2] + clamped.end[:2], strokes.start[:2] + strokes.end[:2])
+    again = clamp_to_prior(clamped)
+    torch.testing.assert_close(again.end, clamped.end)

@@ -144,7 +144,7 @@ def test_the_names_of_the_losses_stand_for_the_override(tmp_path):
 def test_only_what_varies_is_in_the_markdown(tmp_path):
     make_sweep(tmp_path, {"image": ["cat.png"], "init": ["grid", "slic"], "seed": ["1", "2"]}, failed=(3,))
     text = write_table(tmp_path)[1].read_text().splitlines()
-    assert text[0] == "4 runs, 1 failed."
+    text = text[text.index("4 runs, 1 failed.") :]  # above it are the means over seeds
     assert text[2] == "| run | init | seed | status | psnr | ssim | l1 | perceptual | seconds | n\\_strokes |"
     assert text[4] == "| 0 | grid | 1 | completed | 27.12 | 0.8765 | 0.0312 | – | 12.3 | 2600 |"
     assert text[7].startswith("| 3 | slic | 2 | failed: RuntimeError: stroke 17 \\| is \\*singular\\* | – |")
@@ -438,3 +438,15 @@ def test_a_real_sweep_with_a_failing_job_is_reported_whole(tmp_path, launcher):
     ]
     assert greys(tmp_path / "out" / "sheet.png") == [[21, 21, 23, 23]]
     assert "RuntimeError: this job fails\nTraceback" in (tmp_path / "out" / "1" / "app.log").read_text()
+
+
+def test_runs_that_differ_in_the_seed_alone_have_a_mean_and_a_spread(tmp_path):
+    for number, (init, seed, psnr) in enumerate([("grid", 0, 20.0), ("grid", 1, 22.0), ("slic", 0, 30.0)]):
+        make_run(tmp_path, number, {"init": init, "seed": str(seed)}, psnr=psnr)
+    make_run(tmp_path, 3, {"init": "slic", "seed": "1"}, failed=True)
+    lines = as_markdown(collect(tmp_path)).splitlines()
+    assert lines[0] == "Mean ± standard deviation over seeds."
+    assert lines[2].startswith("| init | runs | psnr |")
+    assert lines[4].startswith("| grid | 2 | 21.00 ± 1.41 |")
+    assert lines[5].startswith("| slic | 1 | 30.00 |")
+    assert lines[7] == "4 runs, 1 failed."

@@ -31,8 +31,10 @@ def share_threads() -> None:
     import numba  # noqa: PLC0415  (a second; --help should not wait for it)
     import torch  # noqa: PLC0415  (`let_threads_sleep` has to come first)
 
-    most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-    numba.set_num_threads(max(1, min(torch.get_num_threads(), most)))
+    n, most = torch.get_num_threads(), numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+    numba.set_num_threads(max(1, min(n, most)))
+    if torch.get_num_threads() != n:  # both share one pool of OpenMP, which Numba enlarges when it begins
+        torch.set_num_threads(n)
 
 
 def peak_memory() -> float:

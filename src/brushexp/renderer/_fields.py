@@ -15,6 +15,7 @@ from brushexp.strokes.prior import WIDTH
 WAVES = 4  # cosines and sines across the stroke, of 1/2, 1, 2, 4 periods per half width: what streaks are made of
 PLANES = 3 + 2 * WAVES
 SHORTEST = 1e-4  # least squared length that is divided by, half-windows; valid strokes have 0.007
+THINNEST = 1e-3  # half width that is divided by, half-windows; valid strokes have 0.03
 FARTHEST = 3.0  # half widths from the axis
 
 
@@ -27,6 +28,7 @@ def stroke_planes(parameters: Tensor, side: int) -> Tensor:
     line = (torch.arange(side, device=parameters.device, dtype=parameters.dtype) + 0.5) * (2 / side) - 1
     start, control, end, width, _ = parameters[:, :, None, None].split([2, 2, 2, 1, 3], dim=1)  # (n, ., 1, 1)
     half = WIDTH[0] + 0.5 * (WIDTH[1] - WIDTH[0]) * (width + 1)  # a width in windows is a half width in half-windows
+    half = half.clamp_min(THINNEST)
     chord, lift = end - start, control - start
     square = chord.square().sum(1, keepdim=True).clamp_min(SHORTEST)
     length = square.sqrt()

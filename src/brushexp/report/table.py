@@ -9,6 +9,7 @@ import json
 import re
 from collections.abc import Iterable
 from pathlib import Path
+from statistics import mean, stdev
 from typing import Any
 
 from brushexp.errors import UserError
@@ -95,9 +96,10 @@ def as_csv(results: list[Result]) -> str:
 
 
 def as_markdown(results: list[Result]) -> str:
-    """A table with a caption; numbers stand on the right."""
+    """A table with a caption, after one of means if seeds vary; numbers stand on the right."""
     keys = list(varying(results))
     shown = [metric for metric in DIGITS if any(metric in result for result in results)]
+    means = ["Mean ± standard deviation over seeds.", "", *_means(results), ""] if "seed" in keys else []
     head = ["run", *keys, "status", *shown]
     rules = ["---:", *("---" for _ in keys), "---", *("---:" for _ in shown)]
     lines = [head, rules]
@@ -105,8 +107,39 @@ def as_markdown(results: list[Result]) -> str:
         chosen = settings(result)
         metrics = [formatted(result, metric) for metric in shown]
         lines.append([result["run"], *(chosen.get(key, "") for key in keys), _status(result), *metrics])
-    table = [f"| {' | '.join(line if line is rules else map(_escaped, line))} |" for line in lines]
-    return "\n".join([f"{summary(results)}.", "", *table, ""])
+    return "\n".join([*means, f"{summary(results)}.", "", *_table(lines), ""])
+
+
+def _means(results: list[Result]) -> list[str]:
+    """A table with one row for all completed runs that differ in the seed alone."""
+    keys = [key for key in varying(results) if key != "seed"]
+    groups: dict[tuple[str, ...], list[Result]] = {}
+    for result in results:
+        if result["status"] == "completed":
+            groups.setdefault(tuple(settings(result).get(key, "") for key in keys), []).append(result)
+    shown = [metric for metric in DIGITS if any(_numbers(runs, metric) for runs in groups.values())]
+    lines = [[*keys, "runs", *shown], [*("---" for _ in keys), "---:", *("---:" for _ in shown)]]
+    for chosen, runs in groups.items():
+        lines.append([*chosen, str(len(runs)), *(_mean_and_spread(runs, metric) for metric in shown)])
+    return _table(lines)
+
+
+def _mean_and_spread(runs: list[Result], metric: str) -> str:
+    found, digits = _numbers(runs, metric), DIGITS[metric]
+    if not found:
+        return NOTHING
+    spread = f" ± {stdev(found):.{digits}f}" if len(found) > 1 else ""
+    return f"{mean(found):.{digits}f}{spread}"
+
+
+def _numbers(runs: list[Result], metric: str) -> list[float]:
+    return [result[metric] for result in runs if isinstance(result.get(metric), int | float)]
+
+
+def _table(lines: list[list[str]]) -> list[str]:
+    """Markdown of a head, its rules, and rows."""
+    head, rules, *rows = lines
+    return [f"| {' | '.join(line)} |" for line in (map(_escaped, head), rules, *(map(_escaped, row) for row in rows))]
 
 
 def _status(result: Result) -> str:

@@ -17,6 +17,7 @@ WINDOW = 64.0  # pixels on the side of the window of a simulated stroke
 WIDTH = (0.03, 0.2)  # thinnest and thickest stroke, in sides of the window
 INSET = 0.7  # strokes are shrunk by this about the window's centre, so that its edge cuts none
 SPREAD = (1 / 200, 1 / 25)  # variance of the control point along and across s - e, in units of |s - e|
+TOUCHING = 1e-6  # half-windows: ends nearer than this have no direction between them
 SHORTEST = 4 * WIDTH[0] * INSET  # distance from start to end of the shortest valid stroke, half-windows
 
 Array = NDArray[np.float64]
@@ -74,13 +75,24 @@ def strokes_of(parameters: Tensor) -> Strokes:
 def clamp_to_prior(strokes: Strokes) -> Strokes:
     """Bring points and widths to the edge of the box that `sample_prior` draws from; inside, nothing changes.
 
-    That is +-``INSET`` half-windows for the points and ``WIDTH``, and no stroke thicker than half its length (but at
-    least the thinnest), as the source's eq. 6.1 asks. The gradient of what is clamped is 0.
+    That is +-``INSET`` half-windows for the points and ``WIDTH``, no stroke shorter than ``SHORTEST``, and none thicker
+    than half its length (but at least the thinnest), as the source's eq. 6.1 asks. What is clamped has no gradient.
     """
     start, control, end = (value.clamp(-INSET, INSET) for value in (strokes.start, strokes.control, strokes.end))
+    start, end = _lengthened(start, end)
     length = 0.5 * torch.linalg.vector_norm(start - end, dim=1) / INSET  # sides of the window, before the inset
     width = torch.minimum(strokes.width, 0.5 * length).clamp(*WIDTH)
     return replace(strokes, start=start, control=control, end=end, width=width)
+
+
+def _lengthened(start: Tensor, end: Tensor) -> tuple[Tensor, Tensor]:
+    """Both ends (N, 2), moved apart to ``SHORTEST`` half-windows where they are nearer; a point grows to the right."""
+    chord = (end - start).detach()
+    length = torch.linalg.vector_norm(chord, dim=1, keepdim=True)
+    right = torch.tensor([1.0, 0.0]).to(chord)
+    direction = torch.where(length > TOUCHING, chord / length.clamp_min(TOUCHING), right)
+    way = 0.5 * (SHORTEST - length).clamp_min(0) * direction
+    return start - way, end + way
 
 
 @torch.no_grad()

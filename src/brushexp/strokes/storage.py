@@ -8,7 +8,6 @@ length, in which one wrong byte can send the HDF5 library into an endless loop.
 import io
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -18,11 +17,11 @@ from torch import Tensor
 
 from brushexp.errors import UserError
 from brushexp.files import write_bytes
+from brushexp.hdf5 import HDF5, attribute_of, dataset_of, fixed, text_of, whole_number_of
 from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
 
 FORMAT = "brushexp catalogue"
 VERSION = 1  # raise it whenever a file of the new kind would mislead an older reader
-HDF5 = "v110"
 LARGEST_SIDE = 1_000_000  # pixels
 MOST_STROKES = 100_000_000
 DEPTH_UNIT = "rank, 0 is the bottom stroke"
@@ -68,15 +67,15 @@ def save_catalogue(path: Path, saved: Saved) -> None:
             _put(file, name, value.numpy(), FIELDS[name].unit)
         _put(file, "depth", saved.depth.detach().cpu().numpy().astype(np.int32), DEPTH_UNIT)
         file.attrs.update(
-            format=_fixed(FORMAT),
+            format=fixed(FORMAT),
             format_version=VERSION,
             height=saved.size[0],
             width=saved.size[1],
             background=saved.background.detach().to("cpu", torch.float32).numpy(),
-            renderer=_fixed(saved.renderer),
-            renderer_hash=_fixed(saved.renderer_hash),
+            renderer=fixed(saved.renderer),
+            renderer_hash=fixed(saved.renderer_hash),
             seed=saved.seed,
-            config=_fixed(saved.config),
+            config=fixed(saved.config),
         )
     write_bytes(path, memory.getvalue())
 
@@ -106,32 +105,32 @@ def load_catalogue(path: Path) -> Saved:
 
 def _read(file: h5py.File) -> Saved:
     _check_format(file)
-    count = _dataset(file, "depth", np.int32, None).shape[0]
+    count = dataset_of(file, "depth", np.int32, None).shape[0]
     if count > MOST_STROKES:
         raise UserError(f"{count} strokes; at most {MOST_STROKES} can be read")
     values = {}
     for name, field in FIELDS.items():  # every header before any number, so that nothing huge is read in vain
-        values[name] = _dataset(file, name, np.float32, field.shape(count))
+        values[name] = dataset_of(file, name, np.float32, field.shape(count))
     strokes = Strokes(**{name: torch.from_numpy(values[name][...]) for name in FIELDS})
     check_strokes(strokes)
     saved = Saved(
         strokes=strokes,
         depth=torch.from_numpy(file["depth"][...]),
-        size=(_whole_number(file, "height"), _whole_number(file, "width")),
+        size=(whole_number_of(file, "height"), whole_number_of(file, "width")),
         background=_numbers(file, "background"),
-        renderer=_text(file, "renderer"),
-        renderer_hash=_text(file, "renderer_hash"),
-        seed=_whole_number(file, "seed"),
-        config=_text(file, "config"),
+        renderer=text_of(file, "renderer"),
+        renderer_hash=text_of(file, "renderer_hash"),
+        seed=whole_number_of(file, "seed"),
+        config=text_of(file, "config"),
     )
     _check(saved.strokes, saved.depth, saved.size, saved.background, saved.config)
     return saved
 
 
 def _check_format(file: h5py.File) -> None:
-    if "format" not in file.attrs or _text(file, "format") != FORMAT:
+    if "format" not in file.attrs or text_of(file, "format") != FORMAT:
         raise UserError(f"an HDF5 file, but not a {FORMAT}; give the catalogue.h5 of a finished run, catalogue=...")
-    version = _whole_number(file, "format_version")
+    version = whole_number_of(file, "format_version")
     if version > VERSION:
         raise UserError(
             f"was written by a newer version of brushexp (format {version}; this one reads {VERSION}); update brushexp"
@@ -167,53 +166,11 @@ def _check_yaml(text: str) -> None:
 
 def _put(file: h5py.File, name: str, value: np.ndarray, unit: str) -> None:
     packed = {"compression": "gzip", "shuffle": True, "fletcher32": True} if value.size else {}
-    file.create_dataset(name, data=value, **packed).attrs["unit"] = _fixed(unit)
-
-
-def _fixed(text: str) -> np.ndarray:
-    """The text as HDF5 keeps it inside an object: with a length that is known."""
-    encoded = text.encode()
-    return np.array(encoded, h5py.string_dtype("utf-8", max(1, len(encoded))))
-
-
-def _dataset(file: h5py.File, name: str, dtype: type, shape: tuple[int, ...] | None) -> h5py.Dataset:
-    """The dataset, if it is what the format says; its numbers are not read yet. Without a shape: one axis."""
-    dataset = file.get(name)
-    if not isinstance(dataset, h5py.Dataset):
-        raise UserError(f"has no dataset {name}; it is damaged or not complete")
-    if "unit" not in dataset.attrs:
-        raise UserError(f"dataset {name} has no attribute unit; it is damaged or not complete")
-    if dataset.dtype != dtype:
-        raise UserError(f"{name} has type {dataset.dtype}; {np.dtype(dtype)} is needed")
-    if (shape is None and len(dataset.shape) != 1) or (shape is not None and dataset.shape != shape):
-        raise UserError(f"{name} has shape {dataset.shape}; {shape or '(N,)'} is needed")
-    return dataset
-
-
-def _text(file: h5py.File, name: str) -> str:
-    value = _attribute(file, name)
-    if isinstance(value, bytes):
-        value = value.decode()
-    if not isinstance(value, str):
-        raise UserError(f"attribute {name} is {value!r}; text is needed")
-    return value
-
-
-def _whole_number(file: h5py.File, name: str) -> int:
-    value = _attribute(file, name)
-    if not isinstance(value, np.integer):
-        raise UserError(f"attribute {name} is {value!r}; a whole number is needed")
-    return int(value)
+    file.create_dataset(name, data=value, **packed).attrs["unit"] = fixed(unit)
 
 
 def _numbers(file: h5py.File, name: str) -> Tensor:
-    value = np.asarray(_attribute(file, name))
+    value = np.asarray(attribute_of(file, name))
     if value.dtype.kind not in "fiu":
         raise UserError(f"attribute {name} is {value!r}; numbers are needed")
     return torch.from_numpy(value.astype(np.float32))
-
-
-def _attribute(file: h5py.File, name: str) -> Any:
-    if name not in file.attrs:
-        raise UserError(f"has no attribute {name}; it is damaged or not complete")
-    return file.attrs[name]

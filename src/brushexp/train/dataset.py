@@ -27,6 +27,7 @@ from torch import Tensor
 
 from brushexp.engine.base import Engine
 from brushexp.errors import UserError
+from brushexp.hdf5 import dataset_of, text_of, whole_number_of
 from brushexp.registry import plugin_of
 
 FORMAT = "brushexp strokes"
@@ -144,27 +145,27 @@ class StrokeFile:
 
     def _read_head(self) -> None:
         file = self.file
-        if "format" not in file.attrs or _attribute(file, "format", str) != FORMAT:
+        if "format" not in file.attrs or text_of(file, "format") != FORMAT:
             raise UserError(f"an HDF5 file, but not one of {FORMAT}; give the strokes.h5 of task=simulate")
-        version = _attribute(file, "format_version", int)
+        version = whole_number_of(file, "format_version")
         if version != VERSION:
             cure = "update brushexp" if version > VERSION else "simulate it again"
             raise UserError(f"has format_version {version}, and this brushexp reads {VERSION}; {cure}")
-        config = _attribute(file, "engine_config", str)
+        config = text_of(file, "engine_config")
         options = json.loads(config)
         if not isinstance(options, dict):
             raise UserError(f"attribute engine_config is {config}; JSON of the engine's options is needed")
-        n, self.window = _attribute(file, "n", int), _attribute(file, "window", int)
-        self.engine: str = _attribute(file, "engine", str)
+        n, self.window = whole_number_of(file, "n"), whole_number_of(file, "window")
+        self.engine: str = text_of(file, "engine")
         self.engine_config: dict[str, Any] = options
         self.origin = Origin(self.engine, options, self.window)
-        self.seed: int = _attribute(file, "seed", int)
+        self.seed: int = whole_number_of(file, "seed")
         if n < 1 or self.window < 1:
             raise UserError(f"n is {n} and window is {self.window}; both must be 1 or more")
         window = self.window
-        params = _dataset(file, "params", np.float32, (n, 10))
-        self.images = _dataset(file, "images", np.uint8, (n, window, window, 4))
-        self._heights = _dataset(file, "heights", np.uint16, (n, window, window))
+        params = _whole_dataset(file, "params", np.float32, (n, 10))
+        self.images = _whole_dataset(file, "images", np.uint8, (n, window, window, 4))
+        self._heights = _whole_dataset(file, "heights", np.uint16, (n, window, window))
         self.parameters = torch.from_numpy(params[...])
         if not bool((self.parameters.abs() <= 1).all()):
             raise UserError("params has numbers outside [-1, 1]; it is damaged, simulate it again")
@@ -219,26 +220,9 @@ def _check_place(path: Path) -> None:
         raise UserError(f"there is no file {path}; make one with python run.py task=simulate path={path}")
 
 
-def _attribute(file: h5py.File, name: str, kind: type) -> Any:
-    if name not in file.attrs:
-        raise UserError(f"has no attribute {name}; it is damaged or not complete")
-    value = file.attrs[name]
-    if kind is int and isinstance(value, np.integer):
-        return int(value)
-    if kind is str and isinstance(value, bytes | str):
-        return value.decode() if isinstance(value, bytes) else value
-    raise UserError(f"attribute {name} is {value!r}; {'text' if kind is str else 'a whole number'} is needed")
-
-
-def _dataset(file: h5py.File, name: str, dtype: type, shape: tuple[int, ...]) -> h5py.Dataset:
+def _whole_dataset(file: h5py.File, name: str, dtype: type, shape: tuple[int, ...]) -> h5py.Dataset:
     """The dataset, if it is what the format says and every chunk of it was written; its numbers are not read yet."""
-    dataset = file.get(name)
-    if not isinstance(dataset, h5py.Dataset):
-        raise UserError(f"has no dataset {name}; it is damaged or not complete")
-    if dataset.dtype != dtype:
-        raise UserError(f"{name} has type {dataset.dtype}; {np.dtype(dtype)} is needed")
-    if dataset.shape != shape:
-        raise UserError(f"{name} has shape {dataset.shape}; {shape} is needed")
+    dataset = dataset_of(file, name, dtype, shape)
     if dataset.chunks is None or dataset.chunks[0] != BLOCK:
         raise UserError(f"{name} has chunks {dataset.chunks}; {BLOCK} strokes in each are needed")
     if dataset.id.get_num_chunks() != -(-shape[0] // BLOCK):

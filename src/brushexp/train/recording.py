@@ -27,6 +27,7 @@ from torch import Tensor
 from brushexp.engine.base import Simulated
 from brushexp.errors import UserError
 from brushexp.files import write_bytes, write_text
+from brushexp.hdf5 import HDF5, fixed
 from brushexp.train.dataset import (
     BLOCK,
     FORMAT,
@@ -40,7 +41,6 @@ from brushexp.train.dataset import (
 )
 
 log = logging.getLogger(__name__)
-HDF5 = "v110"  # its checksums cover all of a file
 BATCH = 256  # strokes of a call of the engine and of a file in the folder; a multiple of BLOCK
 PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True}
 UNITS = {
@@ -269,28 +269,22 @@ def create(file: h5py.File, n: int, window: int) -> dict[str, h5py.Dataset]:
     for name, (dtype, row) in shapes.items():
         place = {"shape": (n, *row), "maxshape": (None, *row), "chunks": (BLOCK, *row)}
         datasets[name] = file.create_dataset(name, dtype=dtype, **place, **PACKED)
-        datasets[name].attrs["unit"] = _fixed(UNITS[name])
+        datasets[name].attrs["unit"] = fixed(UNITS[name])
     return datasets
 
 
 def describe(file: h5py.File, n: int, origin: Origin, seed: int) -> None:
     """Write the attributes that make a file a set of strokes."""
     file.attrs.update(
-        format=_fixed(FORMAT),
+        format=fixed(FORMAT),
         format_version=VERSION,
         n=n,
         seed=np.uint64(seed),
-        engine=_fixed(origin.engine),
-        engine_config=_fixed(json.dumps(origin.engine_config, sort_keys=True)),
+        engine=fixed(origin.engine),
+        engine_config=fixed(json.dumps(origin.engine_config, sort_keys=True)),
         window=origin.window,
-        splits=_fixed(SPLITS),
+        splits=fixed(SPLITS),
     )
-
-
-def _fixed(text: str) -> NDArray[Any]:
-    """The text as HDF5 keeps it inside an object: with a length that is known."""
-    encoded = text.encode()
-    return np.array(encoded, h5py.string_dtype("utf-8", max(1, len(encoded))))
 
 
 def copy_chunks(source: h5py.Dataset, start: int, target: h5py.Dataset, first: int, size: int) -> None:

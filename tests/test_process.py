@@ -1,0 +1,19 @@
+"""Threads: what one library does must not change what the other was told."""
+
+import subprocess
+import sys
+
+SCRIPT = """
+import brushexp
+import torch
+torch.set_num_threads(1)
+from brushexp.engine.disc import Disc
+Disc(window=8)(torch.zeros(2, 10), seed=0)
+import numba
+print(torch.get_num_threads(), numba.get_num_threads())
+"""
+
+
+def test_kernels_take_the_threads_of_torch_and_leave_them():
+    result = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)
+    assert result.stdout.split() == ["1", "1"]
