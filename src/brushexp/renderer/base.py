@@ -6,6 +6,7 @@ stroke is (`Profile`); a patch renderer draws the window of each stroke and samp
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
@@ -75,8 +76,13 @@ class Renderer(nn.Module, ABC):
         """The nearest strokes that this renderer can draw; the painter applies it after every step."""
         return strokes
 
-    def distil(self, engine: Engine, seed: int) -> None:
-        """Take over what can be read directly off strokes of a simulator; called once, before training."""
+    def distil(self, simulator: Callable[[], Engine], seed: int) -> None:
+        """Take over what can be read directly off strokes of a simulator; called once, before training.
+
+        Args:
+            simulator: makes it, with windows large enough to see details.
+            seed: that of the strokes which the renderer is then trained on.
+        """
 
     def adopt(self, strokes: Strokes) -> Strokes:
         """Strokes that another renderer painted with, as this one draws them best; applied once, before the steps."""

@@ -1,6 +1,7 @@
 """Strokes with the look of a bristle brush: small textures along and across the stroke, drawn by compiled kernels."""
 
 import math
+from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
@@ -83,13 +84,14 @@ class Textured(Renderer):
         return TexturedProfile(curve_of(strokes), softened, strokes.color, opacity, textures, extent, look, cells)
 
     @torch.no_grad()
-    def distil(self, engine: Engine, seed: int) -> None:
+    def distil(self, simulator: Callable[[], Engine], seed: int) -> None:
         """Read the textures off straight strokes: of each brush one as thick as each of the ``widths``."""
         thickness = torch.linspace(-1, 1, self.widths) if self.widths > 1 else torch.zeros(1)
         thickness = WIDTH[0] * (WIDTH[1] / WIDTH[0]) ** (0.5 * (thickness + 1))
         parameters = torch.zeros(self.widths, 10)
         parameters[:, 0], parameters[:, 4] = -INSET, INSET
         parameters[:, 6] = (2 * thickness - sum(WIDTH)) / (WIDTH[1] - WIDTH[0])
+        engine = simulator()
         for variant in range(self.variants):
             for k in range(self.widths):  # one by one, for the number decides the brush
                 picture = engine(parameters[k : k + 1], seed=seed, first=variant).images[0]

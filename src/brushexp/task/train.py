@@ -6,6 +6,7 @@ import hashlib
 import json
 import logging
 import time
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -108,7 +109,8 @@ def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:
     if cfg.renderer.get("checkpoint") is None:
         origin = data.origin
         options = {**origin.engine_config, "window": max(DISTILLED, origin.window)}
-        renderer.distil(build_named("engine", origin.engine, options), data.files[0].seed if data.files else cfg.seed)
+        simulator = partial(build_named, "engine", origin.engine, options)
+        renderer.distil(simulator, data.files[0].seed if data.files else cfg.seed)
     return renderer
 
 
