@@ -1,10 +1,17 @@
-"""How this process waits and how it keeps memory: settings of the C libraries that no option of torch reaches."""
+"""How this process waits, keeps memory, shares threads and is interrupted: what no option of torch reaches."""
 
 import ctypes
+import logging
 import os
 import resource
+import signal
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
+
+log = logging.getLogger(__name__)
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # names of malloc.h
 
@@ -35,6 +42,31 @@ def share_threads() -> None:
     numba.set_num_threads(max(1, min(n, most)))
     if torch.get_num_threads() != n:  # both share one pool of OpenMP, which Numba enlarges when it begins
         torch.set_num_threads(n)
+
+
+@contextmanager
+def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
+    """Let the first Ctrl-C call ``stop``, which makes the work end soon and in order; the second one ends it at once.
+
+    Args:
+        stop: called at the first Ctrl-C.
+        promise: what will be done then, for the log.
+    """
+
+    def finish(signum: int, frame: FrameType | None) -> None:
+        stop()
+        signal.signal(signal.SIGINT, before)
+        log.warning("%s (Ctrl-C again: at once)", promise)
+
+    try:
+        before = signal.signal(signal.SIGINT, finish)
+    except ValueError:  # not the main thread: nobody can press Ctrl-C here
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def peak_memory() -> float:

@@ -188,6 +188,17 @@ def _judge(p, i, target, top, left, buf):  # type: ignore[no-untyped-def]
     return error, total
 
 
+@inline
+def _show(buf, background, top, left, image):  # type: ignore[no-untyped-def]
+    """Write a finished tile into the picture, with the bare canvas where light comes through."""
+    for y in range(min(TILE, image.shape[1] - top)):
+        for x in range(min(TILE, image.shape[2] - left)):
+            q = y * TILE + x
+            light = buf[_LIGHT * AREA + q]
+            for c in range(3):
+                image[c, top + y, left + x] = buf[c * AREA + q] + light * background[c]
+
+
 @kernel
 def forward(p, first, stroke, slot, columns, background, soft, taper, opaque, target, image, used, nearest, errors):  # type: ignore[no-untyped-def]
     """Paint all tiles.
@@ -230,12 +241,7 @@ def forward(p, first, stroke, slot, columns, background, soft, taper, opaque, ta
                 if _bright(buf, opaque) == 0 and not judge:
                     break
             used[tile] = j - first[tile]
-            for y in range(min(TILE, image.shape[1] - top)):
-                for x in range(min(TILE, image.shape[2] - left)):
-                    q = y * TILE + x
-                    light = buf[_LIGHT * AREA + q]
-                    for c in range(3):
-                        image[c, top + y, left + x] = buf[c * AREA + q] + light * background[c]
+            _show(buf, background, top, left, image)
 
 
 @inline

@@ -7,7 +7,7 @@ import torch
 
 from brushexp.blend import _kernels, _patches
 from brushexp.blend._lists import Array, TileLists, build_lists
-from brushexp.blend._scene import NO_TARGET, F
+from brushexp.blend._scene import NO_TARGET, F, sums_by_stroke
 from brushexp.renderer.base import Patches
 
 
@@ -44,10 +44,7 @@ class PatchScene:
             F(self.opaque), NO_TARGET if target is None else target, image, self.used, pairs,
         )  # fmt: skip
         if target is not None:
-            sums = np.empty((len(self.order), 2), F)
-            _kernels.sum_by_stroke(pairs, lists.row, sums)
-            self.errors = np.empty_like(sums)
-            self.errors[self.order] = sums
+            self.errors = sums_by_stroke(lists, self.order, pairs)
         return image
 
     def gradient(self, places: Array, images: Array, grad_image: Array) -> tuple[Array, Array]:

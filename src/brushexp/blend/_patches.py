@@ -10,7 +10,7 @@ own picture: no atomics, and the same bits on any number of threads.
 import numpy as np
 from numba import prange
 
-from brushexp.blend._kernels import AREA, WORKERS
+from brushexp.blend._kernels import AREA, WORKERS, _show
 from brushexp.blend._lists import TILE
 from brushexp.compiled import inline, kernel
 from brushexp.renderer.base import ALMOST_NOTHING
@@ -136,12 +136,7 @@ def forward(places, images, order, first, stroke, slot, columns, background, opa
                 if brightest <= opaque and not judge:
                     break
             used[tile] = j - first[tile]
-            for y in range(min(TILE, image.shape[1] - top)):
-                for x in range(min(TILE, image.shape[2] - left)):
-                    q = y * TILE + x
-                    light = buf[_LIGHT * AREA + q]
-                    for c in range(3):
-                        image[c, top + y, left + x] = buf[c * AREA + q] + light * background[c]
+            _show(buf, background, top, left, image)
 
 
 @inline

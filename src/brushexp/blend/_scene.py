@@ -52,7 +52,7 @@ class Scene:
             F(self.taper), F(self.opaque), goal, image, self.used, self.nearest, pairs,
         )  # fmt: skip
         if target is not None:
-            self.errors = self._by_stroke(pairs)
+            self.errors = sums_by_stroke(lists, self.order, pairs)
         return image
 
     def gradient(self, strokes: Array, grad_image: Array) -> Array:
@@ -63,11 +63,13 @@ class Scene:
             strokes[self.order], lists.first, lists.stroke, lists.slot, lists.shape[1], self.background, F(self.soft),
             F(self.taper), self.used, self.nearest, grad_image, pairs,
         )  # fmt: skip
-        return self._by_stroke(pairs)
+        return sums_by_stroke(lists, self.order, pairs)
 
-    def _by_stroke(self, pairs: Array) -> Array:
-        sums = np.empty((len(self.order), pairs.shape[1]), F)
-        _kernels.sum_by_stroke(pairs, self.lists.row, sums)
-        result = np.empty_like(sums)
-        result[self.order] = sums
-        return result
+
+def sums_by_stroke(lists: TileLists, order: Array, pairs: Array) -> Array:
+    """Sums (N, C) over the pairs (pairs, C) of each stroke, in the order of the strokes themselves."""
+    sums = np.empty((len(order), pairs.shape[1]), F)
+    _kernels.sum_by_stroke(pairs, lists.row, sums)
+    result = np.empty_like(sums)
+    result[order] = sums
+    return result

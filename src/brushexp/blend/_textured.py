@@ -18,6 +18,7 @@ from brushexp.blend._kernels import (
     _keep_nearest,
     _load,
     _recall_nearest,
+    _show,
 )
 from brushexp.blend._lists import TILE
 from brushexp.compiled import inline, kernel
@@ -193,12 +194,7 @@ def forward(p, brush, lists, columns, background, opaque, target, image, used, t
                 if _bright(buf, opaque) == 0 and not judge:
                     break
             used[tile] = j - first[tile]
-            for y in range(min(TILE, image.shape[1] - top)):
-                for x in range(min(TILE, image.shape[2] - left)):
-                    q = y * TILE + x
-                    through = buf[_LIGHT * AREA + q]
-                    for c in range(3):
-                        image[c, top + y, left + x] = buf[c * AREA + q] + through * background[c]
+            _show(buf, background, top, left, image)
 
 
 @inline

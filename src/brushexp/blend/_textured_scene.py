@@ -7,7 +7,7 @@ import numpy as np
 
 from brushexp.blend import _kernels, _textured
 from brushexp.blend._lists import Array, TileLists
-from brushexp.blend._scene import NO_TARGET
+from brushexp.blend._scene import NO_TARGET, sums_by_stroke
 
 F = np.float32
 
@@ -56,7 +56,7 @@ class TexturedScene:
             self.nearest, errors,
         )  # fmt: skip
         if target is not None:
-            self.errors = self._by_stroke(errors)
+            self.errors = sums_by_stroke(self.lists, self.order, errors)
         return image
 
     def gradient(self, strokes: Array, grad_image: Array) -> Array:
@@ -65,7 +65,7 @@ class TexturedScene:
         _textured.backward(
             strokes[self.order], *self._given(), self.background, self.used, self.there, self.nearest, grad_image, pairs
         )
-        return self._by_stroke(pairs)
+        return sums_by_stroke(self.lists, self.order, pairs)
 
     def _given(self) -> tuple[Any, Any, int]:
         """What both kernels take besides the strokes: textures, lists, tiles per row."""
@@ -73,10 +73,3 @@ class TexturedScene:
         first = self.look[self.order] * (rows * columns)
         brush = (first, self.cells.reshape(-1).view(np.int64), (rows - 1, columns - 1))
         return brush, (self.lists.first, self.lists.stroke, self.lists.slot), self.lists.shape[1]
-
-    def _by_stroke(self, pairs: Array) -> Array:
-        sums = np.empty((len(self.order), pairs.shape[1]), F)
-        _kernels.sum_by_stroke(pairs, self.lists.row, sums)
-        result = np.empty_like(sums)
-        result[self.order] = sums
-        return result

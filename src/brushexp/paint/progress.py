@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
-import signal
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import lightning as L
@@ -146,23 +142,3 @@ class EarlyStop:
         if self.before is not None and now - self.before < self.gain and not painter.end_stage():
             painter.stop = STOPPED_EARLY
         self.before = now
-
-
-@contextmanager
-def interruptible(painter: Painter) -> Iterator[None]:
-    """Let the first Ctrl-C finish the present step and end the fit; the second one stops at once."""
-
-    def finish(signum: int, frame: FrameType | None) -> None:
-        painter.stop = INTERRUPTED
-        signal.signal(signal.SIGINT, before)
-        log.warning("stopping after this step; what is painted so far will be written (Ctrl-C again: at once)")
-
-    try:
-        before = signal.signal(signal.SIGINT, finish)
-    except ValueError:  # not the main thread: nobody can press Ctrl-C here
-        yield
-        return
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from functools import partial
 from pathlib import Path
 
 import lightning as L
@@ -18,10 +19,10 @@ from brushexp.files import to_bytes, write_json, write_picture
 from brushexp.paint.metrics import measure
 from brushexp.paint.outputs import summary_line
 from brushexp.paint.painter import Painter, Parts, Stage
-from brushexp.paint.progress import CHECKPOINT, INTERRUPTED, Checkpoints, EarlyStop, Frames, ProgressBar, interruptible
+from brushexp.paint.progress import CHECKPOINT, INTERRUPTED, Checkpoints, EarlyStop, Frames, ProgressBar
 from brushexp.paint.target import background_color, load_target
 from brushexp.paint.timelapse import Timelapse
-from brushexp.process import peak_memory
+from brushexp.process import interruptible, peak_memory
 from brushexp.registry import build, build_named, plugin_of, plugins
 from brushexp.strokes.catalogue import Catalogue, Strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
@@ -172,7 +173,10 @@ def fit(painter: Painter, cfg: DictConfig, folder: Path, checkpoint: Path | None
         enable_progress_bar=False,
         enable_model_summary=False,
     )
-    with interruptible(painter):
+    with interruptible(
+        partial(setattr, painter, "stop", INTERRUPTED),
+        "stopping after this step; what is painted so far will be written",
+    ):
         trainer.fit(painter, range(1), ckpt_path=None if checkpoint is None else str(checkpoint))
 
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import logging
 import shlex
-import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
+from threading import Event
 
 import numpy as np
 from hydra.core.hydra_config import HydraConfig
@@ -21,6 +20,7 @@ from brushexp.checks import Simulate, check_keys
 from brushexp.engine.base import Engine
 from brushexp.errors import UserError
 from brushexp.files import write_picture
+from brushexp.process import interruptible
 from brushexp.registry import build
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.train.dataset import StrokeFile, origin_of
@@ -74,12 +74,13 @@ def record(recording: Recording, engine: Engine) -> None:
     Raises:
         KeyboardInterrupt: after the present batch, when Ctrl-C was pressed.
     """
-    with interruptible() as interrupted, progress(recording.n, recording.done) as show:
+    pressed = Event()
+    with interruptible(pressed.set, "stopping after this batch"), progress(recording.n, recording.done) as show:
         for first, size in recording.batches():
             parameters = parameters_of(sample_prior(size, recording.seed, first))
             recording.add(parameters, engine(parameters, seed=recording.seed, first=first))
             show(recording.done)
-            if interrupted:
+            if pressed.is_set():
                 raise KeyboardInterrupt
     recording.finish()
 
@@ -143,24 +144,3 @@ def progress(n: int, done: int) -> Iterator[Rate]:
     rate = Rate(n, done)
     with rate.bar:
         yield rate
-
-
-@contextmanager
-def interruptible() -> Iterator[list[bool]]:
-    """A list that is no longer empty after the first Ctrl-C; the second one stops at once."""
-    pressed: list[bool] = []
-
-    def note(signum: int, frame: FrameType | None) -> None:
-        pressed.append(True)
-        signal.signal(signal.SIGINT, before)
-        log.warning("stopping after this batch (Ctrl-C again: at once)")
-
-    try:
-        before = signal.signal(signal.SIGINT, note)
-    except ValueError:  # not the main thread: nobody can press Ctrl-C here
-        yield pressed
-        return
-    try:
-        yield pressed
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -20,7 +20,7 @@ from omegaconf import DictConfig, OmegaConf
 from brushexp.checks import Train, check_keys
 from brushexp.errors import UserError
 from brushexp.files import write_json
-from brushexp.process import peak_memory
+from brushexp.process import interruptible, peak_memory
 from brushexp.registry import build, build_named, plugin_of
 from brushexp.renderer.base import Renderer
 from brushexp.renderer.checkpoint import plain_options, save_checkpoint
@@ -29,7 +29,7 @@ from brushexp.task.simulate import record
 from brushexp.train.dataset import Split, origin_of
 from brushexp.train.evaluation import effl0_crowds
 from brushexp.train.judging import judge
-from brushexp.train.progress import CHECKPOINT, INTERRUPTED, Checkpoints, HeldOutPictures, ProgressBar, interruptible
+from brushexp.train.progress import CHECKPOINT, INTERRUPTED, Checkpoints, HeldOutPictures, ProgressBar
 from brushexp.train.recording import Recording
 from brushexp.train.stream import OnTheWay, StrokeData
 from brushexp.train.trainer import RendererTrainer, Training
@@ -135,7 +135,10 @@ def fit(
         enable_progress_bar=False,
         enable_model_summary=False,
     )
-    with interruptible(module):
+    with interruptible(
+        partial(setattr, module, "stop", INTERRUPTED),
+        "stopping after this step; what is trained so far will be written",
+    ):
         if cfg.epochs != 0:
             trainer.fit(module, data, ckpt_path=None if resumed is None else str(resumed))
     if module.judged != module.step:

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
-import signal
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 
 import lightning as L
 import torch
@@ -109,26 +105,6 @@ class Checkpoints(L.Callback):
             self.last = time.monotonic()
         if module.stop:
             trainer.should_stop = True
-
-
-@contextmanager
-def interruptible(module: RendererTrainer) -> Iterator[None]:
-    """Let the first Ctrl-C finish the present step and end the fit; the second one stops at once."""
-
-    def finish(signum: int, frame: FrameType | None) -> None:
-        module.stop = INTERRUPTED
-        signal.signal(signal.SIGINT, before)
-        log.warning("stopping after this step; what is trained so far will be written (Ctrl-C again: at once)")
-
-    try:
-        before = signal.signal(signal.SIGINT, finish)
-    except ValueError:  # not the main thread: nobody can press Ctrl-C here
-        yield
-        return
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def sheet_of_pairs(drawn: Tensor, truth: Tensor) -> Tensor:
