@@ -1,5 +1,7 @@
 """The painter goes through its stages, and a large picture is drawn in bands."""
 
+from types import SimpleNamespace
+
 import pytest
 import torch
 from scenes import Windowed, random_strokes
@@ -9,10 +11,11 @@ from brushexp.density.fixed import Fixed
 from brushexp.loss.pixel import MeanSquaredError
 from brushexp.optimizer.torch_optim import TorchOptim
 from brushexp.order.area import Area
-from brushexp.paint import outputs
+from brushexp.paint import bands as bands_module
 from brushexp.paint.outputs import render
-from brushexp.paint.painter import Painter, Parts, Stage
-from brushexp.paint.progress import EarlyStop
+from brushexp.paint.painter import Painter
+from brushexp.paint.parts import Parts, Stage
+from brushexp.paint.progress import STOPPED_EARLY, EarlyStop
 from brushexp.renderer.analytic import Analytic
 from brushexp.sampler.whole import Whole
 from brushexp.strokes.bezier import curve_of
@@ -104,6 +107,17 @@ def test_an_early_stop_goes_on_with_the_next_stage():
     assert painter.stop == ""
 
 
+def test_an_early_stop_counts_evaluations_and_not_steps():
+    painter, stop = SimpleNamespace(stage=0, evaluations=0, error=0.1, stop="", end_stage=lambda: False), EarlyStop(1.0)
+    for _ in range(39):  # of 5 evaluations each
+        painter.evaluations += 5
+        stop.look(painter)
+    assert painter.stop == ""
+    painter.evaluations += 5
+    stop.look(painter)
+    assert painter.stop == STOPPED_EARLY
+
+
 def test_what_a_run_leaves_is_drawn_by_the_last_renderer():
     painter = painter_of(Stage("analytic", Analytic(), 10), Stage("windowed", Windowed(), 5))
     take(painter, painter.configure_optimizers(), 3)
@@ -119,7 +133,7 @@ def test_bands_make_the_same_picture(renderer, monkeypatch):
     strokes = clamp_to_prior(random_strokes(60, SIZE))
     saved = Saved(strokes, torch.randperm(60).int(), SIZE, torch.rand(3), "", "", 0, "")
     whole = render(saved, renderer, Tiled(opaque=0), 330)
-    monkeypatch.setattr(outputs, "BAND", 330 * 16)
+    monkeypatch.setattr(bands_module, "BAND", 330 * 16)
     bands = render(saved, renderer, Tiled(opaque=0), 330)
     assert whole.shape == (240, 330, 3)
     assert (whole.int() - bands.int()).abs().max() <= 1
@@ -129,7 +143,7 @@ def test_bands_draw_only_the_strokes_that_touch_them(monkeypatch):
     strokes = clamp_to_prior(random_strokes(60, (1000, 33)))
     saved = Saved(strokes, torch.randperm(60).int(), (1000, 33), torch.rand(3), "", "", 0, "")
     renderer = Windowed()
-    monkeypatch.setattr(outputs, "BAND", 33 * 50)
+    monkeypatch.setattr(bands_module, "BAND", 33 * 50)
     render(saved, renderer, Tiled(), 1000)
     assert renderer.drawn < 2 * 60
 

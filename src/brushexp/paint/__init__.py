@@ -1,5 +1,5 @@
 """From a target picture to a painting, in the order of the data.
 
-decode -> target -> init -> painter (with sampler, renderer, order, blend, loss, optimizer, density)
--> progress -> timelapse -> metrics -> outputs
+init -> parts -> painter (with sampler, view, kept, renderer, order, blend, loss, partial, optimizer, density)
+-> bands -> progress -> timelapse -> metrics -> outputs
 """

@@ -6,13 +6,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.features.distance import effl0_distance
+from brushexp.features.distance import Distance, effl0_distance
 
 WINDOW = 11  # pixels: SSIM compares windows of this size
 
 
-def measure(painting: np.ndarray, target: np.ndarray) -> dict[str, float | str | None]:
+def measure(painting: np.ndarray, target: np.ndarray, lpips: Distance | None = None) -> dict[str, float | str | None]:
     """Compare two 8-bit RGB pictures (H, W, 3) as they are saved, over all pixels.
+
+    Args:
+        painting: one.
+        target: the other.
+        lpips: one more distance to measure; it becomes the metric of its label, lpips_alexnet for instance.
 
     Returns:
         psnr (dB, infinite for equal pictures), ssim (Wang et al., 2004; None for a picture smaller than its window),
@@ -34,7 +39,14 @@ def measure(painting: np.ndarray, target: np.ndarray) -> dict[str, float | str |
         "l1": float((a - b).abs().mean()),
         "perceptual": effl0_distance(a[0], b[0]),
         "perceptual_backbone": "effl0",
+        **({} if lpips is None else {lpips.label.replace("-", "_"): distance_of(lpips, a[0], b[0])}),
     }
+
+
+@torch.no_grad()
+def distance_of(distance: Distance, image: Tensor, target: Tensor) -> float:
+    """Perceptual distance of two pictures (3, H, W)."""
+    return float(distance(image, target))
 
 
 def psnr_of(mean_squared_error: float) -> float:

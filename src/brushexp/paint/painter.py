@@ -3,8 +3,7 @@
 import logging
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from itertools import accumulate
 from typing import Any
 
@@ -12,48 +11,22 @@ import lightning as L
 import torch
 from torch import Tensor, nn, optim
 
-from brushexp.blend.base import Blend, Canvas
-from brushexp.density.base import Density
-from brushexp.loss.base import Loss, Painting
-from brushexp.optimizer.base import Optimizer
-from brushexp.order.base import Order, front_to_back
+from brushexp.blend.base import Canvas
+from brushexp.loss.base import Painting
+from brushexp.order.base import front_to_back
+from brushexp.paint.bands import bands
 from brushexp.paint.metrics import psnr_of
+from brushexp.paint.partial import lend, take_back
+from brushexp.paint.parts import Parts
+from brushexp.paint.view import View
 from brushexp.renderer.base import Renderer
-from brushexp.sampler.base import Region, Sampler
+from brushexp.sampler.base import Glance
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Catalogue, Strokes
 
 log = logging.getLogger(__name__)
 SECONDS_PER_CALL = 0.2  # one training step of Lightning takes as many gradient steps as fit, so that its own cost hides
 MOVED = 0.01  # pixels by which a stroke may change without being counted
-
-
-@dataclass(frozen=True)
-class Stage:
-    """So many steps with one renderer.
-
-    Attributes:
-        name: of the renderer, for messages.
-        renderer: draws the strokes.
-        steps: gradient steps.
-    """
-
-    name: str
-    renderer: Renderer
-    steps: int
-
-
-@dataclass(frozen=True)
-class Parts:
-    """What a painting is made with: one member of each family, but one renderer for each stage."""
-
-    stages: Sequence[Stage]
-    blend: Blend
-    order: Order
-    losses: Mapping[str, Loss]
-    density: Density
-    sampler: Sampler
-    optimizer: Optimizer
 
 
 class Painter(L.LightningModule):
@@ -73,7 +46,6 @@ class Painter(L.LightningModule):
 
     target: Tensor
     background: Tensor
-    accuracy: Tensor
     front_to_back: Tensor
 
     def __init__(
@@ -99,10 +71,13 @@ class Painter(L.LightningModule):
         self.watch = watch
         self.generator = torch.Generator().manual_seed(seed)
         self.step = 0
+        self.evaluations = 0  # of the losses so far; an optimiser may need several for a step
+        self.visits = torch.zeros(len(catalogue), dtype=torch.long)  # partial steps that each stroke has taken
         self.stop = ""  # set from outside: finish after the present step, for this reason
         self.seconds = 0.0  # of wall time in the fit so far
         self.terms: dict[str, Tensor] = {}  # the losses of the last step, unweighted
-        self._last: tuple[Tensor, Tensor] | None = None  # picture and target that the last step compared
+        self._last: tuple[Tensor, Tensor] | None = None  # picture and target, if the last step compared all of them
+        self._view: View | None = None  # of a painter who looks at parts
         self._accuracy: Tensor | None = None
         self._adopt()
 
@@ -134,31 +109,27 @@ class Painter(L.LightningModule):
 
     @property
     def error(self) -> float:
-        """Mean squared error of the region that the last step looked at, as it was before the step."""
+        """Mean squared error of the whole picture as it was last seen."""
+        if self._view is not None:
+            return self._view.error
         return math.inf if self._last is None else float((self._last[0] - self._last[1]).square().mean())
-
-    def paint(self, region: Region, *, judge: bool = False) -> tuple[Canvas, Painting]:
-        """The picture of a region as it is now, differentiable in the catalogue."""
-        rows, columns = (slice(region.top, region.top + region.height), slice(region.left, region.left + region.width))
-        whole = (region.height, region.width) == self.size
-        target = self.target if whole else self.target[:, rows, columns]
-        strokes = self.catalogue()
-        layers = self.renderer(strokes.moved(shift=(-region.left, -region.top)))
-        canvas = self.parts.blend(
-            layers, self.front_to_back, (region.height, region.width), self.background, target if judge else None
-        )
-        return canvas, Painting(canvas.image, target, strokes)
 
     @torch.no_grad()
     def picture(self) -> Tensor:
         """The whole picture (3, H, W) now."""
-        return self.paint(Region(0, 0, *self.size))[0].image
+        image = torch.empty_like(self.target)
+        strokes = self.catalogue()
+        for top, band in bands(
+            strokes, self.front_to_back, self.size, self.background, self.renderer, self.parts.blend
+        ):
+            image[:, top : top + band.shape[1]] = band
+        return image
 
     def latest(self) -> Tensor:
-        """The whole picture as the last step saw it, if it looked at all of it; else as it is now."""
-        if self._last is not None and tuple(self._last[0].shape[1:]) == self.size:
-            return self._last[0]
-        return self.picture()
+        """The whole picture as the steps last saw it; as it is now before the first one."""
+        if self._view is not None:
+            return self._view.picture
+        return self.picture() if self._last is None else self._last[0]
 
     def end_stage(self) -> bool:
         """Leave out what is left of the present stage; False if it is the last one."""
@@ -179,8 +150,13 @@ class Painter(L.LightningModule):
 
     def rehearse(self) -> None:
         """Go through one step without taking it, so that whatever is compiled or loaded at first use is there."""
-        self._objective(Region(0, 0, *self.size))
+        sampler = self.parts.sampler
+        before, generator = sampler.state_dict(), self.generator.clone_state()
+        glance = sampler(self._strokes(), self.size, self.step, generator)
+        sampler.load_state_dict(before)
+        self._objective(self.catalogue if glance.active is None else self.catalogue.part(glance.active), glance)
         self.zero_grad()
+        self.evaluations = 0
 
     def on_fit_start(self) -> None:
         self._clock = time.monotonic()
@@ -193,10 +169,10 @@ class Painter(L.LightningModule):
             self._take_step(optimizer)
             if time.monotonic() > end:
                 break
-        curves = {f"loss/{name}": term for name, term in self.terms.items()}
-        self.log_dict({**curves, "psnr": psnr_of(self.error), "step": float(self.step)})
         now = time.monotonic()
         self.seconds, self._clock = self.seconds + now - self._clock, now
+        curves = {f"loss/{self.parts.losses[name].label or name}": term for name, term in self.terms.items()}
+        self.log_dict({**curves, "psnr": psnr_of(self.error), "step": float(self.step), "seconds": self.seconds})
 
     def configure_optimizers(self) -> optim.Optimizer:
         return self.parts.optimizer.over(p for p in self.catalogue.parameters() if p.requires_grad)
@@ -206,6 +182,10 @@ class Painter(L.LightningModule):
         checkpoint["state_dict"] = {k: v for k, v in checkpoint["state_dict"].items() if k not in frozen}
         checkpoint["painter"] = {
             "step": self.step,
+            "evaluations": self.evaluations,
+            "visits": self.visits,
+            "sampler": self.parts.sampler.state_dict(),
+            "picture": None if self._view is None else self._view.picture,
             "ends": self.ends,
             "seconds": self.seconds,
             "generator": self.generator.get_state(),
@@ -217,10 +197,13 @@ class Painter(L.LightningModule):
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         state = checkpoint["painter"]
         self.step, self.ends, self.seconds = state["step"], state["ends"], state["seconds"]
+        self.evaluations, self.visits = state["evaluations"], state["visits"]
+        self.parts.sampler.load_state_dict(state["sampler"])
         self.generator.set_state(state["generator"])
         torch.set_rng_state(state["torch"])
         self._accuracy = state["accuracy"]
         self.front_to_back = state["front_to_back"]
+        self._view = None if state["picture"] is None else self._view_of(state["picture"])
 
     def _take_step(self, optimizer: optim.Optimizer) -> None:
         if self.step % self.parts.order.every == 0:
@@ -229,48 +212,87 @@ class Painter(L.LightningModule):
         done, steps = self.progress
         for group in optimizer.param_groups:
             group["lr"] = self.parts.optimizer.rate(done / steps)
-        region = self.parts.sampler(self.size, self.step, self.generator)
-        judge = self.parts.order.needs_accuracy and (self.step + 1) % self.parts.order.every == 0
+        glance = self.parts.sampler(self._strokes(), self.size, self.step, self.generator)
+        judge = self.parts.order.needs_accuracy and (
+            glance.active is not None or (self.step + 1) % self.parts.order.every == 0
+        )
+        rows = glance.active
+        part, mover = self.catalogue, optimizer
+        if rows is not None:
+            part, mover = lend(self.catalogue, optimizer, self.parts.optimizer, rows, int(self.visits[rows].min()))
         painting: Painting | None = None
 
         def objective() -> Tensor:
             nonlocal painting
-            optimizer.zero_grad(set_to_none=True)
-            total, painting = self._objective(region, judge=judge)
+            mover.zero_grad(set_to_none=True)
+            total, painting = self._objective(part, glance, judge=judge)
             return total
 
-        optimizer.step(objective)  # type: ignore[arg-type]
-        self.catalogue.keep_in_range()
-        strokes = self.catalogue()
+        mover.step(objective)  # type: ignore[arg-type]
+        part.keep_in_range()
+        strokes = part()
         projected = renderer.project(strokes)
         if projected is not strokes:
-            self.catalogue.replace(projected)
+            part.replace(projected)
+        if rows is not None:
+            take_back(self.catalogue, optimizer, part, mover, rows)
+            self.visits[rows] += 1
+            if self._view is not None:
+                self._view.kept.forget(rows)
         self.step += 1
         assert painting is not None
         revision = self.parts.density.revise(painting, self.step, self.steps)
         if revision is not None:
             self.catalogue.revise(revision.keep, revision.new, optimizer)
-            self._accuracy = None
+            self.visits = torch.cat([self.visits[revision.keep.cpu()], self.visits.new_zeros(len(revision.new))])
+            self._accuracy = self._view = None
             self._renew_order()
         self.watch(self.step)
         if self.stage != stage:
             self._adopt()
             optimizer.state.clear()
+            self.visits.zero_()
 
-    def _objective(self, region: Region, *, judge: bool = False) -> tuple[Tensor, Painting]:
-        """The weighted sum of losses, after its gradient has been computed."""
+    def _objective(self, part: Catalogue, glance: Glance, *, judge: bool = False) -> tuple[Tensor, Painting]:
+        """The weighted sum of losses, after its gradient in the strokes of ``part`` has been computed."""
+        self.evaluations += 1
         with torch.enable_grad():
-            canvas, painting = self.paint(region, judge=judge)
+            canvas, painting = self._paint(part(), glance, judge=judge)
             terms = {name: loss(painting) for name, loss in self.losses.items()}
             total = torch.stack([self.parts.losses[name].weight * term for name, term in terms.items()]).sum()
             if total.requires_grad:
                 total.backward()
         self.terms = {name: term.detach() for name, term in terms.items()}
-        self._last = (painting.image.detach(), painting.target)
         if canvas.accuracy is not None:
-            before = torch.zeros_like(canvas.accuracy) if self._accuracy is None else self._accuracy
-            self._accuracy = torch.where(canvas.accuracy.isnan(), before, canvas.accuracy)
+            self._judge(canvas.accuracy, glance.active)
         return total.detach(), painting
+
+    def _paint(self, strokes: Strokes, glance: Glance, *, judge: bool) -> tuple[Canvas, Painting]:
+        """What a glance shows, differentiable in ``strokes``: those that it moves."""
+        if glance.active is None:
+            target = self.target if judge else None
+            layers = self.renderer(strokes)
+            canvas = self.parts.blend(layers, self.front_to_back, self.size, self.background, target)
+            self._last = (canvas.image.detach(), self.target)
+            return canvas, Painting(canvas.image, self.target, strokes)
+        if self._view is None:
+            self._view = self._view_of(self.picture())
+        return self._view.paint(strokes, self._strokes(), glance, self.front_to_back, judge=judge)
+
+    def _view_of(self, picture: Tensor) -> View:
+        return View(picture, self.target, self.background, self.renderer, self.parts.blend, len(self.catalogue))
+
+    @torch.no_grad()
+    def _strokes(self) -> Strokes:
+        """The strokes now, without gradient."""
+        return self.catalogue()
+
+    def _judge(self, accuracy: Tensor, rows: Tensor | None) -> None:
+        """Take over the accuracy of strokes number ``rows``; NaN says nothing."""
+        if self._accuracy is None:
+            self._accuracy = accuracy.new_zeros(len(self.catalogue))
+        seen = slice(None) if rows is None else rows
+        self._accuracy[seen] = torch.where(accuracy.isnan(), self._accuracy[seen], accuracy)
 
     @torch.no_grad()
     def _adopt(self) -> None:
@@ -279,6 +301,7 @@ class Painter(L.LightningModule):
         adopted = stage.renderer.adopt(strokes)
         if adopted is not strokes:
             self.catalogue.replace(adopted)
+        self._view = None
         changed = _count_changed(strokes, adopted)
         if changed or self.stage:
             log.info(

@@ -20,7 +20,7 @@ from brushexp.paint.timelapse import Timelapse
 log = logging.getLogger(__name__)
 CHECKPOINT = "checkpoint.ckpt"
 INTERRUPTED, STOPPED_EARLY = "interrupted", "stopped early"
-WINDOW = 100  # steps over which early_stop asks for a gain
+WINDOW = 100  # evaluations of the losses over which early_stop asks for a gain
 NOTICES = 5  # lines in the log of a run, where there is no terminal for a bar
 
 
@@ -124,21 +124,26 @@ class Checkpoints(L.Callback):
 
 
 class EarlyStop:
-    """Ends a stage when 100 of its steps no longer gain ``gain`` dB, and with the last one the run; None never does."""
+    """Ends a stage when 100 evaluations no longer gain ``gain`` dB, and with the last one the run; None never does.
+
+    Evaluations and not steps, because a step of L-BFGS looks at the picture several times.
+    """
 
     def __init__(self, gain: float | None) -> None:
         self.gain = gain
         self.before: float | None = None
+        self.last = 0  # evaluations at the last comparison
         self.stage = 0
 
     def look(self, painter: Painter) -> None:
-        """Compare with 100 steps ago."""
-        if self.gain is None or painter.step % WINDOW:
+        """Compare with 100 evaluations ago, or as many more as a step has."""
+        if self.gain is None:
+            return
+        if painter.stage != self.stage:
+            self.before, self.last, self.stage = None, painter.evaluations, painter.stage
+        if painter.evaluations - self.last < WINDOW:
             return
         now = psnr_of(painter.error)
-        if painter.stage != self.stage:
-            self.before, self.stage = None, painter.stage
-            return
         if self.before is not None and now - self.before < self.gain and not painter.end_stage():
             painter.stop = STOPPED_EARLY
-        self.before = now
+        self.before, self.last = now, painter.evaluations

@@ -8,6 +8,7 @@ stroke is (`Profile`); a patch renderer draws the window of each stroke and samp
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import torch
 from torch import Tensor, nn
@@ -33,11 +34,18 @@ class Layers(ABC):
         curve: (N, 3, 2) control points in pixels; all of a stroke lies within ``reach`` of its curve.
         reach: (N,) pixels beyond which its alpha is exactly 0; 0 or less for a stroke that is nowhere.
         color: (N, 3) mean colour.
+        per_stroke: names of the fields that have a row for each stroke.
     """
 
     curve: Tensor
     reach: Tensor
     color: Tensor
+    per_stroke: ClassVar[tuple[str, ...]]
+
+    def joined(self, other: Self) -> Self:
+        """These strokes, and then those of ``other``, which the same renderer drew."""
+        rows = {name: torch.cat([getattr(self, name), getattr(other, name)]) for name in self.per_stroke}
+        return replace(self, **rows)  # type: ignore[type-var]
 
     @abstractmethod
     def sample(self, index: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
@@ -162,6 +170,8 @@ class Profile(Layers):
         taper: how much thinner the ends are, 0 (not) to 1 (pointed).
     """
 
+    per_stroke = ("curve", "half_width", "color", "opacity")
+
     curve: Tensor
     half_width: Tensor
     color: Tensor
@@ -207,6 +217,8 @@ class TexturedProfile(Layers):
         cells: (M, rows + 1, rows + columns + 1, 2) int32 for the compiled kernel, see ``cells_of``; None if there are
             none because the textures are being trained.
     """
+
+    per_stroke = ("curve", "half_width", "color", "opacity", "look")
 
     curve: Tensor
     half_width: Tensor
@@ -256,6 +268,8 @@ class Patches(Layers):
         opacity: (N,).
         color: (N, 3) mean colour.
     """
+
+    per_stroke = ("images", "position", "scale", "opacity", "color")
 
     images: Tensor
     position: Tensor

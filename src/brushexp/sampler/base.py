@@ -1,9 +1,15 @@
 """What every sampler receives and returns."""
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Any
 
 import torch
+from torch import Tensor
+
+from brushexp.strokes.catalogue import Strokes
 
 
 @dataclass(frozen=True)
@@ -15,10 +21,56 @@ class Region:
     height: int
     width: int
 
+    def of(self, picture: Tensor) -> Tensor:
+        """This part (..., height, width) of a picture (..., H, W), not copied."""
+        return picture[..., self.top : self.top + self.height, self.left : self.left + self.width]
+
+    def widened(self, margin: int, size: tuple[int, int]) -> Region:
+        """With ``margin`` more pixels on every side, as far as a canvas of ``size`` (H, W) reaches."""
+        top, left = max(self.top - margin, 0), max(self.left - margin, 0)
+        bottom, right = (
+            min(self.top + self.height + margin, size[0]),
+            min(self.left + self.width + margin, size[1]),
+        )
+        return Region(top, left, bottom - top, right - left)
+
+
+@dataclass(frozen=True)
+class Glance:
+    """What one step looks at.
+
+    Attributes:
+        region: the part of the canvas that it renders and compares.
+        active: (A,) int64 numbers of the strokes that it moves, without repetition; None for all of them.
+        ring: (R,) int64 numbers of strokes around those, which are drawn and stay as they are; None for none.
+    """
+
+    region: Region
+    active: Tensor | None = None
+    ring: Tensor | None = None
+
 
 class Sampler(ABC):
-    """Decides which part of the canvas a gradient step renders and compares."""
+    """Decides which strokes a gradient step moves, and which part of the canvas it renders and compares."""
 
     @abstractmethod
-    def __call__(self, size: tuple[int, int], step: int, generator: torch.Generator) -> Region:
-        """The region of a canvas of ``size`` (H, W) for ``step``, wholly inside it."""
+    def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> Glance:
+        """Where ``step`` (from 0) looks on a canvas of ``size`` (H, W); the region lies wholly inside it.
+
+        Args:
+            strokes: the N strokes as they are now, without gradient.
+            size: of the canvas.
+            step: number of the step.
+            generator: of everything random.
+        """
+
+    def steps_per_round(self, n: int) -> int:
+        """Steps in which each of ``n`` strokes has been moved about once."""
+        return 1
+
+    def state_dict(self) -> dict[str, Any]:
+        """What an interrupted run needs to go on as if nothing had happened: tensors and numbers."""
+        return {}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:  # noqa: B027
+        """Take over what `state_dict` gave."""

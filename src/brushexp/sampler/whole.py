@@ -3,14 +3,15 @@
 import torch
 
 from brushexp.registry import register
-from brushexp.sampler.base import Region, Sampler
+from brushexp.sampler.base import Glance, Region, Sampler
+from brushexp.strokes.catalogue import Strokes
 
 
 @register("sampler", "whole")
 class Whole(Sampler):
-    """The whole canvas at every step."""
+    """The whole canvas and all strokes at every step."""
 
     def __init__(self) -> None: ...
 
-    def __call__(self, size: tuple[int, int], step: int, generator: torch.Generator) -> Region:
-        return Region(0, 0, *size)
+    def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> Glance:
+        return Glance(Region(0, 0, *size))

@@ -163,6 +163,20 @@ class Catalogue(nn.Module):
                 getattr(self, name).copy_(value / self._unit(name))
 
     @torch.no_grad()
+    def part(self, rows: Tensor) -> Catalogue:
+        """Strokes number ``rows`` (A,) as a catalogue of their own."""
+        part = Catalogue(self()[rows], self.units)
+        for name in FIELDS:  # the very bits: a field is its parameter times its unit, rounded
+            getattr(part, name).copy_(getattr(self, name)[rows])
+        return part
+
+    @torch.no_grad()
+    def put(self, rows: Tensor, part: Catalogue) -> None:
+        """Write what has become of a `part` into strokes number ``rows``."""
+        for name in FIELDS:
+            getattr(self, name)[rows] = getattr(part, name)
+
+    @torch.no_grad()
     def revise(self, keep: Tensor, new: Strokes, optimizer: optim.Optimizer) -> None:
         """Drop the strokes where ``keep`` (N,) is false and append ``new``; the others keep their optimiser state.
 

@@ -1,4 +1,4 @@
-"""The target: the picture that strokes shall imitate, and the colour of the canvas below them."""
+"""Reading a picture at the size it is wanted, and the colour of the canvas below it."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from PIL import Image
 from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.paint.decode import MAX_PIXELS, read_picture
+from brushexp.pictures.decode import MAX_PIXELS, read_picture
 
 MAX_SIDE = 16384  # pixels: the largest ``resolution``
 SAMPLE_SUFFIXES = (".png", ".jpg")  # the GIF and TIFF files beside the samples are test data
 
 
-def load_target(image: str, resolution: int | None) -> Tensor:
+def load_picture(image: str, resolution: int | None, key: str = "image") -> Tensor:
     """Read a picture, upright, over white, in sRGB, and resample it.
 
     Args:
         image: path of a picture file, or one of ``sample_names()``; a file wins over a sample of its name.
         resolution: longer side in pixels, 1 to 16384; the shorter side follows in proportion and is at least 1.
             None keeps the size of the file.
+        key: what the user types before the path, for messages.
 
     Returns:
         (3, H, W) float32, contiguous, display-referred sRGB in [0, 1].
@@ -39,7 +40,7 @@ def load_target(image: str, resolution: int | None) -> Tensor:
             f"resolution={resolution} is not a side from 1 to {MAX_SIDE} pixels; set resolution=512, say, or "
             "resolution=null for the size of the file"
         )
-    picture = read_picture(_path_of(image))
+    picture = read_picture(_path_of(image, key))
     if resolution is not None:
         picture = _resample(picture, _size_at(resolution, *picture.shape[:2]))
     planes = np.ascontiguousarray(np.moveaxis(picture, 2, 0), dtype=np.float32)
@@ -81,7 +82,7 @@ def _samples() -> dict[str, Path]:
     return {path.stem: path for path in folder.iterdir() if path.suffix in SAMPLE_SUFFIXES}
 
 
-def _path_of(image: str) -> Path:
+def _path_of(image: str, key: str) -> Path:
     """The file that ``image`` names; a shell leaves the ~ of ``image=~/photo.jpg`` to us."""
     path = os.path.expanduser(image)  # these three functions of os, unlike those of pathlib, never raise
     if os.path.isfile(path):
@@ -91,10 +92,10 @@ def _path_of(image: str) -> Path:
         return samples[image]
     choices = f"the path of a picture or one of the samples {', '.join(sorted(samples))}"
     if os.path.isdir(path):
-        raise UserError(f"image={image} is a folder; give {choices}")
+        raise UserError(f"{key}={image} is a folder; give {choices}")
     if os.path.exists(path):
-        raise UserError(f"image={image} is a device or a pipe, not a file; give {choices}")
-    raise UserError(f"image={image} is not there; give {choices}")
+        raise UserError(f"{key}={image} is a device or a pipe, not a file; give {choices}")
+    raise UserError(f"{key}={image} is not there; give {choices}")
 
 
 def _size_at(resolution: int, height: int, width: int) -> tuple[int, int]:

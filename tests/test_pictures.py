@@ -17,8 +17,8 @@ from PIL import Image, ImageCms
 from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.paint.decode import MAX_PIXELS
-from brushexp.paint.target import MAX_SIDE, background_color, load_target, sample_names
+from brushexp.pictures.decode import MAX_PIXELS
+from brushexp.pictures.load import MAX_SIDE, background_color, load_picture, sample_names
 
 HEIGHT, WIDTH = 5, 7
 BYTES = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
@@ -39,13 +39,13 @@ ORIENTED: dict[int, Callable[[np.ndarray], np.ndarray]] = {
 def expect(path: Path, rgb: np.ndarray, atol: float = 1e-6) -> None:
     """``path`` holds these (H, W, 3 or 1) values in [0, 1]."""
     wanted = torch.from_numpy(np.broadcast_to(rgb, (*rgb.shape[:2], 3)).copy()).permute(2, 0, 1).float()
-    torch.testing.assert_close(load_target(str(path), None), wanted, atol=atol, rtol=0)
+    torch.testing.assert_close(load_picture(str(path), None), wanted, atol=atol, rtol=0)
 
 
 def refusal(path: Path | str, resolution: int | None = None) -> str:
     """What is said instead of reading ``path``; always one line that names the file and ends with a cure."""
     with pytest.raises(UserError) as caught:
-        load_target(str(path), resolution)
+        load_picture(str(path), resolution)
     message = str(caught.value)
     assert "\n" not in message
     assert "; " in message
@@ -92,7 +92,7 @@ def test_eight_bit_colours_arrive_exactly(tmp_path: Path, kind: str) -> None:
     path = tmp_path / f"picture.{kind}"
     Image.fromarray(BYTES).save(path, **({"lossless": True} if kind == "webp" else {}))
     expect(path, BYTES / 255)
-    target = load_target(str(path), None)
+    target = load_picture(str(path), None)
     assert target.dtype == torch.float32
     assert target.is_contiguous()
 
@@ -388,7 +388,7 @@ def test_the_longer_side_gets_the_resolution(
     tmp_path: Path, size: tuple[int, int], resolution: int | None, wanted: tuple[int, int]
 ) -> None:
     Image.new("RGB", size, (10, 20, 30)).save(tmp_path / "plain.png")
-    target = load_target(str(tmp_path / "plain.png"), resolution)
+    target = load_picture(str(tmp_path / "plain.png"), resolution)
     assert tuple(target.shape) == (3, wanted[1], wanted[0])
     torch.testing.assert_close(target, (torch.tensor([10.0, 20.0, 30.0]) / 255)[:, None, None].expand_as(target))
 
@@ -399,7 +399,7 @@ def test_shrinking_averages_and_never_leaves_0_to_1(tmp_path: Path, dtype: type)
     fine[::2, ::2] = fine[1::2, 1::2] = 1 if dtype is np.float32 else np.iinfo(dtype).max
     fine[24:] = 0
     tifffile.imwrite(tmp_path / "checks.tif", fine, photometric="rgb")
-    target = load_target(str(tmp_path / "checks.tif"), 16)
+    target = load_picture(str(tmp_path / "checks.tif"), 16)
     torch.testing.assert_close(target[:, :3], torch.full((3, 3, 16), 0.5), atol=0.03, rtol=0)
     assert target.min() >= 0
     assert target.max() <= 1
@@ -410,7 +410,7 @@ def test_enlarging_a_float_edge_does_not_overshoot(tmp_path: Path) -> None:
     edge = np.zeros((4, 6), np.float32)
     edge[:, 3:] = 1
     tifffile.imwrite(tmp_path / "edge.tif", edge)
-    target = load_target(str(tmp_path / "edge.tif"), 60)
+    target = load_picture(str(tmp_path / "edge.tif"), 60)
     assert target.min() == 0
     assert target.max() == 1
 
@@ -418,13 +418,13 @@ def test_enlarging_a_float_edge_does_not_overshoot(tmp_path: Path) -> None:
 @pytest.mark.parametrize("resolution", [0, -5, MAX_SIDE + 1])
 def test_a_senseless_resolution_is_refused(resolution: int) -> None:
     with pytest.raises(UserError, match=f"resolution={resolution} is not a side from 1 to {MAX_SIDE} pixels; set"):
-        load_target("astronaut", resolution)
+        load_picture("astronaut", resolution)
 
 
 def test_a_resolution_that_makes_too_many_pixels_is_refused_with_the_largest_that_does_not(tmp_path: Path) -> None:
     Image.new("RGB", (40, 30)).save(tmp_path / "small.png")
     with pytest.raises(UserError, match="16384 x 12288 pixels, more than 100 megapixels; use resolution=11547 or less"):
-        load_target(str(tmp_path / "small.png"), MAX_SIDE)
+        load_picture(str(tmp_path / "small.png"), MAX_SIDE)
 
 
 # --- bad input -------------------------------------------------------------------------------------------------------
@@ -540,7 +540,7 @@ def test_damaged_bytes_give_a_picture_or_a_refusal_and_nothing_else(
     path.write_bytes(damaged)
     target, message = torch.empty(3, 0, 0), ""
     try:
-        target = load_target(str(path), 8)
+        target = load_picture(str(path), 8)
     except UserError as error:
         message = str(error)
     assert "\n" not in message
@@ -554,14 +554,14 @@ def test_damaged_bytes_give_a_picture_or_a_refusal_and_nothing_else(
 def test_the_samples_load_without_a_network() -> None:
     assert {"astronaut", "camera", "chelsea", "coffee", "hubble_deep_field", "retina", "rocket"} <= set(sample_names())
     for name in sample_names():
-        assert max(load_target(name, 16).shape) == 16
+        assert max(load_picture(name, 16).shape) == 16
 
 
 def test_a_sample_equals_the_picture_of_scikit_image() -> None:
     import skimage.data  # noqa: PLC0415  (as slow as it is unneeded elsewhere)
 
     wanted = torch.from_numpy(skimage.data.astronaut()).permute(2, 0, 1) / 255
-    torch.testing.assert_close(load_target("astronaut", None), wanted, atol=0.01, rtol=0)
+    torch.testing.assert_close(load_picture("astronaut", None), wanted, atol=0.01, rtol=0)
 
 
 def test_a_file_wins_over_a_sample_of_its_name_and_a_folder_does_not(
@@ -569,7 +569,7 @@ def test_a_file_wins_over_a_sample_of_its_name_and_a_folder_does_not(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "astronaut").mkdir()
-    assert load_target("astronaut", 32).shape == (3, 32, 32)
+    assert load_picture("astronaut", 32).shape == (3, 32, 32)
     Image.fromarray(BYTES).save(tmp_path / "coffee", "PNG")
     expect(Path("coffee"), BYTES / 255)
 

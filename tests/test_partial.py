@@ -1,0 +1,317 @@
+"""Partial updates: places, rings, what is kept, and that parts agree with the whole."""
+
+import copy
+from dataclasses import replace
+
+import pytest
+import torch
+from scenes import Windowed, random_strokes
+from torch.testing import assert_close
+
+from brushexp.blend.tiled import Tiled
+from brushexp.density.fixed import Fixed
+from brushexp.errors import UserError
+from brushexp.loss.base import Painting
+from brushexp.loss.perceptual import Perceptual
+from brushexp.loss.pixel import MeanSquaredError
+from brushexp.loss.stroke import KullbackLeibler
+from brushexp.optimizer.torch_optim import TorchOptim
+from brushexp.order.accuracy import Accuracy
+from brushexp.order.area import Area
+from brushexp.order.base import front_to_back
+from brushexp.paint.kept import RenderCatalogue
+from brushexp.paint.painter import Painter
+from brushexp.paint.parts import Parts, Stage
+from brushexp.paint.view import View, touched
+from brushexp.renderer.analytic import Analytic
+from brushexp.renderer.textured import Textured
+from brushexp.sampler.base import Glance, Region
+from brushexp.sampler.patches import Coverage, Patches, places
+from brushexp.sampler.whole import Whole
+from brushexp.strokes.catalogue import FIELDS, Catalogue
+from brushexp.strokes.prior import clamp_to_prior
+
+SIZE = (48, 70)
+RENDERERS = {"analytic": Analytic, "textured": Textured, "windowed": Windowed}
+
+
+def painter_of(sampler, renderer=None, n: int = 60, losses=None, order=None, steps: int = 1000, **options) -> Painter:
+    torch.manual_seed(5)
+    parts = Parts(
+        stages=[Stage("it", renderer or Analytic(), steps)],
+        blend=Tiled(opaque=0),
+        order=order or Area(),
+        losses=losses or {"mse": MeanSquaredError()},
+        density=Fixed(),
+        sampler=sampler,
+        optimizer=TorchOptim(**options),
+    )
+    catalogue = Catalogue(clamp_to_prior(random_strokes(n, SIZE)), parts.optimizer.units)
+    return Painter(catalogue, parts, torch.rand(3, *SIZE), torch.tensor([0.2, 0.5, 0.9]), seed=0)
+
+
+def take(painter: Painter, steps: int, optimizer=None) -> torch.optim.Optimizer:
+    optimizer = optimizer or painter.configure_optimizers()
+    for _ in range(steps):
+        painter._take_step(optimizer)
+    return optimizer
+
+
+def assert_equal_strokes(a, b, **tolerance) -> None:
+    for name in FIELDS:
+        assert_close(getattr(a, name), getattr(b, name), **(tolerance or {"rtol": 0, "atol": 0}))
+
+
+# A sampler that looks at everything, but goes the way of parts.
+EVERYTHING = {"n_active": 10**6, "n_ring": 0, "patch": 10**6}
+
+
+@pytest.mark.parametrize("coverage", Coverage)
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_a_patch_that_covers_the_canvas_paints_the_same_picture_as_the_whole(renderer, coverage):
+    make = RENDERERS[renderer]
+    whole = painter_of(Whole(), make())
+    part = painter_of(Patches(**EVERYTHING, coverage=coverage), make())
+    take(whole, 12)
+    take(part, 12)
+    assert_equal_strokes(whole.catalogue(), part.catalogue(), rtol=0, atol=0)
+    assert_close(whole.picture(), part.picture(), rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_with_all_others_in_the_ring_active_strokes_feel_what_they_feel_in_the_whole(renderer):
+    painter = painter_of(Whole(), RENDERERS[renderer]())
+    everything = painter.catalogue()
+    active, ring = torch.arange(60).chunk(2)
+    region = Region(0, 0, *SIZE)
+    painter._objective(painter.catalogue, Glance(region))
+    wanted = {name: value.grad[active] for name, value in painter.catalogue.named_parameters()}
+    total = painter.terms["mse"]
+    part = painter.catalogue.part(active)
+    painter._objective(part, Glance(region, active, ring))
+    assert_close(painter.terms["mse"], total, rtol=1e-3, atol=1e-6)  # kept windows have 16 bits
+    for name, value in part.named_parameters():
+        assert_close(value.grad, wanted[name], rtol=2e-3, atol=2e-3 * float(wanted[name].abs().max()))
+    assert_equal_strokes(painter.catalogue(), everything)
+
+
+def test_a_ring_wide_enough_makes_a_part_feel_what_it_feels_in_the_whole():
+    painter = painter_of(Whole(), n=300)
+    strokes = painter.catalogue()
+    painter.catalogue.replace(replace(strokes, scale=0.4 * strokes.scale))  # small ones, so that a part is a part
+    position = strokes.position
+    region = Region(8, 16, 32, 40)
+    active = (position - torch.tensor([36.0, 24.0])).norm(dim=1).topk(20, largest=False).indices
+    distance = torch.cdist(position, position[active]).amin(1)
+    near = distance.topk(200, largest=False).indices
+    ring = near[~torch.isin(near, active)]
+    painter._objective(painter.catalogue, Glance(Region(0, 0, *SIZE)))
+    wanted = {name: value.grad[active] for name, value in painter.catalogue.named_parameters()}
+    part = painter.catalogue.part(active)
+    painter._objective(part, Glance(region, active, ring))
+    share = region.height * region.width / (SIZE[0] * SIZE[1])  # the mean is over fewer pixels
+    for name, value in part.named_parameters():
+        error = (value.grad * share - wanted[name]).norm() / wanted[name].norm()
+        assert error < 0.25, name
+    alone = painter.catalogue.part(active)
+    painter._objective(alone, Glance(region, active, None))
+    worse = [(value.grad * share - wanted[name]).norm() for name, value in alone.named_parameters()]
+    better = [(value.grad * share - wanted[name]).norm() for name, value in part.named_parameters()]
+    assert sum(worse) > sum(better), "the ring brings something"
+
+
+def test_only_active_strokes_move():
+    painter = painter_of(Patches(n_active=7, n_ring=9, patch=20))
+    optimizer = painter.configure_optimizers()
+    for _ in range(8):
+        before = painter.catalogue().map(torch.clone)
+        painter._take_step(optimizer)
+        moved = torch.zeros(60, dtype=torch.bool)
+        for name, value in painter.catalogue().items():
+            moved |= (value != getattr(before, name)).reshape(60, -1).any(1)
+        assert 0 < moved.sum() <= 7
+
+
+def test_the_past_of_a_stroke_is_remembered_from_visit_to_visit():
+    painter = painter_of(Patches(n_active=20, n_ring=20, patch=70, steps_per_patch=2))
+    optimizer = take(painter, 30)
+    for parameter in painter.catalogue.parameters():
+        state = optimizer.state[parameter]
+        assert state["exp_avg"].shape == parameter.shape
+        assert (state["exp_avg_sq"].reshape(60, -1).sum(1) > 0).float().mean() > 0.6  # some lie beside the canvas
+    assert painter.visits.min() >= 2
+
+
+@pytest.mark.parametrize("name", ["Adam", "SGD", "RMSprop", "LBFGS"])
+def test_partial_steps_lower_the_error_with_any_optimiser(name):
+    lr = {"SGD": 3.0, "LBFGS": 0.5}.get(name, 0.02)
+    painter = painter_of(Patches(n_active=20, n_ring=20, patch=40), name=name, lr=lr)
+    before = float((painter.picture() - painter.target).square().mean())
+    take(painter, 60)
+    after = float((painter.picture() - painter.target).square().mean())
+    assert after < before
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_the_kept_picture_stays_near_the_truth(renderer):
+    painter = painter_of(Patches(n_active=15, n_ring=15, patch=30), RENDERERS[renderer](), lr=0.005)
+    take(painter, 40)
+    assert float((painter.latest() - painter.picture()).abs().mean()) < 0.01
+    error = float((painter.latest() - painter.target).square().mean())
+    assert painter.error == pytest.approx(error, rel=1e-5)
+
+
+@pytest.mark.parametrize(("renderer", "error"), [(Analytic, 0), (Windowed, 1e-5)])  # kept windows are drawn again
+@pytest.mark.parametrize("coverage", Coverage)
+def test_a_run_goes_on_from_its_checkpoint(coverage, renderer, error):
+    def fresh() -> Painter:
+        sampler = Patches(n_active=9, n_ring=5, patch=30, coverage=coverage)
+        return painter_of(sampler, renderer(), order=Accuracy(every=3))
+
+    one = fresh()
+    optimizer = take(one, 13)
+    checkpoint = {"state_dict": one.state_dict()}
+    one.on_save_checkpoint(checkpoint)
+    checkpoint, state = copy.deepcopy(checkpoint), copy.deepcopy(optimizer.state_dict())
+    take(one, 9, optimizer)
+    two = fresh()
+    two.rehearse()
+    second = two.configure_optimizers()
+    second.load_state_dict(state)
+    two.on_load_checkpoint(checkpoint)
+    two.load_state_dict(checkpoint["state_dict"], strict=False)
+    take(two, 9, second)
+    assert_equal_strokes(one.catalogue(), two.catalogue(), rtol=error, atol=error)
+    assert torch.equal(one.visits, two.visits)
+
+
+def test_fair_coverage_visits_every_stroke_equally_often():
+    sampler, generator = Patches(n_active=25, n_ring=10, patch=40, steps_per_patch=3), torch.Generator().manual_seed(1)
+    strokes, counts, step = random_strokes(200, SIZE), torch.zeros(200, dtype=torch.long), 0
+    strokes.position[:20] = 5e4  # far off the canvas
+    for _ in range(4):
+        rounds, seen = 0, counts.clone()
+        while rounds == 0 or sampler._turn < int(sampler._round.max()):
+            for _ in range(3):
+                glance = sampler(strokes, SIZE, step, generator)
+                counts[glance.active] += 1
+                step += 1
+            rounds += 1
+        assert (counts - seen == 3).all(), "once in each round, for three steps"
+
+
+def test_random_coverage_takes_the_nearest_strokes_to_a_point():
+    sampler, generator = Patches(n_active=12, n_ring=6, patch=1000, coverage=Coverage.random), torch.Generator()
+    strokes = random_strokes(100, SIZE)
+    glance = sampler(strokes, SIZE, 0, generator.manual_seed(4))
+    point = torch.rand(2, generator=generator.manual_seed(4)) * torch.tensor([70.0, 48.0])
+    inside = strokes.position.clamp_min(0).minimum(torch.tensor([70.0, 48.0]))
+    by_distance = (inside - point).norm(dim=1).argsort()
+    assert set(glance.active.tolist()) == set(by_distance[:12].tolist())
+    assert set(glance.ring.tolist()) == set(by_distance[12:18].tolist())
+    again = sampler(strokes, SIZE, 1, generator)
+    assert torch.equal(again.active, glance.active), "the same place for five steps"
+
+
+@pytest.mark.parametrize("n", [1, 2, 33])
+@pytest.mark.parametrize("options", [{}, {"n_ring": 0}, {"patch": 1}, {"n_active": 1}, {"coverage": Coverage.random}])
+def test_odd_sizes_are_defined(n, options):
+    painter = painter_of(Patches(**options), n=n)
+    take(painter, 6)
+    assert painter.picture().isfinite().all()
+
+
+def test_no_strokes_are_looked_at_whole():
+    assert Patches()(random_strokes(0, SIZE), SIZE, 0, torch.Generator()) == Glance(Region(0, 0, *SIZE))
+
+
+def test_all_strokes_at_one_point_still_make_places():
+    number = places(torch.zeros(100, 2), 7, 10.0, torch.Generator())
+    assert number.bincount().max() <= 7
+    assert (number.bincount() > 0).all()
+
+
+@pytest.mark.parametrize("key", ["n_active", "n_ring", "patch", "steps_per_patch"])
+def test_impossible_options_are_refused_with_their_key(key):
+    with pytest.raises(UserError, match=rf"sampler\.{key}=-1"):
+        Patches(**{key: -1})
+
+
+def test_touched_pixels_are_those_in_the_boxes():
+    strokes = random_strokes(12, SIZE)
+    region = Region(5, 9, 30, 41)
+    found = touched(strokes, region)
+    canvas = Tiled(opaque=0)(
+        Analytic()(strokes), torch.arange(12), SIZE, torch.tensor([9.0, 9.0, 9.0])
+    )  # a background of no colour that paint has
+    painted = region.of((canvas.image != 9).any(0))
+    assert found.shape == (30, 41)
+    assert (found | ~painted).all(), "no painted pixel is missed"
+    assert found.float().mean() < 1
+    assert not touched(strokes[:0], region).any()
+
+
+def test_kept_pictures_are_those_of_the_renderer_and_are_drawn_once():
+    strokes, renderer = clamp_to_prior(random_strokes(30, SIZE)), Windowed()
+    kept, number = RenderCatalogue(renderer, 30), torch.tensor([3, 17, 4, 29])
+    for _ in range(3):
+        layers = kept.layers(strokes[number], number)
+    assert renderer.drawn == 4
+    with torch.no_grad():
+        wanted = renderer(strokes[number], number)
+    assert_close(layers.images, wanted.images, rtol=0, atol=1e-3)
+    assert_close(layers.position, wanted.position)
+    renderer.drawn = 0
+    kept.forget(torch.tensor([17, 5]))
+    kept.layers(strokes[number], number)
+    assert renderer.drawn == 1
+
+
+def test_kept_pictures_stay_within_their_memory():
+    strokes, renderer = clamp_to_prior(random_strokes(30, SIZE)), Windowed()
+    kept = RenderCatalogue(renderer, 30, most_bytes=8 * 2 * 4 * 16 * 16)  # eight windows
+    with torch.no_grad():
+        wanted = renderer(strokes).images
+    generator = torch.Generator().manual_seed(0)
+    for size in [5, 8, 8, 13, 30, 2, 8] * 3:
+        number = torch.randperm(30, generator=generator)[:size]
+        assert_close(kept.layers(strokes[number], number).images, wanted[number], rtol=0, atol=1e-3)
+        owned = kept._owner[kept._owner >= 0]
+        assert len(kept._pictures) == 8
+        assert len(owned.unique()) == len(owned)
+        assert torch.equal(kept._place[owned], (kept._owner >= 0).nonzero()[:, 0])
+
+
+def test_features_of_a_part_see_what_surrounds_it():
+    target, picture = torch.rand(2, 3, *SIZE)
+    region = Region(10, 20, 24, 28)
+    view = View(picture.clone(), target, torch.ones(3), Analytic(), Tiled(), 0)
+    view._turn_to(Glance(region, torch.zeros(0, dtype=torch.long)), random_strokes(0, SIZE))
+    image = torch.rand(3, 24, 28, requires_grad=True)
+    painting = Painting(image, region.of(target), random_strokes(1, SIZE), view._surroundings)
+    wide = painting.around(7)
+    assert wide.image.shape == wide.target.shape == (3, 38, 42)
+    assert torch.equal(wide.image[:, 7:-7, 7:-7], image)
+    assert torch.equal(wide.image[:, :7], picture[:, 3:10, 13:55])
+    assert wide.target is painting.around(7).target, "the same object, so that its features are computed once"
+    everything = painting.around(10**6)
+    assert everything.image.shape == (3, *SIZE)
+    everything.image.sum().backward()
+    assert (image.grad == 1).all()
+
+
+def test_losses_of_strokes_and_features_work_on_parts():
+    losses = {"perceptual": Perceptual(), "kl": KullbackLeibler(), "mse": MeanSquaredError()}
+    painter = painter_of(Patches(n_active=15, n_ring=15, patch=32), losses=losses)
+    before = float((painter.picture() - painter.target).square().mean())
+    take(painter, 20)
+    assert float((painter.picture() - painter.target).square().mean()) < before
+    assert all(term.isfinite() for term in painter.terms.values())
+
+
+def test_the_order_of_accuracy_works_on_parts():
+    painter = painter_of(Patches(n_active=15, n_ring=15, patch=32), order=Accuracy(every=1))
+    take(painter, 40)
+    assert (painter._accuracy != 0).sum() > 40
+    assert sorted(painter.front_to_back.tolist()) == list(range(60))
+    assert torch.equal(front_to_back(painter._accuracy).sort().values, torch.arange(60))
