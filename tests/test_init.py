@@ -12,12 +12,13 @@ from brushexp.errors import UserError
 from brushexp.init._cells import Orient
 from brushexp.init.base import Initializer
 from brushexp.init.grid import Grid, OverlappingGrid, lattice
+from brushexp.init.random import Random, nearest_of
 from brushexp.init.slic import Slic, refined, superpixels
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
 
-BUILT_IN = [Grid(), OverlappingGrid(), Slic(), Slic(detail=0.0), Slic(orient=Orient.random)]
-NAMES = ["grid", "overlapping_grid", "slic", "slic_even", "slic_random"]
+BUILT_IN = [Grid(), OverlappingGrid(), Slic(), Slic(detail=0.0), Slic(orient=Orient.random), Random()]
+NAMES = ["grid", "overlapping_grid", "slic", "slic_even", "slic_random", "random"]
 every_init = pytest.mark.parametrize("init", BUILT_IN, ids=NAMES)
 
 
@@ -99,14 +100,14 @@ def test_the_target_is_left_as_it_was(init):
 @pytest.mark.parametrize("shift", [False, True])
 def test_a_lattice_stroke_has_the_mean_colour_and_centre_of_its_cell(n, shift):
     target, labels = noise(20, 30), lattice(20, 30, n, shift=shift)
-    strokes = made(OverlappingGrid() if shift else Grid(), target, n)
+    strokes = made(OverlappingGrid(jitter=0) if shift else Grid(jitter=0), target, n)
     assert_close(strokes.color, colors_by_loop(target, labels, n))
     assert_close(strokes.position, centres_by_loop(labels, n))
 
 
 @pytest.mark.parametrize("n", [1, 7, 40])
 def test_a_superpixel_stroke_has_the_mean_colour_and_centre_of_mass_of_its_superpixel(n):
-    target, init = noise(20, 30), Slic()
+    target, init = noise(20, 30), Slic(jitter=0)
     labels = refined(superpixels(target, max(1, round(n / 2)), init.compactness), n, target.numpy())
     assert sorted(set(labels.ravel())) == list(range(n))
     strokes = made(init, target, n)
@@ -200,3 +201,28 @@ def test_scatter_prefers_detail():
 def test_options_that_make_no_sense_are_refused_with_a_cure(options, cure):
     with pytest.raises(UserError, match=cure):
         Slic(**options)
+
+
+@pytest.mark.parametrize("cls", [Grid, OverlappingGrid, Slic])
+def test_jitter_makes_seeds_differ_and_nothing_else(cls):
+    target = noise(30, 44)
+    plain, one, other = made(cls(jitter=0), target, 60), made(cls(), target, 60, 1), made(cls(), target, 60, 2)
+    pitch = math.sqrt(30 * 44 / 60)
+    for jittered in (one, other):
+        shift = (jittered.position - plain.position) / pitch
+        assert 0.01 < float(shift.std()) < 0.03
+        assert all(torch.equal(getattr(jittered, name), getattr(plain, name)) for name in FIELDS if name != "position")
+    assert not same(one, other)
+    with pytest.raises(UserError, match=r"init\.jitter=-1"):
+        cls(jitter=-1)
+
+
+def test_each_random_place_has_the_pixels_that_are_nearest_to_it():
+    pixel = torch.randperm(13 * 21, generator=torch.Generator().manual_seed(3))[:9].numpy()
+    labels = nearest_of(pixel, 13, 21)
+    y, x = np.divmod(pixel, 21)
+    for row in range(13):
+        for column in range(21):
+            distance = (x - column) ** 2 + (y - row) ** 2
+            assert distance[labels[row, column]] == distance.min()
+    assert labels[y, x].tolist() == list(range(9))

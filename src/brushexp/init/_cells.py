@@ -38,12 +38,15 @@ class Look:
         length: of a stroke, in sides of its cell (structure only).
         width: of a stroke, in sides of its cell (structure only).
         opacity: 0 to 1.
+        jitter: standard deviation of a random shift of each stroke, in pitches (mean distances between strokes). It is
+            too small to see; without it runs with other seeds would be the same run, and tell nothing of the spread.
     """
 
     orient: Orient
     length: float
     width: float
     opacity: float
+    jitter: float
 
     def __post_init__(self) -> None:
         for key in ("length", "width"):
@@ -51,6 +54,8 @@ class Look:
                 raise UserError(f"init.{key}={getattr(self, key):g} is not within 0 to 10 cells; try init.{key}=1")
         if not 0 <= self.opacity <= 1:
             raise UserError(f"init.opacity={self.opacity:g} is outside 0 to 1; try init.opacity=0.95")
+        if not 0 <= self.jitter <= 10:
+            raise UserError(f"init.jitter={self.jitter:g} is not within 0 to 10 pitches; try init.jitter=0.02")
 
 
 def strokes_of_cells(target: Tensor, labels: Array, n: int, look: Look, generator: torch.Generator) -> Strokes:
@@ -79,8 +84,12 @@ def strokes_of_cells(target: Tensor, labels: Array, n: int, look: Look, generato
         end = torch.from_numpy(along).float()
         start, control = -end, torch.zeros(n, 2)
         thickness = torch.from_numpy(look.width * side / scale).float()
+    position = torch.from_numpy(centre).float()
+    if look.jitter:
+        position = position + look.jitter * pitch * torch.randn(n, 2, generator=generator)
+        position = torch.minimum(position.clamp_min(0.5), torch.tensor([width, height]) - 0.5)
     return Strokes(
-        position=torch.from_numpy(centre).float(),
+        position=position,
         scale=torch.full((n,), scale),
         start=start,
         control=control,

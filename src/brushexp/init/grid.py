@@ -21,12 +21,19 @@ class Grid(Initializer):
         length: of a stroke, in sides of its cell (structure only).
         width: of a stroke, in sides of its cell (structure only).
         opacity: 0 to 1.
+        jitter: random shift of each stroke in mean distances between strokes, so that seeds differ.
     """
 
     def __init__(
-        self, *, orient: Orient = Orient.structure, length: float = 1.0, width: float = 1.0, opacity: float = 0.95
+        self,
+        *,
+        orient: Orient = Orient.structure,
+        length: float = 1.0,
+        width: float = 1.0,
+        opacity: float = 0.95,
+        jitter: float = 0.02,
     ) -> None:
-        self.look = Look(orient, length, width, opacity)
+        self.look = Look(orient, length, width, opacity, jitter)
 
     def __call__(self, target: Tensor, n_strokes: int, generator: torch.Generator) -> Strokes:
         labels = lattice(target.shape[1], target.shape[2], n_strokes)
@@ -42,12 +49,19 @@ class OverlappingGrid(Initializer):
         length: of a stroke, in sides of its cell (structure only).
         width: of a stroke, in sides of its cell (structure only).
         opacity: 0 to 1.
+        jitter: random shift of each stroke in mean distances between strokes, so that seeds differ.
     """
 
     def __init__(
-        self, *, orient: Orient = Orient.structure, length: float = 1.8, width: float = 1.4, opacity: float = 0.95
+        self,
+        *,
+        orient: Orient = Orient.structure,
+        length: float = 1.8,
+        width: float = 1.4,
+        opacity: float = 0.95,
+        jitter: float = 0.02,
     ) -> None:
-        self.look = Look(orient, length, width, opacity)
+        self.look = Look(orient, length, width, opacity, jitter)
 
     def __call__(self, target: Tensor, n_strokes: int, generator: torch.Generator) -> Strokes:
         labels = lattice(target.shape[1], target.shape[2], n_strokes, shift=True)

@@ -32,6 +32,7 @@ class Slic(Initializer):
         length: of a stroke, in sides of its superpixel (structure only).
         width: of a stroke, in sides of its superpixel (structure only).
         opacity: 0 to 1.
+        jitter: random shift of each stroke in mean distances between strokes, so that seeds differ.
     """
 
     def __init__(
@@ -43,6 +44,7 @@ class Slic(Initializer):
         length: float = 1.4,
         width: float = 0.8,
         opacity: float = 0.95,
+        jitter: float = 0.02,
     ) -> None:
         if not 0 < compactness <= 1e4:
             raise UserError(f"init.compactness={compactness:g} is not within 0 to 10000; try init.compactness=10")
@@ -50,7 +52,7 @@ class Slic(Initializer):
             raise UserError(f"init.detail={detail:g} is not within 0 to below 1; try init.detail=0.5")
         self.compactness = compactness
         self.detail = detail
-        self.look = Look(orient, length, width, opacity)
+        self.look = Look(orient, length, width, opacity, jitter)
 
     def __call__(self, target: Tensor, n_strokes: int, generator: torch.Generator) -> Strokes:
         even = max(1, round((1 - self.detail) * n_strokes))
