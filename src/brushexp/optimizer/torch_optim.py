@@ -1,26 +1,14 @@
 """Any optimiser of torch.optim."""
 
-import math
 from collections.abc import Callable, Iterable
-from enum import Enum
 from typing import Any
 
 from torch import nn, optim
 
 from brushexp.errors import UserError
+from brushexp.optimizer._schedule import UNITS, Schedule, check_rate, share_of_rate
 from brushexp.optimizer.base import Optimizer
 from brushexp.registry import register
-
-# A learning rate of 0.01 moves a control point by a hundredth of a half-window per step of Adam: the thesis's rate.
-UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3, "color": 1.0, "opacity": 1.0}
-
-
-class Schedule(Enum):
-    """How the learning rate goes from ``lr`` to its end."""
-
-    constant = "constant"
-    linear = "linear"
-    cosine = "cosine"
 
 
 @register("optimizer", "torch")
@@ -53,12 +41,8 @@ class TorchOptim(Optimizer):
         if not (isinstance(kind, type) and issubclass(kind, optim.Optimizer)) or kind is optim.Optimizer:
             choices = [key for key, value in vars(optim).items() if isinstance(value, type) and key != "Optimizer"]
             raise UserError(f"torch.optim has no optimiser {name!r}; set optimizer.name to one of {', '.join(choices)}")
-        if not (math.isfinite(lr) and lr > 0):
-            raise UserError(f"optimizer.lr={lr:g} is not a positive number; try optimizer.lr=0.02")
-        for key, value in (("warmup", warmup), ("hold", hold)):
-            if not 0 <= value < 1:
-                raise UserError(f"optimizer.{key}={value:g} is not a fraction below 1; try optimizer.{key}=0.1")
-        self.kind: Callable[..., optim.Optimizer] = kind
+        check_rate(lr, hold, warmup)
+        self.kind: Callable[..., optim.Optimizer] = Lbfgs if kind is optim.LBFGS else kind
         self.name = name
         self.lr = lr
         self.units = units
@@ -74,11 +58,13 @@ class TorchOptim(Optimizer):
             raise UserError(f"torch.optim.{self.name}: {error}; see optimizer.options") from error
 
     def rate(self, progress: float) -> float:
-        rise = min(1.0, (progress + 1e-9) / self.warmup) if self.warmup else 1.0
-        falling = max(0.0, (progress - self.hold) / (1 - self.hold))
-        fall = {
-            Schedule.constant: 1.0,
-            Schedule.linear: 1 - falling,
-            Schedule.cosine: 0.5 * (1 + math.cos(math.pi * falling)),
-        }[self.schedule]
-        return self.lr * rise * fall
+        return self.lr * share_of_rate(progress, self.schedule, self.hold, self.warmup)
+
+
+class Lbfgs(optim.LBFGS):
+    """That of PyTorch, which holds on to its first parameters, for strokes that come and go."""
+
+    def step(self, closure: Any = None) -> Any:
+        self._params = self.param_groups[0]["params"]
+        self._numel_cache = None
+        return super().step(closure)

@@ -1,1 +1,1 @@
-"""What is left of a sweep for people to look at: one result per run, one table and one sheet of pictures over all."""
+"""What is left of a sweep for people to look at: a result per run, a table, a sheet of pictures and plots over all."""

@@ -7,12 +7,11 @@ from pathlib import Path
 
 from brushexp.files import write_bytes
 from brushexp.report.drawing import SIDE, Cell, Grid, draw, largest_side
-from brushexp.report.table import NOTHING, Result, collect, formatted, settings, summary, varying
+from brushexp.report.table import NOTHING, Result, collect, formatted, settings, shortened, summary, varying
 
 COLUMNS = 6  # up to 48 pictures; larger sheets are about square
 MATRIX_COLUMNS = 12  # a wider matrix is laid out row by row instead
 LEGIBLE = 160  # pixels: and so is a matrix with smaller pictures
-LONGEST = 40  # letters of a value; of a longer one the end is shown
 NOTED = {"psnr": "dB", "psnr_alpha": "dB in alpha", "seconds": "s"}  # metrics below a picture
 
 
@@ -111,12 +110,5 @@ def _picture(folder: Path, result: Result) -> Path:
 
 
 def _words(key: str, values: list[str]) -> dict[str, str]:
-    """How each value of a setting is written on the sheet: paths without the folders that tell nothing."""
-    names = values
-    for depth in range(1, 1 + max(value.count("/") for value in values)):
-        tails = ["/".join(value.split("/")[-depth:]) for value in values]
-        if len(set(tails)) == len(tails):
-            names = tails
-            break
-    short = [name if len(name) <= LONGEST else "..." + name[-LONGEST:] for name in names]
-    return {value: f"{key}={name}" for value, name in zip(values, short, strict=True)}
+    """How each value of a setting is written on the sheet."""
+    return {value: f"{key}={name}" for value, name in shortened(values).items()}

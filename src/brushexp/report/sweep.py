@@ -1,4 +1,4 @@
-"""Hydra callback: the result of every run of a sweep, and a table and a sheet of pictures renewed after each."""
+"""Hydra callback: the result of every run of a sweep, and table, sheet of pictures and plots renewed after each."""
 
 import logging
 from collections.abc import Iterable
@@ -13,6 +13,8 @@ from omegaconf import DictConfig, OmegaConf
 
 from brushexp.errors import UserError
 from brushexp.files import write_json
+from brushexp.report.curves import write_curves
+from brushexp.report.effect import write_effect
 from brushexp.report.sheet import write_sheet
 from brushexp.report.table import write_table
 
@@ -21,7 +23,7 @@ LOCK = ".report.lock"
 
 
 class SweepReport(Callback):
-    """Write ``result.json`` into every run of a sweep and renew ``table.csv``, ``table.md`` and ``sheet.png``.
+    """Write ``result.json`` into every run of a sweep and renew its tables, ``sheet.png`` and the plots.
 
     Does it after every job and not once at the end, because Hydra 1.3 ends a sweep with a failed job without a word to
     its callbacks. A single run has its metrics.json and needs none of this.
@@ -44,10 +46,12 @@ class SweepReport(Callback):
 
 
 def renew(folder: Path) -> None:
-    """Write table and sheet of a sweep from the results of all its runs; one process at a time."""
+    """Write table, sheet and plots of a sweep from the results of all its runs; one process at a time."""
     with FileLock(folder / LOCK):
         write_table(folder)
         write_sheet(folder)
+        write_effect(folder)
+        write_curves(folder)
 
 
 def result_of(run: str, config: DictConfig, job_return: JobReturn) -> dict[str, Any]:

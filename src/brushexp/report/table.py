@@ -7,7 +7,7 @@ import csv
 import io
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from statistics import mean, stdev
 from typing import Any
@@ -18,12 +18,14 @@ from brushexp.files import write_text
 Result = dict[str, Any]
 DIGITS = {  # table.md: main metrics, of which those are shown that some run has
     **{"psnr": 2, "ssim": 4, "l1": 4, "perceptual": 4},
+    **{"lpips_alexnet": 4, "lpips_squeeze": 4, "lpips_vgg16": 4},
     **{"l2": 6, "psnr_alpha": 2, "psnr_color": 2, "fid_effl0": 2, "kid_effl0": 2, "fid_inception": 2},
     **{"strokes_per_second": 0, "strokes_per_second_backward": 0, "parameters": 0, "file_mb": 2},
     **{"seconds": 1, "n_strokes": 0},
 }
 LEAD = ("run", "status", "error")  # first columns of table.csv
 LONGEST = 200  # letters of an error message in table.md
+LONGEST_VALUE = 40  # letters of a value in a picture; of a longer one the end is shown
 NOTHING = "–"
 
 
@@ -51,6 +53,33 @@ def varying(results: Iterable[Result]) -> dict[str, list[str]]:
     keys = dict.fromkeys(key for run in runs for key in run)
     values = {key: list(dict.fromkeys(run.get(key, "") for run in runs)) for key in keys}
     return {key: found for key, found in values.items() if len(found) > 1}
+
+
+def groups(results: Iterable[Result], keys: Sequence[str]) -> dict[tuple[str, ...], list[Result]]:
+    """The completed runs by their values of these settings, in order of first appearance."""
+    found: dict[tuple[str, ...], list[Result]] = {}
+    for result in results:
+        if result["status"] == "completed":
+            chosen = settings(result)
+            found.setdefault(tuple(chosen.get(key, "") for key in keys), []).append(result)
+    return found
+
+
+def numbers(runs: Iterable[Result], metric: str) -> list[float]:
+    """This metric of the runs that have it."""
+    return [run[metric] for run in runs if isinstance(run.get(metric), int | float)]
+
+
+def shortened(values: Sequence[str], longest: int = LONGEST_VALUE) -> dict[str, str]:
+    """How each value of a setting is shown: paths without the folders that tell nothing, and not too long."""
+    names = values
+    for depth in range(1, 1 + max(value.count("/") for value in values)):
+        tails = ["/".join(value.split("/")[-depth:]) for value in values]
+        if len(set(tails)) == len(tails):
+            names = tails
+            break
+    short = [name if len(name) <= longest else "..." + name[-longest:] for name in names]
+    return dict(zip(values, short, strict=True))
 
 
 def summary(results: list[Result]) -> str:
@@ -113,27 +142,20 @@ def as_markdown(results: list[Result]) -> str:
 def _means(results: list[Result]) -> list[str]:
     """A table with one row for all completed runs that differ in the seed alone."""
     keys = [key for key in varying(results) if key != "seed"]
-    groups: dict[tuple[str, ...], list[Result]] = {}
-    for result in results:
-        if result["status"] == "completed":
-            groups.setdefault(tuple(settings(result).get(key, "") for key in keys), []).append(result)
-    shown = [metric for metric in DIGITS if any(_numbers(runs, metric) for runs in groups.values())]
+    grouped = groups(results, keys)
+    shown = [metric for metric in DIGITS if any(numbers(runs, metric) for runs in grouped.values())]
     lines = [[*keys, "runs", *shown], [*("---" for _ in keys), "---:", *("---:" for _ in shown)]]
-    for chosen, runs in groups.items():
+    for chosen, runs in grouped.items():
         lines.append([*chosen, str(len(runs)), *(_mean_and_spread(runs, metric) for metric in shown)])
     return _table(lines)
 
 
 def _mean_and_spread(runs: list[Result], metric: str) -> str:
-    found, digits = _numbers(runs, metric), DIGITS[metric]
+    found, digits = numbers(runs, metric), DIGITS[metric]
     if not found:
         return NOTHING
     spread = f" ± {stdev(found):.{digits}f}" if len(found) > 1 else ""
     return f"{mean(found):.{digits}f}{spread}"
-
-
-def _numbers(runs: list[Result], metric: str) -> list[float]:
-    return [result[metric] for result in runs if isinstance(result.get(metric), int | float)]
 
 
 def _table(lines: list[list[str]]) -> list[str]:

@@ -1,0 +1,254 @@
+"""The plots of a sweep show the right numbers, and no label, failure or gap stops them."""
+
+import json
+import math
+import warnings
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from brushexp.files import write_json, write_text
+from brushexp.report.curves import MOST, mean_curve, read_curve, write_curves
+from brushexp.report.effect import effects, mean_and_spread, write_effect
+from brushexp.report.plotting import as_number, is_wide, named, plain, spaced, wrapped
+from brushexp.report.sweep import renew
+from brushexp.report.table import collect
+
+SEEDS = {"seed": ["0", "1"]}
+
+
+def make_run(folder: Path, number: int, chosen: dict[str, str], **metrics: object) -> Path:
+    run = folder / str(number)
+    run.mkdir(parents=True)
+    write_json(run / "result.json", {"status": "completed", "overrides": chosen} | metrics)
+    return run
+
+
+def make_sweep(folder: Path, axes: dict[str, list[str]]) -> None:
+    """Run number k has a PSNR of 20 + k dB."""
+    for k, values in enumerate(product(*axes.values())):
+        numbers = {"psnr": 20.0 + k, "perceptual": 1 / (k + 2), "seconds": 2.0 + k}
+        make_run(folder, k, dict(zip(axes, values, strict=True)), **numbers)
+
+
+def size_of(path: Path) -> tuple[int, int]:
+    with Image.open(path) as picture:
+        picture.load()
+        return picture.size
+
+
+# effects
+
+
+def test_runs_are_grouped_by_all_but_the_seed(tmp_path):
+    make_sweep(tmp_path, {"init": ["grid", "slic"], "loss": ["mse", "kl", "l1"], **SEEDS})
+    found = effects(collect(tmp_path))
+    assert (found.across, found.values, found.others, found.series) == (
+        "loss",
+        ["mse", "kl", "l1"],
+        ["init"],
+        ["grid", "slic"],
+    )
+    assert found.found["psnr"] == {
+        ("grid", "mse"): [20.0, 21.0],
+        ("grid", "kl"): [22.0, 23.0],
+        ("grid", "l1"): [24.0, 25.0],
+        ("slic", "mse"): [26.0, 27.0],
+        ("slic", "kl"): [28.0, 29.0],
+        ("slic", "l1"): [30.0, 31.0],
+    }
+    assert list(found.found) == ["psnr", "perceptual", "seconds"]
+    assert found.places is None
+
+
+def test_mean_and_spread_are_those_of_a_sample():
+    assert mean_and_spread([20.0, 21.0, 25.0]) == (22.0, pytest.approx(math.sqrt(7)))
+    assert mean_and_spread([20.0]) == (20.0, 0.0)
+
+
+def test_numbers_are_put_in_order(tmp_path):
+    make_sweep(tmp_path, {"lr": ["1e-1", "0.003", "2"]})
+    found = effects(collect(tmp_path))
+    assert (found.values, found.places) == (["0.003", "1e-1", "2"], [0.003, 0.1, 2.0])
+
+
+def test_several_other_settings_name_one_series_each(tmp_path):
+    make_sweep(tmp_path, {"a": ["1", "2"], "image": ["/x/y/a.png", "/x/y/b.png"], "lr": ["1", "2", "3"]})
+    found = effects(collect(tmp_path))
+    assert found.across == "lr"
+    assert found.series == ["a=1, image=a.png", "a=1, image=b.png", "a=2, image=a.png", "a=2, image=b.png"]
+
+
+def test_failed_and_interrupted_runs_are_left_out(tmp_path):
+    make_sweep(tmp_path, {"init": ["grid", "slic", "fill"], **SEEDS})
+    for number, status in ((1, "failed"), (4, "failed"), (5, "interrupted")):
+        path = tmp_path / str(number) / "result.json"
+        write_json(path, json.loads(path.read_text()) | {"status": status})
+    assert effects(collect(tmp_path)).found["psnr"] == {("", "grid"): [20.0], ("", "slic"): [22.0, 23.0]}
+
+
+def test_metrics_of_training_are_found_too(tmp_path):
+    for k, size in enumerate(("64", "128")):
+        make_run(tmp_path, k, {"engine.window": size}, psnr_alpha=20.0 + k, fid_effl0=90.0, l2=0.001, seconds=3.0)
+    assert list(effects(collect(tmp_path)).found) == ["psnr_alpha", "fid_effl0", "seconds"]
+
+
+@pytest.mark.parametrize(
+    "runs",
+    [
+        [({}, 20.0)],
+        [({"seed": "0"}, 20.0), ({"seed": "1"}, 21.0)],
+        [({"lr": "1"}, 20.0), ({"lr": "2"}, None)],
+        [({"lr": "1"}, None), ({"lr": "2"}, None)],
+    ],
+)
+def test_nothing_to_compare_gives_no_plot(tmp_path, runs):
+    for k, (chosen, psnr) in enumerate(runs):
+        make_run(tmp_path, k, chosen, psnr=psnr)
+    assert write_effect(tmp_path) is None
+    assert write_curves(tmp_path) is None
+    assert list(tmp_path.glob("*.png")) == []
+
+
+# pictures
+
+
+@pytest.mark.parametrize(
+    "axes",
+    [
+        {"lr": ["0.001", "0.01", "0.1"], **SEEDS},
+        {"ring": ["0", "128"], "patch": ["160", "320"]},
+        {"init": ["grid", "slic"]},
+        {"loss": ["mse", "[mse,perceptual,kl,width,discriminator,lpips]", "", "画$x$\n" + "long/" * 40], **SEEDS},
+    ],
+)
+def test_a_plot_is_the_same_every_time(tmp_path, axes):
+    make_sweep(tmp_path, axes)
+    path = write_effect(tmp_path)
+    assert path == tmp_path / "effect.png"
+    assert size_of(path) == (1400, 500)
+    before = path.read_bytes()
+    assert write_effect(tmp_path).read_bytes() == before
+
+
+def test_many_values_get_a_taller_plot_and_nothing_is_cut(tmp_path):
+    make_sweep(tmp_path, {"loss": [f"loss_number_{k}+perceptual+width" for k in range(14)], "init": ["a", "b", "c"]})
+    path = write_effect(tmp_path)
+    width, height = size_of(path)
+    assert width == 1400
+    assert 700 < height < 1400
+    with Image.open(path) as picture:
+        pixels = np.asarray(picture.convert("L"))
+    for edge in (pixels[:2], pixels[-2:], pixels[:, :2], pixels[:, -2:]):
+        assert edge.min() > 250, "there is white all around"
+
+
+def test_the_layout_never_gives_up(tmp_path):
+    make_sweep(
+        tmp_path, {"some.very.long_setting" * 3: ["value" * 12 + str(k) for k in range(3)], "b": ["x" * 90, "y" * 90]}
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        write_effect(tmp_path)
+
+
+def test_labels_are_broken_after_signs():
+    assert wrapped("mse+perceptual+width", 15) == "mse+perceptual+\nwidth"
+    assert wrapped("a" * 25, 10, most=2) == "aaaaaaaaaa\naaaaaaa..."
+    assert wrapped("", 10) == ""
+    assert plain("a$b$\n画 é") == r"a\$b\$ ? é"
+    assert named({"a": {"1": "one"}}, ["1"]) == "one"
+    assert named({"a": {"": ""}, "b": {"2": "two"}}, ["", "2"]) == "a=not set, b=two"
+
+
+def test_numbers_are_told_from_words():
+    assert [as_number(text) for text in ("1e-3", "-2", "inf", "nan", "null", "")] == [
+        0.001,
+        -2.0,
+        None,
+        None,
+        None,
+        None,
+    ]
+    assert is_wide([0.01, 1.0])
+    assert not is_wide([0.0, 100.0])
+    assert not is_wide([])
+    assert spaced([0.0, 0.05, 0.5, 0.52], [0.1] * 4) == [0, 2]
+
+
+# curves
+
+
+def write_curve(run: Path, seconds: list[float], psnr: list[float]) -> Path:
+    path = run / "curves" / "metrics.csv"
+    path.parent.mkdir(parents=True)
+    lines = [f"0,0.5,{p},{s},{k}" for k, (s, p) in enumerate(zip(seconds, psnr, strict=True))]
+    write_text(path, "\n".join(["epoch,loss/mse,psnr,seconds,step", *lines, ""]))
+    return path
+
+
+def test_a_curve_is_read_from_the_logger_of_a_run(tmp_path, config):
+    from brushexp.registry import build  # noqa: PLC0415
+
+    logger = build(config("logger=csv").logger.csv).open(tmp_path)
+    for step in range(3):
+        logger.log_metrics({"psnr": 20.0 + step, "seconds": 0.5 * step, "loss/mse": 0.1}, step=step)
+    logger.log_metrics({"other": 1.0}, step=4)
+    logger.save()
+    seconds, psnr = read_curve(tmp_path / "curves" / "metrics.csv")
+    assert (seconds.tolist(), psnr.tolist()) == ([0.0, 0.5, 1.0], [20.0, 21.0, 22.0])
+
+
+@pytest.mark.parametrize(
+    "text", ["", "epoch,psnr\n1,2\n", "psnr,seconds\n1,2\n", "psnr,seconds\nx,y\n1,2\n", "psnr,seconds\n"]
+)
+def test_a_file_without_a_curve_is_passed_over(tmp_path, text):
+    write_text(tmp_path / "metrics.csv", text)
+    assert read_curve(tmp_path / "metrics.csv") is None
+
+
+def test_long_curves_are_thinned(tmp_path):
+    path = write_curve(tmp_path, [0.1 * k for k in range(5000)], [20.0] * 5000)
+    assert 250 < len(read_curve(path)[0]) <= 301
+
+
+def test_the_mean_curve_goes_as_far_as_all_runs():
+    first = (np.array([0.0, 1.0, 2.0]), np.array([10.0, 20.0, 20.0]))
+    second = (np.array([0.5, 1.5]), np.array([20.0, 30.0]))
+    times, psnr = mean_curve([first, second])
+    assert times.tolist() == [0.5, 1.0, 1.5]
+    assert psnr.tolist() == pytest.approx([(15 + 20) / 2, (20 + 25) / 2, (20 + 30) / 2])
+
+
+@pytest.mark.parametrize("count", [1, 2, 28, 29])
+def test_as_many_curves_as_can_be_told_apart_are_drawn(tmp_path, count):
+    make_sweep(tmp_path, {"optimizer": [f"o{k}" for k in range(count)], "seed": ["0", "1"] if count == 2 else ["0"]})
+    for run in tmp_path.iterdir():
+        write_curve(run, [0.2, 0.4, 0.6 + int(run.name)], [20.0, 22.0, 23.0])
+    path = write_curves(tmp_path)
+    assert (path is not None) == (2 <= count <= MOST)
+    if path is not None:
+        assert size_of(path) == (1400, 500)
+
+
+def test_a_broken_plot_does_not_lose_the_table(tmp_path, monkeypatch):
+    make_sweep(tmp_path, {"init": ["grid", "slic"]})
+
+    def broken(folder: Path) -> None:
+        raise RuntimeError("no plot today")
+
+    monkeypatch.setattr("brushexp.report.sweep.write_effect", broken)
+    with pytest.raises(RuntimeError):
+        renew(tmp_path)
+    assert (tmp_path / "table.md").is_file()
+
+
+def test_a_report_has_its_plots(tmp_path):
+    make_sweep(tmp_path, {"init": ["grid", "slic"]})
+    for run in list(tmp_path.iterdir()):
+        write_curve(run, [0.2, 0.4], [20.0, 22.0])
+    renew(tmp_path)
+    assert {path.name for path in tmp_path.glob("*.png")} == {"effect.png", "curves.png"}

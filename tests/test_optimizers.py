@@ -1,0 +1,156 @@
+"""Every optimiser paints, can be interrupted and goes on exactly, and lives with strokes that come and go."""
+
+import io
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+from scenes import random_strokes
+
+from brushexp.blend.tiled import Tiled
+from brushexp.errors import UserError
+from brushexp.optimizer._schedule import Schedule, share_of_rate
+from brushexp.optimizer.base import Optimizer
+from brushexp.optimizer.pytorch_optimizer import PytorchOptimizer
+from brushexp.optimizer.torch_optim import TorchOptim
+from brushexp.registry import build
+from brushexp.renderer.analytic import Analytic
+from brushexp.strokes.catalogue import Catalogue
+
+SIZE = (24, 33)
+PRESETS = sorted(path.stem for path in (Path(__file__).parents[1] / "conf" / "optimizer").glob("*.yaml"))
+
+
+class Scene:
+    """Strokes before a grey target, and an optimiser that moves them."""
+
+    def __init__(self, optimizer: Optimizer, n: int = 20) -> None:
+        self.rate = optimizer.rate
+        self.catalogue = Catalogue(random_strokes(n, SIZE), optimizer.units)
+        self.optimizer = optimizer.over(p for p in self.catalogue.parameters() if p.requires_grad)
+        self.target = torch.rand(3, 4, 6, generator=torch.Generator().manual_seed(1)).repeat_interleave(6, 1)
+        self.target = self.target.repeat_interleave(6, 2)[:, : SIZE[0], : SIZE[1]]
+
+    def loss(self) -> torch.Tensor:
+        strokes = self.catalogue()
+        canvas = Tiled()(Analytic()(strokes), torch.arange(len(strokes)), SIZE, torch.ones(3))
+        return (canvas.image - self.target).square().sum() / (3 * 256 * 256)  # gradients as at 256 px, which sgd feels
+
+    def take(self, steps: int, of: int = 20) -> None:
+        def closure() -> torch.Tensor:
+            self.optimizer.zero_grad(set_to_none=True)
+            loss = self.loss()
+            loss.backward()
+            return loss.detach()
+
+        for step in range(steps):
+            for group in self.optimizer.param_groups:
+                group["lr"] = self.rate(step / of)
+            self.optimizer.step(closure)
+            self.catalogue.keep_in_range()
+
+    def error(self) -> float:
+        return float(self.loss().detach())
+
+
+@pytest.fixture
+def preset(config) -> Callable[[str], Optimizer]:
+    return lambda name: build(config(f"optimizer={name}").optimizer)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_preset_lowers_the_error_in_twenty_steps(preset, name):
+    scene = Scene(preset(name))
+    before = scene.error()
+    scene.take(20)
+    assert scene.error() < 0.8 * before
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_preset_moves_any_number_of_strokes(preset, name, n):
+    scene = Scene(preset(name), n)
+    before = [value.clone() for value in scene.catalogue.parameters()]
+    scene.take(3)
+    for old, new in zip(before, scene.catalogue.parameters(), strict=True):
+        assert new.isfinite().all()
+        assert not torch.equal(old, new)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_an_optimiser_goes_on_exactly_after_an_interruption(preset, name):
+    whole = Scene(preset(name))
+    whole.take(7)
+    file = io.BytesIO()
+    torch.save([whole.catalogue.state_dict(), whole.optimizer.state_dict()], file)
+    file.seek(0)
+    strokes, state = torch.load(file, weights_only=True)
+    resumed = Scene(preset(name))
+    resumed.catalogue.load_state_dict(strokes)
+    resumed.optimizer.load_state_dict(state)
+    for scene in (whole, resumed):
+        scene.take(14)
+    for key, value in whole.catalogue.state_dict().items():
+        assert torch.equal(value, resumed.catalogue.state_dict()[key]), key
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_strokes_may_come_and_go(preset, name):
+    scene = Scene(preset(name))
+    scene.take(5)
+    scene.catalogue.revise(torch.arange(20) % 4 > 0, random_strokes(9, SIZE, seed=3), scene.optimizer)
+    before = scene.error()
+    scene.take(15)
+    assert len(scene.catalogue) == 24
+    assert scene.error() < before
+    assert all(parameter in set(scene.catalogue.parameters()) for parameter in scene.optimizer.state)
+
+
+def test_soap_keeps_no_matrix_as_long_as_the_strokes(preset):
+    scene = Scene(preset("soap"), n=300)
+    scene.take(3)
+    sizes = [m.shape for state in scene.optimizer.state.values() for m in state["Q"] if len(m)]
+    assert sorted(map(tuple, sizes)) == [(2, 2)] * 4 + [(3, 3)], "position, three points and colour"
+
+
+def test_a_missing_library_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pytorch_optimizer", None)
+    with pytest.raises(UserError, match=r"needs the library pytorch-optimizer; pip install 'brushexp\[optimizers\]'"):
+        PytorchOptimizer()
+
+
+@pytest.mark.parametrize("kind", [TorchOptim, PytorchOptimizer])
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"name": "Nonsense"}, r"has no optimiser 'Nonsense'; set optimizer.name to one of .*Adam"),
+        ({"lr": -1.0}, "optimizer.lr=-1 is not a positive number"),
+        ({"hold": 1.0}, "optimizer.hold=1 is not a fraction below 1"),
+        ({"warmup": -0.1}, "optimizer.warmup=-0.1 is not a fraction"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(kind, options, message):
+    with pytest.raises(UserError, match=message):
+        kind(**options)
+
+
+@pytest.mark.parametrize("kind", [TorchOptim, PytorchOptimizer])
+@pytest.mark.parametrize("options", [{"nonsense": 1}, {"betas": [2.0, 0.9]}])
+def test_options_that_the_library_does_not_take_are_refused(kind, options):
+    with pytest.raises(UserError, match=r"optimizer\.options"):
+        kind(options=options).over([torch.nn.Parameter(torch.zeros(3))])
+
+
+@pytest.mark.parametrize(
+    ("schedule", "shares"),
+    [
+        (Schedule.constant, [0.0, 1.0, 1.0, 1.0, 1.0]),
+        (Schedule.linear, [0.0, 1.0, 1.0, 0.5, 0.0]),
+        (Schedule.cosine, [0.0, 1.0, 1.0, 0.5, 0.0]),
+    ],
+)
+def test_the_rate_rises_holds_and_falls(schedule, shares):
+    found = [share_of_rate(progress, schedule, hold=0.5, warmup=0.25) for progress in (0, 0.25, 0.5, 0.75, 1)]
+    assert found == pytest.approx(shares, abs=1e-6)
