@@ -284,7 +284,7 @@ def test_numbers_too_large_for_16_bits_are_kept(tmp_path):
 
 
 def test_a_plain_name_is_one_that_comes_with_the_program(kept, monkeypatch):
-    monkeypatch.setattr(files, "SHIPPED", kept.parent)
+    monkeypatch.setattr(files, "RENDERERS", replace(files.RENDERERS, shipped=kept.parent))
     assert weights_hash(tiny(**{**OPTIONS, "checkpoint": "mine"})) == read_recipe(kept)["hash"]
     assert files.shipped("mine") == "mine"
     assert files.shipped("yours") is None

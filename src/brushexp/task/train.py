@@ -1,4 +1,4 @@
-"""``task=train``: teach a renderer what simulated strokes look like."""
+"""``task=train``: teach a renderer what simulated strokes look like, or a discriminator which strokes are valid."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import hashlib
 import json
 import logging
 import time
+from collections.abc import Sequence
+from dataclasses import fields
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -17,9 +19,10 @@ from filelock import FileLock
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.checks import Train, check_keys
+from brushexp.checks import Shared, Train, check_keys
 from brushexp.errors import UserError
 from brushexp.files import write_json
+from brushexp.loss.discriminator import NAME, Discriminator
 from brushexp.process import interruptible, peak_memory
 from brushexp.registry import build, build_named, plugin_of
 from brushexp.renderer.base import Renderer
@@ -27,6 +30,9 @@ from brushexp.renderer.checkpoint import plain_options, save_checkpoint
 from brushexp.task.paint import device_of, interrupted_run
 from brushexp.task.simulate import record
 from brushexp.train.dataset import Split, origin_of
+from brushexp.train.discriminator import Plan
+from brushexp.train.discriminator import Training as TrainingOfDiscriminator
+from brushexp.train.discriminator import save as save_discriminator
 from brushexp.train.evaluation import effl0_crowds
 from brushexp.train.judging import judge
 from brushexp.train.progress import CHECKPOINT, INTERRUPTED, Checkpoints, HeldOutPictures, ProgressBar
@@ -42,7 +48,7 @@ log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, start: float) -> dict[str, object]:
-    """Train one renderer, write it and its numbers into the run's folder, and return those of metrics.json."""
+    """Train one model, write it and its numbers into the run's folder, and return those of metrics.json."""
     folder = Path(HydraConfig.get().runtime.output_dir)
     resumed = None
     if cfg.get("resume") is not None:
@@ -50,8 +56,17 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     if isinstance(cfg.data, str):
         cfg.data = [cfg.data]
     check_keys(cfg, Train)
+    if cfg.model not in MODELS:
+        raise UserError(f"model={cfg.model} is not one of {', '.join(MODELS)}; try model=renderer")
     device = device_of(cfg.device)
     L.seed_everything(cfg.seed, verbose=False)
+    return MODELS[cfg.model](cfg, folder, start, device, resumed)
+
+
+def run_renderer(
+    cfg: DictConfig, folder: Path, start: float, device: torch.device, resumed: Path | None
+) -> dict[str, object]:
+    """Train a renderer on strokes of an engine."""
     training = training_of(cfg)
     data = data_of(cfg)
     module = RendererTrainer(first_renderer(cfg, data), data.origin.window, training)
@@ -61,6 +76,41 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         log.warning("interrupted at step %d; continue with: python run.py task=train resume=%s", module.step, folder)
         raise KeyboardInterrupt
     return metrics
+
+
+def run_discriminator(
+    cfg: DictConfig, folder: Path, start: float, device: torch.device, resumed: Path | None
+) -> dict[str, object]:
+    """Train a discriminator on strokes of the prior; as this takes a minute, it is not resumed."""
+    check_used(HydraConfig.get().overrides.task)
+    plan = Plan(**{field.name: cfg[field.name] for field in fields(Plan)})
+    training = TrainingOfDiscriminator(Discriminator().to(device), plan)
+    with interruptible(
+        partial(setattr, training, "stop", INTERRUPTED),
+        "stopping after this step; what is trained so far will be written",
+    ):
+        training.run([build(node).open(folder) for node in cfg.logger.values()])
+    metrics = finish_discriminator(training, folder, start)
+    if training.stop == INTERRUPTED:
+        log.warning("interrupted at step %d; %s.safetensors was not trained to the end", training.step, NAME)
+        raise KeyboardInterrupt
+    return metrics
+
+
+def check_used(overrides: Sequence[str]) -> None:
+    """Stop when the command line sets something that a discriminator has no use for.
+
+    Raises:
+        UserError: with the override to drop.
+    """
+    used = {"task", "model", "logger", "experiment", *(field.name for field in [*fields(Shared), *fields(Plan)])}
+    for override in overrides:
+        key = override.lstrip("+~").partition("=")[0]
+        if key.partition(".")[0] not in used:
+            raise UserError(
+                f"{override} means nothing to model=discriminator, which learns from the prior of strokes alone; "
+                f"drop it (there are: {', '.join(sorted(used))})"
+            )
 
 
 def training_of(cfg: DictConfig) -> Training:
@@ -196,6 +246,35 @@ def finish(
     return metrics
 
 
+def finish_discriminator(training: TrainingOfDiscriminator, folder: Path, start: float) -> dict[str, object]:
+    """Write the discriminator with its recipe, and the numbers."""
+    path = folder / f"{NAME}.safetensors"
+    seen, device = training.step * training.plan.batch_size, str(training.network.threshold.device)
+    metrics: dict[str, object] = {
+        **save_discriminator(training, path),
+        "steps": training.step,
+        "strokes_seen": seen,
+        "strokes_per_second": seen / training.seconds if training.seconds else None,
+        "seconds": training.seconds,
+        "seconds_total": time.monotonic() - start,
+        "peak_memory_mb": peak_memory(),
+        "device": device,
+        "status": training.stop or "completed",
+    }
+    write_json(folder / "metrics.json", metrics)
+    log.info(
+        "%s: accuracy %.4f and AUC %.4f on held-out strokes, %d steps in %.1f s; paint with it: "
+        "python run.py 'loss=[mse,discriminator]' loss.discriminator.checkpoint=%s",
+        path,
+        metrics["accuracy"],
+        metrics["auc"],
+        training.step,
+        training.seconds,
+        path,
+    )
+    return metrics
+
+
 def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:
     """Where the strokes came from."""
     origin = data.origin
@@ -216,3 +295,6 @@ def training_recipe(module: RendererTrainer, cfg: DictConfig) -> dict[str, objec
     if cfg.critic:
         recipe |= {key: cfg[key] for key in ("critic_lr", "critic_weight", "critic_width")}
     return {**recipe, "started_from": cfg.renderer.get("checkpoint"), "steps": module.step, "seconds": module.seconds}
+
+
+MODELS = {"renderer": run_renderer, "discriminator": run_discriminator}

@@ -1,5 +1,5 @@
 """From simulated strokes to a trained renderer, in the order of the data.
 
 engine -> recording -> dataset -> stream -> trainer (with renderer, adversarial, progress) -> evaluation -> judging
--> pruning
+-> pruning, spoiling -> discriminator -> loss
 """

@@ -1,0 +1,270 @@
+"""The discriminator: how strokes are spoilt, what it learns, where its loss pushes, and its files."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor, optim
+
+from brushexp.errors import UserError
+from brushexp.loss.base import Painting
+from brushexp.loss.discriminator import DISCRIMINATORS, NAME, Discriminated, Discriminator, shapes_of
+from brushexp.registry import build_named
+from brushexp.renderer.checkpoint import RENDERERS
+from brushexp.strokes.catalogue import FIELDS, Strokes
+from brushexp.strokes.prior import INSET, SPREAD, WIDTH, bend_of, sample_prior, strokes_of
+from brushexp.task.train import check_used
+from brushexp.train.discriminator import Plan, Training, area_under_curve, judge, save, valid_shapes
+from brushexp.train.spoiling import WAYS, spoil
+
+ROOT = Path(__file__).parents[1]
+QUICK = Plan(lr=5e-3, batch_size=64, epochs=1, minutes=None, seed=3)
+POINTS = ("start", "control", "end")
+
+
+def generator(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def strokes(shapes: Tensor) -> Strokes:
+    return strokes_of(torch.cat([shapes, torch.zeros(len(shapes), 3)], dim=1))
+
+
+def judged(loss: Discriminated, made: Strokes) -> Tensor:
+    nothing = torch.zeros(3, 5, 8)
+    return loss(Painting(nothing, nothing, made))
+
+
+def valid(made: Strokes, slack: float = 0.01) -> Tensor:
+    """Whether the prior could have drawn each (N,), by its own constraints; bends within four standard deviations."""
+    points = torch.stack([getattr(made, name) for name in POINTS], 1).abs().amax((1, 2))
+    length = torch.linalg.vector_norm(made.end - made.start, dim=1)
+    bend = (bend_of(made) / torch.tensor(SPREAD).sqrt()).norm(dim=1)
+    fits = (points <= INSET + slack) & (length >= 4 * INSET * made.width - slack) & (bend <= 4)
+    return fits & (made.width >= WIDTH[0] - slack) & (made.width <= WIDTH[1] + slack)
+
+
+def wild(n: int, size: float) -> Strokes:
+    made = sample_prior(n)
+    start, control, end = size * torch.randn(3, n, 2, generator=generator(4))
+    return replace(made, start=start, control=control, end=end, width=size * torch.rand(n, generator=generator(5)))
+
+
+def test_valid_strokes_are_valid_and_spoilt_ones_are_not():
+    known = valid_shapes(2000, 0)
+    assert valid(strokes(known)).float().mean() > 0.99
+    mixed = spoil(known, generator())
+    for number, name in enumerate(WAYS):
+        share = float(valid(strokes(mixed.shapes[mixed.way == number])).float().mean())
+        assert share < (0.7 if name in ("mixed", "partly_noisy") else 0.25), f"{name}: {share}"
+
+
+def test_every_way_is_taken_and_the_seed_decides():
+    known = valid_shapes(500, 0)
+    first, again, other = (spoil(known, generator(seed)) for seed in (1, 1, 2))
+    assert set(first.way.tolist()) == set(range(len(WAYS)))
+    assert all(torch.equal(a, b) for a, b in zip(first, again, strict=True))
+    assert not torch.equal(first.shapes, other.shapes)
+    assert first.shapes.isfinite().all()
+
+
+def test_milder_is_half_way_in_some_groups():
+    known = valid_shapes(300, 0)
+    spoilt = spoil(known, generator())
+    halfway = 0.5 * (known + spoilt.shapes)
+    moved = spoilt.milder != spoilt.shapes
+    torch.testing.assert_close(spoilt.milder[moved], halfway[moved])
+    assert moved.any(1).float().mean() > 0.5
+
+
+def test_area_under_curve_counts_pairs():
+    above, below = torch.randint(0, 9, (40,)).float(), torch.randint(-2, 7, (30,)).float()
+    pairs = (above[:, None] > below).double() + 0.5 * (above[:, None] == below)
+    assert area_under_curve(above, below) == pytest.approx(float(pairs.mean()))
+    assert area_under_curve(torch.ones(3), torch.zeros(2)) == 1
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory) -> tuple[Training, Path, dict[str, object]]:
+    """A training cut down to seconds, and its file."""
+    torch.manual_seed(3)
+    training = Training(Discriminator(), QUICK)
+    training.run()
+    path = tmp_path_factory.mktemp("trained") / "mine.safetensors"
+    return training, path, save(training, path)
+
+
+def test_it_learns_in_a_few_hundred_steps(trained):
+    training, _, figures = trained
+    assert training.step == 500
+    assert figures["auc"] > 0.85
+    assert figures["accuracy"] > 0.75
+    assert figures["hinge_spoilt"] > 50 * figures["hinge_valid"]
+    assert set(figures) >= {f"auc_{name}" for name in WAYS}
+
+
+def test_the_seed_decides_the_training():
+    weights = []
+    for _ in range(2):
+        torch.manual_seed(3)
+        training = Training(Discriminator(), replace(QUICK, batch_size=8, minutes=None))
+        for _ in range(5):
+            training._take_step()
+        weights.append(torch.cat([value.flatten() for value in training.network.state_dict().values()]))
+    assert torch.equal(*weights)
+
+
+def test_training_stops_when_it_is_told_or_out_of_time():
+    training = Training(Discriminator(), replace(QUICK, epochs=None, minutes=0.005))
+    training.run()
+    assert 0.3 <= training.seconds < 5
+    training = Training(Discriminator(), QUICK)
+    training.stop = "interrupted"
+    training.run()
+    assert training.step == 0
+    training = Training(Discriminator(), replace(QUICK, epochs=0))
+    training.run()
+    assert training.step == 0
+
+
+@pytest.mark.parametrize(("wrong", "message"), [({"lr": 0.0}, "lr=0 "), ({"epochs": None}, "would never end")])
+def test_wrong_plans_are_refused(wrong, message):
+    with pytest.raises(UserError, match=message):
+        replace(QUICK, **wrong)
+
+
+def test_a_checkpoint_brings_the_same_loss_back(trained):
+    training, path, figures = trained
+    loss = Discriminated(checkpoint=str(path))
+    assert not any(parameter.requires_grad for parameter in loss.parameters())
+    made = wild(20, 2.0)
+    scores = training.network(shapes_of(made))
+    wanted = (training.network.threshold - scores).clamp_min(0).mean()
+    torch.testing.assert_close(judged(loss, made), wanted.detach())
+    recipe = DISCRIMINATORS.read_recipe(path)
+    assert recipe["hash"] == figures["discriminator_hash"]
+    assert recipe["figures"]["auc"] == figures["auc"]
+    assert recipe["training"]["steps"] == 500
+
+
+def test_other_checkpoints_are_refused(trained, tmp_path):
+    with pytest.raises(UserError, match="not the recipe of a discriminator but of a renderer"):
+        Discriminated(checkpoint=str(RENDERERS.path_of("neural")))
+    with pytest.raises(UserError, match="not the recipe of a renderer but of a discriminator"):
+        build_named("renderer", "neural", {"checkpoint": str(trained[1])})
+    with pytest.raises(UserError, match=r"yours does not come with the program \(there are: discriminator\)"):
+        Discriminated(checkpoint="yours")
+    with pytest.raises(UserError, match=r"give the \.safetensors of task=train model=discriminator"):
+        Discriminated(checkpoint=str(tmp_path / "none.safetensors"))
+
+
+def test_the_shipped_one_is_small_good_and_tells_nothing_of_its_maker():
+    path = DISCRIMINATORS.path_of(NAME)
+    assert path.stat().st_size < 50_000
+    text = path.with_suffix(".json").read_text()
+    assert "/" not in text
+    network = Discriminator()
+    DISCRIMINATORS.restore(network, NAME, NAME, {})
+    figures = judge(network, seed=11)
+    assert figures["auc"] > 0.95
+    assert figures["accuracy"] > 0.9
+    assert figures["hinge_valid"] < 0.06
+    assert figures["hinge_spoilt"] > 50
+
+
+def test_valid_strokes_cost_almost_nothing_and_worse_ones_more():
+    loss, known = Discriminated(), sample_prior(2000, seed=8)
+    values = [float(judged(loss, known))]
+    for factor in (1.5, 3, 10, 100, 1000):
+        large = {name: factor * getattr(known, name) for name in POINTS}
+        values.append(float(judged(loss, replace(known, **large))))
+    assert values[0] < 0.06
+    assert values == sorted(values)
+    assert values[1] > 20 * values[0]
+
+
+def test_place_size_and_colour_do_not_matter():
+    made = wild(30, 1.0)
+    other = replace(made.moved(zoom=3.0, shift=(7.0, -5.0)), color=1 - made.color, opacity=0.5 * made.opacity)
+    assert torch.equal(judged(Discriminated(), made), judged(Discriminated(), other))
+
+
+def test_it_has_the_right_slope():
+    loss, made = Discriminated().double(), wild(6, 1.0).map(Tensor.double)
+    names = (*POINTS, "width")
+    inputs = [getattr(made, name).clone().requires_grad_() for name in names]
+
+    def value(*inputs: Tensor) -> Tensor:
+        return judged(loss, replace(made, **dict(zip(names, inputs, strict=True))))
+
+    assert torch.autograd.gradcheck(value, inputs)
+
+
+@pytest.mark.parametrize("n", [0, 1, 50])
+@pytest.mark.parametrize("size", [0.0, 1e-30, 1.0, 1e3])
+@pytest.mark.parametrize("width", [0.0, 1e3])
+def test_value_and_slope_are_finite_at_the_extremes(n, size, width):
+    made = sample_prior(n)
+    corners = size * (2 * torch.randint(0, 2, (3, n, 2)) - 1.0)
+    made = replace(made, **dict(zip(POINTS, corners, strict=True)), width=torch.full((n,), width))
+    assert size <= FIELDS["start"].high
+    made = made.map(lambda value: value.clone().requires_grad_())
+    value = judged(Discriminated(), made)
+    value.backward()
+    assert value.isfinite()
+    for name in (*POINTS, "width"):
+        assert getattr(made, name).grad.isfinite().all()
+    if n:
+        assert value > 1, "all of them are invalid"
+    else:
+        assert value == 0
+
+
+@pytest.mark.parametrize("size", [1.0, 3.0])
+def test_following_the_slope_makes_wild_strokes_valid(size):
+    loss, made = Discriminated(), wild(300, size)
+    moving = {name: getattr(made, name).clone().requires_grad_() for name in (*POINTS, "width")}
+    optimizer = optim.Adam(
+        [{"params": [moving[name] for name in POINTS]}, {"params": [moving["width"]], "lr": 0.015}], lr=0.05
+    )
+    assert valid(made).float().mean() < 0.02
+    for _ in range(200):
+        optimizer.zero_grad()
+        judged(loss, replace(made, **moving)).backward()
+        optimizer.step()
+        with torch.no_grad():
+            moving["width"].clamp_(min=0)
+    assert valid(replace(made, **moving)).float().mean() > 0.6
+
+
+def test_what_a_discriminator_has_no_use_for_is_refused():
+    check_used(["task=train", "model=discriminator", "seed=1", "lr=0.1", "minutes=1", "~logger.csv", "output=a"])
+    for word in ("critic=true", "renderer=dual", "+engine.window=64", "data=a.h5"):
+        with pytest.raises(UserError, match="means nothing to model=discriminator"):
+            check_used(["task=train", word])
+
+
+def test_the_config_of_a_discriminator_is_its_own_and_that_of_a_renderer_unchanged(config):
+    assert config("task=train").model == "renderer"
+    assert (config("task=train").batch_size, config("task=train").minutes) == (64, 60)
+    cfg = config("task=train", "model=discriminator", "lr=0.1")
+    assert (cfg.model, cfg.lr, cfg.minutes) == ("discriminator", 0.1, None)
+
+
+@pytest.mark.slow
+def test_a_sweep_leaves_a_discriminator_with_its_numbers(tmp_path):
+    command = [sys.executable, "-W", "ignore::FutureWarning", str(ROOT / "run.py"), "-m", "task=train"]
+    words = ["model=discriminator", "seed=7", "minutes=0.005", "epochs=null", "threads=1", f"output={tmp_path}/a"]
+    done = subprocess.run([*command, *words], check=False, capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    folder = tmp_path / "a" / "0"
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert metrics["status"] == "completed"
+    assert metrics["auc"] > 0.5
+    assert DISCRIMINATORS.read_recipe(folder / "discriminator.safetensors")["training"]["seed"] == 7
+    assert Discriminated(checkpoint=str(folder / "discriminator.safetensors")).weight > 0
+    assert json.loads((folder / "result.json").read_text())["auc"] == metrics["auc"]

@@ -1,0 +1,213 @@
+"""Curvature and direction against slow formulations, their gradients, and the extremes."""
+
+import numpy as np
+import pytest
+import torch
+from scenes import leaves, random_strokes
+from torch import Tensor
+
+from brushexp.errors import UserError
+from brushexp.loss.base import Loss, Painting
+from brushexp.loss.flow import Curvature, Direction, nearest
+from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.prior import SHORTEST
+
+SIZE = (24, 40)
+FIELDS = ("scale", "start", "control", "end")
+
+
+def scene(n: int, seed: int = 0, dtype: torch.dtype = torch.float64) -> Strokes:
+    return random_strokes(n, SIZE, seed=seed, dtype=dtype)
+
+
+def changed(strokes: Strokes, **values: Tensor) -> Strokes:
+    return Strokes(**dict(strokes.items()) | values)
+
+
+def judged(loss: Loss, strokes: Strokes) -> Tensor:
+    nothing = strokes.color.new_zeros(3, *SIZE)
+    return loss(Painting(nothing, nothing, strokes))
+
+
+def middles(strokes: Strokes) -> np.ndarray:
+    half = 0.5 * strokes.scale[:, None]
+    return (strokes.position + half * (strokes.start + 2 * strokes.control + strokes.end) / 4).numpy()
+
+
+def textbook_direction(strokes: Strokes, k: int) -> float:
+    """Pair by pair."""
+    place = middles(strokes)
+    chord = ((strokes.end - strokes.start) * 0.5 * strokes.scale[:, None]).numpy()
+    chord = chord / np.sqrt((chord**2).sum(1).mean())
+    total, pairs = 0.0, 0
+    for i in range(len(chord)):
+        distance = [(np.hypot(*(place[i] - place[j])), j) for j in range(len(chord)) if j != i]
+        for _, j in sorted(distance)[:k]:
+            (a, b), (c, d) = chord[i], chord[j]
+            total += (a * a - c * c) ** 2 + (b * b - d * d) ** 2 + (a * b - c * d) ** 2
+            pairs += 1
+    return total / pairs
+
+
+def test_curvature_agrees_with_the_loop():
+    made = scene(40)
+    total = 0.0
+    for s, c, e in zip(made.start.numpy(), made.control.numpy(), made.end.numpy(), strict=True):
+        total += np.hypot(*((s - c) + (e - c))) / max(np.hypot(*(e - s)), SHORTEST)
+    assert float(judged(Curvature(), made)) == pytest.approx(total / 40)
+
+
+def test_straight_strokes_have_no_curvature_and_no_slope():
+    made = scene(7)
+    made = leaves(changed(made, control=0.5 * (made.start + made.end)), torch.float64)
+    value = judged(Curvature(), made)
+    value.backward()
+    assert value.detach() == pytest.approx(0, abs=1e-15)
+    exact = changed(made, start=torch.zeros(7, 2), control=torch.zeros(7, 2), end=torch.zeros(7, 2))
+    exact = leaves(exact)
+    judged(Curvature(), exact).backward()
+    assert all((getattr(exact, name).grad == 0).all() for name in ("start", "control", "end"))
+
+
+@pytest.mark.parametrize("k", [1, 3, 10, 60])
+def test_direction_agrees_with_the_double_loop(k):
+    made = scene(40, seed=k)
+    assert float(judged(Direction(k=k), made)) == pytest.approx(textbook_direction(made, k), rel=1e-9)
+
+
+def test_parallel_strokes_of_one_length_flow_whichever_way_they_point():
+    made = scene(9)
+    chord = torch.tensor([[0.3, 0.2]], dtype=torch.float64) * torch.tensor([1.0, -1, 1, 1, -1, -1, 1, 1, -1])[:, None]
+    made = changed(made, start=-chord, end=chord, scale=torch.full((9,), 20.0, dtype=torch.float64))
+    assert float(judged(Direction(), made)) == pytest.approx(0, abs=1e-20)
+    crossed = changed(made, end=torch.where(torch.arange(9)[:, None] % 2 == 0, chord, chord.flip(1) * -1))
+    assert float(judged(Direction(), crossed)) > 0.1
+
+
+@pytest.mark.parametrize("zoom", [0.25, 4.0])
+def test_neither_depends_on_the_resolution(zoom):
+    made = scene(30)
+    for loss in (Curvature(), Direction()):
+        here, there = judged(loss, made), judged(loss, made.moved(zoom=zoom, shift=(5.0, -3.0)))
+        assert float(there) == pytest.approx(float(here), rel=1e-9)
+
+
+def test_shorter_strokes_do_not_flow_better():
+    made = scene(30)
+    middle = 0.5 * (made.start + made.end)
+    short = changed(made, **{name: middle + 0.3 * (getattr(made, name) - middle) for name in ("start", "end")})
+    kept = Direction()
+    assert float(judged(kept, short)) == pytest.approx(float(judged(kept, made)), rel=1e-9), "the same neighbours"
+
+
+@pytest.mark.parametrize("loss", [Curvature(), Direction(k=4, every=10_000)])
+def test_they_have_the_right_slope(loss):
+    made = scene(8)
+    values = [getattr(made, name).clone().requires_grad_() for name in FIELDS]
+
+    def value(*inputs: Tensor) -> Tensor:
+        return judged(loss, changed(made, **dict(zip(FIELDS, inputs, strict=True))))
+
+    assert torch.autograd.gradcheck(value, values)
+
+
+def test_places_get_no_slope():
+    made = leaves(scene(12), torch.float64)
+    judged(Direction(), made).backward()
+    assert made.position.grad is None
+    assert made.control.grad is None
+    assert made.start.grad.abs().sum() > 0
+
+
+def test_neighbours_are_kept_and_renewed():
+    loss, first, second = Direction(k=3, every=3), scene(20, seed=1), scene(20, seed=2)
+    judged(loss, first)
+    kept = loss.neighbours
+    for _ in range(2):
+        judged(loss, second)
+        assert loss.neighbours is kept
+    judged(loss, second)
+    assert torch.equal(loss.neighbours, nearest(second, 3))
+    assert not torch.equal(loss.neighbours, kept)
+
+
+@pytest.mark.parametrize("n", [19, 5, 2, 30])
+def test_another_number_of_strokes_is_noticed(n):
+    loss = Direction(k=4, every=1000)
+    judged(loss, scene(20))
+    made = scene(n, seed=n)
+    assert float(judged(loss, made)) == pytest.approx(textbook_direction(made, 4), rel=1e-9)
+
+
+def test_a_restart_keeps_the_neighbours():
+    first, second = Direction(k=3, every=5), Direction(k=3, every=5)
+    for _ in range(3):
+        judged(first, scene(20, seed=1))
+    second.load_state_dict(first.state_dict())
+    for loss in (first, second):
+        judged(loss, scene(20, seed=2))
+    assert torch.equal(first.neighbours, second.neighbours)
+    assert first.calls == second.calls == 4
+    assert torch.equal(second.neighbours, nearest(scene(20, seed=1), 3))
+
+
+def test_nobody_is_its_own_neighbour_among_strokes_in_one_place():
+    made = scene(15)
+    same = made[torch.zeros(15, dtype=torch.long)]
+    found = nearest(same, 4)
+    assert found.shape == (15, 4)
+    assert not (found == torch.arange(15)[:, None]).any()
+
+
+EXTREMES = {
+    "coincident": lambda n: torch.full((n, 6), 0.3),
+    "ends in one place": lambda n: torch.tensor([[0.3, 0.3, 1.0, -1.0, 0.3, 0.3]]).repeat(n, 1),
+    "almost": lambda n: torch.tensor([[0.3, 0.3, 1e3, -1e3, 0.3 + 1e-20, 0.3]]).repeat(n, 1),
+    "far": lambda n: torch.tensor([[1e3, -1e3, -1e3, 1e3, -1e3, 1e3]]).repeat(n, 1),
+    "far and a point": lambda n: torch.cat([torch.tensor([[1e3, -1e3] * 3]), torch.full((n, 6), 0.1)])[:n],
+    "straight": lambda n: torch.tensor([[0.5, 0.0, 0.0, 0.0, -0.5, 0.0]]).repeat(n, 1),
+}
+
+
+@pytest.mark.parametrize("scale", [1e-3, 20.0, 1e6])
+@pytest.mark.parametrize("n", [0, 1, 2, 12])
+@pytest.mark.parametrize("points", EXTREMES.values(), ids=EXTREMES)
+@pytest.mark.parametrize("cls", [Curvature, Direction])
+def test_value_and_slope_are_finite_at_the_extremes(cls, points, n, scale):
+    start, control, end = points(n).split(2, dim=1)
+    made = scene(n, dtype=torch.float32)
+    made = changed(made, start=start, control=control, end=end, scale=torch.full((n,), scale))
+    made = leaves(made)
+    value = judged(cls(), made)
+    value.backward()
+    assert value.shape == ()
+    assert value.isfinite()
+    assert value >= 0
+    for _, field in made.items():
+        assert field.grad is None or field.grad.isfinite().all()
+    if n == 0 or (cls is Direction and n == 1):
+        assert value == 0
+
+
+def test_coincident_points_cost_nothing():
+    made = changed(scene(5), **{name: torch.full((5, 2), 0.2, dtype=torch.float64) for name in FIELDS[1:]})
+    for loss in (Curvature(), Direction()):
+        assert judged(loss, made) == 0
+
+
+@pytest.mark.parametrize("loss", [Curvature(), Direction(k=5)])
+def test_following_the_slope_lowers_them(loss):
+    made = leaves(scene(40, dtype=torch.float32))
+    optimizer = torch.optim.Adam([getattr(made, name) for name in FIELDS[1:]], lr=0.02)
+    before = float(judged(loss, made).detach())
+    for _ in range(40):
+        optimizer.zero_grad()
+        judged(loss, made).backward()
+        optimizer.step()
+    assert float(judged(loss, made).detach()) < 0.5 * before
+
+
+@pytest.mark.parametrize("option", ["k", "every"])
+def test_counts_below_one_are_refused(option):
+    with pytest.raises(UserError, match=rf"loss\.direction\.{option}=0 is not"):
+        Direction(**{option: 0})
