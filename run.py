@@ -1,5 +1,6 @@
 """Entry point: ``python run.py image=photo.jpg strokes=8000``; add ``-m`` to sweep, ``--help`` to see the choices."""
 
+import sys
 import time
 from pathlib import Path
 
@@ -8,7 +9,7 @@ START = time.monotonic()  # before the slow imports, which count
 import hydra  # noqa: E402
 from omegaconf import DictConfig  # noqa: E402
 
-from brushexp.command_line import explained, prepare  # noqa: E402
+from brushexp.command_line import explained, in_full, prepare  # noqa: E402
 
 HERE = Path(__file__).parent
 
@@ -23,6 +24,7 @@ def main(cfg: DictConfig) -> dict[str, object]:
 
 
 if __name__ == "__main__":
+    sys.argv[1:] = in_full(sys.argv[1:])
     with explained():
         prepare(HERE)  # before main(): Hydra reads the choices when it composes
         main()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -31,6 +32,7 @@ class Paint(Shared):
     strokes: int | None
     pixels_per_stroke: float
     steps: int
+    steps_per_stroke: float | None
     warm_start: str | None
     finish_steps: int
     background: str
@@ -40,6 +42,22 @@ class Paint(Shared):
     checkpoint_every: float | None
     frames: int
     frame_side: int
+    lpips_backbone: str
+    lpips_weights: str | None
+    style: Any
+
+
+@dataclass
+class StyleKeys:
+    """Types of the keys below ``style`` of ``task=paint``."""
+
+    image: str | None
+    brushwork: str | None
+    content: float
+    colors: str
+
+
+NESTED = {"style": StyleKeys}  # keys that have keys of their own; what else is below them are options of plugins
 
 
 @dataclass
@@ -60,8 +78,9 @@ class Simulate(Shared):
 
 @dataclass
 class Train(Shared):
-    """Types of the keys of ``task=train``; values and meaning are in conf/task/train.yaml."""
+    """Types of the keys of ``task=train``; values and meaning are in conf/task/train.yaml and conf/model/."""
 
+    model: str
     data: list[str] | None
     simulate: int | None
     sets: str
@@ -117,6 +136,7 @@ RANGES = {  # key: lowest value, what it is
     "simulate": (1, "a number of strokes"),
     "pixels_per_stroke": (1, "a number of pixels from 1"),
     "steps": (0, "a number of steps from 0"),
+    "steps_per_stroke": (0, "a number of steps from 0"),
     "finish_steps": (0, "a number of steps from 0"),
     "early_stop": (0, "a gain in dB"),
     "checkpoint_every": (0, "a number of seconds"),
@@ -128,6 +148,7 @@ RANGES = {  # key: lowest value, what it is
     "critic_weight": (0, "a weight"),
     "critic_width": (1, "a number of channels"),
     "frame_side": (2, "a number of pixels from 2"),
+    "style.content": (0, "a factor from 0"),
 }
 
 
@@ -136,17 +157,22 @@ def schemas(of: type[Shared] = Shared) -> list[type[Shared]]:
     return [found for schema in of.__subclasses__() for found in [schema, *schemas(schema)]]
 
 
-def check_keys(cfg: DictConfig, schema: type[Shared]) -> None:
-    """Stop when a top-level key has the wrong type or lies outside its range.
+def check_keys(cfg: DictConfig, schema: type[Shared] | type[StyleKeys], above: str = "") -> None:
+    """Stop when a key has the wrong type or lies outside its range.
+
+    Args:
+        cfg: the config, or the part of it where the keys are.
+        schema: their types.
+        above: what the user types before them, "style." for instance.
 
     Raises:
         UserError: with the key, its value, and what it takes.
     """
     typed = OmegaConf.structured(schema)
     for field in fields(schema):
-        name, value = field.name, cfg.get(field.name)
+        name, value = f"{above}{field.name}", cfg.get(field.name)
         try:
-            typed[name] = value
+            typed[field.name] = value
         except OmegaConfBaseException as error:
             raise UserError(f"{name}={value} is not of type {field.type}; give {name} another value") from error
         low, meaning = RANGES.get(name, (None, ""))

@@ -15,7 +15,7 @@ from hydra.errors import CompactHydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.checks import schemas
+from brushexp.checks import NESTED, schemas
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, load_plugins, plugins
 
@@ -39,6 +39,11 @@ def catalogue_of_plugins(conf: Path) -> str:
 def _presets(folder: Path) -> dict[str, str]:
     """Name -> first comment line of each preset of a family."""
     return {path.stem: path.read_text().partition("\n")[0].lstrip("# ") for path in sorted(folder.glob("*.yaml"))}
+
+
+def in_full(arguments: list[str]) -> list[str]:
+    """The command line with ``style=painting.jpg``, in a sweep ``style=a.jpg,b.jpg`` too, as ``style.image=...``."""
+    return [re.sub(r"^(\+{0,2}|~)style=(?!\{)", r"\1style.image=", argument) for argument in arguments]
 
 
 @contextmanager
@@ -72,6 +77,10 @@ def explanation(error: BaseException) -> str:
         names = [f.name for p in plugins() if p.config.__name__ == option[1] for f in fields(p.config)]
         text += f"; its options: {', '.join(name for name in names if name != '_target_') or 'none'}"
     elif "is not in struct" in text:
-        keys = {field.name for schema in schemas() for field in fields(schema)}
-        text += f"; the keys are {', '.join(sorted(keys | set(FAMILIES)))}"
+        above = re.search(r"full_key: (\w+)\.\w+ ", text)
+        if above and above[1] in NESTED:
+            keys = {field.name for field in fields(NESTED[above[1]])}
+        else:
+            keys = {field.name for schema in schemas() for field in fields(schema)} | set(FAMILIES)
+        text += f"; the keys are {', '.join(sorted(keys))}"
     return text

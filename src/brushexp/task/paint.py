@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -13,21 +14,28 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
-from brushexp.checks import Paint, check_keys
+from brushexp.checks import Paint, StyleKeys, check_keys
 from brushexp.errors import UserError
+from brushexp.features.distance import Distance, open_distance
 from brushexp.files import to_bytes, write_json, write_picture
+from brushexp.loss.base import Loss
+from brushexp.loss.style import Colors, Style
 from brushexp.paint.metrics import measure
 from brushexp.paint.outputs import summary_line
-from brushexp.paint.painter import Painter, Parts, Stage
+from brushexp.paint.painter import Painter
+from brushexp.paint.parts import Parts, Stage
 from brushexp.paint.progress import CHECKPOINT, INTERRUPTED, Checkpoints, EarlyStop, Frames, ProgressBar
-from brushexp.paint.target import background_color, load_target
 from brushexp.paint.timelapse import Timelapse
+from brushexp.pictures.color import recolored
+from brushexp.pictures.load import background_color, load_picture
 from brushexp.process import interruptible, peak_memory
 from brushexp.registry import build, build_named, plugin_of, plugins
+from brushexp.strokes.brushwork import load_brushwork, with_brushwork
 from brushexp.strokes.catalogue import Catalogue, Strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 
 log = logging.getLogger(__name__)
+STYLE, BRUSHWORK = "style", "brushwork"  # names of the losses that the keys of ``style`` add
 AUTO = "auto"  # warm_start that leaves it to the renderer
 
 
@@ -38,18 +46,25 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     if cfg.get("resume") is not None:
         checkpoint, cfg = interrupted_run(Path(cfg.resume), cfg)
     check_keys(cfg, Paint)
+    check_keys(cfg.style, StyleKeys, "style.")
     device = device_of(cfg.device)
+    lpips = lpips_of(cfg)
     L.seed_everything(cfg.seed, verbose=False)
-    target = load_target(cfg.image, cfg.resolution)
-    background = background_color(cfg.background, target)
+    target = load_picture(cfg.image, cfg.resolution)
     parts = parts_of(cfg)
-    catalogue = Catalogue(first_strokes(cfg, target), parts.optimizer.units)
+    if cfg.style.image is not None:
+        target = in_colors(target, parts, folder)
+    background = background_color(cfg.background, target)
+    strokes = first_strokes(cfg, target)
+    if cfg.steps_per_stroke is not None:
+        parts = paced(parts, cfg.steps_per_stroke, len(strokes))
+    catalogue = Catalogue(strokes, parts.optimizer.units)
     painter = Painter(catalogue, parts, target, background, seed=cfg.seed).to(device)
     frames = Frames(Timelapse(cfg.frames, cfg.frame_side))
     write_picture(folder / "target.png", target)
     if painter.steps:
         fit(painter, cfg, folder, checkpoint, frames)
-    metrics = finish(painter, cfg, folder, start)
+    metrics = finish(painter, cfg, folder, start, lpips)
     frames.timelapse.write(folder)
     log.info(summary_line(folder, metrics))
     if painter.stop == INTERRUPTED:
@@ -100,11 +115,35 @@ def parts_of(cfg: DictConfig) -> Parts:
         stages=stages_of(cfg),
         blend=build(cfg.blend),
         order=build(cfg.order),
-        losses={name: build(node) for name, node in cfg.loss.items()},
+        losses=losses_of(cfg),
         density=build(cfg.density),
         sampler=build(cfg.sampler),
         optimizer=build(cfg.optimizer),
     )
+
+
+def losses_of(cfg: DictConfig) -> dict[str, Loss]:
+    """The chosen losses, and those that ``style.image`` and ``style.brushwork`` add to them."""
+    losses: dict[str, Loss] = {name: build(node) for name, node in cfg.loss.items()}
+    if cfg.style.image is not None:
+        for loss in losses.values():
+            loss.weight *= cfg.style.content
+    for key, name, part in (("image", STYLE, "loss"), ("brushwork", BRUSHWORK, "strokes")):
+        if cfg.style[key] is None:
+            continue
+        if name in losses:
+            raise UserError(f"style.{key}={cfg.style[key]} brings the loss {name} with it; drop {name} from loss=...")
+        losses[name] = build(cfg.style[part])
+    return losses
+
+
+def in_colors(target: Tensor, parts: Parts, folder: Path) -> Tensor:
+    """The target in the colours of the style picture, or as it is if the style takes its colours; writes style.png."""
+    style = parts.losses[STYLE]
+    assert isinstance(style, Style)
+    picture = style.picture(target)
+    write_picture(folder / "style.png", picture)
+    return target if style.colors is Colors.content else recolored(target, like=picture)
 
 
 def stages_of(cfg: DictConfig) -> list[Stage]:
@@ -119,8 +158,15 @@ def stages_of(cfg: DictConfig) -> list[Stage]:
     return [Stage(first, build_named("renderer", first, {}), cfg.steps), Stage(name, renderer, cfg.finish_steps)]
 
 
+def paced(parts: Parts, steps_per_stroke: float, n: int) -> Parts:
+    """The same with as many steps in the first stage as move each of ``n`` strokes so often."""
+    first, *others = parts.stages
+    steps = round(steps_per_stroke * parts.sampler.steps_per_round(n))
+    return replace(parts, stages=[replace(first, steps=steps), *others])
+
+
 def first_strokes(cfg: DictConfig, target: Tensor) -> Strokes:
-    """The strokes to start from: those of ``catalogue``, or those that ``init`` makes."""
+    """The strokes to start from: those of ``catalogue``, or those that ``init`` makes, with ``style.brushwork``."""
     _, height, width = target.shape
     if cfg.catalogue is not None:
         return strokes_from(Path(cfg.catalogue), cfg.strokes, (height, width))
@@ -130,7 +176,10 @@ def first_strokes(cfg: DictConfig, target: Tensor) -> Strokes:
             f"strokes={n} is more than the {height} x {width} picture has pixels; "
             f"set strokes to {height * width} at most, or enlarge the picture with resolution"
         )
-    strokes: Strokes = build(cfg.init)(target, n, torch.Generator().manual_seed(cfg.seed))
+    generator = torch.Generator().manual_seed(cfg.seed)
+    strokes: Strokes = build(cfg.init)(target, n, generator)
+    if cfg.style.brushwork is not None:
+        strokes = with_brushwork(strokes, load_brushwork(Path(cfg.style.brushwork)), (height, width), generator)
     return strokes
 
 
@@ -180,7 +229,23 @@ def fit(painter: Painter, cfg: DictConfig, folder: Path, checkpoint: Path | None
         trainer.fit(painter, range(1), ckpt_path=None if checkpoint is None else str(checkpoint))
 
 
-def finish(painter: Painter, cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
+def lpips_of(cfg: DictConfig) -> Distance | None:
+    """The official LPIPS, if the user has a file for it."""
+    if cfg.get("lpips_weights") is None:
+        return None
+    return open_distance(cfg.lpips_backbone, cfg.lpips_weights, "lpips_weights")
+
+
+def style_of(painter: Painter, cfg: DictConfig) -> dict[str, float]:
+    """How far the painting is from the style picture, by each kernel of the style loss."""
+    if cfg.style.image is None:
+        return {}
+    style = painter.losses[STYLE]
+    assert isinstance(style, Style)
+    return {f"style_{name}": value for name, value in style.measured(painter.picture(), painter.target).items()}
+
+
+def finish(painter: Painter, cfg: DictConfig, folder: Path, start: float, lpips: Distance | None) -> dict[str, object]:
     """Write the painting, its catalogue and its numbers."""
     painter.end_all_but_last()
     picture = to_bytes(painter.picture())
@@ -201,7 +266,8 @@ def finish(painter: Painter, cfg: DictConfig, folder: Path, start: float) -> dic
     )
     save_catalogue(folder / "catalogue.h5", saved)
     metrics: dict[str, object] = {
-        **measure(picture, to_bytes(painter.target)),
+        **measure(picture, to_bytes(painter.target), lpips),
+        **style_of(painter, cfg),
         "seconds": painter.seconds,
         "seconds_total": time.monotonic() - start,
         "seconds_per_step": painter.seconds / painter.step if painter.step else None,

@@ -1,0 +1,149 @@
+"""Which part of a picture a feature sees, so that features of parts are those of the whole."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from brushexp.features.base import Backbone
+from brushexp.sampler.base import Region
+
+TILE = 512  # pixels: pictures are looked at in tiles of this side, each with what its features see around it
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What activations of a network see, on either axis: number i pixels i * stride - before to i * stride + after.
+
+    Attributes:
+        before: pixels, the most of all taps.
+        after: pixels, the most of all taps.
+        field: pixels that one activation of the farthest tap sees on an axis.
+        strides: of each tap, pixels.
+    """
+
+    before: int
+    after: int
+    field: int
+    strides: tuple[int, ...]
+
+    @property
+    def grid(self) -> int:
+        """Parts of a picture that begin at multiples of it have their activations where the whole has them."""
+        return max(self.strides)
+
+    @property
+    def margin(self) -> int:
+        """Pixels around a region on which the activations that see the region may depend."""
+        return self.before + self.after + 2 * self.grid
+
+    def touched(self, region: Region, size: tuple[int, int]) -> Region:
+        """The zone of the activations that see something of a region, from one multiple of the grid to another."""
+        (top, bottom), (left, right) = (
+            (max(first - self.after, 0) // self.grid * self.grid, min(_up(last + self.before, self.grid), side))
+            for first, last, side in _spans(region, size)
+        )
+        return Region(top, left, bottom - top, right - left)
+
+    def needed(self, zone: Region, size: tuple[int, int]) -> Region:
+        """What the activations of a zone see, of a length that pads the picture as its whole ``size`` (H, W) does."""
+        (top, bottom), (left, right) = (
+            (
+                max(first - self.before, 0) // self.grid * self.grid,
+                min(side % self.grid + _up(last + self.after - side % self.grid, self.grid), side),
+            )
+            for first, last, side in _spans(zone, size)
+        )
+        return Region(top, left, bottom - top, right - left)
+
+
+def sight_of(network: Backbone, taps: Sequence[str]) -> Sight:
+    """Find out what taps see, from where a NaN in one pixel of a row goes.
+
+    With sides of a power of two, and of one more, the padding is the least and the most there can be.
+    """
+    network = deepcopy(network).double()  # fast convolutions, of which there are none in double, spread a NaN further
+    side = 64
+    while True:
+        side *= 2
+        fewer, more = (_activations(network, torch.zeros(1, 3, 1, width), taps) for width in (side, 2 * side))
+        strides = tuple(side // (b.shape[-1] - a.shape[-1]) for a, b in zip(fewer, more, strict=True))
+        place = side // 2 + torch.arange(max(strides))
+        reached = []
+        for width in (side, side + 1):
+            rows = torch.zeros(len(place), 3, 1, width)
+            rows[torch.arange(len(place)), :, 0, place] = torch.nan
+            seen = [value.isnan().any(1)[:, 0] for value in _activations(network, rows, taps)]
+            if any(bool(marks[:, [0, -1]].any()) for marks in seen):
+                break  # it may see beyond the row: take a longer one
+            reached.append([_reach(marks, place, stride) for marks, stride in zip(seen, strides, strict=True)])
+        else:
+            every = [reach for row in reached for reach in row]
+            before, after = max(b for b, _ in every), max(a for _, a in every)
+            return Sight(before, after, max(b + a + 1 for b, a in every), strides)
+
+
+def activations_of(
+    network: Backbone,
+    taps: Sequence[str],
+    sight: Sight,
+    zone: Region,
+    size: tuple[int, int],
+    cut: Callable[[Region], Tensor],
+) -> list[Tensor]:
+    """Activations (C, positions) of each tap in a zone, the same as in the whole picture.
+
+    Args:
+        network: the network.
+        taps: names of its activations.
+        sight: what those see.
+        zone: pixels i * stride of the activations; it begins at multiples of the grid and ends at
+            one or with the picture.
+        size: of the whole picture, pixels (H, W).
+        cut: gives a part (3, h, w) of the picture.
+    """
+    part = sight.needed(zone, size)
+    found = network(cut(part)[None], taps)
+    values = []
+    for tap, stride in zip(taps, sight.strides, strict=True):
+        top, left = (zone.top - part.top) // stride, (zone.left - part.left) // stride
+        bottom, right = top + -(-zone.height // stride), left + -(-zone.width // stride)
+        values.append(found[tap][0, :, top:bottom, left:right].flatten(1))
+    return values
+
+
+def tiles(zone: Region) -> Iterator[Region]:
+    """A zone in parts of bounded size."""
+    for top in range(zone.top, zone.top + zone.height, TILE):
+        for left in range(zone.left, zone.left + zone.width, TILE):
+            height, width = zone.top + zone.height - top, zone.left + zone.width - left
+            yield Region(top, left, min(TILE, height), min(TILE, width))
+
+
+def _spans(region: Region, size: tuple[int, int]) -> Iterator[tuple[int, int, int]]:
+    """First pixel, last pixel + 1 and side of the picture, for rows and for columns."""
+    yield region.top, region.top + region.height, size[0]
+    yield region.left, region.left + region.width, size[1]
+
+
+def _up(value: int, step: int) -> int:
+    """The least multiple of ``step`` that is not below ``value``."""
+    return -(-value // step) * step
+
+
+@torch.no_grad()
+def _activations(network: Backbone, pictures: Tensor, taps: Sequence[str]) -> list[Tensor]:
+    found = network(pictures, taps)
+    return [found[tap] for tap in taps]
+
+
+def _reach(marks: Tensor, place: Tensor, stride: int) -> tuple[int, int]:
+    """How many pixels activations see before and after their own; marks (places, activations): which see a place."""
+    number = torch.arange(marks.shape[1])
+    first = torch.where(marks, number, marks.shape[1]).amin(1)
+    last = torch.where(marks, number, -1).amax(1)
+    return int((last * stride - place).max()), int((place - first * stride).max())

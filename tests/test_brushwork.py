@@ -1,0 +1,388 @@
+"""Brushwork: what it measures, how far two of them are apart, and strokes drawn from one."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from scenes import leaves, random_strokes
+from torch import Tensor
+from torch.testing import assert_close
+
+from brushexp.errors import UserError
+from brushexp.loss.base import Painting, Surroundings
+from brushexp.loss.brushwork import BrushworkTransfer
+from brushexp.sampler.base import Region
+from brushexp.strokes.bezier import curve_of, length_of
+from brushexp.strokes.brushwork import (
+    FEWEST,
+    MEASURES,
+    Brushwork,
+    brushwork_of,
+    chord_bend,
+    counts,
+    distances,
+    load_brushwork,
+    mean_heading,
+    measures_of,
+    nearest,
+    pitch_of,
+    transport_cost,
+    with_brushwork,
+)
+from brushexp.strokes.catalogue import Strokes, check_strokes
+from brushexp.strokes.prior import bend_of, rewindow
+from brushexp.strokes.storage import Saved, save_catalogue
+
+SIZE = (60, 90)
+
+
+def visible(n: int, seed: int = 0, size: tuple[int, int] = SIZE, dtype: torch.dtype = torch.float64) -> Strokes:
+    made = random_strokes(n, size, seed=seed, width=(0.1, 0.3), dtype=dtype)
+    return replace(made, opacity=0.5 + 0.5 * made.opacity)
+
+
+def combed(n: int, angle: float = 0.3, dtype: torch.dtype = torch.float64) -> Strokes:
+    """Straight parallel strokes of one size."""
+    made = visible(n, dtype=dtype)
+    end = made.position.new_tensor([math.cos(angle), math.sin(angle)]).expand(n, 2)
+    return replace(
+        made,
+        scale=torch.full_like(made.scale, 12),
+        start=-0.5 * end,
+        control=0 * end,
+        end=0.5 * end,
+        width=torch.full_like(made.width, 0.2),
+    )
+
+
+def saved(path: Path, strokes: Strokes, size: tuple[int, int] = SIZE) -> Path:
+    depth = torch.arange(len(strokes), dtype=torch.int32)
+    save_catalogue(path, Saved(strokes, depth, size, torch.zeros(3), "analytic", "", 0, "seed: 0\n"))
+    return path
+
+
+def painting(strokes: Strokes, size: tuple[int, int] = SIZE) -> Painting:
+    image = torch.zeros(3, *size, dtype=strokes.width.dtype)
+    return Painting(image, image, strokes)
+
+
+def loss_like(strokes: Strokes) -> BrushworkTransfer:
+    loss = BrushworkTransfer()
+    loss.reference = brushwork_of(strokes, SIZE)
+    return loss
+
+
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (1, 7), (5, 5), (6, 4), (4, 12), (13, 9)])
+def test_transport_cost_agrees_with_moving_grains_one_by_one(n, m):
+    values, reference = torch.randn(2, n, dtype=torch.float64), torch.randn(2, m, dtype=torch.float64).sort(1).values
+    wanted = []
+    for row, other in zip(values.tolist(), reference.tolist(), strict=True):
+        fine = sorted(row * m), sorted(other * n)  # n m grains each
+        wanted.append(sum((a - b) ** 2 for a, b in zip(*fine, strict=True)) / (n * m))
+    assert_close(transport_cost(values, reference), torch.tensor(wanted, dtype=torch.float64))
+
+
+def test_the_same_distribution_in_another_order_or_number_costs_exactly_nothing():
+    values = torch.randn(3, 11)
+    reference = values.sort(1).values
+    for same in (values, values[:, torch.randperm(11)], values.repeat(1, 3)):
+        assert (transport_cost(same, reference) == 0).all()
+
+
+def test_a_shift_costs_its_square():
+    values = torch.randn(1, 40, dtype=torch.float64)
+    assert_close(transport_cost(values + 3, values.sort(1).values), torch.tensor([9.0], dtype=torch.float64))
+
+
+def test_nearest_agrees_with_all_distances():
+    points = torch.rand(30, 2, dtype=torch.float64)
+    gaps = torch.cdist(points, points)
+    assert torch.equal(nearest(points, points, 4, exclude_self=False), gaps.argsort(1)[:, :4])
+    assert torch.equal(nearest(points, points, 4, exclude_self=True), gaps.argsort(1)[:, 1:5])
+
+
+def test_no_stroke_is_its_own_neighbour_even_where_all_share_a_place():
+    points = torch.zeros(20, 2)
+    found = nearest(points, points, 5, exclude_self=True)
+    assert found.shape == (20, 5)
+    assert not (found == torch.arange(20)[:, None]).any()
+
+
+def test_measures_agree_with_the_loop():
+    made, pitch = visible(25), 7.0
+    found = measures_of(made, pitch)
+    curve, bend = curve_of(made), chord_bend(made, pitch)
+    chord = curve[:, 2] - curve[:, 0]
+    for i in range(25):
+        near = torch.linalg.vector_norm(made.position - made.position[i], dim=1).argsort()[1:11].tolist()
+        angle = [math.atan2(float(chord[j, 1]), float(chord[j, 0])) for j in range(25)]
+        weight = [float(chord[j].norm()) for j in range(25)]
+        agreement = sum(weight[j] * math.cos(2 * (angle[i] - angle[j])) for j in near) / sum(weight[j] for j in near)
+        wanted = [
+            math.log(float(length_of(curve[i])) / pitch + 0.1),
+            math.log(float(made.width[i] * made.scale[i]) / pitch + 0.1),
+            math.log(math.hypot(*bend[i].tolist()) + 0.1),
+            agreement,
+        ]
+        assert found[:, i].tolist() == pytest.approx(wanted, rel=0.005, abs=0.005)
+
+
+def test_measures_do_not_depend_on_the_end_a_stroke_begins_at_nor_on_the_size_of_the_picture():
+    made = visible(50)
+    reversed_ = replace(made, start=made.end, end=made.start)
+    larger = made.moved(zoom=3.0)
+    first = brushwork_of(made, SIZE)
+    for other in (brushwork_of(reversed_, SIZE), brushwork_of(larger, (180, 270))):
+        for name in ("length", "width", "bend", "measures"):
+            assert_close(getattr(other, name), getattr(first, name))
+        assert_close((2 * other.deviation).cos(), (2 * first.deviation).cos())
+
+
+def test_bends_do_not_depend_on_the_window():
+    made = visible(30)
+    other = rewindow(made.map(Tensor.float)).map(Tensor.double)
+    same = (curve_of(made) - curve_of(other)).flatten(1).abs().amax(1) < 1e-3
+    assert same.sum() > 5
+    assert (made.scale != other.scale)[same].any()
+    assert_close(chord_bend(made, 7.0)[same], chord_bend(other, 7.0)[same], atol=1e-3, rtol=1e-3)
+    long = torch.linalg.vector_norm(curve_of(made)[:, 2] - curve_of(made)[:, 0], dim=1) > 4
+    assert_close(chord_bend(made, 7.0)[long], bend_of(made)[long])
+
+
+def test_parallel_strokes_agree_and_do_not_deviate():
+    found = brushwork_of(combed(40), SIZE)
+    assert_close(found.measures[MEASURES.index("agreement")], torch.ones(40, dtype=torch.float64))
+    assert found.deviation.abs().max() < 1e-6
+
+
+def test_strokes_that_cannot_be_seen_do_not_count():
+    made = visible(60)
+    faint = replace(made, opacity=torch.where(torch.arange(60) < 20, 0.01, made.opacity))
+    thin = replace(made, width=torch.where(torch.arange(60) < 20, 0.0, made.width))
+    for some in (faint, thin):
+        assert len(brushwork_of(some, SIZE)) == 40
+    pitch = pitch_of(made, SIZE)
+    assert int(counts(faint, pitch).sum()) == 40
+    slope = torch.autograd.grad(
+        distances((some := leaves(faint, torch.float64)), SIZE, brushwork_of(made, SIZE)).sum(), some.end
+    )
+    assert (slope[0][:20] == 0).all()
+    assert (slope[0][20:] != 0).any()
+
+
+def test_the_distance_is_exactly_zero_for_the_reference_itself():
+    made = visible(64)
+    assert float(loss_like(made)(painting(made))) == 0
+    shuffled = made[torch.randperm(64)]
+    assert float(loss_like(made)(painting(shuffled))) < 1e-20
+
+
+def test_the_distance_grows_with_what_is_changed():
+    made = visible(64)
+    reference = brushwork_of(made, SIZE)
+    for name, change in {
+        "length": replace(made, start=2 * made.start, control=2 * made.control, end=2 * made.end),
+        "width": replace(made, width=2 * made.width),
+        "curvature": replace(made, control=made.control + 0.5),
+        "agreement": combed(64),
+    }.items():
+        found = distances(change, SIZE, reference)
+        assert found[MEASURES.index(name)] > 0.05, name
+    assert distances(made, (600, 900), reference)[0] > 1, "sizes are in pitches of the canvas"
+
+
+def test_the_loss_has_the_right_slope():
+    reference = loss_like(visible(45, seed=1))
+    made = visible(9)
+
+    def value(position: Tensor, start: Tensor, control: Tensor, end: Tensor, width: Tensor) -> Tensor:
+        return reference(painting(replace(made, position=position, start=start, control=control, end=end, width=width)))
+
+    inputs = [getattr(made, name).clone().requires_grad_() for name in ("position", "start", "control", "end", "width")]
+    assert torch.autograd.gradcheck(value, inputs)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("n", [0, 1, 2, 11, 40])
+@pytest.mark.parametrize("shape", ["random", "points", "thin", "equal", "hairpins", "huge"])
+def test_the_loss_is_finite_for_any_strokes(shape, n, dtype):
+    made = visible(n, dtype=dtype)
+    change = {
+        "random": {},
+        "points": {"start": 0 * made.start, "control": 0 * made.start, "end": 0 * made.start},
+        "thin": {"width": 0 * made.width},
+        "equal": {name: value[:1].expand_as(value) for name, value in made.items()} if n else {},
+        "hairpins": {"end": made.start},
+        "huge": {"start": 1e3 * made.start, "width": 1e3 * made.width},
+    }[shape]
+    made = leaves(replace(made, **change), dtype)
+    value = loss_like(visible(50, seed=2, dtype=dtype))(painting(made))
+    assert value.shape == ()
+    assert value.isfinite()
+    value.backward()
+    for name, tensor in made.items():
+        assert tensor.grad is None or tensor.grad.isfinite().all(), name
+
+
+def test_a_reference_of_equal_strokes_is_no_division_by_zero():
+    loss = loss_like(combed(40))
+    assert float(loss(painting(combed(40)))) < 1e-12
+    assert loss(painting(visible(40))).isfinite()
+
+
+def test_without_a_catalogue_the_loss_is_a_differentiable_zero():
+    made = leaves(visible(5))
+    value = BrushworkTransfer()(painting(made))
+    value.backward()
+    assert float(value.detach()) == 0
+    assert (made.width.grad == 0).all()
+
+
+def test_the_canvas_counts_and_not_the_part_a_step_looks_at():
+    made, loss = visible(50), loss_like(visible(40, seed=1))
+    whole = painting(made)
+    region = Region(10, 20, 16, 24)
+    part = region.of(whole.image)
+    seen = Painting(part, part, made, Surroundings(region, whole.image, whole.target))
+    assert_close(loss(seen), loss(whole), rtol=0, atol=0)
+
+
+def test_steps_along_the_slope_bring_the_brushwork_nearer():
+    made, loss = leaves(combed(60)), loss_like(visible(80, seed=1))
+    loss.reference = loss.reference.to(made.width)
+    parameters = [made.start, made.control, made.end, made.width]
+    optimizer = torch.optim.Adam(parameters, lr=0.02)
+    values = []
+    for _ in range(60):
+        optimizer.zero_grad()
+        value = loss(painting(made))
+        value.backward()
+        optimizer.step()
+        values.append(float(value.detach()))
+    assert values[-1] < 0.2 * values[0]
+
+
+@pytest.mark.parametrize(("n", "m"), [(80, 80), (240, 80), (50, 80), (75, 60)])
+def test_strokes_take_over_lengths_widths_and_bends_together(n, m):
+    model = visible(2 * m, seed=1, dtype=torch.float32)
+    long = torch.linalg.vector_norm(curve_of(model)[:, 2] - curve_of(model)[:, 0], dim=1) > 4
+    reference = brushwork_of(model[long][:m], SIZE)
+    before = visible(n, size=(80, 50), dtype=torch.float32)
+    after = with_brushwork(before, reference, (80, 50), torch.Generator().manual_seed(0))
+    check_strokes(after)
+    for name in ("position", "scale", "color", "opacity"):
+        assert torch.equal(getattr(after, name), getattr(before, name)), name
+    found = rows(brushwork_of(after, (80, 50)))
+    wanted = rows(reference)
+    gap = torch.cdist(found, wanted)
+    assert gap.amin(1).max() < 0.02, "every stroke is a stroke of the reference"
+    used = torch.bincount(gap.argmin(1), minlength=m)
+    assert used.max() - used.min() <= 1, "and all of them are used equally often"
+
+
+def rows(brushwork: Brushwork) -> Tensor:
+    return torch.cat([brushwork.length[:, None], brushwork.width[:, None], brushwork.bend.abs().clamp_max(5)], dim=1)
+
+
+def test_directions_follow_the_picture_and_deviate_as_in_the_reference():
+    before = combed(200, angle=0.7, dtype=torch.float32)
+    model = visible(200, seed=1, dtype=torch.float32)
+    reference = brushwork_of(model, SIZE)
+    strict = replace(reference, deviation=0 * reference.deviation)
+    generator = torch.Generator().manual_seed(0)
+    along = with_brushwork(before, strict, SIZE, generator)
+    chord = along.end - along.start
+    assert_close(torch.atan2(chord[:, 1], chord[:, 0]).remainder(math.pi), torch.full((200,), 0.7), atol=1e-4, rtol=0)
+    free = with_brushwork(before, reference, SIZE, generator)
+    chord = free.end - free.start
+    turned = torch.atan2(chord[:, 1], chord[:, 0]) - 0.7
+    assert_close((2 * turned).cos().sort().values, (2 * reference.deviation).cos().sort().values, atol=1e-3, rtol=0)
+
+
+def test_large_strokes_go_where_strokes_were_large():
+    before = combed(300, dtype=torch.float32)
+    large = torch.arange(300) < 100
+    before = replace(before, width=torch.where(large, 0.4, 0.1))
+    after = with_brushwork(before, brushwork_of(visible(90, dtype=torch.float32), SIZE), SIZE, torch.Generator())
+    area = after.width * length_of(curve_of(after))
+    assert area[large].min() > 0.5 * area[~large].max()
+    assert area[large].mean() > 2 * area[~large].mean()
+
+
+def test_strokes_bend_with_the_flow():
+    generator = torch.Generator().manual_seed(1)
+    angle = 2 * math.pi * torch.rand(400, generator=generator)
+    radius = 15 + 30 * torch.rand(400, generator=generator)
+    out = torch.stack([angle.cos(), angle.sin()], dim=1)
+    tangent = torch.stack([-out[:, 1], out[:, 0]], dim=1)
+    before = replace(
+        combed(400, dtype=torch.float32),
+        position=50 + radius[:, None] * out,
+        start=-0.5 * tangent,
+        end=0.5 * tangent,
+    )
+    reference = brushwork_of(visible(80, dtype=torch.float32), SIZE)
+    bend = torch.stack([torch.zeros(80), torch.full((80,), 0.2)], dim=1)
+    reference = replace(reference, deviation=0 * reference.deviation, bend=bend)
+    after = with_brushwork(before, reference, (100, 100), generator)
+    outward = ((after.control - 0.5 * (after.start + after.end)) * out).sum(1)
+    assert (outward > 0).float().mean() > 0.95
+
+
+def test_the_same_seed_draws_the_same_strokes_and_another_one_others():
+    before, reference = visible(30, dtype=torch.float32), brushwork_of(visible(50, dtype=torch.float32), SIZE)
+    first, again, other = (
+        with_brushwork(before, reference, SIZE, torch.Generator().manual_seed(seed)) for seed in (0, 0, 1)
+    )
+    assert all(torch.equal(value, getattr(again, name)) for name, value in first.items())
+    assert not torch.equal(first.width, other.width)
+
+
+@pytest.mark.parametrize("n", [0, 1, 2])
+def test_hardly_any_strokes_can_be_given_brushwork(n):
+    reference = brushwork_of(visible(40, dtype=torch.float32), SIZE)
+    made = with_brushwork(visible(n, dtype=torch.float32), reference, SIZE, torch.Generator())
+    assert len(made) == n
+    check_strokes(made)
+
+
+def test_points_give_no_direction_but_strokes_all_the_same():
+    before = visible(20, dtype=torch.float32)
+    before = replace(before, start=0 * before.start, control=0 * before.start, end=0 * before.start)
+    assert mean_heading(before.position, before).abs().max() == 0
+    check_strokes(with_brushwork(before, brushwork_of(visible(40, dtype=torch.float32), SIZE), SIZE, torch.Generator()))
+
+
+def test_a_saved_catalogue_has_the_brushwork_it_was_saved_with(tmp_path):
+    made = visible(50, dtype=torch.float32)
+    path = saved(tmp_path / "catalogue.h5", made)
+    assert_close(load_brushwork(path).measures, brushwork_of(made, SIZE).measures)
+    assert float(BrushworkTransfer(catalogue=str(path))(painting(made))) == 0
+
+
+def test_catalogues_that_will_not_do_are_refused_with_the_key(tmp_path):
+    few = saved(tmp_path / "few.h5", visible(FEWEST - 1, dtype=torch.float32))
+    with pytest.raises(UserError, match=rf"style.brushwork=.*few.h5: 29 of 29 strokes .* painting of {FEWEST} strokes"):
+        load_brushwork(few)
+    with pytest.raises(UserError, match=r"there is no file .*, style.brushwork="):
+        BrushworkTransfer(catalogue=str(tmp_path / "none.h5"))
+    (tmp_path / "text.h5").write_text("no catalogue")
+    with pytest.raises(UserError, match=r"text.h5: not an HDF5 file; .*style.brushwork="):
+        load_brushwork(tmp_path / "text.h5")
+
+
+def test_style_brushwork_draws_the_first_strokes_and_adds_the_loss(config, tmp_path):
+    from brushexp.task.paint import first_strokes, parts_of  # noqa: PLC0415  (slow to import)
+
+    path = saved(tmp_path / "catalogue.h5", visible(60, dtype=torch.float32))
+    cfg = config("strokes=60", f"style.brushwork={path}")
+    target = torch.rand(3, 40, 56)
+    losses = parts_of(cfg).losses
+    assert set(losses) == {"mse", "brushwork"}
+    plain = first_strokes(config("strokes=60"), target)
+    drawn = first_strokes(cfg, target)
+    before, after = (float(losses["brushwork"](painting(made, (40, 56)))) for made in (plain, drawn))
+    assert after < 0.3 * before
+    assert torch.equal(plain.position, drawn.position)

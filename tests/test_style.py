@@ -1,0 +1,343 @@
+"""The style loss against independent formulations, parts of the canvas against the whole, and painting in a style."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from torch import Tensor
+from torch.testing import assert_close
+
+from brushexp.checks import StyleKeys, check_keys
+from brushexp.command_line import explanation, in_full
+from brushexp.errors import UserError
+from brushexp.features import open_backbone
+from brushexp.loss import _views
+from brushexp.loss._views import activations_of, sight_of, tiles
+from brushexp.loss.base import Painting, Surroundings
+from brushexp.loss.style import EVEN, Colors, Kernel, Style, gram
+from brushexp.pictures.color import recolored
+from brushexp.pictures.load import load_picture
+from brushexp.sampler.base import Region
+from brushexp.strokes.catalogue import Strokes
+from brushexp.task.paint import losses_of
+
+ROOT = Path(__file__).parents[1]
+NONE = Strokes.none()
+TAPS = ["stem", "b0"]  # they see little, so small pictures will do
+
+
+def pictures(height: int = 40, width: int = 52, dtype: torch.dtype = torch.float32) -> tuple[Tensor, Tensor]:
+    image, target = torch.rand(2, 3, height, width, generator=torch.Generator().manual_seed(3), dtype=dtype)
+    return image, target
+
+
+def saved(tmp_path: Path, picture: Tensor, name: str = "style.png") -> str:
+    """A picture (3, H, W) of 8-bit colours as a file."""
+    pixels = (picture * 255).round().to(torch.uint8).permute(1, 2, 0).numpy()
+    Image.fromarray(pixels).save(tmp_path / name)
+    return str(tmp_path / name)
+
+
+def in_eight_bits(picture: Tensor) -> Tensor:
+    return (picture * 255).round() / 255
+
+
+def value_by_numpy(kernel: Kernel, ours: np.ndarray, style: np.ndarray) -> float:
+    """The loss of one tap from features (C, P), by einsum."""
+    if kernel is Kernel.poly:
+        a, b = (np.einsum("ip,jp->ij", f, f) / f.shape[1] for f in (ours, style))
+        return float(((a - b) ** 2).sum() / np.einsum("ip,ip,jp,jp->", style, style, style, style) * style.shape[1])
+    power = np.einsum("ip,ip->", style, style) / style.shape[1]
+    parts = [(ours.mean(1) - style.mean(1)) ** 2]
+    if kernel is Kernel.meanstd:
+        a, b = (np.sqrt(f.var(1) + EVEN * power) for f in (ours, style))
+        parts.append((a - b) ** 2)
+    return float(np.sum(parts) / power)
+
+
+@pytest.mark.parametrize("kernel", [Kernel.poly, Kernel.linear, Kernel.meanstd])
+def test_the_value_agrees_with_numpy(kernel):
+    image, target = pictures(dtype=torch.float64)
+    loss = Style(kernel=kernel, taps=["stem", "b2"]).double()
+    ours, style = (loss.network(x[None], ["stem", "b2"]) for x in (image, target))
+    wanted = [
+        value_by_numpy(kernel, *(found[tap][0].flatten(1).numpy() for found in (ours, style))) for tap in ("stem", "b2")
+    ]
+    assert float(loss(Painting(image, target, NONE))) == pytest.approx(np.mean(wanted), rel=1e-9)
+
+
+def test_the_gaussian_kernel_agrees_with_all_pairs_of_positions():
+    image, target = pictures(24, 32, dtype=torch.float64)
+    loss = Style(kernel=Kernel.gaussian, taps=["stem"]).double()
+    a, b = (loss.network(x[None], ["stem"])["stem"][0].flatten(1).T for x in (image * 0.5, target))
+    width = torch.cdist(b, b).median()
+
+    def mean_kernel(x: Tensor, y: Tensor) -> float:
+        return float(torch.exp(-torch.cdist(x, y).square() / (2 * width**2)).mean())
+
+    exact = mean_kernel(a, a) + mean_kernel(b, b) - 2 * mean_kernel(a, b)
+    assert float(loss(Painting(image * 0.5, target, NONE))) == pytest.approx(exact, rel=0.2)  # 256 random features
+
+
+@pytest.mark.parametrize("kernel", Kernel)
+def test_the_slope_is_right(kernel):
+    image, target = pictures(4, 5, dtype=torch.float64)
+    loss = Style(kernel=kernel, taps=TAPS).double()
+    assert torch.autograd.gradcheck(lambda x: loss(Painting(x, target, NONE)), image.requires_grad_())
+
+
+@pytest.mark.parametrize("kernel", Kernel)
+def test_the_style_picture_itself_costs_nothing(kernel, tmp_path):
+    image, target = pictures()
+    style = in_eight_bits(image)
+    loss = Style(image=saved(tmp_path, style), kernel=kernel, taps=TAPS)
+    assert float(loss(Painting(style, target, NONE))) < 1e-10
+    assert float(loss(Painting(target, target, NONE))) > 1e-5
+    assert float(Style(kernel=kernel)(Painting(target.clone(), target, NONE))) < 1e-10
+
+
+def test_style_does_not_depend_on_where_things_are():
+    image, target = pictures(64, 96)
+    loss = Style(taps=["stem"])
+    moved = torch.roll(image, (16, 32), (1, 2))
+    apart, value = (float(loss(Painting(x, target, NONE))) for x in (moved, image))
+    assert apart == pytest.approx(value, rel=0.1)  # but for the borders
+
+
+@pytest.mark.parametrize("kernel", Kernel)
+@pytest.mark.parametrize("size", [(1, 1), (12, 5)])
+@pytest.mark.parametrize("of", ["noise", "black", "white", "one colour"])
+def test_extremes_are_finite(kernel, size, of):
+    noise, target = pictures(*size)
+    made = {"noise": noise, "black": 0 * noise, "white": 0 * noise + 1, "one colour": 0 * noise + 0.3}
+    loss = Style(kernel=kernel, taps=TAPS)
+    for ours, style in ((made[of], target), (target, made[of]), (made[of], made[of])):
+        image = ours.clone().requires_grad_()
+        value = loss(Painting(image, style, NONE))
+        value.backward()
+        assert value.isfinite()
+        assert value >= 0
+        assert image.grad.isfinite().all()
+
+
+def test_a_single_channel_has_a_gram_matrix_too():
+    assert gram(torch.tensor([[1.0, 2.0, 3.0]])).tolist() == [14.0]
+    assert gram(torch.tensor([[2.0], [3.0]])).tolist() == [4.0, 6.0, 6.0, 9.0]
+
+
+@pytest.mark.parametrize(
+    ("kernel", "size"),
+    [(Kernel.poly, (96, 123)), (Kernel.linear, (101, 90)), (Kernel.gaussian, (83, 80)), (Kernel.meanstd, (77, 98))],
+)
+def test_a_part_counts_as_in_the_whole(kernel, size, monkeypatch):
+    """Value to 1e-5 and slope to 1e-4, relatively: the parts see the same pixels, sums differ by rounding alone."""
+    monkeypatch.setattr(_views, "TILE", 64)
+    image, target = pictures(*size)
+    loss, whole = Style(kernel=kernel), Style(kernel=kernel)
+    picture = image.clone()
+    generator = torch.Generator().manual_seed(1)
+    places = [Region(30, 40, 33, 27), Region(0, 0, 20, 20), Region(size[0] - 25, size[1] - 18, 25, 18)]
+    for region in [*places, Region(0, 0, *size)]:
+        around = Surroundings(region, picture, target)
+        for _ in range(2):
+            patch = torch.rand(3, region.height, region.width, generator=generator).requires_grad_()
+            region.of(picture).copy_(patch.detach())  # as the painter does, before the losses look
+            found = loss(Painting(patch, region.of(target), NONE, around))
+            found.backward()
+            full = picture.clone().requires_grad_()
+            wanted = whole(Painting(full, target, NONE))
+            wanted.backward()
+            assert_close(found, wanted, rtol=1e-5, atol=1e-7)
+            slope = region.of(full.grad)
+            assert (patch.grad - slope).norm() < 1e-4 * slope.norm()
+
+
+def test_what_changed_elsewhere_is_noticed():
+    image, target = pictures(80, 90)
+    loss, picture = Style(taps=TAPS), image.clone()
+    region = Region(10, 20, 30, 30)
+    loss(Painting(region.of(picture), region.of(target), NONE, Surroundings(region, picture, target)))
+    picture = image * 0.5
+    found = loss(Painting(region.of(picture), region.of(target), NONE, Surroundings(region, picture, target)))
+    assert_close(found, Style(taps=TAPS)(Painting(picture, target, NONE)), rtol=1e-5, atol=1e-8)
+
+
+def test_a_part_is_looked_at_with_memory_for_a_part(monkeypatch):
+    monkeypatch.setattr(_views, "TILE", 64)
+    image, target = pictures(300, 310)
+    loss, seen = Style(), []
+    loss.network.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0].shape[-2:]))
+    for region in (Region(100, 90, 40, 50), Region(200, 200, 40, 50)):
+        around = Surroundings(region, image, target)
+        loss(Painting(region.of(image), region.of(target), NONE, around))
+    assert max(max(shape) for shape in seen) <= 64 + loss.sight.margin + 2 * 64
+
+
+@pytest.mark.parametrize(("tap", "field", "stride"), [("stem", 3, 2), ("b0", 7, 2), ("b2", 19, 4), ("b4", 67, 8)])
+def test_the_field_of_view_is_found(tap, field, stride):
+    sight = sight_of(open_backbone("effl0"), [tap])
+    assert (sight.field, sight.strides) == (field, (stride,))
+
+
+def test_tiles_hold_every_activation_once(monkeypatch):
+    monkeypatch.setattr(_views, "TILE", 32)
+    network, taps, size = open_backbone("effl0"), ["stem", "b2", "b4"], (77, 101)
+    sight = sight_of(network, taps)
+    picture = torch.rand(3, *size)
+    wanted = network(picture[None], taps)
+    parts = [
+        activations_of(network, taps, sight, zone, size, lambda region: region.of(picture))
+        for zone in tiles(Region(0, 0, *size))
+    ]
+    for tap, pieces in zip(taps, zip(*parts, strict=True), strict=True):
+        found, all_of = torch.cat(pieces, 1), wanted[tap][0].flatten(1)
+        assert found.shape == all_of.shape
+        assert_close(found.sort(1).values, all_of.sort(1).values, rtol=1e-4, atol=1e-4)
+
+
+def test_the_style_picture_follows_the_canvas(tmp_path):
+    style = saved(tmp_path, torch.rand(3, 50, 100))
+    _, target = pictures(80, 120)
+    for scale, size in ((1.0, (60, 120)), (0.5, (30, 60)), (2.0, (120, 240))):
+        assert Style(image=style, scale=scale, taps=TAPS).picture(target).shape[1:] == size
+
+
+def test_what_cannot_serve_as_a_style_is_refused(tmp_path):
+    with pytest.raises(UserError, match=r"style=nowhere\.jpg is not there"):
+        Style(image="nowhere.jpg")
+    with pytest.raises(UserError, match=r"style\.loss\.weight"):
+        Style(weight=-1)
+    with pytest.raises(UserError, match=r"style\.loss\.scale"):
+        Style(scale=0)
+    with pytest.raises(UserError, match="choose from stem"):
+        Style(taps=["relu1_1"])
+    small = Style(image=saved(tmp_path, torch.rand(3, 20, 80)))
+    with pytest.raises(UserError, match=r"80 x 20 pixels at the scale 1 .* 67 x 67; set style\.loss\.scale=3\.4 or"):
+        small(Painting(*pictures(60, 80), NONE))
+    enough = Style(image=small.image, scale=3.4)
+    assert enough(Painting(*pictures(60, 80), NONE)).isfinite()
+
+
+def moments(picture: Tensor) -> tuple[Tensor, Tensor]:
+    colors = picture.flatten(1).double()
+    return colors.mean(1), torch.cov(colors, correction=0)
+
+
+def test_recolouring_takes_over_mean_and_covariance():
+    """Of muted colours, which no clipping changes."""
+    mix = torch.tensor([[0.1, 0.02, 0.0], [0.0, 0.05, 0.03], [0.02, 0.0, 0.08]])
+    picture = 0.4 + 0.2 * (torch.rand(3, 40, 60) - 0.5)
+    like = 0.5 + torch.einsum("ij,jhw->ihw", mix, torch.rand(3, 30, 20) - 0.5)
+    found = recolored(picture, like)
+    assert found.shape == picture.shape
+    for ours, wanted in zip(moments(found), moments(like), strict=True):
+        assert_close(ours, wanted, rtol=1e-3, atol=1e-6)
+    assert_close(recolored(picture, picture), picture, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("even", [0.0, 0.4, 1.0])
+def test_recolouring_even_pictures_is_finite(even):
+    flat, noise = torch.full((3, 8, 9), even), torch.rand(3, 7, 5)
+    for picture, like in ((flat, noise), (noise, flat), (flat, flat), (noise[:, :1, :1], noise), (noise, noise * 0)):
+        found = recolored(picture, like)
+        assert found.isfinite().all()
+        assert found.min() >= 0
+        assert found.max() <= 1
+    assert_close(recolored(noise, flat).mean(), torch.tensor(even), rtol=0, atol=1e-5)
+
+
+def test_noise_is_not_blown_up_to_colours():
+    nearly_even = 0.5 + 0.001 * torch.randn(3, 40, 40)
+    assert recolored(nearly_even, torch.rand(3, 40, 40)).std() < 0.1
+
+
+def test_colors_content_gives_the_style_picture_the_colours_of_the_target(tmp_path):
+    _, target = pictures(80, 90)
+    target = target * 0.5
+    path = saved(tmp_path, torch.rand(3, 80, 90))
+    used = Style(image=path, colors=Colors.content).picture(target)
+    assert_close(used, recolored(load_picture(path, 90), target))
+    assert_close(moments(used)[0], moments(target)[0], rtol=0.02, atol=0)
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("style=a.jpg", "style.image=a.jpg"),
+        ("style=a.jpg,b.jpg", "style.image=a.jpg,b.jpg"),
+        ("++style=a.jpg", "++style.image=a.jpg"),
+        ("+style=a.jpg", "+style.image=a.jpg"),
+        ("style=null", "style.image=null"),
+        ("style.content=2", "style.content=2"),
+        ("style.image=a=b.jpg", "style.image=a=b.jpg"),
+        ("style={image: a.jpg}", "style={image: a.jpg}"),
+        ("image=style=1.jpg", "image=style=1.jpg"),
+        ("-m", "-m"),
+    ],
+)
+def test_style_is_short_for_the_style_picture(typed, meant):
+    assert in_full([typed]) == [meant]
+
+
+def test_the_config_passes_the_picture_and_the_colours_on(config):
+    cfg = config("style.image=coffee", "style.colors=content", "style.loss.kernel=meanstd")
+    assert cfg.style.loss.image == "coffee"
+    assert cfg.style.loss.colors is Colors.content
+    assert cfg.style.loss.kernel is Kernel.meanstd
+    assert config().style.loss.image is None
+
+
+def test_wrong_keys_below_style_are_explained(config):
+    with pytest.raises(UserError, match=r"style\.content=-1 is not a factor from 0"):
+        check_keys(config("style.content=-1").style, StyleKeys, "style.")
+    with pytest.raises(UserError, match=r"style\.content=much is not of type float"):
+        check_keys(config("style.content=much").style, StyleKeys, "style.")
+    with pytest.raises(Exception, match=r"style\.weight") as caught:
+        config("style.weight=3")
+    assert explanation(caught.value).endswith("the keys are brushwork, colors, content, image")
+
+
+def test_a_loss_that_the_style_brings_with_it_is_not_chosen_besides(config):
+    with pytest.raises(UserError, match=r"style\.image=coffee brings the loss style with it; drop style from loss"):
+        losses_of(config("style.image=coffee", "loss=[mse,style]"))
+
+
+@pytest.mark.parametrize("content", [0, 0.25])
+def test_the_style_is_added_and_the_others_are_weakened(config, content):
+    losses = losses_of(config("style.image=coffee", "loss=[mse,l1]", "loss.l1.weight=2", f"style.content={content}"))
+    assert list(losses) == ["mse", "l1", "style"]
+    assert [loss.weight for loss in losses.values()] == [content, 2 * content, 1.0]
+    assert list(losses_of(config())) == ["mse"]
+
+
+def test_a_picture_is_painted_in_the_style_and_the_colours_of_another(tmp_path):
+    command = [sys.executable, "-W", "ignore::FutureWarning", str(ROOT / "run.py"), "style=coffee", "resolution=110"]
+    command += ["strokes=60", "steps=8", "threads=1", "frames=0", f"output={tmp_path}/run"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=280, check=False)
+    assert done.returncode == 0, done.stderr
+    style, photo = load_picture("coffee", 110), load_picture("astronaut", 110)
+    used, target = (load_picture(f"{tmp_path}/run/{name}.png", None) for name in ("style", "target"))
+    assert_close(used, style, rtol=0, atol=0.003)
+    assert_close(target, recolored(photo, style), rtol=0, atol=0.003)
+    assert "loss/style" in (tmp_path / "run" / "curves" / "metrics.csv").read_text()
+    metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert {key for key in metrics if key.startswith("style_")} == {f"style_{kernel.name}" for kernel in Kernel}
+
+
+def test_a_finished_picture_is_measured_by_every_kernel(monkeypatch):
+    monkeypatch.setattr(_views, "TILE", 32)
+    image, target = pictures()
+    loss = Style(kernel=Kernel.linear)
+    before = loss(Painting(image, target, NONE))
+    for name, value in loss.measured(image, target).items():
+        assert value == pytest.approx(float(Style(kernel=Kernel[name])(Painting(image, target, NONE))), rel=1e-4)
+    assert_close(loss(Painting(image, target, NONE)), before, rtol=0, atol=0)
+
+
+def test_the_study_of_kernels_finds_its_style_picture(config):
+    assert losses_of(config("experiment=style_kernels", "hydra.mode=RUN"))["style"].image == "ihc"
