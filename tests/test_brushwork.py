@@ -374,7 +374,7 @@ def test_catalogues_that_will_not_do_are_refused_with_the_key(tmp_path):
 
 
 def test_style_brushwork_draws_the_first_strokes_and_adds_the_loss(config, tmp_path):
-    from brushexp.task.paint import first_strokes, parts_of  # noqa: PLC0415  (slow to import)
+    from brushexp.paint.assembly import first_strokes, parts_of  # noqa: PLC0415  (slow to import)
 
     path = saved(tmp_path / "catalogue.h5", visible(60, dtype=torch.float32))
     cfg = config("strokes=60", f"style.brushwork={path}")

@@ -24,7 +24,7 @@ from brushexp.pictures.color import recolored
 from brushexp.pictures.load import load_picture
 from brushexp.sampler.base import Region
 from brushexp.strokes.catalogue import Strokes
-from brushexp.task.paint import losses_of
+from brushexp.paint.assembly import losses_of
 
 ROOT = Path(__file__).parents[1]
 NONE = Strokes.none()

@@ -19,6 +19,8 @@ Result = dict[str, Any]
 DIGITS = {  # table.md: main metrics, of which those are shown that some run has
     **{"psnr": 2, "ssim": 4, "l1": 4, "perceptual": 4},
     **{"lpips_alexnet": 4, "lpips_squeeze": 4, "lpips_vgg16": 4},
+    **{"style_poly": 4, "style_linear": 4, "style_gaussian": 4, "style_meanstd": 4},
+    **{"accuracy": 4, "auc": 4},
     **{"l2": 6, "psnr_alpha": 2, "psnr_color": 2, "fid_effl0": 2, "kid_effl0": 2, "fid_inception": 2},
     **{"strokes_per_second": 0, "strokes_per_second_backward": 0, "parameters": 0, "file_mb": 2},
     **{"seconds": 1, "n_strokes": 0},

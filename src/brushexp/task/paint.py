@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import time
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -12,31 +11,25 @@ import lightning as L
 import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
-from torch import Tensor
 
 from brushexp.checks import Paint, StyleKeys, check_keys
 from brushexp.errors import UserError
 from brushexp.features.distance import Distance, open_distance
 from brushexp.files import to_bytes, write_json, write_picture
-from brushexp.loss.base import Loss
-from brushexp.loss.style import Colors, Style
+from brushexp.loss.style import Style
+from brushexp.paint.assembly import STYLE, first_strokes, in_colors, paced, parts_of
 from brushexp.paint.metrics import measure
 from brushexp.paint.outputs import summary_line
 from brushexp.paint.painter import Painter
-from brushexp.paint.parts import Parts, Stage
 from brushexp.paint.progress import CHECKPOINT, INTERRUPTED, Checkpoints, EarlyStop, Frames, ProgressBar
 from brushexp.paint.timelapse import Timelapse
-from brushexp.pictures.color import recolored
 from brushexp.pictures.load import background_color, load_picture
 from brushexp.process import interruptible, peak_memory
-from brushexp.registry import build, build_named, plugin_of, plugins
-from brushexp.strokes.brushwork import load_brushwork, with_brushwork
-from brushexp.strokes.catalogue import Catalogue, Strokes
-from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
+from brushexp.registry import build, plugin_of
+from brushexp.strokes.catalogue import Catalogue
+from brushexp.strokes.storage import Saved, save_catalogue
 
 log = logging.getLogger(__name__)
-STYLE, BRUSHWORK = "style", "brushwork"  # names of the losses that the keys of ``style`` add
-AUTO = "auto"  # warm_start that leaves it to the renderer
 
 
 def run(cfg: DictConfig, start: float) -> dict[str, object]:
@@ -109,95 +102,6 @@ def device_of(name: str) -> torch.device:
     return device
 
 
-def parts_of(cfg: DictConfig) -> Parts:
-    """Build what the config names."""
-    return Parts(
-        stages=stages_of(cfg),
-        blend=build(cfg.blend),
-        order=build(cfg.order),
-        losses=losses_of(cfg),
-        density=build(cfg.density),
-        sampler=build(cfg.sampler),
-        optimizer=build(cfg.optimizer),
-    )
-
-
-def losses_of(cfg: DictConfig) -> dict[str, Loss]:
-    """The chosen losses, and those that ``style.image`` and ``style.brushwork`` add to them."""
-    losses: dict[str, Loss] = {name: build(node) for name, node in cfg.loss.items()}
-    if cfg.style.image is not None:
-        for loss in losses.values():
-            loss.weight *= cfg.style.content
-    for key, name, part in (("image", STYLE, "loss"), ("brushwork", BRUSHWORK, "strokes")):
-        if cfg.style[key] is None:
-            continue
-        if name in losses:
-            raise UserError(f"style.{key}={cfg.style[key]} brings the loss {name} with it; drop {name} from loss=...")
-        losses[name] = build(cfg.style[part])
-    return losses
-
-
-def in_colors(target: Tensor, parts: Parts, folder: Path) -> Tensor:
-    """The target in the colours of the style picture, or as it is if the style takes its colours; writes style.png."""
-    style = parts.losses[STYLE]
-    assert isinstance(style, Style)
-    picture = style.picture(target)
-    write_picture(folder / "style.png", picture)
-    return target if style.colors is Colors.content else recolored(target, like=picture)
-
-
-def stages_of(cfg: DictConfig) -> list[Stage]:
-    """The renderers and their steps: the chosen one, and before it the one that ``warm_start`` asks for, if any."""
-    name, renderer = plugin_of(cfg.renderer).name, build(cfg.renderer)
-    first = renderer.stand_in if cfg.warm_start == AUTO else cfg.warm_start
-    if first is None or not cfg.steps:
-        return [Stage(name, renderer, cfg.steps)]
-    names = [plugin.name for plugin in plugins("renderer")]
-    if first not in names:
-        raise UserError(f"warm_start={first} is not a renderer; choose {AUTO}, null or one of {', '.join(names)}")
-    return [Stage(first, build_named("renderer", first, {}), cfg.steps), Stage(name, renderer, cfg.finish_steps)]
-
-
-def paced(parts: Parts, steps_per_stroke: float, n: int) -> Parts:
-    """The same with as many steps in the first stage as move each of ``n`` strokes so often."""
-    first, *others = parts.stages
-    steps = round(steps_per_stroke * parts.sampler.steps_per_round(n))
-    return replace(parts, stages=[replace(first, steps=steps), *others])
-
-
-def first_strokes(cfg: DictConfig, target: Tensor) -> Strokes:
-    """The strokes to start from: those of ``catalogue``, or those that ``init`` makes, with ``style.brushwork``."""
-    _, height, width = target.shape
-    if cfg.catalogue is not None:
-        return strokes_from(Path(cfg.catalogue), cfg.strokes, (height, width))
-    n = cfg.strokes or max(1, round(height * width / cfg.pixels_per_stroke))
-    if n > height * width:
-        raise UserError(
-            f"strokes={n} is more than the {height} x {width} picture has pixels; "
-            f"set strokes to {height * width} at most, or enlarge the picture with resolution"
-        )
-    generator = torch.Generator().manual_seed(cfg.seed)
-    strokes: Strokes = build(cfg.init)(target, n, generator)
-    if cfg.style.brushwork is not None:
-        strokes = with_brushwork(strokes, load_brushwork(Path(cfg.style.brushwork)), (height, width), generator)
-    return strokes
-
-
-def strokes_from(path: Path, n: int | None, size: tuple[int, int]) -> Strokes:
-    """Strokes of a saved catalogue, bottom first, on a canvas of ``size``."""
-    saved = load_catalogue(path)
-    if n not in (None, len(saved.strokes)):
-        raise UserError(f"strokes={n}, but {path} has {len(saved.strokes)}; drop strokes or catalogue")
-    height, width = saved.size
-    zoom = max(size) / max(saved.size)
-    if abs(zoom * height - size[0]) > 1 or abs(zoom * width - size[1]) > 1:
-        raise UserError(
-            f"{path} was painted on {height} x {width} pixels, the picture has {size[0]} x {size[1]}; "
-            "the sides must have the same ratio"
-        )
-    return saved.strokes[saved.depth.argsort()].moved(zoom=zoom)
-
-
 def fit(painter: Painter, cfg: DictConfig, folder: Path, checkpoint: Path | None, frames: Frames) -> None:
     """Take the gradient steps."""
     stop_early = EarlyStop(cfg.early_stop)
@@ -231,7 +135,7 @@ def fit(painter: Painter, cfg: DictConfig, folder: Path, checkpoint: Path | None
 
 def lpips_of(cfg: DictConfig) -> Distance | None:
     """The official LPIPS, if the user has a file for it."""
-    if cfg.get("lpips_weights") is None:
+    if cfg.lpips_weights is None:
         return None
     return open_distance(cfg.lpips_backbone, cfg.lpips_weights, "lpips_weights")
 

@@ -1,0 +1,111 @@
+"""From the config to what a painting is made of: its parts and its first strokes."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+from omegaconf import DictConfig
+from torch import Tensor
+
+from brushexp.errors import UserError
+from brushexp.files import write_picture
+from brushexp.loss.base import Loss
+from brushexp.loss.style import Colors, Style
+from brushexp.paint.parts import Parts, Stage
+from brushexp.pictures.color import recolored
+from brushexp.registry import build, build_named, plugin_of, plugins
+from brushexp.strokes.brushwork import load_brushwork, with_brushwork
+from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.storage import load_catalogue
+
+STYLE, BRUSHWORK = "style", "brushwork"  # names of the losses that the keys of ``style`` add
+AUTO = "auto"  # warm_start that leaves it to the renderer
+
+
+def parts_of(cfg: DictConfig) -> Parts:
+    """Build what the config names."""
+    return Parts(
+        stages=stages_of(cfg),
+        blend=build(cfg.blend),
+        order=build(cfg.order),
+        losses=losses_of(cfg),
+        density=build(cfg.density),
+        sampler=build(cfg.sampler),
+        optimizer=build(cfg.optimizer),
+    )
+
+
+def losses_of(cfg: DictConfig) -> dict[str, Loss]:
+    """The chosen losses, and those that ``style.image`` and ``style.brushwork`` add to them."""
+    losses: dict[str, Loss] = {name: build(node) for name, node in cfg.loss.items()}
+    if cfg.style.image is not None:
+        for loss in losses.values():
+            loss.weight *= cfg.style.content
+    for key, name, part in (("image", STYLE, "loss"), ("brushwork", BRUSHWORK, "strokes")):
+        if cfg.style[key] is None:
+            continue
+        if name in losses:
+            raise UserError(f"style.{key}={cfg.style[key]} brings the loss {name} with it; drop {name} from loss=...")
+        losses[name] = build(cfg.style[part])
+    return losses
+
+
+def in_colors(target: Tensor, parts: Parts, folder: Path) -> Tensor:
+    """The target in the colours of the style picture, or as it is if the style takes its colours; writes style.png."""
+    style = parts.losses[STYLE]
+    assert isinstance(style, Style)
+    picture = style.picture(target)
+    write_picture(folder / "style.png", picture)
+    return target if style.colors is Colors.content else recolored(target, like=picture)
+
+
+def stages_of(cfg: DictConfig) -> list[Stage]:
+    """The renderers and their steps: the chosen one, and before it the one that ``warm_start`` asks for, if any."""
+    name, renderer = plugin_of(cfg.renderer).name, build(cfg.renderer)
+    first = renderer.stand_in if cfg.warm_start == AUTO else cfg.warm_start
+    if first is None or not cfg.steps:
+        return [Stage(name, renderer, cfg.steps)]
+    names = [plugin.name for plugin in plugins("renderer")]
+    if first not in names:
+        raise UserError(f"warm_start={first} is not a renderer; choose {AUTO}, null or one of {', '.join(names)}")
+    return [Stage(first, build_named("renderer", first, {}), cfg.steps), Stage(name, renderer, cfg.finish_steps)]
+
+
+def paced(parts: Parts, steps_per_stroke: float, n: int) -> Parts:
+    """The same with as many steps in the first stage as move each of ``n`` strokes so often."""
+    first, *others = parts.stages
+    steps = round(steps_per_stroke * parts.sampler.steps_per_round(n))
+    return replace(parts, stages=[replace(first, steps=steps), *others])
+
+
+def first_strokes(cfg: DictConfig, target: Tensor) -> Strokes:
+    """The strokes to start from: those of ``catalogue``, or those that ``init`` makes, with ``style.brushwork``."""
+    _, height, width = target.shape
+    if cfg.catalogue is not None:
+        return strokes_from(Path(cfg.catalogue), cfg.strokes, (height, width))
+    n = cfg.strokes or max(1, round(height * width / cfg.pixels_per_stroke))
+    if n > height * width:
+        raise UserError(
+            f"strokes={n} is more than the {height} x {width} picture has pixels; "
+            f"set strokes to {height * width} at most, or enlarge the picture with resolution"
+        )
+    generator = torch.Generator().manual_seed(cfg.seed)
+    strokes: Strokes = build(cfg.init)(target, n, generator)
+    if cfg.style.brushwork is not None:
+        strokes = with_brushwork(strokes, load_brushwork(Path(cfg.style.brushwork)), (height, width), generator)
+    return strokes
+
+
+def strokes_from(path: Path, n: int | None, size: tuple[int, int]) -> Strokes:
+    """Strokes of a saved catalogue, bottom first, on a canvas of ``size``."""
+    saved = load_catalogue(path)
+    if n not in (None, len(saved.strokes)):
+        raise UserError(f"strokes={n}, but {path} has {len(saved.strokes)}; drop strokes or catalogue")
+    height, width = saved.size
+    zoom = max(size) / max(saved.size)
+    if abs(zoom * height - size[0]) > 1 or abs(zoom * width - size[1]) > 1:
+        raise UserError(
+            f"{path} was painted on {height} x {width} pixels, the picture has {size[0]} x {size[1]}; "
+            "the sides must have the same ratio"
+        )
+    return saved.strokes[saved.depth.argsort()].moved(zoom=zoom)
