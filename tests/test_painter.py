@@ -165,3 +165,19 @@ def test_bands_get_lower_where_strokes_are_many(monkeypatch):
     monkeypatch.setattr(Few, "at_once", None)
     assert (picture.int() - render(saved, Few(), Tiled(), 1000).int()).abs().max() <= 1
     assert held[-1] > 10
+
+
+def test_a_line_search_may_look_anywhere():
+    painter, seen = painter_of(Stage("analytic", Analytic(), 4)), []
+
+    class Wild(torch.optim.SGD):
+        def step(self, closure=None):
+            for huge in (1e30, -1e38, float("inf"), float("nan")):
+                for group in self.param_groups:
+                    for parameter in group["params"]:
+                        parameter.data.fill_(huge)
+                seen.append(closure())
+
+    painter._take_step(Wild([p for p in painter.catalogue.parameters() if p.requires_grad], lr=1.0))
+    assert torch.stack(seen).isfinite().all()
+    assert painter.picture().isfinite().all()

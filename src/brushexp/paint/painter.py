@@ -225,6 +225,7 @@ class Painter(L.LightningModule):
         def objective() -> Tensor:
             nonlocal painting
             mover.zero_grad(set_to_none=True)
+            part.keep_in_range()  # a line search may look anywhere
             total, painting = self._objective(part, glance, judge=judge)
             return total
 
