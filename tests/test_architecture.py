@@ -15,12 +15,17 @@ SHARED = {
     "registry",
     "errors",
     "files",
+    "pictures.color",
+    "pictures.load",
     "process",
+    "checkpoint",
     "compiled",
     "strokes.catalogue",
     "strokes.bezier",
     "strokes.prior",
+    "strokes.brushwork",
     "features",
+    "features.base",
 }
 
 

