@@ -24,8 +24,10 @@ SHARED = {
     "strokes.bezier",
     "strokes.prior",
     "strokes.brushwork",
+    "strokes.neighbours",
     "features",
     "features.base",
+    "features.sight",
 }
 
 

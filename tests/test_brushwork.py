@@ -26,7 +26,6 @@ from brushexp.strokes.brushwork import (
     load_brushwork,
     mean_heading,
     measures_of,
-    nearest,
     pitch_of,
     transport_cost,
     with_brushwork,
@@ -94,20 +93,6 @@ def test_the_same_distribution_in_another_order_or_number_costs_exactly_nothing(
 def test_a_shift_costs_its_square():
     values = torch.randn(1, 40, dtype=torch.float64)
     assert_close(transport_cost(values + 3, values.sort(1).values), torch.tensor([9.0], dtype=torch.float64))
-
-
-def test_nearest_agrees_with_all_distances():
-    points = torch.rand(30, 2, dtype=torch.float64)
-    gaps = torch.cdist(points, points)
-    assert torch.equal(nearest(points, points, 4, exclude_self=False), gaps.argsort(1)[:, :4])
-    assert torch.equal(nearest(points, points, 4, exclude_self=True), gaps.argsort(1)[:, 1:5])
-
-
-def test_no_stroke_is_its_own_neighbour_even_where_all_share_a_place():
-    points = torch.zeros(20, 2)
-    found = nearest(points, points, 5, exclude_self=True)
-    assert found.shape == (20, 5)
-    assert not (found == torch.arange(20)[:, None]).any()
 
 
 def test_measures_agree_with_the_loop():
@@ -366,8 +351,10 @@ def test_catalogues_that_will_not_do_are_refused_with_the_key(tmp_path):
     few = saved(tmp_path / "few.h5", visible(FEWEST - 1, dtype=torch.float32))
     with pytest.raises(UserError, match=rf"style.brushwork=.*few.h5: 29 of 29 strokes .* painting of {FEWEST} strokes"):
         load_brushwork(few)
-    with pytest.raises(UserError, match=r"there is no file .*, style.brushwork="):
+    with pytest.raises(UserError, match=r"there is no file .*, loss\.brushwork\.catalogue="):
         BrushworkTransfer(catalogue=str(tmp_path / "none.h5"))
+    with pytest.raises(UserError, match=r"there is no file .*, style\.brushwork="):
+        BrushworkTransfer("style.brushwork", catalogue=str(tmp_path / "none.h5"))
     (tmp_path / "text.h5").write_text("no catalogue")
     with pytest.raises(UserError, match=r"text.h5: not an HDF5 file; .*style.brushwork="):
         load_brushwork(tmp_path / "text.h5")

@@ -13,10 +13,9 @@ from torchmetrics.functional.image import lpips as published
 
 from brushexp.errors import UserError
 from brushexp.features.distance import WEIGHTS, apart, effl0_distance, open_distance, unit
-from brushexp.loss.base import Painting, Surroundings
+from brushexp.loss.base import Painting
 from brushexp.loss.lpips import Lpips
 from brushexp.paint.metrics import measure
-from brushexp.sampler.base import Region
 from brushexp.strokes.catalogue import Strokes
 
 NETWORKS = {"alexnet": ("alex", alexnet_state), "squeeze": ("squeeze", squeeze_state), "vgg16": ("vgg", vgg_state)}
@@ -93,24 +92,6 @@ def test_the_target_is_looked_at_once():
     assert len(calls) == 4
     assert_close(judged(loss, image, other), judged(Lpips(), image, other), rtol=0, atol=0)
     assert len(calls) == 6
-
-
-def test_on_a_part_features_see_what_surrounds_it():
-    image, target = torch.rand(2, 3, 160, 192, dtype=torch.float64)
-    region, loss = Region(64, 80, 32, 48), Lpips().double()
-    loss.distance.network.views = dict.fromkeys(loss.distance.taps, 128)  # a margin on the grid of the network
-    image.requires_grad_()
-    (wanted,) = torch.autograd.grad(judged(loss, image, target), image)
-    part = region.of(image).detach().requires_grad_()
-    around = Surroundings(region=region, picture=image.detach(), target=target)
-    slopes = [
-        torch.autograd.grad(loss(Painting(part, region.of(target), Strokes.none(), surroundings)), part)[0]
-        for surroundings in (around, None)
-    ]
-    wanted = region.of(wanted) * image.numel() / part.numel()
-    near, alone = ((slope - wanted).norm() / wanted.norm() for slope in slopes)
-    assert near < 0.01
-    assert near < 0.1 * alone
 
 
 def test_descent_lowers_it():

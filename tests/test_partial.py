@@ -109,14 +109,13 @@ def test_a_ring_wide_enough_makes_a_part_feel_what_it_feels_in_the_whole():
     wanted = {name: value.grad[active] for name, value in painter.catalogue.named_parameters()}
     part = painter.catalogue.part(active)
     painter._objective(part, Glance(region, active, ring))
-    share = region.height * region.width / (SIZE[0] * SIZE[1])  # the mean is over fewer pixels
     for name, value in part.named_parameters():
-        error = (value.grad * share - wanted[name]).norm() / wanted[name].norm()
+        error = (value.grad - wanted[name]).norm() / wanted[name].norm()
         assert error < 0.25, name
     alone = painter.catalogue.part(active)
     painter._objective(alone, Glance(region, active, None))
-    worse = [(value.grad * share - wanted[name]).norm() for name, value in alone.named_parameters()]
-    better = [(value.grad * share - wanted[name]).norm() for name, value in part.named_parameters()]
+    worse = [(value.grad - wanted[name]).norm() for name, value in alone.named_parameters()]
+    better = [(value.grad - wanted[name]).norm() for name, value in part.named_parameters()]
     assert sum(worse) > sum(better), "the ring brings something"
 
 
@@ -315,3 +314,34 @@ def test_the_order_of_accuracy_works_on_parts():
     assert (painter._accuracy != 0).sum() > 40
     assert sorted(painter.front_to_back.tolist()) == list(range(60))
     assert torch.equal(front_to_back(painter._accuracy).sort().values, torch.arange(60))
+
+
+def test_random_coverage_finds_strokes_however_few_there_are():
+    painter = painter_of(Patches(patch=5, coverage=Coverage.random), n=3)
+    take(painter, 30)
+    assert painter.visits.sum() > 0
+
+
+@pytest.mark.parametrize("coverage", Coverage)
+@pytest.mark.parametrize("patch", [12, 30, 500])
+def test_a_round_is_as_many_steps_as_move_each_stroke_once(coverage, patch):
+    sampler = Patches(n_active=20, n_ring=0, patch=patch, steps_per_patch=1, coverage=coverage)
+    strokes = random_strokes(150, SIZE)
+    steps, generator = sampler.steps_per_round(strokes, SIZE), torch.Generator().manual_seed(1)
+    moved = sum(len(sampler(strokes, SIZE, step, generator).active) for step in range(10 * steps))
+    assert moved / (10 * 150) == pytest.approx(1, rel=0.3)
+
+
+def test_losses_keep_their_balance_on_parts():
+    painter = painter_of(Whole(), losses={"mse": MeanSquaredError(weight=3.0), "kl": KullbackLeibler(weight=2.0)})
+    active, ring = torch.arange(60).chunk(2)
+    total, _ = painter._objective(painter.catalogue.part(active), Glance(Region(7, 9, 24, 35), active, ring))
+    assert float(total) == pytest.approx(3 / 4 * float(painter.terms["mse"]) + 2 * float(painter.terms["kl"]))
+
+
+def test_the_error_is_known_when_another_renderer_takes_over():
+    painter = painter_of(Patches(n_active=15, n_ring=15, patch=30), steps=6)
+    take(painter, 5)
+    before = painter.error
+    painter._drop_view()
+    assert painter.error == before

@@ -7,9 +7,10 @@ from torch.testing import assert_close
 
 from brushexp.errors import UserError
 from brushexp.loss import sinkhorn
-from brushexp.loss.base import Painting
+from brushexp.loss.base import Painting, Surroundings
 from brushexp.loss.pixel import MeanSquaredError
-from brushexp.loss.sinkhorn import Sinkhorn, masses
+from brushexp.loss.sinkhorn import Sinkhorn, masses, shrunk
+from brushexp.sampler.base import Region
 from brushexp.strokes.catalogue import Strokes
 
 
@@ -121,9 +122,36 @@ def test_colors_count_by_their_share_of_the_light():
     ("size", "small"), [((48, 96), (12, 24)), ((7, 5), (7, 5)), ((1, 100), (1, 24)), ((24, 25), (23, 24))]
 )
 def test_pictures_are_shrunk_to_the_side(size, small):
-    mass = masses(torch.rand(3, *size), 24, 0.001)
+    mass = masses(shrunk(torch.rand(3, *size), 24), 0.001)
     assert mass.shape == (3, *small)
     assert_close(mass.sum((1, 2)), torch.ones(3, dtype=torch.float64))
+
+
+@pytest.mark.parametrize("size", [(48, 96), (7, 5), (101, 67), (25, 24)])
+def test_a_part_is_looked_at_in_the_whole_canvas(size, monkeypatch):
+    calls = []
+    original = sinkhorn.own_potential
+    monkeypatch.setattr(sinkhorn, "own_potential", lambda *args: calls.append(1) or original(*args))
+    picture, target = torch.rand(2, 3, *size, dtype=torch.float64)
+    height, width = size
+    loss = Sinkhorn()
+    for region in (
+        Region(height // 3, width // 4, height // 2, width // 5),
+        Region(0, 0, 3, 2),
+        Region(height - 5, width - 4, 5, 4),
+    ):
+        around = Surroundings(region=region, picture=picture, target=target)
+        for _ in range(2):
+            part = torch.rand(3, region.height, region.width, dtype=torch.float64, requires_grad=True)
+            found = loss(Painting(part, region.of(target), Strokes.none(), around))
+            region.of(picture).copy_(part.detach())
+            whole = picture.clone().requires_grad_()
+            wanted = judged(Sinkhorn(), whole, target)
+            assert_close(found, wanted, rtol=1e-9, atol=1e-12)
+            slope = torch.autograd.grad(wanted, whole)[0]
+            assert_close(torch.autograd.grad(found, part)[0], region.of(slope), rtol=1e-6, atol=1e-12)
+    assert len(calls) == 1 + 6  # the loss's own, and one for each of the others
+    assert not loss.over_pixels
 
 
 def disc(row: Tensor, column: Tensor) -> Tensor:

@@ -15,16 +15,15 @@ from torch.testing import assert_close
 from brushexp.checks import StyleKeys, check_keys
 from brushexp.command_line import explanation, in_full
 from brushexp.errors import UserError
-from brushexp.features import open_backbone
-from brushexp.loss import _views
-from brushexp.loss._views import activations_of, sight_of, tiles
+from brushexp.features import sight
+from brushexp.loss._kernels import EVEN, Kernel, gram
 from brushexp.loss.base import Painting, Surroundings
-from brushexp.loss.style import EVEN, Colors, Kernel, Style, gram
+from brushexp.loss.style import Colors, Style
+from brushexp.paint.assembly import losses_of
 from brushexp.pictures.color import recolored
 from brushexp.pictures.load import load_picture
 from brushexp.sampler.base import Region
 from brushexp.strokes.catalogue import Strokes
-from brushexp.paint.assembly import losses_of
 
 ROOT = Path(__file__).parents[1]
 NONE = Strokes.none()
@@ -136,7 +135,7 @@ def test_a_single_channel_has_a_gram_matrix_too():
 )
 def test_a_part_counts_as_in_the_whole(kernel, size, monkeypatch):
     """Value to 1e-5 and slope to 1e-4, relatively: the parts see the same pixels, sums differ by rounding alone."""
-    monkeypatch.setattr(_views, "TILE", 64)
+    monkeypatch.setattr(sight, "TILE", 64)
     image, target = pictures(*size)
     loss, whole = Style(kernel=kernel), Style(kernel=kernel)
     picture = image.clone()
@@ -168,36 +167,15 @@ def test_what_changed_elsewhere_is_noticed():
 
 
 def test_a_part_is_looked_at_with_memory_for_a_part(monkeypatch):
-    monkeypatch.setattr(_views, "TILE", 64)
+    monkeypatch.setattr(sight, "TILE", 64)
     image, target = pictures(300, 310)
     loss, seen = Style(), []
+    assert loss.sight.margin == 73  # found out with rows of its own
     loss.network.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0].shape[-2:]))
     for region in (Region(100, 90, 40, 50), Region(200, 200, 40, 50)):
         around = Surroundings(region, image, target)
         loss(Painting(region.of(image), region.of(target), NONE, around))
     assert max(max(shape) for shape in seen) <= 64 + loss.sight.margin + 2 * 64
-
-
-@pytest.mark.parametrize(("tap", "field", "stride"), [("stem", 3, 2), ("b0", 7, 2), ("b2", 19, 4), ("b4", 67, 8)])
-def test_the_field_of_view_is_found(tap, field, stride):
-    sight = sight_of(open_backbone("effl0"), [tap])
-    assert (sight.field, sight.strides) == (field, (stride,))
-
-
-def test_tiles_hold_every_activation_once(monkeypatch):
-    monkeypatch.setattr(_views, "TILE", 32)
-    network, taps, size = open_backbone("effl0"), ["stem", "b2", "b4"], (77, 101)
-    sight = sight_of(network, taps)
-    picture = torch.rand(3, *size)
-    wanted = network(picture[None], taps)
-    parts = [
-        activations_of(network, taps, sight, zone, size, lambda region: region.of(picture))
-        for zone in tiles(Region(0, 0, *size))
-    ]
-    for tap, pieces in zip(taps, zip(*parts, strict=True), strict=True):
-        found, all_of = torch.cat(pieces, 1), wanted[tap][0].flatten(1)
-        assert found.shape == all_of.shape
-        assert_close(found.sort(1).values, all_of.sort(1).values, rtol=1e-4, atol=1e-4)
 
 
 def test_the_style_picture_follows_the_canvas(tmp_path):
@@ -210,8 +188,6 @@ def test_the_style_picture_follows_the_canvas(tmp_path):
 def test_what_cannot_serve_as_a_style_is_refused(tmp_path):
     with pytest.raises(UserError, match=r"style=nowhere\.jpg is not there"):
         Style(image="nowhere.jpg")
-    with pytest.raises(UserError, match=r"style\.loss\.weight"):
-        Style(weight=-1)
     with pytest.raises(UserError, match=r"style\.loss\.scale"):
         Style(scale=0)
     with pytest.raises(UserError, match="choose from stem"):
@@ -330,7 +306,7 @@ def test_a_picture_is_painted_in_the_style_and_the_colours_of_another(tmp_path):
 
 
 def test_a_finished_picture_is_measured_by_every_kernel(monkeypatch):
-    monkeypatch.setattr(_views, "TILE", 32)
+    monkeypatch.setattr(sight, "TILE", 32)
     image, target = pictures()
     loss = Style(kernel=Kernel.linear)
     before = loss(Painting(image, target, NONE))

@@ -86,6 +86,13 @@ def test_psnr_is_that_of_the_saved_picture(painted):
     assert json.loads((painted / "metrics.json").read_text())["psnr"] == pytest.approx(psnr, abs=1e-3)
 
 
+def test_edges_are_compared_by_the_slopes_of_the_saved_pictures(painted):
+    error = (picture(painted / "painting.png").astype(float) - picture(painted / "target.png")) / 255
+    slopes = np.concatenate([np.diff(error, axis=axis).ravel() for axis in (0, 1)])
+    found = json.loads((painted / "metrics.json").read_text())["edges"]
+    assert found == pytest.approx(np.abs(slopes).mean(), rel=1e-4)
+
+
 def test_a_saved_catalogue_renders_to_the_painting_and_larger(painted, tmp_path):
     result = run("task=render", f"catalogue={painted}/catalogue.h5", f"output={tmp_path}/same", cwd=tmp_path)
     assert result.returncode == 0, result.stderr

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -181,7 +182,7 @@ def check_keys(cfg: DictConfig, schema: type[Shared] | type[StyleKeys], above: s
 
 
 def check_losses(cfg: DictConfig, overrides: list[str]) -> None:
-    """Stop when no loss is chosen, or when one is tuned that is not chosen.
+    """Stop when no loss is chosen, one is tuned that is not chosen, or a weight is no weight.
 
     Raises:
         UserError: with the override that would mend the config.
@@ -200,3 +201,8 @@ def check_losses(cfg: DictConfig, overrides: list[str]) -> None:
     if "loss" in cfg and not cfg.loss:
         choices = ", ".join(plugin.name for plugin in plugins("loss"))
         raise UserError(f"no loss is chosen, so there is nothing to optimise; try loss=mse (there are: {choices})")
+    nodes = {f"loss.{name}": node for name, node in cfg.get("loss", {}).items()}
+    nodes |= {f"style.{part}": cfg.style[part] for part in ("loss", "strokes") if "style" in cfg}
+    for key, node in nodes.items():
+        if not 0 <= node.weight < math.inf:
+            raise UserError(f"{key}.weight={node.weight} is not a weight; set {key}.weight to a number from 0")

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from brushexp.features.base import Backbone, FrozenConvolution, views_of, widened
+from brushexp.features.base import Backbone, FrozenConvolution, widened
 from brushexp.features.weights import IMAGENET_SCALE, IMAGENET_SHIFT, OPTION, Layers, check_shapes, read_layers
 
 # Of each convolution: its place in torchvision's `features`, its shape, stride and padding.
@@ -18,11 +18,6 @@ LAYERS = (
     (10, (256, 256, 3, 3), 1, 1),
 )
 POOLED = ("relu1", "relu2")  # what is pooled, 3 x 3 by 2
-LEAST = 31  # pixels of a side that leave one position at the end
-CHAIN = (
-    *(("relu1", 11, 4), ("pool1", 3, 2), ("relu2", 5, 1), ("pool2", 3, 2)),
-    *(("relu3", 3, 1), ("relu4", 3, 1), ("relu5", 3, 1)),
-)
 
 
 class AlexNet(Backbone):
@@ -40,7 +35,7 @@ class AlexNet(Backbone):
 
     taps = tuple(f"relu{i}" for i in range(1, 6))
     default_taps = ("relu3",)
-    views = views_of(CHAIN)
+    least = 31  # leaves one position at the end
     scale: Tensor
     shift: Tensor
 
@@ -55,7 +50,7 @@ class AlexNet(Backbone):
         self.register_buffer("shift", torch.tensor(IMAGENET_SHIFT).reshape(3, 1, 1), persistent=False)
 
     def walk(self, pictures: Tensor) -> Iterator[tuple[str, Tensor]]:
-        x = widened(pictures.to(self.scale.dtype), LEAST) * self.scale + self.shift
+        x = widened(pictures.to(self.scale.dtype), self.least) * self.scale + self.shift
         for name, layer in zip(self.taps, self.layers, strict=True):
             x = functional.relu(layer(x), inplace=True)
             yield name, x

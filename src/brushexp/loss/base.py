@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor, nn
 
+from brushexp.features.sight import aligned
 from brushexp.sampler.base import Region
 from brushexp.strokes.catalogue import Strokes
 
@@ -29,15 +30,31 @@ class Painting:
     strokes: Strokes
     surroundings: Surroundings | None = None
 
-    def around(self, margin: int) -> Painting:
+    @property
+    def whole_target(self) -> Tensor:
+        """(3, H, W) what the whole canvas should look like; the same object at every step."""
+        return self.target if self.surroundings is None else self.surroundings.target
+
+    @property
+    def share(self) -> float:
+        """Of the canvas's pixels, those that ``image`` shows: 1 for all."""
+        return self.image[0].numel() / self.whole_target[0].numel()
+
+    def around(self, margin: int, grid: int = 1) -> Painting:
         """The same with ``margin`` more pixels on every side, as far as there is canvas; those have no gradient.
 
-        What a loss makes of a pixel may depend on others, as features do. With a margin as wide as its field of view,
-        the pixels of a part count as they would in the whole picture.
+        What a loss makes of a pixel may depend on others, as features do. Of each pixel of a part, everything that
+        depends on it is seen as in the whole picture if the margin is twice as wide as such a thing sees to one side.
+        To count as there, what is summed over the wider picture is divided by the pixels of the part.
+
+        Args:
+            margin: pixels.
+            grid: of a network that looks in steps of so many pixels: a little more is shown, so that its steps fall on
+                the same pixels as in the whole picture. See `features.sight`, which tells margin and grid.
         """
         if self.surroundings is None:
             return self
-        image, target = self.surroundings.frame(self.image, margin)
+        image, target = self.surroundings.frame(self.image, margin, grid)
         return replace(self, image=image, target=target)
 
 
@@ -54,21 +71,25 @@ class Surroundings:
     region: Region
     picture: Tensor
     target: Tensor
-    _targets: dict[int, Tensor] = field(default_factory=dict)  # by margin, so that a loss meets the same object again
+    # By margin and grid, so that a loss meets the same object again.
+    _targets: dict[tuple[int, int], Tensor] = field(default_factory=dict)
 
-    def frame(self, image: Tensor, margin: int) -> tuple[Tensor, Tensor]:
-        """Picture and target of the region widened by ``margin``, with ``image`` (3, h, w) in the region itself."""
-        region = self.region
-        wide = region.widened(margin, (self.picture.shape[1], self.picture.shape[2]))
-        if margin not in self._targets:
-            self._targets[margin] = wide.of(self.target).contiguous()
+    def wide(self, margin: int, grid: int = 1) -> Region:
+        """The region that `Painting.around` shows."""
+        return aligned(self.region, (self.picture.shape[1], self.picture.shape[2]), margin, margin, grid)
+
+    def frame(self, image: Tensor, margin: int, grid: int = 1) -> tuple[Tensor, Tensor]:
+        """Picture and target of the wider region, with ``image`` (3, h, w) in the region itself."""
+        region, wide = self.region, self.wide(margin, grid)
+        if (margin, grid) not in self._targets:
+            self._targets[margin, grid] = wide.of(self.target).contiguous()
         top, left = region.top - wide.top, region.left - wide.left
         rows, columns = slice(top, top + region.height), slice(left, left + region.width)
         mask = torch.zeros(wide.height, wide.width, dtype=torch.bool, device=image.device)
         mask[rows, columns] = True
         padding = (left, wide.width - left - region.width, top, wide.height - top - region.height)
         seen = nn.functional.pad(image, padding)
-        return torch.where(mask, seen, wide.of(self.picture)), self._targets[margin]
+        return torch.where(mask, seen, wide.of(self.picture)), self._targets[margin, grid]
 
 
 class Loss(nn.Module, ABC):
@@ -77,10 +98,13 @@ class Loss(nn.Module, ABC):
     Attributes:
         weight: factor in the sum.
         label: what logs call it; "" for the name it was chosen by.
+        over_pixels: whether the value is a mean over the pixels that it is shown; the painter then counts a part of the
+            canvas by its share of it. False for what looks at all strokes or at the whole canvas.
     """
 
     weight: float
     label: str = ""
+    over_pixels: bool = True
 
     @abstractmethod
     def forward(self, painting: Painting) -> Tensor:

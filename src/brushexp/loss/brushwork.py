@@ -20,6 +20,7 @@ class BrushworkTransfer(Loss):
     do not count and have no gradient. ``style.brushwork`` adds this loss and starts from strokes drawn accordingly.
 
     Args:
+        option: what sets the catalogue, for messages.
         weight: factor in the sum of losses. For 1,500 strokes at 256 pixels and a reference of long, nearly straight
             strokes, the default brought distances of 1.1 (length), 0.3 (width), 1.7 (curvature) and 0.2 (agreement)
             standard deviations down to 0.06 and less; a tenth of it left up to 0.3. The PSNR was 0.8 dB lower than
@@ -27,14 +28,18 @@ class BrushworkTransfer(Loss):
         catalogue: catalogue.h5 of the painting whose brushwork is wanted; null: none is, and the loss is 0.
     """
 
-    def __init__(self, *, weight: float = 0.001, catalogue: str | None = None) -> None:
+    over_pixels = False
+
+    def __init__(
+        self, option: str = "loss.brushwork.catalogue", *, weight: float = 0.001, catalogue: str | None = None
+    ) -> None:
         super().__init__()
         self.weight = weight
-        self.reference = None if catalogue is None else load_brushwork(Path(catalogue))
+        self.reference = None if catalogue is None else load_brushwork(Path(catalogue), option)
 
     def forward(self, painting: Painting) -> Tensor:
         if self.reference is None:
             return painting.strokes.width.sum() * 0
-        whole = painting.target if painting.surroundings is None else painting.surroundings.target
         self.reference = self.reference.to(painting.strokes.width)
-        return distances(painting.strokes, (whole.shape[1], whole.shape[2]), self.reference).sum()
+        size = (painting.whole_target.shape[1], painting.whole_target.shape[2])
+        return distances(painting.strokes, size, self.reference).sum()

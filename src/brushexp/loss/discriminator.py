@@ -81,6 +81,8 @@ class Discriminated(Loss):
         checkpoint: .safetensors of ``task=train model=discriminator``; null takes the one that comes with the program.
     """
 
+    over_pixels = False
+
     def __init__(self, *, weight: float = 0.0001, checkpoint: str | None = None) -> None:
         super().__init__()
         self.weight = weight

@@ -10,6 +10,7 @@ from brushexp.loss.base import Loss, Painting
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, point_at
 from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.neighbours import NEIGHBOURS, nearest
 from brushexp.strokes.prior import SHORTEST
 
 
@@ -27,6 +28,8 @@ class Curvature(Loss):
             and 150 steps, ``mse`` alone left a mean of 1.2, with the default of this loss 0.4 at a cost of 0.15 dB;
             0.0001 left 0.5 (0.1 dB), 0.001 left 0.1 (0.2 dB).
     """
+
+    over_pixels = False
 
     def __init__(self, *, weight: float = 0.0002) -> None:
         super().__init__()
@@ -55,11 +58,15 @@ class Direction(Loss):
         every: the neighbours are found anew at every so many calls, and whenever the number of strokes has changed.
     """
 
-    def __init__(self, *, weight: float = 0.0001, k: int = 10, every: int = 20) -> None:
+    over_pixels = False
+
+    def __init__(self, *, weight: float = 0.0001, k: int = NEIGHBOURS, every: int = 20) -> None:
         super().__init__()
         for name, value in (("k", k), ("every", every)):
             if value < 1:
-                raise UserError(f"loss.direction.{name}={value} is not a number from 1; try loss.direction.{name}=10")
+                raise UserError(
+                    f"loss.direction.{name}={value} is not a number from 1; try loss.direction.{name}={NEIGHBOURS}"
+                )
         self.weight = weight
         self.k, self.every = k, every
         self.calls = 0
@@ -68,7 +75,8 @@ class Direction(Loss):
     def forward(self, painting: Painting) -> Tensor:
         strokes = painting.strokes
         if self.calls % self.every == 0 or len(self.neighbours) != len(strokes):
-            self.neighbours = nearest(strokes, self.k)
+            middles = point_at(curve_of(strokes), strokes.scale.new_tensor(0.5))
+            self.neighbours = nearest(middles, middles, self.k, exclude_self=True)
         self.calls += 1
         found = orientations(strokes)
         difference = found[:, None] - found[self.neighbours.to(found.device)]  # (N, k, 3)
@@ -98,19 +106,3 @@ def orientations(strokes: Strokes) -> Tensor:
     least = 0.25 * SHORTEST**2 * strokes.scale.square().mean().detach()
     x, y = (chord / torch.maximum(chord.square().sum(1).mean(), least).sqrt()).unbind(1)
     return torch.stack([x.square(), y.square(), x * y], dim=1)
-
-
-@torch.no_grad()
-def nearest(strokes: Strokes, k: int) -> Tensor:
-    """Numbers (N, min(k, N - 1)) of the strokes whose middles are nearest to that of each, on the CPU."""
-    from scipy.spatial import cKDTree  # noqa: PLC0415  (--help needs none of it)
-
-    n = len(strokes)
-    k = max(min(k, n - 1), 0)
-    if not k:
-        return torch.empty(n, 0, dtype=torch.long)
-    middles = point_at(curve_of(strokes), strokes.scale.new_tensor(0.5)).double().cpu().numpy()
-    found = torch.from_numpy(cKDTree(middles).query(middles, k + 1)[1]).long()
-    itself = found == torch.arange(n)[:, None]
-    itself[~itself.any(1), -1] = True  # among strokes in one place, it may not be in its own list
-    return found[~itself].reshape(n, k)

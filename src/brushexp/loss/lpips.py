@@ -3,6 +3,7 @@
 from torch import Tensor
 
 from brushexp.features import distance
+from brushexp.loss._part import factors, framed
 from brushexp.loss._target import OfTarget
 from brushexp.loss.base import Loss, Painting
 from brushexp.registry import register
@@ -16,8 +17,8 @@ class Lpips(Loss):
     weights, and logs call it lpips-alexnet and so on. Differs from it by default: ``effl0``, the network that is always
     there, has one weight for all channels of an activation; logs call it effl0.
 
-    On a part of the canvas, features see what surrounds it, as far as their field of view (effl0: 73 pixels). What is
-    different there is counted too, per pixel of the part, so that a pixel counts as it would in the whole picture.
+    On a part of the canvas, all features that see something of it count, with what surrounds them (effl0: 161 to 177
+    pixels of it): times the part's share of the canvas, its gradient is that of the whole picture.
 
     Args:
         weight: factor in the sum of losses. With the default, the gradient in the picture is about as long as that of
@@ -36,7 +37,8 @@ class Lpips(Loss):
         self._wanted: OfTarget[list[Tensor]] = OfTarget()
 
     def forward(self, painting: Painting) -> Tensor:
-        wide = painting.around(self.distance.margin)
-        wanted = self._wanted.get(wide.target, self.distance.look)
-        share = wide.image.numel() / painting.image.numel()
-        return share * self.distance.compare(self.distance.look(wide.image), wanted)
+        network, taps = self.distance.network, self.distance.taps
+        frame = framed(painting, network, taps)
+        wanted = self._wanted.get(frame.target, self.distance.look)
+        seen = self.distance.look(frame.image)
+        return self.distance.compare(seen, wanted, factors(painting, frame, seen, network, taps))

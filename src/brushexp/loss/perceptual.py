@@ -7,6 +7,7 @@ from torch.nn import functional
 from brushexp.errors import UserError
 from brushexp.features import open_backbone
 from brushexp.features.base import mean_squares
+from brushexp.loss._part import factors, framed
 from brushexp.loss._target import OfTarget
 from brushexp.loss.base import Loss, Painting
 from brushexp.registry import register
@@ -24,8 +25,8 @@ class Perceptual(Loss):
     network whose first step is two pixels wide lets errors of that period pass unseen (alone, 3 pixels of jitter gave
     a PSNR 1.5 dB higher than none, on two pictures).
 
-    On a part of the canvas, features see what surrounds it, as far as their field of view (12 pixels by default). What
-    is different there is counted too, per pixel of the part, so that a pixel counts as it would in the whole picture.
+    On a part of the canvas, all features that see something of it count, with what surrounds them (by default 21 to 25
+    pixels of it): times the part's share of the canvas, its gradient is that of the whole picture.
 
     Args:
         weight: factor in the sum of losses. With the default, the gradient in the picture is as long as that of ``mse``
@@ -65,11 +66,12 @@ class Perceptual(Loss):
     def forward(self, painting: Painting) -> Tensor:
         shift = self.shifts[int(self.calls) % len(self.shifts)]
         self.calls += 1
-        wide = painting.around(self.network.margin(self.taps) + self.jitter)
-        wanted = self._wanted.get(wide.target, lambda target: self._features(target, shift), key=shift)
-        seen = self._features(wide.image, shift)
-        share = wide.image.numel() / painting.image.numel()
-        return share * torch.stack([mean_squares(a, b).mean() for a, b in zip(seen, wanted, strict=True)]).mean()
+        frame = framed(painting, self.network, self.taps)
+        wanted = self._wanted.get(frame.target, lambda target: self._features(target, shift), key=shift)
+        seen = self._features(frame.image, shift)
+        weights = factors(painting, frame, seen, self.network, self.taps)
+        apart = [weight * mean_squares(a, b).mean() for weight, a, b in zip(weights, seen, wanted, strict=True)]
+        return torch.stack(apart).mean()
 
     def _features(self, picture: Tensor, shift: tuple[int, int]) -> list[Tensor]:
         """Features of a picture (3, H, W) moved by ``shift``; its border is repeated, its size the same for all."""

@@ -8,7 +8,7 @@ from torch.nn import functional
 
 from brushexp.errors import UserError
 from brushexp.loss._target import OfTarget
-from brushexp.loss.base import Loss, Painting
+from brushexp.loss.base import Loss, Painting, Surroundings
 from brushexp.registry import register
 
 COARSEST = 2.0  # blur with which the potentials begin: the largest cost on a square
@@ -27,6 +27,8 @@ class Sinkhorn(Loss):
     random channel a step and the plain transport cost, which is not least for equal pictures, with five unstable steps
     from a bad start; here are all channels, the debiased cost, and a blur that is halved until it is ``epsilon``.
 
+    It looks at the whole canvas, also where a step looks at a part: that as it is now, the rest as it was last seen.
+
     Args:
         weight: factor in the sum of losses. At 4 the gradient in the picture is as long as that of ``mse`` on a canvas
             of the mean colour (two pictures of 256 pixels); where only details are missing it is a hundred times
@@ -37,6 +39,8 @@ class Sinkhorn(Loss):
         iterations: steps with the final blur.
         floor: mass that every pixel has beside its colour, so that black pictures have some.
     """
+
+    over_pixels = False
 
     def __init__(
         self,
@@ -58,15 +62,37 @@ class Sinkhorn(Loss):
                 raise UserError(f"loss.sinkhorn.{name}={value} is too small; set it to {least} or more")
         self.weight, self.side, self.epsilon, self.iterations, self.floor = weight, side, epsilon, iterations, floor
         self._wanted: OfTarget[tuple[Tensor, Tensor]] = OfTarget()
+        self._surroundings: Surroundings | None = None  # the canvas of the last step, to which the following belongs
+        self._rest = torch.empty(0)  # (3, h, w) what its pixels outside the part give to the shrunk picture
+        self._shares: tuple[Tensor, Tensor] = (self._rest, self._rest)  # of the part's rows and columns, `shares_of`
 
     def forward(self, painting: Painting) -> Tensor:
-        theirs, rest = self._wanted.get(painting.target, self._look)
-        ours = masses(painting.image, self.side, self.floor)
+        theirs, rest = self._wanted.get(painting.whole_target, self._look)
+        ours = masses(self._shrunk(painting), self.floor)
         return divergence(ours, theirs, self._blurs(), rest).mean().to(painting.image)
 
     def _look(self, target: Tensor) -> tuple[Tensor, Tensor]:
-        theirs = masses(target, self.side, self.floor)
+        theirs = masses(shrunk(target, self.side), self.floor)
         return theirs, own_potential(theirs, self._blurs())
+
+    def _shrunk(self, painting: Painting) -> Tensor:
+        """The whole canvas (3, h, w), shrunk; differentiable in the part that the step looks at."""
+        around = painting.surroundings
+        if around is None:
+            return shrunk(painting.image, self.side)
+        if around is not self._surroundings:
+            self._surroundings = around
+            region, small = around.region, shrunk(around.picture, self.side)
+            self._shares = (
+                shares_of(region.top, region.height, around.picture.shape[1], small.shape[1]).to(small),
+                shares_of(region.left, region.width, around.picture.shape[2], small.shape[2]).to(small),
+            )
+            self._rest = small - self._shrunk_part(region.of(around.picture))
+        return self._rest + self._shrunk_part(painting.image)
+
+    def _shrunk_part(self, part: Tensor) -> Tensor:
+        rows, columns = self._shares
+        return rows.T @ part @ columns
 
     def _blurs(self) -> list[float]:
         """From coarse to fine, then so many steps with ``epsilon``."""
@@ -76,11 +102,21 @@ class Sinkhorn(Loss):
         return [*found, *[self.epsilon] * self.iterations]
 
 
-def masses(picture: Tensor, side: int, floor: float) -> Tensor:
-    """The channels of a picture (3, H, W) as mass on a grid of at most ``side`` pixels (3, h, w), each of sum 1."""
+def shrunk(picture: Tensor, side: int) -> Tensor:
+    """A picture (3, H, W) of at most ``side`` pixels a side (3, h, w)."""
     height, width = picture.shape[1:]
     zoom = min(side / max(height, width), 1)
-    small = functional.adaptive_avg_pool2d(picture, (max(round(zoom * height), 1), max(round(zoom * width), 1)))
+    return functional.adaptive_avg_pool2d(picture, (max(round(zoom * height), 1), max(round(zoom * width), 1)))
+
+
+def shares_of(first: int, count: int, side: int, small: int) -> Tensor:
+    """How much of each of ``small`` means over a side a pixel gives to it (count, small), from pixel ``first`` on."""
+    pixels = functional.pad(torch.eye(count, dtype=torch.float64), (first, side - first - count))
+    return functional.adaptive_avg_pool1d(pixels, small)
+
+
+def masses(small: Tensor, floor: float) -> Tensor:
+    """The channels of a picture (3, h, w) as mass, each of sum 1."""
     mass = small.double().clamp_min(0) + floor
     return mass / mass.sum((1, 2), keepdim=True)
 

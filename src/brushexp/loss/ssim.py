@@ -21,8 +21,8 @@ class StructuralSimilarity(Loss):
     window has 2 n - 1, so that any picture has a value; for one pixel only the means are compared. The value is
     computed from the difference of the pictures, which is exact where they are alike (equal ones: 0).
 
-    On a part of the canvas, all windows that touch it count, per pixel of the part, with what surrounds it: its
-    gradient is that of the whole picture but for the factor of the areas.
+    On a part of the canvas, all windows that touch it count, with what surrounds them: times the part's share of the
+    canvas, its gradient is that of the whole picture.
 
     Args:
         weight: factor in the sum of losses. With the default, the gradient in the picture is about as long as that of
@@ -38,8 +38,7 @@ class StructuralSimilarity(Loss):
     def forward(self, painting: Painting) -> Tensor:
         wide = painting.around(2 * RADIUS)  # those windows that touch the part, and all that they see
         mean, variance = self._wanted.get(wide.target, statistics)
-        share = wide.image.numel() / painting.image.numel()
-        return share * dissimilarity(wide.image, wide.target, mean, variance).mean()
+        return dissimilarity(wide.image, wide.target, mean, variance).sum() / painting.image.numel()
 
 
 def statistics(picture: Tensor) -> tuple[Tensor, Tensor]:

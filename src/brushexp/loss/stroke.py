@@ -24,6 +24,8 @@ class Width(Loss):
             this loss 0.0004 at a cost of less than 0.1 dB; 0.1 cost 0.1 dB.
     """
 
+    over_pixels = False
+
     def __init__(self, *, weight: float = 0.01) -> None:
         super().__init__()
         self.weight = weight
@@ -46,6 +48,8 @@ class KullbackLeibler(Loss):
         weight: factor in the sum of losses. 500 wildly bent strokes ended at 51 with ``mse`` alone, with the default of
             this loss at 0.2 at a cost of less than 0.1 dB, and with 0.001 at 0.001 at a cost of 0.1 dB.
     """
+
+    over_pixels = False
 
     def __init__(self, *, weight: float = 0.0001) -> None:
         super().__init__()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from enum import Enum
 
 import torch
@@ -11,7 +10,8 @@ from torch import Tensor
 
 from brushexp.errors import UserError
 from brushexp.features import open_backbone
-from brushexp.loss._views import activations_of, sight_of, tiles
+from brushexp.features.sight import Sight, activations_of, sight_of, tiles
+from brushexp.loss._kernels import EMBEDDINGS, FLOOR, POWERS, SAMPLE, Embedding, Kernel, discrepancy
 from brushexp.loss.base import Loss, Painting, Surroundings
 from brushexp.pictures.color import recolored
 from brushexp.pictures.load import load_picture
@@ -21,20 +21,6 @@ from brushexp.sampler.base import Region
 # Taps for style, the first row that a network has: of effl0 the linear outputs of blocks (its rectified insides lead to
 # wrong colours and grain), of VGG16 those of Gatys et al. (2016) that see the size of a stroke.
 TAPS = (("stem", "b0", "b2", "b4"), ("relu1_1", "relu2_1", "relu3_1", "relu4_1"))
-WAVES, SAMPLE = 256, 512  # random Fourier features of a tap; positions whose distances give the bandwidth
-EVEN = 1e-5  # share of the style's mean square that is added to variances: the root has a slope where there are none
-FLOOR = 1e-8  # least mean square of the style's features
-
-Embedding = Callable[[Tensor], Tensor]  # features (C, P) of P positions -> sum over them of what the kernel compares
-
-
-class Kernel(Enum):
-    """Which statistic of the features is compared."""
-
-    poly = "poly"
-    linear = "linear"
-    gaussian = "gaussian"
-    meanstd = "meanstd"
 
 
 class Colors(Enum):
@@ -88,6 +74,8 @@ class Style(Loss):
             `recolored`), so that only its texture is taken over.
     """
 
+    over_pixels = False
+
     def __init__(
         self,
         *,
@@ -101,8 +89,6 @@ class Style(Loss):
         colors: Colors = Colors.style,
     ) -> None:
         super().__init__()
-        if not (math.isfinite(weight) and weight >= 0):
-            raise UserError(f"the weight {weight:g} of the style is not a number from 0; try style.loss.weight=1")
         if not (math.isfinite(scale) and scale > 0):
             raise UserError(f"the scale {scale:g} of the style is not a positive number; try style.loss.scale=1")
         if image is not None:
@@ -117,7 +103,6 @@ class Style(Loss):
             taps or next((row for row in TAPS if set(row) <= set(self.network.taps)), self.network.default_taps)
         )
         self.network.check(self.taps)
-        self.sight = sight_of(self.network, self.taps)
         self._target: Tensor | None = None  # the whole target to which the following belongs
         self._embeddings: list[Embedding] = []  # of each tap
         self._wanted: list[Tensor] = []  # their means over the style picture
@@ -126,6 +111,11 @@ class Style(Loss):
         self._seen: Tensor | None = None  # its picture
         self._whole: list[Tensor] = []  # sums over it
         self._rest: list[Tensor] = []  # sums over it without what the step looks at
+
+    @property
+    def sight(self) -> Sight:
+        """What the taps see."""
+        return sight_of(self.network, self.taps)
 
     def picture(self, target: Tensor) -> Tensor:
         """The style picture (3, h, w) as it is used for a whole target (3, H, W).
@@ -149,9 +139,8 @@ class Style(Loss):
 
     def forward(self, painting: Painting) -> Tensor:
         around = painting.surroundings
-        target = painting.target if around is None else around.target
-        if target is not self._target:
-            self._look_at_style(target)
+        if painting.whole_target is not self._target:
+            self._look_at_style(painting.whole_target)
         if around is None:
             sums = self._sums(painting.image)
         else:
@@ -175,7 +164,7 @@ class Style(Loss):
     def _apart(self, sums: list[Tensor]) -> Tensor:
         """The loss for a picture with these sums."""
         apart = [
-            _discrepancy(total[1:] / total[0], wanted, unit, self.kernel)
+            discrepancy(total[1:] / total[0], wanted, unit, self.kernel)
             for total, wanted, unit in zip(sums, self._wanted, self._units, strict=True)
         ]
         return torch.stack(apart).mean()
@@ -227,8 +216,8 @@ class Style(Loss):
     def _sums_of_part(self, painting: Painting, around: Surroundings) -> list[Tensor]:
         """Sums over all positions that see something of the region, differentiable in its picture."""
         size = _size(around.picture)
-        frame = around.region.widened(self.sight.margin, size)
-        image = painting.around(self.sight.margin).image
+        margin = self.sight.margin + self.sight.grid  # the zone is rounded up to the grid
+        frame, image = around.wide(margin, self.sight.grid), painting.around(margin, self.sight.grid).image
 
         def cut(part: Region) -> Tensor:
             return Region(part.top - frame.top, part.left - frame.left, part.height, part.width).of(image)
@@ -257,68 +246,6 @@ class Style(Loss):
             total = embed(features).double()
             sums.append(torch.cat([total.new_full((1,), features.shape[1]), total]))
         return sums
-
-
-def gram(features: Tensor) -> Tensor:
-    """Sum of the products of channels (C * C,) over positions; features (C, P)."""
-    return (features @ features.T).flatten()
-
-
-def sum_of(features: Tensor) -> Tensor:
-    """Sum of each channel (C,)."""
-    return features.sum(1)
-
-
-def powers_of(features: Tensor) -> Tensor:
-    """Sums of each channel and of its square (2 C,)."""
-    return torch.cat([features.sum(1), features.square().sum(1)])
-
-
-def waves_for(sample: Tensor) -> Embedding:
-    """Random Fourier features (Rahimi and Recht, 2007) of the kernel exp(-|f - g|^2 / (2 s^2)).
-
-    The bandwidth s is the median distance in a sample (C, P) of the style, at least a thousandth of its features'
-    length where they are all alike. The waves come from a seed of their own: they are the same in every run.
-    """
-    sample = sample[:, :: max(1, sample.shape[1] // SAMPLE)].double()
-    width = float(
-        torch.cdist(sample.T, sample.T).median().clamp_min(1e-3 * sample.square().sum(0).mean().sqrt() + FLOOR)
-    )
-    generator = torch.Generator().manual_seed(0)
-    directions = torch.randn(WAVES, len(sample), generator=generator, dtype=torch.float64) / width
-    phases = 2 * math.pi * torch.rand(WAVES, 1, generator=generator, dtype=torch.float64)
-
-    def embed(features: Tensor) -> Tensor:
-        return math.sqrt(2 / WAVES) * torch.cos(directions.to(features) @ features + phases.to(features)).sum(1)
-
-    return embed
-
-
-EMBEDDINGS: dict[Kernel, Callable[[Tensor], Embedding]] = {
-    Kernel.poly: lambda sample: gram,
-    Kernel.linear: lambda sample: sum_of,
-    Kernel.gaussian: waves_for,
-    Kernel.meanstd: lambda sample: powers_of,
-}
-POWERS: dict[Kernel, Callable[[Tensor], Tensor]] = {  # sum of k(f, f) over positions
-    Kernel.poly: lambda features: features.square().sum(0).square().sum(),
-    Kernel.linear: lambda features: features.square().sum(),
-    Kernel.gaussian: lambda features: features.new_tensor(features.shape[1]),
-    Kernel.meanstd: lambda features: features.square().sum(),
-}
-
-
-def _discrepancy(found: Tensor, wanted: Tensor, unit: float, kernel: Kernel) -> Tensor:
-    """Squared difference of two mean embeddings in units of k(f, f)."""
-    if kernel is Kernel.meanstd:
-        found, wanted = (_mean_and_deviation(mean, EVEN * unit) for mean in (found, wanted))
-    return (found - wanted).square().sum() / unit
-
-
-def _mean_and_deviation(moments: Tensor, floor: float) -> Tensor:
-    """First and second moments (2 C,) -> means and standard deviations, whose variances are ``floor`` at least."""
-    mean, square = moments.chunk(2)
-    return torch.cat([mean, ((square - mean.square()).clamp_min(0) + floor).sqrt()])
 
 
 def _size(picture: Tensor) -> tuple[int, int]:

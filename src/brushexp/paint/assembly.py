@@ -1,5 +1,6 @@
 """From the config to what a painting is made of: its parts and its first strokes."""
 
+import logging
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from brushexp.strokes.brushwork import load_brushwork, with_brushwork
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import load_catalogue
 
+log = logging.getLogger(__name__)
 STYLE, BRUSHWORK = "style", "brushwork"  # names of the losses that the keys of ``style`` add
 AUTO = "auto"  # warm_start that leaves it to the renderer
 
@@ -41,12 +43,15 @@ def losses_of(cfg: DictConfig) -> dict[str, Loss]:
     if cfg.style.image is not None:
         for loss in losses.values():
             loss.weight *= cfg.style.content
-    for key, name, part in (("image", STYLE, "loss"), ("brushwork", BRUSHWORK, "strokes")):
-        if cfg.style[key] is None:
-            continue
-        if name in losses:
+    for key, name in (("image", STYLE), ("brushwork", BRUSHWORK)):
+        if cfg.style[key] is not None and name in losses:
             raise UserError(f"style.{key}={cfg.style[key]} brings the loss {name} with it; drop {name} from loss=...")
-        losses[name] = build(cfg.style[part])
+    if cfg.style.image is not None:
+        losses[STYLE] = build(cfg.style.loss)
+    if cfg.style.brushwork is not None:
+        losses[BRUSHWORK] = build(cfg.style.strokes, "style.brushwork")
+    if BRUSHWORK in cfg.loss and cfg.loss[BRUSHWORK].catalogue is None:
+        raise UserError("loss=brushwork has nothing to compare with; set loss.brushwork.catalogue=catalogue.h5")
     return losses
 
 
@@ -71,17 +76,29 @@ def stages_of(cfg: DictConfig) -> list[Stage]:
     return [Stage(first, build_named("renderer", first, {}), cfg.steps), Stage(name, renderer, cfg.finish_steps)]
 
 
-def paced(parts: Parts, steps_per_stroke: float, n: int) -> Parts:
-    """The same with as many steps in the first stage as move each of ``n`` strokes so often."""
+def paced(parts: Parts, steps_per_stroke: float | None, strokes: Strokes, size: tuple[int, int]) -> Parts:
+    """The same, with as many steps as partial updates take.
+
+    Args:
+        parts: of the painting.
+        steps_per_stroke: so often each stroke moves in the first stage; None leaves its steps as they are. Those of a
+            last stage, that of a slow renderer, always count for each stroke.
+        strokes: the first ones.
+        size: height and width of the canvas.
+    """
+    each = parts.sampler.steps_per_round(strokes, size)
     first, *others = parts.stages
-    steps = round(steps_per_stroke * parts.sampler.steps_per_round(n))
-    return replace(parts, stages=[replace(first, steps=steps), *others])
+    if steps_per_stroke is not None:
+        first = replace(first, steps=round(steps_per_stroke * each))
+    return replace(parts, stages=[first, *(replace(stage, steps=stage.steps * each) for stage in others)])
 
 
 def first_strokes(cfg: DictConfig, target: Tensor) -> Strokes:
     """The strokes to start from: those of ``catalogue``, or those that ``init`` makes, with ``style.brushwork``."""
     _, height, width = target.shape
     if cfg.catalogue is not None:
+        if cfg.style.brushwork is not None:
+            log.info("the strokes of %s stay as they are; style.brushwork only pulls at them", cfg.catalogue)
         return strokes_from(Path(cfg.catalogue), cfg.strokes, (height, width))
     n = cfg.strokes or max(1, round(height * width / cfg.pixels_per_stroke))
     if n > height * width:

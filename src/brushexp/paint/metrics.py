@@ -21,7 +21,8 @@ def measure(painting: np.ndarray, target: np.ndarray, lpips: Distance | None = N
 
     Returns:
         psnr (dB, infinite for equal pictures), ssim (Wang et al., 2004; None for a picture smaller than its window),
-        l1 (mean |difference|, 0 to 1), perceptual (distance in the network perceptual_backbone).
+        l1 (mean |difference|, 0 to 1), edges (the same of the differences between neighbouring pixels: how well edges
+        are kept), perceptual (distance in the network perceptual_backbone).
     """
     from torchmetrics.functional.image import (  # noqa: PLC0415  (takes seconds to import)
         peak_signal_noise_ratio,
@@ -37,6 +38,7 @@ def measure(painting: np.ndarray, target: np.ndarray, lpips: Distance | None = N
         "psnr": psnr,
         "ssim": ssim,
         "l1": float((a - b).abs().mean()),
+        "edges": edge_error(a, b),
         "perceptual": effl0_distance(a[0], b[0]),
         "perceptual_backbone": "effl0",
         **({} if lpips is None else {lpips.label.replace("-", "_"): distance_of(lpips, a[0], b[0])}),
@@ -47,6 +49,14 @@ def measure(painting: np.ndarray, target: np.ndarray, lpips: Distance | None = N
 def distance_of(distance: Distance, image: Tensor, target: Tensor) -> float:
     """Perceptual distance of two pictures (3, H, W)."""
     return float(distance(image, target))
+
+
+def edge_error(image: Tensor, target: Tensor) -> float:
+    """Mean |difference| of the slopes, from each pixel to the next one to the right and below, of (B, 3, H, W)."""
+    error = image - target
+    slopes = [error.diff(dim=axis).abs() for axis in (2, 3)]
+    n = sum(slope.numel() for slope in slopes)
+    return sum(float(slope.sum()) for slope in slopes) / n if n else 0.0
 
 
 def psnr_of(mean_squared_error: float) -> float:

@@ -47,6 +47,7 @@ class Painter(L.LightningModule):
     target: Tensor
     background: Tensor
     front_to_back: Tensor
+    visits: Tensor
 
     def __init__(
         self,
@@ -72,12 +73,15 @@ class Painter(L.LightningModule):
         self.generator = torch.Generator().manual_seed(seed)
         self.step = 0
         self.evaluations = 0  # of the losses so far; an optimiser may need several for a step
-        self.visits = torch.zeros(len(catalogue), dtype=torch.long)  # partial steps that each stroke has taken
+        # Partial steps that each stroke has taken.
+        self.register_buffer("visits", torch.zeros(len(catalogue), dtype=torch.long), persistent=False)
+        self.register_buffer("front_to_back", torch.arange(len(catalogue)), persistent=False)
         self.stop = ""  # set from outside: finish after the present step, for this reason
         self.seconds = 0.0  # of wall time in the fit so far
         self.terms: dict[str, Tensor] = {}  # the losses of the last step, unweighted
         self._last: tuple[Tensor, Tensor] | None = None  # picture and target, if the last step compared all of them
         self._view: View | None = None  # of a painter who looks at parts
+        self._error = math.inf  # before there was one, or of the last one
         self._accuracy: Tensor | None = None
         self._adopt()
 
@@ -112,7 +116,7 @@ class Painter(L.LightningModule):
         """Mean squared error of the whole picture as it was last seen."""
         if self._view is not None:
             return self._view.error
-        return math.inf if self._last is None else float((self._last[0] - self._last[1]).square().mean())
+        return self._error if self._last is None else float((self._last[0] - self._last[1]).square().mean())
 
     @torch.no_grad()
     def picture(self) -> Tensor:
@@ -197,18 +201,19 @@ class Painter(L.LightningModule):
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         state = checkpoint["painter"]
         self.step, self.ends, self.seconds = state["step"], state["ends"], state["seconds"]
-        self.evaluations, self.visits = state["evaluations"], state["visits"]
+        self.evaluations, self.visits = state["evaluations"], state["visits"].to(self.target.device)
         self.parts.sampler.load_state_dict(state["sampler"])
         self.generator.set_state(state["generator"])
         torch.set_rng_state(state["torch"])
-        self._accuracy = state["accuracy"]
-        self.front_to_back = state["front_to_back"]
-        self._view = None if state["picture"] is None else self._view_of(state["picture"])
+        device = self.target.device
+        self.front_to_back = state["front_to_back"].to(device)
+        self._accuracy = None if state["accuracy"] is None else state["accuracy"].to(device)
+        self._view = None if state["picture"] is None else self._view_of(state["picture"].to(device))
 
     def _take_step(self, optimizer: optim.Optimizer) -> None:
         if self.step % self.parts.order.every == 0:
             self._renew_order()
-        stage, renderer = self.stage, self.renderer
+        stage = self.stage
         done, steps = self.progress
         for group in optimizer.param_groups:
             group["lr"] = self.parts.optimizer.rate(done / steps)
@@ -216,6 +221,23 @@ class Painter(L.LightningModule):
         judge = self.parts.order.needs_accuracy and (
             glance.active is not None or (self.step + 1) % self.parts.order.every == 0
         )
+        painting = self._move(optimizer, glance, judge)
+        self.step += 1
+        revision = self.parts.density.revise(painting, self.step, self.steps)
+        if revision is not None:
+            self.catalogue.revise(revision.keep, revision.new, optimizer)
+            self.visits = torch.cat([self.visits[revision.keep], self.visits.new_zeros(len(revision.new))])
+            self._accuracy = None
+            self._drop_view()
+            self._renew_order()
+        self.watch(self.step)
+        if self.stage != stage:
+            self._adopt()
+            optimizer.state.clear()
+            self.visits.zero_()
+
+    def _move(self, optimizer: optim.Optimizer, glance: Glance, judge: bool) -> Painting:
+        """Let the optimiser move the strokes of a glance; what it looked at last."""
         rows = glance.active
         part, mover = self.catalogue, optimizer
         if rows is not None:
@@ -232,27 +254,17 @@ class Painter(L.LightningModule):
         mover.step(objective)  # type: ignore[arg-type]
         part.keep_in_range()
         strokes = part()
-        projected = renderer.project(strokes)
+        projected = self.renderer.project(strokes)
         if projected is not strokes:
             part.replace(projected)
         if rows is not None:
-            take_back(self.catalogue, optimizer, part, mover, rows)
+            if not take_back(self.catalogue, optimizer, part, mover, rows) and not self.step:
+                log.info("%s cannot remember single strokes: each step begins afresh", type(mover).__name__)
             self.visits[rows] += 1
             if self._view is not None:
                 self._view.kept.forget(rows)
-        self.step += 1
         assert painting is not None
-        revision = self.parts.density.revise(painting, self.step, self.steps)
-        if revision is not None:
-            self.catalogue.revise(revision.keep, revision.new, optimizer)
-            self.visits = torch.cat([self.visits[revision.keep.cpu()], self.visits.new_zeros(len(revision.new))])
-            self._accuracy = self._view = None
-            self._renew_order()
-        self.watch(self.step)
-        if self.stage != stage:
-            self._adopt()
-            optimizer.state.clear()
-            self.visits.zero_()
+        return painting
 
     def _objective(self, part: Catalogue, glance: Glance, *, judge: bool = False) -> tuple[Tensor, Painting]:
         """The weighted sum of losses, after its gradient in the strokes of ``part`` has been computed."""
@@ -260,7 +272,10 @@ class Painter(L.LightningModule):
         with torch.enable_grad():
             canvas, painting = self._paint(part(), glance, judge=judge)
             terms = {name: loss(painting) for name, loss in self.losses.items()}
-            total = torch.stack([self.parts.losses[name].weight * term for name, term in terms.items()]).sum()
+            # A mean over a part of the pixels counts by its share of them, so that the sum stays balanced.
+            shares = {name: painting.share if loss.over_pixels else 1 for name, loss in self.parts.losses.items()}
+            weighted = [self.parts.losses[name].weight * shares[name] * term for name, term in terms.items()]
+            total = torch.stack(weighted).sum()
             if total.requires_grad:
                 total.backward()
         self.terms = {name: term.detach() for name, term in terms.items()}
@@ -279,6 +294,11 @@ class Painter(L.LightningModule):
         if self._view is None:
             self._view = self._view_of(self.picture())
         return self._view.paint(strokes, self._strokes(), glance, self.front_to_back, judge=judge)
+
+    def _drop_view(self) -> None:
+        """The strokes are others now, or drawn by another renderer."""
+        if self._view is not None:
+            self._error, self._view = self._view.error, None
 
     def _view_of(self, picture: Tensor) -> View:
         return View(picture, self.target, self.background, self.renderer, self.parts.blend, len(self.catalogue))
@@ -302,7 +322,7 @@ class Painter(L.LightningModule):
         adopted = stage.renderer.adopt(strokes)
         if adopted is not strokes:
             self.catalogue.replace(adopted)
-        self._view = None
+        self._drop_view()
         changed = _count_changed(strokes, adopted)
         if changed or self.stage:
             log.info(

@@ -39,12 +39,16 @@ def lend(
 @torch.no_grad()
 def take_back(
     catalogue: Catalogue, optimizer: optim.Optimizer, part: Catalogue, lent: optim.Optimizer, rows: Tensor
-) -> None:
-    """Write what `lend` gave away, and what has become of it, into the whole."""
+) -> bool:
+    """Write what `lend` gave away, and what has become of it, into the whole.
+
+    Returns:
+        Whether the optimiser's state came back, too; if not it starts afresh with the next step.
+    """
     catalogue.put(rows, part)
     pairs = [(old, new, lent.state.get(new, {})) for old, new in _pairs(optimizer, lent)]
     if not all(_is_by_row(value, new) for _, new, state in pairs for value in state.values()):
-        return
+        return False
     for old, _, state in pairs:
         kept = optimizer.state[old]
         for key, value in state.items():
@@ -56,6 +60,7 @@ def take_back(
             kept[key][rows] = value
     for group, changed in zip(optimizer.param_groups, lent.param_groups, strict=True):
         group |= {key: value for key, value in changed.items() if key != "params"}
+    return True
 
 
 def _pairs(whole: optim.Optimizer, part: optim.Optimizer) -> list[tuple[nn.Parameter, nn.Parameter]]:

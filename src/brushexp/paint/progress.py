@@ -123,7 +123,7 @@ class Checkpoints(L.Callback):
         trainer.should_stop = finished or bool(painter.stop)
 
 
-class EarlyStop:
+class EarlyStop(L.Callback):
     """Ends a stage when 100 evaluations no longer gain ``gain`` dB, and with the last one the run; None never does.
 
     Evaluations and not steps, because a step of L-BFGS looks at the picture several times.
@@ -147,3 +147,9 @@ class EarlyStop:
         if self.before is not None and now - self.before < self.gain and not painter.end_stage():
             painter.stop = STOPPED_EARLY
         self.before, self.last = now, painter.evaluations
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"before": self.before, "last": self.last, "stage": self.stage}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        self.before, self.last, self.stage = state_dict["before"], state_dict["last"], state_dict["stage"]

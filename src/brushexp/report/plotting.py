@@ -26,7 +26,13 @@ WIDE = 20.0  # largest over smallest number from which an axis is logarithmic
 BREAKS = "+,/_=-."  # signs after which a long word may be broken
 NAMES = {
     **{"psnr": "PSNR, dB", "psnr_alpha": "PSNR of alpha, dB", "psnr_color": "PSNR of colour, dB", "ssim": "SSIM"},
-    **{"l1": "L1", "l2": "L2", "perceptual": "perceptual distance", "seconds": "optimisation, s"},
+    **{
+        "l1": "L1",
+        "l2": "L2",
+        "edges": "error of edges",
+        "perceptual": "perceptual distance",
+        "seconds": "optimisation, s",
+    },
     **{"lpips_alexnet": "LPIPS (AlexNet)", "lpips_squeeze": "LPIPS (SqueezeNet)", "lpips_vgg16": "LPIPS (VGG16)"},
     **{"fid_effl0": "FID (effl0)", "kid_effl0": "KID (effl0)", "fid_inception": "FID (Inception)"},
 }

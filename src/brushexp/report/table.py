@@ -17,7 +17,7 @@ from brushexp.files import write_text
 
 Result = dict[str, Any]
 DIGITS = {  # table.md: main metrics, of which those are shown that some run has
-    **{"psnr": 2, "ssim": 4, "l1": 4, "perceptual": 4},
+    **{"psnr": 2, "ssim": 4, "l1": 4, "edges": 4, "perceptual": 4},
     **{"lpips_alexnet": 4, "lpips_squeeze": 4, "lpips_vgg16": 4},
     **{"style_poly": 4, "style_linear": 4, "style_gaussian": 4, "style_meanstd": 4},
     **{"accuracy": 4, "auc": 4},

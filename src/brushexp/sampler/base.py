@@ -64,8 +64,8 @@ class Sampler(ABC):
             generator: of everything random.
         """
 
-    def steps_per_round(self, n: int) -> int:
-        """Steps in which each of ``n`` strokes has been moved about once."""
+    def steps_per_round(self, strokes: Strokes, size: tuple[int, int]) -> int:
+        """Steps in which each of the strokes, on a canvas of ``size`` (H, W), is moved about once."""
         return 1
 
     def state_dict(self) -> dict[str, Any]:

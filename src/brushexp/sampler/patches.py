@@ -12,6 +12,8 @@ from brushexp.registry import register
 from brushexp.sampler.base import Glance, Region, Sampler
 from brushexp.strokes.catalogue import Strokes
 
+SAMPLE = 200  # random points by which it is estimated how many strokes are active at one
+
 
 class Coverage(Enum):
     """How places are chosen."""
@@ -71,16 +73,25 @@ class Patches(Sampler):
             region = self._patch_at(0.5 * (low + high), size)
         else:
             if begins:
-                self._point = torch.rand(2, generator=generator) * torch.tensor([size[1], size[0]])
+                point = torch.rand(2, generator=generator) * torch.tensor([size[1], size[0]])
+                if not inside(position, self._patch_at(point, size)).any():  # the next stroke is farther away
+                    point = position[(position - point.to(position)).square().sum(1).argmin()].cpu()
+                self._point = point
             low = high = self._point.to(position)
-            region = self._patch_at(low, size)
-            active = nearest(position, inside(position, region), low, high, self.n_active)
+            active, region = self._active_at(low, position, size), self._patch_at(low, size)
         others = torch.ones(len(position), dtype=torch.bool, device=position.device)
         others[active] = False
-        return Glance(region, active, nearest(position, others, low, high, self.n_ring))
+        return Glance(region, active, nearest_to_box(position, others, low, high, self.n_ring))
 
-    def steps_per_round(self, n: int) -> int:
-        return max(1, math.ceil(n / self.n_active))
+    def steps_per_round(self, strokes: Strokes, size: tuple[int, int]) -> int:
+        if not len(strokes):
+            return 1
+        position, generator = on_canvas(strokes.position, size).cpu(), torch.Generator().manual_seed(0)
+        if self.coverage is Coverage.fair:
+            return int(places(position, self.n_active, self.patch, generator).max()) + 1
+        points = torch.rand(SAMPLE, 2, generator=generator) * torch.tensor([size[1], size[0]])
+        moved = [len(self._active_at(point, position, size)) for point in points]
+        return max(1, round(len(strokes) * SAMPLE / sum(moved)))
 
     def state_dict(self) -> dict[str, Any]:
         return {"round": self._round, "turn": self._turn, "point": self._point}
@@ -95,6 +106,10 @@ class Patches(Sampler):
             self._round = places(position.cpu(), self.n_active, self.patch, generator)
             self._turn = 0
         return (self._round == self._turn).nonzero()[:, 0].to(position.device)
+
+    def _active_at(self, point: Tensor, position: Tensor, size: tuple[int, int]) -> Tensor:
+        """The strokes nearest to a point, of those in the patch around it."""
+        return nearest_to_box(position, inside(position, self._patch_at(point, size)), point, point, self.n_active)
 
     def _patch_at(self, point: Tensor, size: tuple[int, int]) -> Region:
         """The patch around a point, shifted so that it lies on the canvas."""
@@ -138,7 +153,7 @@ def places(position: Tensor, most: int, side: float, generator: torch.Generator)
     return number
 
 
-def nearest(position: Tensor, among: Tensor, low: Tensor, high: Tensor, n: int) -> Tensor:
+def nearest_to_box(position: Tensor, among: Tensor, low: Tensor, high: Tensor, n: int) -> Tensor:
     """Numbers, ascending, of the ``n`` strokes nearest to a box, or fewer if ``among`` (N,) is true for fewer.
 
     Args:

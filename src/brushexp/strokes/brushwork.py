@@ -17,9 +17,10 @@ from torch import Tensor
 from brushexp.errors import UserError
 from brushexp.strokes.bezier import curve_of, half_width_of, length_of
 from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.neighbours import NEIGHBOURS, nearest
 from brushexp.strokes.prior import bend_of
 
-NEIGHBOURS = 10  # strokes around a stroke that say which direction is usual there (as in Kotovenko et al., 2021)
+OPTION = "style.brushwork"  # what an error tells a user to set, if nobody says otherwise
 FAINTEST = 0.1  # opacity below which a stroke does not count
 THINNEST = 0.02  # pitches: thickness below which a stroke does not count
 FEWEST = 30  # strokes that count, for a brushwork
@@ -60,23 +61,23 @@ class Brushwork:
         return Brushwork(length, width, bend, deviation, measures)
 
 
-def load_brushwork(path: Path) -> Brushwork:
+def load_brushwork(path: Path, option: str = OPTION) -> Brushwork:
     """The brushwork of a saved catalogue.
 
+    Args:
+        path: of the catalogue.
+        option: what sets it, for messages.
+
     Raises:
-        UserError: if it is no catalogue, or fewer than ``FEWEST`` of its strokes count. It names the key
-            ``style.brushwork``, which is how users come here.
+        UserError: if it is no catalogue, or fewer than ``FEWEST`` of its strokes count.
     """
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415  (slow to import)
 
-    try:
-        saved = load_catalogue(path)
-    except UserError as error:
-        raise UserError(str(error).replace(" catalogue=", " style.brushwork=")) from error
+    saved = load_catalogue(path, option)
     try:
         return brushwork_of(saved.strokes, saved.size)
     except UserError as error:
-        raise UserError(f"style.brushwork={path}: {error}") from error
+        raise UserError(f"{option}={path}: {error}") from error
 
 
 @torch.no_grad()
@@ -153,32 +154,16 @@ def mean_heading(points: Tensor, strokes: Strokes, *, exclude_self: bool = False
 
     With ``exclude_self`` the points are the strokes' own places, and none is a neighbour of itself.
     """
-    k = min(NEIGHBOURS, len(strokes) - exclude_self)
-    if k < 1:
-        return heading_of(strokes).new_zeros(len(points), 2)
-    near = nearest(points, strokes.position, k, exclude_self=exclude_self)
     heading = heading_of(strokes)
+    near = nearest(points, strokes.position, NEIGHBOURS, exclude_self=exclude_self)
+    if not near.shape[1]:
+        return heading.new_zeros(len(points), 2)
     weight = (heading.square().sum(1, keepdim=True) + torch.finfo(heading.dtype).eps).sqrt()
     table = torch.cat([heading, weight], dim=1)
     total = (
         table.index_select(0, near.flatten()).reshape(*near.shape, 3).sum(1)
     )  # its slope is quicker than table[near]'s
     return total[:, :2] / total[:, 2:]
-
-
-@torch.no_grad()
-def nearest(points: Tensor, others: Tensor, k: int, *, exclude_self: bool) -> Tensor:
-    """Indices (Q, k) of the k nearest of ``others`` (N, 2) to each of ``points`` (Q, 2)."""
-    from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
-
-    tree = cKDTree(others.detach().cpu().numpy())
-    workers = torch.get_num_threads()
-    found = torch.from_numpy(tree.query(points.detach().cpu().numpy(), k=k + exclude_self, workers=workers)[1])
-    found = found.reshape(len(points), k + exclude_self).to(points.device)
-    if exclude_self:  # where strokes share a place, the stroke itself need not come first, nor be found at all
-        own = found == torch.arange(len(points), device=points.device)[:, None]
-        found = found[:, 1:] if own[:, 0].all() else found.gather(1, own.long().argsort(dim=1, stable=True))[:, :k]
-    return found
 
 
 def transport_cost(values: Tensor, reference: Tensor) -> Tensor:

@@ -80,22 +80,26 @@ def save_catalogue(path: Path, saved: Saved) -> None:
     write_bytes(path, memory.getvalue())
 
 
-def load_catalogue(path: Path) -> Saved:
+def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
     """Read a catalogue and check all of it.
+
+    Args:
+        path: of the file.
+        option: what sets it, for messages.
 
     Raises:
         UserError: says what is wrong with the file.
     """
     if path.is_dir():
-        raise UserError(f"{path} is a folder; give the file in it, catalogue={path / 'catalogue.h5'}")
+        raise UserError(f"{path} is a folder; give the file in it, {option}={path / 'catalogue.h5'}")
     if not path.exists():
-        raise UserError(f"there is no file {path}; give the catalogue.h5 of a finished run, catalogue=...")
+        raise UserError(f"there is no file {path}; give the catalogue.h5 of a finished run, {option}=...")
     try:
         path.open("rb").close()
         if not h5py.is_hdf5(path):
-            raise UserError("not an HDF5 file; give the catalogue.h5 of a finished run, catalogue=...")
+            raise UserError(f"not an HDF5 file; give the catalogue.h5 of a finished run, {option}=...")
         with h5py.File(path, "r") as file:
-            return _read(file)
+            return _read(file, option)
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
     except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:  # h5py raises all of these
@@ -103,8 +107,8 @@ def load_catalogue(path: Path) -> Saved:
         raise UserError(f"{path} is damaged or cut short ({reason}); save it again or give another one") from error
 
 
-def _read(file: h5py.File) -> Saved:
-    _check_format(file)
+def _read(file: h5py.File, option: str) -> Saved:
+    _check_format(file, option)
     count = dataset_of(file, "depth", np.int32, None).shape[0]
     if count > MOST_STROKES:
         raise UserError(f"{count} strokes; at most {MOST_STROKES} can be read")
@@ -127,9 +131,9 @@ def _read(file: h5py.File) -> Saved:
     return saved
 
 
-def _check_format(file: h5py.File) -> None:
+def _check_format(file: h5py.File, option: str) -> None:
     if "format" not in file.attrs or text_of(file, "format") != FORMAT:
-        raise UserError(f"an HDF5 file, but not a {FORMAT}; give the catalogue.h5 of a finished run, catalogue=...")
+        raise UserError(f"an HDF5 file, but not a {FORMAT}; give the catalogue.h5 of a finished run, {option}=...")
     version = whole_number_of(file, "format_version")
     if version > VERSION:
         raise UserError(

@@ -49,8 +49,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         target = in_colors(target, parts, folder)
     background = background_color(cfg.background, target)
     strokes = first_strokes(cfg, target)
-    if cfg.steps_per_stroke is not None:
-        parts = paced(parts, cfg.steps_per_stroke, len(strokes))
+    parts = paced(parts, cfg.steps_per_stroke, strokes, (target.shape[1], target.shape[2]))
     catalogue = Catalogue(strokes, parts.optimizer.units)
     painter = Painter(catalogue, parts, target, background, seed=cfg.seed).to(device)
     frames = Frames(Timelapse(cfg.frames, cfg.frame_side))
@@ -120,7 +119,7 @@ def fit(painter: Painter, cfg: DictConfig, folder: Path, checkpoint: Path | None
         devices=[painter.device.index or 0] if painter.device.type == "cuda" else 1,
         max_epochs=-1,
         logger=[build(node).open(folder) for node in cfg.logger.values()],
-        callbacks=[ProgressBar(), frames, checkpoints],
+        callbacks=[ProgressBar(), frames, stop_early, checkpoints],
         log_every_n_steps=1,
         enable_checkpointing=False,
         enable_progress_bar=False,

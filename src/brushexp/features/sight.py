@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import torch
 from torch import Tensor
@@ -25,12 +27,14 @@ class Sight:
         after: pixels, the most of all taps.
         field: pixels that one activation of the farthest tap sees on an axis.
         strides: of each tap, pixels.
+        least: shorter sides are widened to so many pixels before the network looks, which moves its activations.
     """
 
     before: int
     after: int
     field: int
     strides: tuple[int, ...]
+    least: int = 1
 
     @property
     def grid(self) -> int:
@@ -39,8 +43,11 @@ class Sight:
 
     @property
     def margin(self) -> int:
-        """Pixels around a region on which the activations that see the region may depend."""
-        return self.before + self.after + 2 * self.grid
+        """Pixels around a region on which the activations that see the region may depend.
+
+        A part with so many around it, as far as there is a picture, is only widened where the whole picture is.
+        """
+        return max(self.before + self.after, self.least)
 
     def touched(self, region: Region, size: tuple[int, int]) -> Region:
         """The zone of the activations that see something of a region, from one multiple of the grid to another."""
@@ -52,22 +59,54 @@ class Sight:
 
     def needed(self, zone: Region, size: tuple[int, int]) -> Region:
         """What the activations of a zone see, of a length that pads the picture as its whole ``size`` (H, W) does."""
-        (top, bottom), (left, right) = (
-            (
-                max(first - self.before, 0) // self.grid * self.grid,
-                min(side % self.grid + _up(last + self.after - side % self.grid, self.grid), side),
+        return aligned(zone, size, self.before, self.after, self.grid)
+
+    def shares(self, found: Sequence[Tensor], part: tuple[int, int], size: tuple[int, int]) -> list[float]:
+        """Of the positions of each tap in the whole picture, the share that a part has.
+
+        Args:
+            found: activations (..., h, w) of the part.
+            part: its size in pixels (H, W), as `aligned` makes it.
+            size: of the whole picture, pixels (H, W).
+        """
+        return [
+            math.prod(
+                n / (n + (whole - side) // stride) for n, side, whole in zip(value.shape[-2:], part, size, strict=True)
             )
-            for first, last, side in _spans(zone, size)
-        )
-        return Region(top, left, bottom - top, right - left)
+            for value, stride in zip(found, self.strides, strict=True)
+        ]
+
+
+def aligned(region: Region, size: tuple[int, int], before: int, after: int, grid: int) -> Region:
+    """A region with what lies so many pixels before and after it, on a grid, as far as there is a picture.
+
+    It begins at multiples of ``grid``, and its sides leave the same remainder as those of the picture (H, W), ``size``:
+    networks with steps of such a grid pad both alike, and have their activations in the same places.
+    """
+    (top, bottom), (left, right) = (
+        (max(first - before, 0) // grid * grid, min(side % grid + _up(last + after - side % grid, grid), side))
+        for first, last, side in _spans(region, size)
+    )
+    return Region(top, left, bottom - top, right - left)
+
+
+_known: WeakKeyDictionary[Backbone, dict[tuple[str, ...], Sight]] = WeakKeyDictionary()
 
 
 def sight_of(network: Backbone, taps: Sequence[str]) -> Sight:
+    """What taps see; it is found out when first asked for, and kept for as long as there is the network."""
+    found = _known.setdefault(network, {})
+    if tuple(taps) not in found:
+        found[tuple(taps)] = _look(network, taps)
+    return found[tuple(taps)]
+
+
+def _look(network: Backbone, taps: Sequence[str]) -> Sight:
     """Find out what taps see, from which activations change with one pixel of a row.
 
     With sides of a power of two, and of one more, the padding is the least and the most there can be.
     """
-    network = deepcopy(network).double()  # what is no more than rounding can then be told from a change
+    network = deepcopy(network).cpu().double()  # what is no more than rounding can then be told from a change
     generator = torch.Generator().manual_seed(0)
     side = 64
     while True:
@@ -87,7 +126,7 @@ def sight_of(network: Backbone, taps: Sequence[str]) -> Sight:
         else:
             every = [reach for row in reached for reach in row]
             before, after = max(b for b, _ in every), max(a for _, a in every)
-            return Sight(before, after, max(b + a + 1 for b, a in every), strides)
+            return Sight(before, after, max(b + a + 1 for b, a in every), strides, network.least)
 
 
 def activations_of(
