@@ -6,6 +6,7 @@ import importlib
 import logging
 import os
 import time
+import warnings
 
 import torch
 from hydra.conf import HydraConf
@@ -32,6 +33,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     torch.set_num_threads(cfg.threads if isinstance(cfg.threads, int) and cfg.threads > 0 else fair_share(hydra))
     task = importlib.import_module(f"brushexp.task.{cfg.task}")
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware on every run
+    warnings.filterwarnings("ignore", ".*in eval mode at the start of training")  # networks are frozen on purpose
     try:
         check_losses(cfg, list(hydra.overrides.task))
         result: dict[str, object] = task.run(cfg, start)
