@@ -18,6 +18,7 @@ BLENDS = {
     "tiled": Tiled(opaque=0.0),
     "tiled in torch": Tiled(opaque=0.0, kernel=Kernel.torch),
     "topk": TopK(k=10_000),
+    "topk_all": TopK(k=None),
 }
 
 

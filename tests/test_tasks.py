@@ -276,7 +276,7 @@ REFUSED = {
     "loss=[]": "try loss=mse",
     "loss=[mse] +loss=kl": "name them all",
     "loss=[mse] ++loss.kl.weight=3": r"loss.kl is tuned but not chosen",
-    "loss=[nope]": "choose from: edges, kl, l1, mse, perceptual, width",
+    "loss=[nope]": "choose from: brushwork, curvature, direction",
     "init=nope": "Available options in 'init'",
     "renderer.sof=2": "its options: soft, taper",
     "renderer.soft=wide": "could not be converted to Float",

@@ -9,13 +9,12 @@ from torch.utils.checkpoint import checkpoint
 
 from brushexp.blend._lists import TILE, TileLists, build_lists
 from brushexp.blend.base import Canvas, accuracy_of
-from brushexp.blend.dense import over
 from brushexp.renderer.base import Layers
 
 CHUNK = 2**25  # stroke-pixel pairs held at once; more is computed in pieces, and again in the backward pass
 
-# alpha (T, K, P) and numbers (T, K) of the strokes of tiles -> numbers of those of which each pixel is made (T, P, k)
-Narrow = Callable[[Tensor, Tensor], Tensor]
+# (alpha (T, K, P), color (T, K, P or 1, 3)) -> (painted (T, P, 3), light left for the background (T, P))
+Combine = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
 
 
 @dataclass(frozen=True)
@@ -60,15 +59,15 @@ def paint_tiles(
     size: tuple[int, int],
     background: Tensor,
     target: Tensor | None,
-    narrow: Narrow | None = None,
+    combine: Combine,
 ) -> Canvas:
-    """Lay the strokes of every tile over each other; with ``narrow``, of every pixel only some of them."""
+    """Combine the strokes of every tile into a picture."""
     error, total = (layers.reach.new_zeros(len(layers.reach)) for _ in range(2))
     goal = None if target is None else _to_tiles(target, lists.shape)  # (T, P, 3)
 
     def paint(index: Tensor, points: Tensor) -> Tensor:
         alpha, color = layers.sample(index.clamp_min(0), points)
-        painted, light = over(alpha * (index >= 0)[..., None], color)
+        painted, light = combine(alpha * (index >= 0)[..., None], color)
         return painted + light[..., None] * background
 
     per_chunk = max(1, CHUNK // max(1, lists.index.shape[1] * TILE * TILE))
@@ -76,25 +75,22 @@ def paint_tiles(
     for begin in range(0, len(lists.index), per_chunk):
         part = slice(begin, begin + per_chunk)
         index, points = lists.index[part], lists.points[part]
-        tiles = points.shape[:2]
-        if goal is not None or narrow is not None:
-            with torch.no_grad():
-                alpha, color = layers.sample(index.clamp_min(0), points)
-                alpha = alpha * (index >= 0)[..., None]
-        if goal is not None:
-            inside = (points[..., 0] < size[1]) & (points[..., 1] < size[0])
-            _judge(alpha * inside[:, None], color, index, goal[part], error, total)
-        if narrow is not None:
-            index, points = narrow(alpha, index).flatten(0, 1), points.reshape(-1, 1, 2)
         whole = per_chunk >= len(lists.index)
-        made = paint(index, points) if whole else checkpoint(paint, index, points, use_reentrant=False)
-        pieces.append(made.reshape(*tiles, 3))
+        pieces.append(paint(index, points) if whole else checkpoint(paint, index, points, use_reentrant=False))
+        if goal is not None:
+            _judge(layers, index, points, goal[part], size, error, total)
     image = _from_tiles(torch.cat(pieces), lists.shape, size)
     return Canvas(image, None if target is None else accuracy_of(error, total))
 
 
-def _judge(alpha: Tensor, color: Tensor, index: Tensor, goal: Tensor, error: Tensor, total: Tensor) -> None:
-    """Add alpha |color - target|^2 and alpha of strokes (T, K) to ``error`` and ``total`` (N,)."""
+@torch.no_grad()
+def _judge(
+    layers: Layers, index: Tensor, points: Tensor, goal: Tensor, size: tuple[int, int], error: Tensor, total: Tensor
+) -> None:
+    """Add each stroke's alpha |color - target|^2 and alpha to ``error`` and ``total`` (N,)."""
+    alpha, color = layers.sample(index.clamp_min(0), points)
+    inside = (points[..., 0] < size[1]) & (points[..., 1] < size[0])
+    alpha = alpha * (index >= 0)[..., None] * inside[:, None]
     wrong = (alpha * (color - goal[:, None]).square().sum(-1)).sum(-1)
     error.index_add_(0, index.clamp_min(0).flatten(), wrong.flatten())
     total.index_add_(0, index.clamp_min(0).flatten(), alpha.sum(-1).flatten())

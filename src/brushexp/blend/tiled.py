@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from brushexp.blend.base import Blend, Canvas, accuracy_of
+from brushexp.blend.dense import over
 from brushexp.errors import UserError
 from brushexp.process import share_threads
 from brushexp.registry import register
@@ -68,7 +69,7 @@ class Tiled(Blend):
                 "blend.kernel=numba draws in float32 on the CPU, no layers of other kinds; use blend.kernel=auto"
             )
         padded = self._eager.pad(self._eager.lists_of(layers, front_to_back, size), front_to_back, curve)
-        return self._eager.paint_tiles(layers, padded, size, background, target)
+        return self._eager.paint_tiles(layers, padded, size, background, target, over)
 
     def _compiled(self, target: Tensor | None, scene: Any, *tensors: Tensor) -> Canvas:
         image = _Paint.apply(scene, None if target is None else target.contiguous().numpy(), *tensors)

@@ -1,9 +1,12 @@
 """The thesis's blend: only the k uppermost strokes of each pixel."""
 
+from functools import partial
+
 import torch
 from torch import Tensor
 
 from brushexp.blend.base import Blend, Canvas
+from brushexp.blend.dense import over
 from brushexp.blend.tiled import Tiled
 from brushexp.errors import UserError
 from brushexp.registry import register
@@ -28,9 +31,9 @@ class TopK(Blend):
 
         if k is not None and k < 1:
             raise UserError(f"blend.k={k} blends nothing; use blend.k=8 or another number from 1")
-        self.k = k
         self._eager = _eager
         self._exact = Tiled(opaque=0)
+        self.k = k
 
     def __call__(
         self,
@@ -43,17 +46,18 @@ class TopK(Blend):
         if self.k is None:
             return self._exact(layers, front_to_back, size, background, target)
         lists = self._eager.pad(self._eager.lists_of(layers, front_to_back, size), front_to_back, background)
-        return self._eager.paint_tiles(layers, lists, size, background, target, self._uppermost)
+        return self._eager.paint_tiles(layers, lists, size, background, target, partial(_uppermost, self.k))
 
-    def _uppermost(self, alpha: Tensor, index: Tensor) -> Tensor:
-        """The k uppermost of the strokes (T, K) that are not empty, for each pixel: (T, P, k), -1 for none.
 
-        Only these are then asked with a gradient.
-        """
-        assert self.k is not None
-        filled = alpha > 0
-        k = min(self.k, int(filled.sum(1).max()) if filled.numel() else 0)
-        rank = torch.where(filled, filled.cumsum(1) - 1, k).clamp_max(k)  # place from the top; k: dropped
-        chosen = index.new_full((len(index), k + 1, alpha.shape[2]), -1)
-        chosen.scatter_(1, rank, index[..., None].expand_as(rank))
-        return chosen[:, :k].movedim(1, 2)
+def _uppermost(k: int, alpha: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
+    """What `over` makes of the k uppermost layers that are not empty, of K layers (T, K, P) and their colours."""
+    k = min(k, alpha.shape[1])
+    filled = alpha > 0
+    rank = torch.where(filled, filled.cumsum(1) - 1, k).clamp_max(k)  # (T, K, P): place from the top; k: dropped
+    place = torch.zeros(alpha.shape[0], k + 1, alpha.shape[2], dtype=torch.long, device=alpha.device)
+    layer = torch.arange(alpha.shape[1], device=alpha.device)[:, None].expand_as(rank)
+    place.scatter_(1, rank, layer)
+    chosen = place[:, :k]  # (T, k, P): which stroke is at each place
+    present = torch.arange(k, device=alpha.device)[:, None] < filled.sum(1, keepdim=True)
+    color = color.expand(*alpha.shape, 3).gather(1, chosen[..., None].expand(*chosen.shape, 3))
+    return over(alpha.gather(1, chosen) * present, color)
