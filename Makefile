@@ -17,6 +17,8 @@ lint: $(VENV)/.dev  ## format check, lint, types
 bench: $(VENV)/.dev  ## the figures of docs/performance.md (minutes, on an idle machine)
 	$(RUN) benchmarks/step.py
 	$(RUN) benchmarks/pictures.py
+	$(RUN) benchmarks/partial.py
+	$(RUN) benchmarks/losses.py
 
 $(VENV)/.paint: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
