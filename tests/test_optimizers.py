@@ -11,9 +11,9 @@ from scenes import random_strokes
 
 from brushexp.blend.tiled import Tiled
 from brushexp.errors import UserError
+from brushexp.optimizer._libraries import Library
 from brushexp.optimizer._schedule import Schedule, share_of_rate
 from brushexp.optimizer.base import Optimizer
-from brushexp.optimizer.pytorch_optimizer import PytorchOptimizer
 from brushexp.optimizer.torch_optim import TorchOptim
 from brushexp.registry import build
 from brushexp.renderer.analytic import Analytic
@@ -21,6 +21,10 @@ from brushexp.strokes.catalogue import Catalogue
 
 SIZE = (24, 33)
 PRESETS = sorted(path.stem for path in (Path(__file__).parents[1] / "conf" / "optimizer").glob("*.yaml"))
+
+
+def soap(**options) -> TorchOptim:
+    return TorchOptim(**{"name": "SOAP", "library": Library.pytorch_optimizer} | options)
 
 
 class Scene:
@@ -118,10 +122,10 @@ def test_soap_keeps_no_matrix_as_long_as_the_strokes(preset):
 def test_a_missing_library_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "pytorch_optimizer", None)
     with pytest.raises(UserError, match=r"needs the library pytorch-optimizer; pip install 'brushexp\[optimizers\]'"):
-        PytorchOptimizer()
+        soap()
 
 
-@pytest.mark.parametrize("kind", [TorchOptim, PytorchOptimizer])
+@pytest.mark.parametrize("kind", [TorchOptim, soap])
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -136,7 +140,7 @@ def test_options_that_make_no_sense_are_refused(kind, options, message):
         kind(**options)
 
 
-@pytest.mark.parametrize("kind", [TorchOptim, PytorchOptimizer])
+@pytest.mark.parametrize("kind", [TorchOptim, soap])
 @pytest.mark.parametrize("options", [{"nonsense": 1}, {"betas": [2.0, 0.9]}])
 def test_options_that_the_library_does_not_take_are_refused(kind, options):
     with pytest.raises(UserError, match=r"optimizer\.options"):

@@ -2,11 +2,10 @@
 
 from collections.abc import Iterator
 
-import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from brushexp.features.base import Backbone, FrozenConvolution, widened
+from brushexp.features.base import Backbone, FrozenConvolution, Normalise, widened
 from brushexp.features.weights import IMAGENET_SCALE, IMAGENET_SHIFT, OPTION, Layers, check_shapes, read_layers
 
 # Of each convolution: its place in torchvision's `features`, its shape, stride and padding.
@@ -36,8 +35,6 @@ class AlexNet(Backbone):
     taps = tuple(f"relu{i}" for i in range(1, 6))
     default_taps = ("relu3",)
     least = 31  # leaves one position at the end
-    scale: Tensor
-    shift: Tensor
 
     def __init__(self, layers: Layers) -> None:
         super().__init__()
@@ -46,11 +43,10 @@ class AlexNet(Backbone):
             FrozenConvolution(weight, bias, stride=stride, padding=padding)
             for (weight, bias), (_, _, stride, padding) in zip(layers, LAYERS, strict=True)
         )
-        self.register_buffer("scale", torch.tensor(IMAGENET_SCALE).reshape(3, 1, 1), persistent=False)
-        self.register_buffer("shift", torch.tensor(IMAGENET_SHIFT).reshape(3, 1, 1), persistent=False)
+        self.normalise = Normalise(IMAGENET_SCALE, IMAGENET_SHIFT)
 
     def walk(self, pictures: Tensor) -> Iterator[tuple[str, Tensor]]:
-        x = widened(pictures.to(self.scale.dtype), self.least) * self.scale + self.shift
+        x = self.normalise(widened(pictures, self.least))
         for name, layer in zip(self.taps, self.layers, strict=True):
             x = functional.relu(layer(x), inplace=True)
             yield name, x

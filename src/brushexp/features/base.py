@@ -91,6 +91,26 @@ def mean_squares(ours: Tensor, theirs: Tensor) -> Tensor:
     return found
 
 
+class Normalise(nn.Module):
+    """Turns pictures in [0, 1] into the numbers that a network was trained on, of its precision.
+
+    Args:
+        scale: what each channel is multiplied by.
+        shift: what is added then.
+    """
+
+    scale: Tensor
+    shift: Tensor
+
+    def __init__(self, scale: tuple[float, ...], shift: tuple[float, ...]) -> None:
+        super().__init__()
+        self.register_buffer("scale", torch.tensor(scale).reshape(3, 1, 1), persistent=False)
+        self.register_buffer("shift", torch.tensor(shift).reshape(3, 1, 1), persistent=False)
+
+    def forward(self, pictures: Tensor) -> Tensor:
+        return pictures.to(self.scale.dtype) * self.scale + self.shift
+
+
 class FrozenConvolution(nn.Module):
     """Convolution with constant weights, zero-padded so that ceil(side / stride) outputs remain.
 

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from brushexp.features.base import Backbone, FrozenConvolution, widened
+from brushexp.features.base import Backbone, FrozenConvolution, Normalise, widened
 from brushexp.features.weights import IMAGENET_SCALE, IMAGENET_SHIFT, OPTION, Layers, check_shapes, read_layers
 
 # Of each module "fire": its place in torchvision's `features`, the channels before, inside, and of each of its halves.
@@ -49,8 +49,6 @@ class SqueezeNet(Backbone):
     taps = TAPS
     default_taps = ("fire5",)
     least = 17  # the last pooling can take it
-    scale: Tensor
-    shift: Tensor
 
     def __init__(self, layers: Layers) -> None:
         super().__init__()
@@ -58,11 +56,10 @@ class SqueezeNet(Backbone):
         first, *rest = layers
         self.first = FrozenConvolution(*first, stride=2, padding=0)
         self.fires = nn.ModuleList(_Fire(rest[i : i + 3]) for i in range(0, len(rest), 3))
-        self.register_buffer("scale", torch.tensor(IMAGENET_SCALE).reshape(3, 1, 1), persistent=False)
-        self.register_buffer("shift", torch.tensor(IMAGENET_SHIFT).reshape(3, 1, 1), persistent=False)
+        self.normalise = Normalise(IMAGENET_SCALE, IMAGENET_SHIFT)
 
     def walk(self, pictures: Tensor) -> Iterator[tuple[str, Tensor]]:
-        x = self.first(widened(pictures.to(self.scale.dtype), self.least) * self.scale + self.shift)
+        x = self.first(self.normalise(widened(pictures, self.least)))
         x = functional.relu(x, inplace=True)
         yield "relu1", x
         for before, name, fire in zip(TAPS, TAPS[1:], self.fires, strict=False):

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from brushexp.errors import UserError
-from brushexp.features.base import Backbone, FrozenConvolution
+from brushexp.features.base import Backbone, FrozenConvolution, Normalise
 from brushexp.features.weights import IMAGENET_SCALE, IMAGENET_SHIFT, OPTION, Layers, packaged, read_layers
 
 BLOCKS = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))  # channels of each convolution
@@ -35,8 +35,6 @@ class VGG16(Backbone):
 
     taps = NAMES
     default_taps = ("relu4_3",)
-    scale: Tensor
-    shift: Tensor
 
     def __init__(self, layers: Layers, scale: tuple[float, ...], shift: tuple[float, ...]) -> None:
         super().__init__()
@@ -49,11 +47,10 @@ class VGG16(Backbone):
                 )
             before = channels
         self.layers = nn.ModuleList(FrozenConvolution(weight, bias) for weight, bias in layers)
-        self.register_buffer("scale", torch.tensor(scale).reshape(3, 1, 1), persistent=False)
-        self.register_buffer("shift", torch.tensor(shift).reshape(3, 1, 1), persistent=False)
+        self.normalise = Normalise(scale, shift)
 
     def walk(self, pictures: Tensor) -> Iterator[tuple[str, Tensor]]:
-        x = pictures.to(self.scale.dtype) * self.scale + self.shift
+        x = self.normalise(pictures)
         for name, layer in zip(NAMES, self.layers, strict=True):
             if name.endswith("_1") and name != "relu1_1":
                 x = functional.max_pool2d(x, (min(2, x.shape[-2]), min(2, x.shape[-1])))

@@ -1,11 +1,12 @@
-"""Any optimiser of torch.optim."""
+"""Any optimiser of torch.optim, or of the library pytorch-optimizer."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 from torch import nn, optim
 
 from brushexp.errors import UserError
+from brushexp.optimizer._libraries import Library, class_of
 from brushexp.optimizer._schedule import UNITS, Schedule, check_rate, share_of_rate
 from brushexp.optimizer.base import Optimizer
 from brushexp.registry import register
@@ -15,8 +16,13 @@ from brushexp.registry import register
 class TorchOptim(Optimizer):
     """Any class of torch.optim by name, with a unit per field and a schedule; the presets name the usual ones.
 
+    Classes that need second derivatives of the picture (AdaHessian, SophiaH) find none: the compiled blend has only
+    first ones. A field of N strokes is a tensor (N, 2), (N, 3) or (N,): what keeps a matrix per side must be told by
+    ``options`` to leave out the side of N.
+
     Args:
-        name: class in torch.optim, e.g. Adam, NAdam, Adagrad.
+        name: class in the library, e.g. Adam, NAdam, Adagrad.
+        library: torch, or pytorch_optimizer (an extra) with its SOAP, Kron, Adan and a hundred more.
         lr: learning rate; see ``units`` for what it means to each field.
         units: field -> unit. ``lr`` times the unit is about one step of Adam: half-windows for position and points,
             fractions of the window for width. 0 freezes a field.
@@ -30,6 +36,7 @@ class TorchOptim(Optimizer):
         self,
         *,
         name: str = "Adam",
+        library: Library = Library.torch,
         lr: float = 0.02,
         units: dict[str, float] = UNITS,
         schedule: Schedule = Schedule.linear,
@@ -37,13 +44,10 @@ class TorchOptim(Optimizer):
         warmup: float = 0.0,
         options: dict[str, Any] = {},  # noqa: B006
     ) -> None:
-        kind = getattr(optim, name, None)
-        if not (isinstance(kind, type) and issubclass(kind, optim.Optimizer)) or kind is optim.Optimizer:
-            choices = [key for key, value in vars(optim).items() if isinstance(value, type) and key != "Optimizer"]
-            raise UserError(f"torch.optim has no optimiser {name!r}; set optimizer.name to one of {', '.join(choices)}")
         check_rate(lr, hold, warmup)
-        self.kind: Callable[..., optim.Optimizer] = Lbfgs if kind is optim.LBFGS else kind
+        self.kind = class_of(library, name, options)
         self.name = name
+        self.library = library
         self.lr = lr
         self.units = units
         self.schedule = schedule
@@ -53,18 +57,13 @@ class TorchOptim(Optimizer):
 
     def over(self, parameters: Iterable[nn.Parameter]) -> optim.Optimizer:
         try:
-            return self.kind(parameters, lr=self.lr, **self.options)
+            optimizer = self.kind(parameters, lr=self.lr, **self.options)
         except (TypeError, ValueError) as error:
-            raise UserError(f"torch.optim.{self.name}: {error}; see optimizer.options") from error
+            raise UserError(f"{self.name}: {error}; see optimizer.options") from error
+        if self.library is Library.pytorch_optimizer:
+            for group in optimizer.param_groups:
+                group.setdefault("step", 0)  # what it counts from, but missing until the first step
+        return optimizer
 
     def rate(self, progress: float) -> float:
         return self.lr * share_of_rate(progress, self.schedule, self.hold, self.warmup)
-
-
-class Lbfgs(optim.LBFGS):
-    """That of PyTorch, which holds on to its first parameters, for strokes that come and go."""
-
-    def step(self, closure: Any = None) -> Any:
-        self._params = self.param_groups[0]["params"]
-        self._numel_cache = None
-        return super().step(closure)

@@ -86,8 +86,10 @@ def paced(parts: Parts, steps_per_stroke: float | None, strokes: Strokes, size: 
         strokes: the first ones.
         size: height and width of the canvas.
     """
-    each = parts.sampler.steps_per_round(strokes, size)
     first, *others = parts.stages
+    if steps_per_stroke is None and not others:
+        return parts
+    each = parts.sampler.steps_per_round(strokes, size)
     if steps_per_stroke is not None:
         first = replace(first, steps=round(steps_per_stroke * each))
     return replace(parts, stages=[first, *(replace(stage, steps=stage.steps * each) for stage in others)])

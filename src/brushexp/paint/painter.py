@@ -79,7 +79,7 @@ class Painter(L.LightningModule):
         self.stop = ""  # set from outside: finish after the present step, for this reason
         self.seconds = 0.0  # of wall time in the fit so far
         self.terms: dict[str, Tensor] = {}  # the losses of the last step, unweighted
-        self._last: tuple[Tensor, Tensor] | None = None  # picture and target, if the last step compared all of them
+        self._last: Tensor | None = None  # the whole picture, if the last step looked at all of it
         self._view: View | None = None  # of a painter who looks at parts
         self._error = math.inf  # before there was one, or of the last one
         self._accuracy: Tensor | None = None
@@ -116,7 +116,7 @@ class Painter(L.LightningModule):
         """Mean squared error of the whole picture as it was last seen."""
         if self._view is not None:
             return self._view.error
-        return self._error if self._last is None else float((self._last[0] - self._last[1]).square().mean())
+        return self._error if self._last is None else float((self._last - self.target).square().mean())
 
     @torch.no_grad()
     def picture(self) -> Tensor:
@@ -133,7 +133,7 @@ class Painter(L.LightningModule):
         """The whole picture as the steps last saw it; as it is now before the first one."""
         if self._view is not None:
             return self._view.picture
-        return self.picture() if self._last is None else self._last[0]
+        return self.picture() if self._last is None else self._last
 
     def end_stage(self) -> bool:
         """Leave out what is left of the present stage; False if it is the last one."""
@@ -289,7 +289,7 @@ class Painter(L.LightningModule):
             target = self.target if judge else None
             layers = self.renderer(strokes)
             canvas = self.parts.blend(layers, self.front_to_back, self.size, self.background, target)
-            self._last = (canvas.image.detach(), self.target)
+            self._last = canvas.image.detach()
             return canvas, Painting(canvas.image, self.target, strokes)
         if self._view is None:
             self._view = self._view_of(self.picture())

@@ -219,15 +219,8 @@ def finish(
         "renderer_hash": digest,
         "parameters": sum(parameter.numel() for parameter in module.renderer.parameters()),
         "bytes": path.stat().st_size,
-        "steps": module.step,
-        "strokes_seen": module.step * cfg.batch_size,
-        "strokes_per_second": module.step * cfg.batch_size / module.seconds if module.seconds else None,
-        "seconds": module.seconds,
-        "seconds_total": time.monotonic() - start,
-        "peak_memory_mb": peak_memory(),
-        "device": str(device),
+        **effort(module, cfg.batch_size, start, device),
         "picture": "validation.png",
-        "status": module.stop or "completed",
     }
     write_json(folder / "metrics.json", metrics)
     log.info(
@@ -249,17 +242,9 @@ def finish(
 def finish_discriminator(training: TrainingOfDiscriminator, folder: Path, start: float) -> dict[str, object]:
     """Write the discriminator with its recipe, and the numbers."""
     path = folder / f"{NAME}.safetensors"
-    seen, device = training.step * training.plan.batch_size, str(training.network.threshold.device)
     metrics: dict[str, object] = {
         **save_discriminator(training, path),
-        "steps": training.step,
-        "strokes_seen": seen,
-        "strokes_per_second": seen / training.seconds if training.seconds else None,
-        "seconds": training.seconds,
-        "seconds_total": time.monotonic() - start,
-        "peak_memory_mb": peak_memory(),
-        "device": device,
-        "status": training.stop or "completed",
+        **effort(training, training.plan.batch_size, start, training.network.threshold.device),
     }
     write_json(folder / "metrics.json", metrics)
     log.info(
@@ -273,6 +258,23 @@ def finish_discriminator(training: TrainingOfDiscriminator, folder: Path, start:
         path,
     )
     return metrics
+
+
+def effort(
+    training: RendererTrainer | TrainingOfDiscriminator, batch_size: int, start: float, device: torch.device
+) -> dict[str, object]:
+    """What a training took, for metrics.json."""
+    seen = training.step * batch_size
+    return {
+        "steps": training.step,
+        "strokes_seen": seen,
+        "strokes_per_second": seen / training.seconds if training.seconds else None,
+        "seconds": training.seconds,
+        "seconds_total": time.monotonic() - start,
+        "peak_memory_mb": peak_memory(),
+        "device": str(device),
+        "status": training.stop or "completed",
+    }
 
 
 def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:
