@@ -9,12 +9,13 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
+from brushexp.checkpoint import weights_hash
 from brushexp.errors import UserError
 from brushexp.registry import build_named, plugins
 from brushexp.renderer import checkpoint as files
 from brushexp.renderer._fields import stroke_planes
 from brushexp.renderer.base import FAINT, Patches, PatchRenderer, window_pictures
-from brushexp.renderer.checkpoint import read_recipe, restore, save_checkpoint, weights_hash
+from brushexp.renderer.checkpoint import read_recipe, restore, save_checkpoint
 from brushexp.renderer.neural import Activation, Coordinates, Neural, Normalisation, Upsampling
 from brushexp.strokes.prior import WIDTH, clamp_to_prior, parameters_of, sample_prior, strokes_of
 

@@ -11,11 +11,12 @@ from types import SimpleNamespace
 import pytest
 import torch
 
+from brushexp.checkpoint import weights_hash
 from brushexp.errors import UserError
 from brushexp.registry import build_named
 from brushexp.renderer.analytic import Analytic
 from brushexp.renderer.base import window_pictures
-from brushexp.renderer.checkpoint import save_checkpoint, weights_hash
+from brushexp.renderer.checkpoint import save_checkpoint
 from brushexp.renderer.neural import Activation, Coarsest, Coordinates, Neural, Normalisation, Upsampling
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.task import prune as task

@@ -13,7 +13,6 @@ UNITS = F(256)  # lengths are in 256ths of the window: the canvas of SPIRAL, in 
 FLOW = F(100 / 60)  # units that paint moves in one frame per unit of velocity
 LAG = F(2.2)  # frames by which the touching parts follow the handle, measured on straight strokes
 FASTEST = F(2)  # velocity of one splat at most
-TAU = F(6.2831853)
 MOST_SPLATS = 8  # per segment of a bristle (Fluid Paint's number); fewer where they would fall into one cell
 
 

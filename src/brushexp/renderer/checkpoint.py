@@ -6,19 +6,7 @@ from typing import Any
 
 from torch import nn
 
-from brushexp.checkpoint import Kind, plain_options, read_weights, weights_hash
-
-__all__ = [
-    "RENDERERS",
-    "checkpoint_path",
-    "plain_options",
-    "read_recipe",
-    "read_weights",
-    "restore",
-    "save_checkpoint",
-    "shipped",
-    "weights_hash",
-]
+from brushexp.checkpoint import Kind
 
 RENDERERS = Kind(
     noun="renderer",

@@ -20,6 +20,7 @@ from rich.progress import track
 from torch import Tensor
 
 from brushexp.blend.base import Blend
+from brushexp.checkpoint import weights_hash
 from brushexp.checks import Evaluate, check_keys
 from brushexp.engine.base import Engine
 from brushexp.errors import UserError
@@ -27,7 +28,7 @@ from brushexp.files import to_bytes, write_bytes, write_json, write_text
 from brushexp.process import peak_memory
 from brushexp.registry import build, build_named, plugin_of
 from brushexp.renderer.base import Renderer
-from brushexp.renderer.checkpoint import checkpoint_path, read_recipe, weights_hash
+from brushexp.renderer.checkpoint import checkpoint_path, read_recipe
 from brushexp.report.drawing import Cell, Grid, draw
 from brushexp.task.paint import device_of
 from brushexp.train.dataset import Origin, Split, origin_of, require_same_origin

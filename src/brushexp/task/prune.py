@@ -14,6 +14,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from brushexp.blend.base import Blend
+from brushexp.checkpoint import plain_options
 from brushexp.checks import Prune, check_keys
 from brushexp.errors import UserError
 from brushexp.files import write_json, write_text
@@ -21,7 +22,7 @@ from brushexp.paint.progress import INTERRUPTED
 from brushexp.process import peak_memory
 from brushexp.registry import build, plugin_of
 from brushexp.renderer.base import Renderer
-from brushexp.renderer.checkpoint import checkpoint_path, plain_options, read_recipe, save_checkpoint
+from brushexp.renderer.checkpoint import checkpoint_path, read_recipe, save_checkpoint
 from brushexp.renderer.neural import Neural
 from brushexp.task.evaluate import (
     COLUMNS,

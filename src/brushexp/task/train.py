@@ -19,6 +19,7 @@ from filelock import FileLock
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
+from brushexp.checkpoint import plain_options
 from brushexp.checks import Shared, Train, check_keys
 from brushexp.errors import UserError
 from brushexp.files import write_json
@@ -26,7 +27,7 @@ from brushexp.loss.discriminator import NAME, Discriminator
 from brushexp.process import interruptible, peak_memory
 from brushexp.registry import build, build_named, plugin_of
 from brushexp.renderer.base import Renderer
-from brushexp.renderer.checkpoint import plain_options, save_checkpoint
+from brushexp.renderer.checkpoint import save_checkpoint
 from brushexp.task.paint import device_of, interrupted_run
 from brushexp.task.simulate import record
 from brushexp.train.dataset import Split, origin_of
