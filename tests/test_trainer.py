@@ -18,11 +18,12 @@ from test_dataset import write
 from torch import nn
 from torch.utils.data import DataLoader
 
+from brushexp.checkpoint import weights_hash
 from brushexp.errors import UserError
 from brushexp.registry import build_named
 from brushexp.renderer.analytic import Analytic
 from brushexp.renderer.base import PatchRenderer, window_pictures
-from brushexp.renderer.checkpoint import read_recipe, weights_hash
+from brushexp.renderer.checkpoint import read_recipe
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.task import train
 from brushexp.train.evaluation import Errors, decibels, errors_of, premultiplied, squared_error
