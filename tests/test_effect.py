@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from brushexp.files import write_json, write_text
-from brushexp.report.curves import MOST, mean_curve, read_curve, write_curves
+from brushexp.files import write_json
+from brushexp.report.curves import MOST, write_curves
 from brushexp.report.effect import effects, mean_and_spread, write_effect
 from brushexp.report.plotting import as_number, is_wide, named, plain, spaced, wrapped
 from brushexp.report.sweep import renew
@@ -182,54 +182,18 @@ def test_numbers_are_told_from_words():
 # curves
 
 
-def write_curve(run: Path, seconds: list[float], psnr: list[float]) -> Path:
-    path = run / "curves" / "metrics.csv"
-    path.parent.mkdir(parents=True)
-    lines = [f"0,0.5,{p},{s},{k}" for k, (s, p) in enumerate(zip(seconds, psnr, strict=True))]
-    write_text(path, "\n".join(["epoch,loss/mse,psnr,seconds,step", *lines, ""]))
-    return path
+def add_curve(run: Path, seconds: list[float], psnr: list[float]) -> None:
+    path = run / "result.json"
+    write_json(path, json.loads(path.read_text()) | {"anytime": list(zip(seconds, psnr, strict=True))})
 
 
-def test_a_curve_is_read_from_the_logger_of_a_run(tmp_path, config):
-    from brushexp.registry import build  # noqa: PLC0415
-
-    logger = build(config("logger=csv").logger.csv).open(tmp_path)
-    for step in range(3):
-        logger.log_metrics({"psnr": 20.0 + step, "seconds": 0.5 * step, "loss/mse": 0.1}, step=step)
-    logger.log_metrics({"other": 1.0}, step=4)
-    logger.save()
-    seconds, psnr = read_curve(tmp_path / "curves" / "metrics.csv")
-    assert (seconds.tolist(), psnr.tolist()) == ([0.0, 0.5, 1.0], [20.0, 21.0, 22.0])
-
-
-@pytest.mark.parametrize(
-    "text", ["", "epoch,psnr\n1,2\n", "psnr,seconds\n1,2\n", "psnr,seconds\nx,y\n1,2\n", "psnr,seconds\n"]
-)
-def test_a_file_without_a_curve_is_passed_over(tmp_path, text):
-    write_text(tmp_path / "metrics.csv", text)
-    assert read_curve(tmp_path / "metrics.csv") is None
-
-
-def test_long_curves_are_thinned(tmp_path):
-    path = write_curve(tmp_path, [0.1 * k for k in range(5000)], [20.0] * 5000)
-    assert 250 < len(read_curve(path)[0]) <= 301
-
-
-def test_the_mean_curve_goes_as_far_as_all_runs():
-    first = (np.array([0.0, 1.0, 2.0]), np.array([10.0, 20.0, 20.0]))
-    second = (np.array([0.5, 1.5]), np.array([20.0, 30.0]))
-    times, psnr = mean_curve([first, second])
-    assert times.tolist() == [0.5, 1.0, 1.5]
-    assert psnr.tolist() == pytest.approx([(15 + 20) / 2, (20 + 25) / 2, (20 + 30) / 2])
-
-
-@pytest.mark.parametrize("count", [1, 2, 28, 29])
-def test_as_many_curves_as_can_be_told_apart_are_drawn(tmp_path, count):
+@pytest.mark.parametrize("count", [1, 2, MOST, MOST + 1])
+def test_curves_are_drawn_however_many(tmp_path, count):
     make_sweep(tmp_path, {"optimizer": [f"o{k}" for k in range(count)], "seed": ["0", "1"] if count == 2 else ["0"]})
-    for run in tmp_path.iterdir():
-        write_curve(run, [0.2, 0.4, 0.6 + int(run.name)], [20.0, 22.0, 23.0])
+    for run in list(tmp_path.iterdir()):
+        add_curve(run, [0.2, 0.4, 0.6 + int(run.name)], [20.0, 22.0, 23.0])
     path = write_curves(tmp_path)
-    assert (path is not None) == (2 <= count <= MOST)
+    assert (path is not None) == (count > 1)
     if path is not None:
         assert size_of(path) == (1400, 500)
 
@@ -249,6 +213,26 @@ def test_a_broken_plot_does_not_lose_the_table(tmp_path, monkeypatch):
 def test_a_report_has_its_plots(tmp_path):
     make_sweep(tmp_path, {"init": ["grid", "slic"]})
     for run in list(tmp_path.iterdir()):
-        write_curve(run, [0.2, 0.4], [20.0, 22.0])
+        add_curve(run, [0.2, 0.4], [20.0, 22.0])
     renew(tmp_path)
-    assert {path.name for path in tmp_path.glob("*.png")} == {"effect.png", "curves.png"}
+    assert {path.name for path in tmp_path.glob("*.png")} == {"effect.png", "curves.png", "pareto.png"}
+    assert {path.name for path in tmp_path.glob("*.md")} == {"table.md", "anytime.md", "pareto.md"}
+
+
+def test_a_list_of_settings_has_no_plot_of_the_effect(tmp_path):
+    make_sweep(tmp_path, {"a": ["", "1", "2", "3"], "b": ["", "1", "2"], "c": ["", "1", "2"]})
+    for run in list(tmp_path.iterdir()):
+        chosen = json.loads((run / "result.json").read_text())["overrides"]
+        if sum(value != "" for value in chosen.values()) > 1:
+            (run / "result.json").unlink()
+    assert len(collect(tmp_path)) == 8
+    (tmp_path / "effect.png").touch()  # of the first jobs
+    assert write_effect(tmp_path) is None
+    assert not (tmp_path / "effect.png").exists()
+
+
+def test_runs_that_stopped_early_are_compared(tmp_path):
+    make_sweep(tmp_path, {"init": ["grid", "slic"]})
+    path = tmp_path / "1" / "result.json"
+    write_json(path, json.loads(path.read_text()) | {"status": "stopped early"})
+    assert effects(collect(tmp_path)).found["psnr"] == {("", "grid"): [20.0], ("", "slic"): [21.0]}

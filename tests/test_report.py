@@ -20,8 +20,9 @@ from PIL import Image
 from brushexp.errors import UserError
 from brushexp.files import write_json, write_picture
 from brushexp.report.drawing import ALARM, LIMIT, SIDE, Cell, Grid, Type, draw, plain_letters
+from brushexp.report.runs import overrides
 from brushexp.report.sheet import write_sheet
-from brushexp.report.sweep import LOCK, SweepReport, first_line, overrides, renew
+from brushexp.report.sweep import LOCK, SweepReport, first_line, renew
 from brushexp.report.table import as_csv, as_markdown, collect, settings, varying, write_table
 
 METRICS = {
@@ -131,6 +132,13 @@ def test_a_setting_with_the_name_of_a_metric_gets_a_column_of_its_own(tmp_path):
     assert (row["steps"], row["override.steps"]) == ("420", "1000")
     assert (row["device"], row["override.device"]) == ("cpu", "auto")
     assert (row["status"], row["override.status"]) == ("completed", "x")
+
+
+def test_a_curve_is_no_column(tmp_path):
+    make_run(tmp_path, 0, {"seed": "1"}, anytime=[[0.1, 20.0], [0.2, 25.0]], options={"a": 1})
+    csv_path, md_path = write_table(tmp_path)
+    assert not {"anytime", "options"} & set(read_csv(csv_path)[0])
+    assert "anytime" not in md_path.read_text()
 
 
 def test_the_names_of_the_losses_stand_for_the_override(tmp_path):

@@ -25,7 +25,7 @@ from brushexp.report.plotting import (
     tidy,
     wrapped,
 )
-from brushexp.report.table import Result, collect, groups, numbers, shortened, summary, varying
+from brushexp.report.table import Result, collect, finished, groups, numbers, shortened, summary, varying
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,6 +39,7 @@ PANELS = (
 )
 HIGHER_IS_BETTER = ("psnr", "psnr_alpha", "psnr_color", "ssim")
 SERIES_HEIGHT, VALUE_HEIGHT, TALLEST = 0.13, 0.34, 30.0  # inches: of a dot, of a row with its label, of a figure
+SPARSE = 0.5  # share of all combinations below which a sweep is a list
 LABEL = 26  # letters in a line of a label
 LETTER = 0.016  # width of a letter as a fraction of a panel
 
@@ -69,8 +70,11 @@ class Effects:
 
 
 def effects(results: list[Result]) -> Effects | None:
-    """The completed runs by what varies beside the seed; None if there is nothing to compare."""
-    completed = [result for result in results if result["status"] == "completed"]
+    """The finished runs by what varies beside the seed; None if there is nothing to compare.
+
+    Nor if hardly any combination of values was run: a list of settings has its front, see `pareto`.
+    """
+    completed = finished(results)
     axes = {key: values for key, values in varying(completed).items() if key != "seed"}
     if not axes:
         return None
@@ -85,7 +89,8 @@ def effects(results: list[Result]) -> Effects | None:
         for metric in metrics
         if metric is not None
     }
-    if max(map(len, found.values()), default=0) < 2:
+    most = max(map(len, found.values()), default=0)
+    if most < 2 or most < SPARSE * len(set(names.values())) * len(axes[across]):
         return None
     values = axes[across]
     if all(as_number(value) is not None for value in values):
@@ -106,6 +111,7 @@ def write_effect(folder: Path) -> Path | None:
     results = collect(folder)
     shown = effects(results)
     if shown is None:
+        (folder / "effect.png").unlink(missing_ok=True)  # the first jobs of a list may have looked like a grid
         return None
     left_out = sum(result["status"] == "interrupted" for result in results)
     title = f"{plain(folder.resolve().name)[:60]}: {summary(results)}{f', {left_out} interrupted' * bool(left_out)}"

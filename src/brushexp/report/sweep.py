@@ -1,7 +1,6 @@
 """Hydra callback: the result of every run of a sweep, and table, sheet of pictures and plots renewed after each."""
 
 import logging
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,11 @@ from omegaconf import DictConfig, OmegaConf
 
 from brushexp.errors import UserError
 from brushexp.files import write_json
+from brushexp.report.anytime import write_anytime
 from brushexp.report.curves import write_curves
 from brushexp.report.effect import write_effect
+from brushexp.report.pareto import write_front
+from brushexp.report.runs import overrides
 from brushexp.report.sheet import write_sheet
 from brushexp.report.table import write_table
 
@@ -46,12 +48,14 @@ class SweepReport(Callback):
 
 
 def renew(folder: Path) -> None:
-    """Write table, sheet and plots of a sweep from the results of all its runs; one process at a time."""
+    """Write tables, sheet and plots of a sweep from the results of all its runs; one process at a time."""
     with FileLock(folder / LOCK):
         write_table(folder)
         write_sheet(folder)
         write_effect(folder)
         write_curves(folder)
+        write_anytime(folder)
+        write_front(folder)
 
 
 def result_of(run: str, config: DictConfig, job_return: JobReturn) -> dict[str, Any]:
@@ -67,12 +71,6 @@ def result_of(run: str, config: DictConfig, job_return: JobReturn) -> dict[str, 
     if losses is not None:
         result["loss"] = "+".join(losses)  # the choices that Hydra records leave out groups chosen by a list
     return result | numbers
-
-
-def overrides(words: Iterable[str]) -> dict[str, str]:
-    """``["loss=mse", "+a=1", "~b"]`` as a dictionary."""
-    pairs = (word.partition("=") for word in words)
-    return {key.lstrip("+~"): value if equals else "(removed)" for key, equals, value in pairs}
 
 
 def first_line(error: BaseException) -> str:

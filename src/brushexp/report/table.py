@@ -1,4 +1,4 @@
-"""One table over all runs of a sweep.
+"""One table over all runs of a sweep, or over any runs.
 
 Every function takes the folder of any sweep and may be called by hand.
 """
@@ -26,6 +26,7 @@ DIGITS = {  # table.md: main metrics, of which those are shown that some run has
     **{"seconds": 1, "n_strokes": 0},
 }
 LEAD = ("run", "status", "error")  # first columns of table.csv
+UNFINISHED = ("failed", "interrupted")  # states of runs that are not compared
 LONGEST = 200  # letters of an error message in table.md
 LONGEST_VALUE = 40  # letters of a value in a picture; of a longer one the end is shown
 NOTHING = "–"
@@ -37,10 +38,10 @@ def collect(folder: Path) -> list[Result]:
     Raises:
         UserError: if there is none.
     """
-    results = [_read(path) for path in folder.glob("*/result.json")]
+    results = [read_result(path) for path in folder.glob("*/result.json")]
     if not results:
         raise UserError(f"there is no result.json below {folder}; give the folder of a sweep")
-    return sorted(results, key=lambda result: _by_number(result["run"]))
+    return sorted(results, key=lambda result: run_number(result["run"]))
 
 
 def settings(result: Result) -> dict[str, str]:
@@ -57,13 +58,17 @@ def varying(results: Iterable[Result]) -> dict[str, list[str]]:
     return {key: found for key, found in values.items() if len(found) > 1}
 
 
+def finished(results: Iterable[Result]) -> list[Result]:
+    """The runs that came to their end, also those that stopped early because a goal was reached."""
+    return [result for result in results if result["status"] not in UNFINISHED]
+
+
 def groups(results: Iterable[Result], keys: Sequence[str]) -> dict[tuple[str, ...], list[Result]]:
-    """The completed runs by their values of these settings, in order of first appearance."""
+    """The finished runs by their values of these settings, in order of first appearance."""
     found: dict[tuple[str, ...], list[Result]] = {}
-    for result in results:
-        if result["status"] == "completed":
-            chosen = settings(result)
-            found.setdefault(tuple(chosen.get(key, "") for key in keys), []).append(result)
+    for result in finished(results):
+        chosen = settings(result)
+        found.setdefault(tuple(chosen.get(key, "") for key in keys), []).append(result)
     return found
 
 
@@ -98,13 +103,17 @@ def formatted(result: Result, metric: str) -> str:
     return f"{value:.{DIGITS[metric]}f}" if isinstance(value, int | float) else NOTHING
 
 
-def write_table(folder: Path) -> tuple[Path, Path]:
+def write_table(folder: Path, results: list[Result] | None = None) -> tuple[Path, Path]:
     """Write ``table.csv`` (every column, full precision) and ``table.md`` (what varies, and the main metrics).
+
+    Args:
+        folder: where to.
+        results: of which runs; None means those of the sweep in this folder.
 
     Returns:
         Their paths.
     """
-    results = collect(folder)
+    results = collect(folder) if results is None else results
     paths = folder / "table.csv", folder / "table.md"
     write_text(paths[0], as_csv(results))
     write_text(paths[1], as_markdown(results))
@@ -112,8 +121,12 @@ def write_table(folder: Path) -> tuple[Path, Path]:
 
 
 def as_csv(results: list[Result]) -> str:
-    """A column per setting and number; a setting that bears the name of a number is called ``override.<name>``."""
+    """A column per setting and number; a setting that bears the name of a number is called ``override.<name>``.
+
+    What holds many numbers, a curve for instance, is none.
+    """
     fixed = {*LEAD, "overrides", "loss", "picture"}
+    fixed |= {key for result in results for key, value in result.items() if isinstance(value, list | dict)}
     numbers = list(dict.fromkeys(key for result in results for key in result if key not in fixed))
     keys = list(dict.fromkeys(key for result in results for key in settings(result)))
     file = io.StringIO()
@@ -138,18 +151,18 @@ def as_markdown(results: list[Result]) -> str:
         chosen = settings(result)
         metrics = [formatted(result, metric) for metric in shown]
         lines.append([result["run"], *(chosen.get(key, "") for key in keys), _status(result), *metrics])
-    return "\n".join([*means, f"{summary(results)}.", "", *_table(lines), ""])
+    return "\n".join([*means, f"{summary(results)}.", "", *markdown(lines), ""])
 
 
 def _means(results: list[Result]) -> list[str]:
-    """A table with one row for all completed runs that differ in the seed alone."""
+    """A table with one row for all finished runs that differ in the seed alone."""
     keys = [key for key in varying(results) if key != "seed"]
     grouped = groups(results, keys)
     shown = [metric for metric in DIGITS if any(numbers(runs, metric) for runs in grouped.values())]
     lines = [[*keys, "runs", *shown], [*("---" for _ in keys), "---:", *("---:" for _ in shown)]]
     for chosen, runs in grouped.items():
         lines.append([*chosen, str(len(runs)), *(_mean_and_spread(runs, metric) for metric in shown)])
-    return _table(lines)
+    return markdown(lines)
 
 
 def _mean_and_spread(runs: list[Result], metric: str) -> str:
@@ -160,7 +173,7 @@ def _mean_and_spread(runs: list[Result], metric: str) -> str:
     return f"{mean(found):.{digits}f}{spread}"
 
 
-def _table(lines: list[list[str]]) -> list[str]:
+def markdown(lines: list[list[str]]) -> list[str]:
     """Markdown of a head, its rules, and rows."""
     head, rules, *rows = lines
     return [f"| {' | '.join(line)} |" for line in (map(_escaped, head), rules, *(map(_escaped, row) for row in rows))]
@@ -178,14 +191,16 @@ def _escaped(text: str) -> str:
     return re.sub(r"([\\`*_\[\]<>|~$&])", r"\\\1", " ".join(str(text).split()))
 
 
-def _read(path: Path) -> Result:
+def read_result(path: Path) -> Result:
+    """What a file says of the run in whose folder it is; an unreadable one counts as failed."""
     run = path.parent.name
     try:
         result = json.loads(path.read_text(encoding="utf-8"))
         return {"status": "completed", "overrides": {}, **result, "run": run}
     except (OSError, ValueError, TypeError) as error:
-        return {"run": run, "status": "failed", "error": f"its result.json cannot be read: {error}", "overrides": {}}
+        return {"run": run, "status": "failed", "error": f"its {path.name} cannot be read: {error}", "overrides": {}}
 
 
-def _by_number(run: str) -> tuple[bool, int, str]:
+def run_number(run: str) -> tuple[bool, int, str]:
+    """Puts runs in the order of their numbers, and those without one behind."""
     return (not run.isdecimal(), int(run) if run.isdecimal() else 0, run)

@@ -1,0 +1,54 @@
+"""Hydra sweeper: a list of settings, each a few overrides, instead of all combinations of values.
+
+It is here and not in brushexp because Hydra takes sweepers from the namespace package ``hydra_plugins`` alone.
+"""
+
+import shlex
+from dataclasses import dataclass, field
+
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra.core.config_store import ConfigStore
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
+
+
+@dataclass
+class SettingsSweeperConf:
+    """Options of ``hydra/sweeper=settings``: those of Hydra's own sweeper, and ``settings``."""
+
+    _target_: str = "hydra_plugins.brushexp_settings.SettingsSweeper"
+    max_batch_size: int | None = None
+    params: dict[str, str] | None = None
+    settings: list[str] = field(default_factory=lambda: [""])
+
+
+ConfigStore.instance().store(
+    group="hydra/sweeper", name="settings", node=SettingsSweeperConf, provider="brushexp_settings"
+)
+
+
+class SettingsSweeper(BasicSweeper):
+    """One job for every setting, times all combinations of what else is swept.
+
+    Args:
+        max_batch_size: jobs that are started together; None for all.
+        params: swept or fixed overrides that every setting begins with; the command line comes after them.
+        settings: overrides as the command line has them, ``"density=adaptive steps=200"`` for instance; ``""`` is none.
+            They stand above those of the command line, which says what all settings have in common.
+    """
+
+    def __init__(self, max_batch_size: int | None, params: dict[str, str] | None, settings: list[str]) -> None:
+        super().__init__(max_batch_size, params)
+        self.settings = settings
+
+    def split_arguments(  # type: ignore[override]  # a static method there
+        self, overrides: list[Override], max_batch_size: int | None
+    ) -> list[list[list[str]]]:
+        """The overrides of every job, in batches; called by ``sweep``."""
+        assert self.hydra_context is not None
+        parser = OverridesParser.create(config_loader=self.hydra_context.config_loader)
+        jobs: list[list[str]] = []
+        for setting in self.settings:
+            own = parser.parse_overrides(shlex.split(setting))
+            jobs += BasicSweeper.split_arguments([*overrides, *own], None)[0]
+        return [list(batch) for batch in self.split_overrides_to_chunks(jobs, max_batch_size)]

@@ -1,0 +1,184 @@
+"""Runs from anywhere are compared: at equal time, at equal quality, and on one front."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from brushexp.errors import UserError
+from brushexp.files import write_json, write_picture, write_text
+from brushexp.report.anytime import ahead, curve_of, mean_curve, quality_at, time_to, write_anytime
+from brushexp.report.runs import gather
+from brushexp.report.table import collect
+
+CURVE = (np.array([1.0, 2.0, 4.0, 5.0]), np.array([10.0, 20.0, 18.0, 30.0]))
+NUMBERS = {"psnr": 25.0, "perceptual": 0.2, "seconds": 2.0, "anytime": [[0.1, 15.0], [2.0, 25.0]]}
+
+
+def single_run(folder: Path, *words: str, **numbers: object) -> Path:
+    """What ``python run.py`` leaves."""
+    (folder / ".hydra").mkdir(parents=True)
+    write_text(folder / ".hydra" / "overrides.yaml", "".join(f"- {word}\n" for word in words) or "[]\n")
+    write_text(folder / ".hydra" / "config.yaml", "image: chelsea\n")
+    write_json(folder / "metrics.json", {"status": "completed"} | NUMBERS | numbers)
+    write_picture(folder / "target.png", np.full((20, 30, 3), 100, np.uint8))
+    return folder
+
+
+def sweep(folder: Path, *settings: str, **numbers: object) -> Path:
+    """What ``python run.py -m`` leaves, one override a job."""
+    for k, setting in enumerate(settings):
+        run = single_run(folder / str(k), setting, **numbers)
+        key, value = setting.split("=")
+        result = {"run": str(k), "status": "completed", "overrides": {key: value}, "loss": "mse"}
+        write_json(run / "result.json", result | NUMBERS | numbers)
+    return folder
+
+
+# curves
+
+
+def test_quality_at_a_time_is_the_best_so_far():
+    assert [quality_at(CURVE, t) for t in (1, 1.5, 2, 3, 4, 5)] == pytest.approx([10, 15, 20, 20, 20, 30])
+    assert quality_at(CURVE, 0.9) is None
+    assert quality_at(CURVE, 5.1) is None
+
+
+def test_time_to_a_quality_is_the_first():
+    assert [time_to(CURVE, p) for p in (10, 15, 20, 25, 30)] == pytest.approx([1, 1.5, 2, 4.5, 5])
+    assert time_to(CURVE, 9.9) is None
+    assert time_to(CURVE, 30.1) is None
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(0, 50), min_size=2, max_size=20), st.floats(0, 1))
+def test_time_and_quality_are_inverse(psnr, share):
+    curve = (np.arange(len(psnr), dtype=float), np.array(psnr))
+    found = quality_at(curve, share * (len(psnr) - 1))
+    time = time_to(curve, found)
+    assert time is not None
+    assert time <= share * (len(psnr) - 1) + 1e-6
+    assert quality_at(curve, time) == pytest.approx(found, abs=1e-6)
+
+
+@pytest.mark.parametrize("noted", [None, [], [[1.0, 20.0]], [[1, None], [2, 3]], "x", [["a", 1], [2, 3]], [1, 2, 3]])
+def test_a_run_without_a_curve_is_passed_over(noted):
+    assert curve_of({"anytime": noted}) is None
+
+
+def test_a_curve_is_put_in_order():
+    seconds, psnr = curve_of({"anytime": [[2, 25.0], [1, 20.0], [3, None]]})
+    assert (seconds.tolist(), psnr.tolist()) == ([1.0, 2.0], [20.0, 25.0])
+
+
+def test_a_run_that_has_ended_keeps_its_picture_in_the_mean():
+    times, psnr = mean_curve(
+        [(np.array([0.0, 1.0]), np.array([10.0, 20.0])), (np.array([0.5, 2.0]), np.array([20.0, 30.0]))]
+    )
+    assert times.tolist() == [0.5, 1.0, 2.0]
+    assert psnr.tolist() == pytest.approx([(15 + 20) / 2, (20 + 20 + 10 / 3) / 2, (20 + 30) / 2])
+
+
+def test_who_is_ahead_when():
+    fast = (np.array([0.0, 1.0]), np.array([10.0, 20.0]))
+    slow = (np.array([0.5, 3.0, 4.0]), np.array([5.0, 20.05, 30.0]))
+    assert ahead({"fast": fast, "slow": slow}) == [(0.0, "fast"), (4.0, "slow")]
+
+
+def test_equal_time_and_equal_quality_are_told(tmp_path):
+    sweep(tmp_path, "steps=1")
+    sweep(tmp_path / "other", "x=1", "steps=2")  # one deeper: not of this sweep
+    (tmp_path / "other" / "1").rename(tmp_path / "1")
+    path = tmp_path / "1" / "result.json"
+    write_json(path, json.loads(path.read_text()) | {"anytime": [[0.2, 21.0], [1.2, 31.0]]})
+    assert len(collect(tmp_path)) == 2
+    lines = write_anytime(tmp_path).read_text().splitlines()
+    assert "## chelsea, 30 x 20 pixels" in lines
+    assert "| overrides | 0.1 s | 0.2 s | 0.5 s | 1 s | 2 s | end | best |" in lines
+    assert "| steps=2 | – | 21.00 | 24.00 | 29.00 | ended | 1.2 s | 31.00 |" in lines
+    assert "| steps=1 | 0.10 | 1.05 | 2.00 | – | – |" in lines
+    assert "| steps=2 | at once | at once | 0.60 | 0.90 | 1.10 |" in lines
+    assert lines[-2:] == ["| 0.1 s | steps=1 |", "| 0.2 s | steps=2 |"]
+
+
+# gathering
+
+
+def test_sweeps_and_single_runs_are_gathered(tmp_path):
+    sweep(tmp_path / "sweep", *(f"steps={k}" for k in range(11)))
+    single_run(tmp_path / "alone", "+a=1", "~b", "output=x")
+    into = tmp_path / "new"
+    found = gather([tmp_path / "sweep", tmp_path / "alone", tmp_path / "sweep" / "3"], into)
+    assert [run["run"] for run in found] == [*(f"../sweep/{k}" for k in range(11)), "../alone"]
+    assert found[-1]["overrides"] == {"a": "1", "b": "(removed)"}
+    assert all((into / run["run"]).resolve().is_dir() for run in found)
+    assert len(gather([tmp_path], into)) == 12
+
+
+@pytest.mark.parametrize(("name", "reason"), [("missing", "no such folder"), ("empty", "no finished run in it")])
+def test_a_folder_without_runs_is_explained(tmp_path, name, reason):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(UserError, match=rf"runs=.*{name}: there is {reason}; give the folder of a run or of a sweep"):
+        gather([tmp_path / name], tmp_path)
+
+
+# task=compare
+
+
+@pytest.fixture
+def compare(tmp_path, config, monkeypatch):
+    """The task in this process; it returns the folder and the numbers."""
+    from brushexp.task import compare as task  # noqa: PLC0415
+
+    folder = tmp_path / "compared"
+
+    def run(*overrides: str):
+        folder.mkdir(exist_ok=True)
+        hydra = SimpleNamespace(runtime=SimpleNamespace(output_dir=str(folder)))
+        monkeypatch.setattr(task.HydraConfig, "get", lambda: hydra)
+        return folder, task.run(config("task=compare", *overrides), 0.0)
+
+    return run
+
+
+def test_everything_is_written(tmp_path, compare):
+    sweep(tmp_path / "a", "steps=1", "steps=2")
+    single_run(tmp_path / "b", "steps=3", "loss=[mse,kl]", seconds=5.0, psnr=31.0)
+    folder, numbers = compare(f"runs=[{tmp_path}/a,{tmp_path}/b]")
+    assert numbers["runs"] == 3
+    names = {"table.csv", "table.md", "pareto.md", "pareto.csv", "pareto.png", "anytime.md", "curves.png"}
+    assert {path.name for path in folder.iterdir()} == names
+    assert "python run.py steps=3 'loss=[mse,kl]'" in (folder / "pareto.csv").read_text()
+    assert "| ../b | 3 |" in (folder / "table.md").read_text()
+
+
+def test_one_folder_needs_no_brackets(tmp_path, compare):
+    sweep(tmp_path / "a", "steps=1", "steps=2", anytime=None)
+    folder, _ = compare(f"runs={tmp_path}/a")
+    assert not {"anytime.md", "curves.png"} & {path.name for path in folder.iterdir()}
+
+
+def test_other_and_unfinished_runs_are_left_out(tmp_path, compare, caplog):
+    sweep(tmp_path / "a", "steps=1", "steps=2")
+    single_run(tmp_path / "b", "task=train", psnr=None)
+    single_run(tmp_path / "c", "steps=3", status="interrupted")
+    with caplog.at_level("INFO"):
+        _, numbers = compare(f"runs={tmp_path}")
+    assert numbers["runs"] == 2
+    assert "2 of 4 runs are left out" in caplog.text
+
+
+def test_nothing_to_compare_is_explained(tmp_path, compare):
+    single_run(tmp_path / "a", "steps=1")
+    single_run(tmp_path / "b", "task=train", psnr=None)
+    with pytest.raises(UserError, match=r"1 of 2 runs are finished paintings, and no two .*'runs=\[\.\.\.\]'"):
+        compare(f"runs={tmp_path}")
+
+
+def test_runs_has_a_type(compare):
+    with pytest.raises(UserError, match="runs="):
+        compare("runs={a:1}")
