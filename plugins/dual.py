@@ -16,7 +16,7 @@ from torch.nn import functional
 
 from brushexp.errors import UserError
 from brushexp.registry import register
-from brushexp.renderer.base import PatchRenderer
+from brushexp.renderer.base import PatchRenderer, Precision
 from brushexp.renderer.checkpoint import restore
 
 
@@ -28,11 +28,18 @@ class Dual(PatchRenderer):
         window: side of the picture in pixels, a multiple of 16.
         width: channels of the finest convolutions; four times as many at the coarsest ones.
         shading: how far paint may be lighter or darker than its colour, 0 (not) to 1.
+        precision: of the network in painting; the framework sees to it.
         checkpoint: a .safetensors file of task=train; null for random weights, to be trained.
     """
 
     def __init__(
-        self, *, window: int = 64, width: int = 32, shading: float = 0.5, checkpoint: str | None = None
+        self,
+        *,
+        window: int = 64,
+        width: int = 32,
+        shading: float = 0.5,
+        precision: Precision = Precision.float32,
+        checkpoint: str | None = None,
     ) -> None:
         super().__init__()
         if window < 16 or window % 16:  # what a user can mend is a UserError that says how
@@ -41,6 +48,7 @@ class Dual(PatchRenderer):
             raise UserError(f"renderer.width={width} is not a number of channels, 1 to 1024; try renderer.width=32")
         self.window = window  # the contract: draw() makes pictures of this side
         self.shading = shading
+        self.precision = precision
         self.side = window // 16  # pixels of the picture that the dense layers make
         self.dense = nn.Sequential(
             nn.Linear(7, 256), nn.GELU(), nn.Linear(256, 256), nn.GELU(), nn.Linear(256, 4 * width * self.side**2)

@@ -6,9 +6,14 @@ from pathlib import Path
 import pytest
 import torch
 from hydra import compose, initialize_config_dir
+from hypothesis import settings
 from omegaconf import DictConfig
 
 from brushexp.command_line import prepare
+
+# The same examples at every run: a failure is one of the change, and not of chance.
+settings.register_profile("repeatable", derandomize=True)
+settings.load_profile("repeatable")
 
 ROOT = Path(__file__).parents[1]
 prepare(ROOT)  # at import, so that @parametrize can list what is registered

@@ -14,7 +14,7 @@ from brushexp.errors import UserError
 from brushexp.registry import build_named, plugins
 from brushexp.renderer import checkpoint as files
 from brushexp.renderer._fields import stroke_planes
-from brushexp.renderer.base import FAINT, Patches, PatchRenderer, window_pictures
+from brushexp.renderer.base import FAINT, Patches, PatchRenderer, Precision, window_pictures
 from brushexp.renderer.checkpoint import read_recipe, restore, save_checkpoint
 from brushexp.renderer.neural import Activation, Coordinates, Neural, Normalisation, Upsampling
 from brushexp.strokes.prior import WIDTH, clamp_to_prior, parameters_of, sample_prior, strokes_of
@@ -395,3 +395,32 @@ def test_a_bad_checkpoint_is_refused_in_one_clear_line(kept, damage):
 def test_a_checkpoint_that_cannot_be_written_is_named(tmp_path):
     with pytest.raises(UserError, match="cannot write"):
         save_checkpoint(tmp_path / "nowhere" / "a.safetensors", "neural", tiny(), {"options": OPTIONS})
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_sixteen_bits_draw_and_pull_as_thirty_two_do(name):
+    strokes, drawn, pulls = sample_prior(6), [], []
+    for precision in ("float32", "bfloat16"):
+        torch.manual_seed(1)
+        options = {} if name == "neural" else {"checkpoint": None}
+        renderer = build_named("renderer", name, {**options, "precision": precision}).requires_grad_(False).eval()
+        leaves = strokes.map(lambda value: value.clone().requires_grad_())
+        images = renderer(leaves).images
+        assert images.dtype == torch.float32
+        assert {weight.dtype for weight in renderer.parameters()} == {torch.float32}
+        (images * torch.linspace(-1, 1, images[0].numel()).reshape(images[0].shape)).sum().backward()
+        assert leaves.width.grad.dtype == torch.float32
+        drawn.append(images.detach()[:, 3:] * images.detach())
+        pulls.append(torch.cat([getattr(leaves, key).grad.flatten() for key in ("start", "control", "end", "width")]))
+    assert not torch.equal(*drawn)
+    torch.testing.assert_close(*drawn, atol=0.02, rtol=0)
+    assert (drawn[0] - drawn[1]).square().mean().sqrt() < 2e-3
+    assert torch.nn.functional.cosine_similarity(*pulls, dim=0) > 0.99
+
+
+def test_training_has_its_own_precision():
+    given = sample_prior(3)
+    same = [tiny(precision=precision) for precision in Precision]
+    same[1].load_state_dict(same[0].state_dict())
+    images = [renderer.train()(given).images for renderer in same]
+    assert torch.equal(*images)

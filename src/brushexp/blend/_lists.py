@@ -37,13 +37,14 @@ class TileLists:
     shape: tuple[int, int]
 
 
-def build_lists(curve: Array, reach: Array, size: tuple[int, int]) -> TileLists:
+def build_lists(curve: Array, reach: Array, size: tuple[int, int], *, boxes_only: bool = False) -> TileLists:
     """List the strokes that may touch each tile.
 
     Args:
         curve: (N, 6) float32: the three control points in pixels, front to back.
         reach: (N,) float32: pixels beyond which a stroke is transparent; nothing is listed where it is 0 or less.
         size: (H, W) of the canvas.
+        boxes_only: strokes fill the boxes around them, corners too, as windows do.
     """
     rows, columns = -(-size[0] // TILE), -(-size[1] // TILE)
     boxes = np.empty((len(curve), 4), np.int32)
@@ -52,7 +53,7 @@ def build_lists(curve: Array, reach: Array, size: tuple[int, int]) -> TileLists:
     per_band = np.zeros((len(curve), BANDS), np.int64)
     space = np.concatenate([np.zeros(1, np.int64), np.cumsum(_candidates(boxes, rows))])
     hits = np.empty(space[-1], np.int32)
-    _find(curve, reach, boxes, rows, columns, space, hits, per_tile, per_band)
+    _find(curve, reach, boxes, rows, columns, boxes_only, space, hits, per_tile, per_band)
     first = np.concatenate([np.zeros(1, np.int64), np.cumsum(per_tile)])
     ends = np.cumsum(per_band.reshape(-1)).reshape(per_band.shape)
     row = np.concatenate([np.zeros(1, np.int64), ends[:, -1]])
@@ -80,25 +81,46 @@ def _boxes(curve, reach, rows, columns, boxes):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _touches(points, reach, x, y):  # type: ignore[no-untyped-def]
-    """Whether a piecewise straight stroke of half thickness ``reach`` may meet the pixel centres around (x, y).
+    """Whether a piecewise straight stroke of half thickness ``reach`` meets the square of pixel centres around (x, y).
 
-    Separating axes along and across each piece, against the square of pixel centres of one tile.
+    The square meets a piece where its middle is within reach of the hexagon that the square sweeps along the piece.
+    Separating axes alone (along and across) let through the pairs at corners, an eighth of all.
     """
     half = 0.5 * (TILE - 1)
     for m in range(PIECES):
-        ax, ay = points[m, 0], points[m, 1]
-        ux, uy = points[m + 1, 0] - ax, points[m + 1, 1] - ay
+        ax, ay, bx, by = points[m, 0], points[m, 1], points[m + 1, 0], points[m + 1, 1]
+        outside_x = max(min(ax, bx) - x, x - max(ax, bx)) - half
+        outside_y = max(min(ay, by) - y, y - max(ay, by)) - half
+        if outside_x > reach or outside_y > reach:
+            continue
+        ux, uy = bx - ax, by - ay
         length = np.sqrt(ux * ux + uy * uy)
         if length > 1e-6:
             ux, uy = ux / length, uy / length
         else:
             ux, uy = 1.0, 0.0
-        spread = reach + half * (abs(ux) + abs(uy))
-        along = ux * (x - ax) + uy * (y - ay)
         across = ux * (y - ay) - uy * (x - ax)
-        if abs(across) <= spread and -spread <= along <= length + spread:
+        beside = abs(across) - half * (abs(ux) + abs(uy))
+        if beside > reach:
+            continue
+        if outside_x <= 0 and outside_y <= 0 and beside <= 0:
+            return True
+        if _near_square(x - ax, y - ay, half, reach) or _near_square(x - bx, y - by, half, reach):
+            return True
+        # What is left are the two long sides; the nearer one starts at this corner of the square around a.
+        side = half if across > 0 else -half
+        corner_x, corner_y = (-side if uy > 0 else side), (side if ux > 0 else -side)
+        along = ux * (x - ax - corner_x) + uy * (y - ay - corner_y)
+        if 0 <= along <= length and beside <= reach:
             return True
     return False
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _near_square(x, y, half, reach):  # type: ignore[no-untyped-def]
+    """Whether (x, y) is within ``reach`` of the square from -half to half."""
+    dx, dy = max(abs(x) - half, 0.0), max(abs(y) - half, 0.0)
+    return dx * dx + dy * dy <= reach * reach
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -129,7 +151,7 @@ def _candidates(boxes, rows):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", parallel=True, nogil=True)
-def _find(curve, reach, boxes, rows, columns, space, hits, per_tile, per_band):  # type: ignore[no-untyped-def]
+def _find(curve, reach, boxes, rows, columns, boxes_only, space, hits, per_tile, per_band):  # type: ignore[no-untyped-def]
     """Test the candidates of each band: write the tile of those that touch from ``space[band]`` on, and count."""
     for band in prange(BANDS):
         low, high = band * rows // BANDS, (band + 1) * rows // BANDS
@@ -143,7 +165,7 @@ def _find(curve, reach, boxes, rows, columns, space, hits, per_tile, per_band): 
             before = place
             for ty in range(top, bottom + 1):
                 for tx in range(boxes[i, 2], boxes[i, 3] + 1):
-                    if _touches(points, r, (tx + 0.5) * TILE, (ty + 0.5) * TILE):
+                    if boxes_only or _touches(points, r, (tx + 0.5) * TILE, (ty + 0.5) * TILE):
                         tile = ty * columns + tx
                         hits[place] = tile
                         per_tile[tile] += 1

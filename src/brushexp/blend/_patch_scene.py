@@ -67,7 +67,7 @@ class PatchScene:
 def scene_of(layers: Patches, size: tuple[int, int], background: Array, opaque: float, order: Array) -> PatchScene:
     """The scene of these layers, with lists of the boxes around what they show."""
     curve, reach = _boxes_of(layers)
-    return PatchScene(build_lists(curve[order], reach[order], size), size, background, opaque, order)
+    return PatchScene(build_lists(curve[order], reach[order], size, boxes_only=True), size, background, opaque, order)
 
 
 @torch.no_grad()

@@ -133,7 +133,7 @@ def forward(places, images, order, first, stroke, slot, columns, background, opa
                 if judge:
                     errors[slot[j], 0], errors[slot[j], 1] = _judge(places[i, 3], target, top, left, buf)
                 j += 1
-                if brightest <= opaque and not judge:
+                if brightest < opaque and not judge:
                     break
             used[tile] = j - first[tile]
             _show(buf, background, top, left, image)

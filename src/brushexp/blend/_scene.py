@@ -65,6 +65,17 @@ class Scene:
         )  # fmt: skip
         return sums_by_stroke(lists, self.order, pairs)
 
+    def worth(self, strokes: Array, target: Array, weight: Array) -> Array:
+        """By how much the squared error, weighted by (H, W), would grow without each stroke: (N,)."""
+        error = self.paint(strokes, None, keep=True) - target
+        lists = self.lists
+        pairs = np.empty((len(lists.stroke), 1), F)
+        _kernels.worth(
+            strokes[self.order], lists.first, lists.stroke, lists.slot, lists.shape[1], self.background, F(self.soft),
+            F(self.taper), self.used, self.nearest, error, weight, pairs,
+        )  # fmt: skip
+        return sums_by_stroke(lists, self.order, pairs)[:, 0]
+
 
 def sums_by_stroke(lists: TileLists, order: Array, pairs: Array) -> Array:
     """Sums (N, C) over the pairs (pairs, C) of each stroke, in the order of the strokes themselves."""

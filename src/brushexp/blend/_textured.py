@@ -329,6 +329,8 @@ def backward(p, brush, lists, columns, background, used, there, nearest, grad_im
         at, words = np.empty(AREA, I), np.empty(deepest * 2 * AREA, I)
         for tile in range(worker, len(used), WORKERS):
             top, left, begin, n = tile // columns * TILE, tile % columns * TILE, first[tile], used[tile]
+            if first[tile + 1] == begin:  # an empty tile
+                continue
             ox, oy = F(left), F(top)
             mine, slots = stroke[begin : begin + n], slot[begin : first[tile + 1]]
             seen, near = there[begin : begin + n], nearest[begin : begin + n]

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from brushexp.blend.base import Blend, Canvas, accuracy_of, pixel_centres
+from brushexp.blend.base import Blend, Canvas, accuracy_of, alike, pixel_centres
 from brushexp.errors import UserError
 from brushexp.registry import register
 from brushexp.renderer.base import Layers
@@ -26,6 +26,7 @@ class Dense(Blend):
         target: Tensor | None = None,
     ) -> Canvas:
         height, width = size
+        background, target = alike(layers, background, target)
         if len(front_to_back) * height * width > LIMIT:
             raise UserError(
                 f"blend=dense would hold {len(front_to_back)} strokes at {height * width} pixels each; "

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from brushexp.blend.base import Blend, Canvas, accuracy_of
+from brushexp.blend.base import Blend, Canvas, accuracy_of, alike
 from brushexp.blend.dense import over
 from brushexp.errors import UserError
 from brushexp.process import share_threads
@@ -58,6 +58,7 @@ class Tiled(Blend):
         target: Tensor | None = None,
     ) -> Canvas:
         curve = layers.curve
+        background, target = alike(layers, background, target)
         compiled = None
         if self.kernel is not Kernel.torch and type(layers) in self._passes and _compiled_for(curve):
             share_threads()
@@ -70,6 +71,20 @@ class Tiled(Blend):
             )
         padded = self._eager.pad(self._eager.lists_of(layers, front_to_back, size), front_to_back, curve)
         return self._eager.paint_tiles(layers, padded, size, background, target, over)
+
+    def worth(
+        self,
+        layers: Layers,
+        front_to_back: Tensor,
+        size: tuple[int, int],
+        background: Tensor,
+        target: Tensor,
+        weight: Tensor,
+    ) -> Tensor | None:
+        if self.kernel is Kernel.torch or not isinstance(layers, Profile) or not _compiled_for(layers.curve):
+            return None
+        scene, strokes = self._profile(layers, front_to_back, size, background.numpy())
+        return torch.from_numpy(scene.worth(strokes.detach().numpy(), target.numpy(), weight.contiguous().numpy()))
 
     def _compiled(self, target: Tensor | None, scene: Any, *tensors: Tensor) -> Canvas:
         image = _Paint.apply(scene, None if target is None else target.contiguous().numpy(), *tensors)

@@ -5,7 +5,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from brushexp.blend.base import Blend, Canvas
+from brushexp.blend.base import Blend, Canvas, alike
 from brushexp.blend.dense import over
 from brushexp.blend.tiled import Tiled
 from brushexp.errors import UserError
@@ -45,6 +45,7 @@ class TopK(Blend):
     ) -> Canvas:
         if self.k is None:
             return self._exact(layers, front_to_back, size, background, target)
+        background, target = alike(layers, background, target)
         lists = self._eager.pad(self._eager.lists_of(layers, front_to_back, size), front_to_back, background)
         return self._eager.paint_tiles(layers, lists, size, background, target, partial(_uppermost, self.k))
 

@@ -8,6 +8,7 @@ stroke is (`Profile`); a patch renderer draws the window of each stroke and samp
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from enum import Enum
 from typing import ClassVar, Self
 
 import torch
@@ -17,14 +18,25 @@ from torch.utils.checkpoint import checkpoint
 from brushexp.engine.base import Engine
 from brushexp.renderer._frame import stroke_frame
 from brushexp.strokes.bezier import closest_parameter, point_at
-from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.catalogue import Strokes, drawable
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, rewindow, strokes_of
 
 FAINT = 2 / 255  # in painting, what a network draws is nothing where its alpha is below this
 ALMOST_NOTHING = 1e-6  # alpha below which the colour of a texel no longer counts
 SPREAD = 1.5  # half widths that a texture reaches to either side of the curve, and beyond its ends
+EDGE = 2.0  # pixels that a soft edge may add to a stroke
 TEXELS = 2**26  # of windows that are held at once when no gradient is needed: 1 GB
 CHUNK = 128  # strokes that a network draws at once: enough to keep the cores busy
+
+
+class Precision(Enum):
+    """In what numbers a network computes in painting: 32 bits, or 16 where that is known to be harmless (autocast).
+
+    The weights and the pictures that come out have 32 bits either way.
+    """
+
+    float32 = "float32"
+    bfloat16 = "bfloat16"
 
 
 class Layers(ABC):
@@ -70,6 +82,11 @@ class Renderer(nn.Module, ABC):
     weights_hash: str = ""
     at_once: int | None = None
 
+    def __call__(self, strokes: Strokes, number: Tensor | None = None) -> Layers:
+        """As `forward`; strokes of 16 bits are drawn in float32, see `drawable`."""
+        layers: Layers = super().__call__(drawable(strokes), number)
+        return layers
+
     @abstractmethod
     def forward(self, strokes: Strokes, number: Tensor | None = None) -> Layers:
         """Layers on the canvas that ``strokes`` are measured on; differentiable in every field.
@@ -111,10 +128,12 @@ class PatchRenderer(Renderer):
 
     Attributes:
         window: S, pixels on the side of the pictures that `draw` makes.
+        precision: of `draw` in painting.
     """
 
     stand_in = "textured"
     window: int
+    precision: Precision = Precision.float32
 
     @abstractmethod
     def draw(self, parameters: Tensor) -> Tensor:
@@ -126,18 +145,25 @@ class PatchRenderer(Renderer):
 
     def forward(self, strokes: Strokes, number: Tensor | None = None) -> "Patches":
         """Layers of the windows; parameters outside the range of training are brought to its edge first."""
-        parts = parameters_of(clamp_to_prior(strokes)).split(CHUNK)
-        if self.training:
+        parameters = parameters_of(clamp_to_prior(strokes))
+        weight = next(self.parameters(), parameters)
+        parts = parameters.to(weight.dtype).split(CHUNK)
+        if not len(strokes):
+            images = parameters.new_zeros(0, 4, self.window, self.window)
+        elif self.training:
             images = torch.cat([self.draw(part) for part in parts])
         elif not torch.is_grad_enabled():
             images = torch.cat([self._clean(part) for part in parts])
         else:  # the pictures are kept, the activations of the network are computed again in the backward pass
             images = torch.cat([checkpoint(self._clean, part, use_reentrant=False) for part in parts])
+        images = images.to(parameters.dtype)
         return Patches(images, strokes.position, strokes.scale, strokes.opacity, strokes.color)
 
     def _clean(self, parameters: Tensor) -> Tensor:
         """What `draw` makes without its faintest traces: a network leaves some everywhere, and each costs time."""
-        color, alpha = self.draw(parameters).split([3, 1], dim=1)
+        with torch.autocast(parameters.device.type, torch.bfloat16, enabled=self.precision is Precision.bfloat16):
+            pictures = self.draw(parameters)
+        color, alpha = pictures.to(parameters.dtype).split([3, 1], dim=1)
         return torch.cat([color, torch.where(alpha < FAINT, 0.0, alpha)], dim=1)
 
     @property
@@ -192,7 +218,8 @@ class Profile(Layers):
         offset = (point_at(curve, t) - points).square().sum(-1)
         distance = (offset + 1e-12 * (offset == 0)).sqrt()  # the slope at 0 is 0, not 0/0
         half = self.half_width[index][..., None] * (1 - self.taper * (2 * t - 1) ** 2)
-        coverage = smooth_step((half + distance) / self.soft) + smooth_step((half - distance) / self.soft) - 1
+        coverage = smooth_rise((half + distance) / self.soft) + smooth_rise((half - distance) / self.soft)
+        coverage = coverage.clamp_min(0)  # rounding may leave less
         return self.opacity[index][..., None] * coverage, self.color[index][:, :, None]
 
 
@@ -343,7 +370,7 @@ def _look_up(textures: Tensor, look: Tensor, x: Tensor, y: Tensor) -> Tensor:
     return torch.lerp(above, below, down)
 
 
-def smooth_step(x: Tensor) -> Tensor:
-    """Cubic step from 0 (x <= -1/2) to 1 (x >= 1/2)."""
-    z = (x + 0.5).clamp(0, 1)
-    return z * z * (3 - 2 * z)
+def smooth_rise(x: Tensor) -> Tensor:
+    """Cubic step from -1/2 (x <= -1/2) to 1/2 (x >= 1/2); odd to the bit, so that its sum at x and -x is exactly 0."""
+    z = x.clamp(-0.5, 0.5)
+    return z * (1.5 - 2 * z * z)

@@ -10,7 +10,7 @@ from torch.nn import functional
 from brushexp.errors import UserError
 from brushexp.registry import register
 from brushexp.renderer._fields import PLANES, stroke_planes
-from brushexp.renderer.base import PatchRenderer
+from brushexp.renderer.base import PatchRenderer, Precision
 from brushexp.renderer.checkpoint import checkpoint_path, read_recipe, restore, shipped
 
 COARSEST = 4  # pixels on the side of the picture that the dense layers make
@@ -97,6 +97,8 @@ class Neural(PatchRenderer):
         upsampling: between the sizes; pixel_shuffle learns it.
         channels: widths of all layers but the last, as task=prune leaves them: of the dense ones, of the coarsest
             picture, and of every convolution. null: those of the checkpoint, else as width, widest and dense say.
+        precision: of the network in painting. bfloat16 is faster on processors that have it (AVX-512 BF16, AMX) and
+            on GPUs; training has its own.
         checkpoint: trained weights: a .safetensors file, or the name of one that comes with the program; null for
             random weights, to be trained.
     """
@@ -116,16 +118,19 @@ class Neural(PatchRenderer):
         normalisation: Normalisation = Normalisation.none,
         upsampling: Upsampling = Upsampling.nearest,
         channels: list[int] | None = None,
+        precision: Precision = Precision.float32,
         checkpoint: str | None = shipped("neural"),
     ) -> None:
         super().__init__()
         options = {key: value for key, value in locals().items() if key not in ("self", "__class__", "checkpoint")}
+        del options["precision"]  # the weights do not depend on it
         if channels is None and checkpoint is not None:
             channels = options["channels"] = read_recipe(checkpoint_path(checkpoint))["options"].get("channels")
         if channels is None:
             del options["channels"]  # a checkpoint from before there were any is as good
         _check(window, subpixel, {"width": width, "widest": widest}, dense)
         self.window = window
+        self.precision = precision
         self.subpixel = subpixel
         self.activate = ACTIVATIONS[activation]
         self.coordconv, self.tint = coordconv, tint

@@ -127,7 +127,7 @@ class Textured(Renderer):
 
     def _prepare(self) -> tuple[Tensor, Tensor, Tensor]:
         looks = self._looks()
-        place = torch.arange((self.widths - 1) * FINE + 1, device=looks.device) / FINE
+        place = torch.arange((self.widths - 1) * FINE + 1, device=looks.device, dtype=looks.dtype) / FINE
         low = place.floor().clamp(0, max(self.widths - 2, 0)).long()
         part = (place - low)[:, None, None, None, None]
         looks = torch.lerp(looks[:, low], looks[:, (low + 1).clamp_max(self.widths - 1)], part).flatten(0, 2)

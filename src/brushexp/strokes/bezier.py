@@ -5,7 +5,11 @@ from torch import Tensor
 
 from brushexp.strokes.catalogue import Strokes
 
-NEWTON_STEPS = 5  # in `closest_parameter`, the last one with a gradient
+NEWTON_STEPS = 9  # in `closest_parameter`, the last one with a gradient
+TIE = 16  # roundings of a coordinate: where both legs of a fold are as near as can be told, the first one is taken
+APART = 0.01  # of the parameter: two places that are nearer to each other are in one valley
+STILL = 1.25e-5  # square pixels: derivatives of t are limited as if no curve were shorter than 0.005 px
+Cubic = tuple[Tensor, Tensor, Tensor, Tensor]  # coefficients, highest first
 
 
 def curve_of(strokes: Strokes) -> Tensor:
@@ -32,24 +36,38 @@ def point_at(curve: Tensor, t: Tensor) -> Tensor:
 def closest_parameter(curve: Tensor, points: Tensor) -> Tensor:
     """Parameter t (...) in [0, 1] of the point of each curve (..., 3, 2) nearest to ``points`` (..., 2).
 
-    The best of a few samples (65 if a curve bends as much as it is long), then Newton's method on the derivative of the
-    squared distance, held between the neighbouring samples. Its derivative with respect to curve and points is that of
-    the implicit function theorem, and 0 where t is held at an end.
+    The distance has at most two valleys, one to each side of the inflection of its derivative. In each the best of a
+    few samples (65 if a curve bends as much as it is long) is refined by Newton's method on the derivative of the
+    squared distance, between the neighbouring samples, with bisection where it would leave what is left between them;
+    the nearer of both is taken. Its derivative with respect to curve and points is that of the implicit function
+    theorem, and 0 where t is held at an end. It grows without bound where a curve is short, and is limited there
+    (`STILL`).
     """
     cubic = distance_cubic(curve, points)
     with torch.no_grad():
         n = _samples_for(curve)
-        t = _nearest_sample(cubic, n)
-        low, high = (t - 1 / n).clamp_min(0), (t + 1 / n).clamp_max(1)
-        for _ in range(NEWTON_STEPS - 1):
-            slope, bend = cubic_at(cubic, t)
-            t = (t - slope / bend.clamp_min(_floor(cubic))).clamp(low, high)
-        bend = cubic_at(cubic, t)[1].clamp_min(_floor(cubic))
+        first, second = (_refined(cubic, start, n) for start in _nearest_samples(cubic, n))
+        nearness = [(point_at(curve, t) - points).norm(dim=-1) for t in (first, second)]
+        tie = TIE * torch.finfo(curve.dtype).eps * curve.abs().amax((-1, -2))
+        tie = tie * ((second - first) > APART)  # of two places in one valley only one is the nearest
+        t = torch.where(nearness[1] < nearness[0] - tie, second, first)
+        bend = cubic_at(cubic, t)[1].clamp_min(_floor(cubic)).clamp_min(STILL)
     slope, _ = cubic_at(cubic, t)
     return (t - slope / bend).clamp(0, 1)
 
 
-def distance_cubic(curve: Tensor, points: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def _refined(cubic: Cubic, t: Tensor, n: int) -> Tensor:
+    """Zero of a cubic near sample ``t`` of ``n`` intervals, or the end at which the samples stop."""
+    low, high = (t - 1 / n).clamp_min(0), (t + 1 / n).clamp_max(1)
+    for _ in range(NEWTON_STEPS - 1):
+        slope, bend = cubic_at(cubic, t)
+        low, high = torch.where(slope < 0, t, low), torch.where(slope > 0, t, high)
+        newton = t - slope / bend.clamp_min(_floor(cubic))
+        t = torch.where((low <= newton) & (newton <= high), newton, 0.5 * (low + high))
+    return t
+
+
+def distance_cubic(curve: Tensor, points: Tensor) -> Cubic:
     """Coefficients, highest first, of f(t) = (B(t) - p) . B'(t) / 2, whose zeros are the critical points of |B - p|."""
     start, control, end = curve.unbind(-2)
     bend, forward, away = start - 2 * control + end, control - start, start - points
@@ -61,7 +79,7 @@ def distance_cubic(curve: Tensor, points: Tensor) -> tuple[Tensor, Tensor, Tenso
     )
 
 
-def cubic_at(cubic: tuple[Tensor, Tensor, Tensor, Tensor], t: Tensor) -> tuple[Tensor, Tensor]:
+def cubic_at(cubic: Cubic, t: Tensor) -> tuple[Tensor, Tensor]:
     """Value and derivative of a cubic."""
     a, b, c, d = cubic
     return ((a * t + b) * t + c) * t + d, (3 * a * t + 2 * b) * t + c
@@ -75,17 +93,27 @@ def _samples_for(curve: Tensor) -> int:
     return 4 if gentle else 16 if bent else 64
 
 
-def _nearest_sample(cubic: tuple[Tensor, Tensor, Tensor, Tensor], n: int) -> Tensor:
+def _nearest_samples(cubic: Cubic, n: int) -> tuple[Tensor, Tensor]:
+    """The nearest of the samples before the inflection of a cubic, and of those after it."""
+    a, b, _, _ = cubic
+    inflection = -b / (3 * a).clamp_min(torch.finfo(a.dtype).tiny)
+    found = []
+    for after in (False, True):
+        best_t, best = torch.zeros_like(b), torch.full_like(b, torch.inf)
+        for t in torch.linspace(0, 1, n + 1).tolist():
+            away = _away(cubic, torch.full_like(b, t)).where((inflection < t) == after, torch.inf)
+            best_t, best = torch.where(away < best, t, best_t), torch.minimum(away, best)
+        found.append(best_t)
+    return found[0], found[1]
+
+
+def _away(cubic: Cubic, t: Tensor) -> Tensor:
+    """A quarter of |B(t) - p|^2 - |P0 - p|^2, from the cubic of the distance."""
     a, b, c, d = cubic
-    best_t, best = torch.zeros_like(c), torch.zeros_like(c)
-    for t in torch.linspace(0, 1, n + 1).tolist():
-        away = (((a * t / 4 + b / 3) * t + c / 2) * t + d) * t  # a quarter of |B - p|^2 - |P0 - p|^2
-        best_t = torch.where(away < best, t, best_t)
-        best = torch.minimum(away, best)
-    return best_t
+    return (((a * t / 4 + b / 3) * t + c / 2) * t + d) * t
 
 
-def _floor(cubic: tuple[Tensor, Tensor, Tensor, Tensor]) -> Tensor:
+def _floor(cubic: Cubic) -> Tensor:
     """Least curvature Newton may divide by: tiny against the curve's own squared length, and never 0."""
     a, b, c, _ = cubic
     return 1e-6 * (a + b.abs() + c.abs()) + torch.finfo(a.dtype).tiny

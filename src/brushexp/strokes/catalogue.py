@@ -25,6 +25,7 @@ class Field:
         return (n, self.size) if self.size else (n,)
 
 
+PRECISE = (torch.float32, torch.float64)  # in which strokes can be optimised, and are drawn as they are
 FAR = 1e6  # beyond this a float32 pixel coordinate is coarser than a tenth of a pixel
 FIELDS = {
     "position": Field(2, -FAR, FAR, "pixels of the canvas, x to the right, y down; the window's centre"),
@@ -113,6 +114,27 @@ def check_strokes(strokes: Strokes) -> None:
             )
 
 
+def drawable(strokes: Strokes) -> Strokes:
+    """Strokes as renderers take them: those of 16 bits in float32, where their gradients come back in 16 bits.
+
+    A coordinate of 16 bits is coarse (at 300 px steps of 1/4 px in float16, of 2 px in bfloat16), but it is a place all
+    the same. What is computed from it in 16 bits is not: squares of distances overflow, and nearest points are lost.
+
+    Raises:
+        UserError: for numbers that 16 bits cannot hold, and for strokes of whole or complex numbers.
+    """
+    dtype = strokes.position.dtype
+    if dtype in PRECISE:
+        return strokes
+    if dtype not in (torch.float16, torch.bfloat16):
+        raise UserError(f"strokes are {dtype}; convert them with strokes.map(lambda value: value.float())")
+    try:
+        check_strokes(strokes)
+    except UserError as error:
+        raise UserError(f"{error}; {dtype} may be too narrow for these strokes: make them in float32") from error
+    return strokes.map(Tensor.float)
+
+
 class Catalogue(nn.Module):
     """Owns the strokes as parameters, keeps them finite and in range, adds and removes them.
 
@@ -129,6 +151,11 @@ class Catalogue(nn.Module):
 
     def __init__(self, strokes: Strokes, units: Mapping[str, float]) -> None:
         super().__init__()
+        if strokes.position.dtype not in PRECISE:
+            raise UserError(
+                f"strokes are {strokes.position.dtype}, in which small steps are lost; "
+                "optimise them as strokes.map(lambda value: value.float())"
+            )
         check_strokes(strokes)
         unknown = set(units) - set(FIELDS)
         if unknown:
@@ -191,6 +218,13 @@ class Catalogue(nn.Module):
             if all(torch.is_tensor(value) and value.shape in ((), old.shape) for value in state.values()):
                 parameter = getattr(self, before[id(old)])
                 optimizer.state[parameter] = {key: _carry(value, keep, parameter) for key, value in state.items()}
+
+    def resize(self, n: int) -> None:
+        """Make room for ``n`` strokes that are about to be loaded; what there is becomes meaningless unless it fits."""
+        if n != len(self):
+            like = self.scale.detach()
+            blank = {name: like.new_full(field.shape(n), max(field.low, 0.0)) for name, field in FIELDS.items()}
+            self._store(Strokes(**blank))
 
     def _unit(self, name: str) -> Tensor | float:
         """What one unit of a parameter is in the units of its field."""

@@ -17,9 +17,10 @@ def nearest(points: Tensor, others: Tensor, k: int, *, exclude_self: bool) -> Te
     k = min(k, len(others) - exclude_self)
     if k < 1:
         return torch.empty(len(points), 0, dtype=torch.long, device=points.device)
-    tree = cKDTree(others.detach().cpu().numpy())
+    places, around = (x.detach().cpu().double().numpy() for x in (points, others))  # numpy has no bfloat16
+    tree = cKDTree(around)
     workers = torch.get_num_threads()
-    found = torch.from_numpy(tree.query(points.detach().cpu().numpy(), k=k + exclude_self, workers=workers)[1])
+    found = torch.from_numpy(tree.query(places, k=k + exclude_self, workers=workers)[1])
     found = found.reshape(len(points), k + exclude_self).to(points.device)
     if exclude_self:  # where strokes share a place, the stroke itself need not come first, nor be found at all
         own = found == torch.arange(len(points), device=points.device)[:, None]

@@ -1,0 +1,383 @@
+"""What losses, the critic's loss and optimisers say of almost nothing: one stroke, one pixel, no gradient."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from networks import alexnet_state, saved, squeeze_state, vgg_state
+from scenes import random_strokes
+from torch import Tensor
+from torch.testing import assert_close
+
+from brushexp.loss._kernels import EMBEDDINGS, POWERS, Kernel, discrepancy
+from brushexp.loss.base import Loss, Painting
+from brushexp.loss.brushwork import BrushworkTransfer
+from brushexp.loss.discriminator import Discriminated
+from brushexp.loss.flow import Curvature, Direction
+from brushexp.loss.lpips import Lpips
+from brushexp.loss.perceptual import Perceptual
+from brushexp.loss.pixel import MeanAbsoluteError, MeanSquaredError
+from brushexp.loss.sinkhorn import Sinkhorn
+from brushexp.loss.ssim import StructuralSimilarity
+from brushexp.loss.stroke import SHRINK, KullbackLeibler, Width
+from brushexp.loss.style import Style
+from brushexp.registry import build
+from brushexp.strokes.brushwork import Brushwork, brushwork_of, distances
+from brushexp.strokes.catalogue import Catalogue, Strokes
+from brushexp.train.adversarial import relativistic_loss
+
+PRECISIONS = (torch.float64, torch.float32, torch.bfloat16, torch.float16)
+CANVAS = (20, 30)  # of the strokes
+STRAIGHT = SHRINK - 1 - np.log(SHRINK)  # KL of strokes that are all straight
+
+# --- Strokes ---
+
+
+def reference() -> Brushwork:
+    made = random_strokes(60, (40, 50), seed=1)
+    return brushwork_of(replace(made, width=made.width.clamp_min(0.1), opacity=made.opacity.clamp_min(0.2)), (40, 50))
+
+
+def brushwork() -> BrushworkTransfer:
+    loss = BrushworkTransfer()
+    loss.reference = reference()
+    return loss
+
+
+STROKE_LOSSES: dict[str, Callable[[], Loss]] = {
+    "kl": KullbackLeibler,
+    "width": Width,
+    "curvature": Curvature,
+    "direction": Direction,
+    "brushwork": brushwork,
+    "discriminator": Discriminated,
+}
+
+
+def visible(n: int) -> Strokes:
+    made = random_strokes(n, CANVAS, seed=3, dtype=torch.float64)
+    return replace(made, width=made.width.clamp_min(0.1), opacity=made.opacity.clamp_min(0.2))
+
+
+def identical(n: int) -> Strokes:
+    return visible(1).map(lambda value: value.expand(n, *value.shape[1:]).clone())
+
+
+def collinear(n: int, t: float) -> Strokes:
+    """Control points on the line through both ends: between them for t in (0, 1), beyond them otherwise."""
+    made = visible(n)
+    return replace(made, control=made.start + t * (made.end - made.start))
+
+
+def points(n: int) -> Strokes:
+    made = visible(n)
+    return replace(made, control=made.start, end=made.start)
+
+
+FEW = {
+    "none": Strokes.none(),
+    "one": visible(1),
+    "two": visible(2),
+    "two identical": identical(2),
+    "twelve identical": identical(12),
+    "collinear, between": collinear(5, 0.5),
+    "collinear, at the start": collinear(5, 0.0),
+    "collinear, beyond": collinear(5, 3.0),
+    "one collinear": collinear(1, 0.3),
+    "points": points(4),
+    "controls far away": replace(visible(4), control=torch.full((4, 2), 1e3).double()),
+    "far off and huge": replace(visible(4), position=1e6 + visible(4).position, scale=1e6 * visible(4).scale / 30),
+}
+
+
+def judged_strokes(loss: Loss, strokes: Strokes, dtype: torch.dtype) -> tuple[Tensor, list[Tensor]]:
+    """Value and gradients of a loss of strokes in a dtype."""
+    made = strokes.map(lambda value: value.to(dtype).clone().requires_grad_())
+    picture = torch.zeros(3, *CANVAS, dtype=dtype)
+    value = loss(Painting(picture, picture, made))
+    leaves = [leaf for _, leaf in made.items()]
+    found = torch.autograd.grad(value, leaves, allow_unused=True)
+    return value.detach(), [torch.zeros_like(x) if g is None else g for x, g in zip(leaves, found, strict=True)]
+
+
+@pytest.mark.parametrize("kind", FEW)
+@pytest.mark.parametrize("name", STROKE_LOSSES)
+def test_few_strokes_have_a_value_and_a_gradient_in_every_precision(name, kind):
+    exact, slopes = judged_strokes(STROKE_LOSSES[name](), FEW[kind], torch.float64)
+    assert exact.shape == ()
+    assert exact >= 0
+    assert all(slope.isfinite().all() for slope in slopes)
+    for dtype in (torch.float32, torch.bfloat16):
+        value, found = judged_strokes(STROKE_LOSSES[name](), FEW[kind], dtype)
+        assert value.isfinite()
+        assert all(slope.isfinite().all() and slope.dtype == dtype for slope in found)
+        if dtype is torch.float32:
+            assert_close(value.double(), exact.double(), rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", STROKE_LOSSES)
+def test_no_strokes_cost_nothing(name):
+    for dtype in PRECISIONS:
+        value, _ = judged_strokes(STROKE_LOSSES[name](), Strokes.none(), dtype)
+        assert value == 0
+
+
+@pytest.mark.parametrize("name", STROKE_LOSSES)
+def test_half_precision_costs_what_its_rounded_strokes_cost(name):
+    """Only the strokes are rounded, not what is computed of them."""
+    for dtype in (torch.bfloat16, torch.float16):
+        rounded = visible(12).map(lambda value, to=dtype: value.to(to))
+        value, _ = judged_strokes(STROKE_LOSSES[name](), rounded, dtype)
+        exact, _ = judged_strokes(STROKE_LOSSES[name](), rounded, torch.float64)
+        assert value.dtype == torch.float32
+        assert_close(value.double(), exact.double(), rtol=1e-4, atol=1e-6)
+
+
+def test_straight_strokes_diverge_as_far_as_the_shrinkage_lets_them():
+    for n in (1, 2, 7):
+        value, slopes = judged_strokes(KullbackLeibler(), collinear(n, 0.5), torch.float64)
+        assert float(value) == pytest.approx(STRAIGHT, rel=1e-12)
+        assert all(slope.abs().max() < 1e-6 for slope in slopes), "the covariance has a corner nowhere"
+
+
+@pytest.mark.parametrize("t", [-0.5, 0.0, 0.3, 3.0])
+def test_collinear_controls_diverge_by_their_mean_along_the_chord(t):
+    value, _ = judged_strokes(KullbackLeibler(), collinear(6, t), torch.float64)
+    assert float(value) == pytest.approx(STRAIGHT + 0.5 * 200 * (0.5 - t) ** 2, rel=1e-9)
+
+
+def test_copies_of_a_stroke_cost_what_it_costs_alone():
+    for name in ("kl", "width", "curvature", "discriminator"):
+        one, _ = judged_strokes(STROKE_LOSSES[name](), identical(1), torch.float64)
+        many, _ = judged_strokes(STROKE_LOSSES[name](), identical(2), torch.float64)
+        assert_close(many, one, rtol=1e-6, atol=1e-9)
+
+
+def test_one_stroke_and_identical_ones_flow_and_straight_ones_do_not_bend():
+    for n in (1, 2, 12):
+        assert judged_strokes(Direction(), identical(n), torch.float64)[0] == 0
+    assert judged_strokes(Curvature(), collinear(4, 0.5), torch.float64)[0] < 1e-6
+    assert judged_strokes(Curvature(), points(4), torch.float64)[0] == 0
+
+
+def test_the_brushwork_of_one_stroke_is_that_of_a_sample_of_one():
+    made, wanted = visible(1), reference().to(torch.zeros((), dtype=torch.float64))
+    twice = Strokes.join(made, made)
+    for strokes in (made, twice):
+        found = distances(strokes, CANVAS, wanted)
+        assert found.isfinite().all()
+        assert (found > 0).any()
+
+
+# --- Pictures ---
+
+PICTURE_LOSSES: dict[str, Callable[[], Loss]] = {
+    "mse": MeanSquaredError,
+    "l1": MeanAbsoluteError,
+    "ssim": StructuralSimilarity,
+    "perceptual": Perceptual,
+    "lpips": Lpips,
+    "sinkhorn": Sinkhorn,
+    **{f"style {kernel.name}": lambda kernel=kernel: Style(kernel=kernel) for kernel in Kernel},
+}
+NETWORKS = {"alexnet": alexnet_state, "squeeze": squeeze_state, "vgg16": vgg_state}
+SIZES = [(1, 1), (3, 5), (10, 10)]
+
+
+def pairs(height: int, width: int) -> dict[str, tuple[Tensor, Tensor]]:
+    """Pictures and targets in float64."""
+    image, target = torch.rand(2, 3, height, width, dtype=torch.float64)
+    bright = torch.zeros_like(target)
+    bright[:, height // 2, width // 2] = 1
+    board = ((torch.arange(height)[:, None] + torch.arange(width)) % 2).to(target).expand(3, -1, -1).clone()
+    return {
+        "random": (image, target),
+        "equal": (target.clone(), target),
+        "black on white": (torch.zeros_like(target), torch.ones_like(target)),
+        "grey on grey": (torch.full_like(target, 0.8), torch.full_like(target, 0.9)),
+        "a board on its negative": (1 - board, board),
+        "a bright pixel": (torch.zeros_like(bright), bright),
+    }
+
+
+def judged_pictures(loss: Loss, image: Tensor, target: Tensor, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
+    """Value, and gradient in the picture, by a loss in double precision for pictures in that, otherwise in single."""
+    loss = loss.double() if dtype is torch.float64 else loss.float()
+    if isinstance(loss, Perceptual):
+        loss.calls.zero_()  # the same shift every time
+    seen = image.to(dtype).requires_grad_()
+    value = loss(Painting(seen, target.to(dtype), Strokes.none()))
+    return value.detach(), torch.autograd.grad(value, seen)[0]
+
+
+@pytest.mark.parametrize("name", PICTURE_LOSSES)
+def test_tiny_pictures_have_a_value_and_a_gradient_in_every_precision(name):
+    """Smaller than the windows of ssim (11 pixels) and than what features of networks see (up to 200)."""
+    loss = PICTURE_LOSSES[name]()
+    for size in SIZES:
+        for kind, (image, target) in pairs(*size).items():
+            exact, right = judged_pictures(loss, image, target, torch.float64)
+            for dtype in PRECISIONS:
+                value, slope = judged_pictures(loss, image, target, dtype)
+                assert value.shape == ()
+                assert value >= -1e-12, (size, kind, dtype)
+                assert value.isfinite(), (size, kind, dtype)
+                assert slope.isfinite().all(), (size, kind, dtype)
+                assert slope.dtype == dtype
+                if kind == "equal":
+                    assert abs(value) <= 1e-12, (size, dtype)
+                    assert slope.abs().max() <= 1e-7, (size, dtype)
+                if dtype is torch.float32:
+                    assert_close(value.double(), exact, rtol=3e-3, atol=1e-5, msg=f"{size} {kind}")
+                    assert (slope - right).norm() <= 1e-2 * right.norm() + 1e-6, f"{size} {kind}"
+
+
+def test_ssim_in_half_precision_is_that_of_the_rounded_pictures():
+    """In bfloat16 the variance of a bright even picture has no correct digit; sums overflow in float16."""
+    for image, target in pairs(150, 170).values():
+        for dtype in (torch.bfloat16, torch.float16):
+            rounded = [picture.to(dtype).double() for picture in (image, target)]
+            value, slope = judged_pictures(StructuralSimilarity(), image, target, dtype)
+            exact, wanted = judged_pictures(StructuralSimilarity(), *rounded, torch.float64)
+            assert_close(value.double(), exact, rtol=1e-4, atol=1e-5)
+            if dtype is torch.bfloat16:  # float16 has no numbers as small as slopes of many pixels
+                assert (slope - wanted).norm() <= 3e-2 * wanted.norm()
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("backbone", NETWORKS)
+def test_networks_with_large_windows_judge_tiny_pictures(tmp_path: Path, backbone, size):
+    weights = str(saved(tmp_path, NETWORKS[backbone]()))
+    for kind, (image, target) in pairs(*size).items():
+        for loss in (Lpips(backbone=backbone, weights=weights), Perceptual(backbone=backbone, weights=weights)):
+            for dtype in (torch.float32, torch.bfloat16):
+                value, slope = judged_pictures(loss, image, target, dtype)
+                assert value.isfinite()
+                assert slope.isfinite().all()
+                assert value >= 0
+                assert (kind == "equal") <= (value == 0)
+
+
+def test_one_pixel_is_compared_by_its_means_alone():
+    image, target = torch.rand(2, 3, 1, 1, dtype=torch.float64)
+    wanted = 1 - (2 * image * target + 1e-4) / (image.square() + target.square() + 1e-4)
+    assert_close(judged_pictures(StructuralSimilarity(), image, target, torch.float64)[0], wanted.mean())
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 2), (3, 5)])
+def test_mass_of_one_pixel_or_none_at_all_need_not_be_carried(size):
+    """Light is counted per picture: what is dark everywhere is spread as what is bright everywhere."""
+    black, white = torch.zeros(3, *size, dtype=torch.float64), torch.ones(3, *size, dtype=torch.float64)
+    for image, target in ((black, black), (black, white), (white, white)):
+        value, slope = judged_pictures(Sinkhorn(), image, target, torch.float64)
+        assert abs(value) < 1e-12
+        assert slope.abs().max() < 1e-9
+    image, target = torch.rand(2, 3, *size, dtype=torch.float64)
+    value, slope = judged_pictures(Sinkhorn(), image, target, torch.float64)
+    assert (abs(value) < 1e-12) == (size == (1, 1))
+    if size == (1, 1):
+        assert slope.abs().max() < 1e-9
+
+
+@pytest.mark.parametrize("kernel", Kernel)
+@pytest.mark.parametrize(("channels", "positions"), [(1, 1), (1, 9), (5, 1), (1, 2), (5, 9)])
+def test_statistics_of_one_channel_or_one_position_are_finite(kernel, channels, positions):
+    torch.manual_seed(channels * positions)
+    for style in (torch.rand(channels, positions), torch.zeros(channels, positions), torch.ones(channels, positions)):
+        for dtype in PRECISIONS[:2]:
+            wanted, seen = style.to(dtype), torch.rand(channels, positions).to(dtype).requires_grad_()
+            embed = EMBEDDINGS[kernel](wanted)
+            unit = max(float(POWERS[kernel](wanted)) / positions, 1e-8)
+            value = discrepancy(embed(seen) / positions, embed(wanted) / positions, unit, kernel)
+            (slope,) = torch.autograd.grad(value, seen)
+            assert value.isfinite()
+            assert value >= 0
+            assert slope.isfinite().all()
+            assert discrepancy(embed(wanted) / positions, embed(wanted) / positions, unit, kernel) == 0
+
+
+def test_the_gram_matrix_of_one_channel_at_one_position_is_its_square():
+    seen, wanted = (torch.tensor([[x]], dtype=torch.float64) for x in (3.0, 2.0))
+    embed = EMBEDDINGS[Kernel.poly](wanted)
+    value = discrepancy(embed(seen), embed(wanted), float(POWERS[Kernel.poly](wanted)), Kernel.poly)
+    assert float(value) == pytest.approx((9 - 4) ** 2 / 2**4)
+
+
+# --- The critic's loss ---
+
+SCORES = {
+    "far above": ([1e4, 1e4, 1e4], [-1e4, -1e4]),
+    "far below": ([-1e4, -1e4, -1e4], [1e4, 1e4]),
+    "one of each": ([1e4, -1e4], [1e4, -1e4]),
+    "all large": ([1e4, 1e4], [1e4, 1e4, 1e4]),
+    "near each other": ([1e4, 1e4 + 1], [1e4 - 1, 1e4 + 2]),
+    "one picture each": ([1e4], [-1e4]),
+    "nothing": ([0.0, 0.0], [0.0, 0.0]),
+}
+
+
+@pytest.mark.parametrize("dtype", PRECISIONS)
+@pytest.mark.parametrize("kind", SCORES)
+def test_the_relativistic_loss_of_extreme_scores_is_that_of_logarithms_of_sums(kind, dtype):
+    """log(1 + e^x) as log-sum-exp of x and 0; slopes are those of the same in double precision."""
+    above, below = (torch.tensor(scores, dtype=dtype, requires_grad=True) for scores in SCORES[kind])
+    loss = relativistic_loss(above, below)
+    found = torch.autograd.grad(loss, (above, below))
+    a, b = (scores.detach().double().requires_grad_() for scores in (above, below))
+    terms = torch.cat([b.mean() - a, b - a.mean()])
+    wanted = [torch.logaddexp(part, torch.zeros_like(part)).mean() for part in terms.split([len(a), len(b)])]
+    exact = torch.autograd.grad(wanted[0] + wanted[1], (a, b))
+    half = dtype in (torch.bfloat16, torch.float16)
+    tolerance = {torch.float64: 1e-8, torch.float32: 1e-6}.get(dtype, 1e-2)
+    assert_close(loss.detach().double(), (wanted[0] + wanted[1]).detach(), rtol=tolerance, atol=tolerance)
+    for slope, right in zip(found, exact, strict=True):
+        assert slope.isfinite().all()
+        assert_close(slope.double(), right, rtol=1e-2 if half else 1e-6, atol=1e-2 if half else 1e-6)
+
+
+# --- Optimisers ---
+
+PRESETS = sorted(path.stem for path in (Path(__file__).parents[1] / "conf" / "optimizer").glob("*.yaml"))
+STEPS = 1000
+
+
+@pytest.mark.parametrize("missing", [False, True])
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_thousand_steps_without_a_slope_move_nothing(config, name, missing):
+    """AdamW's decay moves strokes without a slope, as its preset says; by so much a step and no more."""
+    preset = build(config(f"optimizer={name}").optimizer)
+    catalogue = Catalogue(random_strokes(9, (24, 33)), preset.units)
+    optimizer = preset.over(catalogue.parameters())
+    before = [parameter.detach().clone() for parameter in catalogue.parameters()]
+
+    def closure() -> Tensor:
+        optimizer.zero_grad(set_to_none=True)
+        if not missing:
+            for parameter in catalogue.parameters():
+                parameter.grad = torch.zeros_like(parameter)
+        return torch.zeros(())
+
+    for _ in range(STEPS):
+        optimizer.step(closure)
+    decay = 0.0 if missing else optimizer.param_groups[0].get("weight_decay", 0.0)
+    left = (1 - optimizer.param_groups[0]["lr"] * decay) ** STEPS
+    assert (left < 1) == (name == "adamw" and not missing)
+    for old, new in zip(before, catalogue.parameters(), strict=True):
+        assert new.isfinite().all()
+        assert torch.equal(old, new.detach()) if left == 1 else (old * left - new).abs().max() < 1e-3 * old.abs().max()
+    values = [value for state in optimizer.state.values() for value in state.values() if torch.is_tensor(value)]
+    assert all(value.isfinite().all() for value in values)
+
+
+def test_strokes_in_range_stay_where_they_are_however_often_they_are_projected():
+    units = {"position": 0.7, "start": 0.3, "width": 0.3, "color": 1.3, "opacity": 0.9}
+    catalogue = Catalogue(random_strokes(500, (24, 33)), units)
+    catalogue.keep_in_range()  # may round once
+    before = [parameter.detach().clone() for parameter in catalogue.parameters()]
+    for _ in range(STEPS):
+        catalogue.keep_in_range()
+    for old, new in zip(before, catalogue.parameters(), strict=True):
+        assert torch.equal(old, new.detach())

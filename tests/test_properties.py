@@ -1,0 +1,262 @@
+"""What holds of any scene, whatever its strokes: random ones, with degenerate ones among them.
+
+Where strokes and canvases have dyadic coordinates (multiples of 1/64 pixel) the same numbers reach the kernels after a
+shift of whole tiles, and the picture is the same to the bit.
+"""
+
+from dataclasses import dataclass, replace
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import leaves, random_strokes, straight
+from torch import Tensor
+
+from brushexp.blend.base import Blend
+from brushexp.blend.dense import Dense
+from brushexp.blend.tiled import Kernel, Tiled
+from brushexp.blend.topk import TopK
+from brushexp.paint import bands
+from brushexp.renderer.analytic import Analytic
+from brushexp.renderer.base import Renderer
+from brushexp.renderer.textured import Textured
+from brushexp.strokes.catalogue import FIELDS, Strokes
+
+BACKGROUND = torch.tensor([0.25, 0.5, 0.875])
+ROUNDING = 3e-6  # of sums in single precision
+MOVED = 1e-4  # of coordinates, once strokes lie elsewhere on the canvas
+BLENDS: dict[str, Blend] = {
+    "dense": Dense(),
+    "tiled": Tiled(),
+    "tiled, all strokes": Tiled(opaque=0.0),
+    "tiled in torch": Tiled(opaque=0.0, kernel=Kernel.torch),
+    "topk": TopK(k=3),
+    "topk_all": TopK(k=None),
+}
+COMPILED = ("tiled", "tiled, all strokes", "topk_all")
+RENDERERS: dict[str, Renderer] = {
+    "analytic": Analytic(),
+    "analytic, tapered": Analytic(taper=0.5, soft=0.75),
+    "textured": Textured(checkpoint=None).requires_grad_(False),
+}
+KINDS = ("plain", "opaque", "transparent", "no width", "a point", "folded", "huge", "tiny", "off the canvas", "a copy")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Strokes, front to back, on a canvas of ``size`` (H, W)."""
+
+    strokes: Strokes
+    size: tuple[int, int]
+
+    def paint(self, blend: Blend, renderer: Renderer, strokes: Strokes | None = None) -> Tensor:
+        strokes = self.strokes if strokes is None else strokes
+        return blend(renderer(strokes), torch.arange(len(strokes)), self.size, BACKGROUND.to(strokes.width)).image
+
+
+def changed(strokes: Strokes, i: int, **fields: object) -> Strokes:
+    """Stroke ``i`` with other numbers."""
+    found = strokes.map(Tensor.clone)
+    for name, value in fields.items():
+        getattr(found, name)[i] = torch.as_tensor(value)
+    return found
+
+
+def degenerate(strokes: Strokes, i: int, kind: str) -> Strokes:
+    """Make stroke ``i`` one of ``KINDS``."""
+    fields: dict[str, dict[str, object]] = {
+        "plain": {},
+        "opaque": {"opacity": 1.0, "width": 0.5},
+        "transparent": {"opacity": 0.0},
+        "no width": {"width": 0.0},
+        "a point": {"start": strokes.end[i], "control": strokes.end[i]},
+        "folded": {"end": strokes.start[i]},
+        "huge": {"scale": 4096.0, "width": 0.25},
+        "tiny": {"scale": 2.0**-6},
+        "off the canvas": {"position": -5000.0},
+        "a copy": {name: getattr(strokes, name)[max(i - 1, 0)] for name in FIELDS},
+    }
+    return changed(strokes, i, **fields[kind])
+
+
+@st.composite
+def scenes(draw: st.DrawFn, most: int = 10, bend: float = 0.15) -> Scene:
+    """Dyadic random scenes; no stroke is bent so much that two of its points may be equally near to a pixel."""
+    size = (draw(st.integers(1, 26)), draw(st.integers(1, 26)))
+    kinds = draw(st.lists(st.sampled_from(KINDS), max_size=most))
+    strokes = random_strokes(len(kinds), size, seed=draw(st.integers(0, 10_000)), bend=bend, width=(0.02, 0.4))
+    strokes = strokes.map(lambda value: (value * 64).round() / 64)
+    for i, kind in enumerate(kinds):
+        strokes = degenerate(strokes, i, kind)
+    return Scene(strokes, size)
+
+
+def assert_same(found: Tensor, wanted: Tensor, exactly: bool, atol: float) -> None:
+    if exactly:
+        assert torch.equal(found, wanted), f"off by {(found - wanted).abs().max():.2g}"
+    else:
+        torch.testing.assert_close(found, wanted, atol=atol, rtol=0)
+
+
+def inserted(strokes: Strokes, place: int, other: Strokes) -> Strokes:
+    """The strokes with ``other`` at ``place`` in their order."""
+    return Strokes.join(strokes[:place], other, strokes[place:])
+
+
+PROFILE = settings(max_examples=15, deadline=None, derandomize=True)
+over_blends = pytest.mark.parametrize("blend", BLENDS)
+over_renderers = pytest.mark.parametrize("renderer", RENDERERS)
+
+
+@over_renderers
+@over_blends
+@PROFILE
+@given(scene=scenes(bend=1.0), seed=st.integers(0, 100))
+def test_pictures_lie_in_range_and_gradients_are_finite(blend, renderer, scene, seed):
+    strokes = leaves(scene.strokes)
+    image = scene.paint(BLENDS[blend], RENDERERS[renderer], strokes)
+    assert image.shape == (3, *scene.size)
+    assert image.min() >= -ROUNDING
+    assert image.max() <= 1 + ROUNDING
+    (image * torch.randn(image.shape, generator=torch.Generator().manual_seed(seed))).sum().backward()
+    for name, value in strokes.items():
+        assert value.grad is None or value.grad.isfinite().all(), name
+
+
+@over_renderers
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@PROFILE
+@given(scene=scenes(bend=1.0))
+def test_alpha_lies_between_nothing_and_the_opacity(dtype, renderer, scene):
+    strokes = scene.strokes.map(lambda value: value.to(dtype))
+    layers = RENDERERS[renderer](strokes)
+    y, x = torch.meshgrid(*(torch.arange(n).to(dtype) + 0.5 for n in scene.size), indexing="ij")
+    alpha, color = layers.sample(torch.arange(len(strokes))[None], torch.stack([x, y], -1).reshape(1, -1, 2))
+    assert (alpha >= 0).all()
+    assert (alpha <= strokes.opacity[:, None] + ROUNDING).all()
+    assert ((color >= -ROUNDING) & (color <= 1 + ROUNDING)).all()
+
+
+@over_renderers
+@over_blends
+@PROFILE
+@given(seed=st.integers(0, 10_000), rows=st.integers(1, 3), columns=st.integers(1, 4))
+def test_strokes_that_do_not_meet_may_come_in_any_order(blend, renderer, seed, rows, columns):
+    n, cell = rows * columns, 11
+    grid = torch.stack(torch.meshgrid(torch.arange(columns), torch.arange(rows), indexing="xy"), -1).reshape(-1, 2)
+    strokes = random_strokes(n, (1, 1), seed=seed, bend=0.1, width=(0.02, 0.12))
+    strokes = replace(strokes, position=grid * cell + 0.5 * cell, scale=torch.full((n,), 6.0))
+    scene = Scene(strokes, (rows * cell, columns * cell))
+    layers = RENDERERS[renderer](strokes)
+    shuffled = torch.randperm(n, generator=torch.Generator().manual_seed(seed))
+    one, other = (BLENDS[blend](layers, order, scene.size, BACKGROUND).image for order in (torch.arange(n), shuffled))
+    assert torch.equal(one, other), "where one alpha is not 0, all others are"
+
+
+@over_renderers
+@over_blends
+@PROFILE
+@given(scene=scenes(), right=st.integers(0, 40), down=st.integers(0, 40), tiles=st.booleans())
+def test_a_shift_by_whole_pixels_shifts_the_picture(blend, renderer, scene, right, down, tiles):
+    """By multiples of eight pixels, exactly, in the compiled kernels; otherwise within 1e-4."""
+    right, down = (8 * (right // 8), 8 * (down // 8)) if tiles else (right, down)
+    wanted = scene.paint(BLENDS[blend], RENDERERS[renderer])
+    wide = replace(scene, size=(scene.size[0] + down, scene.size[1] + right))
+    found = wide.paint(BLENDS[blend], RENDERERS[renderer], scene.strokes.moved(shift=(right, down)))
+    atol = MOVED + 2 * getattr(BLENDS[blend], "opaque", 0.0)  # tiles end elsewhere
+    assert_same(found[:, down:, right:], wanted, blend in COMPILED and tiles, atol)
+
+
+@over_renderers
+@over_blends
+@PROFILE
+@given(
+    scene=scenes(),
+    place=st.integers(0, 10),
+    kind=st.sampled_from(["transparent", "no width", "off the canvas", "far off", "beside"]),
+    seed=st.integers(0, 100),
+)
+def test_strokes_that_cannot_be_seen_change_nothing(blend, renderer, scene, place, kind, seed):
+    other = random_strokes(1, scene.size, seed=seed)
+    if kind == "far off":
+        other = replace(other, position=torch.tensor([[1e6, -1e6]]))
+    elif kind == "beside":  # it begins a pixel and a half beyond the right edge
+        other = straight((scene.size[1] + 3.0, 0.0), (scene.size[1] + 3.0, scene.size[0]), width=1.0)
+    else:
+        other = degenerate(other, 0, kind)
+    wanted = scene.paint(BLENDS[blend], RENDERERS[renderer])
+    strokes = inserted(scene.strokes, min(place, len(scene.strokes)), other)
+    if renderer == "textured":  # a stroke's number is its look
+        numbers = list(range(len(scene.strokes)))
+        numbers.insert(min(place, len(numbers)), len(numbers))
+        layers = RENDERERS[renderer](strokes, torch.tensor(numbers, dtype=torch.long))
+        found = BLENDS[blend](layers, torch.arange(len(strokes)), scene.size, BACKGROUND).image
+    else:
+        found = scene.paint(BLENDS[blend], RENDERERS[renderer], strokes)
+    assert_same(found, wanted, blend in COMPILED, ROUNDING)
+
+
+@pytest.mark.parametrize("renderer", ["analytic", "analytic, tapered"])
+@over_blends
+@PROFILE
+@given(scene=scenes(), place=st.integers(0, 10), seed=st.integers(0, 100))
+def test_what_lies_below_an_opaque_stroke_changes_nothing_and_has_no_slope(blend, renderer, scene, place, seed):
+    height, width = scene.size
+    cover = straight((width / 2 - 10, height / 2), (width / 2 + 10, height / 2), width=16.0)
+    hidden = random_strokes(1, scene.size, seed=seed, bend=0.1, width=(0.0, 0.2))
+    hidden = replace(hidden, position=torch.tensor([[width / 2, height / 2]]), scale=torch.tensor([4.0]))
+    place = min(place, len(scene.strokes))
+    without = inserted(scene.strokes, place, cover)
+    wanted = scene.paint(BLENDS[blend], RENDERERS[renderer], without)
+    strokes = leaves(inserted(without, min(place + 1 + seed % 3, len(without)), hidden))
+    found = scene.paint(BLENDS[blend], RENDERERS[renderer], strokes)
+    assert_same(found.detach(), wanted, blend in COMPILED, ROUNDING)
+    (found * torch.randn(found.shape, generator=torch.Generator().manual_seed(seed))).sum().backward()
+    number = min(place + 1 + seed % 3, len(without))
+    assert all(value.grad[number].abs().max() == 0 for _, value in strokes.items())
+
+
+@over_renderers
+@PROFILE
+@given(seed=st.integers(0, 10_000), height=st.integers(1, 9), width=st.integers(1, 9))
+def test_the_opacity_of_what_hides_others_has_the_slope_of_what_would_be_seen(renderer, seed, height, width):
+    """With ``opaque=0`` every stroke is looked at, also where nothing lets light through."""
+    strokes = random_strokes(8, (height, width), seed=seed, bend=0.1, width=(0.4, 0.9))
+    strokes = replace(strokes, opacity=torch.ones(8), position=torch.tensor([[width / 2, height / 2]]).expand(8, 2))
+    scene, weight = Scene(strokes, (height, width)), torch.randn(3, height, width)
+    slopes = []
+    for blend, dtype in (("tiled, all strokes", torch.float32), ("dense", torch.float64)):
+        copies = leaves(strokes, dtype)
+        (scene.paint(BLENDS[blend], RENDERERS[renderer], copies) * weight).sum().backward()
+        slopes.append(copies.opacity.grad.double())
+    assert (slopes[0] - slopes[1]).norm() <= 1e-3 * slopes[1].norm() + 1e-5
+
+
+@over_renderers
+@over_blends
+@PROFILE
+@given(scene=scenes(), rows=st.integers(1, 30), tiles=st.booleans())
+def test_bands_of_a_picture_are_the_picture(blend, renderer, scene, rows, tiles):
+    rows = 8 * -(-rows // 8) if tiles else rows
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bands, "BAND", rows * scene.size[1])
+        order = torch.arange(len(scene.strokes))
+        parts = list(bands.bands(scene.strokes, order, scene.size, BACKGROUND, RENDERERS[renderer], BLENDS[blend]))
+    assert [top for top, _ in parts] == list(range(0, scene.size[0], rows))
+    atol = MOVED + 2 * getattr(BLENDS[blend], "opaque", 0.0)
+    wanted = scene.paint(BLENDS[blend], RENDERERS[renderer])
+    assert_same(torch.cat([part for _, part in parts], 1), wanted, blend in COMPILED and tiles, atol)
+
+
+@pytest.mark.parametrize("taper", [0.0, 0.5])
+@over_blends
+@PROFILE
+@given(scene=scenes(), zoom=st.sampled_from([3, 5]))
+def test_a_larger_picture_shows_the_same_at_the_centres_of_the_old_pixels(blend, taper, scene, zoom):
+    """Pixel i of the small one has its centre where pixel zoom * i + zoom // 2 of the large one has it."""
+    wanted = scene.paint(BLENDS[blend], Analytic(soft=1.5, taper=taper))
+    large = Scene(scene.strokes.moved(zoom=zoom), (zoom * scene.size[0], zoom * scene.size[1]))
+    found = large.paint(BLENDS[blend], Analytic(soft=1.5 * zoom, taper=taper))[:, zoom // 2 :: zoom, zoom // 2 :: zoom]
+    atol = MOVED + 2 * getattr(BLENDS[blend], "opaque", 0.0)
+    torch.testing.assert_close(found, wanted, atol=atol, rtol=0)
