@@ -26,5 +26,7 @@ class EdgeLoss(Loss):
         self.weight = weight
 
     def forward(self, painting: Painting) -> Tensor:
-        difference = slopes(painting.image) - slopes(painting.target)
-        return difference.abs().sum() / max(1, difference.numel())  # a picture of one pixel has no slopes
+        difference = (slopes(painting.image) - slopes(painting.target)).abs()
+        if painting.focus is not None:  # a slope counts as much as the pixel that it starts from
+            difference = difference * painting.focus[:-1, :-1]
+        return difference.sum() / max(1, difference.numel())  # a picture of one pixel has no slopes

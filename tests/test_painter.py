@@ -12,10 +12,10 @@ from brushexp.loss.pixel import MeanSquaredError
 from brushexp.optimizer.torch_optim import TorchOptim
 from brushexp.order.area import Area
 from brushexp.paint import bands as bands_module
+from brushexp.paint.goals import STOPPED_EARLY, EarlyStop
 from brushexp.paint.outputs import render
 from brushexp.paint.painter import Painter
 from brushexp.paint.parts import Parts, Stage
-from brushexp.paint.progress import STOPPED_EARLY, EarlyStop
 from brushexp.renderer.analytic import Analytic
 from brushexp.sampler.whole import Whole
 from brushexp.strokes.bezier import curve_of

@@ -1,15 +1,17 @@
 """The contract of each family, checked for every registered plugin and preset, yours included."""
 
+from functools import partial
 from pathlib import Path
 
 import pytest
 import torch
 from scenes import leaves, random_strokes
 
+from brushexp.density.base import Survey
 from brushexp.loss.base import Painting
 from brushexp.order.base import front_to_back
 from brushexp.registry import FAMILIES, MULTI_SELECT, build, plugins
-from brushexp.strokes.catalogue import FIELDS, Catalogue, check_strokes
+from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes, check_strokes
 
 ROOT = Path(__file__).parents[1]
 SIZE = (24, 40)  # not square: catches a swap of height and width
@@ -123,13 +125,23 @@ def test_loss_is_finite_for_hardly_any_strokes(config, name, n):
 
 
 @pytest.mark.parametrize("name", names("density"))
-def test_density_revises_what_is_there(config, name):
-    painting = Painting(torch.rand(3, *SIZE), torch.rand(3, *SIZE), random_strokes(6, SIZE))
-    for step in range(1, 11):
-        revision = default(config, "density", name).revise(painting, step, 10)
+@pytest.mark.parametrize("n", [0, 1, 40])
+def test_density_revises_what_is_there(config, name, n):
+    density, strokes = default(config, "density", name), random_strokes(n, SIZE)
+    assert 1 <= density.first(60) <= 60
+    assert density.first(1) == 1
+    for step in range(1, 61):
+        worth = partial(torch.rand, len(strokes))
+        survey = Survey(torch.rand(3, *SIZE), torch.rand(3, *SIZE), None, strokes, 60, step, 60, worth)
+        revision = density.revise(survey)
         if revision is not None:
-            assert revision.keep.shape == (6,)
-            check_strokes(revision.new)
+            assert revision.keep.shape == (len(strokes),)
+            strokes = Strokes.join(strokes[revision.keep], revision.new)
+            check_strokes(strokes)
+        assert len(strokes) <= 60
+    again = default(config, "density", name)
+    again.load_state_dict(density.state_dict())
+    assert again.state_dict() == density.state_dict()
 
 
 @pytest.mark.parametrize("name", names("sampler"))

@@ -34,15 +34,20 @@ class Paint(Shared):
     pixels_per_stroke: float
     steps: int
     steps_per_stroke: float | None
+    coarse: float
     warm_start: str | None
     finish_steps: int
     background: str
     catalogue: str | None
     resume: str | None
+    seconds: float | None
+    psnr: float | None
     early_stop: float | None
     checkpoint_every: float | None
     frames: int
     frame_side: int
+    focus: str | None
+    focus_strength: float
     lpips_backbone: str
     lpips_weights: str | None
     style: Any
@@ -128,6 +133,24 @@ class Prune(Shared):
     limit: int | None
 
 
+@dataclass
+class Compare(Shared):
+    """Types of the keys of ``task=compare``; values and meaning are in conf/task/compare.yaml."""
+
+    runs: list[str]
+
+
+@dataclass
+class Extremes(Shared):
+    """Types of the keys of ``task=extremes``; values and meaning are in conf/task/extremes.yaml."""
+
+    renderers: list[str] | None
+    blends: list[str] | None
+    dtypes: list[str] | None
+    scenes: list[str] | None
+    patience: float
+
+
 RANGES = {  # key: lowest value, what it is
     "seed": (0, "a whole number from 0"),
     "threads": (1, "a number of processor cores"),
@@ -138,7 +161,10 @@ RANGES = {  # key: lowest value, what it is
     "pixels_per_stroke": (1, "a number of pixels from 1"),
     "steps": (0, "a number of steps from 0"),
     "steps_per_stroke": (0, "a number of steps from 0"),
+    "coarse": (0, "a share of the steps from 0 to 1"),
     "finish_steps": (0, "a number of steps from 0"),
+    "seconds": (0, "a number of seconds"),
+    "psnr": (0, "a PSNR in dB"),
     "early_stop": (0, "a gain in dB"),
     "checkpoint_every": (0, "a number of seconds"),
     "frames": (0, "a number of pictures from 0"),
@@ -146,9 +172,11 @@ RANGES = {  # key: lowest value, what it is
     "epochs": (0, "a number of passes through the data"),
     "minutes": (0, "a number of minutes"),
     "limit": (1, "a number of strokes"),
+    "patience": (0, "a number of seconds"),
     "critic_weight": (0, "a weight"),
     "critic_width": (1, "a number of channels"),
     "frame_side": (2, "a number of pixels from 2"),
+    "focus_strength": (1, "a factor from 1"),
     "style.content": (0, "a factor from 0"),
 }
 

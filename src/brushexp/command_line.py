@@ -19,11 +19,16 @@ from brushexp.checks import NESTED, schemas
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, load_plugins, plugins
 
+HYDRAS = "# @package _global_\n"  # first line of a config whose keys belong to the task
+
 
 def prepare(root: Path) -> None:
     """Load the plugins of the program and of ``root/plugins``, and let ``--help`` list them."""
     load_plugins(root / "plugins")
     OmegaConf.register_new_resolver("plugins", lambda: catalogue_of_plugins(root / "conf"), replace=True)
+    OmegaConf.register_new_resolver(
+        "presets", lambda group: "\n".join(_lines(_presets(root / "conf" / group))), replace=True
+    )
 
 
 def catalogue_of_plugins(conf: Path) -> str:
@@ -32,13 +37,19 @@ def catalogue_of_plugins(conf: Path) -> str:
     for family, meaning in FAMILIES.items():
         lines.append(f"{family}: {meaning}")
         rows = {plugin.name: plugin.summary for plugin in plugins(family)} | _presets(conf / family)
-        lines += [f"    {name:<18}{summary}" for name, summary in sorted(rows.items())]
+        lines += _lines(rows)
     return "\n".join(lines)
 
 
+def _lines(rows: dict[str, str]) -> list[str]:
+    """Names and what is said about them, by name."""
+    return [f"    {name:<18}{summary}" for name, summary in sorted(rows.items())]
+
+
 def _presets(folder: Path) -> dict[str, str]:
-    """Name -> first comment line of each preset of a family."""
-    return {path.stem: path.read_text().partition("\n")[0].lstrip("# ") for path in sorted(folder.glob("*.yaml"))}
+    """Name -> first comment line, after the one that Hydra reads, of each preset in a folder of configs."""
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in folder.glob("*.yaml")}
+    return {name: text.removeprefix(HYDRAS).partition("\n")[0].lstrip("# ") for name, text in texts.items()}
 
 
 def in_full(arguments: list[str]) -> list[str]:

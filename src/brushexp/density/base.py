@@ -1,12 +1,39 @@
 """What every density policy receives and returns."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from torch import Tensor
 
-from brushexp.loss.base import Painting
 from brushexp.strokes.catalogue import Strokes
+
+
+@dataclass(frozen=True)
+class Survey:
+    """The whole painting after a step.
+
+    Attributes:
+        image: (3, H, W) as the steps last saw it, display-referred RGB in [0, 1].
+        target: (3, H, W) what it should look like.
+        focus: (H, W) how much each pixel counts, of mean 1; None for all alike.
+        strokes: the N strokes, without gradient.
+        budget: strokes that the painting may have.
+        step: steps that are done, 1 or more.
+        steps: in all, as far as that is known: a run with a limit of seconds corrects it.
+        worth: computes (N,) by how much the squared error, summed over pixels and channels and weighted by the focus,
+            would grow without each stroke. It takes about as long as five steps.
+    """
+
+    image: Tensor
+    target: Tensor
+    focus: Tensor | None
+    strokes: Strokes
+    budget: int
+    step: int
+    steps: int
+    worth: Callable[[], Tensor]
 
 
 @dataclass(frozen=True)
@@ -23,8 +50,28 @@ class Revision:
 
 
 class Density(ABC):
-    """Adds strokes where they are needed and removes those that are not."""
+    """Adds strokes where they are needed and removes those that are not.
+
+    Attributes:
+        mean_share: strokes that there are on average over the steps, for each one that there is at the start; what a
+            run will take is predicted from it.
+        judges: whether `revise` asks for the worth of strokes; what computes it is then made ready before the steps.
+    """
+
+    mean_share: float = 1.0
+    judges: bool = False
+
+    def first(self, budget: int) -> int:
+        """Strokes to begin with, 1 to ``budget``, if the painting may have so many in the end."""
+        return budget
 
     @abstractmethod
-    def revise(self, painting: Painting, step: int, n_steps: int) -> Revision | None:
-        """Look at the painting after ``step`` (1 to ``n_steps``) and say what changes; None for no change."""
+    def revise(self, survey: Survey) -> Revision | None:
+        """Look at the painting after a step and say what changes; None for no change."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """What an interrupted run needs to go on as if nothing had happened: tensors and numbers."""
+        return {}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:  # noqa: B027
+        """Take over what `state_dict` gave."""

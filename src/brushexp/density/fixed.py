@@ -1,7 +1,6 @@
 """The strokes of the initialiser, no more and no fewer."""
 
-from brushexp.density.base import Density, Revision
-from brushexp.loss.base import Painting
+from brushexp.density.base import Density, Revision, Survey
 from brushexp.registry import register
 
 
@@ -11,5 +10,5 @@ class Fixed(Density):
 
     def __init__(self) -> None: ...
 
-    def revise(self, painting: Painting, step: int, n_steps: int) -> Revision | None:
+    def revise(self, survey: Survey) -> Revision | None:
         return None

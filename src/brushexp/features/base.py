@@ -66,28 +66,33 @@ def widened(pictures: Tensor, least: int) -> Tensor:
 
 class _MeanSquares(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, ours: Tensor, theirs: Tensor) -> Tensor:
+    def forward(ctx: Any, ours: Tensor, theirs: Tensor, weights: Tensor | None) -> Tensor:
         difference = ours - theirs
-        ctx.save_for_backward(difference)
-        return difference.square().mean((0, 2, 3))
+        ctx.save_for_backward(difference, weights)
+        squares = difference.square()
+        return (squares if weights is None else squares * weights).mean((0, 2, 3))
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, slope: Tensor) -> tuple[Tensor | None, Tensor | None]:
-        (difference,) = ctx.saved_tensors
+    def backward(ctx: Any, slope: Tensor) -> tuple[Tensor | None, Tensor | None, None]:
+        difference, weights = ctx.saved_tensors
         channels = difference.shape[1]
         found = difference * (slope * (2 * channels / difference.numel())).reshape(channels, 1, 1)
-        ours, theirs = ctx.needs_input_grad
-        return found if ours else None, -found if theirs else None
+        if weights is not None:
+            found = found * weights
+        ours, theirs, _ = ctx.needs_input_grad
+        return found if ours else None, -found if theirs else None, None
 
 
-def mean_squares(ours: Tensor, theirs: Tensor) -> Tensor:
+def mean_squares(ours: Tensor, theirs: Tensor, weights: Tensor | None = None) -> Tensor:
     """Mean squared difference (C,) of activations (B, C, h, w), over pictures and positions.
+
+    With ``weights`` (h, w), without gradient, each position is multiplied by its own before the mean.
 
     The gradient lies in memory as the activations do. Those of PyTorch's own functions lie channel by channel, and in a
     network with the channels innermost every step back from there took two to five times as long for it on a CPU.
     """
-    found: Tensor = _MeanSquares.apply(ours, theirs)
+    found: Tensor = _MeanSquares.apply(ours, theirs, weights)
     return found
 
 

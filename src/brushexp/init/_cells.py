@@ -6,10 +6,10 @@ from enum import Enum
 
 import numpy as np
 import torch
-from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
 from brushexp.errors import UserError
+from brushexp.pictures.structure import structure_tensor
 from brushexp.strokes.catalogue import Strokes
 
 WINDOW = 6.4  # side of a stroke's window in pitches: the thesis's 64 px at 100 px per stroke
@@ -168,10 +168,7 @@ def _direction(picture: Array, flat: Array, n: int, covariance: Array) -> Array:
     The structure tensor (Bigun and Granlund, 1987), averaged over the cell and divided by its trace, plus a little of
     the cell's own elongation, which decides where the picture is flat; summed as double angles.
     """
-    padded = np.pad(picture, ((0, 0), (1, 1), (1, 1)), mode="edge")
-    gx, gy = (padded[:, 1:-1, 2:] - padded[:, 1:-1, :-2]) / 2, (padded[:, 2:, 1:-1] - padded[:, :-2, 1:-1]) / 2
-    products = np.stack([gaussian_filter((a * b).sum(0), 1.0) for a, b in ((gx, gx), (gx, gy), (gy, gy))])
-    tensor = means(products.reshape(3, -1), flat, n)
+    tensor = means(structure_tensor(picture, 1.0).reshape(3, -1), flat, n)
     strength = tensor[:, 0] + tensor[:, 2] + FLAT
     extent = covariance[:, 0] + covariance[:, 2] + 1e-9  # of a cell of one pixel it is 0
     cosine = (tensor[:, 2] - tensor[:, 0]) / strength + CELL_WEIGHT * (covariance[:, 0] - covariance[:, 2]) / extent

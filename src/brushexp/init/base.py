@@ -9,7 +9,14 @@ from brushexp.strokes.catalogue import Strokes
 
 
 class Initializer(ABC):
-    """Places the first strokes."""
+    """Places the first strokes.
+
+    Attributes:
+        focus: (H, W) how much each pixel of the target counts, of mean 1; None for all alike. It is set before a call;
+            an initialiser may leave it aside.
+    """
+
+    focus: Tensor | None = None
 
     @abstractmethod
     def __call__(self, target: Tensor, n_strokes: int, generator: torch.Generator) -> Strokes:

@@ -23,12 +23,15 @@ class Painting:
             place.
         strokes: all N strokes of the painting; those that this step does not move have no gradient.
         surroundings: the canvas around it; None if ``image`` is all of the canvas.
+        focus: (h, w) how much each pixel of ``image`` counts, with a mean of 1 over the whole canvas; None if all count
+            alike. The same object as long as steps look at the same place. See `mean` and `weighted`.
     """
 
     image: Tensor
     target: Tensor
     strokes: Strokes
     surroundings: Surroundings | None = None
+    focus: Tensor | None = None
 
     @property
     def whole_target(self) -> Tensor:
@@ -36,9 +39,25 @@ class Painting:
         return self.target if self.surroundings is None else self.surroundings.target
 
     @property
+    def whole_focus(self) -> Tensor | None:
+        """(H, W) how much each pixel of the whole canvas counts; the same object at every step."""
+        return self.focus if self.surroundings is None else self.surroundings.focus
+
+    @property
     def share(self) -> float:
         """Of the canvas's pixels, those that ``image`` shows: 1 for all."""
         return self.image[0].numel() / self.whole_target[0].numel()
+
+    def weighted(self, values: Tensor) -> Tensor:
+        """Values (..., h, w) of the pixels of ``image``, each times how much its pixel counts."""
+        return values if self.focus is None else values * self.focus
+
+    def mean(self, values: Tensor) -> Tensor:
+        """Mean of values (..., h, w) of the pixels of ``image``, each pixel as much as it counts.
+
+        Times ``share``, those of the parts of a canvas add up to that of the whole.
+        """
+        return self.weighted(values).mean()
 
     def around(self, margin: int, grid: int = 1) -> Painting:
         """The same with ``margin`` more pixels on every side, as far as there is canvas; those have no gradient.
@@ -54,8 +73,8 @@ class Painting:
         """
         if self.surroundings is None:
             return self
-        image, target = self.surroundings.frame(self.image, margin, grid)
-        return replace(self, image=image, target=target)
+        image, target, focus = self.surroundings.frame(self.image, margin, grid)
+        return replace(self, image=image, target=target, focus=focus)
 
 
 @dataclass(frozen=True)
@@ -66,30 +85,33 @@ class Surroundings:
         region: where the step looks.
         picture: (3, H, W) the whole picture as it was last seen, without gradient.
         target: (3, H, W) the whole target.
+        focus: (H, W) how much each of its pixels counts; None if all count alike.
     """
 
     region: Region
     picture: Tensor
     target: Tensor
-    # By margin and grid, so that a loss meets the same object again.
-    _targets: dict[tuple[int, int], Tensor] = field(default_factory=dict)
+    focus: Tensor | None = None
+    # Target and focus by margin and grid, so that a loss meets the same objects again.
+    _wanted: dict[tuple[int, int], tuple[Tensor, Tensor | None]] = field(default_factory=dict)
 
     def wide(self, margin: int, grid: int = 1) -> Region:
         """The region that `Painting.around` shows."""
         return aligned(self.region, (self.picture.shape[1], self.picture.shape[2]), margin, margin, grid)
 
-    def frame(self, image: Tensor, margin: int, grid: int = 1) -> tuple[Tensor, Tensor]:
-        """Picture and target of the wider region, with ``image`` (3, h, w) in the region itself."""
+    def frame(self, image: Tensor, margin: int, grid: int = 1) -> tuple[Tensor, Tensor, Tensor | None]:
+        """Picture, target and focus of the wider region, with ``image`` (3, h, w) in the region itself."""
         region, wide = self.region, self.wide(margin, grid)
-        if (margin, grid) not in self._targets:
-            self._targets[margin, grid] = wide.of(self.target).contiguous()
+        if (margin, grid) not in self._wanted:
+            focus = None if self.focus is None else wide.of(self.focus)
+            self._wanted[margin, grid] = (wide.of(self.target).contiguous(), focus)
         top, left = region.top - wide.top, region.left - wide.left
         rows, columns = slice(top, top + region.height), slice(left, left + region.width)
         mask = torch.zeros(wide.height, wide.width, dtype=torch.bool, device=image.device)
         mask[rows, columns] = True
         padding = (left, wide.width - left - region.width, top, wide.height - top - region.height)
         seen = nn.functional.pad(image, padding)
-        return torch.where(mask, seen, wide.of(self.picture)), self._targets[margin, grid]
+        return torch.where(mask, seen, wide.of(self.picture)), *self._wanted[margin, grid]
 
 
 class Loss(nn.Module, ABC):
@@ -99,7 +121,8 @@ class Loss(nn.Module, ABC):
         weight: factor in the sum.
         label: what logs call it; "" for the name it was chosen by.
         over_pixels: whether the value is a mean over the pixels that it is shown; the painter then counts a part of the
-            canvas by its share of it. False for what looks at all strokes or at the whole canvas.
+            canvas by its share of it, and pixels count as the painting's focus says. False for what looks at all
+            strokes or at the whole canvas; that leaves the focus aside.
     """
 
     weight: float

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from torch import Tensor
 
+from brushexp.loss._precision import at_least_single
 from brushexp.loss.base import Loss, Painting
 from brushexp.registry import register
 from brushexp.strokes.brushwork import distances, load_brushwork
@@ -40,6 +41,7 @@ class BrushworkTransfer(Loss):
     def forward(self, painting: Painting) -> Tensor:
         if self.reference is None:
             return painting.strokes.width.sum() * 0
-        self.reference = self.reference.to(painting.strokes.width)
+        strokes = painting.strokes.map(at_least_single)
+        self.reference = self.reference.to(strokes.width)
         size = (painting.whole_target.shape[1], painting.whole_target.shape[2])
-        return distances(painting.strokes, size, self.reference).sum()
+        return distances(strokes, size, self.reference).sum()

@@ -7,6 +7,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from brushexp.checkpoint import Kind
+from brushexp.loss._precision import at_least_single
 from brushexp.loss.base import Loss, Painting
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
@@ -91,7 +92,7 @@ class Discriminated(Loss):
         self.network.requires_grad_(False)
 
     def forward(self, painting: Painting) -> Tensor:
-        shapes = shapes_of(painting.strokes).to(self.network.threshold.dtype)
+        shapes = shapes_of(painting.strokes.map(at_least_single)).to(self.network.threshold.dtype)
         missing = functional.relu(self.network.threshold - self.network(shapes))
         return missing.sum() / max(len(shapes), 1)
 

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from brushexp.errors import UserError
+from brushexp.loss._precision import at_least_single
 from brushexp.loss.base import Loss, Painting
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, point_at
@@ -36,7 +37,7 @@ class Curvature(Loss):
         self.weight = weight
 
     def forward(self, painting: Painting) -> Tensor:
-        return bends(painting.strokes).sum() / max(len(painting.strokes), 1)
+        return bends(painting.strokes.map(at_least_single)).sum() / max(len(painting.strokes), 1)
 
 
 @register("loss", "direction")
@@ -73,7 +74,7 @@ class Direction(Loss):
         self.neighbours = torch.empty(0, 0, dtype=torch.long)  # (N, k) strokes nearest to each
 
     def forward(self, painting: Painting) -> Tensor:
-        strokes = painting.strokes
+        strokes = painting.strokes.map(at_least_single)
         if self.calls % self.every == 0 or len(self.neighbours) != len(strokes):
             middles = point_at(curve_of(strokes), strokes.scale.new_tensor(0.5))
             self.neighbours = nearest(middles, middles, self.k, exclude_self=True)

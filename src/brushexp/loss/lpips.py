@@ -3,7 +3,7 @@
 from torch import Tensor
 
 from brushexp.features import distance
-from brushexp.loss._part import factors, framed
+from brushexp.loss._part import factors, framed, places
 from brushexp.loss._target import OfTarget
 from brushexp.loss.base import Loss, Painting
 from brushexp.registry import register
@@ -35,10 +35,12 @@ class Lpips(Loss):
         self.distance = distance.open_distance(backbone, weights)
         self.label = self.distance.label
         self._wanted: OfTarget[list[Tensor]] = OfTarget()
+        self._places: OfTarget[Tensor] = OfTarget()  # focus of the positions of each tap
 
     def forward(self, painting: Painting) -> Tensor:
         network, taps = self.distance.network, self.distance.taps
         frame = framed(painting, network, taps)
         wanted = self._wanted.get(frame.target, self.distance.look)
         seen = self.distance.look(frame.image)
-        return self.distance.compare(seen, wanted, factors(painting, frame, seen, network, taps))
+        at = places(painting, frame, seen, network, taps, self._places)
+        return self.distance.compare(seen, wanted, factors(painting, frame, seen, network, taps), at)

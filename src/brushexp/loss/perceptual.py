@@ -7,7 +7,7 @@ from torch.nn import functional
 from brushexp.errors import UserError
 from brushexp.features import open_backbone
 from brushexp.features.base import mean_squares
-from brushexp.loss._part import factors, framed
+from brushexp.loss._part import factors, framed, places
 from brushexp.loss._target import OfTarget
 from brushexp.loss.base import Loss, Painting
 from brushexp.registry import register
@@ -62,6 +62,7 @@ class Perceptual(Loss):
         self.shifts = sorted({(x % (jitter + 1), y % (jitter + 1)) for x, y in SHIFTS})
         self.register_buffer("calls", torch.zeros((), dtype=torch.long))  # which shift is next, also after a restart
         self._wanted: OfTarget[list[Tensor]] = OfTarget()  # features, by shift
+        self._places: OfTarget[Tensor] = OfTarget()  # focus of their positions
 
     def forward(self, painting: Painting) -> Tensor:
         shift = self.shifts[int(self.calls) % len(self.shifts)]
@@ -70,7 +71,11 @@ class Perceptual(Loss):
         wanted = self._wanted.get(frame.target, lambda target: self._features(target, shift), key=shift)
         seen = self._features(frame.image, shift)
         weights = factors(painting, frame, seen, self.network, self.taps)
-        apart = [weight * mean_squares(a, b).mean() for weight, a, b in zip(weights, seen, wanted, strict=True)]
+        at = places(painting, frame, seen, self.network, self.taps, self._places)
+        apart = [
+            weight * mean_squares(a, b, place).mean()
+            for weight, a, b, place in zip(weights, seen, wanted, at, strict=True)
+        ]
         return torch.stack(apart).mean()
 
     def _features(self, picture: Tensor, shift: tuple[int, int]) -> list[Tensor]:

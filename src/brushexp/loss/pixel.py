@@ -19,7 +19,7 @@ class MeanSquaredError(Loss):
         self.weight = weight
 
     def forward(self, painting: Painting) -> Tensor:
-        return (painting.image - painting.target).square().mean()
+        return painting.mean((painting.image - painting.target).square())
 
 
 @register("loss", "l1")
@@ -35,4 +35,4 @@ class MeanAbsoluteError(Loss):
         self.weight = weight
 
     def forward(self, painting: Painting) -> Tensor:
-        return (painting.image - painting.target).abs().mean()
+        return painting.mean((painting.image - painting.target).abs())

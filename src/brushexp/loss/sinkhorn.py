@@ -7,6 +7,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from brushexp.errors import UserError
+from brushexp.loss._precision import at_least_single
 from brushexp.loss._target import OfTarget
 from brushexp.loss.base import Loss, Painting, Surroundings
 from brushexp.registry import register
@@ -28,6 +29,7 @@ class Sinkhorn(Loss):
     from a bad start; here are all channels, the debiased cost, and a blur that is halved until it is ``epsilon``.
 
     It looks at the whole canvas, also where a step looks at a part: that as it is now, the rest as it was last seen.
+    A focus changes nothing: colour that has to move has to come from somewhere.
 
     Args:
         weight: factor in the sum of losses. At 4 the gradient in the picture is as long as that of ``mse`` on a canvas
@@ -69,7 +71,7 @@ class Sinkhorn(Loss):
     def forward(self, painting: Painting) -> Tensor:
         theirs, rest = self._wanted.get(painting.whole_target, self._look)
         ours = masses(self._shrunk(painting), self.floor)
-        return divergence(ours, theirs, self._blurs(), rest).mean().to(painting.image)
+        return divergence(ours, theirs, self._blurs(), rest).mean().to(at_least_single(painting.image))
 
     def _look(self, target: Tensor) -> tuple[Tensor, Tensor]:
         theirs = masses(shrunk(target, self.side), self.floor)
@@ -92,7 +94,7 @@ class Sinkhorn(Loss):
 
     def _shrunk_part(self, part: Tensor) -> Tensor:
         rows, columns = self._shares
-        return rows.T @ part @ columns
+        return rows.T @ at_least_single(part) @ columns
 
     def _blurs(self) -> list[float]:
         """From coarse to fine, then so many steps with ``epsilon``."""
@@ -106,7 +108,8 @@ def shrunk(picture: Tensor, side: int) -> Tensor:
     """A picture (3, H, W) of at most ``side`` pixels a side (3, h, w)."""
     height, width = picture.shape[1:]
     zoom = min(side / max(height, width), 1)
-    return functional.adaptive_avg_pool2d(picture, (max(round(zoom * height), 1), max(round(zoom * width), 1)))
+    small = (max(round(zoom * height), 1), max(round(zoom * width), 1))
+    return functional.adaptive_avg_pool2d(at_least_single(picture), small)
 
 
 def shares_of(first: int, count: int, side: int, small: int) -> Tensor:

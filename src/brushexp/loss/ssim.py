@@ -4,6 +4,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from brushexp.loss._precision import at_least_single
 from brushexp.loss._target import OfTarget
 from brushexp.loss.base import Loss, Painting
 from brushexp.registry import register
@@ -38,11 +39,13 @@ class StructuralSimilarity(Loss):
     def forward(self, painting: Painting) -> Tensor:
         wide = painting.around(2 * RADIUS)  # those windows that touch the part, and all that they see
         mean, variance = self._wanted.get(wide.target, statistics)
-        return dissimilarity(wide.image, wide.target, mean, variance).sum() / painting.image.numel()
+        apart = dissimilarity(wide.image, wide.target, mean, variance)
+        return wide.weighted(apart).sum() / painting.image.numel()
 
 
 def statistics(picture: Tensor) -> tuple[Tensor, Tensor]:
     """Mean and variance (3, H, W) of the window around each pixel of a picture (3, H, W)."""
+    picture = at_least_single(picture)
     mean, square = blurred(torch.cat([picture, picture.square()])).split(3)
     return mean, square - mean.square()
 
@@ -53,6 +56,7 @@ def dissimilarity(image: Tensor, target: Tensor, mean: Tensor, variance: Tensor)
     With d the difference of the pictures, 2 m n = m^2 + n^2 - E[d]^2 for means m and n, and the same for covariances:
     SSIM = (1 - E[d]^2 / (m^2 + n^2 + C1)) (1 - V[d] / (V[x] + V[y] + C2)).
     """
+    image, target = at_least_single(image), at_least_single(target)
     difference = image - target
     mean_d, square_d, square = blurred(torch.cat([difference, difference.square(), image.square()])).split(3)
     ours = mean + mean_d

@@ -2,6 +2,7 @@
 
 from torch import Tensor
 
+from brushexp.loss._precision import at_least_single
 from brushexp.loss.base import Loss, Painting
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
@@ -61,6 +62,7 @@ class KullbackLeibler(Loss):
 
 def shortfall(strokes: Strokes) -> Tensor:
     """By how much each stroke is shorter than twice its thickness (N,), in sides of its window; 0 if it is not."""
+    strokes = strokes.map(at_least_single)
     square = (strokes.start - strokes.end).square().sum(1)
     nothing = (square == 0).to(square)
     length = (square + nothing).sqrt() - nothing  # the slope at 0 is 0, not 0/0
@@ -71,7 +73,7 @@ def bend_divergence(strokes: Strokes) -> Tensor:
     """KL(N(mu, S) || N(0, T)) of the bends of N strokes, S shrunk towards T; 0 for no strokes."""
     if not len(strokes):
         return strokes.control.sum()  # 0, and differentiable
-    bend = bend_of(strokes)
+    bend = bend_of(strokes.map(at_least_single))
     x, y = (bend / bend.new_tensor(SPREAD).sqrt()).unbind(1)  # in these units T is the identity
     mean_x, mean_y = x.mean(), y.mean()
     x, y = x - mean_x, y - mean_y

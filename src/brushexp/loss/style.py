@@ -56,7 +56,8 @@ class Style(Loss):
     by its random features, fixed once and for all, and not from pairs of sampled positions.
 
     Statistics are of the whole picture, also where a step looks at a part: then the sums over the canvas as it was last
-    seen, less those of the part, plus those of the part now. What needs no gradient is looked at in tiles.
+    seen, less those of the part, plus those of the part now. What needs no gradient is looked at in tiles. They are of
+    no place, so a focus leaves them as they are.
 
     Args:
         weight: factor in the sum of losses. Beside ``mse`` at its weight of 1 (``style.content=1``), 0.1 leaves a

@@ -8,12 +8,14 @@ from torch import Tensor
 from brushexp.errors import UserError
 from brushexp.strokes.catalogue import Strokes
 
+SETTLED = 0.5  # share of a stage's steps after which the order stays
+
 
 class Order(ABC):
     """Decides which stroke lies on top. Depth is not a parameter: it is computed and has no gradient.
 
     Attributes:
-        every: steps between two computations.
+        every: steps between two computations, as long as `due` allows any.
         needs_accuracy: whether ``depth`` reads ``accuracy``; the blend then measures it in the same pass.
     """
 
@@ -27,6 +29,14 @@ class Order(ABC):
         ``accuracy`` (N,) is 1 - (sum over pixels of alpha |color - target|^2) / (sum of alpha), where alpha is the
         stroke's own, hidden or not, and |.|^2 sums over RGB; None before the first step, or if it is not needed.
         """
+
+    def due(self, done: int, steps: int) -> bool:
+        """Whether the depth is computed anew when ``done`` of a stage's ``steps`` have been taken.
+
+        Not in its second half: strokes that change places are wrong for a while, and when the learning rate has begun
+        to fall they no longer recover (up to 1.4 dB lost in a run of 60 steps). Steps that begin a stage count as due.
+        """
+        return done % self.every == 0 and (done == 0 or done < SETTLED * steps)
 
 
 def front_to_back(depth: Tensor) -> Tensor:

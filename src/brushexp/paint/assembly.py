@@ -8,12 +8,15 @@ import torch
 from omegaconf import DictConfig
 from torch import Tensor
 
+from brushexp.density.base import Density
 from brushexp.errors import UserError
 from brushexp.files import write_picture
+from brushexp.init.base import Initializer
 from brushexp.loss.base import Loss
 from brushexp.loss.style import Colors, Style
 from brushexp.paint.parts import Parts, Stage
 from brushexp.pictures.color import recolored
+from brushexp.pictures.focus import focus_map, focus_weights
 from brushexp.registry import build, build_named, plugin_of, plugins
 from brushexp.strokes.brushwork import load_brushwork, with_brushwork
 from brushexp.strokes.catalogue import Strokes
@@ -64,11 +67,21 @@ def in_colors(target: Tensor, parts: Parts, folder: Path) -> Tensor:
     return target if style.colors is Colors.content else recolored(target, like=picture)
 
 
+def focus_of(cfg: DictConfig, target: Tensor, folder: Path) -> Tensor | None:
+    """How much each pixel (H, W) of the target counts, of mean 1, if ``focus`` is set; writes focus.png."""
+    if cfg.focus is None:
+        return None
+    attended = focus_map(cfg.focus, target)
+    weights = focus_weights(attended, cfg.focus_strength)
+    write_picture(folder / "focus.png", attended.expand(3, -1, -1))
+    return weights
+
+
 def stages_of(cfg: DictConfig) -> list[Stage]:
     """The renderers and their steps: the chosen one, and before it the one that ``warm_start`` asks for, if any."""
     name, renderer = plugin_of(cfg.renderer).name, build(cfg.renderer)
     first = renderer.stand_in if cfg.warm_start == AUTO else cfg.warm_start
-    if first is None or not cfg.steps:
+    if first is None or not (cfg.steps or cfg.seconds):
         return [Stage(name, renderer, cfg.steps)]
     names = [plugin.name for plugin in plugins("renderer")]
     if first not in names:
@@ -95,13 +108,26 @@ def paced(parts: Parts, steps_per_stroke: float | None, strokes: Strokes, size: 
     return replace(parts, stages=[first, *(replace(stage, steps=stage.steps * each) for stage in others)])
 
 
-def first_strokes(cfg: DictConfig, target: Tensor) -> Strokes:
-    """The strokes to start from: those of ``catalogue``, or those that ``init`` makes, with ``style.brushwork``."""
+def first_strokes(
+    cfg: DictConfig, target: Tensor, density: Density, focus: Tensor | None = None
+) -> tuple[Strokes, int]:
+    """The strokes to start from, and how many the painting may have in the end.
+
+    They are those of ``catalogue``, or those that ``init`` makes, with ``style.brushwork``. With a focus (H, W), the
+    initialiser is told how much each pixel counts.
+    """
     _, height, width = target.shape
     if cfg.catalogue is not None:
         if cfg.style.brushwork is not None:
             log.info("the strokes of %s stay as they are; style.brushwork only pulls at them", cfg.catalogue)
-        return strokes_from(Path(cfg.catalogue), cfg.strokes, (height, width))
+        strokes = strokes_from(Path(cfg.catalogue), (height, width))
+        n = len(strokes) if cfg.strokes is None else cfg.strokes
+        if n < len(strokes) or (n > len(strokes) and density.first(n) == n):
+            raise UserError(
+                f"strokes={n}, but {cfg.catalogue} has {len(strokes)}; drop strokes or catalogue, "
+                "or add strokes to it with density=adaptive"
+            )
+        return strokes, n
     n = cfg.strokes or max(1, round(height * width / cfg.pixels_per_stroke))
     if n > height * width:
         raise UserError(
@@ -109,17 +135,17 @@ def first_strokes(cfg: DictConfig, target: Tensor) -> Strokes:
             f"set strokes to {height * width} at most, or enlarge the picture with resolution"
         )
     generator = torch.Generator().manual_seed(cfg.seed)
-    strokes: Strokes = build(cfg.init)(target, n, generator)
+    initializer: Initializer = build(cfg.init)
+    initializer.focus = focus
+    strokes = initializer(target, density.first(n), generator)
     if cfg.style.brushwork is not None:
         strokes = with_brushwork(strokes, load_brushwork(Path(cfg.style.brushwork)), (height, width), generator)
-    return strokes
+    return strokes, n
 
 
-def strokes_from(path: Path, n: int | None, size: tuple[int, int]) -> Strokes:
+def strokes_from(path: Path, size: tuple[int, int]) -> Strokes:
     """Strokes of a saved catalogue, bottom first, on a canvas of ``size``."""
     saved = load_catalogue(path)
-    if n not in (None, len(saved.strokes)):
-        raise UserError(f"strokes={n}, but {path} has {len(saved.strokes)}; drop strokes or catalogue")
     height, width = saved.size
     zoom = max(size) / max(saved.size)
     if abs(zoom * height - size[0]) > 1 or abs(zoom * width - size[1]) > 1:

@@ -35,11 +35,19 @@ def bands(
     Yields:
         The first row of each band, and its picture (3, h, W) in [0, 1]. A band has only the strokes that touch it.
     """
-    height, width = size
-    rows = renderer.rows(strokes)
     place = torch.empty_like(front_to_back)
     place[front_to_back] = torch.arange(len(place), device=place.device)
-    top, number = 0, torch.arange(len(strokes), device=place.device)
+    for top, rows, number in cuts(strokes, size, renderer):
+        layers = renderer(strokes[number].moved(shift=(0, -top)), number)
+        yield top, blend(layers, place[number].argsort(), (rows, size[1]), background).image
+
+
+@torch.no_grad()
+def cuts(strokes: Strokes, size: tuple[int, int], renderer: Renderer) -> Iterator[tuple[int, int, Tensor]]:
+    """Where a canvas of ``size`` (H, W) is cut: first row and rows of each band, and numbers of its strokes."""
+    height, width = size
+    rows = renderer.rows(strokes)
+    top, number = 0, torch.arange(len(strokes), device=strokes.position.device)
     while top < height:
         band = min(max(1, BAND // width), height - top)
         if rows is not None:
@@ -47,8 +55,7 @@ def bands(
             while band > LEAST and len(number) > (renderer.at_once or len(number)):
                 band = band // 2
                 number = _within(rows, top, band)
-        layers = renderer(strokes[number].moved(shift=(0, -top)), number)
-        yield top, blend(layers, place[number].argsort(), (band, width), background).image
+        yield top, band, number
         top += band
 
 

@@ -11,13 +11,16 @@ from brushexp.features.distance import Distance, effl0_distance
 WINDOW = 11  # pixels: SSIM compares windows of this size
 
 
-def measure(painting: np.ndarray, target: np.ndarray, lpips: Distance | None = None) -> dict[str, float | str | None]:
+def measure(
+    painting: np.ndarray, target: np.ndarray, lpips: Distance | None = None, focus: Tensor | None = None
+) -> dict[str, float | str | None]:
     """Compare two 8-bit RGB pictures (H, W, 3) as they are saved, over all pixels.
 
     Args:
         painting: one.
         target: the other.
         lpips: one more distance to measure; it becomes the metric of its label, lpips_alexnet for instance.
+        focus: (H, W) how much each pixel counts; adds psnr_focus, of the mean squared error weighted so.
 
     Returns:
         psnr (dB, infinite for equal pictures), ssim (Wang et al., 2004; None for a picture smaller than its window),
@@ -36,6 +39,7 @@ def measure(painting: np.ndarray, target: np.ndarray, lpips: Distance | None = N
     psnr = float(peak_signal_noise_ratio(a, b, data_range=1.0)) if bool((a != b).any()) else math.inf
     return {
         "psnr": psnr,
+        **({} if focus is None else {"psnr_focus": focused_psnr(a[0], b[0], focus.cpu())}),
         "ssim": ssim,
         "l1": float((a - b).abs().mean()),
         "edges": edge_error(a, b),
@@ -43,6 +47,12 @@ def measure(painting: np.ndarray, target: np.ndarray, lpips: Distance | None = N
         "perceptual_backbone": "effl0",
         **({} if lpips is None else {lpips.label.replace("-", "_"): distance_of(lpips, a[0], b[0])}),
     }
+
+
+def focused_psnr(image: Tensor, target: Tensor, focus: Tensor) -> float:
+    """Peak signal-to-noise ratio in dB of two pictures (3, H, W), whose pixels count as ``focus`` (H, W) says."""
+    weights = focus.double() / focus.double().mean()
+    return psnr_of(float(((image - target).double().square() * weights).mean()))
 
 
 @torch.no_grad()

@@ -1,9 +1,12 @@
 """The optimisation: gradient steps over the catalogue, as a LightningModule."""
 
+import copy
 import logging
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from itertools import accumulate
 from typing import Any
 
@@ -12,20 +15,26 @@ import torch
 from torch import Tensor, nn, optim
 
 from brushexp.blend.base import Canvas
+from brushexp.density.base import Revision, Survey
 from brushexp.loss.base import Painting
 from brushexp.order.base import front_to_back
+from brushexp.paint.aim import Aim, enlarged
+from brushexp.paint.anytime import Anytime
 from brushexp.paint.bands import bands
 from brushexp.paint.metrics import psnr_of
 from brushexp.paint.partial import lend, take_back
 from brushexp.paint.parts import Parts
 from brushexp.paint.view import View
+from brushexp.paint.worth import worth
 from brushexp.renderer.base import Renderer
-from brushexp.sampler.base import Glance
+from brushexp.sampler.base import Glance, Region
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Catalogue, Strokes
 
 log = logging.getLogger(__name__)
 SECONDS_PER_CALL = 0.2  # one training step of Lightning takes as many gradient steps as fit, so that its own cost hides
+PLENTY = 10**6  # steps of a stage that is only tried: it stays at the beginning of its schedule
+COARSE = 0.5  # sizes of the canvas: the picture of the coarse steps
 MOVED = 0.01  # pixels by which a stroke may change without being counted
 
 
@@ -41,10 +50,15 @@ class Painter(L.LightningModule):
         target: (3, H, W) in [0, 1].
         background: (3,) colour of the bare canvas.
         seed: of everything random in the steps.
+        focus: (H, W) how much each pixel counts in the losses, of mean 1; None for all alike.
+        coarse: share of the first stage's steps that come first and look at the whole picture at half its size;
+            strokes are neither added nor removed meanwhile.
+        budget: strokes that the density policy may come to; None for as many as there are.
         watch: called after every step with the number of steps done.
     """
 
     target: Tensor
+    focus: Tensor | None
     background: Tensor
     front_to_back: Tensor
     visits: Tensor
@@ -57,6 +71,9 @@ class Painter(L.LightningModule):
         background: Tensor,
         *,
         seed: int,
+        focus: Tensor | None = None,
+        budget: int | None = None,
+        coarse: float = 0.0,
         watch: Callable[[int], None] = lambda step: None,
     ) -> None:
         super().__init__()
@@ -68,18 +85,25 @@ class Painter(L.LightningModule):
         self.ends = list(accumulate(stage.steps for stage in parts.stages))  # step at which each stage is over
         self.losses = nn.ModuleDict(parts.losses)
         self.register_buffer("target", target, persistent=False)
+        self.register_buffer("focus", focus, persistent=False)
         self.register_buffer("background", background, persistent=False)
+        self.coarse = coarse
+        self.budget = len(catalogue) if budget is None else budget
         self.watch = watch
         self.generator = torch.Generator().manual_seed(seed)
         self.step = 0
         self.evaluations = 0  # of the losses so far; an optimiser may need several for a step
-        # Partial steps that each stroke has taken.
+        # Steps that each stroke has taken.
         self.register_buffer("visits", torch.zeros(len(catalogue), dtype=torch.long), persistent=False)
         self.register_buffer("front_to_back", torch.arange(len(catalogue)), persistent=False)
         self.stop = ""  # set from outside: finish after the present step, for this reason
-        self.seconds = 0.0  # of wall time in the fit so far
+        self.seconds = 0.0  # of wall time in the fit so far, as of the last look at the clock
+        self.clock: Callable[[], float] = time.monotonic
+        self._looked: float | None = None  # at the clock; None outside the fit
+        self.anytime = Anytime()  # how good the picture was after how many seconds
         self.terms: dict[str, Tensor] = {}  # the losses of the last step, unweighted
-        self._last: Tensor | None = None  # the whole picture, if the last step looked at all of it
+        self._last: tuple[Tensor, Aim] | None = None  # the picture, if the last step looked at all of it
+        self._small: Aim | None = None  # of the coarse steps
         self._view: View | None = None  # of a painter who looks at parts
         self._error = math.inf  # before there was one, or of the last one
         self._accuracy: Tensor | None = None
@@ -107,6 +131,17 @@ class Painter(L.LightningModule):
         return self.parts.stages[self.stage].renderer
 
     @property
+    def elapsed(self) -> float:
+        """Seconds of wall time in the fit until now."""
+        return self.seconds + (0.0 if self._looked is None else self.clock() - self._looked)
+
+    @property
+    def is_coarse(self) -> bool:
+        """Whether the next step looks at the smaller picture."""
+        done, steps = self.progress
+        return self.stage == 0 and done < self.coarse * steps
+
+    @property
     def size(self) -> tuple[int, int]:
         """Height and width of the canvas."""
         return int(self.target.shape[1]), int(self.target.shape[2])
@@ -116,7 +151,10 @@ class Painter(L.LightningModule):
         """Mean squared error of the whole picture as it was last seen."""
         if self._view is not None:
             return self._view.error
-        return self._error if self._last is None else float((self._last - self.target).square().mean())
+        if self._last is None:
+            return self._error
+        image, aim = self._last
+        return aim.error(image)
 
     @torch.no_grad()
     def picture(self) -> Tensor:
@@ -133,7 +171,7 @@ class Painter(L.LightningModule):
         """The whole picture as the steps last saw it; as it is now before the first one."""
         if self._view is not None:
             return self._view.picture
-        return self.picture() if self._last is None else self._last
+        return self.picture() if self._last is None else enlarged(self._last[0], self.size)
 
     def end_stage(self) -> bool:
         """Leave out what is left of the present stage; False if it is the last one."""
@@ -154,29 +192,74 @@ class Painter(L.LightningModule):
 
     def rehearse(self) -> None:
         """Go through one step without taking it, so that whatever is compiled or loaded at first use is there."""
+        coarse, self.coarse = self.coarse, 0.0
         sampler = self.parts.sampler
         before, generator = sampler.state_dict(), self.generator.clone_state()
         glance = sampler(self._strokes(), self.size, self.step, generator)
         sampler.load_state_dict(before)
         self._objective(self.catalogue if glance.active is None else self.catalogue.part(glance.active), glance)
         self.zero_grad()
-        self.evaluations = 0
+        self.evaluations, self.coarse = 0, coarse
+        if self.parts.density.judges:
+            state = self.generator.get_state()
+            self._survey().worth()
+            self.generator.set_state(state)
+
+    @torch.no_grad()
+    def trial(self, stage: int, share: float = 1.0, *, coarse: bool = False) -> "Painter":
+        """A copy with a share of the strokes, at the beginning of a stage, to try steps on; this one stays as it is.
+
+        Its steps are those over the full picture, or the ``coarse`` ones.
+        """
+        shared = [self.target, self.focus, self.background, self.clock, self.watch]
+        shared += [*self.renderers, *self.losses.values()]
+        memo: dict[int, Any] = {id(value): value for value in shared}
+        memo |= {id(self._view): None, id(self._last): None}  # pictures of other strokes, and large
+        own = {name: copy.deepcopy(getattr(self.parts, name)) for name in ("order", "density", "sampler")}
+        memo[id(self.parts)] = replace(self.parts, **own)
+        trial = copy.deepcopy(self, memo)
+        trial.coarse = float(coarse)
+        trial.step, trial.ends = 0, [PLENTY * (k >= stage) for k in range(len(self.ends))]
+        n = len(self.catalogue)
+        rows = torch.linspace(0, n - 1, max(1, round(share * n))).long() if n else torch.arange(0)
+        strokes = trial.renderer.adopt(self._strokes()[rows.to(self.target.device)])
+        trial.catalogue = Catalogue(strokes, self.catalogue.units)
+        trial.visits, trial._accuracy, trial.watch = self.visits.new_zeros(len(strokes)), None, lambda step: None
+        trial._renew_order()
+        if trial.parts.sampler(strokes, self.size, 0, trial.generator).active is not None:
+            trial._view = trial._view_of(torch.zeros_like(self.target))  # to draw all strokes may take long
+        return trial
+
+    @property
+    def looks_at_parts(self) -> bool:
+        """Whether the last step saw a part of the canvas only."""
+        return self._view is not None
+
+    def advance(self, optimizer: optim.Optimizer, seconds: float) -> None:
+        """Take steps until so many seconds are over: one at least, if any are left."""
+        end = self.clock() + seconds
+        while self.step < self.steps and not self.stop:
+            self._take_step(optimizer)
+            if self.clock() > end:
+                break
 
     def on_fit_start(self) -> None:
-        self._clock = time.monotonic()
+        self._looked = self.clock()
+        if not self.anytime.pairs:
+            self.anytime.add(self.seconds, psnr_of(self.error))  # where the steps begin, if that was seen
+
+    def on_fit_end(self) -> None:
+        self._looked = None
 
     def training_step(self, batch: Any, batch_idx: int) -> None:
         optimizer = self.optimizers(use_pl_optimizer=False)
         assert isinstance(optimizer, optim.Optimizer)
-        end = time.monotonic() + SECONDS_PER_CALL
-        while self.step < self.steps and not self.stop:
-            self._take_step(optimizer)
-            if time.monotonic() > end:
-                break
-        now = time.monotonic()
-        self.seconds, self._clock = self.seconds + now - self._clock, now
+        self.advance(optimizer, SECONDS_PER_CALL)
+        self.seconds, self._looked = self.elapsed, self.clock()
+        psnr = psnr_of(self.error)
+        self.anytime.add(self.seconds, psnr)
         curves = {f"loss/{self.parts.losses[name].label or name}": term for name, term in self.terms.items()}
-        self.log_dict({**curves, "psnr": psnr_of(self.error), "step": float(self.step), "seconds": self.seconds})
+        self.log_dict({**curves, "psnr": psnr, "step": float(self.step), "seconds": self.seconds})
 
     def configure_optimizers(self) -> optim.Optimizer:
         return self.parts.optimizer.over(p for p in self.catalogue.parameters() if p.requires_grad)
@@ -189,9 +272,11 @@ class Painter(L.LightningModule):
             "evaluations": self.evaluations,
             "visits": self.visits,
             "sampler": self.parts.sampler.state_dict(),
+            "density": self.parts.density.state_dict(),
             "picture": None if self._view is None else self._view.picture,
             "ends": self.ends,
             "seconds": self.seconds,
+            "anytime": self.anytime.pairs,
             "generator": self.generator.get_state(),
             "torch": torch.get_rng_state(),
             "accuracy": self._accuracy,
@@ -200,9 +285,12 @@ class Painter(L.LightningModule):
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         state = checkpoint["painter"]
+        self.catalogue.resize(len(state["visits"]))
         self.step, self.ends, self.seconds = state["step"], state["ends"], state["seconds"]
+        self.anytime = Anytime(state["anytime"])
         self.evaluations, self.visits = state["evaluations"], state["visits"].to(self.target.device)
         self.parts.sampler.load_state_dict(state["sampler"])
+        self.parts.density.load_state_dict(state["density"])
         self.generator.set_state(state["generator"])
         torch.set_rng_state(state["torch"])
         device = self.target.device
@@ -211,37 +299,64 @@ class Painter(L.LightningModule):
         self._view = None if state["picture"] is None else self._view_of(state["picture"].to(device))
 
     def _take_step(self, optimizer: optim.Optimizer) -> None:
-        if self.step % self.parts.order.every == 0:
-            self._renew_order()
-        stage = self.stage
+        stage, order = self.stage, self.parts.order
         done, steps = self.progress
+        if order.due(done, steps):
+            self._renew_order()
         for group in optimizer.param_groups:
             group["lr"] = self.parts.optimizer.rate(done / steps)
-        glance = self.parts.sampler(self._strokes(), self.size, self.step, self.generator)
-        judge = self.parts.order.needs_accuracy and (
-            glance.active is not None or (self.step + 1) % self.parts.order.every == 0
-        )
+        coarse = self.is_coarse
+        glance = self._glance()
+        judge = order.needs_accuracy and (glance.active is not None or order.due(done + 1, steps))
         painting = self._move(optimizer, glance, judge)
         self.step += 1
-        revision = self.parts.density.revise(painting, self.step, self.steps)
-        if revision is not None:
-            self.catalogue.revise(revision.keep, revision.new, optimizer)
-            self.visits = torch.cat([self.visits[revision.keep], self.visits.new_zeros(len(revision.new))])
-            self._accuracy = None
-            self._drop_view()
-            self._renew_order()
+        if not coarse:
+            self.parts.sampler.seen(glance, painting.image.detach(), painting.target)
+            revision = self.parts.density.revise(self._survey())
+            if revision is not None:
+                self._revise(revision, optimizer)
         self.watch(self.step)
         if self.stage != stage:
             self._adopt()
             optimizer.state.clear()
             self.visits.zero_()
 
+    def _glance(self) -> Glance:
+        if self.is_coarse:
+            return Glance(Region(0, 0, *self._aim().size))
+        return self.parts.sampler(self._strokes(), self.size, self.step, self.generator)
+
+    def _aim(self) -> Aim:
+        """What steps that look at the whole picture compare it with now."""
+        if not self.is_coarse:
+            return Aim(self.target, self.focus)
+        if self._small is None:
+            self._small = Aim(self.target, self.focus).smaller(COARSE)
+        return self._small
+
+    def _survey(self) -> Survey:
+        """The painting as the density policy sees it."""
+        strokes, focus, renderer = self._strokes(), self.focus, self.renderer
+        judge = partial(
+            worth, strokes, self.front_to_back, self.target, focus, self.background, renderer, self.parts.blend,
+            self.generator,
+        )  # fmt: skip
+        return Survey(self.latest(), self.target, focus, strokes, self.budget, self.step, self.steps, judge)
+
+    def _revise(self, revision: Revision, optimizer: optim.Optimizer) -> None:
+        """Drop strokes and add others."""
+        self.catalogue.revise(revision.keep, revision.new, optimizer)
+        self.visits = torch.cat([self.visits[revision.keep], self._counted(len(revision.new))])
+        self._accuracy = None
+        self._drop_view()
+        self._renew_order()
+
     def _move(self, optimizer: optim.Optimizer, glance: Glance, judge: bool) -> Painting:
         """Let the optimiser move the strokes of a glance; what it looked at last."""
         rows = glance.active
         part, mover = self.catalogue, optimizer
         if rows is not None:
-            part, mover = lend(self.catalogue, optimizer, self.parts.optimizer, rows, int(self.visits[rows].min()))
+            part, mover = lend(self.catalogue, optimizer, self.parts.optimizer, rows, int(self.visits[rows].median()))
         painting: Painting | None = None
 
         def objective() -> Tensor:
@@ -263,6 +378,8 @@ class Painter(L.LightningModule):
             self.visits[rows] += 1
             if self._view is not None:
                 self._view.kept.forget(rows)
+        else:
+            self.visits += 1
         assert painting is not None
         return painting
 
@@ -286,13 +403,17 @@ class Painter(L.LightningModule):
     def _paint(self, strokes: Strokes, glance: Glance, *, judge: bool) -> tuple[Canvas, Painting]:
         """What a glance shows, differentiable in ``strokes``: those that it moves."""
         if glance.active is None:
-            target = self.target if judge else None
-            layers = self.renderer(strokes)
-            canvas = self.parts.blend(layers, self.front_to_back, self.size, self.background, target)
-            self._last = canvas.image.detach()
-            return canvas, Painting(canvas.image, self.target, strokes)
+            aim = self._aim()
+            layers = self.renderer(strokes if aim.zoom == 1 else strokes.moved(zoom=aim.zoom))
+            target = aim.target if judge else None
+            canvas = self.parts.blend(layers, self.front_to_back, aim.size, self.background, target)
+            self._last = canvas.image.detach(), aim
+            if self._view is not None and aim.zoom == 1:
+                self._view.saw(canvas.image.detach())
+            return canvas, Painting(canvas.image, aim.target, strokes, focus=aim.focus)
         if self._view is None:
             self._view = self._view_of(self.picture())
+        self._last = None
         return self._view.paint(strokes, self._strokes(), glance, self.front_to_back, judge=judge)
 
     def _drop_view(self) -> None:
@@ -301,7 +422,12 @@ class Painter(L.LightningModule):
             self._error, self._view = self._view.error, None
 
     def _view_of(self, picture: Tensor) -> View:
-        return View(picture, self.target, self.background, self.renderer, self.parts.blend, len(self.catalogue))
+        n, blend = len(self.catalogue), self.parts.blend
+        return View(picture, self.target, self.background, self.renderer, blend, n, focus=self.focus)
+
+    def _counted(self, n: int) -> Tensor:
+        """Visits (n,) of new strokes: the optimiser counts them with the old ones (see `Catalogue.revise`)."""
+        return self.visits.new_full((n,), int(self.visits.max()) if len(self.visits) else 0)
 
     @torch.no_grad()
     def _strokes(self) -> Strokes:

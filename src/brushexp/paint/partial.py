@@ -24,7 +24,7 @@ def lend(
         optimizer: of all strokes; it holds their state and takes no steps itself.
         make: makes such optimisers.
         rows: strokes, without repetition.
-        steps: how many each of them has taken (the least, if they differ).
+        steps: how many each of them has taken (the median, if they differ).
     """
     part = catalogue.part(rows)
     lent = make.over(p for p in part.parameters() if p.requires_grad)

@@ -1,4 +1,4 @@
-"""What goes on beside the steps: the bar, frames, checkpoints, and the ways to stop."""
+"""What goes on beside the steps: the bar, frames and checkpoints."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ from brushexp.paint.timelapse import Timelapse
 
 log = logging.getLogger(__name__)
 CHECKPOINT = "checkpoint.ckpt"
-INTERRUPTED, STOPPED_EARLY = "interrupted", "stopped early"
-WINDOW = 100  # evaluations of the losses over which early_stop asks for a gain
+INTERRUPTED = "interrupted"
 NOTICES = 5  # lines in the log of a run, where there is no terminal for a bar
 
 
@@ -113,7 +112,7 @@ class Checkpoints(L.Callback):
 
     def on_train_epoch_end(self, trainer: L.Trainer, painter: L.LightningModule) -> None:
         assert isinstance(painter, Painter)
-        finished = painter.step >= painter.steps or painter.stop == STOPPED_EARLY
+        finished = painter.step >= painter.steps or painter.stop not in ("", INTERRUPTED)
         if finished:
             self.path.unlink(missing_ok=True)
         elif painter.stop or time.monotonic() - self.last > self.every:
@@ -121,35 +120,3 @@ class Checkpoints(L.Callback):
                 trainer.save_checkpoint(temporary)
             self.last = time.monotonic()
         trainer.should_stop = finished or bool(painter.stop)
-
-
-class EarlyStop(L.Callback):
-    """Ends a stage when 100 evaluations no longer gain ``gain`` dB, and with the last one the run; None never does.
-
-    Evaluations and not steps, because a step of L-BFGS looks at the picture several times.
-    """
-
-    def __init__(self, gain: float | None) -> None:
-        self.gain = gain
-        self.before: float | None = None
-        self.last = 0  # evaluations at the last comparison
-        self.stage = 0
-
-    def look(self, painter: Painter) -> None:
-        """Compare with 100 evaluations ago, or as many more as a step has."""
-        if self.gain is None:
-            return
-        if painter.stage != self.stage:
-            self.before, self.last, self.stage = None, painter.evaluations, painter.stage
-        if painter.evaluations - self.last < WINDOW:
-            return
-        now = psnr_of(painter.error)
-        if self.before is not None and now - self.before < self.gain and not painter.end_stage():
-            painter.stop = STOPPED_EARLY
-        self.before, self.last = now, painter.evaluations
-
-    def state_dict(self) -> dict[str, Any]:
-        return {"before": self.before, "last": self.last, "stage": self.stage}
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        self.before, self.last, self.stage = state_dict["before"], state_dict["last"], state_dict["stage"]

@@ -6,13 +6,12 @@ from torch import Tensor
 from brushexp.blend.base import Blend, Canvas
 from brushexp.loss.base import Painting, Surroundings
 from brushexp.paint.kept import RenderCatalogue
-from brushexp.renderer.base import SPREAD, Renderer
+from brushexp.renderer.base import EDGE, SPREAD, Renderer
 from brushexp.sampler.base import Glance, Region
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
 
 ROWS = 256  # of the whole picture that are compared at once
-EDGE = 2.0  # pixels that a soft edge may add to a stroke
 
 
 class View:
@@ -29,27 +28,47 @@ class View:
         renderer: draws the strokes.
         blend: lays them over each other.
         n: number of strokes of the painting.
+        focus: (H, W) how much each pixel counts; None for all alike.
     """
 
     def __init__(
-        self, picture: Tensor, target: Tensor, background: Tensor, renderer: Renderer, blend: Blend, n: int
+        self,
+        picture: Tensor,
+        target: Tensor,
+        background: Tensor,
+        renderer: Renderer,
+        blend: Blend,
+        n: int,
+        *,
+        focus: Tensor | None = None,
     ) -> None:
         self.picture = picture
         self.target = target
+        self.focus = focus
         self.background = background
         self.renderer = renderer
         self.blend = blend
         self.kept = RenderCatalogue(renderer, n)
-        self._squares = sum(squares(a, b) for a, b in zip(*(x.split(ROWS, 1) for x in (picture, target)), strict=True))
+        self.n = n
+        self._squares: float | None = None  # sum of squared errors; None if it has to be computed
         self._glance: Glance | None = None
         self._part = target  # of the target, where the steps look now
+        self._focus = focus  # of that part
         self._surroundings: Surroundings | None = None
         self._fixed = torch.empty(0, dtype=torch.bool)  # pixels there that are taken as last seen
 
     @property
     def error(self) -> float:
         """Mean squared error of the whole picture as it was last seen."""
+        if self._squares is None:
+            self._squares = _squares_by_rows(self.picture, self.target)
         return max(self._squares, 0.0) / self.target.numel()
+
+    def saw(self, image: Tensor) -> None:
+        """Take over a step that moved all strokes and looked at the whole canvas (3, H, W) without this view."""
+        self.picture.copy_(image)
+        self._squares = None
+        self.kept.forget(torch.arange(self.n, device=image.device))
 
     def paint(
         self, moving: Strokes, strokes: Strokes, glance: Glance, front_to_back: Tensor, *, judge: bool
@@ -80,7 +99,8 @@ class View:
         self._paste(image.detach(), region)
         every = {name: value.index_copy(0, active, getattr(moving, name)) for name, value in strokes.items()}
         accuracy = None if canvas.accuracy is None else canvas.accuracy[: len(active)]
-        return Canvas(image, accuracy), Painting(image, self._part, Strokes(**every), self._surroundings)
+        painting = Painting(image, self._part, Strokes(**every), self._surroundings, self._focus)
+        return Canvas(image, accuracy), painting
 
     def _turn_to(self, glance: Glance, strokes: Strokes) -> None:
         """Look elsewhere, or at other strokes; what belongs to the place stays the same object as long as it does."""
@@ -88,7 +108,8 @@ class View:
         if self._glance is None or self._glance.region != region:
             whole = region == Region(0, 0, *self.target.shape[1:])
             self._part = self.target if whole else region.of(self.target).contiguous()
-            self._surroundings = None if whole else Surroundings(region, self.picture, self.target)
+            self._focus = self.focus if whole or self.focus is None else region.of(self.focus)
+            self._surroundings = None if whole else Surroundings(region, self.picture, self.target, self.focus)
         unknown = torch.ones(len(strokes), dtype=torch.bool, device=self.target.device)
         for number in (glance.active, glance.ring):
             if number is not None:
@@ -100,13 +121,21 @@ class View:
     def _paste(self, image: Tensor, region: Region) -> None:
         """Take over what a step made of a region (3, h, w)."""
         target, seen = region.of(self.target), region.of(self.picture)
-        self._squares += squares(image, target) - squares(seen, target)
+        if seen.numel() == self.picture.numel():
+            self._squares = None
+        elif self._squares is not None:
+            self._squares += squares(image, target) - squares(seen, target)
         seen.copy_(image)
 
 
 def squares(first: Tensor, second: Tensor) -> float:
     """Sum of the squared differences of two pictures."""
     return float((first - second).square().sum(dtype=torch.float64))
+
+
+def _squares_by_rows(first: Tensor, second: Tensor) -> float:
+    """The same of large pictures, without another one of their size."""
+    return sum(squares(a, b) for a, b in zip(first.split(ROWS, 1), second.split(ROWS, 1), strict=True))
 
 
 def _same(first: Glance, second: Glance) -> bool:

@@ -28,11 +28,16 @@ ASSOCIATED, UNASSOCIATED = 1, 2  # what an extra TIFF channel is: alpha that col
 CURE = "convert it to an 8- or 16-bit PNG or a JPEG"
 
 
-def read_picture(path: Path) -> np.ndarray:
+def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0) -> np.ndarray:
     """Decode the first frame of a picture, upright, over white, in sRGB.
 
     An embedded ICC profile is converted, unless it is broken; for pictures of more than 8 bits the conversion is
     accurate to 8 bits. 16-bit PNG with grey and alpha, and 16-bit CMYK, keep 8 bits.
+
+    Args:
+        path: the file.
+        key: what the user types before the path, for messages.
+        backdrop: what is below transparent pixels: 1 white, 0 black.
 
     Returns:
         (H, W, 3) uint8, or float32 in [0, 1] where the file holds more than 8 bits per channel.
@@ -43,20 +48,21 @@ def read_picture(path: Path) -> np.ndarray:
     """
     with _silence():
         try:
-            return np.ascontiguousarray(_read(path))
-        except UserError:
-            raise
+            return np.ascontiguousarray(_read(path, backdrop))
+        except UserError as error:
+            raise UserError(str(error).replace("image=", f"{key}=", 1)) from error
         except Image.DecompressionBombError as error:
-            raise _too_large(path, f"more than {2 * (Image.MAX_IMAGE_PIXELS or 0) // 10**6} megapixels") from error
+            size = f"more than {2 * (Image.MAX_IMAGE_PIXELS or 0) // 10**6} megapixels"
+            raise _too_large(path, size, key) from error
         except UnidentifiedImageError as error:
-            raise UserError(f"image={path} is not a picture of a known format; {CURE}") from error
+            raise UserError(f"{key}={path} is not a picture of a known format; {CURE}") from error
         except Exception as error:  # decoders have a dozen kinds
             if isinstance(error, OSError) and error.strerror:
                 raise UserError(
-                    f"image={path} cannot be read ({error.strerror.lower()}); give a file that you may read"
+                    f"{key}={path} cannot be read ({error.strerror.lower()}); give a file that you may read"
                 ) from error
             reason = " ".join(str(error).split()) or type(error).__name__
-            raise UserError(f"image={path} is damaged or cannot be decoded ({reason}); {CURE}") from error
+            raise UserError(f"{key}={path} is damaged or cannot be decoded ({reason}); {CURE}") from error
 
 
 @contextmanager
@@ -79,7 +85,7 @@ def _silence() -> Iterator[None]:
                 logger.setLevel(level)
 
 
-def _read(path: Path) -> np.ndarray:
+def _read(path: Path, backdrop: float) -> np.ndarray:
     with path.open("rb") as file:
         magic = file.read(4)
     if not magic:
@@ -88,19 +94,19 @@ def _read(path: Path) -> np.ndarray:
         picture = Image.open(path)
     except UnidentifiedImageError:
         if magic in TIFF_MAGIC:
-            return _read_tiff(path)
+            return _read_tiff(path, backdrop)
         raise
     with picture:
         if picture.format not in FORMATS:
             raise UserError(f"image={path} is a file of the format {picture.format}, which is not read here; {CURE}")
         _check_size(path, *picture.size)
         if _is_beyond_pillow(picture):
-            return _read_tiff(path)
+            return _read_tiff(path, backdrop)
         if picture.mode in ("I", "F") or picture.mode.startswith("I;16") or _low_byte_tiles(picture):
             color, alpha = _deep_channels(picture, path)
-            rgb = _float_to_srgb(color, alpha, picture.info.get("icc_profile"))
+            rgb = _float_to_srgb(color, alpha, picture.info.get("icc_profile"), backdrop)
         else:
-            rgb = _bytes_to_srgb(picture)
+            rgb = _bytes_to_srgb(picture, backdrop)
         # Pillow turns a TIFF itself as it loads, and nothing else.
         return rgb if isinstance(picture, TiffImageFile) else _upright(rgb, _orientation(picture))
 
@@ -110,12 +116,12 @@ def _check_size(path: Path, width: int, height: int) -> None:
         raise _too_large(path, f"{width} x {height} pixels")
 
 
-def _too_large(path: Path, size: str) -> UserError:
+def _too_large(path: Path, size: str, key: str = "image") -> UserError:
     limit = f"{MAX_PIXELS // 10**6} megapixels"
-    return UserError(f"image={path} has {size}; at most {limit} are read: make it smaller and give that file")
+    return UserError(f"{key}={path} has {size}; at most {limit} are read: make it smaller and give that file")
 
 
-def _bytes_to_srgb(picture: Image.Image) -> np.ndarray:
+def _bytes_to_srgb(picture: Image.Image, backdrop: float) -> np.ndarray:
     """(H, W, 3) uint8 of an 8-bit picture of any mode."""
     picture.load()
     alpha = picture.convert("RGBA").getchannel("A") if picture.has_transparency_data else None
@@ -124,7 +130,7 @@ def _bytes_to_srgb(picture: Image.Image) -> np.ndarray:
         picture = picture.convert("L" if picture.mode in ("1", "LA") else "RGB")
     rgb = _converted(picture, profile)
     if alpha is not None:
-        rgb = Image.composite(rgb, Image.new("RGB", rgb.size, "white"), alpha)
+        rgb = Image.composite(rgb, Image.new("RGB", rgb.size, (round(255 * backdrop),) * 3), alpha)
     return np.asarray(rgb)
 
 
@@ -142,7 +148,7 @@ def _converted(picture: Image.Image, profile: bytes | None) -> Image.Image:
     return picture.convert("RGB")
 
 
-def _float_to_srgb(color: np.ndarray, alpha: np.ndarray | None, profile: bytes | None) -> np.ndarray:
+def _float_to_srgb(color: np.ndarray, alpha: np.ndarray | None, profile: bytes | None, backdrop: float) -> np.ndarray:
     """(H, W, 3) float32 from (H, W, 1 or 3) colours and (H, W, 1) alpha, all in [0, 1]."""
     if profile:
         # What the conversion does in 8 bits is added to the exact values, so that an sRGB profile changes nothing.
@@ -151,7 +157,7 @@ def _float_to_srgb(color: np.ndarray, alpha: np.ndarray | None, profile: bytes |
         change = np.asarray(_converted(coarse, profile), np.float32) - eight_bit
         color = (color + change / 255).clip(0, 1)
     if alpha is not None:
-        color = color * alpha + (1 - alpha)
+        color = color * alpha + backdrop * (1 - alpha)
     return np.broadcast_to(color, (*color.shape[:2], 3))
 
 
@@ -194,7 +200,7 @@ def _is_beyond_pillow(picture: ImageFile) -> bool:
     return tags.get(PLANES) == 2 or tags.get(PHOTOMETRIC) == WHITE_IS_ZERO or picture.mode == "I"
 
 
-def _read_tiff(path: Path) -> np.ndarray:
+def _read_tiff(path: Path, backdrop: float) -> np.ndarray:
     """(H, W, 3) float32 of the first page of a TIFF that Pillow cannot read."""
     from tifffile import TiffFile, TiffPage  # noqa: PLC0415  (rarely needed)
 
@@ -215,7 +221,7 @@ def _read_tiff(path: Path) -> np.ndarray:
     alpha = unit[..., n_colors : n_colors + 1] if extra in (ASSOCIATED, UNASSOCIATED) else None
     if alpha is not None and extra == ASSOCIATED:
         color = np.divide(color, alpha, out=np.ones_like(color), where=alpha > 0).clip(0, 1)
-    return _upright(_float_to_srgb(color, alpha, tags[PROFILE]), tags[ORIENTATION] or 1)
+    return _upright(_float_to_srgb(color, alpha, tags[PROFILE], backdrop), tags[ORIENTATION] or 1)
 
 
 def _unit_range(samples: np.ndarray, bits: int, path: Path) -> np.ndarray:

@@ -16,6 +16,7 @@ from brushexp.errors import UserError
 from brushexp.pictures.decode import MAX_PIXELS, read_picture
 
 MAX_SIDE = 16384  # pixels: the largest ``resolution``
+BRIGHTNESS = (0.299, 0.587, 0.114)  # of red, green and blue, Rec. 601
 SAMPLE_SUFFIXES = (".png", ".jpg")  # the GIF and TIFF files beside the samples are test data
 
 
@@ -40,13 +41,41 @@ def load_picture(image: str, resolution: int | None, key: str = "image") -> Tens
             f"resolution={resolution} is not a side from 1 to {MAX_SIDE} pixels; set resolution=512, say, or "
             "resolution=null for the size of the file"
         )
-    picture = read_picture(_path_of(image, key))
+    picture = read_picture(_path_of(image, key), key=key)
     if resolution is not None:
         picture = _resample(picture, _size_at(resolution, *picture.shape[:2]))
     planes = np.ascontiguousarray(np.moveaxis(picture, 2, 0), dtype=np.float32)
     if picture.dtype == np.uint8:
         planes /= 255
     return torch.from_numpy(planes)
+
+
+def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Tensor:
+    """Read a picture as grey values, at the size of another one, resampled as that is.
+
+    Args:
+        image: path of a picture file, or a sample's name; transparent pixels are black.
+        size: height and width in pixels.
+        key: what the user types before the path, for messages.
+        also: what else the key takes, for messages; "auto, " for instance.
+
+    Returns:
+        (H, W) float32, brightness (Rec. 601) of the sRGB values in [0, 1].
+
+    Raises:
+        UserError: if there is no such picture, it cannot be read, or its sides have another ratio.
+    """
+    picture = read_picture(_path_of(image, key, also), key=key, backdrop=0.0)
+    height, width = picture.shape[:2]
+    zoom = max(size) / max(height, width)
+    if any(abs(zoom * side - wanted) > max(1, zoom) for side, wanted in zip((height, width), size, strict=True)):
+        raise UserError(
+            f"{key}={image} has {width} x {height} pixels, the picture {size[1]} x {size[0]}; "
+            "give one whose sides have the same ratio"
+        )
+    scale = 255 if picture.dtype == np.uint8 else 1
+    grey = np.asarray(_resample(picture, size) @ np.array(BRIGHTNESS) / scale, dtype=np.float32)
+    return torch.from_numpy(grey).clamp_(0, 1)
 
 
 def background_color(spec: str, target: Tensor) -> Tensor:
@@ -82,7 +111,7 @@ def _samples() -> dict[str, Path]:
     return {path.stem: path for path in folder.iterdir() if path.suffix in SAMPLE_SUFFIXES}
 
 
-def _path_of(image: str, key: str) -> Path:
+def _path_of(image: str, key: str, also: str = "") -> Path:
     """The file that ``image`` names; a shell leaves the ~ of ``image=~/photo.jpg`` to us."""
     path = os.path.expanduser(image)  # these three functions of os, unlike those of pathlib, never raise
     if os.path.isfile(path):
@@ -90,7 +119,7 @@ def _path_of(image: str, key: str) -> Path:
     samples = _samples()
     if image in samples:
         return samples[image]
-    choices = f"the path of a picture or one of the samples {', '.join(sorted(samples))}"
+    choices = f"{also}the path of a picture or one of the samples {', '.join(sorted(samples))}"
     if os.path.isdir(path):
         raise UserError(f"{key}={image} is a folder; give {choices}")
     if os.path.exists(path):

@@ -68,6 +68,15 @@ class Sampler(ABC):
         """Steps in which each of the strokes, on a canvas of ``size`` (H, W), is moved about once."""
         return 1
 
+    def seen(self, glance: Glance, image: Tensor, target: Tensor) -> None:  # noqa: B027
+        """Look at what a step saw; called after each one.
+
+        Args:
+            glance: where it looked.
+            image: (3, h, w) the region before the step, without gradient.
+            target: (3, h, w) what it should look like.
+        """
+
     def state_dict(self) -> dict[str, Any]:
         """What an interrupted run needs to go on as if nothing had happened: tensors and numbers."""
         return {}

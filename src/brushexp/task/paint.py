@@ -17,11 +17,13 @@ from brushexp.errors import UserError
 from brushexp.features.distance import Distance, open_distance
 from brushexp.files import to_bytes, write_json, write_picture
 from brushexp.loss.style import Style
-from brushexp.paint.assembly import STYLE, first_strokes, in_colors, paced, parts_of
+from brushexp.paint.assembly import STYLE, first_strokes, focus_of, in_colors, paced, parts_of
+from brushexp.paint.cost import calibrate, in_words, predict
+from brushexp.paint.goals import Goals
 from brushexp.paint.metrics import measure
 from brushexp.paint.outputs import summary_line
 from brushexp.paint.painter import Painter
-from brushexp.paint.progress import CHECKPOINT, INTERRUPTED, Checkpoints, EarlyStop, Frames, ProgressBar
+from brushexp.paint.progress import CHECKPOINT, INTERRUPTED, Checkpoints, Frames, ProgressBar
 from brushexp.paint.timelapse import Timelapse
 from brushexp.pictures.load import background_color, load_picture
 from brushexp.process import interruptible, peak_memory
@@ -30,6 +32,7 @@ from brushexp.strokes.catalogue import Catalogue
 from brushexp.strokes.storage import Saved, save_catalogue
 
 log = logging.getLogger(__name__)
+AFTER = 4.0  # seconds that metrics and timelapse take after the last step, roughly
 
 
 def run(cfg: DictConfig, start: float) -> dict[str, object]:
@@ -44,19 +47,23 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     lpips = lpips_of(cfg)
     L.seed_everything(cfg.seed, verbose=False)
     target = load_picture(cfg.image, cfg.resolution)
+    focus = focus_of(cfg, target, folder)
     parts = parts_of(cfg)
     if cfg.style.image is not None:
         target = in_colors(target, parts, folder)
     background = background_color(cfg.background, target)
-    strokes = first_strokes(cfg, target)
+    strokes, budget = first_strokes(cfg, target, parts.density, focus)
     parts = paced(parts, cfg.steps_per_stroke, strokes, (target.shape[1], target.shape[2]))
     catalogue = Catalogue(strokes, parts.optimizer.units)
-    painter = Painter(catalogue, parts, target, background, seed=cfg.seed).to(device)
+    painter = Painter(
+        catalogue, parts, target, background, seed=cfg.seed, focus=focus, budget=budget, coarse=cfg.coarse
+    ).to(device)
     frames = Frames(Timelapse(cfg.frames, cfg.frame_side))
     write_picture(folder / "target.png", target)
-    if painter.steps:
-        fit(painter, cfg, folder, checkpoint, frames)
-    metrics = finish(painter, cfg, folder, start, lpips)
+    predicted = None
+    if painter.steps or cfg.seconds:
+        predicted = fit(painter, cfg, folder, checkpoint, frames, start)
+    metrics = finish(painter, cfg, folder, start, lpips, predicted)
     frames.timelapse.write(folder)
     log.info(summary_line(folder, metrics))
     if painter.stop == INTERRUPTED:
@@ -101,17 +108,25 @@ def device_of(name: str) -> torch.device:
     return device
 
 
-def fit(painter: Painter, cfg: DictConfig, folder: Path, checkpoint: Path | None, frames: Frames) -> None:
-    """Take the gradient steps."""
-    stop_early = EarlyStop(cfg.early_stop)
+def fit(
+    painter: Painter, cfg: DictConfig, folder: Path, checkpoint: Path | None, frames: Frames, start: float
+) -> float | None:
+    """Take the gradient steps; the seconds that were predicted for them, None for none."""
+    painter.rehearse()
+    costs = calibrate(painter) if cfg.seconds is not None else ()
+    predicted = predict(painter) if cfg.seconds is None and checkpoint is None else None
+    if predicted is not None:
+        most = "at most " * (cfg.psnr is not None or cfg.early_stop is not None)
+        everything = time.monotonic() - start + predicted + AFTER
+        log.info("%s%s of optimisation, %s in all", most, in_words(predicted), in_words(everything))
+    goals = Goals(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds, costs=costs)
     checkpoints = Checkpoints(folder / CHECKPOINT, cfg.checkpoint_every)
 
     def watch(step: int) -> None:
         frames.look(painter)
-        stop_early.look(painter)
+        goals.look(painter)
 
     painter.watch = watch
-    painter.rehearse()
     if checkpoint is None:
         frames.look(painter)
     trainer = L.Trainer(
@@ -119,7 +134,7 @@ def fit(painter: Painter, cfg: DictConfig, folder: Path, checkpoint: Path | None
         devices=[painter.device.index or 0] if painter.device.type == "cuda" else 1,
         max_epochs=-1,
         logger=[build(node).open(folder) for node in cfg.logger.values()],
-        callbacks=[ProgressBar(), frames, stop_early, checkpoints],
+        callbacks=[ProgressBar(), frames, goals, checkpoints],
         log_every_n_steps=1,
         enable_checkpointing=False,
         enable_progress_bar=False,
@@ -130,6 +145,7 @@ def fit(painter: Painter, cfg: DictConfig, folder: Path, checkpoint: Path | None
         "stopping after this step; what is painted so far will be written",
     ):
         trainer.fit(painter, range(1), ckpt_path=None if checkpoint is None else str(checkpoint))
+    return predicted
 
 
 def lpips_of(cfg: DictConfig) -> Distance | None:
@@ -148,7 +164,9 @@ def style_of(painter: Painter, cfg: DictConfig) -> dict[str, float]:
     return {f"style_{name}": value for name, value in style.measured(painter.picture(), painter.target).items()}
 
 
-def finish(painter: Painter, cfg: DictConfig, folder: Path, start: float, lpips: Distance | None) -> dict[str, object]:
+def finish(
+    painter: Painter, cfg: DictConfig, folder: Path, start: float, lpips: Distance | None, predicted: float | None
+) -> dict[str, object]:
     """Write the painting, its catalogue and its numbers."""
     painter.end_all_but_last()
     picture = to_bytes(painter.picture())
@@ -168,10 +186,14 @@ def finish(painter: Painter, cfg: DictConfig, folder: Path, start: float, lpips:
         config=OmegaConf.to_yaml(cfg, resolve=True),
     )
     save_catalogue(folder / "catalogue.h5", saved)
+    measured = measure(picture, to_bytes(painter.target), lpips, painter.focus)
+    assert isinstance(measured["psnr"], float)
+    painter.anytime.add(painter.seconds, measured["psnr"])
     metrics: dict[str, object] = {
-        **measure(picture, to_bytes(painter.target), lpips),
+        **measured,
         **style_of(painter, cfg),
         "seconds": painter.seconds,
+        "predicted_seconds": predicted,
         "seconds_total": time.monotonic() - start,
         "seconds_per_step": painter.seconds / painter.step if painter.step else None,
         "peak_memory_mb": peak_memory(),
@@ -179,6 +201,7 @@ def finish(painter: Painter, cfg: DictConfig, folder: Path, start: float, lpips:
         "steps": painter.step,
         "device": str(painter.device),
         "status": painter.stop or "completed",
+        "anytime": [[round(seconds, 3), round(psnr, 3)] for seconds, psnr in painter.anytime.pairs],
     }
     write_json(folder / "metrics.json", metrics)
     return metrics

@@ -1,0 +1,41 @@
+"""How good the picture was at every moment of a run."""
+
+import math
+from collections.abc import Iterable
+
+MOST = 200  # pairs that are kept
+
+
+class Anytime:
+    """Pairs (seconds of optimisation, PSNR in dB as last seen), thinned so that straight lines between them say most.
+
+    When there are too many, the one goes whose triangle with its two neighbours is smallest (Visvalingam and Whyatt,
+    1993): bends are kept, straight pieces need few pairs. The first and the last one always stay.
+
+    Args:
+        pairs: the first ones.
+        most: pairs that are kept, 3 or more.
+    """
+
+    def __init__(self, pairs: Iterable[tuple[float, float]] = (), *, most: int = MOST) -> None:
+        self.pairs = list(pairs)
+        self.most = most
+
+    def add(self, seconds: float, psnr: float) -> None:
+        """Add a pair later than the others, or in place of the last one if it is of the same time.
+
+        A PSNR that is no number, because nothing was seen yet or the picture is perfect, is left out.
+        """
+        if not math.isfinite(psnr):
+            return
+        if self.pairs and seconds <= self.pairs[-1][0]:
+            self.pairs.pop()
+        self.pairs.append((seconds, psnr))
+        if len(self.pairs) > self.most:
+            sizes = [_triangle(*self.pairs[k - 1 : k + 2]) for k in range(1, len(self.pairs) - 1)]
+            del self.pairs[1 + sizes.index(min(sizes))]
+
+
+def _triangle(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
+    """Twice the area of the triangle of three pairs."""
+    return abs((b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]))

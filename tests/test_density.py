@@ -1,0 +1,321 @@
+"""Density policies: strokes come and go where the picture asks for it."""
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+from scenes import Windowed, random_strokes, straight
+
+from brushexp.blend.tiled import Kernel, Tiled
+from brushexp.density._places import halves, places, straddling
+from brushexp.density.adaptive import Adaptive
+from brushexp.density.base import Survey
+from brushexp.density.fixed import Fixed
+from brushexp.errors import UserError
+from brushexp.init.slic import Slic
+from brushexp.loss.pixel import MeanSquaredError
+from brushexp.optimizer.torch_optim import TorchOptim
+from brushexp.order.area import Area
+from brushexp.paint.metrics import psnr_of
+from brushexp.paint.painter import Painter
+from brushexp.paint.parts import Parts, Stage
+from brushexp.paint.worth import worth
+from brushexp.renderer.analytic import Analytic
+from brushexp.sampler.patches import Patches
+from brushexp.sampler.whole import Whole
+from brushexp.strokes.bezier import curve_of, point_at
+from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes, check_strokes
+
+SIZE = (40, 56)
+BACKGROUND = torch.tensor([0.2, 0.5, 0.9])
+
+
+def picture(size=SIZE):
+    """Flat on the left, detail on the right."""
+    y, x = torch.meshgrid(torch.arange(size[0]) + 0.5, torch.arange(size[1]) + 0.5, indexing="ij")
+    stripes = 0.5 + 0.4 * torch.sin(1.3 * x + 0.9 * y)
+    right = x > size[1] / 2
+    return torch.stack([torch.where(right, stripes, 0.3), torch.where(right, 1 - stripes, 0.5), torch.full(size, 0.4)])
+
+
+def painter_of(density, *, n=60, steps=60, target=None, sampler=None, **options):
+    """A painter of ``n`` strokes on the picture above."""
+    target = picture() if target is None else target
+    parts = Parts(
+        stages=[Stage("analytic", Analytic(), steps)],
+        blend=Tiled(),
+        order=Area(),
+        losses={"mse": MeanSquaredError()},
+        density=density,
+        sampler=sampler or Whole(),
+        optimizer=TorchOptim(options={"betas": [0.9, 0.99]}),
+    )
+    strokes = Slic()(target, density.first(n), torch.Generator().manual_seed(0))
+    catalogue = Catalogue(strokes, parts.optimizer.units)
+    return Painter(catalogue, parts, target, target.mean((1, 2)), seed=0, budget=n, **options)
+
+
+def painted(density, **options):
+    """A painter after all of its steps."""
+    painter = painter_of(density, **options)
+    painter.advance(painter.configure_optimizers(), 1e9)
+    return painter
+
+
+def survey_of(image, target, strokes, *, budget=100, step=30, steps=60, scores=None, focus=None):
+    scores = torch.ones(len(strokes)) if scores is None else scores
+    return Survey(image, target, focus, strokes, budget, step, steps, lambda: scores)
+
+
+def without(strokes, i):
+    keep = torch.arange(len(strokes)) != i
+    return strokes[keep], keep
+
+
+@pytest.mark.parametrize("focus", [False, True])
+@pytest.mark.parametrize("renderer", [Analytic(), Analytic(taper=0.5)], ids=["plain", "tapered"])
+def test_worth_is_what_the_error_grows_by_when_a_stroke_is_left_out(renderer, focus):
+    strokes, target = random_strokes(25, SIZE), torch.rand(3, *SIZE)
+    weight = 0.5 + torch.rand(SIZE) if focus else None
+    order, blend = torch.randperm(25), Tiled(opaque=0)
+
+    def error(some, order):
+        image = blend(renderer(some), order, SIZE, BACKGROUND).image.double()
+        return float(((image - target) ** 2 * (1 if weight is None else weight)).sum())
+
+    found = worth(strokes, order, target, weight, BACKGROUND, renderer, blend, torch.Generator())
+    for i in range(len(strokes)):
+        others, keep = without(strokes, i)
+        place = torch.cumsum(keep, 0) - 1
+        grown = error(others, place[order[order != i]]) - error(strokes, order)
+        assert float(found[i]) == pytest.approx(grown, rel=2e-3, abs=2e-3)
+
+
+def test_worth_of_any_blend_is_the_same_on_average():
+    strokes, target, order = random_strokes(12, SIZE), torch.rand(3, *SIZE), torch.randperm(12)
+    args = (strokes, order, target, None, BACKGROUND, Analytic())
+    exact = worth(*args, Tiled(opaque=0), torch.Generator())
+    probed = [worth(*args, Tiled(opaque=0, kernel=Kernel.torch), torch.Generator().manual_seed(k)) for k in range(20)]
+    mean, spread = torch.stack(probed).mean(0), torch.stack(probed).std(0) / math.sqrt(20)
+    assert ((mean - exact).abs() <= 5 * spread + 1e-3 * exact.abs().max()).all()
+
+
+def test_worth_of_what_cannot_be_seen_is_nothing():
+    hidden, cover = straight((8, 8), (20, 8), width=3), straight((0, 8), (30, 8), width=20)
+    away = straight((-500, 0), (-480, 0))
+    clear = straight((5, 5), (20, 20), opacity=0.0)
+    strokes = Strokes.join(hidden, away, clear, cover)
+    found = worth(
+        strokes, torch.tensor([3, 2, 1, 0]), torch.zeros(3, 16, 32), None, BACKGROUND, Analytic(), Tiled(),
+        torch.Generator(),
+    )  # fmt: skip
+    assert found[:3].abs().max() < 1e-3 < found[3].abs()
+
+
+def test_worth_of_windows_and_of_no_strokes_is_finite():
+    for strokes in (random_strokes(9, SIZE), Strokes.none()):
+        n = len(strokes)
+        found = worth(
+            strokes, torch.arange(n), torch.rand(3, *SIZE), None, BACKGROUND, Windowed(), Tiled(), torch.Generator()
+        )
+        assert found.shape == (n,)
+        assert found.isfinite().all()
+
+
+def test_a_stroke_that_does_harm_has_negative_worth():
+    stroke = straight((4, 8), (28, 8), color=(1.0, 1.0, 1.0))
+    found = worth(
+        stroke, torch.arange(1), torch.zeros(3, 16, 32), None, torch.zeros(3), Analytic(), Tiled(), torch.Generator()
+    )
+    assert found[0] < -50
+
+
+def test_halves_together_are_the_curve():
+    strokes = random_strokes(20, SIZE, bend=1.0)
+    both = halves(strokes)
+    t = torch.linspace(0, 1, 9)
+    whole = point_at(curve_of(strokes)[:, None], t.expand(20, -1))
+    first, second = (point_at(curve_of(part)[:, None], t.expand(20, -1)) for part in (both[:20], both[20:]))
+    torch.testing.assert_close(first, point_at(curve_of(strokes)[:, None], (t / 2).expand(20, -1)), atol=1e-3, rtol=0)
+    torch.testing.assert_close(second[:, -1], whole[:, -1], atol=1e-3, rtol=0)
+    torch.testing.assert_close(first[:, -1], second[:, 0], atol=1e-3, rtol=0)
+    check_strokes(both)
+
+
+def test_a_stroke_across_an_edge_straddles_it():
+    target = torch.zeros(3, 20, 40)
+    target[:, :, 20:] = 1
+    strokes = Strokes.join(straight((5, 5), (35, 5)), straight((5, 12), (18, 12)), straight((20, 2), (20, 18)))
+    found = straddling(survey_of(target, target, strokes))
+    assert found.argmax() == 0
+    assert found[0] > 10 * found[1:].max()
+
+
+def test_new_strokes_lie_where_the_error_is_in_its_colour_along_its_edge():
+    target = torch.full((3, 40, 60), 0.5)
+    target[:, 20:23, 30:50] = torch.tensor([0.9, 0.1, 0.2])[:, None, None]
+    found = places(survey_of(torch.full((3, 40, 60), 0.5), target, random_strokes(5, (40, 60))), 8, 0.5, 0.01)
+    new = found.strokes(survey_of(target, target, random_strokes(5, (40, 60))))
+    check_strokes(new)
+    assert ((new.position[:, 1] > 18) & (new.position[:, 1] < 25)).all()
+    assert ((new.position[:, 0] > 28) & (new.position[:, 0] < 52)).all()
+    inside = (new.position[:, 0] > 32) & (new.position[:, 0] < 48) & (new.position[:, 1] > 20.4)
+    chord = (new.end - new.start)[inside & (new.position[:, 1] < 22.6)]
+    assert (chord[:, 0].abs() > 3 * chord[:, 1].abs()).all()
+
+
+def test_the_error_counts_by_the_focus():
+    target, image = torch.ones(3, 20, 40), torch.zeros(3, 20, 40)
+    focus = torch.full((20, 40), 0.1)
+    focus[:, 30:] = 3.7
+    found = places(survey_of(image, target, random_strokes(5, (20, 40)), focus=focus), 4, 0.5, 0.0)
+    assert (found.column >= 28).all()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 2), (5, 3), (40, 56)])
+def test_places_of_any_picture_lie_on_it(size):
+    found = places(survey_of(torch.zeros(3, *size), torch.rand(3, *size), random_strokes(3, size)), 1000, 0.25, 0.0)
+    assert 0 < len(found) <= size[0] * size[1]
+    assert found.row.max() < size[0]
+    assert found.column.max() < size[1]
+    check_strokes(found.strokes(survey_of(torch.zeros(3, *size), torch.rand(3, *size), Strokes.none())))
+
+
+def test_a_perfect_painting_needs_no_more_strokes():
+    target = torch.rand(3, *SIZE)
+    for image in (target, target + 0.001):
+        assert Adaptive().revise(survey_of(image, target, random_strokes(30, SIZE))) is None
+
+
+def test_what_cannot_be_seen_goes_even_if_nothing_takes_its_place():
+    target, strokes = torch.rand(3, *SIZE), random_strokes(30, SIZE)
+    scores = torch.ones(30)
+    scores[5] = 0
+    revision = Adaptive().revise(survey_of(target + 0.001, target, strokes, scores=scores))
+    assert (~revision.keep).nonzero().tolist() == [[5]]
+    assert len(revision.new) == 0
+
+
+def test_a_flat_picture_ends_with_the_strokes_it_began_with():
+    painter = painted(Adaptive(tolerance=0.02), target=torch.full((3, *SIZE), 0.3), n=50)
+    assert len(painter.catalogue) <= 35
+
+
+@pytest.mark.parametrize("split", [0.0, 0.5, 1.0])
+def test_all_strokes_that_were_asked_for_are_there_in_the_end(split):
+    painter = painted(Adaptive(split=split), n=77)
+    assert len(painter.catalogue) == 77
+    check_strokes(painter.catalogue().map(torch.Tensor.detach))
+
+
+def test_adaptive_paints_better_than_fixed_with_as_many_strokes_and_steps():
+    target = picture((72, 96))
+    psnr = [psnr_of(float((painted(d, target=target, n=150, steps=200).picture() - target).square().mean()))
+            for d in (Fixed(), Adaptive())]  # fmt: skip
+    assert psnr[1] > psnr[0] + 0.3
+
+
+def test_detail_gets_more_strokes_than_flat_regions():
+    painter = painted(Adaptive(start=0.3), n=120)
+    right = painter.catalogue().position[:, 0] > SIZE[1] / 2
+    assert int(right.sum()) > 3 * int((~right).sum())
+
+
+def test_the_weakest_go_and_the_rest_keep_their_optimiser_state():
+    strokes, target = random_strokes(40, SIZE), torch.rand(3, *SIZE)
+    scores = torch.arange(40) + 1.0
+    revision = Adaptive(moved=0.25).revise(survey_of(torch.zeros(3, *SIZE), target, strokes, scores=scores, budget=40))
+    assert revision.keep.tolist() == [False] * 10 + [True] * 30
+    assert len(revision.new) == 10
+    catalogue = Catalogue(strokes, TorchOptim().units)
+    optimizer = TorchOptim().over(p for p in catalogue.parameters() if p.requires_grad)
+    catalogue().position.sum().backward()
+    optimizer.step()
+    before = optimizer.state[catalogue.position]["exp_avg"].clone()
+    catalogue.revise(revision.keep, revision.new, optimizer)
+    after = optimizer.state[catalogue.position]["exp_avg"]
+    torch.testing.assert_close(after[:30], before[10:])
+    assert not after[30:].any()
+
+
+def test_no_strokes_are_added_once_the_picture_is_good_enough():
+    target, strokes = torch.rand(3, *SIZE), random_strokes(40, SIZE)
+    good = (target + 0.01).clamp(0, 1)
+    assert Adaptive(psnr=35).revise(survey_of(good, target, strokes)) is None
+    assert Adaptive(psnr=45).revise(survey_of(good, target, strokes)) is not None
+
+
+def test_rounds_have_steps_between_them():
+    density, strokes, changes = Adaptive(), random_strokes(40, SIZE), 0
+    image, target = torch.zeros(3, *SIZE), torch.rand(3, *SIZE)
+    for step in range(1, 41):
+        changes += density.revise(survey_of(image, target, strokes, step=step, steps=40)) is not None
+    assert changes == 3
+    assert Adaptive(rounds=0).revise(survey_of(image, target, strokes)) is None
+    assert Adaptive(until=0.0).revise(survey_of(image, target, strokes)) is None
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("size", [(1, 1), (3, 40), (20, 24)])
+def test_the_smallest_paintings_are_painted(n, size):
+    n = min(n, size[0] * size[1])
+    painter = painted(Adaptive(moved=0.5, split=0.5), n=n, target=torch.rand(3, *size), steps=40)
+    assert 1 <= len(painter.catalogue) <= n
+    assert painter.picture().isfinite().all()
+
+
+def test_parts_of_a_canvas_can_be_revised_too():
+    painter = painted(Adaptive(), sampler=Patches(n_active=20, n_ring=10, patch=32), steps=120)
+    assert len(painter.catalogue) == 60
+    assert len(painter.visits) == 60
+
+
+@pytest.mark.parametrize("option", ["start=0", "start=1.5", "moved=0.7", "until=-1", "split=2", "size=0", "rounds=-1"])
+def test_options_that_are_none_are_refused(option):
+    name, value = option.split("=")
+    with pytest.raises(UserError, match=f"density.{name}="):
+        Adaptive(**{name: type(Adaptive.__init__.__kwdefaults__[name])(float(value))})
+
+
+def test_a_catalogue_makes_room_for_what_is_loaded():
+    small, large = (Catalogue(random_strokes(n, SIZE), TorchOptim().units) for n in (0, 9))
+    small.resize(9)
+    small.load_state_dict(large.state_dict())
+    for name in FIELDS:
+        assert torch.equal(getattr(small(), name), getattr(large(), name))
+
+
+def test_the_mean_share_is_the_mean_over_the_steps():
+    density, strokes = Adaptive(moved=0.0), 70
+    counts = []
+    image, target = torch.zeros(3, *SIZE), torch.rand(3, *SIZE)
+    for step in range(1, 1001):
+        revision = density.revise(survey_of(image, target, random_strokes(strokes, SIZE), step=step, steps=1000))
+        strokes += 0 if revision is None else len(revision.new) - int((~revision.keep).sum())
+        counts.append(strokes)
+    assert sum(counts) / 1000 / 70 == pytest.approx(density.mean_share, rel=0.05)
+
+
+def test_coarse_steps_look_at_the_smaller_picture_and_the_rest_at_all_of_it():
+    painter = painter_of(Fixed(), steps=20, coarse=0.5)
+    optimizer, sizes = painter.configure_optimizers(), []
+    while painter.step < painter.steps:
+        painter._take_step(optimizer)
+        sizes.append(tuple(painter._last[0].shape[1:]))
+        assert painter.latest().shape == painter.target.shape
+        assert math.isfinite(painter.error)
+    assert sizes == [(20, 28)] * 10 + [SIZE] * 10
+
+
+def test_coarse_steps_leave_the_strokes_in_place():
+    """Where every stroke ends does not depend on the size at which the first steps look, but for detail."""
+    target = torch.nn.functional.interpolate(torch.rand(1, 3, 5, 7), SIZE, mode="bicubic")[0].clamp(0, 1)
+    coarse, full = (painted(Fixed(), steps=100, coarse=share, target=target) for share in (0.5, 0.0))
+    assert psnr_of(coarse.error) == pytest.approx(psnr_of(full.error), abs=1.5)
+
+
+def test_a_coarse_picture_with_focus_and_odd_sides():
+    target = torch.rand(3, 7, 5)
+    focus = replace(survey_of(target, target, Strokes.none())).target[0] * 0 + 1
+    assert painted(Fixed(), n=4, target=target, coarse=0.5, focus=focus, steps=10).picture().isfinite().all()

@@ -1,0 +1,493 @@
+"""Focus: the map of what matters, the weights made of it, and what losses and strokes do with them."""
+
+import importlib.util
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from networks import alexnet_state, saved
+from PIL import Image
+from torch import Tensor
+from torch.testing import assert_close
+
+from brushexp.blend.tiled import Tiled
+from brushexp.checks import Paint, check_keys
+from brushexp.density.fixed import Fixed
+from brushexp.errors import UserError
+from brushexp.features.base import mean_squares
+from brushexp.init.slic import Slic
+from brushexp.loss.base import Loss, Painting, Surroundings
+from brushexp.loss.lpips import Lpips
+from brushexp.loss.perceptual import Perceptual
+from brushexp.loss.pixel import MeanAbsoluteError, MeanSquaredError
+from brushexp.loss.ssim import StructuralSimilarity, dissimilarity, statistics
+from brushexp.optimizer.torch_optim import TorchOptim
+from brushexp.order.area import Area
+from brushexp.paint.assembly import focus_of
+from brushexp.paint.metrics import measure
+from brushexp.paint.painter import Painter
+from brushexp.paint.parts import Parts, Stage
+from brushexp.pictures.focus import attention, faces, focus_map, focus_weights, resized
+from brushexp.pictures.load import load_picture
+from brushexp.renderer.analytic import Analytic
+from brushexp.sampler.base import Region
+from brushexp.sampler.patches import Patches
+from brushexp.sampler.whole import Whole
+from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes
+
+ROOT = Path(__file__).parents[1]
+SIZE = (53, 78)
+PLACES = {
+    "inside": Region(13, 21, 17, 26),
+    "one pixel": Region(28, 40, 1, 1),
+    "bottom right": Region(SIZE[0] - 21, SIZE[1] - 30, 21, 30),
+    "all": Region(0, 0, *SIZE),
+}
+LOSSES = {
+    "mse": MeanSquaredError,
+    "l1": MeanAbsoluteError,
+    "ssim": StructuralSimilarity,
+    "perceptual": Perceptual,
+    "lpips": Lpips,
+}
+
+
+def mask_file(path: Path, pixels: np.ndarray) -> str:
+    Image.fromarray(pixels).save(path)
+    return str(path)
+
+
+def scene(size: tuple[int, int] = SIZE, strength: float = 8) -> tuple[Tensor, Tensor, Tensor]:
+    """A picture, its target, both in double precision, and weights."""
+    generator = torch.Generator().manual_seed(7)
+    image, target = torch.rand(2, 3, *size, generator=generator, dtype=torch.float64)
+    return 0.7 * target + 0.3 * image, target, focus_weights(torch.rand(size, generator=generator) ** 3, strength)
+
+
+def slope_of(loss: Loss, image: Tensor, target: Tensor, focus: Tensor | None) -> tuple[Tensor, Tensor]:
+    image = image.detach().clone().requires_grad_()
+    value = loss(Painting(image, target, Strokes.none(), focus=focus))
+    (slope,) = torch.autograd.grad(value, image)
+    return value.detach(), slope
+
+
+# The map.
+
+
+def inside_of(attended: Tensor, top: float, bottom: float, left: float, right: float) -> float:
+    """Mean in a box, given in sides of the picture, over the mean elsewhere."""
+    height, width = attended.shape
+    box = torch.zeros(height, width, dtype=torch.bool)
+    box[round(top * height) : round(bottom * height), round(left * width) : round(right * width)] = True
+    return float(attended[box].mean() / attended[~box].mean())
+
+
+@pytest.mark.parametrize(
+    ("name", "box"),
+    [
+        ("astronaut", (0.08, 0.36, 0.32, 0.56)),  # her face
+        ("coffee", (0.1, 0.8, 0.3, 0.75)),  # the cup and its handle
+        ("chelsea", (0.25, 0.85, 0.25, 0.8)),  # eyes and nose
+    ],
+)
+@pytest.mark.parametrize("resolution", [128, 300])
+def test_what_people_look_at_wins(name, box, resolution):
+    attended = focus_map("auto", load_picture(name, resolution))
+    assert attended.dtype == torch.float32
+    assert 0 <= float(attended.min()) <= 0.02
+    assert 0.9 < float(attended.max()) <= 1
+    assert inside_of(attended, *box) > 3
+    y, x = divmod(int(attended.argmax()), attended.shape[1])
+    assert box[0] < y / attended.shape[0] < box[1]
+    assert box[2] < x / attended.shape[1] < box[3]
+
+
+def test_a_face_is_found_and_a_cat_is_none():
+    portrait = load_picture("astronaut", 200)
+    ((y, x), side), *others = faces(portrait)
+    assert not others
+    assert abs(y - 45) < 10
+    assert abs(x - 88) < 10
+    assert 30 < side < 60
+    assert faces(load_picture("chelsea", 200)) == []
+
+
+def test_the_map_follows_the_picture():
+    picture = load_picture("coffee", 120)
+    assert_close(attention(picture), attention(picture), rtol=0, atol=0)
+    assert_close(attention(picture.flip(2)), attention(picture).flip(1), rtol=0, atol=2e-2)
+    larger = torch.nn.functional.adaptive_avg_pool2d(attention(load_picture("coffee", 360))[None], picture.shape[1:])
+    assert (larger[0] - attention(picture)).abs().max() < 0.1
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 3), (40, 30), (300, 7)])
+def test_an_even_picture_has_nothing_that_matters(size):
+    for level in (0.0, 0.3, 1.0):
+        attended = attention(torch.full((3, *size), level))
+        assert attended.shape == size
+        assert (attended == 0).all()
+        assert (focus_weights(attended, 8) == 1).all()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 3), (33, 64)])
+def test_pictures_of_few_pixels_have_a_map(size):
+    attended = attention(torch.rand(3, *size))
+    assert attended.shape == size
+    assert attended.isfinite().all()
+    assert 0 <= float(attended.min()) <= float(attended.max()) <= 1
+
+
+# Weights.
+
+
+@pytest.mark.parametrize("strength", [1, 1.5, 8, 1000])
+def test_the_brightest_counts_so_many_times_the_darkest(strength):
+    weights = focus_weights(torch.rand(31, 17).clamp(0.2, 0.7).sub(0.2).div(0.5), strength)
+    assert weights.dtype == torch.float32
+    assert float(weights.double().mean()) == pytest.approx(1, abs=1e-6)
+    assert float(weights.max() / weights.min()) == pytest.approx(strength, rel=1e-5)
+
+
+@pytest.mark.parametrize("level", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("size", [(1, 1), (7, 9), (333, 511)])
+def test_an_even_mask_is_none(level, size):
+    assert (focus_weights(torch.full(size, level), 8) == 1).all()
+
+
+def test_one_bright_pixel_takes_its_share():
+    attended = torch.zeros(20, 30)
+    attended[4, 7] = 1
+    weights = focus_weights(attended, 100)
+    assert float(weights[4, 7]) == pytest.approx(100 / (699 / 600))
+    assert float(weights[0, 0]) == pytest.approx(1 / (699 / 600))
+
+
+@pytest.mark.parametrize("strength", [0.5, -1, math.inf, math.nan, 1001])
+def test_a_wrong_strength_is_told(strength):
+    with pytest.raises(UserError, match=r"focus_strength=.* 1 to 1000; try focus_strength=8"):
+        focus_weights(torch.rand(3, 4), strength)
+
+
+def test_smaller_weights_are_means_over_areas():
+    weights = focus_weights(torch.rand(6, 9), 8)
+    found = resized(weights, (3, 3))
+    wanted = torch.stack([weights[2 * y : 2 * y + 2, 3 * x : 3 * x + 3].mean() for y in range(3) for x in range(3)])
+    assert_close(found, wanted.reshape(3, 3))
+    assert float(resized(weights, (4, 5)).mean()) == pytest.approx(1)
+    assert resized(weights, (6, 9)) is weights
+
+
+# Masks.
+
+
+def test_a_mask_is_read_as_grey_at_the_size_of_the_picture(tmp_path):
+    pixels = np.zeros((20, 30, 3), np.uint8)
+    pixels[5:10, 12:24] = (255, 255, 255)
+    pixels[15:] = (0, 255, 0)
+    target = torch.rand(3, 20, 30)
+    exact = focus_map(mask_file(tmp_path / "mask.png", pixels), target)
+    assert exact.dtype == torch.float32
+    assert (exact[5:10, 12:24] == 1).all()
+    assert (exact[:5] == 0).all()
+    assert_close(exact[15:], torch.full((5, 30), 0.587))
+    larger = focus_map(str(tmp_path / "mask.png"), torch.rand(3, 60, 90))
+    assert larger.shape == (60, 90)
+    assert float(larger[22, 54]) == pytest.approx(1, abs=0.05)
+    assert float(larger.min()) >= 0
+    assert float(larger.max()) <= 1
+
+
+def test_what_is_transparent_does_not_matter(tmp_path):
+    pixels = np.full((6, 8, 4), 255, np.uint8)
+    pixels[:, :4, 3] = 0
+    pixels[:, 6:, 3] = 51
+    found = focus_map(mask_file(tmp_path / "layer.png", pixels), torch.rand(3, 6, 8))
+    assert_close(found[0], torch.tensor([0, 0, 0, 0, 1, 1, 0.2, 0.2]))
+
+
+def test_sixteen_bits_and_one_bit_are_masks_too(tmp_path):
+    grey = np.full((4, 6), 40000, np.uint16)
+    assert_close(
+        focus_map(mask_file(tmp_path / "deep.png", grey), torch.rand(3, 4, 6)), torch.full((4, 6), 40000 / 65535)
+    )
+    black = np.zeros((4, 6), bool)
+    assert (focus_map(mask_file(tmp_path / "black.png", black), torch.rand(3, 4, 6)) == 0).all()
+
+
+@pytest.mark.parametrize(("mask", "size"), [((171, 256), (342, 512)), ((17, 25), (171, 256)), ((1, 1), (5, 9))])
+def test_rounded_sides_are_of_the_same_ratio(tmp_path, mask, size):
+    assert focus_map(mask_file(tmp_path / "m.png", np.ones(mask, np.uint8)), torch.rand(3, *size)).shape == size
+
+
+def test_masks_that_do_not_fit_are_refused_in_one_line(tmp_path):
+    target = torch.rand(3, 40, 60)
+    turned = mask_file(tmp_path / "turned.png", np.zeros((60, 40), np.uint8))
+    with pytest.raises(UserError, match=r"focus=.*turned.png has 40 x 60 pixels, the picture 60 x 40; give one whose"):
+        focus_map(turned, target)
+    with pytest.raises(UserError, match=r"focus=nowhere.png is not there; give auto, the path of a picture"):
+        focus_map("nowhere.png", target)
+    (tmp_path / "empty.png").touch()
+    (tmp_path / "words.png").write_text("no picture at all")
+    for name, reason in (("empty.png", "is empty"), ("words.png", "is not a picture")):
+        with pytest.raises(UserError, match=rf"^focus=.*{name} {reason}") as error:
+            focus_map(str(tmp_path / name), target)
+        assert "\n" not in str(error.value)
+        assert "image=" not in str(error.value)
+
+
+# Losses.
+
+
+@pytest.mark.parametrize(("name", "power"), [("mse", 2), ("l1", 1)])
+def test_gradients_of_pixels_are_weighted(name, power):
+    image, target, focus = scene((5, 8))
+    value, slope = slope_of(LOSSES[name](), image, target, focus)
+    total, wanted = 0.0, torch.zeros_like(image)
+    for c in range(3):
+        for y in range(5):
+            for x in range(8):
+                apart, weight = float(image[c, y, x] - target[c, y, x]), float(focus[y, x])
+                total += weight * abs(apart) ** power / 120
+                wanted[c, y, x] = weight * power * abs(apart) ** (power - 1) * math.copysign(1, apart) / 120
+    assert float(value) == pytest.approx(total)
+    assert_close(slope, wanted)
+
+
+def test_windows_are_weighted_by_the_pixel_in_their_middle():
+    image, target, focus = scene((14, 19))
+    value, _ = slope_of(StructuralSimilarity(), image, target, focus)
+    apart = dissimilarity(image, target, *statistics(target))
+    wanted = sum(float(focus[y, x] * apart[:, y, x].sum()) for y in range(14) for x in range(19)) / apart.numel()
+    assert float(value) == pytest.approx(wanted)
+
+
+def test_features_are_weighted_by_the_area_below_them():
+    image, target, focus = scene((32, 48))
+    loss = Perceptual(jitter=0, taps=["stem"]).double()
+    value, _ = slope_of(loss, image, target, focus)
+    ours, theirs = (loss.network(x[None], ["stem"])["stem"][0] for x in (image, target))
+    cells = focus.reshape(16, 2, 24, 2).mean((1, 3)).double()
+    assert float(value) == pytest.approx(float(((ours - theirs).square() * cells).mean()))
+
+
+def test_the_mean_square_of_activations_takes_weights():
+    ours, theirs = torch.rand(2, 1, 4, 3, 5, dtype=torch.float64, requires_grad=True)
+    weights = torch.rand(3, 5, dtype=torch.float64)
+    assert_close(mean_squares(ours, theirs, weights), ((ours - theirs).square() * weights).mean((0, 2, 3)))
+    assert torch.autograd.gradcheck(lambda a, b: mean_squares(a, b, weights), (ours, theirs))
+
+
+@pytest.mark.parametrize("name", ["mse", "l1", "ssim", "perceptual"])
+def test_weighted_losses_have_the_gradient_of_their_value(name):
+    image, target, focus = scene((4, 6))
+    loss = (Perceptual(jitter=0, taps=["stem"]) if name == "perceptual" else LOSSES[name]()).double()
+    assert torch.autograd.gradcheck(
+        lambda x: loss(Painting(x, target, Strokes.none(), focus=focus)), image.requires_grad_()
+    )
+
+
+@pytest.mark.parametrize("name", LOSSES)
+def test_even_weights_change_nothing(name):
+    image, target, _ = scene()
+    loss = LOSSES[name](**({"jitter": 0} if name == "perceptual" else {}))
+    for kind in (torch.float32, torch.float64):
+        plain = slope_of(loss.to(kind), image.to(kind), target.to(kind), None)
+        even = slope_of(loss, image.to(kind), target.to(kind), focus_weights(torch.zeros(SIZE), 8))
+        assert_close(even, plain, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("region", PLACES.values(), ids=PLACES)
+@pytest.mark.parametrize("name", LOSSES)
+def test_on_a_part_the_gradient_is_that_of_the_whole(name, region):
+    assert_like_the_whole(LOSSES[name]().double(), region)
+
+
+def test_other_networks_weigh_parts_as_the_whole(tmp_path):
+    loss = Lpips(backbone="alexnet", weights=str(saved(tmp_path, alexnet_state()))).double()
+    assert_like_the_whole(loss, Region(9, 130, 22, 17), (40, 367))
+
+
+def assert_like_the_whole(loss: Loss, region: Region, size: tuple[int, int] = SIZE) -> None:
+    image, target, focus = scene(size)
+    calls = getattr(loss, "calls", torch.zeros(()))
+    _, slope = slope_of(loss, image, target, focus)
+    part = region.of(image).detach().clone().requires_grad_()
+    around = Surroundings(region, image, target, focus)
+    painting = Painting(part, region.of(target), Strokes.none(), around, region.of(focus))
+    calls.zero_()
+    (found,) = torch.autograd.grad(loss(painting) * painting.share, part)
+    wanted = region.of(slope)
+    assert (found - wanted).norm() <= 1e-5 * wanted.norm()
+
+
+@pytest.mark.parametrize("name", ["mse", "l1"])
+def test_parts_add_up_to_the_whole(name):
+    image, target, focus = scene()
+    loss, total = LOSSES[name](), 0.0
+    for top in range(0, SIZE[0], 20):
+        for left in range(0, SIZE[1], 31):
+            region = Region(top, left, min(20, SIZE[0] - top), min(31, SIZE[1] - left))
+            around = Surroundings(region, image, target, focus)
+            part = Painting(region.of(image), region.of(target), Strokes.none(), around, region.of(focus))
+            total += part.share * float(loss(part))
+    assert total == pytest.approx(float(slope_of(loss, image, target, focus)[0]))
+
+
+def test_a_wider_view_has_the_wider_focus_and_keeps_it():
+    image, target, focus = scene()
+    region = PLACES["inside"]
+    around = Surroundings(region, image, target, focus)
+    painting = Painting(region.of(image), region.of(target), Strokes.none(), around, region.of(focus))
+    wide = painting.around(5, 4)
+    assert wide.focus.shape == wide.target.shape[1:]
+    assert_close(wide.focus, around.wide(5, 4).of(focus))
+    assert painting.around(5, 4).focus is wide.focus
+    assert painting.whole_focus is focus
+    assert Painting(image, target, Strokes.none()).whole_focus is None
+
+
+def test_the_example_of_a_loss_heeds_it():
+    spec = importlib.util.spec_from_file_location("edges_again", ROOT / "plugins" / "edges.py")
+    source = Path(spec.origin).read_text().replace('@register("loss", "edges")', "")
+    names: dict[str, object] = {}
+    exec(compile(source, spec.origin, "exec"), names)
+    image, target, _ = scene((6, 9))
+    focus = torch.zeros(6, 9)
+    focus[2, 3] = 54
+    value, slope = slope_of(names["EdgeLoss"](), image, target, focus)
+    assert float(value) > 0
+    touched = slope.abs().sum(0) > 0
+    assert touched.nonzero().tolist() == [[2, 3], [2, 4], [3, 3]]
+
+
+# Painting.
+
+CANVAS = (60, 90)
+
+
+def painter_of(focus: Tensor | None, *, sampler=None, losses=None, init_focus: Tensor | None = None) -> Painter:
+    target = load_picture("chelsea", CANVAS[1])
+    parts = Parts(
+        stages=[Stage("it", Analytic(), 200)],
+        blend=Tiled(opaque=0),
+        order=Area(),
+        losses=losses or {"mse": MeanSquaredError()},
+        density=Fixed(),
+        sampler=sampler or Whole(),
+        optimizer=TorchOptim(),
+    )
+    init = Slic()
+    init.focus = init_focus
+    strokes = init(target, 80, torch.Generator().manual_seed(0))
+    return Painter(Catalogue(strokes, parts.optimizer.units), parts, target, target.mean((1, 2)), seed=0, focus=focus)
+
+
+def painted(painter: Painter, steps: int) -> Tensor:
+    optimizer = painter.configure_optimizers()
+    for _ in range(steps):
+        painter._take_step(optimizer)
+    return painter.picture()
+
+
+def square() -> Tensor:
+    attended = torch.zeros(CANVAS)
+    attended[20:45, 30:65] = 1
+    return attended
+
+
+def errors(painter: Painter, picture: Tensor) -> tuple[float, float]:
+    """Mean squared error inside the square and outside."""
+    squares, inside = (picture - painter.target).square().mean(0), square() == 1
+    return float(squares[inside].mean()), float(squares[~inside].mean())
+
+
+def test_a_focus_is_painted_better_and_the_rest_worse():
+    weights = focus_weights(square(), 8)
+    plain, focused = painter_of(None), painter_of(weights, init_focus=weights)
+    inside, outside = errors(plain, painted(plain, 80))
+    better, worse = errors(focused, painted(focused, 80))
+    assert 10 * math.log10(inside / better) > 1
+    assert worse > outside
+
+
+def test_the_strokes_begin_where_it_matters():
+    weights = focus_weights(square(), 8)
+    counts = []
+    for focus in (None, torch.ones(CANVAS), weights):
+        x, y = painter_of(None, init_focus=focus).catalogue().position.detach().unbind(1)
+        counts.append(int(((x >= 30) & (x < 65) & (y >= 20) & (y < 45)).sum()))
+    assert counts[0] == counts[1]
+    assert counts[2] > 1.4 * counts[0]
+
+
+def test_steps_that_look_at_everything_by_way_of_parts_are_the_same():
+    everything = Patches(n_active=10**6, n_ring=0, patch=10**6)
+    weights = focus_weights(square(), 8)
+    whole, part = painter_of(weights), painter_of(weights, sampler=everything)
+    assert_close(painted(whole, 6), painted(part, 6), rtol=0, atol=0)
+
+
+def test_a_painter_of_parts_shows_losses_their_part_of_the_focus():
+    weights = focus_weights(torch.rand(CANVAS), 8)
+    seen: list[Painting] = []
+
+    class Spy(MeanSquaredError):
+        def forward(self, painting):
+            seen.append(painting)
+            return super().forward(painting)
+
+    painted(painter_of(weights, sampler=Patches(n_active=9, patch=24, steps_per_patch=2), losses={"spy": Spy()}), 4)
+    for painting in seen:
+        assert painting.whole_focus is weights or torch.equal(painting.whole_focus, weights)
+        assert_close(painting.focus, painting.surroundings.region.of(weights))
+    assert seen[0].focus is seen[1].focus
+    assert seen[1].focus is not seen[2].focus
+
+
+def test_without_a_focus_nothing_changes():
+    first, second = painter_of(None), painter_of(torch.ones(CANVAS))
+    assert painted(first, 5).equal(painted(second, 5))
+    assert dict(first.catalogue().items()).keys() == set(FIELDS)
+
+
+def test_the_focused_psnr_weighs_the_errors_of_the_saved_pictures():
+    a, b = (np.random.default_rng(i).integers(0, 256, (12, 17, 3), dtype=np.uint8) for i in (1, 2))
+    focus = focus_weights(torch.rand(12, 17), 8)
+    squares = ((a.astype(float) - b) / 255) ** 2
+    wanted = -10 * math.log10((squares.mean(2) * focus.numpy()).sum() / focus.numpy().sum())
+    found = measure(a, b, focus=focus)
+    assert found["psnr_focus"] == pytest.approx(wanted)
+    assert measure(a, a, focus=focus)["psnr_focus"] == math.inf
+    assert "psnr_focus" not in measure(a, b)
+    assert measure(a, b, focus=torch.ones(12, 17))["psnr_focus"] == pytest.approx(found["psnr"], abs=1e-4)
+
+
+def test_the_keys_make_weights_and_leave_the_map(config, tmp_path):
+    target = load_picture("coffee", 64)
+    assert focus_of(config(), target, tmp_path) is None
+    assert not (tmp_path / "focus.png").exists()
+    weights = focus_of(config("focus=auto", "focus_strength=4"), target, tmp_path)
+    assert weights.shape == target.shape[1:]
+    again = focus_of(config(f"focus={tmp_path / 'focus.png'}", "focus_strength=4"), target, tmp_path)
+    assert_close(again, weights, rtol=0, atol=0.01)
+
+
+def test_a_strength_out_of_range_is_told_by_its_key(config):
+    with pytest.raises(UserError, match="focus_strength=0 is not a factor from 1; set focus_strength to 1 or more"):
+        check_keys(config("focus_strength=0"), Paint)
+
+
+def test_a_run_has_its_focus(tmp_path):
+    overrides = ["image=chelsea", "resolution=48", "steps=3", "frames=0", "threads=1", f"output={tmp_path / 'run'}"]
+    command = [sys.executable, "-W", "ignore::FutureWarning", str(ROOT / "run.py"), *overrides, "focus=auto"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=dict(os.environ), check=False)
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "run" / "metrics.json").read_text())["psnr_focus"] > 5
+    with Image.open(tmp_path / "run" / "focus.png") as image:
+        assert image.size == (48, 32)
