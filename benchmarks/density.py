@@ -26,7 +26,7 @@ def main() -> None:
     rows = {
         "fixed": [f"strokes={options.strokes}"],
         "adaptive": [f"strokes={options.strokes}", "density=adaptive"],
-        "adaptive, fewer": [f"strokes={few}", "density=adaptive", f"steps={options.steps}"],
+        "fewer": [f"strokes={few}", "density=adaptive", f"steps={options.steps}"],
     }
     print("| picture | density | strokes | steps | PSNR dB | to fixed | SSIM | perceptual | seconds | times fixed |")
     print("|---|---|---|---|---|---|---|---|---|---|")

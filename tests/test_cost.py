@@ -88,6 +88,7 @@ def test_strokes_that_will_come_are_counted():
     density = Fixed()
     density.mean_share = 3.0
     painter = painter_of(watch, Stage("costly", Costly(watch, 0.01, 0.0001), 1000), density=density)
+    painter.budget = 600
     assert predict(painter) == pytest.approx(GROWTH * 1000 * (0.01 + 600 * 0.0001), rel=0.01)
 
 

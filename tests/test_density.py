@@ -51,7 +51,7 @@ def painter_of(density, *, n=60, steps=60, target=None, sampler=None, **options)
         sampler=sampler or Whole(),
         optimizer=TorchOptim(options={"betas": [0.9, 0.99]}),
     )
-    strokes = Slic()(target, density.first(n), torch.Generator().manual_seed(0))
+    strokes = Slic()(target, density.first(n, steps), torch.Generator().manual_seed(0))
     catalogue = Catalogue(strokes, parts.optimizer.units)
     return Painter(catalogue, parts, target, target.mean((1, 2)), seed=0, budget=n, **options)
 
@@ -319,3 +319,43 @@ def test_a_coarse_picture_with_focus_and_odd_sides():
     target = torch.rand(3, 7, 5)
     focus = replace(survey_of(target, target, Strokes.none())).target[0] * 0 + 1
     assert painted(Fixed(), n=4, target=target, coarse=0.5, focus=focus, steps=10).picture().isfinite().all()
+
+
+def test_no_more_strokes_are_cut_than_can_be_and_the_budget_holds():
+    for options in ({"split": 1.0, "start": 0.05}, {"split": 0.9, "start": 0.5}):
+        painter = painted(Adaptive(rounds=1, **options), n=60, steps=40)
+        assert len(painter.catalogue) == 60
+
+
+def test_rounds_that_coarse_steps_left_out_are_made_up_for():
+    assert len(painted(Adaptive(), n=60, steps=200, coarse=0.9).catalogue) == 60
+
+
+@pytest.mark.parametrize("steps", [0, 1, 10, 11])
+def test_a_run_too_short_for_rounds_begins_with_all_strokes(steps):
+    assert len(painted(Adaptive(), n=60, steps=steps).catalogue) == 60
+
+
+def test_a_policy_without_rounds_begins_with_all_strokes():
+    assert Adaptive(rounds=0).first(60, 500) == Adaptive(until=0.0).first(60, 500) == 60
+
+
+def test_the_small_picture_is_not_taken_for_the_whole():
+    """The error of coarse steps is that of what they saw, enlarged: never better than the painting looks."""
+    target = torch.rand(3, *SIZE)
+    painter = painter_of(Fixed(), steps=40, coarse=0.99, target=target)
+    painter.advance(painter.configure_optimizers(), 1e9)
+    assert psnr_of(painter.error) < psnr_of(float((painter.picture() - target).square().mean())) + 1
+
+
+def test_strokes_are_as_large_as_the_picture_that_coarse_steps_look_at():
+    painter, seen = painter_of(Fixed(), steps=4, coarse=0.5), []
+    painter.losses["mse"].register_forward_hook(lambda module, args, out: seen.append(args[0]))
+    painter.advance(painter.configure_optimizers(), 1e9)
+    assert float(seen[0].strokes.scale.mean() / seen[-1].strokes.scale.mean()) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("coarse", [-0.1, 1.0, 1.5])
+def test_a_share_of_coarse_steps_that_is_none_is_refused(coarse):
+    with pytest.raises(UserError, match="coarse="):
+        painter_of(Fixed(), coarse=coarse)

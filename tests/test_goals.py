@@ -39,6 +39,7 @@ class Work:
         self.ends = list(itertools.accumulate(steps))
         self.seconds, self.error, self.cost = seconds, error, cost
         self.step = self.evaluations = 0
+        self.is_coarse = False
         self.now, self.clock, self._looked, self.stop = 0.0, lambda: self.now, 0.0, ""
         self.rates: list[float] = []
 
@@ -170,7 +171,7 @@ def test_an_early_stop_leaves_the_next_stage_its_share_of_the_seconds():
 
 def test_an_early_stop_remembers():
     stop = EarlyStop(1.0)
-    painter = SimpleNamespace(stage=0, evaluations=150, error=0.1, stop="", end_stage=lambda: False)
+    painter = SimpleNamespace(stage=0, is_coarse=False, evaluations=150, error=0.1, stop="", end_stage=lambda: False)
     stop.look(painter)
     other = EarlyStop(1.0)
     other.load_state_dict(stop.state_dict())

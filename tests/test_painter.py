@@ -108,7 +108,8 @@ def test_an_early_stop_goes_on_with_the_next_stage():
 
 
 def test_an_early_stop_counts_evaluations_and_not_steps():
-    painter, stop = SimpleNamespace(stage=0, evaluations=0, error=0.1, stop="", end_stage=lambda: False), EarlyStop(1.0)
+    painter = SimpleNamespace(stage=0, is_coarse=False, evaluations=0, error=0.1, stop="", end_stage=lambda: False)
+    stop = EarlyStop(1.0)
     for _ in range(39):  # of 5 evaluations each
         painter.evaluations += 5
         stop.look(painter)

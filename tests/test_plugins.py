@@ -128,8 +128,8 @@ def test_loss_is_finite_for_hardly_any_strokes(config, name, n):
 @pytest.mark.parametrize("n", [0, 1, 40])
 def test_density_revises_what_is_there(config, name, n):
     density, strokes = default(config, "density", name), random_strokes(n, SIZE)
-    assert 1 <= density.first(60) <= 60
-    assert density.first(1) == 1
+    assert 1 <= density.first(60, 60) <= 60
+    assert density.first(1, 60) == 1
     for step in range(1, 61):
         worth = partial(torch.rand, len(strokes))
         survey = Survey(torch.rand(3, *SIZE), torch.rand(3, *SIZE), None, strokes, 60, step, 60, worth)

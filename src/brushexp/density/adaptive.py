@@ -75,15 +75,17 @@ class Adaptive(Density):
         self._round = 0  # of those that are over
         self._first = 0  # strokes at the beginning
 
-    def first(self, budget: int) -> int:
-        return max(1, round(self.start * budget))
+    def first(self, budget: int, steps: int) -> int:
+        return max(1, round(self.start * budget)) if self._rounds(steps) else budget
+
+    def _rounds(self, steps: int) -> int:
+        return min(self.rounds, int(self.until * steps / APART))
 
     def revise(self, survey: Survey) -> Revision | None:
-        n, steps = len(survey.strokes), self.until * survey.steps
+        n, rounds = len(survey.strokes), self._rounds(survey.steps)
         self._first = self._first or n
-        rounds = min(self.rounds, int(steps / APART))
-        current = int(rounds * survey.step / steps) if rounds else 0
-        if not self._round < current <= rounds:
+        current = min(rounds, int(rounds * survey.step / (self.until * survey.steps))) if rounds else 0
+        if current <= self._round or survey.step >= survey.steps:
             return None
         self._round = current
         if _psnr(survey) >= self.psnr:
@@ -99,7 +101,8 @@ class Adaptive(Density):
         ]
         found = places(survey, more + len(weakest), self.size, self.tolerance)
         keep[weakest[: max(0, len(found) - more)]] = False
-        cut = straddling(survey).where(keep & (worth > worth.median()), -1.0).topk(int(self.split * len(found))).indices
+        able = keep & (worth > worth.median()) if n else keep
+        cut = straddling(survey).where(able, -1.0).topk(min(int(self.split * len(found)), int(able.sum()))).indices
         keep[cut] = False
         new = Strokes.join(halves(survey.strokes[cut]), found[: len(found) - len(cut)].strokes(survey))
         log.debug("step %d: %d strokes, %d added, %d dropped", survey.step, n, len(new), n - int(keep.sum()))

@@ -61,8 +61,8 @@ class Density(ABC):
     mean_share: float = 1.0
     judges: bool = False
 
-    def first(self, budget: int) -> int:
-        """Strokes to begin with, 1 to ``budget``, if the painting may have so many in the end."""
+    def first(self, budget: int, steps: int) -> int:
+        """Strokes to begin with, 1 to ``budget``: the most that a painting of so many steps may have in the end."""
         return budget
 
     @abstractmethod

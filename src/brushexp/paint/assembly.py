@@ -122,10 +122,10 @@ def first_strokes(
             log.info("the strokes of %s stay as they are; style.brushwork only pulls at them", cfg.catalogue)
         strokes = strokes_from(Path(cfg.catalogue), (height, width))
         n = len(strokes) if cfg.strokes is None else cfg.strokes
-        if n < len(strokes) or (n > len(strokes) and density.first(n) == n):
+        if n < len(strokes) or (n > len(strokes) and density.first(n, cfg.steps) == n):
             raise UserError(
-                f"strokes={n}, but {cfg.catalogue} has {len(strokes)}; drop strokes or catalogue, "
-                "or add strokes to it with density=adaptive"
+                f"strokes={n}, but {cfg.catalogue} has {len(strokes)}; drop strokes or catalogue, or let a policy that "
+                "adds strokes come to a larger number: density=adaptive, with enough steps for it"
             )
         return strokes, n
     n = cfg.strokes or max(1, round(height * width / cfg.pixels_per_stroke))
@@ -137,7 +137,7 @@ def first_strokes(
     generator = torch.Generator().manual_seed(cfg.seed)
     initializer: Initializer = build(cfg.init)
     initializer.focus = focus
-    strokes = initializer(target, density.first(n), generator)
+    strokes = initializer(target, density.first(n, cfg.steps), generator)
     if cfg.style.brushwork is not None:
         strokes = with_brushwork(strokes, load_brushwork(Path(cfg.style.brushwork)), (height, width), generator)
     return strokes, n

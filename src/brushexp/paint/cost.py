@@ -81,7 +81,7 @@ def predict(painter: Painter, *, long: float = LONG) -> float | None:
     """
     steps = [end - begin for begin, end in pairwise([0, *painter.ends])]
     before = painter.clock()
-    painter.rehearse()
+    painter.rehearse(revision=False)
     alike = len({id(stage.renderer) for stage in painter.parts.stages}) == 1
     if alike and (painter.clock() - before) * painter.steps < long:
         return None
@@ -121,7 +121,7 @@ def _full_cost(painter: Painter, stage: int) -> Cost:
         if not stage:
             return Cost(step)  # the whole picture was drawn at the rehearsal
         return Cost(step, _line(n, SHARES, lambda share: _picture(painter.trial(stage, share)))(n))
-    growth = painter.parts.density.mean_share
+    growth = painter.parts.density.mean_share if painter.budget > n else 1.0
     shares = (1.0,) if not stage and growth == 1 else SHARES  # the first stage was rehearsed with all strokes
     seconds_of = _line(n, shares, lambda share: _step(painter.trial(stage, share), share, first=share == SHARES[0]))
     return Cost(seconds_of(growth * max(n, 1)) * (1 if stage else GROWTH))  # a later stage finds strokes that are done

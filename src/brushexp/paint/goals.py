@@ -67,8 +67,8 @@ class EarlyStop(Goal):
         self.stage = 0
 
     def look(self, painter: Painter) -> None:
-        """Compare with 100 evaluations ago, or as many more as a step has."""
-        if painter.stage != self.stage:
+        """Compare with 100 evaluations ago, or as many more as a step has; coarse steps are not judged."""
+        if painter.is_coarse or painter.stage != self.stage:
             self.before, self.last, self.stage = None, painter.evaluations, painter.stage
         if painter.evaluations - self.last < WINDOW:
             return
@@ -95,7 +95,7 @@ class Quality(Goal):
 
     def look(self, painter: Painter) -> None:
         last = painter.stage == len(painter.ends) - 1
-        seen = painter.progress[0] > 0  # by the renderer of this stage
+        seen = painter.progress[0] > 0 and not painter.is_coarse  # by the renderer of this stage, in full
         if last and seen and psnr_of(painter.error) >= self.psnr:
             painter.stop = PSNR_REACHED
             log.info("psnr=%g is reached after %.1f s and %d steps", self.psnr, painter.elapsed, painter.step)

@@ -16,6 +16,7 @@ from torch import Tensor, nn, optim
 
 from brushexp.blend.base import Canvas
 from brushexp.density.base import Revision, Survey
+from brushexp.errors import UserError
 from brushexp.loss.base import Painting
 from brushexp.order.base import front_to_back
 from brushexp.paint.aim import Aim, enlarged
@@ -87,6 +88,8 @@ class Painter(L.LightningModule):
         self.register_buffer("target", target, persistent=False)
         self.register_buffer("focus", focus, persistent=False)
         self.register_buffer("background", background, persistent=False)
+        if not 0 <= coarse < 1:
+            raise UserError(f"coarse={coarse:g} is not a share of the steps from 0 to below 1; try coarse=0.5")
         self.coarse = coarse
         self.budget = len(catalogue) if budget is None else budget
         self.watch = watch
@@ -148,13 +151,14 @@ class Painter(L.LightningModule):
 
     @property
     def error(self) -> float:
-        """Mean squared error of the whole picture as it was last seen."""
+        """Mean squared error of the whole picture as it was last seen; a small one counts as it looks enlarged."""
         if self._view is not None:
             return self._view.error
         if self._last is None:
             return self._error
         image, aim = self._last
-        return aim.error(image)
+        full = Aim(self.target, self.focus)
+        return (aim if aim.zoom == 1 else full).error(enlarged(image, self.size))
 
     @torch.no_grad()
     def picture(self) -> Tensor:
@@ -190,8 +194,11 @@ class Painter(L.LightningModule):
         if self.stage != before:
             self._adopt()
 
-    def rehearse(self) -> None:
-        """Go through one step without taking it, so that whatever is compiled or loaded at first use is there."""
+    def rehearse(self, *, revision: bool = True) -> None:
+        """Go through one step without taking it, so that whatever is compiled or loaded at first use is there.
+
+        With ``revision`` also through what the density policy may ask for.
+        """
         coarse, self.coarse = self.coarse, 0.0
         sampler = self.parts.sampler
         before, generator = sampler.state_dict(), self.generator.clone_state()
@@ -200,7 +207,7 @@ class Painter(L.LightningModule):
         self._objective(self.catalogue if glance.active is None else self.catalogue.part(glance.active), glance)
         self.zero_grad()
         self.evaluations, self.coarse = 0, coarse
-        if self.parts.density.judges:
+        if revision and self.parts.density.judges:
             state = self.generator.get_state()
             self._survey().worth()
             self.generator.set_state(state)
@@ -345,7 +352,7 @@ class Painter(L.LightningModule):
 
     def _revise(self, revision: Revision, optimizer: optim.Optimizer) -> None:
         """Drop strokes and add others."""
-        self.catalogue.revise(revision.keep, revision.new, optimizer)
+        self.catalogue.revise(revision.keep, self.renderer.adopt(revision.new), optimizer)
         self.visits = torch.cat([self.visits[revision.keep], self._counted(len(revision.new))])
         self._accuracy = None
         self._drop_view()
@@ -404,7 +411,8 @@ class Painter(L.LightningModule):
         """What a glance shows, differentiable in ``strokes``: those that it moves."""
         if glance.active is None:
             aim = self._aim()
-            layers = self.renderer(strokes if aim.zoom == 1 else strokes.moved(zoom=aim.zoom))
+            strokes = strokes if aim.zoom == 1 else strokes.moved(zoom=aim.zoom)
+            layers = self.renderer(strokes)
             target = aim.target if judge else None
             canvas = self.parts.blend(layers, self.front_to_back, aim.size, self.background, target)
             self._last = canvas.image.detach(), aim
