@@ -302,7 +302,7 @@ def test_coarse_steps_look_at_the_smaller_picture_and_the_rest_at_all_of_it():
     optimizer, sizes = painter.configure_optimizers(), []
     while painter.step < painter.steps:
         painter._take_step(optimizer)
-        sizes.append(tuple(painter._last[0].shape[1:]))
+        sizes.append(tuple(painter._last.shape[1:]))
         assert painter.latest().shape == painter.target.shape
         assert math.isfinite(painter.error)
     assert sizes == [(20, 28)] * 10 + [SIZE] * 10

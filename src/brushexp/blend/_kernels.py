@@ -12,127 +12,30 @@ import numpy as np
 from numba import prange
 
 from brushexp.blend._lists import TILE
+from brushexp.blend._nearest import (
+    AREA,
+    BEST,
+    BLUE,
+    FLOOR,
+    GREEN,
+    LIGHT,
+    RED,
+    F,
+    T,
+    find_nearest,
+    keep_nearest,
+    recall_nearest,
+)
 from brushexp.compiled import inline, kernel
 
-AREA = TILE * TILE
 WORKERS = 64  # every so many tiles are one worker's: fixed, and enough to share the work evenly
 COLUMNS = 11  # of a stroke: start, control, end (x, y each), half width, red, green, blue, opacity
-F = np.float32
-FLOOR = F(1e-6)  # least second derivative Newton divides by, against the curve's own size
-NEWTON_STEPS, HALLEY_STEPS = 3, 5
-LAST = F(1 / 32)  # of the curve: Halley's method is as near as that after its steps
-TIE = F(3e-7)  # of the curve's length: where both legs of a fold are as near as can be told, the first one is taken
 STILL = F(1.25e-5)  # square pixels: as in `strokes.bezier`
-# Rows of a tile's scratch, each AREA numbers.
-_RED, _GREEN, _BLUE, _LIGHT, _T, _BEST, _DISTANCE, _COVER = range(8)
+# Rows of a tile's scratch, each AREA numbers, after those of `_nearest`.
+_RED, _GREEN, _BLUE, _LIGHT, _T, _BEST = RED, GREEN, BLUE, LIGHT, T, BEST
+_DISTANCE, _COVER = 6, 7
 ROWS = 8
 KEPT = 4  # numbers that the backward pass keeps per stroke and pixel: t, distance, cover, light above
-
-
-@inline
-def _bends(bend, chord):  # type: ignore[no-untyped-def]
-    """0 for nearly straight, 1 for gently bent and 2 for strongly bent, from the squared lengths of bend and chord.
-
-    Measured on random pixels within reach of random curves: the distance to a gently bent one is within 1e-3 px.
-    """
-    if bend < F(0.04) * chord:
-        return 0
-    return 1 if bend < F(0.16) * chord else 2
-
-
-@inline
-def _constant(a, b, c0, t):  # type: ignore[no-untyped-def]
-    """What all pixels share in the squared distance at parameter ``t``."""
-    return (F(0.25) * a * t + b * F(1 / 3)) * t * t + F(0.5) * c0 * t
-
-
-@inline
-def _find_nearest(p, i, ox, oy, buf):  # type: ignore[no-untyped-def]
-    """Write to row _T the parameter of the nearest point of stroke ``i`` for the pixels of the tile at (ox, oy)."""
-    sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
-    bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
-    a, b, c0 = bx * bx + by * by, F(3) * (bx * fx + by * fy), F(2) * (fx * fx + fy * fy)
-    chord = (ex - sx) * (ex - sx) + (ey - sy) * (ey - sy)
-    kind = _bends(a, chord)
-    if kind == 2:
-        _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, buf)
-    else:
-        _find_from_samples(kind, a, b, c0, bx, by, fx, fy, sx, sy, buf)
-
-
-@inline
-def _find_from_samples(kind, a, b, c0, bx, by, fx, fy, sx, sy, buf):  # type: ignore[no-untyped-def]
-    """Newton's method from the middle of the curve, or from the best of five places on it."""
-    floor = FLOOR * (a + abs(b) + c0) + F(1e-20)
-    step = F(1)
-    if kind == 0:
-        for q in range(AREA):
-            buf[_T * AREA + q] = F(0.5)
-    else:
-        step = F(0.25)
-        k0, k1 = _constant(a, b, c0, F(0.25)), _constant(a, b, c0, F(0.5))
-        k2, k3 = _constant(a, b, c0, F(0.75)), _constant(a, b, c0, F(1))
-        for q in range(AREA):
-            mx, my = sx - F(q & 7) - F(0.5), sy - F(q >> 3) - F(0.5)
-            bend, forward = F(0.5) * (bx * mx + by * my), fx * mx + fy * my
-            # A quarter of |B(t) - p|^2 - |P0 - p|^2 at the four places, and the best of them and of 0 at t = 0.
-            at0, at1 = (bend * F(0.25) + forward + k0) * F(0.25), (bend * F(0.5) + forward + k1) * F(0.5)
-            at2, at3 = (bend * F(0.75) + forward + k2) * F(0.75), bend + forward + k3
-            low, t_low = (at0, F(0.25)) if at0 < at1 else (at1, F(0.5))
-            high, t_high = (at2, F(0.75)) if at2 < at3 else (at3, F(1))
-            best, t = (low, t_low) if low < high else (high, t_high)
-            buf[_T * AREA + q] = t if best < F(0) else F(0)
-    a3, b2 = F(3) * a, F(2) * b
-    for q in range(AREA):
-        mx, my = sx - F(q & 7) - F(0.5), sy - F(q >> 3) - F(0.5)
-        c, d = c0 + bx * mx + by * my, fx * mx + fy * my
-        t = buf[_T * AREA + q]
-        low, high = max(t - step, F(0)), min(t + step, F(1))
-        for _ in range(NEWTON_STEPS):
-            f = ((a * t + b) * t + c) * t + d
-            g = (a3 * t + b2) * t + c
-            t = min(max(t - f / max(g, floor), low), high)
-        buf[_T * AREA + q] = t
-
-
-@inline
-def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, buf):  # type: ignore[no-untyped-def]
-    """Halley's method from both ends; the nearer of both valleys of the distance.
-
-    The derivative of the distance is a cubic that rises; its outermost zeros are the valleys, one to each side of its
-    inflection, and it is bent away from the ends on both sides, so that nothing lies between an end and its valley.
-    """
-    size = a + abs(b) + c0 + F(1e-20)
-    unit = F(1) / size  # so that no square overflows
-    a, b, c0 = a * unit, b * unit, c0 * unit
-    tie = TIE * np.sqrt(size)
-    turn = min(max(-b / (F(3) * a + F(1e-20)), F(0)), F(1))
-    a3, b2 = F(3) * a, F(2) * b
-    for q in range(AREA):
-        mx, my = sx - F(q & 7) - F(0.5), sy - F(q >> 3) - F(0.5)
-        c, d = c0 + (bx * mx + by * my) * unit, (fx * mx + fy * my) * unit
-        t, u = F(0), F(1)
-        for _ in range(HALLEY_STEPS):  # with six the compiler makes no SIMD code of it
-            f, g = ((a * t + b) * t + c) * t + d, max((a3 * t + b2) * t + c, FLOOR)
-            t = t - F(2) * f * g / max(F(2) * g * g - f * (F(2) * a3 * t + b2), g * g)
-            t = min(max(t, F(0)), turn)
-            f, g = ((a * u + b) * u + c) * u + d, max((a3 * u + b2) * u + c, FLOOR)
-            u = u - F(2) * f * g / max(F(2) * g * g - f * (F(2) * a3 * u + b2), g * g)
-            u = min(max(u, turn), F(1))
-        tx, ty = (bx * t + F(2) * fx) * t + mx, (by * t + F(2) * fy) * t + my
-        ux, uy = (bx * u + F(2) * fx) * u + mx, (by * u + F(2) * fy) * u + my
-        nearer = np.sqrt(tx * tx + ty * ty) <= np.sqrt(ux * ux + uy * uy) + tie
-        buf[_T * AREA + q] = t if nearer else u
-    for q in range(AREA):  # two steps more for the nearer one; where the derivative is flat they must not throw it away
-        mx, my = sx - F(q & 7) - F(0.5), sy - F(q >> 3) - F(0.5)
-        c, d = c0 + (bx * mx + by * my) * unit, (fx * mx + fy * my) * unit
-        t = buf[_T * AREA + q]
-        low, high = (F(0), turn) if t <= turn else (turn, F(1))
-        for _ in range(2):
-            f, g = ((a * t + b) * t + c) * t + d, max((a3 * t + b2) * t + c, FLOOR)
-            step = F(2) * f * g / max(F(2) * g * g - f * (F(2) * a3 * t + b2), g * g)
-            t = min(max(t - min(max(step, -LAST), LAST), low), high)
-        buf[_T * AREA + q] = t
 
 
 @inline
@@ -164,30 +67,6 @@ def _cover(p, i, ox, oy, sharp, taper, buf):  # type: ignore[no-untyped-def]
         buf[_DISTANCE * AREA + q] = d
         cover = _rise((ht + d) * sharp) + _rise((ht - d) * sharp)
         buf[_COVER * AREA + q] = max(cover, F(0)) * there  # rounding may leave less, or more of what is not there
-
-
-@inline
-def _keep_nearest(buf, row):  # type: ignore[no-untyped-def]
-    """Keep row _T for the backward pass, in 65535ths: a quarter of what alpha, t and distance would take."""
-    for q in range(AREA):
-        row[q] = np.uint16(buf[_T * AREA + q] * F(65535) + F(0.5))
-
-
-@inline
-def _recall_nearest(p, i, ox, oy, row, buf):  # type: ignore[no-untyped-def]
-    """Bring back what `_keep_nearest` kept; one Newton step makes up for the rounding."""
-    sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
-    bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
-    a, b, c0 = bx * bx + by * by, F(3) * (bx * fx + by * fy), F(2) * (fx * fx + fy * fy)
-    floor = FLOOR * (a + abs(b) + c0) + F(1e-20)
-    for q in range(AREA):
-        mx, my = sx - F(q & 7) - F(0.5), sy - F(q >> 3) - F(0.5)
-        c, d = c0 + bx * mx + by * my, fx * mx + fy * my
-        kept = F(row[q]) * F(1 / 65535)
-        slope = ((a * kept + b) * kept + c) * kept + d
-        bend = (F(3) * a * kept + F(2) * b) * kept + c
-        t = min(max(kept - slope / max(bend, floor), kept - F(1e-5)), kept + F(1e-5))
-        buf[_T * AREA + q] = min(max(t, F(0)), F(1))
 
 
 @inline
@@ -272,9 +151,9 @@ def forward(p, first, stroke, slot, columns, background, soft, taper, opaque, ta
             j = first[tile]
             while j < first[tile + 1]:
                 i = stroke[j]
-                _find_nearest(p, i, F(left), F(top), buf)
+                find_nearest(p, i, F(left), F(top), buf)
                 if keep:
-                    _keep_nearest(buf, nearest[j])
+                    keep_nearest(buf, nearest[j])
                 _cover(p, i, F(left), F(top), sharp, taper, buf)
                 _lay(p, i, buf)
                 if judge:
@@ -292,7 +171,7 @@ def _replay(p, strokes, nearest, ox, oy, sharp, taper, buf, kept):  # type: igno
     buf[_LIGHT * AREA : (_LIGHT + 1) * AREA] = F(1)
     for k in range(len(strokes)):
         i = strokes[k]
-        _recall_nearest(p, i, ox, oy, nearest[k], buf)
+        recall_nearest(p, i, ox, oy, nearest[k], buf)
         _cover(p, i, ox, oy, sharp, taper, buf)
         mine = kept[k * KEPT * AREA : (k + 1) * KEPT * AREA]  # a view: its indices are plainly not negative
         op = p[i, 10]
@@ -391,6 +270,15 @@ def _add_taper(p, i, ox, oy, taper, mine, buf, out):  # type: ignore[no-untyped-
     out[5] += g5
 
 
+@inline
+def _deepest(used, worker):  # type: ignore[no-untyped-def]
+    """Length of the longest list that was looked at in the tiles of a worker."""
+    deepest = 0
+    for tile in range(worker, len(used), WORKERS):
+        deepest = max(deepest, used[tile])
+    return deepest
+
+
 @kernel
 def backward(p, first, stroke, slot, columns, background, soft, taper, used, nearest, grad_image, grad_pairs):  # type: ignore[no-untyped-def]
     """Gradients of all pairs from the gradient of the picture.
@@ -414,10 +302,7 @@ def backward(p, first, stroke, slot, columns, background, soft, taper, used, nea
     """
     sharp = F(1) / soft
     for worker in prange(min(WORKERS, len(used))):
-        deepest = 0
-        for tile in range(worker, len(used), WORKERS):
-            deepest = max(deepest, used[tile])
-        buf, kept = np.empty(ROWS * AREA, F), np.empty(deepest * KEPT * AREA, F)
+        buf, kept = np.empty(ROWS * AREA, F), np.empty(_deepest(used, worker) * KEPT * AREA, F)
         for tile in range(worker, len(used), WORKERS):
             top, left, n = tile // columns * TILE, tile % columns * TILE, used[tile]
             ox, oy = F(left), F(top)
@@ -466,10 +351,7 @@ def worth(p, first, stroke, slot, columns, background, soft, taper, used, neares
     """
     sharp = F(1) / soft
     for worker in prange(min(WORKERS, len(used))):
-        deepest = 0
-        for tile in range(worker, len(used), WORKERS):
-            deepest = max(deepest, used[tile])
-        buf, kept = np.empty(ROWS * AREA, F), np.empty(deepest * KEPT * AREA, F)
+        buf, kept = np.empty(ROWS * AREA, F), np.empty(_deepest(used, worker) * KEPT * AREA, F)
         for tile in range(worker, len(used), WORKERS):
             top, left, n = tile // columns * TILE, tile % columns * TILE, used[tile]
             ox, oy = F(left), F(top)

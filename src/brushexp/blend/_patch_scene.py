@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 
-from brushexp.blend import _kernels, _patches
+from brushexp.blend import _patches
 from brushexp.blend._lists import Array, TileLists, build_lists
+from brushexp.blend._nearest import AREA
 from brushexp.blend._scene import NO_TARGET, F, sums_by_stroke
 from brushexp.renderer.base import Patches
 
@@ -51,7 +52,7 @@ class PatchScene:
         """Gradients of places and images from the gradient (3, H, W) of the picture."""
         lists = self.lists
         begin = np.cumsum(self.used) - self.used
-        left = np.empty((int(self.used.sum()), _patches.LEFT, _kernels.AREA), F)
+        left = np.empty((int(self.used.sum()), _patches.LEFT, AREA), F)
         tile, at = np.empty(len(lists.stroke), np.int32), np.empty(len(lists.stroke), np.int64)
         _patches.over_tiles(
             places, images, self.order, lists.first, lists.stroke, lists.slot, lists.shape[1], self.background,

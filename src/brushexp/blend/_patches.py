@@ -10,8 +10,9 @@ own picture: no atomics, and the same bits on any number of threads.
 import numpy as np
 from numba import prange
 
-from brushexp.blend._kernels import AREA, WORKERS, _show
+from brushexp.blend._kernels import WORKERS, _show
 from brushexp.blend._lists import TILE
+from brushexp.blend._nearest import AREA
 from brushexp.compiled import inline, kernel
 from brushexp.renderer.base import ALMOST_NOTHING
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from brushexp.blend import _kernels
 from brushexp.blend._lists import Array, TileLists
+from brushexp.blend._nearest import AREA
 
 F = np.float32
 NO_TARGET = np.zeros((3, 0, 0), F)
@@ -43,7 +44,7 @@ class Scene:
         """Picture (3, H, W) of strokes (N, 11), see `_kernels.COLUMNS`; ``keep`` if `gradient` will follow."""
         lists = self.lists
         self.used = np.zeros(len(lists.first) - 1, np.int64)
-        self.nearest = np.empty((len(lists.stroke) if keep else 0, _kernels.AREA), np.uint16)
+        self.nearest = np.empty((len(lists.stroke) if keep else 0, AREA), np.uint16)
         image = np.empty((3, *self.size), F)
         pairs = np.zeros((0 if target is None else len(lists.stroke), 2), F)
         goal = NO_TARGET if target is None else target

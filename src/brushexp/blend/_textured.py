@@ -9,18 +9,9 @@ as given.
 import numpy as np
 from numba import prange
 
-from brushexp.blend._kernels import (
-    AREA,
-    WORKERS,
-    F,
-    _bright,
-    _find_nearest,
-    _keep_nearest,
-    _load,
-    _recall_nearest,
-    _show,
-)
+from brushexp.blend._kernels import WORKERS, _bright, _load, _show
 from brushexp.blend._lists import TILE
+from brushexp.blend._nearest import AREA, F, find_nearest, keep_nearest, recall_nearest
 from brushexp.compiled import inline, kernel
 
 COLUMNS = 12  # of a stroke: those of `_kernels`, with half width and opacity as layers have them; texels per pixel
@@ -181,9 +172,9 @@ def forward(p, brush, lists, columns, background, opaque, target, image, used, t
             j = first[tile]
             while j < first[tile + 1]:
                 i = stroke[j]
-                _find_nearest(p, i, F(left), F(top), buf)
+                find_nearest(p, i, F(left), F(top), buf)
                 if keep:
-                    _keep_nearest(buf, nearest[j])
+                    keep_nearest(buf, nearest[j])
                 _place(p, i, F(left), F(top), rows, length, buf)
                 _fetch(cells, texture[i], length, rows, buf, at, opacity, light)
                 there[j] = _cover(opacity, light, p[i, 10], buf) > F(0)
@@ -205,7 +196,7 @@ def _replay(p, strokes, texture, cells, rows, length, there, nearest, ox, oy, bu
         if not there[k]:
             continue
         i = strokes[k]
-        _recall_nearest(p, i, ox, oy, nearest[k], buf)
+        recall_nearest(p, i, ox, oy, nearest[k], buf)
         _place(p, i, ox, oy, rows, length, buf)
         mine = kept[k * KEPT * AREA : (k + 1) * KEPT * AREA]  # a view: its indices are plainly not negative
         corners = words[2 * k * AREA : (2 * k + 2) * AREA]

@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from brushexp.blend import _kernels, _textured
+from brushexp.blend import _textured
 from brushexp.blend._lists import Array, TileLists
+from brushexp.blend._nearest import AREA
 from brushexp.blend._scene import NO_TARGET, sums_by_stroke
 
 F = np.float32
@@ -47,7 +48,7 @@ class TexturedScene:
         pairs = len(self.lists.stroke)
         self.used = np.zeros(len(self.lists.first) - 1, np.int64)
         self.there = np.zeros(pairs, np.bool_)
-        self.nearest = np.empty((pairs if keep else 0, _kernels.AREA), np.uint16)
+        self.nearest = np.empty((pairs if keep else 0, AREA), np.uint16)
         image = np.empty((3, *self.size), F)
         errors = np.zeros((0 if target is None else pairs, 2), F)
         goal = NO_TARGET if target is None else target

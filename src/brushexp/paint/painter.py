@@ -105,7 +105,7 @@ class Painter(L.LightningModule):
         self._looked: float | None = None  # at the clock; None outside the fit
         self.anytime = Anytime()  # how good the picture was after how many seconds
         self.terms: dict[str, Tensor] = {}  # the losses of the last step, unweighted
-        self._last: tuple[Tensor, Aim] | None = None  # the picture, if the last step looked at all of it
+        self._last: Tensor | None = None  # the picture, maybe a small one, if the last step looked at all of it
         self._small: Aim | None = None  # of the coarse steps
         self._view: View | None = None  # of a painter who looks at parts
         self._error = math.inf  # before there was one, or of the last one
@@ -156,9 +156,7 @@ class Painter(L.LightningModule):
             return self._view.error
         if self._last is None:
             return self._error
-        image, aim = self._last
-        full = Aim(self.target, self.focus)
-        return (aim if aim.zoom == 1 else full).error(enlarged(image, self.size))
+        return Aim(self.target, self.focus).error(enlarged(self._last, self.size))
 
     @torch.no_grad()
     def picture(self) -> Tensor:
@@ -175,7 +173,7 @@ class Painter(L.LightningModule):
         """The whole picture as the steps last saw it; as it is now before the first one."""
         if self._view is not None:
             return self._view.picture
-        return self.picture() if self._last is None else enlarged(self._last[0], self.size)
+        return self.picture() if self._last is None else enlarged(self._last, self.size)
 
     def end_stage(self) -> bool:
         """Leave out what is left of the present stage; False if it is the last one."""
@@ -415,9 +413,9 @@ class Painter(L.LightningModule):
             layers = self.renderer(strokes)
             target = aim.target if judge else None
             canvas = self.parts.blend(layers, self.front_to_back, aim.size, self.background, target)
-            self._last = canvas.image.detach(), aim
+            self._last = canvas.image.detach()
             if self._view is not None and aim.zoom == 1:
-                self._view.saw(canvas.image.detach())
+                self._view.saw(self._last)
             return canvas, Painting(canvas.image, aim.target, strokes, focus=aim.focus)
         if self._view is None:
             self._view = self._view_of(self.picture())
