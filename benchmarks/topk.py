@@ -18,15 +18,15 @@ from brushexp.blend.tiled import Tiled
 from brushexp.blend.topk import TopK
 from brushexp.command_line import prepare
 from brushexp.paint.metrics import psnr_of
-from brushexp.paint.outputs import render
+from brushexp.paint.outputs import renderer_of, work_of
 from brushexp.strokes.storage import load_catalogue
-from brushexp.task.render import renderer_of
+from brushexp.to.png import pixels
 
 
 def psnr(folder: Path, blend: Blend) -> float:
     """PSNR of a run's catalogue, drawn anew, against the run's target."""
     saved = load_catalogue(folder / "catalogue.h5")
-    picture = render(saved, renderer_of(saved), blend, max(saved.size)).numpy().astype(np.float64)
+    picture = pixels(work_of(saved, renderer_of(saved), blend, saved.renderer)).astype(np.float64)
     with Image.open(folder / "target.png") as image:
         target = np.asarray(image).astype(np.float64)
     return psnr_of(float(((picture - target) ** 2).mean()) / 255**2)

@@ -12,6 +12,7 @@ ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "brushexp"
 # What any plugin may import, besides the contracts of the families and the private modules of its own.
 SHARED = {
+    "blend.bands",
     "registry",
     "errors",
     "files",

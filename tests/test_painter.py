@@ -2,18 +2,19 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import torch
 from scenes import Windowed, random_strokes
 
+from brushexp.blend import bands as bands_module
 from brushexp.blend.tiled import Tiled
 from brushexp.density.fixed import Fixed
 from brushexp.loss.pixel import MeanSquaredError
 from brushexp.optimizer.torch_optim import TorchOptim
 from brushexp.order.area import Area
-from brushexp.paint import bands as bands_module
 from brushexp.paint.goals import STOPPED_EARLY, EarlyStop
-from brushexp.paint.outputs import render
+from brushexp.paint.outputs import work_of
 from brushexp.paint.painter import Painter
 from brushexp.paint.parts import Parts, Stage
 from brushexp.renderer.analytic import Analytic
@@ -22,6 +23,7 @@ from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import Catalogue
 from brushexp.strokes.prior import clamp_to_prior
 from brushexp.strokes.storage import Saved
+from brushexp.to.png import pixels
 
 SIZE = (24, 33)
 
@@ -133,11 +135,11 @@ def test_what_a_run_leaves_is_drawn_by_the_last_renderer():
 def test_bands_make_the_same_picture(renderer, monkeypatch):
     strokes = clamp_to_prior(random_strokes(60, SIZE))
     saved = Saved(strokes, torch.randperm(60).int(), SIZE, torch.rand(3), "", "", 0, "")
-    whole = render(saved, renderer, Tiled(opaque=0), 330)
+    whole = pixels(work_of(saved, renderer, Tiled(opaque=0), "", 330))
     monkeypatch.setattr(bands_module, "BAND", 330 * 16)
-    bands = render(saved, renderer, Tiled(opaque=0), 330)
+    bands = pixels(work_of(saved, renderer, Tiled(opaque=0), "", 330))
     assert whole.shape == (240, 330, 3)
-    assert (whole.int() - bands.int()).abs().max() <= 1
+    assert np.abs(whole.astype(int) - bands).max() <= 1
 
 
 def test_bands_draw_only_the_strokes_that_touch_them(monkeypatch):
@@ -145,7 +147,7 @@ def test_bands_draw_only_the_strokes_that_touch_them(monkeypatch):
     saved = Saved(strokes, torch.randperm(60).int(), (1000, 33), torch.rand(3), "", "", 0, "")
     renderer = Windowed()
     monkeypatch.setattr(bands_module, "BAND", 33 * 50)
-    render(saved, renderer, Tiled(), 1000)
+    pixels(work_of(saved, renderer, Tiled(), ""))
     assert renderer.drawn < 2 * 60
 
 
@@ -161,10 +163,10 @@ def test_bands_get_lower_where_strokes_are_many(monkeypatch):
             held.append(len(strokes))
             return super().forward(strokes, number)
 
-    picture = render(saved, Few(), Tiled(), 1000)
+    picture = pixels(work_of(saved, Few(), Tiled(), ""))
     assert max(held) <= 10
     monkeypatch.setattr(Few, "at_once", None)
-    assert (picture.int() - render(saved, Few(), Tiled(), 1000).int()).abs().max() <= 1
+    assert np.abs(picture - pixels(work_of(saved, Few(), Tiled(), "")).astype(int)).max() <= 1
     assert held[-1] > 10
 
 

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from scenes import leaves, random_strokes, straight
 from torch import Tensor
 
+from brushexp.blend import bands
 from brushexp.blend.base import Blend
 from brushexp.blend.dense import Dense
 from brushexp.blend.tiled import Kernel, Tiled
 from brushexp.blend.topk import TopK
-from brushexp.paint import bands
 from brushexp.renderer.analytic import Analytic
 from brushexp.renderer.base import Renderer
 from brushexp.renderer.textured import Textured

@@ -94,12 +94,12 @@ def test_edges_are_compared_by_the_slopes_of_the_saved_pictures(painted):
 
 
 def test_a_saved_catalogue_renders_to_the_painting_and_larger(painted, tmp_path):
-    result = run("task=render", f"catalogue={painted}/catalogue.h5", f"output={tmp_path}/same", cwd=tmp_path)
+    result = run("task=export", f"catalogue={painted}/catalogue.h5", f"output={tmp_path}/same", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     same = picture(tmp_path / "same" / "painting.png").astype(int)
     assert np.abs(same - picture(painted / "painting.png")).max() <= 1
     result = run(
-        "task=render", f"catalogue={painted}/catalogue.h5", "resolution=192", f"output={tmp_path}/large", cwd=tmp_path
+        "task=export", f"catalogue={painted}/catalogue.h5", "resolution=192", f"output={tmp_path}/large", cwd=tmp_path
     )
     assert result.returncode == 0, result.stderr
     large = picture(tmp_path / "large" / "painting.png")
@@ -112,7 +112,7 @@ def test_a_catalogue_tells_when_the_weights_are_others(painted, tmp_path):
     other = tmp_path / "catalogue.h5"
     save_catalogue(other, replace(load_catalogue(painted / "catalogue.h5"), renderer_hash="0123"))
     for path, warned in ((painted / "catalogue.h5", False), (other, True)):
-        result = run("task=render", f"catalogue={path}", f"output={tmp_path}/a", cwd=tmp_path)
+        result = run("task=export", f"catalogue={path}", f"output={tmp_path}/a", cwd=tmp_path)
         assert result.returncode == 0, result.stderr
         assert ("painted with other weights of renderer=analytic" in result.stdout + result.stderr) is warned
 
@@ -189,7 +189,7 @@ def test_a_slow_renderer_takes_over_from_a_fast_one(windowed, tmp_path):
     valid = clamp_to_prior(saved.strokes)
     for name, value in saved.strokes.items():
         torch.testing.assert_close(getattr(valid, name), value, atol=1e-6, rtol=0)
-    again = run("task=render", f"catalogue={tmp_path}/a/catalogue.h5", f"output={tmp_path}/b", cwd=tmp_path, **windowed)
+    again = run("task=export", f"catalogue={tmp_path}/a/catalogue.h5", f"output={tmp_path}/b", cwd=tmp_path, **windowed)
     assert again.returncode == 0, again.stderr
     same = picture(tmp_path / "b" / "painting.png").astype(int)
     assert np.abs(same - picture(tmp_path / "a" / "painting.png")).max() <= 1

@@ -67,8 +67,8 @@ NESTED = {"style": StyleKeys}  # keys that have keys of their own; what else is 
 
 
 @dataclass
-class Render(Shared):
-    """Types of the keys of ``task=render``."""
+class Export(Shared):
+    """Types of the keys of ``task=export``; values and meaning are in conf/task/export.yaml."""
 
     catalogue: str
     resolution: int | None

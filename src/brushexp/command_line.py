@@ -53,8 +53,18 @@ def _presets(folder: Path) -> dict[str, str]:
 
 
 def in_full(arguments: list[str]) -> list[str]:
-    """The command line with ``style=painting.jpg``, in a sweep ``style=a.jpg,b.jpg`` too, as ``style.image=...``."""
-    return [re.sub(r"^(\+{0,2}|~)style=(?!\{)", r"\1style.image=", argument) for argument in arguments]
+    """The command line with its short forms written out.
+
+    ``style=painting.jpg`` is ``style.image=painting.jpg``; ``light=315,45`` is ``to.relief.light=[315,45]``; and
+    outside of a sweep ``to=svg,json`` is ``to=[svg,json]``.
+    """
+    sweep = any(re.fullmatch(r"--multirun|-[a-zA-Z]*m[a-zA-Z]*", argument) for argument in arguments)
+    found = []
+    for argument in arguments:
+        full = re.sub(r"^(\+{0,2}|~)style=(?!\{)", r"\1style.image=", argument)
+        full = re.sub(r"^light=\[?([^\[\]]*)\]?$", r"to.relief.light=[\1]", full)
+        found.append(full if sweep else re.sub(r"^to=([\w,]+)$", r"to=[\1]", full))
+    return found
 
 
 @contextmanager

@@ -37,8 +37,9 @@ FAMILIES = {
     "optimizer": "how strokes move",
     "engine": "brush simulators: stroke parameters -> picture of one stroke",
     "logger": "where the curves of a run go",
+    "to": "finished painting -> files that other programs read",
 }
-MULTI_SELECT = ("loss", "logger")  # families of which one run may use several members
+MULTI_SELECT = ("loss", "logger", "to")  # families of which one run may use several members
 USER_PACKAGE = "brushexp_plugins"  # the import name of all files found in plugin folders
 SEARCH_PATH = "BRUSHEXP_PLUGINS"  # environment variable: more plugin folders
 ENTRY_POINTS = "brushexp.plugins"  # entry-point group of published plugins

@@ -2,5 +2,5 @@
 
 assembly (with init) -> parts
 -> painter (with aim, sampler, view, kept, renderer, order, blend, loss, partial, optimizer, density, worth)
--> anytime -> cost -> goals -> bands -> progress -> timelapse -> metrics -> outputs
+-> anytime -> cost -> goals -> progress -> timelapse -> metrics -> outputs
 """

@@ -4,40 +4,52 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
-import torch
-from torch import Tensor
+from omegaconf import DictConfig, OmegaConf
 
 from brushexp.blend.base import Blend
-from brushexp.files import to_bytes
-from brushexp.order.base import front_to_back
-from brushexp.paint.bands import bands
+from brushexp.errors import UserError
+from brushexp.registry import build_named
 from brushexp.renderer.base import Renderer
 from brushexp.strokes.storage import Saved
+from brushexp.to.base import Work
+
+LARGEST = 65_536  # pixels of the longer side
 
 
-@torch.no_grad()
-def render(saved: Saved, renderer: Renderer, blend: Blend, resolution: int) -> Tensor:
-    """Paint a catalogue at any size, crisp: the strokes are scaled, not the picture.
+def renderer_of(saved: Saved) -> Renderer:
+    """The renderer that a catalogue was made with: looked up by name, because a file must not name code to run."""
+    config = OmegaConf.create(saved.config)
+    node = config.get("renderer", {}) if isinstance(config, DictConfig) else {}
+    options: dict[str, Any] = {str(key): value for key, value in node.items() if not str(key).startswith("_")}
+    renderer: Renderer = build_named("renderer", saved.renderer, options)
+    return renderer
+
+
+def work_of(
+    saved: Saved, renderer: Renderer, blend: Blend, name: str, resolution: int | None = None, source: str = ""
+) -> Work:
+    """A catalogue as exporters take it, crisp at any size: the strokes are scaled, not the picture.
 
     Args:
         saved: the catalogue.
         renderer: draws its strokes.
         blend: lays them over each other.
-        resolution: longer side in pixels.
+        name: of the renderer.
+        resolution: longer side in pixels; None means as it was painted.
+        source: where the catalogue came from.
 
-    Returns:
-        (H, W, 3) uint8.
+    Raises:
+        UserError: if the picture would have more than ``LARGEST`` pixels on a side.
     """
     height, width = saved.size
+    resolution = resolution or max(height, width)
+    if resolution > LARGEST:
+        raise UserError(f"resolution={resolution} is more than {LARGEST} pixels; choose a smaller one")
     zoom = resolution / max(height, width)
-    height, width = max(1, round(height * zoom)), max(1, round(width * zoom))
-    picture = torch.empty(height, width, 3, dtype=torch.uint8)
-    order = front_to_back(saved.depth)
-    strokes = saved.strokes.moved(zoom=zoom)
-    for top, band in bands(strokes, order, (height, width), saved.background, renderer, blend):
-        picture[top : top + band.shape[1]] = torch.from_numpy(to_bytes(band))
-    return picture
+    size = (max(1, round(height * zoom)), max(1, round(width * zoom)))
+    return Work(saved.strokes.moved(zoom=zoom), saved.depth, size, saved.background, renderer, blend, name, source)
 
 
 def summary_line(folder: Path, metrics: dict[str, object]) -> str:

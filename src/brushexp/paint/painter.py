@@ -14,6 +14,7 @@ import lightning as L
 import torch
 from torch import Tensor, nn, optim
 
+from brushexp.blend.bands import bands
 from brushexp.blend.base import Canvas
 from brushexp.density.base import Revision, Survey
 from brushexp.errors import UserError
@@ -21,7 +22,6 @@ from brushexp.loss.base import Painting
 from brushexp.order.base import front_to_back
 from brushexp.paint.aim import Aim, enlarged
 from brushexp.paint.anytime import Anytime
-from brushexp.paint.bands import bands
 from brushexp.paint.metrics import psnr_of
 from brushexp.paint.partial import lend, take_back
 from brushexp.paint.parts import Parts

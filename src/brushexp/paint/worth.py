@@ -5,8 +5,8 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from brushexp.blend.bands import cuts
 from brushexp.blend.base import Blend
-from brushexp.paint.bands import cuts
 from brushexp.renderer.base import Renderer
 from brushexp.strokes.catalogue import Strokes
 
