@@ -108,7 +108,7 @@ def _stage_cost(painter: Painter, stage: int) -> Cost:
     cost, share = _full_cost(painter, stage), 0 if stage else painter.coarse
     if not share:
         return cost
-    small = _step(painter.trial(0, coarse=True), 1.0, first=True)
+    small = _step(painter.trial(0, coarse=True), 1.0)
     return Cost(share * small + (1 - share) * cost.step, cost.begin)
 
 
@@ -117,13 +117,13 @@ def _full_cost(painter: Painter, stage: int) -> Cost:
     n = len(painter.catalogue)
     trial = painter.trial(stage)
     if trial.looks_at_parts:
-        step = _step(trial, 1.0, first=True)
+        step = _step(trial, 1.0)
         if not stage:
             return Cost(step)  # the whole picture was drawn at the rehearsal
         return Cost(step, _line(n, SHARES, lambda share: _picture(painter.trial(stage, share)))(n))
     growth = painter.parts.density.mean_share if painter.budget > n else 1.0
     shares = (1.0,) if not stage and growth == 1 else SHARES  # the first stage was rehearsed with all strokes
-    seconds_of = _line(n, shares, lambda share: _step(painter.trial(stage, share), share, first=share == SHARES[0]))
+    seconds_of = _line(n, shares, lambda share: _step(painter.trial(stage, share), share))
     return Cost(seconds_of(growth * max(n, 1)) * (1 if stage else GROWTH))  # a later stage finds strokes that are done
 
 
@@ -140,11 +140,13 @@ def _line(n: int, shares: Sequence[float], seconds_of: Callable[[float], float])
     return Line.through(points)
 
 
-def _step(trial: Painter, share: float, *, first: bool) -> float:
-    """Seconds of a step, after those that load something, the ``first`` of their kind, or move strokes most."""
+def _step(trial: Painter, share: float) -> float:
+    """Seconds of a step, after one that loads something or is the first of its size, and those that move strokes most.
+
+    A network's first batch of a new size is slow.
+    """
     optimizer = trial.configure_optimizers()
-    if first or share == 1:
-        trial.advance(optimizer, ENOUGH if share == 1 else 0)
+    trial.advance(optimizer, ENOUGH if share == 1 else 0)
     begin, before = trial.clock(), trial.step
     trial.advance(optimizer, ENOUGH * max(share, 0.2))
     return (trial.clock() - begin) / (trial.step - before)
