@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import yaml  # type: ignore[import-untyped,unused-ignore]
 from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.blend.base import Blend
 from brushexp.errors import UserError
@@ -20,11 +23,32 @@ LARGEST = 65_536  # pixels of the longer side
 
 def renderer_of(saved: Saved) -> Renderer:
     """The renderer that a catalogue was made with: looked up by name, because a file must not name code to run."""
-    config = OmegaConf.create(saved.config)
-    node = config.get("renderer", {}) if isinstance(config, DictConfig) else {}
-    options: dict[str, Any] = {str(key): value for key, value in node.items() if not str(key).startswith("_")}
+    try:
+        node = config_of(saved).get("renderer", {})
+        if not isinstance(node, Mapping | DictConfig):
+            raise UserError(f"renderer is {str(node)!r} in the config of the catalogue; write renderer: {{}} there")
+        options: dict[str, Any] = {str(key): value for key, value in node.items() if not str(key).startswith("_")}
+    except OmegaConfBaseException as error:  # ${...} that stands for nothing
+        raise _not_settings(error) from error
     renderer: Renderer = build_named("renderer", saved.renderer, options)
     return renderer
+
+
+def config_of(saved: Saved) -> DictConfig:
+    """The settings that a catalogue was painted with.
+
+    Raises:
+        UserError: if they are not what a run writes.
+    """
+    try:
+        return DictConfig(OmegaConf.create(saved.config))
+    except (yaml.YAMLError, OmegaConfBaseException, ValueError) as error:
+        raise _not_settings(error) from error
+
+
+def _not_settings(error: Exception) -> UserError:
+    reason = " ".join(str(error).split())
+    return UserError(f"the config of the catalogue cannot be read ({reason}); mend it, or make it empty")
 
 
 def work_of(
@@ -49,7 +73,9 @@ def work_of(
         raise UserError(f"resolution={resolution} is more than {LARGEST} pixels; choose a smaller one")
     zoom = resolution / max(height, width)
     size = (max(1, round(height * zoom)), max(1, round(width * zoom)))
-    return Work(saved.strokes.moved(zoom=zoom), saved.depth, size, saved.background, renderer, blend, name, source)
+    strokes = saved.strokes.moved(zoom=zoom)
+    made = (saved.seed, saved.config)
+    return Work(strokes, saved.depth, size, saved.background, renderer, blend, name, source, *made)
 
 
 def summary_line(folder: Path, metrics: dict[str, object]) -> str:

@@ -1,6 +1,7 @@
 """``catalogue.h5``: a finished catalogue on disk, with all that is needed to render it again.
 
-One float32 dataset per field of `Strokes`, ``depth`` (int32, 0 = bottom), and attributes for the rest of `Saved`.
+A ``.json`` file, which task=export writes, is read as well: see `strokes.text`. In the HDF5 file:
+one float32 dataset per field of `Strokes`, ``depth`` (int32, 0 = bottom), and attributes for the rest of `Saved`.
 Everything in the file is covered by checksums of HDF5: it has them since format 1.10, but not for texts of variable
 length, in which one wrong byte can send the HDF5 library into an endless loop.
 """
@@ -19,12 +20,11 @@ from brushexp.errors import UserError
 from brushexp.files import write_bytes
 from brushexp.hdf5 import HDF5, attribute_of, dataset_of, fixed, text_of, whole_number_of
 from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
+from brushexp.strokes.text import DEPTH_UNIT, FORMAT, VERSION, check_version, parse
 
-FORMAT = "brushexp catalogue"
-VERSION = 1  # raise it whenever a file of the new kind would mislead an older reader
 LARGEST_SIDE = 1_000_000  # pixels
 MOST_STROKES = 100_000_000
-DEPTH_UNIT = "rank, 0 is the bottom stroke"
+LARGEST_TEXT = 2**30  # bytes of a JSON file: reading takes some ten times as much memory
 
 
 @dataclass(frozen=True)
@@ -96,6 +96,8 @@ def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
         raise UserError(f"there is no file {path}; give the catalogue.h5 of a finished run, {option}=...")
     try:
         path.open("rb").close()
+        if path.suffix.lower() == ".json":
+            return _read_text(path)
         if not h5py.is_hdf5(path):
             raise UserError(f"not an HDF5 file; give the catalogue.h5 of a finished run, {option}=...")
         with h5py.File(path, "r") as file:
@@ -134,13 +136,18 @@ def _read(file: h5py.File, option: str) -> Saved:
 def _check_format(file: h5py.File, option: str) -> None:
     if "format" not in file.attrs or text_of(file, "format") != FORMAT:
         raise UserError(f"an HDF5 file, but not a {FORMAT}; give the catalogue.h5 of a finished run, {option}=...")
-    version = whole_number_of(file, "format_version")
-    if version > VERSION:
-        raise UserError(
-            f"was written by a newer version of brushexp (format {version}; this one reads {VERSION}); update brushexp"
-        )
-    if version < 1:
-        raise UserError(f"format_version is {version}; {VERSION} is needed")
+    check_version(whole_number_of(file, "format_version"))
+
+
+def _read_text(path: Path) -> Saved:
+    size = path.stat().st_size
+    if size > LARGEST_TEXT:
+        raise UserError(f"{size} bytes of JSON; at most {LARGEST_TEXT} can be read, so give the catalogue.h5 instead")
+    strokes, depth, background, config, attributes = parse(path.read_text(encoding="utf-8-sig"))
+    canvas = (attributes.pop("height"), attributes.pop("width"))
+    check_strokes(strokes)
+    _check(strokes, depth, canvas, background, config)
+    return Saved(strokes=strokes, depth=depth.int(), size=canvas, background=background, config=config, **attributes)
 
 
 def _check(strokes: Strokes, depth: Tensor, size: tuple[int, int], background: Tensor, config: str) -> None:

@@ -4,44 +4,47 @@ from __future__ import annotations
 
 import logging
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from brushexp.checks import Export, check_keys
 from brushexp.errors import UserError
-from brushexp.paint.outputs import renderer_of, work_of
+from brushexp.paint.outputs import config_of, renderer_of, work_of
 from brushexp.registry import build, plugin_of, plugins
-from brushexp.strokes.storage import load_catalogue
+from brushexp.renderer.base import Renderer
+from brushexp.strokes.storage import Saved, load_catalogue
 
 log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, start: float) -> dict[str, object]:
     """Write a catalogue in every form of ``cfg.to`` into the run's folder."""
+    if OmegaConf.is_missing(cfg, "catalogue"):
+        raise UserError("no catalogue is given; add the one of a run: catalogue=outputs/.../catalogue.h5")
     check_keys(cfg, Export)
     if not cfg.to:
         choices = ", ".join(plugin.name for plugin in plugins("to"))
         raise UserError(f"to=[] writes nothing; choose one or more of {choices}")
     exporters = {name: build(node) for name, node in cfg.to.items()}
-    saved = load_catalogue(Path(cfg.catalogue))
-    chosen = cfg.get("renderer")
-    renderer = renderer_of(saved) if chosen is None else build(chosen)
-    name = saved.renderer if chosen is None else plugin_of(chosen).name
-    if name == saved.renderer and renderer.weights_hash != saved.renderer_hash:
-        log.warning(
-            "%s was painted with other weights of renderer=%s, so the picture will differ; "
-            "give those with renderer=%s renderer.checkpoint=...",
-            cfg.catalogue, saved.renderer, saved.renderer,
-        )  # fmt: skip
-    work = work_of(saved, renderer, build(cfg.blend), name, cfg.resolution, cfg.catalogue)
+    saved, renderer = with_renderer(load_catalogue(Path(cfg.catalogue)), cfg.get("renderer"), cfg.catalogue)
+    work = work_of(saved, renderer, build(cfg.blend), saved.renderer, cfg.resolution, cfg.catalogue)
     folder = Path(HydraConfig.get().runtime.output_dir)
     before = time.monotonic()
-    for exporter in exporters.values():
+    for name, exporter in exporters.items():
         begin = time.monotonic()
-        for path in exporter.write(work, folder):
-            log.info("%s: %s (%.1f s)", path, in_bytes(path.stat().st_size), time.monotonic() - begin)
+        try:
+            paths = exporter.write(work, folder)
+        except MemoryError as error:
+            height, width = work.size
+            raise UserError(
+                f"to={name}: no memory for {width} x {height} pixels; choose a smaller resolution"
+            ) from error
+        seconds = time.monotonic() - begin
+        for path in paths:
+            log.info("%s: %s (%.1f s)", path, in_bytes(path.stat().st_size), seconds)
     return {
         "n_strokes": len(work.strokes),
         "height": work.size[0],
@@ -50,6 +53,31 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         "seconds_total": time.monotonic() - start,
         "status": "completed",
     }
+
+
+def with_renderer(saved: Saved, chosen: DictConfig | None, path: str) -> tuple[Saved, Renderer]:
+    """The renderer to draw with, and the catalogue as if it had been painted with it.
+
+    Args:
+        saved: the catalogue.
+        chosen: config of a renderer; None for the one that the catalogue was made with.
+        path: of the catalogue, for the log.
+    """
+    renderer: Renderer = renderer_of(saved) if chosen is None else build(chosen)
+    name = saved.renderer if chosen is None else plugin_of(chosen).name
+    if name == saved.renderer and renderer.weights_hash != saved.renderer_hash:
+        log.warning(
+            "%s was painted with other weights of renderer=%s, so the picture will differ; "
+            "give those with renderer=%s renderer.checkpoint=...",
+            path, saved.renderer, saved.renderer,
+        )  # fmt: skip
+    if chosen is None:
+        return saved, renderer
+    config = OmegaConf.merge(config_of(saved), {"renderer": None})
+    config.renderer = OmegaConf.to_container(chosen, resolve=True)
+    return replace(
+        saved, renderer=name, renderer_hash=renderer.weights_hash, config=OmegaConf.to_yaml(config)
+    ), renderer
 
 
 def in_bytes(count: int) -> str:

@@ -1,0 +1,614 @@
+"""What leaves the program: every exporter keeps its contract, and what it writes is the painting."""
+
+import csv
+import io
+import json
+import math
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hydra.errors import HydraException
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from omegaconf import OmegaConf
+from PIL import Image
+from scenes import random_strokes, straight
+
+from brushexp.blend.dense import Dense
+from brushexp.blend.tiled import Tiled
+from brushexp.command_line import explanation, in_full
+from brushexp.errors import UserError
+from brushexp.files import to_bytes
+from brushexp.paint.assembly import strokes_from
+from brushexp.paint.outputs import renderer_of, work_of
+from brushexp.registry import build_named, plugins
+from brushexp.renderer.analytic import Analytic
+from brushexp.renderer.base import smooth_rise
+from brushexp.strokes.bezier import curve_of
+from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
+from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
+from brushexp.strokes.text import lines, parse
+from brushexp.task.export import with_renderer
+from brushexp.to.base import Exporter, Work, counted
+from brushexp.to.csv import Csv
+from brushexp.to.json import Json
+from brushexp.to.png import Png, pixels
+from brushexp.to.svg import Svg, soft_edge
+
+ROOT = Path(__file__).parents[1]
+SIZE = (36, 52)
+EXPORTERS = [plugin.name for plugin in plugins("to")]
+CONFIG = "renderer:\n  _target_: brushexp.renderer.analytic.Analytic\n  soft: 1.5\n  taper: 0.0\nimage: größe.png\n"
+ATTRIBUTES = {"height": 3, "width": 4, "renderer": "analytic", "renderer_hash": "", "seed": 0}
+resvg = pytest.importorskip("resvg_py", reason="pip install resvg-py: it draws our SVG independently")
+
+
+def work(
+    strokes: Strokes, size: tuple[int, int] = SIZE, *, soft: float = 2.0, taper: float = 0.0, seed: int = 0
+) -> Work:
+    """Strokes in a random order on a coloured canvas."""
+    depth = torch.randperm(len(strokes), generator=torch.Generator().manual_seed(seed)).int()
+    renderer = Analytic(soft=soft, taper=taper)
+    background = torch.tensor([0.9, 0.85, 0.7])
+    return Work(strokes, depth, size, background, renderer, Tiled(), "analytic", "run <1> & more.h5", 7, CONFIG)
+
+
+def some(n: int = 9, size: tuple[int, int] = SIZE, seed: int = 0) -> Strokes:
+    return random_strokes(n, size, seed=seed, width=(0.1, 0.3))
+
+
+def exporter(name: str) -> Exporter:
+    try:
+        made: Exporter = build_named("to", name, {})
+    except UserError as error:
+        if "pip install" in str(error):
+            pytest.skip(str(error))
+        raise
+    return made
+
+
+def written(name: str, what: Work, folder: Path) -> dict[str, bytes]:
+    """Names and contents of the files that an exporter wrote, after a look at what every one promises."""
+    folder.mkdir(parents=True)
+    paths = exporter(name).write(what, folder)
+    assert paths, "the files are told"
+    assert all(path.parent == folder for path in paths)
+    assert sorted(paths) == sorted(folder.iterdir()), "all of them, and nothing else"
+    return {path.name: path.read_bytes() for path in paths}
+
+
+def drawn(svg: bytes) -> np.ndarray:
+    """What an independent renderer makes of our SVG, (H, W, 3)."""
+    data = bytes(resvg.svg_to_bytes(svg_string=svg.decode(), skip_system_fonts=True))
+    return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
+
+
+def picture(path: Path) -> np.ndarray:
+    with Image.open(path) as image:
+        return np.asarray(image)
+
+
+def psnr(a: np.ndarray, b: np.ndarray) -> float:
+    assert a.shape == b.shape
+    return 10 * math.log10(255**2 / max(float(((a.astype(float) - b) ** 2).mean()), 1e-9))
+
+
+# The contract of every exporter.
+
+
+@pytest.mark.parametrize("name", EXPORTERS)
+def test_an_exporter_writes_the_same_files_again_and_leaves_the_work_as_it_was(name, tmp_path):
+    strokes = some()
+    what = work(strokes.map(torch.clone))
+    depth = what.depth.clone()
+    first = written(name, what, tmp_path / "a")
+    assert all(first.values()), "no file is empty"
+    assert written(name, what, tmp_path / "b") == first
+    for field in FIELDS:
+        assert torch.equal(getattr(what.strokes, field), getattr(strokes, field))
+    assert torch.equal(what.depth, depth)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
+
+
+@pytest.mark.parametrize("name", EXPORTERS)
+@pytest.mark.parametrize("scene", ["no strokes", "one stroke", "one pixel", "a column", "nothing to see"])
+def test_an_exporter_writes_an_extreme_painting_or_says_why_not(name, scene, tmp_path):
+    what = {
+        "no strokes": lambda: work(some(0)),
+        "one stroke": lambda: work(some(1)),
+        "one pixel": lambda: work(some(3, (1, 1)), (1, 1)),
+        "a column": lambda: work(some(3, (40, 1)), (40, 1)),
+        "nothing to see": lambda: work(degenerate()),
+    }[scene]()
+    why = ""
+    try:
+        assert written(name, what, tmp_path / "a")
+    except UserError as error:
+        why = str(error)
+    assert "\n" not in why
+    assert bool(why) is not bool(list((tmp_path / "a").iterdir())), "nothing is left of what could not be written"
+
+
+@pytest.mark.parametrize("name", EXPORTERS)
+def test_an_exporter_that_may_not_write_says_so_in_one_line(name, tmp_path):
+    with pytest.raises(UserError, match=r"cannot (write|use)") as caught:
+        exporter(name).write(work(some(3)), tmp_path / "missing")
+    assert "\n" not in str(caught.value)
+
+
+def degenerate() -> Strokes:
+    """Strokes without length, width, opacity, and off the canvas."""
+    strokes = some(4)
+    strokes.start[0] = strokes.control[0] = strokes.end[0] = 0.0
+    strokes.width[1], strokes.opacity[2] = 0.0, 0.0
+    strokes.position[3] = 9e5
+    return strokes
+
+
+# SVG
+
+
+@pytest.mark.parametrize(
+    ("taper", "outlines", "least"), [(0.0, 1, 33), (0.0, 2, 38), (0.0, 4, 38), (0.7, 1, 33), (1.0, 2, 36)]
+)
+def test_another_renderer_draws_the_svg_like_the_painting(taper, outlines, least, tmp_path):
+    strokes = random_strokes(150, (96, 128), width=(0.1, 0.4), bend=0.3)
+    what = work(strokes, (96, 128), taper=taper)
+    (path,) = Svg(outlines=outlines).write(what, tmp_path)
+    assert psnr(drawn(path.read_bytes()), pixels(what)) > least
+
+
+@pytest.mark.parametrize("soft", [0.5, 2.0, 6.0])
+def test_several_outlines_make_a_soft_edge(soft, tmp_path):
+    what = work(straight((20, 18), (32, 20), width=14, opacity=0.8), soft=soft)
+    found = [psnr(drawn(Svg(outlines=k).write(what, tmp_path)[0].read_bytes()), pixels(what)) for k in (1, 6)]
+    assert found[1] > found[0] - 0.5
+    assert found[1] > 36
+
+
+@pytest.mark.parametrize("taper", [0.0, 0.6])
+def test_curves_that_fold_and_strokes_without_length_are_drawn(taper, tmp_path):
+    there = torch.tensor([[26.0, 18.0]])
+    shapes = {
+        "fold": ([-0.5, 0.0], [1.5, 0.0], [-0.5, 0.02]),
+        "sharp": ([-0.8, -0.2], [1.2, 0.0], [-0.8, 0.3]),
+        "point": ([0.0, 0.0], [0.0, 0.0], [0.0, 0.0]),
+        "control at the start": ([-0.6, 0.3], [-0.6, 0.3], [0.6, -0.3]),
+        "control at the end": ([-0.6, 0.3], [0.6, -0.3], [0.6, -0.3]),
+    }
+    for name, points in shapes.items():
+        start, control, end = (torch.tensor([point]) for point in points)
+        stroke = Strokes(
+            there, torch.tensor([30.0]), start, control, end, torch.tensor([0.3]), torch.zeros(1, 3), torch.ones(1)
+        )
+        what = replace(work(stroke, taper=taper), blend=Dense())
+        (path,) = Svg(outlines=2).write(what, tmp_path)
+        assert psnr(drawn(path.read_bytes()), pixels(what)) > 30, name
+
+
+@pytest.mark.parametrize("width", [0.05, 0.3, 1.0, 1.9, 2.1, 5.0])
+def test_a_thin_stroke_fades_as_it_does_in_the_painting(width, tmp_path):
+    what = work(straight((8, 6.3), (44, 29.6), width=width, color=(0.0, 0.0, 0.0)))
+    ours, theirs = (
+        255 - picture.astype(float) for picture in (pixels(what), drawn(Svg().write(what, tmp_path)[0].read_bytes()))
+    )
+    bare = 255 - to_bytes(what.background[:, None, None])[0, 0].astype(float)
+    paint = (ours - bare).sum()
+    assert (theirs - bare).sum() == pytest.approx(paint, rel=0.03, abs=260)
+
+
+def test_outlines_cover_what_a_soft_stroke_does():
+    half = torch.tensor([0.02, 0.4, 0.99, 1.0, 3.0, 20.0], dtype=torch.float64)
+    for count in (1, 2, 3, 8):
+        middle, offset, alpha = soft_edge(half, torch.full_like(half, 0.7), 2.0, count)
+        widths = middle[:, None] + offset
+        assert (widths > 0).all()
+        assert (widths.diff(dim=1) <= 0).all(), "the widest lies below"
+        peak = 1.4 * smooth_rise(half / 2.0)
+        torch.testing.assert_close(1 - (1 - alpha).prod(1), peak, msg="as opaque in the middle")
+        torch.testing.assert_close((2 * widths * peak[:, None] / count).sum(1), 1.4 * half, msg="as much paint across")
+
+
+def test_the_svg_has_a_path_for_each_stroke_that_can_be_seen_bottom_first(tmp_path):
+    what = work(degenerate())
+    (path,) = Svg(digits=3).write(what, tmp_path)
+    name = "{http://www.w3.org/2000/svg}"
+    root = ET.fromstring(path.read_text())
+    assert root.attrib == {"width": "52px", "height": "36px", "viewBox": "0 0 52 36"}
+    assert root.find(f"{name}title").text == "4 brush strokes"
+    assert "run <1> & more.h5" in root.find(f"{name}desc").text
+    canvas, *paths = root.find(f"{name}g")
+    assert canvas.get("fill") == "#e6d9b3"
+    seen = [i for i in what.bottom_up.tolist() if i in (0, 3)]
+    colors = ["#" + bytes(int(c * 255 + 0.5) for c in what.strokes.color[i].tolist()).hex() for i in seen]
+    assert [path.get("stroke") for path in paths] == colors
+    dot = paths[seen.index(0)]
+    x, y = curve_of(what.strokes)[0, 0].tolist()
+    assert dot.get("d") == f"M{x:.3f}".rstrip("0") + f" {y:.3f}".rstrip("0") + "h.001"
+    assert float(dot.get("stroke-width")) == pytest.approx(
+        float(what.strokes.width[0] * what.strokes.scale[0]), abs=1e-3
+    )
+    assert float(dot.get("stroke-opacity")) == pytest.approx(float(what.strokes.opacity[0]), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "source", ["a\x00b\x1b\ud800.h5", "<script>alert(1)</script>", "--> ]]> &amp; \"'", "größe 画.h5"]
+)
+def test_no_name_of_a_file_breaks_the_svg(source, tmp_path):
+    (path,) = Svg().write(replace(work(some(2)), source=source), tmp_path)
+    root = ET.fromstring(path.read_text(encoding="utf-8"))
+    seen = re.sub("[\x00-\x1f\ud800]", "?", source)
+    assert f"from {seen};" in root.find("{http://www.w3.org/2000/svg}desc").text
+    assert {element.tag.rpartition("}")[2] for element in root.iter()} == {
+        "svg",
+        "title",
+        "desc",
+        "clipPath",
+        "g",
+        "path",
+    }
+
+
+def test_the_svg_says_when_the_renderer_has_textures(tmp_path):
+    textured = replace(work(some(4)), renderer=build_named("renderer", "textured", {}).eval(), name="textured")
+    (path,) = Svg().write(textured, tmp_path)
+    assert "The renderer textured gives them a texture, which paths cannot hold." in path.read_text()
+    assert path.read_text().count("<path") == 4 + 2
+    (plain,) = Svg().write(work(some(4)), tmp_path)
+    assert "texture" not in plain.read_text()
+
+
+def test_coordinates_have_as_many_decimals_as_wanted(tmp_path):
+    what = work(some(200, (300, 400)), (300, 400))
+    sizes = [Svg(digits=digits).write(what, tmp_path)[0].stat().st_size for digits in (0, 2, 6)]
+    assert sizes == sorted(sizes)
+    assert sizes[1] / 200 < 110, "10,000 strokes are about a megabyte"
+    for options in ({"digits": 7}, {"digits": -1}, {"outlines": 0}, {"outlines": 9}):
+        with pytest.raises(UserError, match=r"to\.svg\."):
+            Svg(**options)
+
+
+# JSON
+
+
+def saved(n: int = 7, size: tuple[int, int] = (30, 50)) -> Saved:
+    torch.manual_seed(n)
+    strokes = {name: torch.rand(field.shape(n)).clamp(min=0.01) for name, field in FIELDS.items()}
+    depth = torch.randperm(n).int()
+    return Saved(Strokes(**strokes), depth, size, torch.rand(3), "analytic", "", 3, CONFIG)
+
+
+def exported(what: Saved, folder: Path) -> Path:
+    (path,) = Json().write(work_of(what, renderer_of(what), Tiled(), what.renderer), folder)
+    return path
+
+
+def assert_same(read: Saved, what: Saved) -> None:
+    for name in FIELDS:
+        torch.testing.assert_close(getattr(read.strokes, name), getattr(what.strokes, name), rtol=0, atol=0)
+    assert torch.equal(read.depth, what.depth)
+    assert read.depth.dtype == torch.int32
+    assert torch.equal(read.background, what.background)
+    for name in ("size", "renderer", "renderer_hash", "seed", "config"):
+        assert getattr(read, name) == getattr(what, name)
+
+
+@pytest.mark.parametrize("n", [0, 1, 7, 3000])
+def test_a_catalogue_comes_back_from_json_as_it_was(n, tmp_path):
+    assert_same(load_catalogue(exported(saved(n), tmp_path)), saved(n))
+
+
+@given(st.lists(st.floats(width=32, allow_nan=False, allow_infinity=False), min_size=6, max_size=6))
+def test_every_number_comes_back_to_the_last_bit(numbers):
+    what = saved(1).strokes
+    what.start[0], what.control[0], what.end[0] = torch.tensor(numbers).split(2)
+    read, *_ = parse("".join(lines(what, torch.tensor([0]), torch.zeros(3), "", ATTRIBUTES)))
+    for name in FIELDS:
+        assert getattr(read, name).numpy().tobytes() == getattr(what, name).numpy().tobytes()
+
+
+def test_the_json_holds_what_the_hdf5_holds(tmp_path):
+    save_catalogue(tmp_path / "catalogue.h5", saved())
+    first = load_catalogue(tmp_path / "catalogue.h5")
+    assert_same(load_catalogue(exported(first, tmp_path)), first)
+
+
+def test_the_json_is_readable(tmp_path):
+    text = exported(saved(), tmp_path).read_text(encoding="utf-8")
+    data = json.loads(text)
+    assert list(data)[:4] == ["format", "format_version", "height", "width"]
+    assert set(data["units"]) == set(data["strokes"][0]) == {*FIELDS, "depth"}
+    assert "image: größe.png" in data["config"]
+    assert "größe" in text
+    rows = [line for line in text.splitlines() if '"position": [' in line]
+    assert len(rows) == 7
+    assert all(json.loads(row.strip().rstrip(",")) for row in rows)
+
+
+def test_edited_strokes_are_painted(tmp_path):
+    path = exported(saved(), tmp_path)
+    data = json.loads(path.read_text())
+    order = np.argsort([stroke.pop("depth") for stroke in data["strokes"]])
+    data["strokes"] = [data["strokes"][i] for i in order][1:]
+    data["strokes"][0]["color"] = [1, 0, 0.5]
+    path.write_text("\ufeff" + json.dumps(data, indent=1), encoding="utf-8")  # as some editors write it
+    read = load_catalogue(path)
+    assert read.depth.tolist() == list(range(6)), "without depth, the first is at the bottom"
+    assert read.strokes.color[0].tolist() == [1, 0, 0.5]
+    assert pixels(work_of(read, renderer_of(read), Tiled(), "", 100)).shape == (60, 100, 3)
+    assert len(strokes_from(path, (60, 100))) == 6, "and task=paint goes on from them"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.update(format="x"), "not a brushexp catalogue"),
+        (lambda d: d.update(format_version=2), "was written by a newer version of brushexp .*update brushexp"),
+        (lambda d: d.update(format_version=0), "format_version is 0; 1 is needed"),
+        (lambda d: d.update(format_version=True), "format_version is True; a whole number is needed"),
+        (lambda d: d.update(height=0), "the canvas is 0 x 50 pixels"),
+        (lambda d: d.update(width=10**30), r"width is 1e\+30; a whole number is needed"),
+        (lambda d: d.update(width=3.5), "width is 3.5; a whole number is needed"),
+        (lambda d: d.update(background=[0.1, 0.2]), r"background is \[0.1, 0.2\]; a list of 3 numbers is needed"),
+        (lambda d: d.update(background=[0, 0, 2]), r"background is \[0.0, 0.0, 2.0\]; three numbers in \[0, 1\]"),
+        (lambda d: d.update(background=[0, 0, 1e40]), "background is .*three numbers"),
+        (lambda d: d.update(renderer=None), "renderer is None; text is needed"),
+        (lambda d: d.update(seed="x"), "seed is 'x'; a whole number is needed"),
+        (lambda d: d.update(config="a: 1"), "config is 'a: 1'; a list of the lines"),
+        (lambda d: d.update(config=["a: &x [1]", "b: *x"]), "config contains a YAML alias"),
+        (lambda d: d.update(config=["a: [1"]), "config is not YAML"),
+        (lambda d: d.pop("config"), "has no config; it is damaged or not complete"),
+        (lambda d: d.update(strokes={}), r"strokes is \{\}; a list is needed"),
+        (lambda d: d["strokes"].append(3), "stroke 7 is 3; {...} with its fields is needed"),
+        (lambda d: d["strokes"][2].pop("end"), "stroke 2 has no end; it is damaged or not complete"),
+        (lambda d: d["strokes"][2].pop("depth"), "stroke 2 has no depth; give one to all"),
+        (lambda d: d["strokes"][2].update(colour=[]), "stroke 2 has a field 'colour'; the fields are position"),
+        (lambda d: d["strokes"][2].update(width="1"), "stroke 2: width is '1'; a number is needed"),
+        (lambda d: d["strokes"][2].update(width=True), "stroke 2: width is True; a number is needed"),
+        (lambda d: d["strokes"][2].update(start=[1]), r"stroke 2: start is \[1\]; a list of 2 numbers is needed"),
+        (lambda d: d["strokes"][2].update(opacity=1.5), r"stroke 2: opacity is 1.5; it must lie in \[0, 1\]"),
+        (lambda d: d["strokes"][2].update(scale=1e300), "stroke 2: scale is inf; it must lie in"),
+        (lambda d: d["strokes"][2].update(scale=10**400), "stroke 2: scale is inf; it must lie in"),
+        (lambda d: d["strokes"][2].update(depth=0.5), "stroke 2: depth is 0.5; a whole number is needed"),
+        (lambda d: d["strokes"][2].update(depth=d["strokes"][5]["depth"]), "strokes 2 and 5 both have depth"),
+    ],
+)
+def test_a_wrong_value_is_explained(change, message, tmp_path):
+    path = exported(saved(), tmp_path)
+    data = json.loads(path.read_text())
+    change(data)
+    path.write_text(json.dumps(data))
+    assert_refused(path, message)
+
+
+def test_strokes_that_could_not_be_read_back_are_not_written(tmp_path):
+    small = replace(saved(), strokes=replace(saved().strokes, scale=torch.full((7,), 0.01)))
+    work = work_of(small, renderer_of(small), Tiled(), small.renderer, resolution=1)
+    with pytest.raises(UserError, match=r"to=json .*scale is .*; choose another resolution"):
+        Json().write(work, tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("typed", "message"),
+    [
+        ("catalogue=ö,b.h5", "catalogue=ö,b.h5 has letters that must stand in quotes"),
+        ("to.hpgl.pens=black", r"to.hpgl.pens takes a list; write 'to.hpgl.pens=\[black\]'"),
+    ],
+)
+def test_what_is_typed_wrongly_is_answered_by_what_to_type(typed, message, config):
+    with pytest.raises(HydraException) as caught:
+        config("task=export", "to=[hpgl]", typed)
+    assert re.match(message, explanation(caught.value))
+
+
+def test_strokes_may_be_deleted_and_the_others_keep_their_order(tmp_path):
+    path = exported(saved(), tmp_path)
+    data = json.loads(path.read_text())
+    bottom = min(range(7), key=lambda k: data["strokes"][k]["depth"])
+    del data["strokes"][bottom]
+    path.write_text(json.dumps(data))
+    read, before = load_catalogue(path), saved()
+    kept = torch.tensor([k for k in range(7) if k != bottom])
+    assert torch.equal(read.strokes.position, before.strokes.position[kept])
+    assert torch.equal(read.depth, before.depth[kept] - 1)
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        "renderer: analytic", "renderer: null", "renderer: [1]", "renderer: {soft: 1, soft: 2}", "a: !!int x",
+        "renderer: {taper: '${nope}'}", "renderer: {taper: '${'}", "a: !!python/name:os.system x", "? [a, b]\n: c",
+    ],
+)  # fmt: skip
+def test_settings_that_someone_spoilt_are_explained(config, tmp_path):
+    save_catalogue(tmp_path / "a.h5", replace(saved(), config=config))
+    with pytest.raises(UserError, match="config of the catalogue") as caught:
+        renderer_of(load_catalogue(tmp_path / "a.h5"))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"not JSON \(line 1, column 1"),
+        ('{"format": "brushexp catalogue",\n}', r"not JSON \(line 2, column 1"),
+        ("[1, 2]", "not a brushexp catalogue"),
+        ("[" * 100_000, "too many brackets"),
+        ('{"a": NaN}', "NaN is not a number of JSON"),
+        ('{"a": -Infinity}', "-Infinity is not a number of JSON"),
+        ('{"seed": 1, "seed": 2}', "'seed' stands twice in one object"),
+    ],
+)
+def test_a_wrong_text_is_explained(text, message, tmp_path):
+    (tmp_path / "a.json").write_text(text)
+    assert_refused(tmp_path / "a.json", message)
+
+
+def test_bytes_that_are_no_text_are_explained(tmp_path):
+    (tmp_path / "a.JSON").write_bytes(b"\x89HDF\r\n\x1a\n\xff\xfe")
+    assert_refused(tmp_path / "a.JSON", "is damaged or cut short")
+
+
+def assert_refused(path: Path, message: str) -> None:
+    with pytest.raises(UserError, match=message) as caught:
+        load_catalogue(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 400 + len(str(path))
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.data())
+def test_damage_is_noticed_or_harmless(tmp_path_factory, data):
+    folder = tmp_path_factory.mktemp("damaged")
+    path = exported(saved(2), folder)
+    text = path.read_bytes()
+    place = data.draw(st.integers(0, len(text) - 1))
+    cut = data.draw(st.integers(0, 30))
+    path.write_bytes(text[:place] + data.draw(st.binary(max_size=4)) + text[place + cut :])
+    why = str(path)
+    try:
+        read = load_catalogue(path)
+        check_strokes(read.strokes)
+        assert sorted(read.depth.tolist()) == list(range(len(read.strokes)))
+    except UserError as error:
+        why = str(error)
+    assert str(path) in why
+    assert "\n" not in why
+
+
+def test_a_text_that_is_too_long_is_refused_before_it_is_read(tmp_path, monkeypatch):
+    path = exported(saved(), tmp_path)
+    monkeypatch.setattr("brushexp.strokes.storage.LARGEST_TEXT", 100)
+    assert_refused(path, "bytes of JSON; at most 100 can be read")
+
+
+# CSV
+
+
+def test_the_table_has_the_strokes_in_pixels_bottom_first(tmp_path):
+    strokes = Strokes.join(
+        straight((10, 20), (30, 20), width=4), straight((5, 30), (5, 10), width=1, color=(0, 0.5, 1), opacity=0.25)
+    )
+    what = replace(work(strokes), depth=torch.tensor([1, 0]).int())
+    (path,) = Csv().write(what, tmp_path)
+    first, second = csv.DictReader(path.read_text().splitlines())
+    numbers = {key: float(value) for key, value in first.items()}
+    assert numbers == pytest.approx(
+        {
+            "stroke": 1, "start_x_px": 5, "start_y_px": 30, "control_x_px": 5, "control_y_px": 20, "end_x_px": 5,
+            "end_y_px": 10, "width_px": 1, "red": 0, "green": 0.5, "blue": 1, "opacity": 0.25, "length_px": 20,
+            "direction_deg": 90,
+        }
+    )  # fmt: skip
+    assert (second["stroke"], second["direction_deg"], second["length_px"]) == ("0", "0", "20")
+
+
+def test_a_point_has_no_direction_in_the_table(tmp_path):
+    (path,) = Csv().write(work(degenerate()), tmp_path)
+    rows = {row["stroke"]: row for row in csv.DictReader(path.read_text().splitlines())}
+    assert rows["0"]["direction_deg"] == ""
+    assert float(rows["0"]["length_px"]) < 1e-6
+
+
+def test_the_table_of_no_strokes_has_a_header(tmp_path):
+    (path,) = Csv().write(work(some(0)), tmp_path)
+    assert len(path.read_text().splitlines()) == 1
+
+
+# PNG
+
+
+@pytest.mark.parametrize("compression", [1, 9])
+def test_the_png_has_the_pixels_of_the_painting(compression, tmp_path, monkeypatch):
+    monkeypatch.setattr("brushexp.blend.bands.BAND", 52 * 7)
+    what = work(some(40))
+    (path,) = Png(compression=compression).write(what, tmp_path)
+    assert np.array_equal(picture(path), pixels(what))
+
+
+def test_a_level_of_compression_that_is_none_is_refused():
+    with pytest.raises(UserError, match=r"to.png.compression=0 is not a level from 1 to 9"):
+        Png(compression=0)
+
+
+def test_a_large_picture_has_a_bar_and_is_the_same(tmp_path, monkeypatch):
+    what = work(some(20))
+    small = pixels(what)
+    monkeypatch.setattr("brushexp.to.base.LARGE", 1)
+    assert np.array_equal(pixels(what), small)
+    assert list(counted(iter("abc"), 3, "writing")) == ["a", "b", "c"]
+
+
+# All of them, and what is typed.
+
+
+@pytest.mark.parametrize("name", ["svg", "json", "csv", "png"])
+def test_fifty_thousand_strokes_are_written(name, tmp_path):
+    what = work(random_strokes(50_000, (120, 90), width=(0.05, 0.2)), (120, 90))
+    assert written(name, what, tmp_path / "a")
+
+
+def test_a_chosen_renderer_becomes_that_of_the_catalogue(tmp_path):
+    chosen = OmegaConf.create({"_target_": "brushexp.renderer.analytic.Analytic", "soft": 5.0, "taper": 0.5})
+    made, renderer = with_renderer(saved(), chosen, "a.h5")
+    assert (renderer.soft, renderer.taper) == (5.0, 0.5)
+    (path,) = Json().write(work_of(made, renderer, Tiled(), made.renderer), tmp_path)
+    again = renderer_of(load_catalogue(path))
+    assert (again.soft, again.taper) == (5.0, 0.5)
+    assert OmegaConf.create(made.config).image == "größe.png"
+
+
+def test_the_program_writes_all_of_them_at_once(tmp_path):
+    path = exported(saved(), tmp_path)
+    typed = ["task=export", f"catalogue={path}", "to=svg,json,csv,png", "threads=1", f"output={tmp_path}/out"]
+    command = [sys.executable, "-W", "ignore::FutureWarning", str(ROOT / "run.py"), *typed]
+    result = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert result.returncode == 0, result.stderr
+    assert_same(load_catalogue(tmp_path / "out" / "strokes.json"), saved())
+    for name in ("strokes.svg", "strokes.json", "strokes.csv", "painting.png"):
+        assert re.search(rf"{name}: [\d.]+ (bytes|kB) \([\d.]+ s\)", result.stdout), "each with its size and time"
+    assert psnr(drawn((tmp_path / "out" / "strokes.svg").read_bytes()), picture(tmp_path / "out" / "painting.png")) > 30
+
+
+@pytest.mark.parametrize(
+    ("typed", "full"),
+    [
+        (["to=svg,json"], ["to=[svg,json]"]),
+        (["to=svg"], ["to=[svg]"]),
+        (["to=[svg,json]"], ["to=[svg,json]"]),
+        (["to=[]"], ["to=[]"]),
+        (["-m", "to=svg,json"], ["-m", "to=svg,json"]),
+        (["to=svg,json", "--multirun"], ["to=svg,json", "--multirun"]),
+        (["logger=csv,wandb"], ["logger=[csv,wandb]"]),
+        (["light=315,45"], ["to.relief.light=[315,45]"]),
+        (["light=[-20.5,45]"], ["to.relief.light=[-20.5,45]"]),
+        (["style=a.jpg", "output=to=x,y"], ["style.image=a.jpg", "output=to=x,y"]),
+        (["to.svg.digits=3", "light_source=3"], ["to.svg.digits=3", "light_source=3"]),
+        (["catalogue=Gemälde <1>/a b.h5"], ['catalogue="Gemälde <1>/a b.h5"']),
+        (["catalogue=it's.h5", "output='ö'"], ['catalogue="it\'s.h5"', "output='ö'"]),
+        (["-m", "catalogue=ö.h5,b.h5"], ["-m", 'catalogue="ö.h5",b.h5']),
+        (["to.hpgl.pens=[black,'#fff']", "--config-dir=ö"], ["to.hpgl.pens=[black,'#fff']", "--config-dir=ö"]),
+    ],
+)
+def test_short_forms_are_written_out(typed, full):
+    assert in_full(["task=export", *typed]) == ["task=export", *full]
+
+
+def test_what_is_typed_reaches_the_exporters(config):
+    cfg = config(*in_full(["task=export", "catalogue=a.h5", "to=svg,json", "to.svg.digits=3"]))
+    assert list(cfg.to) == ["svg", "json"]
+    assert cfg.to.svg.digits == 3
+
+
+@pytest.mark.parametrize("to", ["svg", "[svg]"])
+def test_a_sweep_may_go_over_exporters(config, to):
+    assert list(config("task=export", "catalogue=a.h5", f"to={to}").to) == ["svg"]
