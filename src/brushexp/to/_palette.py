@@ -1,0 +1,68 @@
+"""A few inks in place of many colours."""
+
+import numpy as np
+
+Array = np.ndarray
+
+ROUNDS = 100  # of k-means; it settles in a dozen
+
+
+def palette(lab: Array, weight: Array, count: int) -> Array:
+    """The inks that a picture can best be drawn with: k-means in CIELAB (Lloyd, 1982).
+
+    It starts from one ink and adds, where the error is largest, one after the other; so that there is nothing random in
+    it, and no further ink makes the error larger.
+
+    Args:
+        lab: (N, 3) colours in CIELAB.
+        weight: (N,) how much of the picture has each, >= 0.
+        count: of inks at most.
+
+    Returns:
+        Inks (K, 3) in CIELAB, K <= count: no more than there are different colours.
+    """
+    lab, weight = lab[weight > 0], weight[weight > 0]
+    if len(lab) == 0:
+        return np.empty((0, 3))
+    inks = np.average(lab, axis=0, weights=weight)[None]
+    while True:
+        inks = _settled(lab, weight, inks)
+        error = weight * np.square(lab - inks[nearest(lab, inks)]).sum(1)
+        if len(inks) == count or error.max() <= 1e-9 * weight.max():
+            return inks
+        inks = np.concatenate([inks, lab[[error.argmax()]]])
+
+
+def nearest(lab: Array, inks: Array) -> Array:
+    """Number (N,) of the ink (K, 3) that is most like each colour (N, 3)."""
+    found: Array = (np.square(inks).sum(1) - 2 * lab @ inks.T).argmin(1)  # squared distances, but for |lab|^2
+    return found
+
+
+def _settled(lab: Array, weight: Array, inks: Array) -> Array:
+    """Inks that are the mean of the colours drawn with them."""
+    chosen = nearest(lab, inks)
+    for _ in range(ROUNDS):
+        share = np.bincount(chosen, weight, len(inks))[:, None]
+        total = np.stack([np.bincount(chosen, weight * channel, len(inks)) for channel in lab.T], axis=1)
+        inks = np.where(share > 0, total / np.maximum(share, np.finfo(float).tiny), inks)
+        before, chosen = chosen, nearest(lab, inks)
+        if np.array_equal(before, chosen):
+            break
+    return inks
+
+
+def to_lab(rgb: Array) -> Array:
+    """Colours (N, 3) of sRGB in [0, 1] in CIELAB."""
+    from skimage.color import rgb2lab  # noqa: PLC0415  (slow to import)
+
+    lab: Array = rgb2lab(rgb.reshape(-1, 1, 3)).reshape(-1, 3)
+    return lab
+
+
+def to_rgb(lab: Array) -> Array:
+    """Colours (N, 3) of CIELAB in sRGB, those that a screen cannot show clipped to [0, 1]."""
+    from skimage.color import lab2rgb  # noqa: PLC0415  (slow to import)
+
+    rgb: Array = lab2rgb(lab.reshape(-1, 1, 3)).reshape(-1, 3)
+    return rgb.clip(0, 1)
