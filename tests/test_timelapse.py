@@ -7,10 +7,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import torch
-from PIL import Image
+from films import decoded, unrolled
+from torch.nn.functional import interpolate as resize
 
 from brushexp.errors import UserError
-from brushexp.paint.timelapse import FPS, HOLD, Timelapse, moments, shrink
+from brushexp.paint.timelapse import FPS, HOLD, LEAST_FPS, Timelapse, moments, shrink, timing
+from brushexp.pictures.video import MOST_FPS, Format
 
 COLORS = [(0.85, 0.15, 0.1), (0.1, 0.7, 0.25), (0.1, 0.25, 0.8), (0.95, 0.85, 0.3)]
 
@@ -26,25 +28,17 @@ def filled(n_frames: int = 4, side: int = 64) -> Timelapse:
     return timelapse
 
 
-def decoded(path):
-    av = pytest.importorskip("av")
-    with av.open(str(path)) as container:
-        stream = container.streams.video[0]
-        return [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)], stream
-
-
 @pytest.fixture
 def no_av(monkeypatch):
     monkeypatch.setitem(sys.modules, "av", None)
 
 
 def test_the_video_shows_the_frames_and_holds_the_last(tmp_path):
-    path = filled().write(tmp_path)
+    (path,) = filled().write(tmp_path)
     assert path == tmp_path / "timelapse.mp4"
-    frames, stream = decoded(path)
+    frames, rate = decoded(path)
     assert len(frames) == len(COLORS) + round(HOLD * FPS)
-    assert stream.average_rate == FPS
-    assert (stream.codec_context.name, stream.codec_context.pix_fmt) == ("h264", "yuv420p")
+    assert rate == FPS
     for frame, color in zip(frames, [*COLORS, COLORS[-1]], strict=False):
         assert frame.shape == (48, 64, 3)
         np.testing.assert_allclose(frame.mean((0, 1)) / 255, color, atol=0.02)
@@ -52,46 +46,38 @@ def test_the_video_shows_the_frames_and_holds_the_last(tmp_path):
 
 
 def test_the_video_says_which_colours_it_means(tmp_path):
-    _, stream = decoded(filled().write(tmp_path))
-    assert stream.codec_context.colorspace == stream.codec_context.color_primaries == 1  # BT.709
+    av = pytest.importorskip("av")
+    with av.open(str(filled().write(tmp_path)[0])) as container:
+        coding = container.streams.video[0].codec_context
+        assert (coding.name, coding.pix_fmt) == ("h264", "yuv420p")
+        assert coding.colorspace == coding.color_primaries == 1  # BT.709
 
 
 def test_the_video_can_be_played_while_it_loads(tmp_path):
-    data = filled().write(tmp_path).read_bytes()
+    data = filled().write(tmp_path)[0].read_bytes()
     assert data.index(b"moov") < data.index(b"mdat")
 
 
 @pytest.mark.usefixtures("no_av")
 def test_without_av_a_gif_is_written(tmp_path):
-    path = filled(side=720).write(tmp_path)
+    (path,) = filled(side=720).write(tmp_path)
     assert path == tmp_path / "timelapse.gif"
-    with Image.open(path) as gif:
-        assert gif.n_frames == len(COLORS)
-        durations = []
-        for k, color in enumerate(COLORS):
-            gif.seek(k)
-            durations.append(gif.info["duration"])
-            np.testing.assert_allclose(np.asarray(gif.convert("RGB")).mean((0, 1)) / 255, color, atol=0.03)
-        assert durations[-1] == 1000 * HOLD
-        assert max(durations[:-1]) < 100
+    pictures, durations = unrolled(path)
+    for picture, color in zip(pictures, COLORS, strict=True):
+        np.testing.assert_allclose(picture.mean((0, 1)) / 255, color, atol=0.03)
+    assert abs(sum(durations) - 1000 * (len(COLORS) + round(HOLD * FPS)) / FPS) <= 5
+    assert max(durations[:-1]) < 100
 
 
-@pytest.mark.usefixtures("no_av")
 def test_a_gif_is_small(tmp_path):
-    timelapse = Timelapse(60, 720)
-    for step in range(60):
-        noise = torch.rand(3, 90, 120).repeat_interleave(6, 1).repeat_interleave(6, 2)
-        timelapse.add(noise, step)
-    path = timelapse.write(tmp_path)
-    with Image.open(path) as gif:
-        assert gif.size == (320, 240)
-    assert path.stat().st_size < 6e6
-
-
-def test_a_build_of_av_without_an_encoder_means_a_gif(tmp_path, monkeypatch):
-    av = pytest.importorskip("av")
-    monkeypatch.setattr(av, "codecs_available", {"mpeg4"})
-    assert filled().write(tmp_path).suffix == ".gif"
+    timelapse = Timelapse(20, 720, kind=Format.gif)
+    painting, error = (torch.rand(3, rows, columns) for rows, columns in ((18, 24), (90, 120)))
+    painting, error = (resize(image[None], (540, 720), mode="bilinear")[0] for image in (painting, error))
+    for step in range(20):
+        timelapse.add(painting.lerp(error, 1 / (step + 2)), step)
+    (path,) = timelapse.write(tmp_path)
+    assert unrolled(path)[0][0].shape == (360, 480, 3)
+    assert path.stat().st_size < 1.5e6
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (4, 20000), (20000, 4), (63, 91), (2, 3)])
@@ -102,7 +88,7 @@ def test_pictures_of_every_shape_become_a_timelapse(tmp_path, shape, video, monk
     timelapse = Timelapse(3, 80)
     for step in range(3):
         timelapse.add(torch.rand(3, *shape), step)
-    path = timelapse.write(tmp_path)
+    (path,) = timelapse.write(tmp_path)
     assert path.suffix == (".mp4" if video else ".gif")
     if video:
         assert len(decoded(path)[0]) == 3 + round(HOLD * FPS)
@@ -156,12 +142,12 @@ def test_zero_frames_switch_it_off(tmp_path):
     timelapse = Timelapse(0, 64)
     assert not any(timelapse.due(step, 10) for step in range(11))
     timelapse.add(torch.rand(3, 8, 8), 0)
-    assert timelapse.write(tmp_path) is None
+    assert timelapse.write(tmp_path) == []
     assert not list(tmp_path.iterdir())
 
 
 def test_nothing_is_written_before_the_first_frame(tmp_path):
-    assert Timelapse(5, 64).write(tmp_path) is None
+    assert Timelapse(5, 64).write(tmp_path) == []
 
 
 @pytest.mark.parametrize(("n_frames", "side", "key"), [(-1, 64, "frames"), (10**6, 64, "frames"), (5, 0, "frame_side")])
@@ -183,12 +169,41 @@ def test_a_resumed_run_has_all_frames(tmp_path):
         second.add(plain(COLORS[step]), step)
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
-    assert straight.write(tmp_path / "a").read_bytes() == second.write(tmp_path / "b").read_bytes()
+    assert straight.write(tmp_path / "a")[0].read_bytes() == second.write(tmp_path / "b")[0].read_bytes()
 
 
 def test_frames_are_kept_compressed():
     timelapse = Timelapse(10, 512)
-    smooth = torch.nn.functional.interpolate(torch.rand(1, 3, 16, 16), size=(512, 512), mode="bilinear")[0]
+    smooth = resize(torch.rand(1, 3, 16, 16), size=(512, 512), mode="bilinear")[0]
     for step in range(10):
         timelapse.add(smooth, step)
     assert sum(frame.numel() for frame in timelapse.state_dict()["frames"]) < 10 * 50_000
+
+
+@pytest.mark.parametrize("seconds", [0.5, 3.0, 7.3, 60.0])
+def test_a_chosen_length_is_kept(tmp_path, seconds):
+    timelapse = Timelapse(4, 16, seconds=seconds, kind=Format.both)
+    for step, color in enumerate(COLORS):
+        timelapse.add(plain(color, 8, 12), step)
+    video, gif = timelapse.write(tmp_path)
+    frames, rate = decoded(video)
+    assert abs(len(frames) / rate - seconds - HOLD) < 0.1
+    assert abs(sum(unrolled(gif)[1]) / 1000 - seconds - HOLD) < 0.1
+    ticks = (len(frames) - round(HOLD * rate)) // len(COLORS)
+    for k, color in enumerate(COLORS):  # each for the same time
+        np.testing.assert_allclose(frames[k * ticks + ticks // 2].mean((0, 1)) / 255, color, atol=0.02)
+
+
+@pytest.mark.parametrize("n_frames", [1, 2, 3, 11, 60, 2000])
+@pytest.mark.parametrize("seconds", [0.1, 1.0, 4.0, 300.0])
+def test_players_can_follow(n_frames, seconds):
+    rate, ticks = timing(n_frames, seconds)
+    assert LEAST_FPS <= rate <= MOST_FPS
+    if rate < MOST_FPS:
+        assert abs(ticks * n_frames / rate - seconds) < 1e-3 * seconds
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1.0, 1.1, 301.0, float("nan")])
+def test_impossible_lengths_are_refused(seconds):
+    with pytest.raises(UserError, match=r"^timelapse_seconds is .*; choose 1.2 to 300 for 60 frames$"):
+        Timelapse(60, 64, seconds=seconds)

@@ -1,13 +1,12 @@
-"""The painting as it came to be: a short video, or a GIF where PyAV is not installed."""
+"""The painting as it came to be: a short video, a GIF, or both."""
 
 from __future__ import annotations
 
-import importlib
 import io
-import logging
+import math
+from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -17,35 +16,39 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from brushexp.errors import UserError
-from brushexp.files import replacing, to_bytes, write_bytes
+from brushexp.files import to_bytes
+from brushexp.pictures.video import LARGEST_SIDE, MOST_FPS, MOST_SECONDS, Format, filming
 
-log = logging.getLogger(__name__)
 MOST_FRAMES = 2000  # each takes about 50 kB of memory
-LARGEST_SIDE = 4096  # pixels: what players of H.264 take
 JPEG_QUALITY = 92
-FPS = 15
+FPS = 15  # frames per second where no length is chosen
+LEAST_FPS = 10  # ticks per second: frames that last longer are repeated, because players seek badly in slow videos
 HOLD = 1.5  # seconds that the finished painting stays
-X264 = {"crf": "18", "preset": "veryfast"}  # on canvases of this size slower presets save little
-BT709 = 1  # FFmpeg's number for the usual colour space of video, and for its usual range of values
-GIF_SIDE = 320  # pixels: keeps a GIF of 60 frames below some megabytes
-GIF_COLORS = 256
 
 
 class Timelapse:
-    """Collects frames while strokes are optimised, compressed, and writes them as a video.
+    """Collects frames while strokes are optimised, compressed, and writes them as a film.
 
     Args:
         n_frames: about how many in all; 0 for no timelapse.
         side: longer side of a frame in pixels; smaller pictures are not enlarged.
+        seconds: how long they take in all; None for ``FPS`` frames per second. The last one stays for ``HOLD`` more.
+        kind: which files.
     """
 
-    def __init__(self, n_frames: int, side: int) -> None:
+    def __init__(self, n_frames: int, side: int, *, seconds: float | None = None, kind: Format = Format.mp4) -> None:
         if not 0 <= n_frames <= MOST_FRAMES:
             raise UserError(f"frames is {n_frames}; choose 0 (no timelapse) to {MOST_FRAMES}")
         if not 2 <= side <= LARGEST_SIDE:
             raise UserError(f"frame_side is {side}; choose 2 to {LARGEST_SIDE} pixels")
+        least = n_frames / MOST_FPS
+        if seconds is not None and not least <= seconds <= MOST_SECONDS:
+            choices = f"{least:g} to {MOST_SECONDS} for {n_frames} frames"
+            raise UserError(f"timelapse_seconds is {seconds:g}; choose {choices}")
         self.n_frames = n_frames
         self.side = side
+        self.seconds = seconds
+        self.kind = kind
         self._frames: dict[int, bytes] = {}  # step -> JPEG
 
     def due(self, step: int, n_steps: int) -> bool:
@@ -59,16 +62,22 @@ class Timelapse:
             shrink(image, self.side).save(encoded, format="JPEG", quality=JPEG_QUALITY)
             self._frames[step] = encoded.getvalue()
 
-    def write(self, folder: Path) -> Path | None:
-        """Write ``timelapse.mp4`` (or ``.gif``) and return its path; None if there are no frames."""
+    def write(self, folder: Path) -> list[Path]:
+        """Write ``timelapse.mp4`` (or ``.gif``, or both) and return the paths; none if there are no frames."""
         if not self._frames:
-            return None
-        frames = [Image.open(io.BytesIO(self._frames[step])).convert("RGB") for step in sorted(self._frames)]
-        av = _video_library()
-        if av is None:
-            log.info("the timelapse becomes a GIF; for a video: pip install av")
-            return _write_gif(folder / "timelapse.gif", frames)
-        return _write_video(folder / "timelapse.mp4", frames, av)
+            return []
+        *steps, last = sorted(self._frames)
+        rate, ticks = timing(len(self._frames), self.seconds)
+        painting = self._frame(last)
+        with filming(folder / "timelapse", self.kind, painting.shape[:2], rate) as film:
+            for step in steps:
+                film.show(self._frame(step), ticks)
+            film.show(painting, ticks + round(HOLD * rate))
+        return film.paths
+
+    def _frame(self, step: int) -> np.ndarray:
+        """Bytes (H, W, 3)."""
+        return np.asarray(Image.open(io.BytesIO(self._frames[step])).convert("RGB"))
 
     def state_dict(self) -> dict[str, Any]:
         """All frames, as tensors of bytes, for a checkpoint."""
@@ -95,6 +104,15 @@ def moments(n_frames: int, n_steps: int) -> frozenset[int]:
     return frozenset(max(k, round(n_steps * (k / last) ** 2)) for k in range(last + 1))
 
 
+def timing(n_frames: int, seconds: float | None) -> tuple[Fraction, int]:
+    """Ticks per second of a film, and how many of them each of its frames lasts, so that all take ``seconds``."""
+    if seconds is None:
+        return Fraction(FPS), 1
+    ticks = math.ceil(LEAST_FPS * seconds / n_frames)
+    rate = ticks * n_frames / Fraction(seconds).limit_denominator(1000)
+    return min(rate, Fraction(MOST_FPS)), ticks  # runs of a given time may have some frames more than was asked for
+
+
 def shrink(image: Tensor, side: int) -> Image.Image:
     """Scale a picture (3, H, W) to at most ``side`` pixels and to an even height and width, as video needs."""
     height, width = image.shape[1:]
@@ -109,39 +127,3 @@ def shrink(image: Tensor, side: int) -> Image.Image:
 
 def _even(length: float) -> int:
     return max(2, int(length) // 2 * 2)
-
-
-def _video_library() -> ModuleType | None:
-    """PyAV, if it is installed and has an encoder for H.264."""
-    try:
-        av = importlib.import_module("av")
-    except ImportError:
-        return None
-    return av if "libx264" in av.codecs_available else None
-
-
-def _write_video(path: Path, frames: list[Image.Image], av: ModuleType) -> Path:
-    with replacing(path) as temporary, av.open(str(temporary), "w", options={"movflags": "faststart"}) as container:
-        stream = container.add_stream("libx264", rate=FPS, options=X264)
-        stream.width, stream.height = frames[-1].size
-        stream.pix_fmt = "yuv420p"
-        coding = stream.codec_context  # said in the file, because players guess differently where it is not
-        coding.colorspace = coding.color_primaries = coding.color_trc = coding.color_range = BT709
-        for frame in [*frames, *[frames[-1]] * round(HOLD * FPS)]:
-            picture = av.VideoFrame.from_image(frame).reformat(format="yuv420p", dst_colorspace="ITU709")
-            container.mux(stream.encode(picture))
-        container.mux(stream.encode())
-    return path
-
-
-def _write_gif(path: Path, frames: list[Image.Image]) -> Path:
-    for frame in frames:
-        frame.thumbnail((GIF_SIDE, GIF_SIDE))
-    samples = [*frames[:: len(frames) // 8 + 1], frames[-1]]  # one palette for all, or still parts would flicker
-    palette = Image.fromarray(np.hstack([np.asarray(frame) for frame in samples])).quantize(GIF_COLORS)
-    first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
-    durations = [round(1000 / FPS)] * len(others) + [round(1000 * HOLD)]
-    encoded = io.BytesIO()
-    first.save(encoded, format="GIF", save_all=True, append_images=others, duration=durations, loop=0)
-    write_bytes(path, encoded.getvalue())
-    return path

@@ -1,0 +1,216 @@
+"""The film of the painting shows its strokes as they are laid, ends with the painting, and is as long as was asked."""
+
+import sys
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+from films import decoded, unrolled
+from scenes import Windowed, random_strokes
+
+from brushexp.blend.dense import Dense
+from brushexp.blend.tiled import Kernel, Tiled
+from brushexp.blend.topk import TopK
+from brushexp.errors import UserError
+from brushexp.files import to_bytes
+from brushexp.pictures.video import Format
+from brushexp.registry import build_named
+from brushexp.renderer.analytic import Analytic
+from brushexp.strokes.bezier import curve_of, point_at
+from brushexp.strokes.catalogue import Strokes
+from brushexp.to.base import Work
+from brushexp.to.process import Pace, Process, fitted, layered, schedule, states, unfinished
+
+BLENDS = {
+    "tiled": Tiled,
+    "tiled in torch": lambda: Tiled(kernel=Kernel.torch),
+    "dense": Dense,
+    "topk 5": lambda: TopK(k=5),
+    "topk all": lambda: TopK(k=None),
+}
+
+
+def work_of(n: int = 40, size: tuple[int, int] = (36, 52), renderer=None, blend=None) -> Work:
+    return Work(
+        strokes=random_strokes(n, size),
+        depth=torch.randperm(n).int(),
+        size=size,
+        background=torch.tensor([0.9, 0.5, 0.2]),
+        renderer=Analytic() if renderer is None else renderer,
+        blend=Tiled() if blend is None else blend,
+        name="analytic",
+        source="here",
+    )
+
+
+def painted_at_once(work: Work, n: int) -> torch.Tensor:
+    """The bottom ``n`` strokes, drawn directly."""
+    number = work.bottom_up[:n]
+    with torch.no_grad():
+        layers = work.renderer(work.strokes[number], number)
+        return work.blend(layers, torch.arange(n).flip(0), work.size, work.background).image
+
+
+def whole(work: Work, counts: list[int]) -> list[np.ndarray]:
+    """Shares of strokes that are there or not."""
+    return [(np.arange(len(work.strokes)) < count).astype(float) for count in counts]
+
+
+def painting(work: Work) -> np.ndarray:
+    return np.concatenate([to_bytes(band) for _, band in work.bands()])
+
+
+@pytest.mark.parametrize("renderer", ["analytic", "textured", "neural"])
+def test_each_state_is_the_painting_of_its_strokes(renderer):
+    work = work_of(renderer=build_named("renderer", renderer, {}).eval())
+    for count, picture in zip([0, 1, 7, 7, 25, 40], states(work, whole(work, [0, 1, 7, 7, 25, 40])), strict=True):
+        torch.testing.assert_close(picture, painted_at_once(work, count), rtol=0, atol=2e-4)
+
+
+@pytest.mark.parametrize("blend", BLENDS)
+def test_each_state_is_that_of_the_blend(blend):
+    work = work_of(60, (20, 28), blend=BLENDS[blend]())
+    for count, picture in zip([0, 3, 20, 60], states(work, whole(work, [0, 3, 20, 60])), strict=True):
+        torch.testing.assert_close(picture, painted_at_once(work, count), rtol=0, atol=2e-4)
+
+
+@pytest.mark.parametrize("blend", BLENDS)
+def test_a_blend_that_leaves_out_what_lies_deep_is_noticed(blend):
+    work = work_of(100, blend=BLENDS[blend]())
+    assert layered(work) == (blend != "topk 5")
+
+
+def test_a_slow_blend_says_so(caplog):
+    list(states(work_of(30, (8, 8), blend=TopK(k=2)), [np.ones(30)]))
+    assert "try blend=tiled" in caplog.text
+
+
+def test_the_last_of_many_pictures_is_the_painting():
+    work = work_of(800, (70, 90))
+    *_, last = states(work, schedule(800, 250, 10.0, Pace.quickening, growing=True))
+    assert np.abs(to_bytes(last).astype(int) - painting(work)).max() <= 1
+
+
+def test_a_canvas_is_drawn_in_bands_like_any_other(monkeypatch):
+    work = work_of(50, (200, 40), renderer=Windowed())
+    unbanded = [picture.clone() for picture in states(work, whole(work, [10, 50]))]
+    monkeypatch.setattr("brushexp.blend.bands.BAND", 40 * 64)
+    for picture, expected in zip(states(work, whole(work, [10, 50])), unbanded, strict=True):
+        torch.testing.assert_close(picture, expected, rtol=0, atol=1e-5)
+
+
+def test_a_growing_stroke_is_a_part_of_it():
+    strokes = random_strokes(5, (30, 40))
+    share = torch.tensor([1e-6, 0.3, 0.5, 0.9, 1.0])
+    along = torch.linspace(0, 1, 9)[:, None]
+    for point in along:
+        expected = point_at(curve_of(strokes), point * share)
+        torch.testing.assert_close(point_at(curve_of(unfinished(strokes, share)), point.expand(5)), expected)
+    assert torch.equal(unfinished(strokes, share).end[-1], strokes.end[-1])
+
+
+@pytest.mark.parametrize("blend", [Tiled(), TopK(k=5)])
+def test_strokes_that_grow_lie_on_those_that_are_finished(blend):
+    work = work_of(20, blend=blend)
+    share = np.concatenate([np.ones(15), [0.8, 0.5, 0.2], np.zeros(2)])
+    _, picture, last = (state.clone() for state in states(work, [np.zeros(20), share, np.ones(20)]))
+    number = work.bottom_up
+    strokes = unfinished(work.strokes[number[:18]], torch.from_numpy(share[:18]).float())
+    with torch.no_grad():
+        layers = work.renderer(strokes, number[:18])
+        expected = work.blend(layers, torch.arange(18).flip(0), work.size, work.background).image
+    torch.testing.assert_close(picture, expected, rtol=0, atol=2e-4)
+    torch.testing.assert_close(last, painted_at_once(work, 20), rtol=0, atol=2e-4)
+
+
+@pytest.mark.parametrize("growing", [True, False])
+@pytest.mark.parametrize("pace", list(Pace))
+@pytest.mark.parametrize(("n", "frames"), [(0, 5), (1, 5), (1, 1), (7, 250), (10_000, 250), (5, 2)])
+def test_the_canvas_is_bare_first_and_finished_last(n, frames, pace, growing):
+    shares = list(schedule(n, frames, 3.0, pace, growing=growing))
+    assert len(shares) == frames
+    assert (shares[-1] == 1).all()
+    assert frames == 1 or (shares[0] == 0).all()
+    for before, after in pairwise(shares):
+        assert (after >= before).all()
+    for share in shares:
+        assert share.shape == (n,)
+        assert (np.diff(share) <= 0).all()
+        assert growing or np.isin(share, [0, 1]).all()
+
+
+def test_quickening_begins_slowly():
+    even, quickening = (
+        [share.sum() for share in schedule(1000, 101, 100.0, pace, growing=True)]
+        for pace in (Pace.even, Pace.quickening)
+    )
+    np.testing.assert_allclose(np.diff(even[1:-1]), 10, atol=0.1)
+    assert abs(quickening[10] - 10) < 1
+    assert np.diff(quickening)[-2] > 18
+
+
+@pytest.mark.parametrize(("seconds", "fps", "hold"), [(2.0, 25, 1.0), (1.0, 10, 0.0), (0.5, 50, 0.3), (0.1, 1, 2.0)])
+def test_films_are_as_long_as_was_asked(tmp_path, seconds, fps, hold):
+    process = Process(seconds=seconds, fps=fps, hold=hold, format=Format.both)
+    video, gif = process.write(work_of(), tmp_path)
+    count = max(1, round(seconds * fps)) + round(hold * fps)
+    frames, rate = decoded(video)
+    assert (len(frames), rate) == (count, fps)
+    assert abs(sum(unrolled(gif)[1]) - 1000 * count / fps) <= 5
+    assert sorted(tmp_path.iterdir()) == [gif, video] == [tmp_path / "process.gif", tmp_path / "process.mp4"]
+
+
+@pytest.mark.parametrize("size", [(36, 52), (33, 51), (1, 1), (1, 40)])
+@pytest.mark.parametrize("n", [0, 1, 30])
+def test_films_begin_with_the_canvas_and_end_with_the_painting(tmp_path, size, n):
+    work = work_of(n, size)
+    work = replace(work, strokes=replace(work.strokes, opacity=torch.ones(n)))
+    height, width = size
+    for path in Process(seconds=1.0, hold=0.2, format=Format.both).write(work, tmp_path):
+        frames = (decoded(path) if path.suffix == ".mp4" else unrolled(path))[0]
+        assert max(frames[0].shape[0] - height, frames[0].shape[1] - width) <= 1
+        first, last = (frames[k][:height, :width].astype(float) for k in (0, -1))
+        assert np.abs(first / 255 - work.background.numpy()).max() < 0.03
+        rough = 12 if path.suffix == ".mp4" else 3  # a video has fewer colours than pixels
+        assert np.abs(last - painting(work)).mean() < rough
+
+
+def test_a_gif_is_drawn_at_its_own_size(tmp_path):
+    work = work_of(20, (60, 1200))
+    assert fitted(work, 4096) is work
+    small = fitted(work, 480)
+    assert small.size == (24, 480)
+    (gif,) = Process(seconds=0.5, hold=0.0, format=Format.gif).write(work, tmp_path)
+    last = unrolled(gif)[0][-1]
+    assert np.abs(last.astype(float) - painting(small)).mean() < 3
+
+
+def test_without_av_the_process_is_a_gif(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "av", None)
+    assert Process(seconds=0.2).write(work_of(), tmp_path) == [tmp_path / "process.gif"]
+
+
+def test_strokes_of_nothing_are_laid_too(tmp_path):
+    work = replace(work_of(0), strokes=Strokes.none(), depth=torch.empty(0, dtype=torch.int32))
+    assert layered(work)
+    assert len(list(states(work, [np.ones(0)] * 2))) == 2
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("seconds", 0.0), ("seconds", 1e4), ("seconds", float("nan")), ("fps", 0), ("fps", 60), ("hold", -1.0)],
+)
+def test_impossible_films_are_refused(option, value):
+    with pytest.raises(UserError, match=f"^to.process.{option}=.* is out of range; choose .* to "):
+        Process(**{option: value})
+
+
+@pytest.mark.parametrize(("growing", "most"), [(None, 1), (False, 1), (True, 8)])
+def test_a_slow_renderer_draws_each_stroke_once_unless_they_grow(tmp_path, growing, most):
+    brush = Windowed()
+    assert brush.stand_in is not None
+    work = replace(work_of(10, renderer=brush), strokes=random_strokes(200, (36, 52)), depth=torch.randperm(200).int())
+    Process(seconds=2.0, hold=0.0, growing=growing).write(work, tmp_path)
+    assert (most - 1) * 200 / 2 < brush.drawn - 2 * 64 <= most * 200

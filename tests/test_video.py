@@ -1,0 +1,161 @@
+"""Films are as long and as large as was asked, look like their pictures, and are written without being collected."""
+
+import sys
+import weakref
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from films import decoded, unrolled
+from PIL import Image
+
+from brushexp.errors import UserError
+from brushexp.pictures.video import GIF_SIDE, LARGEST_SIDE, SAME, Format, filming, format_of, largest_side
+
+
+def smooth(seed: int, height: int = 40, width: int = 60) -> np.ndarray:
+    """A picture of large soft patches."""
+    few = np.random.default_rng(seed).integers(0, 256, (3, 4, 3), np.uint8)
+    return np.asarray(Image.fromarray(few).resize((width, height), Image.Resampling.BICUBIC))
+
+
+def film_of(pictures, folder, kind, ticks=1, rate=Fraction(25)):
+    with filming(folder / "film", kind, pictures[0].shape[:2], rate) as film:
+        for picture in pictures:
+            film.show(picture, ticks)
+    return film.paths
+
+
+@pytest.fixture
+def no_av(monkeypatch):
+    monkeypatch.setitem(sys.modules, "av", None)
+
+
+def test_both_files_show_the_pictures(tmp_path):
+    pictures = [smooth(seed) for seed in range(5)]
+    video, gif = film_of(pictures, tmp_path, Format.both)
+    assert sorted(tmp_path.iterdir()) == [gif, video] == [tmp_path / "film.gif", tmp_path / "film.mp4"]
+    for seen in (decoded(video)[0], unrolled(gif)[0]):
+        assert len(seen) == 5
+        for picture, original in zip(seen, pictures, strict=True):
+            assert picture.shape == (40, 60, 3)
+            assert np.abs(picture.astype(float) - original).mean() < 6
+
+
+@pytest.mark.parametrize("rate", [Fraction(1), Fraction(15), Fraction(600, 73), Fraction(24), Fraction(50)])
+def test_a_film_is_as_long_as_its_ticks(tmp_path, rate):
+    video, gif = film_of([smooth(seed, 8, 8) for seed in range(6)], tmp_path, Format.both, ticks=2, rate=rate)
+    frames, seen_rate = decoded(video)
+    assert (len(frames), seen_rate) == (12, rate)
+    durations = unrolled(gif)[1]
+    assert abs(sum(durations) - 12000 / rate) <= 5
+    assert max(durations) - min(durations) <= 10
+    assert min(durations) >= 20  # below that players take their time
+
+
+def test_what_stays_the_same_takes_no_room_and_does_not_flicker(tmp_path):
+    still = smooth(0, 60, 60)
+    moving = [still.copy() for _ in range(10)]
+    for k, picture in enumerate(moving):
+        picture[10:20, 5 * k : 5 * k + 5] = (250, 20, 90)
+    (whole,) = film_of([still], tmp_path, Format.gif)
+    alone = whole.stat().st_size
+    (gif,) = film_of(moving, tmp_path, Format.gif)
+    assert gif.stat().st_size < 2.5 * alone
+    pictures, _ = unrolled(gif)
+    assert len(pictures) == 10
+    for picture in pictures[1:]:
+        np.testing.assert_array_equal(picture[25:], pictures[0][25:])
+
+
+def test_a_still_film_is_one_frame_of_its_whole_length(tmp_path):
+    (gif,) = film_of([smooth(0)] * 30, tmp_path, Format.gif)
+    pictures, durations = unrolled(gif)
+    assert (len(pictures), sum(durations)) == (1, 1200)
+
+
+def test_slow_changes_are_not_lost(tmp_path):
+    pictures = [np.full((4, 6, 3), level, np.uint8) for level in range(100)]
+    (gif,) = film_of(pictures, tmp_path, Format.gif)
+    seen, durations = unrolled(gif)
+    assert abs(int(seen[-1][0, 0, 0]) - 99) <= SAME
+    assert sum(durations) == 4000
+
+
+def test_a_gif_plays_for_ever(tmp_path):
+    (gif,) = film_of([smooth(0), smooth(1)], tmp_path, Format.gif)
+    with Image.open(gif) as image:
+        assert image.info["loop"] == 0
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (5, 2), (33, 48), (32, 47)])
+def test_a_video_of_odd_sides_repeats_its_edge(tmp_path, shape):
+    video, gif = film_of([smooth(0, *shape)] * 2, tmp_path, Format.both)
+    frames, _ = decoded(video)
+    height, width = shape
+    assert frames[0].shape == (height + height % 2, width + width % 2, 3)
+    assert unrolled(gif)[0][0].shape == (*shape, 3)
+    if height % 2 and height > 1:
+        np.testing.assert_allclose(frames[-1][-1], frames[-1][-2], atol=12)
+
+
+def test_a_large_gif_is_shrunk(tmp_path):
+    (gif,) = film_of([smooth(seed, 300, 960) for seed in range(2)], tmp_path, Format.gif)
+    pictures, _ = unrolled(gif)
+    assert pictures[0].shape == (150, GIF_SIDE, 3)
+    assert np.abs(pictures[1].astype(float) - smooth(1, 150, GIF_SIDE)).mean() < 6
+
+
+def test_pictures_are_not_kept(tmp_path):
+    seen = []
+    with filming(tmp_path / "film", Format.both, (40, 60), Fraction(25)) as film:
+        for seed in range(20):
+            picture = smooth(seed).copy()
+            seen.append(weakref.ref(picture))
+            film.show(picture, 3)
+            del picture
+            assert sum(reference() is not None for reference in seen) <= 1
+
+
+def test_a_film_that_is_broken_off_leaves_nothing(tmp_path):
+    def broken_off():
+        with filming(tmp_path / "film", Format.both, (8, 8), Fraction(25)) as film:
+            film.show(smooth(0, 8, 8), 1)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        broken_off()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("no_av")
+@pytest.mark.parametrize("kind", list(Format))
+def test_without_av_every_film_is_a_gif(tmp_path, kind):
+    (path,) = film_of([smooth(0)], tmp_path, kind)
+    assert path == tmp_path / "film.gif"
+    assert largest_side(kind) == GIF_SIDE
+
+
+def test_a_build_of_av_without_an_encoder_means_a_gif(tmp_path, monkeypatch):
+    av = pytest.importorskip("av")
+    monkeypatch.setattr(av, "codecs_available", {"mpeg4"})
+    assert [path.suffix for path in film_of([smooth(0)], tmp_path, Format.mp4)] == [".gif"]
+
+
+def test_a_video_may_be_larger_than_a_gif():
+    pytest.importorskip("av")
+    assert [largest_side(kind) for kind in Format] == [LARGEST_SIDE, GIF_SIDE, LARGEST_SIDE]
+
+
+def test_formats_are_looked_up_by_name():
+    assert [format_of(kind.name, "timelapse") for kind in Format] == list(Format)
+    with pytest.raises(UserError, match=r"^timelapse=avi is not a kind of film; choose mp4, gif, both$"):
+        format_of("avi", "timelapse")
+
+
+def test_the_same_pictures_make_the_same_files(tmp_path):
+    (tmp_path / "again").mkdir()
+    pictures = [smooth(seed) for seed in range(4)]
+    first, second = (film_of(pictures, folder, Format.both) for folder in (tmp_path, tmp_path / "again"))
+    for a, b in zip(first, second, strict=True):
+        assert a.read_bytes() == b.read_bytes()
