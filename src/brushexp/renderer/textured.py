@@ -64,7 +64,9 @@ class Textured(Renderer):
             raise UserError(f"renderer.rows={rows} is not an even number of at least 4; try renderer.rows=24")
         self.variants, self.widths = variants, widths
         self.textures = nn.Parameter(bristles(variants, widths, rows, columns))
-        self.register_buffer("room", (_distance(rows, columns) < SPREAD - 2 * SPREAD / rows).float(), persistent=False)
+        self.register_buffer(
+            "room", (distance_of(rows, columns) < SPREAD - 2 * SPREAD / rows).float(), persistent=False
+        )
         self._ready: tuple[object, tuple[Tensor, Tensor, Tensor]] | None = None
         self.weights_hash = restore(self, "textured", checkpoint, options)
 
@@ -123,7 +125,7 @@ class Textured(Renderer):
         raw = functional.pad(self.textures.flatten(0, 1), (1, 1, 1, 1), mode="replicate")
         opacity, light = raw.unflatten(0, (self.variants, self.widths)).unbind(2)
         opacity, light = opacity.sigmoid() * self.room, light.tanh() * torch.where(light > 0, 1.0, DARKEST)
-        return torch.stack([_smoothed(opacity, light, self.room, level) for level in range(BLURS)], dim=2)
+        return torch.stack([smoothed(opacity, light, self.room, level) for level in range(BLURS)], dim=2)
 
     def _prepare(self) -> tuple[Tensor, Tensor, Tensor]:
         looks = self._looks()
@@ -147,7 +149,7 @@ def unrolled(picture: Tensor, width: float, rows: int, length: int) -> Tensor:
         rows: of the texture.
         length: its columns, caps included.
     """
-    across, t, before, beyond = (part[1:-1] for part in _coordinates(rows, length - rows))
+    across, t, before, beyond = (part[1:-1] for part in coordinates_of(rows, length - rows))
     x = INSET * (2 * t - 1) + width * (before + beyond)  # half-windows; half a width is `width` of them
     within = (torch.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
     step_x = torch.gradient(x)[0]
@@ -165,7 +167,7 @@ def unrolled(picture: Tensor, width: float, rows: int, length: int) -> Tensor:
 def extent_of(opacity: Tensor) -> Tensor:
     """Half widths (M,) from the curve, beyond which textures with this opacity (M, rows + 2, columns + 2) are empty."""
     rows = opacity.shape[1] - 2
-    distance = _distance(rows, opacity.shape[2] - 2 - rows).to(opacity)
+    distance = distance_of(rows, opacity.shape[2] - 2 - rows).to(opacity)
     farthest = torch.where(opacity > 0, distance, -1.0).amax((1, 2))
     margin = math.sqrt(2) * 2 * SPREAD / rows  # a texel is felt as far as the next one
     return torch.where(farthest < 0, 0.0, farthest + margin)
@@ -201,7 +203,7 @@ def bristles(variants: int, widths: int, rows: int, columns: int) -> Tensor:
     waver = functional.interpolate(  # what changes along a bristle
         torch.randn(variants, rows, 8, generator=generator), rows + columns, mode="linear", align_corners=True
     )[:, None]
-    v, t, before, beyond = (part[1:-1] for part in _coordinates(rows, columns))
+    v, t, before, beyond = (part[1:-1] for part in coordinates_of(rows, columns))
     thick = torch.linspace(0.3, 1, widths)[:, None, None]
     side = 14 * (0.95 + 0.1 * thick * load - v.abs()[:, None])
     start = 9 * (before + 0.1 + 0.3 * thick * begin) + 6 * t
@@ -212,7 +214,7 @@ def bristles(variants: int, widths: int, rows: int, columns: int) -> Tensor:
     return torch.stack([opacity, light], dim=2)
 
 
-def _coordinates(rows: int, columns: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def coordinates_of(rows: int, columns: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Where the texels of a texture with the ring around it lie; all but t in half widths.
 
     Returns:
@@ -224,13 +226,13 @@ def _coordinates(rows: int, columns: int) -> tuple[Tensor, Tensor, Tensor, Tenso
     return across, (u / columns).clamp(0, 1), step * u.clamp_max(0), step * (u - columns).clamp_min(0)
 
 
-def _distance(rows: int, columns: int) -> Tensor:
+def distance_of(rows: int, columns: int) -> Tensor:
     """Half widths (rows + 2, rows + columns + 2) from the curve to each texel."""
-    across, _, before, beyond = _coordinates(rows, columns)
+    across, _, before, beyond = coordinates_of(rows, columns)
     return torch.hypot(across[:, None], before + beyond)
 
 
-def _smoothed(opacity: Tensor, light: Tensor, room: Tensor, level: int) -> Tensor:
+def smoothed(opacity: Tensor, light: Tensor, room: Tensor, level: int) -> Tensor:
     """Textures (..., 2, rows, columns) as pixels of 2^level texels see them: a Gaussian with the spread of that square.
 
     Along the stroke half as much, for there most texels are longer. Light counts by opacity.

@@ -1,0 +1,98 @@
+"""What a lamp shows of a relief: normals from heights, diffuse and specular light.
+
+The formula, the same in the browser; x points to the right, y up, z to the viewer; rows y of a picture go down. A is
+the azimuth of the light, clockwise from the top (315: upper left), E its elevation above the canvas, c a colour in
+[0, 1] of the painting, h heights in pixels, with the outermost ones repeated beyond the edges:
+
+    gx = depth (h[y, x + 1] - h[y, x - 1]) / 2        gy = depth (h[y + 1, x] - h[y - 1, x]) / 2
+    n  = (-gx, gy, 1) / sqrt(gx^2 + gy^2 + 1)         the normal
+    l  = (sin A cos E, cos A cos E, sin E)            to the light
+    m  = (l + (0, 0, 1)) / |l + (0, 0, 1)|            halfway between light and viewer
+    d  = 1 + DIRECT (max(n . l, 0) / sin E - 1)       diffuse light, 1 on a flat canvas
+    k  = d^(1 / GAMMA)                                on display-referred colours
+    s  = max((n . m)^SHININESS - m_z^SHININESS, 0)    specular light, 0 on a flat canvas
+    lit = c k if k <= 1, else 1 - (1 - c)^k
+    out = lit + gloss s (1 - lit)
+
+So a flat canvas keeps its colours exactly, and nothing is ever clipped.
+
+Source: Lambert (1760); highlights as Blinn, "Models of light reflection for computer synthesized pictures" (1977);
+normals of a height map as Blinn, "Simulation of wrinkled surfaces" (1978); angles as in cartography (Horn, "Hill
+shading and the reflectance map", 1981). Differs: light is relative to that on a flat canvas; what it brightens goes
+towards white and not beyond; nothing casts shadows.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+DIRECT = 0.7  # share of the diffuse light that comes from the lamp, the rest from everywhere
+SHININESS = 24.0  # of oil paint: a highlight is seen where the surface is turned up to 14 degrees from it
+GAMMA = 2.2  # of displays: light is multiplied in physical units
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Light:
+    """Where the light comes from: a lamp far away.
+
+    Attributes:
+        azimuth: degrees clockwise from the top of the picture; 315 is the upper left, 90 the right.
+        elevation: degrees above the canvas, above 0 to 90; the lower, the more of the relief is seen.
+    """
+
+    azimuth: float = 315.0
+    elevation: float = 45.0
+
+    @property
+    def direction(self) -> Array:
+        """Unit vector (3,) float32 to the lamp: right, up, to the viewer."""
+        azimuth, elevation = math.radians(self.azimuth), math.radians(self.elevation)
+        flat = math.cos(elevation)
+        return np.array([math.sin(azimuth) * flat, math.cos(azimuth) * flat, math.sin(elevation)], np.float32)
+
+
+def normals_of(height: Array, scale: float = 1.0, first: int = 0, last: int | None = None) -> Array:
+    """Unit normals (3, h, W), right, up and to the viewer, of rows ``first`` to ``last`` of a height map.
+
+    Args:
+        height: (H, W) float32, pixels.
+        scale: heights are multiplied by it.
+        first: the first row.
+        last: the row after the last one; None means up to the bottom.
+    """
+    rows = range(len(height))[first:last]
+    around = np.clip(np.arange(rows.start - 1, rows.stop + 1), 0, len(height) - 1)
+    padded = np.pad(height[around], ((0, 0), (1, 1)), mode="edge")
+    half = np.float32(0.5 * scale)
+    gx = (padded[1:-1, 2:] - padded[1:-1, :-2]) * half
+    gy = (padded[2:, 1:-1] - padded[:-2, 1:-1]) * half
+    return np.stack([-gx, gy, np.ones_like(gx)]) / np.sqrt(gx * gx + gy * gy + 1)
+
+
+def shaded(color: Array, normals: Array, light: Light, gloss: float) -> Array:
+    """A picture under a lamp; see the formula above.
+
+    Args:
+        color: (3, H, W) float32 in [0, 1], display-referred.
+        normals: (3, H, W) from `normals_of`.
+        light: the lamp.
+        gloss: strength of the highlights, 0 (matt) to 1.
+
+    Returns:
+        (3, H, W) in [0, 1].
+    """
+    to_light = light.direction
+    halfway = to_light + np.array([0, 0, 1], np.float32)
+    halfway /= np.linalg.norm(halfway)
+    diffuse = 1 + DIRECT * (np.maximum(_dot(normals, to_light), 0) / to_light[2] - 1)
+    shine = np.maximum(_dot(normals, halfway), 0) ** SHININESS - halfway[2] ** SHININESS
+    color, k = np.clip(color, 0, 1), diffuse ** (1 / GAMMA)
+    lit = np.where(k <= 1, color * k, 1 - (1 - color) ** np.maximum(k, 1))
+    return lit + gloss * np.maximum(shine, 0) * (1 - lit)
+
+
+def _dot(normals: Array, direction: Array) -> Array:
+    """Scalar products (H, W) with a direction (3,); that of (0, 0, 1) is the direction's last number to the bit."""
+    return normals[0] * direction[0] + normals[1] * direction[1] + normals[2] * direction[2]

@@ -1,0 +1,376 @@
+"""The painting as an object: heights of the paint, light on them, and `to=relief`."""
+
+import logging
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from scenes import Windowed, random_strokes, straight
+
+from brushexp.blend import bands as banding
+from brushexp.blend.dense import Dense
+from brushexp.blend.tiled import Tiled
+from brushexp.errors import UserError
+from brushexp.registry import build_named, plugins
+from brushexp.relief.height import CARRIED, FILM, Impasto, height_of, typical_width
+from brushexp.relief.light import Light, normals_of, shaded
+from brushexp.renderer.analytic import Analytic
+from brushexp.renderer.base import Layers, Renderer
+from brushexp.renderer.textured import Textured
+from brushexp.strokes.bezier import half_width_of
+from brushexp.strokes.catalogue import Strokes
+from brushexp.to.base import Work
+from brushexp.to.relief import Relief, levels_of
+
+GREY = torch.tensor([0.5, 0.5, 0.5])
+
+
+def work_of(strokes, size, *, renderer=None, blend=None, depth=None):
+    depth = torch.arange(len(strokes), dtype=torch.int32) if depth is None else depth
+    renderer = Analytic() if renderer is None else renderer
+    blend = Tiled(opaque=0.0) if blend is None else blend
+    return Work(strokes, depth, size, GREY, renderer.eval(), blend, "analytic", "a test")
+
+
+def thick(n, size, **options):
+    """Random strokes that are wide enough for their bristles to be seen."""
+    strokes = random_strokes(n, size, width=(0.2, 0.5), **options)
+    return replace(strokes, opacity=0.3 + 0.7 * strokes.opacity)
+
+
+class Other(Renderer):
+    """A renderer with layers of its own kind."""
+
+    def forward(self, strokes, number=None):
+        return OtherLayers(Analytic()(strokes, number))
+
+
+@dataclass(frozen=True)
+class OtherLayers(Layers):
+    per_stroke = ()
+
+    inner: Layers
+
+    @property
+    def curve(self):
+        return self.inner.curve
+
+    @property
+    def reach(self):
+        return self.inner.reach
+
+    @property
+    def color(self):
+        return self.inner.color
+
+    def sample(self, index, points):
+        return self.inner.sample(index, points)
+
+
+RENDERERS = {"plain": Analytic(), "pointed": Analytic(taper=1.0), "bristles": Textured(checkpoint=None)}
+RENDERERS |= {"windows": Windowed(), "another kind": Other()}
+
+
+# Heights
+
+
+@pytest.mark.parametrize("name", RENDERERS)
+def test_heights_are_those_of_strokes_laid_one_after_another(name):
+    size, strokes = (26, 39), thick(25, (26, 39))
+    depth = torch.randperm(25).int()
+    work = work_of(strokes, size, renderer=RENDERERS[name], depth=depth)
+    with torch.no_grad():  # textures as in painting
+        layers = Impasto(RENDERERS[name], typical_width(strokes))(strokes)
+    y, x = torch.meshgrid(torch.arange(size[0]), torch.arange(size[1]), indexing="ij")
+    points = torch.stack([x, y], dim=-1).reshape(1, -1, 2) + 0.5
+    height = torch.zeros(size)
+    with torch.no_grad():
+        for stroke in depth.argsort():
+            alpha, color = layers.sample(stroke.reshape(1, 1), points)
+            a = (alpha / CARRIED).reshape(size)  # of the stroke itself
+            t = (color[..., 0] * CARRIED).expand(1, 1, -1).reshape(size)
+            height = height * (1 - CARRIED * a) + a * t
+    found = height_of(work)
+    assert found.dtype == np.float32
+    assert found.max() > 0
+    np.testing.assert_allclose(found, height.numpy(), atol=2e-4)
+
+
+@pytest.mark.parametrize("name", [plugin.name for plugin in plugins("renderer")])
+def test_every_renderer_has_heights_between_the_canvas_and_the_thickest_paint(name):
+    renderer = build_named("renderer", name, {})
+    strokes = renderer.project(thick(6, (20, 30)))
+    with torch.no_grad():
+        height = height_of(work_of(strokes, (20, 30), renderer=renderer))
+    assert np.isfinite(height).all()
+    assert height.min() >= 0
+    thickest = 2 * float(half_width_of(strokes).max())
+    assert height.max() <= FILM * math.sqrt(thickest * typical_width(strokes)) / CARRIED + 1e-4
+
+
+@pytest.mark.parametrize("name", [plugin.name for plugin in plugins("blend")])
+def test_every_blend_computes_them(name):
+    size, strokes = (17, 30), thick(8, (17, 30))
+    exact = height_of(work_of(strokes, size, blend=Dense()))
+    np.testing.assert_allclose(
+        height_of(work_of(strokes, size, blend=build_named("blend", name, {}))), exact, atol=2e-4
+    )
+
+
+def test_a_canvas_without_strokes_is_flat():
+    assert (height_of(work_of(Strokes.none(), (5, 9))) == 0).all()
+
+
+def test_a_picture_of_one_pixel_has_a_height():
+    assert height_of(work_of(straight((-9, 0.5), (9, 0.5)), (1, 1))).shape == (1, 1)
+
+
+@pytest.mark.parametrize("name", RENDERERS)
+def test_transparent_strokes_and_strokes_without_width_add_nothing(name):
+    strokes = Strokes.join(straight((2, 3), (14, 9), opacity=0.0), straight((2, 9), (14, 3), width=0.0))
+    strokes = strokes[:1] if name == "windows" else strokes  # a network draws no thinner ones than it knows
+    assert (height_of(work_of(strokes, (12, 17), renderer=RENDERERS[name])) == 0).all()
+
+
+def test_there_is_paint_where_the_stroke_is_and_nowhere_else():
+    height = height_of(work_of(straight((20, 15), (60, 15), width=12), (30, 80)))
+    y, x = np.mgrid[:30, :80] + 0.5
+    distance = np.hypot(y - 15, np.maximum(0, np.maximum(20 - x, x - 60)))
+    assert (height[distance < 0.6 * 6] > 0.05 * FILM * 12).all()
+    assert (height[distance > 1.2 * 6 + 1] == 0).all()
+
+
+def test_paint_is_pushed_aside_and_stands_about_as_high_on_either_side():
+    stroke, clear = (straight((20, 15), (60, 15), width=12, opacity=opacity) for opacity in (1.0, 0.0))
+    brushes = [Strokes.join(*[clear] * number, stroke) for number in range(8)]
+    mean = np.mean([height_of(work_of(strokes, (30, 80)))[:, 25:55].mean(1) for strokes in brushes], axis=0)
+    middle, sides = mean[13:17].mean(), (mean[9:12].mean(), mean[18:21].mean())
+    assert np.mean(sides) > 1.1 * middle
+    assert sides[0] == pytest.approx(sides[1], rel=0.25)
+    np.testing.assert_array_less(mean[:9], max(sides))
+
+
+def test_a_window_drawn_symmetrically_is_symmetrically_high():
+    strokes = straight((8.5, 15.5), (42.5, 15.5), width=8)
+    height = height_of(work_of(strokes, (31, 51), renderer=Windowed()))
+    assert height.max() > 0
+    np.testing.assert_allclose(height, height[::-1], atol=1e-5)
+    assert np.unravel_index(height.argmax(), height.shape)[0] == pytest.approx(15, abs=2)
+
+
+def test_turning_the_canvas_turns_the_paint():
+    size, strokes = (24, 24), thick(12, (24, 24))
+
+    def turned(xy):  # a quarter turn clockwise, about the middle
+        return torch.stack([-xy[:, 1], xy[:, 0]], dim=1)
+
+    around = replace(
+        strokes,
+        position=turned(strokes.position - 12) + 12,
+        start=turned(strokes.start),
+        control=turned(strokes.control),
+        end=turned(strokes.end),
+    )
+    height, other = height_of(work_of(strokes, size)), height_of(work_of(around, size))
+    np.testing.assert_allclose(np.rot90(height, -1), other, atol=2e-3)
+
+
+def test_a_stroke_on_top_leaves_some_of_the_paint_below():
+    across, below = straight((0, 15), (80, 15), width=10), straight((40, 0), (40, 30), width=10)
+    alone = height_of(work_of(across, (30, 80)))
+    both = height_of(work_of(Strokes.join(across, below), (30, 80), depth=torch.tensor([1, 0])))
+    crossing = np.s_[13:17, 38:42]
+    added = (both - alone)[crossing].mean()
+    assert 0.2 * (1 - CARRIED) * FILM * 10 < added < (1 - CARRIED) * FILM * 10
+    np.testing.assert_allclose(both[:, :30], alone[:, :30], atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["plain", "windows"])
+def test_a_picture_twice_as_large_has_the_same_slopes(name):
+    size, strokes = (40, 56), thick(30, (40, 56))
+    small = height_of(work_of(strokes, size, renderer=RENDERERS[name]))
+    large = height_of(work_of(strokes.moved(zoom=2), (80, 112), renderer=RENDERERS[name]))
+    shrunk = large.reshape(40, 2, 56, 2).mean((1, 3)) / 2
+    assert np.abs(shrunk - small).mean() < 0.05 * small.mean()
+    slopes = [np.hypot(*np.gradient(picture)).mean() for picture in (small, shrunk)]
+    assert slopes[1] == pytest.approx(slopes[0], rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["plain", "pointed", "bristles"])
+def test_where_bristles_are_large_enough_to_be_seen_slopes_do_not_depend_on_the_size(name):
+    strokes = straight((30, 50), (70, 55), width=60)
+    slopes = []
+    for zoom in (2, 4):
+        size = (100 * zoom, 120 * zoom)
+        height = height_of(work_of(strokes.moved(zoom=zoom), size, renderer=RENDERERS[name]))
+        slopes.append(np.hypot(*np.gradient(height)).mean())
+    assert slopes[0] > 0.01
+    assert slopes[1] == pytest.approx(slopes[0], rel=0.05)
+
+
+@pytest.mark.parametrize("name", RENDERERS)
+def test_bands_make_the_same_as_the_whole(name, monkeypatch):
+    work = work_of(thick(30, (70, 41)), (70, 41), renderer=RENDERERS[name])
+    whole = height_of(work)
+    monkeypatch.setattr(banding, "BAND", 41 * 9)
+    np.testing.assert_allclose(height_of(work), whole, atol=1e-4)
+
+
+# Light
+
+
+def hills(height, width, *, seed=0, roughness=1.0):
+    generator = np.random.default_rng(seed)
+    return (roughness * generator.random((height, width))).astype(np.float32)
+
+
+def grey(value, *size):
+    return np.full((3, *size), value, np.float32)
+
+
+@pytest.mark.parametrize("gloss", [0.0, 1.0])
+@pytest.mark.parametrize(("azimuth", "elevation"), [(315, 45), (0, 90), (123.4, 0.5), (-700, 17)])
+def test_a_flat_canvas_keeps_its_colours_exactly(azimuth, elevation, gloss):
+    color = np.random.default_rng(0).random((3, 7, 11)).astype(np.float32)
+    lit = shaded(color, normals_of(np.full((7, 11), 3.0, np.float32)), Light(azimuth, elevation), gloss)
+    np.testing.assert_array_equal(lit, color)
+
+
+def test_directions_are_clockwise_from_the_top():
+    directions = {0: (0, 1), 90: (1, 0), 180: (0, -1), 270: (-1, 0), 315: (-math.sqrt(0.5), math.sqrt(0.5))}
+    for azimuth, (right, up) in directions.items():
+        expected = np.array([right, up, 1]) * math.sqrt(0.5)
+        np.testing.assert_allclose(Light(azimuth, 45).direction, expected, atol=1e-6)
+
+
+def test_light_from_the_left_brightens_slopes_that_face_left():
+    ridge = np.tile(np.float32([0, 0, 1, 2, 2, 1, 0, 0]), (5, 1))  # rises to the right: faces left, in columns 1 to 3
+    lit = shaded(grey(0.5, 5, 8), normals_of(ridge), Light(270, 30), 0.0)[0, 2]
+    assert lit[2] > 0.5 > lit[5]
+    assert lit[0] == lit[7] == 0.5
+    under = shaded(grey(0.5, 8, 5), normals_of(ridge.T), Light(0, 30), 0.0)[0, :, 2]  # from the top
+    np.testing.assert_allclose(under, lit, atol=1e-6)
+
+
+def test_a_mirrored_relief_under_a_mirrored_light_is_the_mirrored_picture():
+    height = hills(9, 13)
+    lit = shaded(grey(0.4, 9, 13), normals_of(height), Light(300, 30), 0.5)
+    for axis, azimuth in ((1, 60), (0, 240)):
+        other = shaded(grey(0.4, 9, 13), normals_of(np.flip(height, axis)), Light(azimuth, 30), 0.5)
+        np.testing.assert_allclose(np.flip(other, axis + 1), lit, atol=1e-5)
+
+
+def test_normals_have_unit_length_and_point_up():
+    normals = normals_of(hills(8, 12, roughness=5), 3.0)
+    np.testing.assert_allclose((normals**2).sum(0), 1, atol=1e-5)
+    assert (normals[2] > 0).all()
+
+
+def test_normals_of_a_plane_are_those_of_the_plane():
+    y, x = np.mgrid[:6, :9].astype(np.float32)
+    normal = normals_of(0.3 * x - 0.2 * y, 2.0)[:, 3, 4]  # rises to the right and, as rows go down, upwards
+    np.testing.assert_allclose(normal, np.array([-0.6, -0.4, 1]) / math.sqrt(1 + 0.36 + 0.16), atol=1e-5)
+
+
+def test_normals_of_some_rows_are_rows_of_the_normals():
+    height = hills(10, 7)
+    whole = normals_of(height, 1.5)
+    for first, last in ((0, 4), (3, 9), (9, 10), (4, 99)):
+        np.testing.assert_array_equal(normals_of(height, 1.5, first, last), whole[:, first:last])
+
+
+@pytest.mark.parametrize("elevation", [1, 20, 90])
+def test_no_light_leaves_the_range_of_colours(elevation):
+    color = np.random.default_rng(1).random((3, 20, 30)).astype(np.float32)
+    color[:, :5] = np.float32([0, 0.5, 1])[:, None, None]
+    lit = shaded(color, normals_of(hills(20, 30, roughness=20)), Light(45, elevation), 1.0)
+    assert np.isfinite(lit).all()
+    assert 0 <= lit.min() <= lit.max() <= 1
+
+
+def test_gloss_brightens_what_mirrors_the_lamp():
+    x = np.tile(np.arange(5, dtype=np.float32), (3, 1))
+    slope = math.tan(math.radians(22.5)) * x  # faces left, halfway between the viewer and a lamp at 45 degrees
+    matt, wet = (shaded(grey(0.2, 3, 5), normals_of(slope), Light(270, 45), gloss)[0, 1, 2] for gloss in (0.0, 1.0))
+    assert wet > matt + 0.3
+    assert shaded(grey(0.2, 3, 5), normals_of(slope), Light(90, 45), 1.0)[0, 1, 2] < 0.2
+
+
+# Files
+
+
+def test_the_three_files_agree_with_the_heights(tmp_path, caplog):
+    work = work_of(thick(20, (21, 34)), (21, 34))
+    with caplog.at_level(logging.INFO, logger="brushexp.to.relief"):
+        paths = Relief(light=[200, 30], depth=2.0).write(work, tmp_path)
+    assert [path.name for path in paths] == ["relief.png", "height.png", "normals.png"]
+    height = height_of(work)
+    with Image.open(tmp_path / "height.png") as image:
+        levels, text = np.asarray(image), image.text
+    assert levels.max() == 65535
+    white = float(text["HeightOfWhite"])
+    assert white == pytest.approx(2 * height.max(), rel=1e-6)
+    assert f"{white:.6g} pixels above the bare canvas" in text["Description"]
+    assert f"{white:.6g} pixels above the bare canvas" in caplog.text
+    np.testing.assert_allclose(levels * (white / 65535), 2 * height, atol=white / 65535)
+    with Image.open(tmp_path / "normals.png") as image:
+        assert image.mode == "RGB"
+        normals = np.asarray(image) / 127.5 - 1
+    np.testing.assert_allclose(normals.transpose(2, 0, 1), normals_of(height, 2.0), atol=0.006)
+    picture = next(work.bands())[1].numpy()
+    with Image.open(tmp_path / "relief.png") as image:
+        lit = np.asarray(image) / 255
+    expected = shaded(picture, normals_of(height, 2.0), Light(200, 30), 0.25)
+    np.testing.assert_allclose(lit.transpose(2, 0, 1), expected, atol=0.003)
+
+
+def test_files_are_the_same_in_bands(tmp_path, monkeypatch):
+    work = work_of(thick(20, (40, 23)), (40, 23))
+    for name, pixels in (("whole", 2**20), ("bands", 23 * 7)):
+        monkeypatch.setattr(banding, "BAND", pixels)
+        monkeypatch.setattr("brushexp.to.relief.PIXELS", pixels)
+        (tmp_path / name).mkdir()
+        Relief().write(work, tmp_path / name)
+    for name, step in (("relief.png", 1), ("height.png", 8), ("normals.png", 1)):
+        whole, parts = (np.asarray(Image.open(tmp_path / kind / name)).astype(int) for kind in ("whole", "bands"))
+        assert np.abs(whole - parts).max() <= step
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 5)])
+def test_an_empty_canvas_is_written_as_it_is(tmp_path, size):
+    paths = Relief().write(work_of(Strokes.none(), size), tmp_path)
+    relief, height, normals = (np.asarray(Image.open(path)) for path in paths)
+    assert (relief == 128).all()
+    assert (height == 0).all()
+    assert (normals == [128, 128, 255]).all()
+
+
+def test_without_depth_nothing_is_seen_of_the_paint(tmp_path):
+    work = work_of(thick(10, (15, 22)), (15, 22))
+    relief = np.asarray(Image.open(Relief(depth=0.0).write(work, tmp_path)[0])) / 255
+    np.testing.assert_allclose(relief.transpose(2, 0, 1), next(work.bands())[1].numpy(), atol=0.003)
+
+
+def test_levels_use_all_of_sixteen_bits():
+    assert levels_of(np.float32([[0, 0.5], [1.0, 2.0]])).tolist() == [[0, 16384], [32768, 65535]]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"light": [315.0]}, "light=315 is not an azimuth and an elevation in degrees; try light=315,45"),
+        ({"light": [1.0, 2.0, 3.0]}, "light=1,2,3 is not"),
+        ({"light": [10.0, 0.0]}, "elevation of 0 is not above 0 and up to 90 degrees; try light=10,45"),
+        ({"light": [10.0, 91.0]}, "elevation of 91 is not"),
+        ({"light": [10.0, math.nan]}, "elevation of nan is not"),
+        ({"light": [math.inf, 45.0]}, "the azimuth is not a number of degrees; try light=315,45"),
+        ({"depth": -1.0}, "to.relief.depth=-1 is not .* try to.relief.depth=1"),
+        ({"gloss": 1.5}, "to.relief.gloss=1.5 is outside 0 to 1; try to.relief.gloss="),
+    ],
+)
+def test_settings_out_of_range_are_refused_with_the_cure(options, message):
+    with pytest.raises(UserError, match=message):
+        build_named("to", "relief", options)
