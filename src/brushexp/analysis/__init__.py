@@ -1,0 +1,1 @@
+"""Brushwork as art historians measure it, of catalogues: strokes -> measures -> summary -> tables, figures."""

@@ -1,0 +1,609 @@
+"""Brushwork analysis: known strokes have known measures, paintings compare, tables and figures say what was found."""
+
+import csv
+import io
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from scenes import random_strokes, straight
+from scipy.spatial.distance import cdist
+from scipy.stats import wasserstein_distance
+
+from brushexp.analysis import figures, surroundings
+from brushexp.analysis.figures import write_figure
+from brushexp.analysis.maps import coherence_map, direction_colors, stroke_map
+from brushexp.analysis.measures import ALIKE, MEASURES, RADIUS, measures_of
+from brushexp.analysis.summary import (
+    BINS,
+    Analysis,
+    analysis_of,
+    cliffs_delta,
+    comparison_of,
+    effect,
+    entropy_of,
+    overall_of,
+    shares_of,
+    standardised,
+    statistics_of,
+    summary_of,
+    thinnest_of,
+    transport,
+)
+from brushexp.analysis.tables import as_csv, as_markdown, shown, write_tables
+from brushexp.blend.base import pixel_centres
+from brushexp.errors import UserError
+from brushexp.renderer.analytic import Analytic
+from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
+from brushexp.task import analyse
+
+SIZE = (60, 90)
+AROUND = ("neighbours", "aligned", "deviation", "coherence", "homogeneity")
+
+
+def ranks(strokes: Strokes) -> torch.Tensor:
+    return torch.arange(len(strokes), dtype=torch.int32)
+
+
+def measured(strokes: Strokes, size: tuple[int, int] = SIZE, radius: float | None = None):
+    return measures_of(strokes, ranks(strokes), size, radius)
+
+
+def bent(points: list[tuple[float, float]], width: float = 2.0) -> Strokes:
+    """One stroke by its control points in pixels."""
+    stroke = straight((0, 0), (40, 40), width=width)
+    start, control, end = torch.tensor(points)[:, None] * 2 / 40
+    zero = torch.zeros(1, 2)
+    return replace(
+        stroke, position=zero, scale=torch.tensor([40.0]), start=start, control=control, end=end,
+        width=torch.tensor([width / 40]),
+    )  # fmt: skip
+
+
+def saved(strokes: Strokes, size: tuple[int, int] = SIZE) -> Saved:
+    return Saved(strokes, ranks(strokes), size, torch.ones(3), "analytic", "", 0, "seed: 0\n")
+
+
+def painting(n: int = 60, seed: int = 0, size: tuple[int, int] = SIZE) -> Saved:
+    made = random_strokes(n, size, seed=seed, width=(0.1, 0.3))
+    return saved(replace(made, opacity=0.5 + 0.5 * made.opacity), size)
+
+
+def found(n: int = 60, seed: int = 0, name: str = "one", size: tuple[int, int] = SIZE) -> Analysis:
+    return analysis_of(painting(n, seed, size), name, f"{name}.h5")
+
+
+def combed(n: int, angle: float = 0.5) -> Strokes:
+    """Straight parallel strokes."""
+    made = random_strokes(n, SIZE, width=(0.2, 0.2))
+    way = torch.tensor([math.cos(angle), math.sin(angle)]).expand(n, 2)
+    return replace(made, start=-0.5 * way, control=0 * way, end=0.5 * way, scale=torch.full((n,), 12.0))
+
+
+# known strokes
+
+
+@pytest.mark.parametrize(
+    ("end", "degrees"), [((50, 20), 0), ((40, 40), 45), ((20, 40), 90), ((10, 30), 135), ((20 - 5, 20), 0)]
+)
+def test_a_straight_stroke_has_its_length_and_direction(end, degrees):
+    one = measured(straight((20, 20), end, width=3))
+    length = math.dist((20, 20), end)
+    assert one.length == pytest.approx(length, rel=1e-5)
+    assert one.width == pytest.approx(3)
+    assert one.area == pytest.approx(3 * length + math.pi * 9 / 4, rel=1e-5)
+    assert one.elongatedness == pytest.approx(length / 3, rel=1e-5)
+    assert one.straightness == pytest.approx(1)
+    assert one.curvature == pytest.approx(0, abs=1e-5)
+    assert np.degrees(one.orientation) == pytest.approx(degrees, abs=1e-3)
+    assert (one.x, one.y) == (pytest.approx((20 + end[0]) / 2), pytest.approx((20 + end[1]) / 2))
+
+
+def test_a_bend_is_measured_as_a_fine_polyline_is():
+    points = [(2.0, 3.0), (15.0, 30.0), (38.0, 10.0)]
+    t = np.linspace(0, 1, 20_001)[:, None]
+    p = np.array(points)
+    line = (1 - t) ** 2 * p[0] + 2 * t * (1 - t) * p[1] + t**2 * p[2]
+    step = np.diff(line, axis=0)
+    length = np.linalg.norm(step, axis=1).sum()
+    turn = np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
+    one = measured(bent(points))
+    assert one.length == pytest.approx(length, rel=1e-5)
+    assert one.straightness == pytest.approx(math.dist(points[0], points[2]) / length, rel=1e-5)
+    assert one.curvature == pytest.approx(np.abs(np.diff(turn)).sum(), rel=1e-3)
+    middle = 0.5 * (line[1:] + line[:-1])
+    weight = np.linalg.norm(step, axis=1)
+    assert one.x == pytest.approx(np.average(middle[:, 0], weights=weight), abs=0.01)
+    values, axes = np.linalg.eigh(np.cov(middle.T, aweights=weight))
+    axis = axes[:, values.argmax()]
+    assert one.orientation == pytest.approx(math.atan2(axis[1], axis[0]) % math.pi, abs=0.01)
+
+
+def test_a_half_turn_is_a_half_turn():
+    one = measured(bent([(10.0, 20.0), (15.0, 1e4), (20.0, 20.0)]))
+    assert one.curvature == pytest.approx(math.pi, abs=2e-3)
+    assert one.straightness < 0.01
+    assert np.degrees(one.orientation) == pytest.approx(90, abs=0.1)  # although its ends lie side by side
+
+
+def test_a_stroke_that_folds_back_is_as_long_as_its_way():
+    one = measured(bent([(10.0, 10.0), (20.0, 10.0), (10.0, 10.0)]))
+    assert one.length == pytest.approx(10, rel=2e-3)
+    assert one.straightness == pytest.approx(0)
+    assert one.curvature == pytest.approx(math.pi)
+
+
+def test_a_dot_has_no_direction():
+    one = measured(Strokes.join(straight((20, 20), (20, 20), width=4), straight((22, 20), (30, 20))))
+    assert one.length[0] == 0
+    assert one.curvature[0] == 0
+    assert one.area[0] == pytest.approx(math.pi * 4)
+    assert np.isnan([one.straightness[0], one.orientation[0]]).all()
+    assert one.coherence[0] == pytest.approx(1)  # of the one direction there is
+    assert one.aligned.tolist() == [0, 0]
+    assert one.neighbours.tolist() == [1, 1]
+
+
+def test_a_stroke_of_no_width_has_no_elongatedness():
+    one = measured(straight((10, 10), (30, 10), width=0))
+    assert np.isnan(one.elongatedness).all()
+    assert one.area == 0
+
+
+def test_a_single_stroke_has_no_neighbours():
+    one = measured(straight((10, 10), (30, 10)))
+    assert one.neighbours == one.aligned == 0
+    assert np.isnan([one.coherence, one.deviation, one.homogeneity]).all()
+
+
+def test_no_strokes_have_no_measures():
+    none = measured(Strokes.none())
+    assert len(none) == 0
+    assert all(len(values) == 0 for _, values in none.items())
+
+
+@pytest.mark.parametrize("far", [1e-3, 1e3, 9e5])
+def test_measures_of_extreme_strokes_are_finite(far):
+    made = random_strokes(20, SIZE)
+    wild = replace(made, position=made.position * far, scale=made.scale * far, width=made.width * 1e3)
+    for name, values in measured(wild).items():
+        if name not in AROUND:
+            assert np.isfinite(values).all(), name
+
+
+# what is around
+
+
+def test_parallel_strokes_cohere():
+    one = measured(combed(80))
+    assert one.coherence[one.neighbours > 0] == pytest.approx(1)
+    assert one.deviation[one.neighbours > 0] == pytest.approx(0, abs=1e-3)
+    assert (one.aligned == one.neighbours).all()
+    assert one.homogeneity[one.neighbours > 0] == pytest.approx(1, abs=1e-3)
+
+
+def test_strokes_in_disorder_cohere_as_chance_has_it():
+    n = 1500
+    strokes = combed(n)
+    angle = torch.rand(n) * math.pi
+    way = torch.stack([angle.cos(), angle.sin()], dim=1)
+    one = measured(replace(strokes, start=-0.5 * way, end=0.5 * way), radius=10)
+    around = one.neighbours + 1
+    inner = around > 30
+    expected = np.sqrt(math.pi / (4 * around[inner]))
+    assert inner.sum() > 500
+    assert one.coherence[inner].mean() == pytest.approx(expected.mean(), rel=0.05)
+    everything = measured(replace(strokes, start=-0.5 * way, end=0.5 * way)[:400], radius=1000)
+    assert everything.coherence.max() < 0.1
+    assert (one.aligned[inner] / one.neighbours[inner]).mean() == pytest.approx(2 * ALIKE / math.pi, rel=0.05)
+
+
+def test_crossed_strokes_are_not_aligned():
+    one = measured(Strokes.join(straight((20, 10), (40, 10)), straight((30, 5), (30, 25))), radius=20)
+    assert one.coherence == pytest.approx(0, abs=1e-6)
+    assert one.deviation == pytest.approx(math.sqrt(0.5))
+    assert one.aligned.tolist() == [0, 0]
+
+
+@pytest.mark.parametrize("pairs", [2**22, 50])
+def test_surroundings_agree_with_the_obvious_loop(pairs, monkeypatch):
+    monkeypatch.setattr(surroundings, "PAIRS", pairs)
+    one = measured(random_strokes(70, SIZE), radius=15)
+    near = cdist(np.stack([one.x, one.y], 1), np.stack([one.x, one.y], 1)) <= 15
+    for k, row in enumerate(near):
+        others = row.sum() - 1
+        assert one.neighbours[k] == others
+        apart = np.abs((one.orientation[row] - one.orientation[k] + math.pi / 2) % math.pi - math.pi / 2)
+        assert one.aligned[k] == (apart <= ALIKE).sum() - 1
+        if others:
+            assert one.coherence[k] == pytest.approx(abs(np.exp(2j * one.orientation[row]).mean()))
+            mean, sd = one.width[row].mean(), one.width[row].std()
+            assert one.homogeneity[k] == pytest.approx(mean / (mean + sd))
+
+
+def test_the_radius_is_some_pitches_unless_said():
+    one = measured(random_strokes(60, SIZE))
+    assert one.radius == pytest.approx(RADIUS * math.sqrt(60 * 90 / 60))
+    assert measured(random_strokes(60, SIZE), radius=7.5).radius == 7.5
+
+
+# invariances
+
+
+def test_turned_strokes_differ_in_direction_only():
+    made = random_strokes(50, SIZE).map(torch.Tensor.double)
+    angle = 0.7
+    turn = torch.tensor([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]]).double()
+    names = ("position", "start", "control", "end")
+    turned = replace(made, **{name: getattr(made, name) @ turn for name in names})
+    one, other = measured(made, radius=12), measured(turned, radius=12)
+    for name, values in one.items():
+        if name in MEASURES and name not in ("orientation", "visible"):
+            np.testing.assert_allclose(getattr(other, name), values, rtol=1e-6, atol=1e-7, err_msg=name)
+    change = (other.orientation - one.orientation - angle + math.pi / 2) % math.pi - math.pi / 2
+    assert change == pytest.approx(0, abs=1e-6)
+
+
+def test_enlarged_strokes_differ_in_size_only():
+    made = random_strokes(50, SIZE)
+    one, other = measured(made), measured(made.moved(zoom=3), (180, 270))
+    for name, values in one.items():
+        if name == "visible":
+            np.testing.assert_allclose(other.visible, values, atol=0.1)  # the soft edge keeps its width
+        elif name not in AROUND:
+            power = MEASURES[name].power if name in MEASURES else 1
+            np.testing.assert_allclose(getattr(other, name), values * 3**power, rtol=1e-4, atol=1e-4, err_msg=name)
+    assert other.neighbours.tolist() == one.neighbours.tolist()
+
+
+def test_the_order_of_strokes_changes_nothing():
+    made = random_strokes(50, SIZE)
+    mixed = torch.randperm(50)
+    one, other = measured(made), measures_of(made[mixed], ranks(made)[mixed], SIZE)
+    for name, values in one.items():
+        np.testing.assert_allclose(getattr(other, name), values[mixed.numpy()], rtol=1e-5, atol=1e-5, err_msg=name)
+
+
+# visible
+
+
+def test_a_covered_stroke_is_not_visible():
+    below, above = straight((20, 30), (40, 30), width=6), straight((10, 30), (60, 30), width=20)
+    assert measured(Strokes.join(below, above)).visible == pytest.approx([0, 1], abs=2e-3)
+    assert measured(Strokes.join(above, below)).visible[1] == pytest.approx(1, abs=2e-3)
+
+
+def test_a_glaze_lets_through_what_it_does_not_hide():
+    below = straight((20, 30), (40, 30), width=6)
+    glaze = straight((10, 30), (60, 30), width=30, opacity=0.4)
+    assert measured(Strokes.join(below, glaze)).visible == pytest.approx([0.6, 1], abs=2e-3)
+
+
+def test_half_a_stroke_under_another_is_half_visible():
+    below = straight((10, 20), (50, 20), width=6)
+    above = straight((60, -200), (60, 300), width=60)  # from x = 30 on
+    assert measured(Strokes.join(below, above)).visible[0] == pytest.approx(0.5, abs=0.02)
+
+
+def test_visible_shares_agree_with_the_obvious_sum():
+    strokes = random_strokes(15, SIZE, width=(0.1, 0.3))
+    depth = torch.randperm(15)
+    points = pixel_centres(torch.arange(60 * 90), 90, torch.float32)
+    alpha, _ = Analytic()(strokes).sample(depth.argsort(descending=True)[None], points[None])
+    light = torch.cumprod(torch.cat([torch.ones_like(alpha[:, :1]), 1 - alpha[:, :-1]], dim=1), dim=1)
+    whole = alpha.sum(-1)[0]
+    share = torch.where(whole > 1e-6, (alpha * light).sum(-1)[0] / whole, 0)
+    np.testing.assert_allclose(
+        measures_of(strokes, depth, SIZE).visible[depth.argsort(descending=True)], share, atol=2e-3
+    )
+
+
+def test_a_stroke_beyond_the_canvas_is_not_visible():
+    assert measured(straight((300, 300), (320, 300))).visible == 0
+
+
+def test_a_huge_canvas_is_looked_at_reduced():
+    strokes = Strokes.join(
+        straight((4000, 4000), (9000, 4000), width=500), straight((4000, 4000), (9000, 4000), width=900)
+    )
+    assert measured(strokes, (8000, 12_000)).visible == pytest.approx([0, 1], abs=2e-3)
+
+
+# a painting in numbers
+
+
+def test_statistics_are_those_of_numpy():
+    values = np.random.default_rng(0).gamma(2, size=101)
+    numbers = statistics_of(values)
+    assert numbers["n"] == 101
+    assert numbers["mean"] == pytest.approx(values.mean())
+    assert numbers["sd"] == pytest.approx(values.std(ddof=1))
+    assert numbers["median"] == pytest.approx(np.median(values))
+    assert (numbers["q25"], numbers["q75"]) == (
+        pytest.approx(np.quantile(values, 0.25)),
+        pytest.approx(np.quantile(values, 0.75)),
+    )
+
+
+def test_directions_have_a_mean_across_the_turn():
+    numbers = statistics_of(np.array([175.0, 5.0]), axial=True)
+    assert min(numbers["mean"], 180 - numbers["mean"]) == pytest.approx(0, abs=1e-9)
+    assert numbers["sd"] == pytest.approx(5, abs=0.01)
+    assert numbers["median"] is None
+
+
+def test_statistics_of_nothing_and_of_one():
+    assert statistics_of(np.array([]))["mean"] is None
+    assert statistics_of(np.array([]), axial=True)["mean"] is None
+    assert statistics_of(np.array([3.0])) == {"n": 1, "mean": 3, "sd": None, "q25": 3, "median": 3, "q75": 3}
+
+
+def test_entropy_tells_one_direction_from_all():
+    assert entropy_of(np.full(50, 1.0)) == 0
+    assert entropy_of(np.arange(BINS * 7) * math.pi / BINS % math.pi) == pytest.approx(1)
+
+
+def test_shares_of_directions_are_centred_on_the_axes():
+    share = shares_of(np.radians([0.0, 4.9, 175.1, 90.0]))
+    assert share[0] == 0.75
+    assert share[BINS // 2] == 0.25
+    assert share.sum() == 1
+
+
+def test_the_whole_of_parallel_strokes():
+    numbers = overall_of(analysis_of(saved(replace(combed(50), opacity=torch.ones(50))), "a", "a"))
+    assert numbers["per_1000_px"] == pytest.approx(1000 * 50 / (60 * 90))
+    assert numbers["agreement"] == pytest.approx(1)
+    assert numbers["coherence"] == pytest.approx(1)
+    assert numbers["entropy"] == 0
+    assert numbers["direction"] == pytest.approx(math.degrees(0.5), abs=1e-3)
+
+
+def test_faint_and_thin_strokes_are_left_out():
+    source = painting(40)
+    opacity, width = source.strokes.opacity.clone(), source.strokes.width.clone()
+    opacity[3], width[7] = 0.05, 1e-5
+    one = analysis_of(replace(source, strokes=replace(source.strokes, opacity=opacity, width=width)), "a", "a")
+    assert (one.total, len(one.number)) == (40, 38)
+    assert set(range(40)) - set(one.number.tolist()) == {3, 7}
+    assert sorted(one.depth.tolist()) == list(range(38))
+
+
+def test_hidden_strokes_are_left_out_if_asked():
+    hidden, above = straight((20, 30), (40, 30), width=6), straight((10, 30), (60, 30), width=20)
+    one = analysis_of(saved(Strokes.join(hidden, above)), "a", "a", visible=0.5)
+    assert one.number.tolist() == [1]
+    assert one.measures.neighbours.tolist() == [0]
+
+
+@pytest.mark.parametrize("strokes", [Strokes.none(), straight((10, 10), (20, 20), opacity=0.01)])
+def test_a_painting_of_nothing_is_refused(strokes):
+    with pytest.raises(UserError, match=r"against=x.h5: none of its \d strokes can be seen"):
+        analysis_of(saved(strokes), "x", "x.h5", option="against")
+
+
+@pytest.mark.parametrize("size", [(600, 900), (60, 90)])
+def test_a_thin_stroke_counts_even_if_it_is_the_only_one(size):
+    zoom = size[1] / 900
+    one = analysis_of(saved(straight((100, 300), (400, 300), width=3).moved(zoom=zoom), size), "a", "a")
+    assert one.number.tolist() == [0]
+    assert thinnest_of(1, size) == pytest.approx(0.02 * math.sqrt(size[0] * size[1] / 400))
+    assert "thinner than" in as_markdown([one])
+
+
+# two paintings
+
+
+def test_a_painting_beside_itself_is_no_different():
+    for numbers in comparison_of(found(), found()).values():
+        assert numbers["difference"] == pytest.approx(0, abs=1e-9)
+        assert numbers["distance"] == pytest.approx(0, abs=1e-9)
+        assert numbers["delta"] in (0, None)
+        assert numbers["effect"] in ("negligible", None)
+
+
+def test_a_painting_beside_itself_enlarged_is_the_same_in_pitches():
+    source = painting()
+    large = replace(source, strokes=source.strokes.moved(zoom=2), size=(120, 180))
+    far = comparison_of(analysis_of(source, "a", "a"), analysis_of(large, "b", "b"))
+    for name in ("length", "width", "area", "curvature", "orientation", "coherence"):
+        assert far[name]["distance"] == pytest.approx(0, abs=1e-4), name
+
+
+def test_turned_strokes_are_as_far_as_they_were_turned():
+    far = comparison_of(analysis_of(saved(combed(40, 0.1)), "a", "a"), analysis_of(saved(combed(40, -0.1)), "b", "b"))
+    assert far["orientation"]["difference"] == pytest.approx(math.degrees(0.2), abs=0.01)
+    assert far["orientation"]["distance"] == pytest.approx(math.degrees(0.2), abs=0.01)
+    assert far["orientation"]["delta"] is None
+
+
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (1, 9), (30, 30), (17, 40)])
+def test_distances_of_samples_agree_with_the_obvious(n, m):
+    source = np.random.default_rng(n + m)
+    a, b = source.normal(size=n).round(1), source.normal(0.5, size=m).round(1)
+    assert transport(a, b) == pytest.approx(wasserstein_distance(a, b))
+    pairs = np.sign(a[:, None] - b[None])
+    assert cliffs_delta(a, b) == pytest.approx(pairs.mean())
+    assert cliffs_delta(b, a) == pytest.approx(-pairs.mean())
+
+
+@pytest.mark.parametrize("n", [1, 8, 25])
+def test_on_a_circle_the_best_cut_is_taken(n):
+    source = np.random.default_rng(n)
+    a, b = source.uniform(0, 180, n), source.uniform(0, 180, n)
+    pairings = [np.abs((np.sort(a) - np.roll(np.sort(b), k) + 90) % 180 - 90).mean() for k in range(n)]
+    assert transport(a, b, period=180) == pytest.approx(min(pairings))
+
+
+def test_the_standardised_difference_is_cohens():
+    a, b = np.array([1.0, 2.0, 3.0]), np.array([3.0, 4.0, 5.0])
+    assert standardised(a, b) == pytest.approx(-2)
+    assert standardised(np.array([1.0]), np.array([2.0])) is None
+    assert standardised(np.ones(3), np.ones(3)) is None
+
+
+def test_effects_have_words():
+    assert [effect(x) for x in (0, -0.1, 0.2, -0.4, 0.5, -1)] == [
+        "negligible",
+        "negligible",
+        "small",
+        "medium",
+        "large",
+        "large",
+    ]
+
+
+# files
+
+
+def test_the_table_can_be_read_back():
+    one = found()
+    rows = list(csv.DictReader(io.StringIO(as_csv(one))))
+    assert len(rows) == 60
+    assert [int(row["stroke"]) for row in rows] == one.number.tolist()
+    assert [float(row["length [px]"]) for row in rows] == pytest.approx(one.measures.length.tolist(), rel=1e-5)
+    assert [float(row["orientation [deg]"]) for row in rows] == pytest.approx(
+        np.degrees(one.measures.orientation), rel=1e-5
+    )
+    assert {"area [px^2]", "curvature [deg]", "visible", "x [px]"} <= rows[0].keys()
+
+
+def test_what_is_not_defined_is_empty_null_or_a_dash(tmp_path):
+    one = analysis_of(saved(straight((20, 20), (40, 30))), "single", "single.h5")
+    write_tables(tmp_path, [one])
+    (row,) = csv.DictReader(io.StringIO((tmp_path / "brushwork.csv").read_text()))
+    assert row["coherence"] == ""
+    numbers = json.loads((tmp_path / "summary.json").read_text())
+    assert numbers["measures"]["coherence"]["mean"] is None
+    text = (tmp_path / "summary.md").read_text()
+    assert "–" in text
+    assert "nan" not in text.replace("hidden", "").replace("means", "")
+
+
+def test_the_summary_is_in_pixels_and_in_pitches():
+    one = found()
+    numbers = summary_of(one)
+    length = numbers["measures"]["length"]
+    assert length["in_pitches"]["mean"] == pytest.approx(length["mean"] / one.pitch)
+    assert numbers["measures"]["area"]["in_pitches"]["median"] == pytest.approx(
+        numbers["measures"]["area"]["median"] / one.pitch**2
+    )
+    assert "in_pitches" not in numbers["measures"]["straightness"]
+
+
+def test_the_text_names_both_and_every_measure():
+    text = as_markdown([found(name="early_work"), found(seed=1, name="late | work")])
+    assert "early\\_work less late \\| work" in text
+    assert all(measure.name in text for measure in MEASURES.values())
+    assert "pitches" in text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(None, "–"), (math.nan, "–"), (12345.6, "12,346"), (7, "7"), (0.12345, "0.123"), (2621, "2,621")],
+)
+def test_numbers_have_the_digits_that_tell_something(value, text):
+    assert shown(value) == text
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        lambda: [found()],
+        lambda: [found(name="a $ b"), found(30, 1, "名", size=(90, 40))],
+        lambda: [analysis_of(saved(straight((20, 20), (40, 30))), "one", "one")],
+        lambda: [analysis_of(saved(straight((20, 20), (20, 20))), "dot", "dot"), found(3)],
+        lambda: [analysis_of(saved(combed(20)), "combed", "combed", radius=0.0)],
+        lambda: [found(size=(2, 300)), found(size=(300, 2))],
+    ],
+    ids=["one", "two", "a single stroke", "a dot", "no neighbours", "thin canvases"],
+)
+def test_the_sheet_can_be_drawn(rows, tmp_path, monkeypatch):
+    monkeypatch.setattr(figures, "PRINT", 40)
+    with Image.open(write_figure(tmp_path / "brushwork.png", rows())) as sheet:
+        assert sheet.width == 560
+        assert np.asarray(sheet).std() > 5
+
+
+def test_strokes_are_drawn_in_the_colour_of_their_direction():
+    one = analysis_of(saved(straight((10, 30), (80, 30), width=20)), "a", "a")
+    picture = stroke_map(one)
+    assert picture.shape == (600, 900, 3)
+    assert picture[300, 450] == pytest.approx(direction_colors(np.zeros(1))[0], abs=0.01)
+    assert picture[20, 20] == pytest.approx(1)
+
+
+def test_colours_of_directions_go_round():
+    colors = direction_colors(np.array([0.0, math.pi - 1e-9, math.pi / 2, np.nan]))
+    assert colors[0] == pytest.approx(colors[1], abs=1e-6)
+    assert np.abs(colors[0] - colors[2]).max() > 0.2
+    assert np.ptp(colors[3]) < 0.01
+    light = np.linspace(0, math.pi, 100)
+    assert ((direction_colors(light) > 0) & (direction_colors(light) < 1)).all()  # no colour was cut off
+
+
+def test_the_map_of_coherence_says_nothing_where_no_strokes_are():
+    left = combed(100)
+    left = replace(left, position=left.position * torch.tensor([0.3, 1.0]))
+    points, mean = coherence_map(analysis_of(saved(replace(left, opacity=torch.ones(100))), "a", "a", radius=9), 30)
+    assert points.shape == (20, 30, 2)
+    assert np.abs(mean[10, 3]) == pytest.approx(1)
+    assert np.isnan(mean[10, 29])
+
+
+# the task
+
+
+def start(config, folder: Path, monkeypatch, *overrides: str) -> dict[str, object]:
+    runtime = SimpleNamespace(runtime=SimpleNamespace(output_dir=str(folder)))
+    monkeypatch.setattr(analyse.HydraConfig, "get", lambda: runtime)
+    return analyse.run(config("task=analyse", *overrides), 0.0)
+
+
+def test_the_task_writes_all_files(config, tmp_path, monkeypatch):
+    for name, seed in (("a", 0), ("b", 1)):
+        (tmp_path / name).mkdir()
+        save_catalogue(tmp_path / name / "catalogue.h5", painting(40, seed))
+    paths = [str(tmp_path / name / "catalogue.h5") for name in "ab"]
+    result = start(config, tmp_path, monkeypatch, f"catalogue={paths[0]}", f"against={paths[1]}", "radius=20")
+    assert result["status"] == "completed"
+    assert result["n_strokes"] == 40
+    assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {
+        "brushwork.csv", "brushwork_against.csv", "summary.json", "summary.md", "brushwork.png",
+    }  # fmt: skip
+    with Image.open(tmp_path / "brushwork.png") as sheet:
+        assert sheet.width == 2800
+    numbers = json.loads((tmp_path / "summary.json").read_text())
+    assert numbers["catalogue"] == paths[0]
+    assert (numbers["name"], numbers["against"]["name"], numbers["radius"]) == ("a", "b", 20)
+    one = analysis_of(load_catalogue(Path(paths[0])), "a", "a", radius=20)
+    assert numbers["measures"]["length"]["mean"] == pytest.approx(statistics_of(one.values("length"))["mean"])
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("visible=2", "visible=2.* is not a share from 0 to 1"),
+        ("visible=-1", "visible=-1.* is not a share"),
+        ("radius=-3", "radius=-3.* is not a number of pixels"),
+        ("against=nowhere.h5", "there is no file nowhere.h5; .* against="),
+    ],
+)
+def test_mistakes_are_explained(config, tmp_path, monkeypatch, override, message):
+    save_catalogue(tmp_path / "a.h5", painting(5))
+    with pytest.raises(UserError, match=message):
+        start(config, tmp_path, monkeypatch, f"catalogue={tmp_path}/a.h5", override)
+
+
+def test_names_tell_catalogues_apart():
+    assert analyse.names_of(["/x/sky/catalogue.h5"]) == ["sky"]
+    assert analyse.names_of(["/x/sky/catalogue.h5", "/y/sea.h5"]) == ["sky", "sea"]
+    assert analyse.names_of(["/x/a/catalogue.h5", "/y/a/catalogue.h5"]) == ["x/a", "y/a"]
+    assert analyse.names_of(["/x/a.h5", "/x/a.h5"]) == ["a (1)", "a (2)"]
