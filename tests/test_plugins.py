@@ -8,6 +8,7 @@ import torch
 from scenes import leaves, random_strokes
 
 from brushexp.density.base import Survey
+from brushexp.logger.base import Run
 from brushexp.loss.base import Painting
 from brushexp.order.base import front_to_back
 from brushexp.registry import FAMILIES, MULTI_SELECT, build, plugins
@@ -15,7 +16,7 @@ from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes, check_strokes
 
 ROOT = Path(__file__).parents[1]
 SIZE = (24, 40)  # not square: catches a swap of height and width
-IN_PAINT = [family for family in FAMILIES if family != "engine"]  # families that the config of task=paint has
+TASK_OF = {"engine": "simulate", "to": "export"}  # families that the config of task=paint does not have
 
 
 def names(family: str) -> list[str]:
@@ -36,10 +37,10 @@ def test_every_plugin_says_in_one_line_what_it_is(plugin):
     assert plugin.summary.rstrip(".:;") != plugin.cls.__name__
 
 
-@pytest.mark.parametrize("family", IN_PAINT)
+@pytest.mark.parametrize("family", FAMILIES)
 def test_the_options_of_every_choice_are_typed(config, family):
     for name in names(family):
-        node = config(f"{family}={name}")[family]
+        node = config(f"task={TASK_OF.get(family, 'paint')}", f"{family}={name}")[family]
         assert "_target_" in (node[name] if family in MULTI_SELECT else node)
 
 
@@ -182,8 +183,12 @@ def test_optimizer_lowers_a_loss(config, name):
 
 
 @pytest.mark.parametrize("name", names("logger"))
-def test_logger_writes_into_the_folder_of_the_run(config, name, tmp_path):
-    logger = default(config, "logger", name).open(tmp_path)
-    logger.log_metrics({"loss/mse": 0.5}, step=1)
-    logger.save()
+def test_logger_writes_into_the_folder_of_the_run(config, name, tmp_path, monkeypatch):
+    monkeypatch.setenv("WANDB_MODE", "offline")
+    logger = default(config, "logger", name)
+    curves = logger.open(Run(tmp_path))
+    curves.log_metrics({"loss/mse": 0.5}, step=1)
+    curves.save()
+    logger.finish(Run(tmp_path, status="completed", metrics={"psnr": 20.0}))
+    curves.finalize("success")
     assert any(path.is_file() for path in tmp_path.rglob("*"))

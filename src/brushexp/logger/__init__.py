@@ -1,1 +1,1 @@
-"""Loggers: where the curves of a run go. Pick several: ``'logger=[csv]'``."""
+"""Loggers: where the curves, pictures and numbers of a run go. Pick several: ``logger=csv,wandb``."""

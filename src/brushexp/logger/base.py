@@ -3,16 +3,79 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from brushexp.errors import UserError
 
 if TYPE_CHECKING:  # Lightning takes seconds to import; --help should not
     from lightning.pytorch.loggers import Logger as LightningLogger
 
 
+@dataclass(frozen=True)
+class Run:
+    """What is known of a run: at its beginning its place and its settings, at its end everything.
+
+    Attributes:
+        folder: its own; what a logger writes belongs below it.
+        name: what to call it; of a job of a sweep, its number.
+        group: name of the sweep that it belongs to; empty for a single run.
+        chosen: what the command line set, key -> value as Hydra writes it; in a sweep this is what tells runs apart.
+        settings: of the whole run, resolved and nested; of a plugin its name, as ``plugin``, and its options.
+        status: running, completed, interrupted or failed.
+        metrics: what metrics.json holds; empty if the run failed.
+        pictures: name -> PNG, in the order in which they should be shown.
+        frames: step -> JPEG of the picture on the way, a few of them.
+        files: name -> what the run was made for, the catalogue for instance.
+    """
+
+    folder: Path
+    name: str = ""
+    group: str = ""
+    chosen: Mapping[str, str] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    status: str = "running"
+    metrics: Mapping[str, Any] = field(default_factory=dict)
+    pictures: Mapping[str, Path] = field(default_factory=dict)
+    frames: Mapping[int, bytes] = field(default_factory=dict)
+    files: Mapping[str, Path] = field(default_factory=dict)
+
+    @property
+    def step(self) -> int:
+        """The last one; 0 if it is not known."""
+        return int(self.metrics.get("steps") or 0)
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The metrics that are one number each."""
+        return {name: value for name, value in self.metrics.items() if type(value) in (int, float)}
+
+
 class Logger(ABC):
-    """Names a place for the curves of a run."""
+    """Takes the curves of a run, and at its end its pictures, numbers and files.
+
+    Whatever it raises stops the logger and never the run: the first error is logged, and no more curves come.
+    """
 
     @abstractmethod
-    def open(self, folder: Path) -> LightningLogger:
-        """The Lightning logger that writes there; ``folder`` is the run's own."""
+    def open(self, run: Run) -> LightningLogger:
+        """Begin, and return the Lightning logger that takes the curves; it is finalised after `finish`."""
+
+    def finish(self, run: Run) -> None:  # noqa: B027
+        """Take what else there is of the run. Called once, however it ended, also when `open` or a curve failed."""
+
+
+def check_installed(package: str) -> None:
+    """Refuse a logger before the work begins if its package is missing.
+
+    Args:
+        package: name of the package, of the extra that installs it, and of the logger.
+
+    Raises:
+        UserError: says what to install.
+    """
+    if find_spec(package) is None:
+        raise UserError(f"logger={package} needs the package {package}; pip install -e '.[{package}]'")

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from brushexp.logger.base import Logger
+from brushexp.logger.base import Logger, Run
 from brushexp.registry import register
 
 if TYPE_CHECKING:
@@ -18,7 +17,7 @@ class Csv(Logger):
 
     def __init__(self) -> None: ...
 
-    def open(self, folder: Path) -> LightningLogger:
+    def open(self, run: Run) -> LightningLogger:
         from lightning.pytorch.loggers import CSVLogger  # noqa: PLC0415
 
-        return CSVLogger(folder, name="", version="curves")
+        return CSVLogger(run.folder, name="", version="curves")

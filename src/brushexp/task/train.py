@@ -17,6 +17,7 @@ import lightning as L
 import torch
 from filelock import FileLock
 from hydra.core.hydra_config import HydraConfig
+from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.checkpoint import plain_options
@@ -30,6 +31,7 @@ from brushexp.renderer.base import Renderer
 from brushexp.renderer.checkpoint import save_checkpoint
 from brushexp.task.paint import device_of, interrupted_run
 from brushexp.task.simulate import record
+from brushexp.tracking import trackers_of
 from brushexp.train.dataset import Split, origin_of
 from brushexp.train.discriminator import Plan
 from brushexp.train.discriminator import Training as TrainingOfDiscriminator
@@ -59,6 +61,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     check_keys(cfg, Train)
     if cfg.model not in MODELS:
         raise UserError(f"model={cfg.model} is not one of {', '.join(MODELS)}; try model=renderer")
+    trackers_of(cfg, folder)  # says now what they lack, and not when the strokes have been simulated
     device = device_of(cfg.device)
     L.seed_everything(cfg.seed, verbose=False)
     return MODELS[cfg.model](cfg, folder, start, device, resumed)
@@ -86,12 +89,12 @@ def run_discriminator(
     check_used(HydraConfig.get().overrides.task)
     plan = Plan(**{field.name: cfg[field.name] for field in fields(Plan)})
     training = TrainingOfDiscriminator(Discriminator().to(device), plan)
-    with interruptible(
-        partial(setattr, training, "stop", INTERRUPTED),
-        "stopping after this step; what is trained so far will be written",
-    ):
-        training.run([build(node).open(folder) for node in cfg.logger.values()])
-    metrics = finish_discriminator(training, folder, start)
+    promise = "stopping after this step; what is trained so far will be written"
+    with trackers_of(cfg, folder) as trackers:
+        with interruptible(partial(setattr, training, "stop", INTERRUPTED), promise):
+            training.run(trackers.loggers)
+        metrics = finish_discriminator(training, folder, start)
+        trackers.report(metrics, files={"weights": folder / f"{NAME}.safetensors"})
     if training.stop == INTERRUPTED:
         log.warning("interrupted at step %d; %s.safetensors was not trained to the end", training.step, NAME)
         raise KeyboardInterrupt
@@ -173,12 +176,30 @@ def fit(
     device: torch.device,
     resumed: Path | None,
 ) -> None:
-    """Train until an end is reached, then measure what will be kept."""
+    """Train until an end is reached, then measure what will be kept; of both the trackers are told."""
+    with trackers_of(cfg, folder) as trackers:
+        train(module, data, cfg, folder, device, resumed, trackers.loggers)
+        trackers.report(
+            {**module.figures, "steps": module.step, "status": module.stop or "completed"},
+            pictures={"validation": folder / "validation.png"},
+        )
+
+
+def train(
+    module: RendererTrainer,
+    data: StrokeData,
+    cfg: DictConfig,
+    folder: Path,
+    device: torch.device,
+    resumed: Path | None,
+    loggers: Sequence[Logger],
+) -> None:
+    """The training of `fit`."""
     trainer = L.Trainer(
         accelerator="gpu" if device.type == "cuda" else "cpu",
         devices=[device.index or 0] if device.type == "cuda" else 1,
         max_epochs=-1 if cfg.epochs is None else cfg.epochs,
-        logger=[build(node).open(folder) for node in cfg.logger.values()],
+        logger=loggers,
         callbacks=[ProgressBar(), HeldOutPictures(folder), Checkpoints(folder / CHECKPOINT, cfg.checkpoint_every)],
         log_every_n_steps=1,
         num_sanity_val_steps=0,

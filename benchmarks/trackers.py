@@ -1,0 +1,94 @@
+"""What trackers cost: whole runs of the program with each, against none; and what they take by themselves.
+
+    python benchmarks/trackers.py                     (about five minutes on two idle cores)
+    python benchmarks/trackers.py --rounds 1 --steps 50
+
+Each run is a process of its own. Those of one round follow each other, and the ratio is the median of the ratios within
+the rounds. A point of the curves is logged about every 0.2 s, so that a millisecond for it is 0.5 % of the run.
+Nothing is sent: wandb is offline.
+"""
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from pictures import ROOT, run
+
+POINTS = 300
+CHOICES = {
+    "none": [],
+    "csv": ["csv"],
+    "tensorboard": ["tensorboard"],
+    "wandb": ["wandb"],
+    "all": ["csv", "tensorboard", "wandb"],
+}
+
+
+def alone(names: list[str], folder: Path) -> None:
+    """Print how long the trackers take to open, imports included, for a point of the curves, and for a run's end."""
+    import lightning  # noqa: F401, PLC0415  (the program has it anyway)
+
+    from brushexp.command_line import prepare  # noqa: PLC0415
+    from brushexp.logger.base import Run  # noqa: PLC0415
+    from brushexp.registry import build_named  # noqa: PLC0415
+    from brushexp.tracking import Trackers  # noqa: PLC0415
+
+    prepare(ROOT)
+    begin = time.perf_counter()
+    trackers = Trackers({name: build_named("logger", name, {}) for name in names}, Run(folder, name="a"))
+    with trackers:
+        opened = time.perf_counter()
+        for step in range(POINTS):
+            for logger in trackers.loggers:
+                logger.log_metrics({"loss/mse": 1 / (1 + step), "psnr": 20.0 + step, "seconds": 0.2 * step}, step)
+                logger.save()
+        point = (time.perf_counter() - opened) / POINTS
+        trackers.report(
+            json.loads((folder / "metrics.json").read_text()),
+            pictures={name: folder / f"{name}.png" for name in ("target", "painting")},
+            files={"catalogue": folder / "catalogue.h5"},
+        )
+        half = time.perf_counter()
+    print(opened - begin, 1e3 * point, time.perf_counter() - half)
+
+
+def main() -> None:
+    """Print a Markdown table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=5, help="runs of each choice")
+    parser.add_argument("--steps", type=int, default=300, help="of each run")
+    options = parser.parse_args()
+    os.environ["WANDB_MODE"] = "offline"
+    steps: dict[str, list[float]] = {name: [] for name in CHOICES}
+    seconds: dict[str, list[list[float]]] = {name: [] for name in CHOICES}
+    with tempfile.TemporaryDirectory() as scratch:
+        run(["resolution=64", "steps=2"], Path(scratch) / "first")
+        for number in range(options.rounds):
+            for name, chosen in CHOICES.items():
+                folder = Path(scratch) / f"{name}_{number}"
+                metrics = run([f"steps={options.steps}", f"logger=[{','.join(chosen)}]"], folder)
+                steps[name].append(1e3 * metrics["seconds"] / metrics["steps"])
+                code = f"from pathlib import Path; from trackers import alone; alone({chosen}, Path({str(folder)!r}))"
+                command = [sys.executable, "-W", "ignore", "-c", code]
+                done = subprocess.run(command, check=True, cwd=sys.path[0], capture_output=True, text=True)
+                seconds[name].append([float(word) for word in done.stdout.split()[-3:]])
+    print("| logger | ms per step | times none | ms per point of the curves | seconds to begin | seconds to end |")
+    print("|---|---|---|---|---|---|")
+    for name in CHOICES:
+        ratios = [mine / none for mine, none in zip(steps[name], steps["none"], strict=True)]
+        begin, point, end = (statistics.median(part) for part in zip(*seconds[name], strict=True))
+        spread = f"{min(ratios):.3f} to {max(ratios):.3f}"
+        print(
+            f"| {name} | {statistics.median(steps[name]):.2f} | {statistics.median(ratios):.3f} ({spread}) "
+            f"| {point:.2f} | {begin:.2f} | {end:.2f} |"
+        )
+
+
+if __name__ == "__main__":
+    main()
