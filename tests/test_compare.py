@@ -151,7 +151,7 @@ def test_everything_is_written(tmp_path, compare):
     folder, numbers = compare(f"runs=[{tmp_path}/a,{tmp_path}/b]")
     assert numbers["runs"] == 3
     names = {"table.csv", "table.md", "pareto.md", "pareto.csv", "pareto.png", "anytime.md", "curves.png"}
-    assert {path.name for path in folder.iterdir()} == names
+    assert {path.name for path in folder.iterdir()} == names | {"report.html"}
     assert "python run.py steps=3 'loss=[mse,kl]'" in (folder / "pareto.csv").read_text()
     assert "| ../b | 3 |" in (folder / "table.md").read_text()
 

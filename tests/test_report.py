@@ -364,7 +364,7 @@ def test_the_last_of_many_writers_sees_all_results(tmp_path):
     assert len(read_csv(tmp_path / "table.csv")) == 12
     assert sum(map(len, greys(tmp_path / "sheet.png"))) == 13
     files = {path.name for path in tmp_path.iterdir() if path.is_file()}
-    assert files <= {"table.csv", "table.md", "sheet.png", LOCK}
+    assert files <= {"table.csv", "table.md", "sheet.png", "report.html", LOCK}
 
 
 def test_the_lock_is_removed_when_the_sweep_is_over(tmp_path):

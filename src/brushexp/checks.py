@@ -46,6 +46,9 @@ class Paint(Shared):
     checkpoint_every: float | None
     frames: int
     frame_side: int
+    timelapse: str
+    timelapse_seconds: float | None
+    report: bool
     focus: str | None
     focus_strength: float
     lpips_backbone: str
@@ -141,6 +144,25 @@ class Compare(Shared):
 
 
 @dataclass
+class Analyse(Shared):
+    """Types of the keys of ``task=analyse``; values and meaning are in conf/task/analyse.yaml."""
+
+    catalogue: str
+    against: str | None
+    radius: float | None
+    visible: float
+
+
+@dataclass
+class View(Shared):
+    """Types of the keys of ``task=view``; values and meaning are in conf/task/view.yaml."""
+
+    catalogue: str
+    port: int
+    open: bool
+
+
+@dataclass
 class Extremes(Shared):
     """Types of the keys of ``task=extremes``; values and meaning are in conf/task/extremes.yaml."""
 
@@ -173,6 +195,8 @@ RANGES = {  # key: lowest value, what it is
     "minutes": (0, "a number of minutes"),
     "limit": (1, "a number of strokes"),
     "patience": (0, "a number of seconds"),
+    "radius": (0, "a number of pixels"),
+    "visible": (0, "a share from 0 to 1"),
     "critic_weight": (0, "a weight"),
     "critic_width": (1, "a number of channels"),
     "frame_side": (2, "a number of pixels from 2"),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from brushexp.files import write_bytes
 from brushexp.report.drawing import SIDE, Cell, Grid, draw, largest_side
-from brushexp.report.table import NOTHING, Result, collect, formatted, settings, shortened, summary, varying
+from brushexp.report.table import NOTHING, Result, collect, formatted, picture_of, settings, shortened, summary, varying
 
 COLUMNS = 6  # up to 48 pictures; larger sheets are about square
 MATRIX_COLUMNS = 12  # a wider matrix is laid out row by row instead
@@ -22,7 +22,7 @@ def write_sheet(folder: Path) -> Path | None:
     Runs that differ in two settings and cover all combinations form a matrix; others stand row by row.
     """
     results = collect(folder)
-    if not any(_picture(folder, result).is_file() for result in results):
+    if not any(picture_of(folder, result).is_file() for result in results):
         return None
     targets = _targets(folder, results)
     grid = _matrix(folder, results, targets) or _row_by_row(folder, results, targets)
@@ -95,18 +95,13 @@ def _cell(folder: Path, result: Result, label: tuple[str, ...] = ()) -> Cell:
     numbers = [f"{formatted(result, key)} {unit}" for key, unit in NOTED.items()]
     state = [result["status"]] * (result["status"] != "completed")
     note = (*state, *(number for number in numbers if NOTHING not in number), run)
-    path = _picture(folder, result)
+    path = picture_of(folder, result)
     return Cell(path, label, note) if path.is_file() else Cell(None, label, note, words="no picture")
 
 
 def _side(results: list[Result]) -> int:
     """Room for a picture: a sheet of strokes is made of many small ones."""
     return 2 * SIDE if any("picture" in result for result in results) else SIDE
-
-
-def _picture(folder: Path, result: Result) -> Path:
-    """The picture that a run is shown by."""
-    return folder / result["run"] / Path(str(result.get("picture", "painting.png"))).name
 
 
 def _words(key: str, values: list[str]) -> dict[str, str]:

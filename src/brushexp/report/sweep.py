@@ -1,4 +1,4 @@
-"""Hydra callback: the result of every run of a sweep, and table, sheet of pictures and plots renewed after each."""
+"""Hydra callback: the result of every run of a sweep; and page, table, sheet and plots renewed after each."""
 
 import logging
 from pathlib import Path
@@ -15,6 +15,7 @@ from brushexp.files import write_json
 from brushexp.report.anytime import write_anytime
 from brushexp.report.curves import write_curves
 from brushexp.report.effect import write_effect
+from brushexp.report.page.sweep_page import write_sweep_page
 from brushexp.report.pareto import write_front
 from brushexp.report.runs import overrides
 from brushexp.report.sheet import write_sheet
@@ -25,7 +26,7 @@ LOCK = ".report.lock"
 
 
 class SweepReport(Callback):
-    """Write ``result.json`` into every run of a sweep and renew its tables, ``sheet.png`` and the plots.
+    """Write ``result.json`` into every run of a sweep and renew its ``report.html``, tables, ``sheet.png`` and plots.
 
     Does it after every job and not once at the end, because Hydra 1.3 ends a sweep with a failed job without a word to
     its callbacks. A single run has its metrics.json and needs none of this.
@@ -48,7 +49,7 @@ class SweepReport(Callback):
 
 
 def renew(folder: Path) -> None:
-    """Write tables, sheet and plots of a sweep from the results of all its runs; one process at a time."""
+    """Write page, tables, sheet and plots of a sweep from the results of all its runs; one process at a time."""
     with FileLock(folder / LOCK):
         write_table(folder)
         write_sheet(folder)
@@ -56,6 +57,7 @@ def renew(folder: Path) -> None:
         write_curves(folder)
         write_anytime(folder)
         write_front(folder)
+        write_sweep_page(folder)
 
 
 def result_of(run: str, config: DictConfig, job_return: JobReturn) -> dict[str, Any]:

@@ -201,6 +201,11 @@ def read_result(path: Path) -> Result:
         return {"run": run, "status": "failed", "error": f"its {path.name} cannot be read: {error}", "overrides": {}}
 
 
+def picture_of(folder: Path, result: Result) -> Path:
+    """The picture that a run of the sweep in ``folder`` is shown by."""
+    return folder / result["run"] / Path(str(result.get("picture", "painting.png"))).name
+
+
 def run_number(run: str) -> tuple[bool, int, str]:
     """Puts runs in the order of their numbers, and those without one behind."""
     return (not run.isdecimal(), int(run) if run.isdecimal() else 0, run)

@@ -13,6 +13,7 @@ from brushexp.checks import Compare, check_keys
 from brushexp.errors import UserError
 from brushexp.report.anytime import write_anytime
 from brushexp.report.curves import write_curves
+from brushexp.report.page.sweep_page import write_sweep_page
 from brushexp.report.pareto import write_front
 from brushexp.report.runs import gather, paintings
 from brushexp.report.table import write_table
@@ -21,7 +22,7 @@ log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, start: float) -> dict[str, object]:
-    """Write table, front, curves and quality at equal time of the runs in ``cfg.runs`` into this run's folder."""
+    """Write page, table, front, curves and quality at equal time of the runs in ``cfg.runs`` into this run's folder."""
     folder = Path(HydraConfig.get().runtime.output_dir).resolve()
     if isinstance(cfg.runs, str):
         cfg.runs = [cfg.runs]
@@ -39,5 +40,6 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     write_table(folder, results)
     write_anytime(folder, results)
     write_curves(folder, results)
+    write_sweep_page(folder, results)
     log.info("%s: %d runs compared", written[0], len(results))
     return {"runs": len(results), "seconds_total": time.monotonic() - start, "status": "completed"}

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 import lightning as L
 import torch
 from hydra.core.hydra_config import HydraConfig
+from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.checks import Paint, StyleKeys, check_keys
@@ -21,17 +23,22 @@ from brushexp.paint.assembly import STYLE, first_strokes, focus_of, in_colors, p
 from brushexp.paint.cost import calibrate, in_words, predict
 from brushexp.paint.goals import Goals
 from brushexp.paint.metrics import measure
-from brushexp.paint.outputs import summary_line
+from brushexp.paint.outputs import renderer_of, summary_line, work_of
 from brushexp.paint.painter import Painter
 from brushexp.paint.progress import CHECKPOINT, INTERRUPTED, Checkpoints, Frames, ProgressBar
 from brushexp.paint.timelapse import Timelapse
 from brushexp.pictures.load import background_color, load_picture
+from brushexp.pictures.video import format_of
 from brushexp.process import interruptible, peak_memory
-from brushexp.registry import build, plugin_of
+from brushexp.registry import plugin_of
+from brushexp.report.page.run import write_run_page
 from brushexp.strokes.catalogue import Catalogue
 from brushexp.strokes.storage import Saved, save_catalogue
+from brushexp.to.svg import Svg
+from brushexp.tracking import trackers_of
 
 log = logging.getLogger(__name__)
+ON_THE_WAY = 8  # frames of the timelapse that trackers get
 AFTER = 4.0  # seconds that metrics and timelapse take after the last step, roughly
 
 
@@ -45,6 +52,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     check_keys(cfg.style, StyleKeys, "style.")
     device = device_of(cfg.device)
     lpips = lpips_of(cfg)
+    trackers = trackers_of(cfg, folder)
     L.seed_everything(cfg.seed, verbose=False)
     target = load_picture(cfg.image, cfg.resolution)
     focus = focus_of(cfg, target, folder)
@@ -58,13 +66,23 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     painter = Painter(
         catalogue, parts, target, background, seed=cfg.seed, focus=focus, budget=budget, coarse=cfg.coarse
     ).to(device)
-    frames = Frames(Timelapse(cfg.frames, cfg.frame_side))
+    kind = format_of(cfg.timelapse, "timelapse")
+    frames = Frames(Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds, kind=kind))
     write_picture(folder / "target.png", target)
     predicted = None
-    if painter.steps or cfg.seconds:
-        predicted = fit(painter, cfg, folder, checkpoint, frames, start)
-    metrics = finish(painter, cfg, folder, start, lpips, predicted)
-    frames.timelapse.write(folder)
+    with trackers:
+        if painter.steps or cfg.seconds:
+            predicted = fit(painter, cfg, folder, checkpoint, frames, trackers.loggers, start)
+        metrics = finish(painter, cfg, folder, start, lpips, predicted)
+        frames.timelapse.write(folder)
+        trackers.report(
+            metrics,
+            pictures={name: folder / f"{name}.png" for name in ("target", "painting")},
+            frames=some_of(frames.timelapse),
+            files={"catalogue": folder / "catalogue.h5"},
+        )
+    if cfg.report:
+        report(folder)
     log.info(summary_line(folder, metrics))
     if painter.stop == INTERRUPTED:
         log.warning("interrupted at step %d; continue with: python run.py resume=%s", painter.step, folder)
@@ -109,7 +127,13 @@ def device_of(name: str) -> torch.device:
 
 
 def fit(
-    painter: Painter, cfg: DictConfig, folder: Path, checkpoint: Path | None, frames: Frames, start: float
+    painter: Painter,
+    cfg: DictConfig,
+    folder: Path,
+    checkpoint: Path | None,
+    frames: Frames,
+    loggers: Sequence[Logger],
+    start: float,
 ) -> float | None:
     """Take the gradient steps; the seconds that were predicted for them, None for none."""
     painter.rehearse()
@@ -133,7 +157,7 @@ def fit(
         accelerator="gpu" if painter.device.type == "cuda" else "cpu",
         devices=[painter.device.index or 0] if painter.device.type == "cuda" else 1,
         max_epochs=-1,
-        logger=[build(node).open(folder) for node in cfg.logger.values()],
+        logger=loggers,
         callbacks=[ProgressBar(), frames, goals, checkpoints],
         log_every_n_steps=1,
         enable_checkpointing=False,
@@ -146,6 +170,23 @@ def fit(
     ):
         trainer.fit(painter, range(1), ckpt_path=None if checkpoint is None else str(checkpoint))
     return predicted
+
+
+def some_of(timelapse: Timelapse) -> dict[int, bytes]:
+    """A few frames, step -> JPEG, without the last, which is the painting."""
+    state = timelapse.state_dict()
+    frames = dict(zip(state["steps"], state["frames"], strict=True))
+    steps = sorted(frames)[:-1]
+    apart = max(1, -(-len(steps) // ON_THE_WAY))
+    return {step: frames[step].numpy().tobytes() for step in steps[::apart]}
+
+
+def report(folder: Path) -> None:
+    """Write the page of the run; whatever goes wrong with it, the run is not lost."""
+    try:
+        write_run_page(folder)
+    except Exception as error:
+        log.error("no report.html of this run: %s", error, exc_info=not isinstance(error, UserError))
 
 
 def lpips_of(cfg: DictConfig) -> Distance | None:
@@ -186,6 +227,8 @@ def finish(
         config=OmegaConf.to_yaml(cfg, resolve=True),
     )
     save_catalogue(folder / "catalogue.h5", saved)
+    blend = painter.parts.blend
+    Svg().write(work_of(saved, renderer_of(saved), blend, saved.renderer, source=cfg.image), folder)
     measured = measure(picture, to_bytes(painter.target), lpips, painter.focus)
     assert isinstance(measured["psnr"], float)
     painter.anytime.add(painter.seconds, measured["psnr"])

@@ -1,0 +1,317 @@
+"""The page of a sweep in a real browser: sorted, filtered, compared, pointed at; and what is in it."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import NARROW, WIDE, browser, opened  # noqa: F401  (fixtures)
+
+from brushexp.files import write_json, write_picture
+from brushexp.report.page.sweep_page import sweep_page, write_sweep_page
+from brushexp.report.page.thumbnails import AREA, SIDES, _encoded, side_for, thumbnail
+from brushexp.report.pareto import points_of
+from brushexp.report.runs import by_picture, paintings
+from brushexp.report.sweep import renew
+from brushexp.report.table import collect
+
+EVIL = "<script>document.title=1</script>"
+SIZE = (40, 60)  # height and width of the pictures, pixels
+SETTINGS = [  # steps, loss, seconds, PSNR, SSIM
+    ("100", "mse", 2.0, 30.0, 0.90),
+    ("30", "mse", 0.5, 25.0, 0.80),
+    ("1500", "mse", 20.0, 33.0, 0.95),
+    ("100", "ssim", 4.0, 28.0, 0.93),
+    ("30", "ssim", 1.0, 24.0, 0.85),
+    ("1500", "ssim", 40.0, 31.0, 0.97),
+]
+
+
+def make_run(folder: Path, name: str, chosen: dict[str, str], color: int, **numbers: object) -> Path:
+    run = folder / name
+    run.mkdir(parents=True)
+    write_json(run / "result.json", {"status": "completed", "overrides": chosen} | numbers)
+    write_picture(run / "target.png", np.full((*SIZE, 3), 200, np.uint8))
+    write_picture(run / "painting.png", np.full((*SIZE, 3), color, np.uint8))
+    return run
+
+
+def make_sweep(folder: Path) -> Path:
+    """Six finished runs, of which one has a page of its own, and one that failed."""
+    for k, (steps, loss, seconds, psnr, ssim) in enumerate(SETTINGS):
+        curve = [[0, 15], [seconds / 2, psnr - 2], [seconds, psnr]]
+        numbers = {"seconds": seconds, "psnr": psnr, "ssim": ssim, "n_strokes": 24, "anytime": curve}
+        make_run(folder, str(k), {"steps": steps, "loss": loss}, 20 * k, loss=loss, **numbers)
+    (folder / "2" / "report.html").write_text("a page")
+    failed = {"run": "6", "status": "failed", "error": f"{EVIL} is no colour", "overrides": {"background": EVIL}}
+    (folder / "6").mkdir()
+    write_json(folder / "6" / "result.json", failed)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory) -> Path:
+    folder = make_sweep(tmp_path_factory.mktemp("pages") / "sweep & more")
+    write_sweep_page(folder)
+    return folder / "report.html"
+
+
+def order(page) -> list[str]:
+    """The names of the shown runs, from the top."""
+    return page.evaluate(
+        "[...document.querySelectorAll('#table tbody tr:not([hidden]) .name')].map(e => e.dataset.sort)"
+    )
+
+
+def data_in(html: str) -> dict:
+    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.S)[1])
+
+
+def test_a_head_sorts_with_a_click_and_with_the_keyboard(sweep, opened):  # noqa: F811
+    watched = opened(sweep)
+    head = watched.page.locator("#table th", has_text="PSNR")
+    head.get_by_role("button").click()
+    assert order(watched) == ["2", "5", "0", "3", "1", "4", "6"]  # the better first; no number last
+    assert head.get_attribute("aria-sort") == "descending"
+    head.get_by_role("button").press("Enter")
+    assert order(watched) == ["4", "1", "3", "0", "5", "2", "6"]
+    assert head.get_attribute("aria-sort") == "ascending"
+    watched.page.locator("#table th", has_text="steps").get_by_role("button").click()
+    assert order(watched) == ["4", "1", "3", "0", "5", "2", "6"]  # 30, 100, 1500; alike ones stay as they were
+    assert head.get_attribute("aria-sort") == "none"
+
+
+def test_filters_leave_what_fits_and_say_how_many(sweep, opened):  # noqa: F811
+    watched = opened(sweep)
+    page = watched.page
+    assert page.locator("#count").get_attribute("aria-live") == "polite"
+    page.locator("summary", has_text="steps").press("Enter")
+    page.get_by_label("100", exact=True).check()
+    page.get_by_label("1500", exact=True).check()
+    assert order(watched) == ["0", "2", "3", "5"]
+    page.keyboard.press("Escape")
+    assert page.evaluate("document.activeElement.textContent.trim().startsWith('steps')")
+    page.get_by_label("Search in runs").fill("SSIM 1500")
+    assert order(watched) == ["5"]
+    assert page.locator("#count").text_content() == "1 of 7 runs"
+    assert page.locator("#points .point").count() == 1
+    assert page.locator("#curves .curve").count() == 1
+    page.get_by_label("Search in runs").fill("nothing like it")
+    page.get_by_role("button", name="Clear the filter").click()
+    assert len(order(watched)) == 7
+    assert not watched.errors
+
+
+def test_two_runs_stand_side_by_side_under_the_wipe(sweep, opened):  # noqa: F811
+    watched = opened(sweep)
+    page = watched.page
+    for name in ("1", "2", "4"):  # the third takes the place of the first
+        page.get_by_label(f"Compare run {name}", exact=True).check()
+    assert not page.get_by_label("Compare run 1", exact=True).is_checked()
+    assert page.get_by_label("Compare run 6", exact=True).is_disabled()  # it has no picture
+    page.get_by_role("button", name="Side by side").click()
+    pictures = page.locator("#beside .wipe img")
+    for k, name in enumerate(("2", "4")):
+        inside = page.locator(f"tr[data-row='{name}'] .pictured img").get_attribute("src")
+        assert pictures.nth(k).get_attribute("src") == inside
+    cells = page.locator("#differences tr", has_text="PSNR").locator("td").all_text_contents()
+    assert cells == ["33.00", "24.00", "−9.00"]
+    slider = page.locator("#beside input[type=range]")
+    slider.press("Home")
+    assert watched.evaluate("document.querySelector('.wipe').style.getPropertyValue('--split')") == "0%"
+    shape = page.locator("#beside .wipe").bounding_box()
+    assert shape["width"] / shape["height"] == pytest.approx(SIZE[1] / SIZE[0], rel=0.02)
+    page.keyboard.press("Escape")
+    assert not page.locator("#beside").is_visible()
+
+
+def test_a_picture_is_enlarged_beside_its_target(sweep, opened):  # noqa: F811
+    watched = opened(sweep)
+    watched.page.locator("tr[data-row='3'] .picture").click()
+    assert watched.evaluate("[left.value, right.value]") == ["target 0", "run 3"]
+    assert watched.page.locator("#beside .wipe-label").nth(1).text_content() == "run 3: steps=100 loss=ssim"
+
+
+def test_points_are_walked_with_the_keyboard_and_tell_their_command(sweep, opened):  # noqa: F811
+    watched = opened(sweep)
+    page = watched.page
+    page.locator("#points .point[tabindex='0']").focus()
+    page.keyboard.press("Home")
+    assert "steps=30 loss=mse: PSNR, dB 25" in page.evaluate("document.activeElement.getAttribute('aria-label')")
+    assert page.locator("#pointed-command").text_content() == "python run.py steps=30 loss=mse"
+    page.keyboard.press("ArrowRight")
+    assert page.locator("#pointed-label").text_content() == "steps=30 loss=ssim"
+    assert page.locator("#curves .hot").count() == 1
+    page.keyboard.press("End")
+    assert page.locator("#pointed-label").text_content() == "steps=1500 loss=ssim"
+    page.locator("#points [data-group='2']").hover()  # what was walked to stays, until a click
+    assert page.locator("#pointed-label").text_content() == "steps=1500 loss=ssim"
+    page.locator("#points [data-group='2']").click()
+    assert page.locator("#pointed-report").get_attribute("href") == "2/report.html"
+    page.locator("#pointed").get_by_role("button", name="Compare").click()
+    assert page.get_by_label("Compare run 2", exact=True).is_checked()
+    page.get_by_role("button", name="Copy the command").click()
+    page.get_by_role("button", name="Copied").wait_for()
+    page.get_by_label("Search in runs").press("Control+V")
+    assert page.get_by_label("Search in runs").input_value() == "python run.py steps=1500 loss=mse"
+
+
+def test_the_front_is_that_of_the_table(sweep, opened):  # noqa: F811
+    (picture,) = by_picture(sweep.parent, paintings(collect(sweep.parent)))
+    expected = {point.setting.label for point in points_of(picture) if "psnr" in point.first}
+    labels = opened(sweep).evaluate(
+        "[...document.querySelectorAll('.point.on')].map(e => e.getAttribute('aria-label'))"
+    )
+    assert {label.partition(":")[0] for label in labels} == expected
+    assert all(label.endswith("on the front") for label in labels)
+
+
+def test_any_setting_can_be_plotted_against(sweep, opened):  # noqa: F811
+    page = opened(sweep).page
+    page.locator("#along").select_option("axis:loss")
+    page.locator("#up").select_option("ssim")
+    ticks = page.locator("#points .axes text").all_text_contents()
+    assert {"mse", "ssim", "SSIM"} <= set(ticks)
+    assert page.locator("#points .front.mean").count() == 1
+
+
+@pytest.mark.parametrize("size", [WIDE, NARROW], ids=["wide", "narrow"])
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_the_page_fits_asks_nothing_and_complains_of_nothing(sweep, opened, size, dark):  # noqa: F811
+    watched = opened(sweep, size, dark=dark)
+    watched.page.locator("summary", has_text="steps").click()
+    watched.page.locator("tr[data-row='0'] .picture").scroll_into_view_if_needed()
+    assert not watched.is_too_wide()
+    watched.page.locator("tr[data-row='0'] .picture").click()
+    assert not watched.evaluate(
+        "document.getElementById('beside').scrollWidth > document.getElementById('beside').clientWidth"
+    )
+    assert not watched.errors
+    assert not watched.foreign
+
+
+def test_narrow_pages_show_cards_that_sort(sweep, opened):  # noqa: F811
+    watched = opened(sweep, NARROW)
+    watched.page.get_by_label("Sort by").select_option(label="PSNR, dB, falling")
+    assert order(watched)[:2] == ["2", "5"]
+    boxes = [watched.page.locator(f"tr[data-row='{k}']").bounding_box() for k in (2, 5)]
+    assert boxes[0]["x"] == boxes[1]["x"]
+    assert boxes[0]["y"] + boxes[0]["height"] < boxes[1]["y"]
+
+
+def test_what_users_typed_stays_text(sweep, opened):  # noqa: F811
+    watched = opened(sweep)
+    row = watched.page.locator("tr[data-row='6']")
+    assert row.locator(".error").text_content() == f"{EVIL} is no colour"
+    assert row.locator("td.repeat code").text_content() == f"python run.py 'background={EVIL}'"
+    watched.page.locator("summary", has_text="background").click()
+    watched.page.locator("[data-axis='2'] .chip", has_text="script>").click()
+    assert order(watched) == ["6"]
+    assert watched.page.title() == "sweep & more – brushexp"
+    assert not watched.errors
+    html = sweep.read_text()
+    assert EVIL not in html
+    assert 'http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:;' in html
+
+
+def test_seeds_have_means(tmp_path, opened):  # noqa: F811
+    for k, (steps, seed, psnr) in enumerate((("1", "0", 20.0), ("1", "1", 22.0), ("2", "0", 30.0), ("2", "1", 31.0))):
+        make_run(tmp_path, str(k), {"steps": steps, "seed": seed}, 50, psnr=psnr, seconds=1.0 + k)
+    page = opened(write_sweep_page(tmp_path)).page
+    assert page.locator("#means tbody tr").nth(0).locator("td").all_text_contents()[:3] == ["1", "2", "21.00 ± 1.41"]
+    page.locator("#means th", has_text="PSNR").get_by_role("button").click()
+    assert page.locator("#means tbody td").first.text_content() == "2"
+    assert page.locator(".point").count() == 2
+    assert "PSNR, dB 21, optimisation, s 1.5, mean of 2 runs" in page.locator(".point").first.get_attribute(
+        "aria-label"
+    )
+
+
+def test_means_of_many_settings_tell_those_that_were_set(tmp_path):
+    for k in range(6):
+        for seed in "01":
+            chosen = {"seed": seed} | ({f"key{k}": "1"} if k else {})
+            make_run(tmp_path, f"{k}{seed}", chosen, 0, psnr=20.0 + k, seconds=1.0)
+    html = sweep_page(tmp_path, collect(tmp_path))
+    means = html[html.index('id="means"') : html.index('id="runs"')]
+    assert "not set" not in means
+    assert "<td>key3=1</td>" in means
+    assert "<td>default</td>" in means
+
+
+def test_settings_and_metrics_have_names_of_their_own(tmp_path):
+    for k in range(2):
+        make_run(tmp_path, str(k), {"strokes": str(10 + k)}, 0, psnr=20.0 + k, seconds=1.0, n_strokes=10 + k)
+    heads = re.findall(r'role="columnheader"[^>]*><button[^>]*>([^<]+)<', sweep_page(tmp_path, collect(tmp_path)))
+    assert len(heads) == len(set(heads))
+
+
+def test_pictures_of_two_targets_are_not_plotted_together(tmp_path, opened):  # noqa: F811
+    for k, image in enumerate(("a.png", "a.png", "b.png", "b.png")):
+        run = make_run(tmp_path, str(k), {"image": image, "steps": str(k % 2)}, 50, psnr=20.0 + k, seconds=1.0 + k)
+        write_picture(run / "target.png", np.full((*SIZE, 3), ord(image[0]), np.uint8))
+    watched = opened(write_sweep_page(tmp_path))
+    assert watched.page.locator(".point").count() == 2
+    watched.page.locator("#of-picture").select_option("1")
+    assert watched.evaluate("[...document.querySelectorAll('.point')].map(e => e.dataset.group)") == ["2", "3"]
+    assert watched.page.locator("figure[data-target]").count() == 2
+
+
+def test_sweeps_of_other_tasks_have_a_page_without_pictures(tmp_path, opened):  # noqa: F811
+    for k, width in enumerate(("16", "32", "64")):
+        (tmp_path / str(k)).mkdir()
+        write_json(tmp_path / str(k) / "result.json", {"overrides": {"renderer.width": width}, "l2": 0.1 / (k + 1)})
+    watched = opened(write_sweep_page(tmp_path))
+    assert watched.page.locator("#plots-head").text_content() == "What the settings do"
+    assert watched.page.locator(".point").count() == 3
+    assert watched.page.locator(".no-picture").count() == 3
+    assert not watched.errors
+
+
+def test_a_page_of_one_failed_run_is_a_page(tmp_path, opened):  # noqa: F811
+    (tmp_path / "0").mkdir()
+    write_json(tmp_path / "0" / "result.json", {"status": "failed", "error": "no", "overrides": {}})
+    watched = opened(write_sweep_page(tmp_path))
+    assert watched.page.locator("#plots").count() == 0
+    assert order(watched) == ["0"]
+    assert not watched.errors
+
+
+def test_links_lead_from_where_the_page_is(tmp_path):
+    make_sweep(tmp_path / "sweep?")
+    results = [result | {"run": f"../sweep?/{result['run']}"} for result in collect(tmp_path / "sweep?")]
+    (tmp_path / "comparison").mkdir()
+    html = sweep_page(tmp_path / "comparison", results)
+    assert '<a href="../sweep%3F/2/report.html">' in html
+    assert [row["name"] for row in data_in(html)["rows"]] == list("0123456")
+
+
+def test_the_page_is_renewed_with_the_sweep(tmp_path):
+    for k in range(2):
+        (tmp_path / str(k)).mkdir()
+        write_json(tmp_path / str(k) / "result.json", {"status": "failed", "error": "no", "overrides": {"a": str(k)}})
+        renew(tmp_path)
+        assert len(data_in((tmp_path / "report.html").read_text())["rows"]) == k + 1
+
+
+def test_pictures_are_encoded_once(tmp_path):
+    write_picture(tmp_path / "a.png", np.zeros((100, 700, 3), np.uint8))
+    _encoded.cache_clear()
+    first = thumbnail(tmp_path / "a.png", 640)
+    assert (first.width, first.height) == (640, 91)
+    assert thumbnail(tmp_path / "a.png", 640) is first
+    write_picture(tmp_path / "a.png", np.zeros((100, 80, 3), np.uint8))
+    assert thumbnail(tmp_path / "a.png", 640).width == 80  # made anew, and not enlarged
+    assert _encoded.cache_info().misses == 2
+    assert thumbnail(tmp_path / "none.png", 640) is None
+    (tmp_path / "bad.png").write_bytes(b"no picture")
+    assert thumbnail(tmp_path / "bad.png", 640) is None
+
+
+def test_the_more_runs_the_smaller_the_pictures():
+    assert [side_for(n) for n in (1, 39, 40, 61, 1000)] == [640, 640, 452, 452, 113]
+    for count in range(1, 2500, 7):
+        side = side_for(count)
+        assert count * side**2 <= AREA
+        assert side == SIDES[0] or count * SIDES[SIDES.index(side) - 1] ** 2 > AREA

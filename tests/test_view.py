@@ -1,0 +1,189 @@
+"""``task=view``: the page of a catalogue, a run or a sweep, served on this machine alone."""
+
+import http.client
+import os
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+import torch
+from omegaconf import DictConfig, OmegaConf
+
+from brushexp.errors import UserError
+from brushexp.files import write_json, write_picture
+from brushexp.report.page.serving import HOST, served
+from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.storage import Saved, save_catalogue
+from brushexp.task.view import pages_of
+
+ROOT = Path(__file__).parents[1]
+
+
+def make_catalogue(path: Path, renderer: str = "analytic", config: str = "renderer: {taper: 0.5}\n") -> Path:
+    n = 3
+    strokes = Strokes(
+        position=torch.tensor([[10.0, 8.0], [20.0, 12.0], [30.0, 20.0]]),
+        scale=torch.full((n,), 20.0),
+        start=torch.tensor([[-0.5, 0.0]]).expand(n, 2).clone(),
+        control=torch.tensor([[0.0, 0.3]]).expand(n, 2).clone(),
+        end=torch.tensor([[0.5, 0.0]]).expand(n, 2).clone(),
+        width=torch.full((n,), 0.2),
+        color=torch.eye(3),
+        opacity=torch.ones(n),
+    )
+    white = torch.ones(3)
+    saved = Saved(strokes, torch.arange(n, dtype=torch.int32), (32, 48), white, renderer, "", 0, config)
+    save_catalogue(path, saved)
+    return path
+
+
+def make_run(folder: Path, **chosen: str) -> Path:
+    folder.mkdir(parents=True)
+    make_catalogue(folder / "catalogue.h5")
+    metrics = {"psnr": 20.0, "ssim": 0.5, "l1": 0.1, "seconds": 1.0, "n_strokes": 3, "status": "completed"}
+    write_json(folder / "metrics.json", metrics)
+    write_json(folder / "result.json", metrics | {"overrides": chosen})
+    for name in ("target.png", "painting.png"):
+        write_picture(folder / name, np.full((32, 48, 3), 90, np.uint8))
+    return folder
+
+
+def pages(config, catalogue: Path, into: Path, *overrides: str) -> dict[str, Path]:
+    into.mkdir(exist_ok=True)
+    cfg: DictConfig = config("task=view", f"catalogue='{catalogue}'", *overrides)
+    return pages_of(cfg, into)
+
+
+def ask(address: str, path: str, host: str | None = None, method: str = "GET") -> tuple[int, bytes, dict[str, str]]:
+    connection = http.client.HTTPConnection(HOST, urlsplit(address).port, timeout=20)
+    connection.request(method, path, headers={"Host": host} if host else {})
+    answer = connection.getresponse()
+    found = answer.status, answer.read(), dict(answer.getheaders())
+    connection.close()
+    return found
+
+
+def test_a_page_is_served_and_nothing_else(tmp_path):
+    (tmp_path / "report.html").write_text("<p>é", encoding="utf-8")
+    (tmp_path / "secret.txt").write_text("secret")
+    with served({"/": tmp_path / "report.html", "/a b/gone.html": tmp_path / "gone.html"}) as address:
+        status, body, head = ask(address, "/?from=here")
+        assert (status, body) == (200, "<p>é".encode())
+        assert head["Content-Type"] == "text/html; charset=utf-8"
+        assert head["X-Content-Type-Options"] == "nosniff"
+        assert ask(address, "/", method="HEAD")[:2] == (200, b"")
+        for path in ("//[", "/secret.txt", "/report.html", "/../secret.txt", "/%2e%2e/secret.txt", "/a%20b/gone.html"):
+            assert ask(address, path)[0] == 404, path
+        assert ask(address, "/", method="POST")[0] == 501
+        assert ask(address, "/", host="evil.example")[0] == 403  # its name may mean this machine
+        assert ask(address, "/", host=f"localhost:{urlsplit(address).port}")[0] == 200
+    with pytest.raises(OSError, match="refused"):
+        ask(address, "/")
+
+
+def test_other_machines_cannot_connect(tmp_path):
+    with served({}) as address:
+        assert urlsplit(address).hostname == "127.0.0.1"
+        with socket.socket() as other, pytest.raises(OSError, match="refused"):
+            other.connect(("127.0.0.2", urlsplit(address).port))  # another address of this machine
+
+
+def test_a_port_that_cannot_be_had_is_named(tmp_path):
+    with served({}) as address:
+        port = urlsplit(address).port
+        with pytest.raises(UserError, match=rf"port={port} is taken .*port=0"), served({}, port):
+            pass
+    with pytest.raises(UserError, match="port=70000 is no port"), served({}, 70_000):
+        pass
+
+
+def test_a_catalogue_is_drawn_by_its_own_renderer(tmp_path, config):
+    path = make_catalogue(tmp_path / "strokes <b>.h5")
+    found = pages(config, path, tmp_path / "out")
+    html = found["/"].read_text()
+    assert found == {"/": tmp_path / "out" / "report.html"}
+    assert "strokes &lt;b&gt;" in html
+    assert "strokes <b>" not in html
+    assert "data:image/png" in html
+
+
+def test_a_renderer_that_is_not_here_is_named_and_another_one_helps(tmp_path, config):
+    path = make_catalogue(tmp_path / "a.h5", "watercolour")
+    with pytest.raises(UserError, match=r"renderer=watercolour, which cannot be built here: .*renderer=analytic"):
+        pages(config, path, tmp_path / "out")
+    assert pages(config, path, tmp_path / "out", "renderer=analytic")["/"].is_file()
+
+
+def test_missing_weights_are_named(tmp_path, config):
+    path = make_catalogue(tmp_path / "a.h5", "neural", "renderer: {checkpoint: gone.safetensors}\n")
+    with pytest.raises(UserError, match=r"gone\.safetensors.*there is no such file"):
+        pages(config, path, tmp_path / "out")
+
+
+def test_the_folder_of_a_run_is_shown_with_its_pictures(tmp_path, config):
+    run = make_run(tmp_path / "run")
+    before = sorted(run.iterdir())
+    html = pages(config, run, tmp_path / "out")["/"].read_text()
+    assert "20.00" in html  # its PSNR
+    assert sorted(run.iterdir()) == before  # it may be somebody else's, and read-only
+
+
+def test_folders_whose_names_are_not_text_are_shown(tmp_path, config):
+    sweep = tmp_path / os.fsdecode(b"sw\xe9")
+    make_run(sweep / "0", steps="1")
+    (sweep / "0" / "report.html").write_text("page of run 0")
+    found = pages_of(OmegaConf.create({"catalogue": str(sweep)}), tmp_path)
+    with served(found) as address:
+        assert ask(address, "/sw%E9/0/report.html")[1] == b"page of run 0"
+
+
+def test_the_folder_of_a_sweep_is_shown_with_the_pages_of_its_runs(tmp_path, config):
+    for k in range(2):
+        make_run(tmp_path / "sweep é" / str(k), steps=str(k))
+    (tmp_path / "sweep é" / "1" / "report.html").write_text("page of run 1")
+    found = pages(config, tmp_path / "sweep é", tmp_path / "out")
+    assert 'href="../sweep%20%C3%A9/1/report.html"' in found["/"].read_text()
+    with served(found) as address:
+        assert ask(address, "/")[0] == 200
+        assert ask(address, "/sweep%20%C3%A9/1/report.html")[1] == b"page of run 1"
+        assert ask(address, "/sweep%20%C3%A9/0/report.html")[0] == 404
+        assert ask(address, "/sweep%20%C3%A9/1/catalogue.h5")[0] == 404
+
+
+def test_what_has_no_page_is_refused(tmp_path, config):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(UserError, match="neither a run nor a sweep"):
+        pages(config, tmp_path / "empty", tmp_path / "out")
+    with pytest.raises(UserError, match="there is no file"):
+        pages(config, tmp_path / "gone.h5", tmp_path / "out")
+
+
+def test_the_program_serves_until_ctrl_c(tmp_path):
+    make_catalogue(tmp_path / "catalogue.h5")
+    command = [sys.executable, "-W", "ignore::FutureWarning", str(ROOT / "run.py"), "task=view", "open=false"]
+    command += [f"catalogue={tmp_path}/catalogue.h5", f"output={tmp_path}/out", "threads=1"]
+    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=tmp_path, env=environment) as process:
+        line = next((line for line in iter(process.stdout.readline, "") if "http://" in line), "")
+        address = line[line.index("http://") :].split()[0]
+        status, body, _ = ask(address, "/")
+        assert status == 200
+        assert body == (tmp_path / "out" / "report.html").read_bytes()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0
+        assert "no longer served" in process.stdout.read()
+
+
+def test_keys_are_typed(config):
+    from brushexp.checks import View, check_keys  # noqa: PLC0415
+
+    cfg = config("task=view", "catalogue=a.h5")
+    assert (cfg.port, cfg.open) == (0, True)
+    cfg = OmegaConf.merge(cfg, {"port": "many"})
+    with pytest.raises(UserError, match="port=many"):
+        check_keys(cfg, View)
