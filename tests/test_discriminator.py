@@ -1,13 +1,12 @@
 """The discriminator: how strokes are spoilt, what it learns, where its loss pushes, and its files."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
+from program import run
 from torch import Tensor, optim
 
 from brushexp.errors import UserError
@@ -21,7 +20,6 @@ from brushexp.task.train import check_used
 from brushexp.train.discriminator import Plan, Training, area_under_curve, judge, save, valid_shapes
 from brushexp.train.spoiling import WAYS, spoil
 
-ROOT = Path(__file__).parents[1]
 QUICK = Plan(lr=5e-3, batch_size=64, epochs=1, minutes=None, seed=3)
 POINTS = ("start", "control", "end")
 
@@ -257,9 +255,8 @@ def test_the_config_of_a_discriminator_is_its_own_and_that_of_a_renderer_unchang
 
 @pytest.mark.slow
 def test_a_sweep_leaves_a_discriminator_with_its_numbers(tmp_path):
-    command = [sys.executable, "-W", "ignore::FutureWarning", str(ROOT / "run.py"), "-m", "task=train"]
     words = ["model=discriminator", "seed=7", "minutes=0.005", "epochs=null", "threads=1", f"output={tmp_path}/a"]
-    done = subprocess.run([*command, *words], check=False, capture_output=True, text=True, cwd=tmp_path)
+    done = run("-m", "task=train", *words, cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     folder = tmp_path / "a" / "0"
     metrics = json.loads((folder / "metrics.json").read_text())

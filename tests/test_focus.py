@@ -3,9 +3,6 @@
 import importlib.util
 import json
 import math
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +10,7 @@ import pytest
 import torch
 from networks import alexnet_state, saved
 from PIL import Image
+from program import ROOT, run
 from torch import Tensor
 from torch.testing import assert_close
 
@@ -41,7 +39,6 @@ from brushexp.sampler.patches import Patches
 from brushexp.sampler.whole import Whole
 from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes
 
-ROOT = Path(__file__).parents[1]
 SIZE = (53, 78)
 PLACES = {
     "inside": Region(13, 21, 17, 26),
@@ -485,8 +482,7 @@ def test_a_strength_out_of_range_is_told_by_its_key(config):
 
 def test_a_run_has_its_focus(tmp_path):
     overrides = ["image=chelsea", "resolution=48", "steps=3", "frames=0", "threads=1", f"output={tmp_path / 'run'}"]
-    command = [sys.executable, "-W", "ignore::FutureWarning", str(ROOT / "run.py"), *overrides, "focus=auto"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=dict(os.environ), check=False)
+    done = run(*overrides, "focus=auto", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert json.loads((tmp_path / "run" / "metrics.json").read_text())["psnr_focus"] > 5
     with Image.open(tmp_path / "run" / "focus.png") as image:

@@ -3,14 +3,13 @@
 import itertools
 import json
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import torch
+from program import Program, run
 from test_painter import painter_of, take
 from torch.testing import assert_close
 
@@ -25,7 +24,6 @@ from brushexp.paint.painter import Painter
 from brushexp.paint.parts import Stage
 from brushexp.renderer.analytic import Analytic
 
-ROOT = Path(__file__).parents[1]
 SMALL = ["image=chelsea", "resolution=48", "threads=1", "frames=0"]
 
 
@@ -224,19 +222,13 @@ def test_a_painter_records_its_curve_from_the_start():
     assert other.anytime.pairs == painter.anytime.pairs
 
 
-def start(*overrides: str) -> subprocess.Popen:
-    command = [sys.executable, "-W", "ignore::FutureWarning", str(ROOT / "run.py"), *SMALL, *overrides]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-
 def metrics_of(folder: Path) -> dict:
     return json.loads((folder / "metrics.json").read_text())
 
 
 def test_a_run_tells_which_goal_ended_it(tmp_path):
-    process = start("psnr=5", f"output={tmp_path}/a")
-    _, err = process.communicate(timeout=280)
-    assert process.returncode == 0, err
+    result = run(*SMALL, "psnr=5", f"output={tmp_path}/a", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
     metrics = metrics_of(tmp_path / "a")
     assert metrics["status"] == PSNR_REACHED
     assert metrics["steps"] == 1
@@ -247,20 +239,16 @@ def test_a_run_tells_which_goal_ended_it(tmp_path):
 
 
 def test_seconds_go_on_after_an_interruption(tmp_path):
-    process = start("seconds=4", "checkpoint_every=0", f"output={tmp_path}/a")
+    process = Program(*SMALL, "seconds=4", "checkpoint_every=0", f"output={tmp_path}/a", cwd=tmp_path)
     while not (tmp_path / "a" / "checkpoint.ckpt").exists() and process.poll() is None:
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=280)
+    _, err = process.communicate()
     assert process.returncode == 130, err
     first = metrics_of(tmp_path / "a")
     assert first["status"] == INTERRUPTED
-    process = subprocess.Popen(
-        [sys.executable, str(ROOT / "run.py"), f"resume={tmp_path}/a", f"output={tmp_path}/b"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    _, err = process.communicate(timeout=280)
-    assert process.returncode == 0, err
+    resumed = run(f"resume={tmp_path}/a", f"output={tmp_path}/b", cwd=tmp_path)
+    assert resumed.returncode == 0, resumed.stderr
     second = metrics_of(tmp_path / "b")
     assert second["status"] == SECONDS_SPENT
     assert second["steps"] > first["steps"]

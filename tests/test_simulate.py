@@ -1,12 +1,9 @@
 """Making a set of strokes: the same whatever happens on the way, never half a file at its place."""
 
-import os
 import random
 import resource
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -14,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from program import Program
 from test_dataset import Spot, write
 
 from brushexp.checks import Simulate, check_keys
@@ -24,7 +22,6 @@ from brushexp.task.simulate import COLUMNS, GAP, contact_sheet
 from brushexp.train.dataset import Origin, StrokeFile, unfinished
 from brushexp.train.recording import BATCH, Recording
 
-ROOT = Path(__file__).parents[1]
 N = 5 * BATCH + 70
 ORIGIN = Origin("spot", {"radius": 0.25}, 6)  # as `write` has it
 PLUGIN = '''
@@ -63,12 +60,9 @@ def folder(tmp_path_factory) -> Path:
     return path
 
 
-def start(folder: Path, *overrides: str) -> subprocess.Popen:
-    """The program in a process of its own."""
-    command = [sys.executable, "-W", "ignore::FutureWarning", str(ROOT / "run.py"), "task=simulate", "threads=1"]
-    environment = os.environ | {"BRUSHEXP_PLUGINS": str(folder / "plugins")}
-    pipe = subprocess.PIPE
-    return subprocess.Popen([*command, *overrides], stdout=pipe, stderr=pipe, text=True, cwd=folder, env=environment)
+def start(folder: Path, *overrides: str) -> Program:
+    """The program, which finds the plugin."""
+    return Program("task=simulate", "threads=1", *overrides, cwd=folder, BRUSHEXP_PLUGINS=str(folder / "plugins"))
 
 
 def run(folder: Path, *overrides: str) -> tuple[int, str]:

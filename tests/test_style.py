@@ -1,14 +1,13 @@
 """The style loss against independent formulations, parts of the canvas against the whole, and painting in a style."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from PIL import Image
+from program import run
 from torch import Tensor
 from torch.testing import assert_close
 
@@ -25,7 +24,6 @@ from brushexp.pictures.load import load_picture
 from brushexp.sampler.base import Region
 from brushexp.strokes.catalogue import Strokes
 
-ROOT = Path(__file__).parents[1]
 NONE = Strokes.none()
 TAPS = ["stem", "b0"]  # they see little, so small pictures will do
 
@@ -292,9 +290,8 @@ def test_the_style_is_added_and_the_others_are_weakened(config, content):
 
 
 def test_a_picture_is_painted_in_the_style_and_the_colours_of_another(tmp_path):
-    command = [sys.executable, "-W", "ignore::FutureWarning", str(ROOT / "run.py"), "style=coffee", "resolution=110"]
-    command += ["strokes=60", "steps=8", "threads=1", "frames=0", f"output={tmp_path}/run"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=280, check=False)
+    settings = ["style=coffee", "resolution=110", "strokes=60", "steps=8", "threads=1", "frames=0"]
+    done = run(*settings, f"output={tmp_path}/run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     style, photo = load_picture("coffee", 110), load_picture("astronaut", 110)
     used, target = (load_picture(f"{tmp_path}/run/{name}.png", None) for name in ("style", "target"))

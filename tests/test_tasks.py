@@ -1,7 +1,6 @@
 """The program as users start it: what it writes, how it resumes, how it refuses."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -14,26 +13,18 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from program import ROOT, Program, run
 
 from brushexp.strokes.prior import clamp_to_prior
 from brushexp.strokes.storage import load_catalogue, save_catalogue
 
-ROOT = Path(__file__).parents[1]
 SMALL = ["image=chelsea", "resolution=48", "steps=30", "threads=1", "frames=5"]
 
 
-def start(*overrides: str, cwd: Path, **environment: str) -> subprocess.Popen:
-    """The program in a process of its own."""
+def typed(*overrides: str, cwd: Path) -> subprocess.CompletedProcess:
+    """The program as a user starts it, with all of its imports; the others are forks, and agree bit for bit."""
     command = [sys.executable, "-W", "ignore::FutureWarning", str(ROOT / "run.py"), *overrides]
-    pipe = subprocess.PIPE
-    return subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, cwd=cwd, env={**os.environ, **environment})
-
-
-def run(*overrides: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess:
-    """The same, finished."""
-    process = start(*overrides, cwd=cwd, **environment)
-    out, err = process.communicate(timeout=280)
-    return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=280, check=False)
 
 
 def picture(path: Path) -> np.ndarray:
@@ -52,7 +43,7 @@ def _compiled(tmp_path_factory) -> None:
 def painted(tmp_path_factory) -> Path:
     """Folder of a small finished run."""
     folder = tmp_path_factory.mktemp("painted") / "run"
-    result = run(*SMALL, f"output={folder}", cwd=folder.parent)
+    result = typed(*SMALL, f"output={folder}", cwd=folder.parent)
     assert result.returncode == 0, result.stderr
     assert "painting.png: " in result.stdout
     return folder
@@ -60,7 +51,7 @@ def painted(tmp_path_factory) -> Path:
 
 def test_a_run_leaves_all_its_results(painted):
     files = {path.name for path in painted.iterdir()}
-    assert {"painting.png", "target.png", "catalogue.h5", "metrics.json", "run.log", ".hydra"} <= files
+    assert {"painting.png", "target.png", "catalogue.h5", "metrics.json", "run.log", ".hydra", "report.html"} <= files
     assert files & {"timelapse.mp4", "timelapse.gif"}
     assert "checkpoint.ckpt" not in files
     metrics = json.loads((painted / "metrics.json").read_text())
@@ -138,8 +129,8 @@ def test_the_same_seed_gives_the_same_bits(painted, tmp_path):
 
 
 def test_an_interrupted_run_continues_exactly(tmp_path):
-    settings = ["image=chelsea", "resolution=64", "steps=1500", "threads=1", "frames=5", "order=accuracy"]
-    process = start(*settings, "checkpoint_every=0", f"output={tmp_path}/a", cwd=tmp_path)
+    settings = ["image=chelsea", "resolution=64", "steps=400", "threads=1", "frames=5", "order=accuracy"]
+    process = Program(*settings, "checkpoint_every=0", f"output={tmp_path}/a", cwd=tmp_path)
     checkpoint = tmp_path / "a" / "checkpoint.ckpt"
     while not checkpoint.exists() and process.poll() is None:
         time.sleep(0.05)
@@ -148,7 +139,7 @@ def test_an_interrupted_run_continues_exactly(tmp_path):
     assert process.returncode == 130, err
     metrics = json.loads((tmp_path / "a" / "metrics.json").read_text())
     assert metrics["status"] == "interrupted"
-    assert 0 < metrics["steps"] < 1500
+    assert 0 < metrics["steps"] < 400
     assert (tmp_path / "a" / "painting.png").exists()
     assert checkpoint.exists()
     resumed = run(f"resume={tmp_path}/a", f"output={tmp_path}/b", cwd=tmp_path)
@@ -158,7 +149,7 @@ def test_an_interrupted_run_continues_exactly(tmp_path):
     with h5py.File(tmp_path / "b" / "catalogue.h5") as b, h5py.File(tmp_path / "c" / "catalogue.h5") as c:
         for name in c:
             assert np.array_equal(b[name], c[name]), name
-    assert json.loads((tmp_path / "b" / "metrics.json").read_text())["steps"] == 1500
+    assert json.loads((tmp_path / "b" / "metrics.json").read_text())["steps"] == 400
     refused = run(f"resume={tmp_path}/a", "steps=9", cwd=tmp_path)
     assert refused.returncode == 1
     assert "drop steps=9" in refused.stdout + refused.stderr
@@ -196,9 +187,9 @@ def test_a_slow_renderer_takes_over_from_a_fast_one(windowed, tmp_path):
 
 
 def test_an_interrupted_warm_start_continues_exactly(windowed, tmp_path):
-    settings = ["image=chelsea", "resolution=48", "steps=1500", "finish_steps=4", "threads=1", "frames=0"]
+    settings = ["image=chelsea", "resolution=48", "steps=400", "finish_steps=4", "threads=1", "frames=0"]
     settings += ["renderer=windowed", "warm_start=analytic"]
-    process = start(*settings, "checkpoint_every=0", f"output={tmp_path}/a", cwd=tmp_path, **windowed)
+    process = Program(*settings, "checkpoint_every=0", f"output={tmp_path}/a", cwd=tmp_path, **windowed)
     while not (tmp_path / "a" / "checkpoint.ckpt").exists() and process.poll() is None:
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
@@ -226,6 +217,8 @@ def test_a_sweep_ends_in_one_table_and_one_sheet(tmp_path):
     result = run(
         "-m",
         *SMALL,
+        "steps=5",
+        "frames=0",
         "loss=mse,perceptual",
         "init=grid,slic,scatter",
         "strokes=15,100000",
@@ -243,9 +236,11 @@ def test_a_sweep_ends_in_one_table_and_one_sheet(tmp_path):
 
 def test_a_sweep_runs_on_several_cores(tmp_path):
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
-    result = run(
+    result = typed(
         "-m",
         *SMALL,
+        "steps=5",
+        "frames=0",
         "threads=null",
         "hydra/launcher=joblib",
         "hydra.launcher.n_jobs=2",
@@ -258,7 +253,7 @@ def test_a_sweep_runs_on_several_cores(tmp_path):
 
 
 def test_help_lists_every_plugin_in_one_line(tmp_path):
-    result = run("--help", cwd=tmp_path)
+    result = typed("--help", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     for name in ("slic", "analytic", "tiled", "topk", "accuracy", "perceptual", "adam", "lbfgs", "scatter", "edges"):
         assert any(line.strip().startswith(f"{name} ") for line in result.stdout.splitlines()), name

@@ -2,10 +2,7 @@
 
 import json
 import math
-import os
 import signal
-import subprocess
-import sys
 import time
 from copy import deepcopy
 from functools import partial
@@ -14,6 +11,7 @@ from pathlib import Path
 import lightning as L
 import pytest
 import torch
+from program import Program, run
 from test_dataset import write
 from torch import nn
 from torch.utils.data import DataLoader
@@ -31,7 +29,6 @@ from brushexp.train.progress import Checkpoints, sheet_of_pairs
 from brushexp.train.stream import Loader, StrokeBatch
 from brushexp.train.trainer import RendererTrainer, Training, balanced
 
-ROOT = Path(__file__).parents[1]
 SIDE = 16
 TINY = ("renderer.width=4", "renderer.widest=8", "renderer.dense=[16]")
 
@@ -343,11 +340,8 @@ def test_wrong_settings_are_refused(config, wrong):
 
 @pytest.mark.slow
 def test_an_interrupted_training_is_kept_and_goes_on(file, tmp_path):
-    command = [sys.executable, "-W", "ignore::FutureWarning", str(ROOT / "run.py"), "task=train"]
-    settings = ["epochs=30", "minutes=null", "batch_size=8", "threads=1", "checkpoint_every=0", f"data={file}", *TINY]
-    pipe = subprocess.PIPE
-    whole = [*command, *settings, f"output={tmp_path}/a"]
-    process = subprocess.Popen(whole, stdout=pipe, stderr=pipe, text=True, cwd=tmp_path, env=dict(os.environ))
+    settings = ["epochs=12", "minutes=null", "batch_size=8", "threads=1", "checkpoint_every=0", f"data={file}", *TINY]
+    process = Program("task=train", *settings, f"output={tmp_path}/a", cwd=tmp_path)
     while not (tmp_path / "a" / "checkpoint.ckpt").exists() and process.poll() is None:
         time.sleep(0.02)
     process.send_signal(signal.SIGINT)
@@ -356,16 +350,10 @@ def test_an_interrupted_training_is_kept_and_goes_on(file, tmp_path):
     assert f"continue with: python run.py task=train resume={tmp_path}/a" in out
     first = json.loads((tmp_path / "a" / "metrics.json").read_text())
     assert first["status"] == "interrupted"
-    assert 0 < first["steps"] < 240
-    resumed = subprocess.run(
-        [*command, f"resume={tmp_path}/a", f"output={tmp_path}/b"],
-        check=False,
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-    )
+    assert 0 < first["steps"] < 96
+    resumed = run("task=train", f"resume={tmp_path}/a", f"output={tmp_path}/b", cwd=tmp_path)
     assert resumed.returncode == 0, resumed.stdout + resumed.stderr
     assert not resumed.stderr, "no warnings"
     last = json.loads((tmp_path / "b" / "metrics.json").read_text())
-    assert (last["status"], last["steps"]) == ("completed", 240)
+    assert (last["status"], last["steps"]) == ("completed", 96)
     assert "renderer.checkpoint=" in resumed.stdout

@@ -1,0 +1,79 @@
+"""The program in processes of its own, without the seconds that its imports take.
+
+Every process is a fork of one that has imported what takes long, and nothing of this project; from there on it is what
+``python run.py`` is: its own environment, folder, output, signals and exit code.
+"""
+
+import multiprocessing
+import os
+import runpy
+import shutil
+import signal
+import sys
+import tempfile
+import warnings
+from pathlib import Path
+from subprocess import CompletedProcess, TimeoutExpired
+
+ROOT = Path(__file__).parents[1]
+SLOW_IMPORTS = ["h5py", "hydra", "lightning", "lightning.pytorch", "numba", "scipy.signal", "torch", "torchmetrics"]
+FORKS = multiprocessing.get_context("forkserver")
+FORKS.set_forkserver_preload(SLOW_IMPORTS)
+
+
+class Program:
+    """``python run.py`` with overrides; used as a `subprocess.Popen` is.
+
+    Args:
+        overrides: words of the command line.
+        cwd: folder that it runs in.
+        environment: what is added to the environment.
+    """
+
+    def __init__(self, *overrides: str, cwd: Path, **environment: str) -> None:
+        self.args = [str(ROOT / "run.py"), *overrides]
+        self._said = Path(tempfile.mkdtemp())
+        words = (self.args, str(cwd), {**os.environ, **environment}, self._said)
+        self._process = FORKS.Process(target=_main, args=words)
+        self._process.start()
+
+    @property
+    def returncode(self) -> int | None:
+        return self._process.exitcode
+
+    def poll(self) -> int | None:
+        return self._process.exitcode
+
+    def send_signal(self, number: int) -> None:
+        if self.poll() is None:
+            os.kill(self._process.pid, number)
+
+    def communicate(self, timeout: float = 280) -> tuple[str, str]:
+        """Wait for the end; what was written to stdout and stderr."""
+        self._process.join(timeout)
+        if self.poll() is None:
+            self._process.kill()
+            raise TimeoutExpired(self.args, timeout)
+        out, err = ((self._said / name).read_text() for name in ("out", "err"))
+        shutil.rmtree(self._said)
+        return out, err
+
+
+def run(*overrides: str, cwd: Path, **environment: str) -> CompletedProcess:
+    """The program, finished."""
+    program = Program(*overrides, cwd=cwd, **environment)
+    out, err = program.communicate()
+    return CompletedProcess(program.args, program.returncode, out, err)
+
+
+def _main(words: list[str], folder: str, environment: dict[str, str], said: Path) -> None:
+    """What a fork does: ``python -W ignore::FutureWarning`` with these words."""
+    for number, name in ((1, "out"), (2, "err")):
+        os.dup2(os.open(said / name, os.O_CREAT | os.O_WRONLY | os.O_APPEND), number)
+    os.environ.clear()
+    os.environ.update(environment)
+    os.chdir(folder)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    warnings.simplefilter("ignore", FutureWarning)
+    sys.argv = words
+    runpy.run_path(words[0], run_name="__main__")
