@@ -19,6 +19,10 @@ bench: $(VENV)/.dev  ## the figures of docs/performance.md (minutes, on an idle 
 	$(RUN) benchmarks/pictures.py
 	$(RUN) benchmarks/partial.py
 	$(RUN) benchmarks/losses.py
+	$(RUN) benchmarks/outputs.py
+
+docs: $(VENV)/.dev  ## the documentation as a site in site/, which opens from disk
+	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --quiet
 
 $(VENV)/.paint: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -30,4 +34,4 @@ $(VENV)/.dev: pyproject.toml
 	$(VENV)/bin/pip install --quiet -e '.[dev]'
 	touch $@
 
-.PHONY: paint test lint bench
+.PHONY: paint test lint bench docs
