@@ -203,7 +203,7 @@ def test_strokes_of_nothing_are_laid_too(tmp_path):
     [("seconds", 0.0), ("seconds", 1e4), ("seconds", float("nan")), ("fps", 0), ("fps", 60), ("hold", -1.0)],
 )
 def test_impossible_films_are_refused(option, value):
-    with pytest.raises(UserError, match=f"^to.process.{option}=.* is out of range; choose .* to "):
+    with pytest.raises(UserError, match=f"^to.process.{option}=.* is not within .* to .*; try to.process.{option}="):
         Process(**{option: value})
 
 

@@ -6,11 +6,12 @@ from typing import Any
 
 from brushexp.density._places import halves, places, straddling
 from brushexp.density.base import Density, Revision, Survey
-from brushexp.errors import UserError
+from brushexp.errors import UserError, check_range
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
 CHANNELS = 3
+LEAST = 1e-3  # share of the strokes to begin with, and size of a new one: none would be nothing to begin with
 APART = 8  # steps between two rounds at least: strokes must have found their place before they are judged
 
 log = logging.getLogger(__name__)
@@ -55,11 +56,10 @@ class Adaptive(Density):
         psnr: float | None = None,
     ) -> None:
         for key, value, low, high in (
-            ("start", start, 0.0, 1.0), ("until", until, 0.0, 1.0), ("moved", moved, 0.0, 0.5),
-            ("split", split, 0.0, 1.0), ("size", size, 0.0, 10.0), ("tolerance", tolerance, 0.0, 1.0),
+            ("start", start, LEAST, 1.0), ("until", until, 0.0, 1.0), ("moved", moved, 0.0, 0.5),
+            ("split", split, 0.0, 1.0), ("size", size, LEAST, 10.0), ("tolerance", tolerance, 0.0, 1.0),
         ):  # fmt: skip
-            if not low <= value <= high or (key in ("start", "size") and not value):
-                raise UserError(f"density.{key}={value:g} is not within {low:g} to {high:g}; leave density.{key} out")
+            check_range(f"density.{key}", value, low, high)
         if rounds < 0:
             raise UserError(f"density.rounds={rounds} is not a number of rounds; set density.rounds to 0 or more")
         self.start = start

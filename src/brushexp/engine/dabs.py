@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from brushexp.engine.base import Engine, Simulated
-from brushexp.errors import UserError
+from brushexp.errors import check_range
 from brushexp.process import share_threads
 from brushexp.registry import register
 from brushexp.strokes.prior import strokes_of
@@ -83,11 +83,7 @@ class Dabs(Engine):
             "tail": (tail, 0, 1),
         }
         for key, (value, low, high) in ranges.items():
-            if not low <= value <= high:
-                nearest = low if value < low else high
-                raise UserError(
-                    f"engine.{key}={value:g} is not within {low:g} to {high:g}; try engine.{key}={nearest:g}"
-                )
+            check_range(f"engine.{key}", value, low, high)
         from brushexp.engine import _stamps  # noqa: PLC0415  (Numba takes a second; --help should not)
 
         self._stamps = _stamps

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from brushexp.engine.base import Engine, Simulated
-from brushexp.errors import UserError
+from brushexp.errors import check_range
 from brushexp.process import share_threads
 from brushexp.registry import register
 from brushexp.strokes.prior import strokes_of
@@ -99,8 +99,7 @@ class Fluid(Engine):
             "relief": (relief, 0, 100),
         }
         for key, (value, low, high) in ranges.items():
-            if not low <= value <= high:
-                raise UserError(f"engine.{key}={value:g} is not within {low} to {high}; set engine.{key} to {high}")
+            check_range(f"engine.{key}", value, low, high)
         from brushexp.engine import _bristles, _paint  # noqa: PLC0415  (Numba takes a second; --help should not)
 
         self._bristles, self._paint = _bristles, _paint

@@ -5,7 +5,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from brushexp.errors import UserError
+from brushexp.errors import UserError, check_range
 from brushexp.registry import register
 from brushexp.renderer.base import EDGE, SPREAD
 from brushexp.sampler.base import Glance, Region, Sampler
@@ -39,8 +39,7 @@ class Resting(Sampler):
         if every < 2:
             raise UserError(f"sampler.every={every} leaves no step to rest; use sampler.every=4 or sampler=whole")
         for key, value in (("share", share), ("worth", worth)):
-            if not 0 <= value <= 1:
-                raise UserError(f"sampler.{key}={value:g} is not a fraction; set sampler.{key} to 0 to 1")
+            check_range(f"sampler.{key}", value, 0, 1)
         if block < 1:
             raise UserError(f"sampler.block={block} is not a number of pixels; try sampler.block=32")
         self.every = every

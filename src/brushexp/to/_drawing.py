@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from brushexp.errors import UserError
+from brushexp.errors import UserError, check_range
 from brushexp.to._library import the_library
 
 Array = np.ndarray
@@ -50,10 +50,7 @@ class Drawing:
         within = {"colors": (1, 64), "layers": (1, 10_000), "pen_mm": (0.05, 500.0), "margin_mm": (0.0, 1000.0)}
         within |= {"tolerance_mm": (0.001, 10.0), "passes": (1, 2000), "width_mm": (0.1, 100_000.0)}
         for key, (low, high) in within.items():
-            value = getattr(self, key)
-            if value is not None and not low <= value <= high:
-                option = f"to.{self.name}.{key}"
-                raise UserError(f"{option}={value:g} is outside {low:g} to {high:g}; try {option}={low:g}")
+            check_range(f"to.{self.name}.{key}", getattr(self, key), low, high)
         self.room((1, 1))
         self.own_pens  # noqa: B018  (says what is wrong with it before anything is drawn)
 

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from brushexp.blend.bands import cuts
-from brushexp.errors import UserError
+from brushexp.errors import check_range
 from brushexp.files import to_bytes
 from brushexp.pictures.video import MOST_FPS, MOST_SECONDS, Format, filming, largest_side
 from brushexp.registry import register
@@ -62,8 +62,7 @@ class Process(Exporter):
     ) -> None:
         ranges = {"seconds": (seconds, 0.1, MOST_SECONDS), "fps": (fps, 1, MOST_FPS), "hold": (hold, 0, MOST_SECONDS)}
         for name, (value, low, high) in ranges.items():
-            if not low <= value <= high:
-                raise UserError(f"to.process.{name}={value:g} is out of range; choose {low} to {high}")
+            check_range(f"to.process.{name}", value, low, high)
         self.frames = max(1, round(seconds * fps))
         self.seconds = seconds
         self.fps = fps

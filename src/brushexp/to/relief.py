@@ -10,7 +10,7 @@ import torch
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from brushexp.errors import UserError
+from brushexp.errors import UserError, check_range
 from brushexp.files import to_bytes, write_bytes, write_picture
 from brushexp.registry import register
 from brushexp.relief.height import height_of
@@ -49,8 +49,7 @@ class Relief(Exporter):
             )
         if not 0 <= depth <= 1000:
             raise UserError(f"to.relief.depth={depth:g} is not a factor from 0 to 1000; try to.relief.depth=1")
-        if not 0 <= gloss <= 1:
-            raise UserError(f"to.relief.gloss={gloss:g} is outside 0 to 1; try to.relief.gloss=0.25")
+        check_range("to.relief.gloss", gloss, 0, 1)
         self.light = Light(*light)
         self.depth = depth
         self.gloss = gloss

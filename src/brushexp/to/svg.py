@@ -8,7 +8,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from brushexp.errors import UserError
+from brushexp.errors import check_range
 from brushexp.files import replacing
 from brushexp.registry import register
 from brushexp.renderer.base import Profile, smooth_rise
@@ -41,12 +41,8 @@ class Svg(Exporter):
     """
 
     def __init__(self, *, digits: int = 2, outlines: int = 1) -> None:
-        if not 0 <= digits <= MOST_DIGITS:
-            raise UserError(f"to.svg.digits={digits} is not a number from 0 to {MOST_DIGITS}; try to.svg.digits=2")
-        if not 1 <= outlines <= MOST_OUTLINES:
-            raise UserError(
-                f"to.svg.outlines={outlines} is not a number from 1 to {MOST_OUTLINES}; try to.svg.outlines=2"
-            )
+        check_range("to.svg.digits", digits, 0, MOST_DIGITS)
+        check_range("to.svg.outlines", outlines, 1, MOST_OUTLINES)
         self.digits = digits
         self.outlines = outlines
 
