@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import shlex
@@ -16,7 +15,7 @@ from PIL import Image
 
 from brushexp.errors import UserError
 from brushexp.report.drawing import UNREADABLE
-from brushexp.report.table import Result, finished, numbers, read_result, run_number, shortened
+from brushexp.report.table import Result, fingerprint, finished, numbers, read_result, run_number, shortened
 
 NO_SETTINGS = ("seed", "output")  # keys that say nothing about how a picture is painted
 REMOVED = "(removed)"  # value of an override "~key"
@@ -164,7 +163,7 @@ def _target_of(folder: Path, run: Result) -> str:
     """Which picture it was, told by its pixels; by what was typed if they were not kept."""
     path = folder / run["run"] / "target.png"
     if path.is_file():
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        return fingerprint(path)
     chosen = run.get("overrides", {})
     return json.dumps([chosen.get("image"), chosen.get("resolution")])
 

@@ -1,13 +1,23 @@
 """One sheet with the pictures of all runs of a sweep, side by side and labelled by what varies."""
 
-import hashlib
 import io
 import math
 from pathlib import Path
 
 from brushexp.files import write_bytes
 from brushexp.report.drawing import SIDE, Cell, Grid, draw, largest_side
-from brushexp.report.table import NOTHING, Result, collect, formatted, picture_of, settings, shortened, summary, varying
+from brushexp.report.table import (
+    NOTHING,
+    Result,
+    collect,
+    fingerprint,
+    formatted,
+    picture_of,
+    settings,
+    shortened,
+    summary,
+    varying,
+)
 
 COLUMNS = 6  # up to 48 pictures; larger sheets are about square
 MATRIX_COLUMNS = 12  # a wider matrix is laid out row by row instead
@@ -35,12 +45,12 @@ def write_sheet(folder: Path) -> Path | None:
 
 def _targets(folder: Path, results: list[Result]) -> dict[str, Path]:
     """The target of each run that has one; of several equal pictures, the first."""
-    first: dict[bytes, Path] = {}
+    first: dict[str, Path] = {}
     targets = {}
     for result in results:
         path = folder / result["run"] / "target.png"
         if path.is_file():
-            targets[result["run"]] = first.setdefault(hashlib.sha256(path.read_bytes()).digest(), path)
+            targets[result["run"]] = first.setdefault(fingerprint(path), path)
     return targets
 
 

@@ -4,10 +4,12 @@ Every function takes the folder of any sweep and may be called by hand.
 """
 
 import csv
+import hashlib
 import io
 import json
 import re
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from pathlib import Path
 from statistics import mean, stdev
 from typing import Any
@@ -204,6 +206,17 @@ def read_result(path: Path) -> Result:
 def picture_of(folder: Path, result: Result) -> Path:
     """The picture that a run of the sweep in ``folder`` is shown by."""
     return folder / result["run"] / Path(str(result.get("picture", "painting.png"))).name
+
+
+def fingerprint(path: Path) -> str:
+    """Of a file: equal for the same bytes. A file is read again only when it has changed."""
+    state = path.stat()
+    return _fingerprint(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=10_000)
+def _fingerprint(path: Path, changed: int, size: int) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def run_number(run: str) -> tuple[bool, int, str]:

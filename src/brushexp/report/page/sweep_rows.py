@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from dataclasses import dataclass
 from pathlib import Path, PurePath
@@ -13,7 +12,18 @@ from brushexp.report.effect import HIGHER_IS_BETTER
 from brushexp.report.page.thumbnails import Thumbnail, side_for, thumbnail
 from brushexp.report.plotting import NAMES
 from brushexp.report.runs import REMOVED, by_picture, by_settings, command_of, paintings
-from brushexp.report.table import DIGITS, Result, finished, formatted, numbers, picture_of, settings, shortened, varying
+from brushexp.report.table import (
+    DIGITS,
+    Result,
+    fingerprint,
+    finished,
+    formatted,
+    numbers,
+    picture_of,
+    settings,
+    shortened,
+    varying,
+)
 
 MOST_COLUMNS = 4  # settings with a column each; of more, each run tells those that were set
 HIGHER = (*HIGHER_IS_BETTER, "accuracy", "auc", "strokes_per_second", "strokes_per_second_backward")
@@ -218,13 +228,13 @@ def _same(results: list[Result]) -> dict[str, str]:
 
 def _targets(folder: Path, results: list[Result]) -> tuple[dict[str, int], list[Path]]:
     """What was painted, each picture once; and the number of each run's."""
-    seen: dict[bytes, int] = {}
+    seen: dict[str, int] = {}
     numbered: dict[str, int] = {}
     paths: list[Path] = []
     for result in results:
         path = folder / result["run"] / "target.png"
         if path.is_file():
-            k = numbered[result["run"]] = seen.setdefault(hashlib.sha256(path.read_bytes()).digest(), len(seen))
+            k = numbered[result["run"]] = seen.setdefault(fingerprint(path), len(seen))
             if k == len(paths):
                 paths.append(path)
     return numbered, paths
