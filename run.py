@@ -9,7 +9,7 @@ START = time.monotonic()  # before the slow imports, which count
 import hydra  # noqa: E402
 from omegaconf import DictConfig  # noqa: E402
 
-from brushexp.command_line import explained, in_full, prepare  # noqa: E402
+from brushexp.app.command_line import explained, in_full, prepare  # noqa: E402
 
 HERE = Path(__file__).parent
 
@@ -18,7 +18,7 @@ HERE = Path(__file__).parent
 def main(cfg: DictConfig) -> dict[str, object]:
     """Run the task that the config names and return its numbers."""
     prepare(HERE)  # again: in a parallel sweep this is another process
-    from brushexp.runner import run  # noqa: PLC0415  (Lightning takes seconds to import; --help should not)
+    from brushexp.app.runner import run  # noqa: PLC0415  (Lightning takes seconds to import; --help should not)
 
     return run(cfg, START)
 

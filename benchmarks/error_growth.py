@@ -23,16 +23,16 @@ from matplotlib.figure import Figure
 from PIL import Image
 from torch import Tensor
 
-from brushexp.blend._kernels import sum_by_stroke
-from brushexp.blend.base import Blend
-from brushexp.blend.tiled import Kernel, Tiled
-from brushexp.loss.ssim import dissimilarity, statistics
-from brushexp.process import peak_memory
-from brushexp.renderer.analytic import Analytic
-from brushexp.renderer.base import Renderer
-from brushexp.renderer.textured import Textured
-from brushexp.report.plotting import COLORS, MARKERS, new_figure, save, tidy
+from brushexp.compositing.profile_kernels import sum_by_stroke
+from brushexp.plugins.blend.base import Blend
+from brushexp.plugins.blend.tiled import Kernel, Tiled
+from brushexp.plugins.loss.ssim import dissimilarity, statistics
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.renderer.base import Renderer
+from brushexp.plugins.renderer.textured import Textured
+from brushexp.results.plotting import COLORS, MARKERS, new_figure, save, tidy
 from brushexp.strokes.catalogue import Strokes
+from brushexp.system.process import peak_memory
 
 BACKGROUND = torch.tensor([0.2, 0.5, 0.9])
 EXACT, SHIPPED = Tiled(opaque=0.0), Tiled()

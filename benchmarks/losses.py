@@ -19,11 +19,11 @@ import torch
 from omegaconf import OmegaConf
 from step import BACKGROUND, scene
 
-from brushexp.blend.tiled import Tiled
 from brushexp.errors import UserError
-from brushexp.loss.base import Loss, Painting
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build, load_plugins, plugins
-from brushexp.renderer.analytic import Analytic
 
 SIDE = 512
 N = SIDE * SIDE // 100

@@ -17,18 +17,18 @@ import brushexp  # noqa: F401  (before torch: it sets how threads wait)
 import torch
 from step import scene
 
-from brushexp.blend.tiled import Tiled
-from brushexp.density.fixed import Fixed
-from brushexp.loss.pixel import MeanSquaredError
-from brushexp.optimizer.torch_optim import TorchOptim
-from brushexp.order.area import Area
-from brushexp.paint.painter import Painter
-from brushexp.paint.parts import Parts, Stage
-from brushexp.process import peak_memory
-from brushexp.renderer.analytic import Analytic
-from brushexp.sampler.patches import Patches
-from brushexp.sampler.whole import Whole
+from brushexp.painting.painter import Painter
+from brushexp.painting.parts import Parts, Stage
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.density.fixed import Fixed
+from brushexp.plugins.loss.pixel import MeanSquaredError
+from brushexp.plugins.optimizer.torch_optim import TorchOptim
+from brushexp.plugins.order.area import Area
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.sampler.patches import Patches
+from brushexp.plugins.sampler.whole import Whole
 from brushexp.strokes.catalogue import Catalogue
+from brushexp.system.process import peak_memory
 
 STEPS = 30
 

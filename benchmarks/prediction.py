@@ -27,7 +27,7 @@ CASES = {
 # The program, but every run is long enough for a prediction.
 PROGRAM = """
 import runpy, sys
-from brushexp.paint import cost
+from brushexp.painting import cost
 cost.predict.__kwdefaults__["long"] = 0.0
 sys.argv = sys.argv[1:]
 runpy.run_path(sys.argv[0], run_name="__main__")

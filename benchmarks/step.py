@@ -19,12 +19,12 @@ import brushexp  # noqa: F401  (before torch: it sets how threads wait)
 # isort: split
 import torch
 
-from brushexp.blend.base import Blend
-from brushexp.blend.tiled import Kernel, Tiled
-from brushexp.blend.topk import TopK
-from brushexp.process import peak_memory
-from brushexp.renderer.analytic import Analytic
+from brushexp.plugins.blend.base import Blend
+from brushexp.plugins.blend.tiled import Kernel, Tiled
+from brushexp.plugins.blend.topk import TopK
+from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.catalogue import Strokes
+from brushexp.system.process import peak_memory
 
 BACKGROUND = torch.ones(3)
 

@@ -13,14 +13,14 @@ import numpy as np
 import torch
 from PIL import Image
 
-from brushexp.blend.base import Blend
-from brushexp.blend.tiled import Tiled
-from brushexp.blend.topk import TopK
-from brushexp.command_line import prepare
-from brushexp.paint.metrics import psnr_of
-from brushexp.paint.outputs import renderer_of, work_of
+from brushexp.app.command_line import prepare
+from brushexp.painting.metrics import psnr_of
+from brushexp.painting.outputs import renderer_of, work_of
+from brushexp.plugins.blend.base import Blend
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.blend.topk import TopK
+from brushexp.plugins.export.png import pixels
 from brushexp.strokes.storage import load_catalogue
-from brushexp.to.png import pixels
 
 
 def psnr(folder: Path, blend: Blend) -> float:

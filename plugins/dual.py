@@ -15,9 +15,9 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from brushexp.errors import UserError
+from brushexp.plugins.renderer.base import PatchRenderer, Precision
+from brushexp.plugins.renderer.weights_file import restore
 from brushexp.registry import register
-from brushexp.renderer.base import PatchRenderer, Precision
-from brushexp.renderer.checkpoint import restore
 
 
 @register("renderer", "dual")

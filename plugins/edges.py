@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from brushexp.loss.base import Loss, Painting
+from brushexp.plugins.loss.base import Loss, Painting
 from brushexp.registry import register
 
 

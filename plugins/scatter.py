@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.init.base import Initializer
+from brushexp.plugins.init.base import Initializer
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 

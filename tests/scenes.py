@@ -2,8 +2,8 @@
 
 import torch
 
-from brushexp.renderer.analytic import Analytic
-from brushexp.renderer.base import PatchRenderer, window_pictures
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.renderer.base import PatchRenderer, window_pictures
 from brushexp.strokes.catalogue import Strokes
 
 

@@ -37,12 +37,12 @@ from brushexp.analysis.summary import (
     transport,
 )
 from brushexp.analysis.tables import as_csv, as_markdown, shown, write_tables
-from brushexp.blend.base import pixel_centres
+from brushexp.app.tasks import analyse
 from brushexp.errors import UserError
-from brushexp.renderer.analytic import Analytic
+from brushexp.plugins.blend.base import pixel_centres
+from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
-from brushexp.task import analyse
 
 SIZE = (60, 90)
 AROUND = ("neighbours", "aligned", "deviation", "coherence", "homogeneity")

@@ -5,27 +5,32 @@ from pathlib import Path
 
 import pytest
 
-from brushexp import paint, train
-from brushexp.registry import FAMILIES
+from brushexp import painting, training
+from brushexp.registry import FAMILIES, PACKAGES
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "brushexp"
 # What any plugin may import, besides the contracts of the families and the private modules of its own.
 SHARED = {
-    "blend.bands",
+    "compositing.bands",
+    "compositing.eager",
+    "compositing.profile_scene",
+    "compositing.textured_scene",
+    "compositing.window_scene",
     "registry",
     "errors",
-    "files",
+    "system.files",
     "pictures.color",
     "pictures.focus",
     "pictures.load",
     "pictures.structure",
     "pictures.video",
-    "process",
-    "relief.height",
-    "relief.light",
-    "checkpoint",
-    "compiled",
+    "system.process",
+    "shading.height",
+    "shading.light",
+    "system.checkpoint",
+    "system.compiled",
+    "pictures.region",
     "strokes.catalogue",
     "strokes.bezier",
     "strokes.prior",
@@ -50,7 +55,7 @@ def imports(path: Path) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize("path", [paint, train], ids=lambda path: path.__name__)
+@pytest.mark.parametrize("path", [painting, training], ids=lambda path: path.__name__)
 def test_the_map_names_every_module_of_the_path(path):
     line = " ".join(path.__doc__.splitlines()[2:])
     steps = {step.strip() for step in line.replace("(with", "->").replace(")", "").replace(",", "->").split("->")} - {
@@ -63,17 +68,19 @@ def test_the_map_names_every_module_of_the_path(path):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_plugins_know_only_contracts(family):
-    contracts = {f"{other}.base" for other in FAMILIES}
-    for path in (SOURCE / family).glob("*.py"):
-        own = {f"{family}.{other.stem}" for other in (SOURCE / family).glob("*.py")}
+    contracts = {f"plugins.{PACKAGES.get(other, other)}.base" for other in FAMILIES}
+    folder = SOURCE / "plugins" / PACKAGES.get(family, family)
+    for path in folder.glob("*.py"):
+        own = {f"plugins.{folder.name}.{other.stem}" for other in folder.glob("*.py")}
         extra = imports(path) - SHARED - contracts - own
         assert not extra, f"{path.name} reaches into {extra}; pass it what it needs instead"
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_every_family_is_a_package_with_a_contract(family):
-    assert (SOURCE / family / "base.py").is_file()
-    assert f"{family}=" in (SOURCE / family / "__init__.py").read_text()
+    folder = SOURCE / "plugins" / PACKAGES.get(family, family)
+    assert (folder / "base.py").is_file()
+    assert f"{family}=" in (folder / "__init__.py").read_text()
 
 
 def test_no_preset_has_the_name_of_a_plugin():
@@ -85,5 +92,5 @@ def test_no_preset_has_the_name_of_a_plugin():
 
 
 def test_every_task_has_a_module_and_a_config():
-    modules = {path.stem for path in (SOURCE / "task").glob("*.py")} - {"__init__"}
+    modules = {path.stem for path in (SOURCE / "app" / "tasks").glob("*.py")} - {"__init__"}
     assert modules == {path.stem for path in (ROOT / "conf" / "task").glob("*.yaml")}

@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import leaves, random_strokes, straight
 
-from brushexp.blend.dense import Dense
-from brushexp.blend.tiled import Kernel, Tiled
-from brushexp.blend.topk import TopK
 from brushexp.errors import UserError
-from brushexp.renderer.analytic import Analytic
+from brushexp.plugins.blend.dense import Dense
+from brushexp.plugins.blend.tiled import Kernel, Tiled
+from brushexp.plugins.blend.topk import TopK
+from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.catalogue import FIELDS, Strokes
 
 BACKGROUND = torch.tensor([0.2, 0.5, 0.9])

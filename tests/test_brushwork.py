@@ -10,11 +10,11 @@ from scenes import leaves, random_strokes
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.density.fixed import Fixed
 from brushexp.errors import UserError
-from brushexp.loss.base import Painting, Surroundings
-from brushexp.loss.brushwork import BrushworkTransfer
-from brushexp.sampler.base import Region
+from brushexp.pictures.region import Region
+from brushexp.plugins.density.fixed import Fixed
+from brushexp.plugins.loss.base import Painting, Surroundings
+from brushexp.plugins.loss.brushwork import BrushworkTransfer
 from brushexp.strokes.bezier import curve_of, length_of
 from brushexp.strokes.brushwork import (
     FEWEST,
@@ -362,7 +362,7 @@ def test_catalogues_that_will_not_do_are_refused_with_the_key(tmp_path):
 
 
 def test_style_brushwork_draws_the_first_strokes_and_adds_the_loss(config, tmp_path):
-    from brushexp.paint.assembly import first_strokes, parts_of  # noqa: PLC0415  (slow to import)
+    from brushexp.painting.assembly import first_strokes, parts_of  # noqa: PLC0415  (slow to import)
 
     path = saved(tmp_path / "catalogue.h5", visible(60, dtype=torch.float32))
     cfg = config("strokes=60", f"style.brushwork={path}")

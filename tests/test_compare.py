@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from brushexp.errors import UserError
-from brushexp.files import write_json, write_picture, write_text
-from brushexp.report.anytime import ahead, curve_of, mean_curve, quality_at, time_to, write_anytime
-from brushexp.report.runs import gather
-from brushexp.report.table import collect
+from brushexp.results.anytime import ahead, curve_of, mean_curve, quality_at, time_to, write_anytime
+from brushexp.results.runs import gather
+from brushexp.results.table import collect
+from brushexp.system.files import write_json, write_picture, write_text
 
 CURVE = (np.array([1.0, 2.0, 4.0, 5.0]), np.array([10.0, 20.0, 18.0, 30.0]))
 NUMBERS = {"psnr": 25.0, "perceptual": 0.2, "seconds": 2.0, "anytime": [[0.1, 15.0], [2.0, 25.0]]}
@@ -132,7 +132,7 @@ def test_a_folder_without_runs_is_explained(tmp_path, name, reason):
 @pytest.fixture
 def compare(tmp_path, config, monkeypatch):
     """The task in this process; it returns the folder and the numbers."""
-    from brushexp.task import compare as task  # noqa: PLC0415
+    from brushexp.app.tasks import compare as task  # noqa: PLC0415
 
     folder = tmp_path / "compared"
 

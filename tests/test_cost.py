@@ -7,18 +7,18 @@ import torch
 from scenes import Windowed, random_strokes
 from test_painter import SIZE
 
-from brushexp.blend.tiled import Tiled
-from brushexp.density.fixed import Fixed
-from brushexp.loss.pixel import MeanSquaredError
-from brushexp.optimizer.torch_optim import TorchOptim
-from brushexp.order.area import Area
-from brushexp.paint.cost import GROWTH, Cost, Line, calibrate, in_words, predict
-from brushexp.paint.painter import Painter
-from brushexp.paint.parts import Parts, Stage
-from brushexp.renderer.analytic import Analytic
-from brushexp.renderer.base import Renderer
-from brushexp.sampler.patches import Patches
-from brushexp.sampler.whole import Whole
+from brushexp.painting.cost import GROWTH, Cost, Line, calibrate, in_words, predict
+from brushexp.painting.painter import Painter
+from brushexp.painting.parts import Parts, Stage
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.density.fixed import Fixed
+from brushexp.plugins.loss.pixel import MeanSquaredError
+from brushexp.plugins.optimizer.torch_optim import TorchOptim
+from brushexp.plugins.order.area import Area
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.renderer.base import Renderer
+from brushexp.plugins.sampler.patches import Patches
+from brushexp.plugins.sampler.whole import Whole
 from brushexp.strokes.catalogue import Catalogue
 
 

@@ -12,13 +12,13 @@ import pytest
 import torch
 from torch import Tensor
 
-from brushexp.engine.base import Engine, Simulated
 from brushexp.errors import UserError
+from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import plugins
 from brushexp.strokes.prior import parameters_of, sample_prior
-from brushexp.train.dataset import BLOCK, HEIGHT_STEPS, Origin, Split, StrokeFile, origin_of, require_same_origin
-from brushexp.train.recording import Recording
-from brushexp.train.stream import OnTheWay, StrokeData
+from brushexp.training.dataset import BLOCK, HEIGHT_STEPS, Origin, Split, StrokeFile, origin_of, require_same_origin
+from brushexp.training.recording import Recording
+from brushexp.training.stream import OnTheWay, StrokeData
 
 N = 1000  # more than three groups of blocks, and the last block is short
 

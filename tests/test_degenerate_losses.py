@@ -12,22 +12,22 @@ from scenes import random_strokes
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.loss._kernels import EMBEDDINGS, POWERS, Kernel, discrepancy
-from brushexp.loss.base import Loss, Painting
-from brushexp.loss.brushwork import BrushworkTransfer
-from brushexp.loss.discriminator import Discriminated
-from brushexp.loss.flow import Curvature, Direction
-from brushexp.loss.lpips import Lpips
-from brushexp.loss.perceptual import Perceptual
-from brushexp.loss.pixel import MeanAbsoluteError, MeanSquaredError
-from brushexp.loss.sinkhorn import Sinkhorn
-from brushexp.loss.ssim import StructuralSimilarity
-from brushexp.loss.stroke import SHRINK, KullbackLeibler, Width
-from brushexp.loss.style import Style
+from brushexp.plugins.loss._kernels import EMBEDDINGS, POWERS, Kernel, discrepancy
+from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.plugins.loss.brushwork import BrushworkTransfer
+from brushexp.plugins.loss.discriminator import Discriminated
+from brushexp.plugins.loss.flow import Curvature, Direction
+from brushexp.plugins.loss.lpips import Lpips
+from brushexp.plugins.loss.perceptual import Perceptual
+from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
+from brushexp.plugins.loss.sinkhorn import Sinkhorn
+from brushexp.plugins.loss.ssim import StructuralSimilarity
+from brushexp.plugins.loss.stroke import SHRINK, KullbackLeibler, Width
+from brushexp.plugins.loss.style import Style
 from brushexp.registry import build
 from brushexp.strokes.brushwork import Brushwork, brushwork_of, distances
 from brushexp.strokes.catalogue import Catalogue, Strokes
-from brushexp.train.adversarial import relativistic_loss
+from brushexp.training.adversarial import relativistic_loss
 
 PRECISIONS = (torch.float64, torch.float32, torch.bfloat16, torch.float16)
 CANVAS = (20, 30)  # of the strokes

@@ -7,23 +7,23 @@ import pytest
 import torch
 from scenes import Windowed, random_strokes, straight
 
-from brushexp.blend.tiled import Kernel, Tiled
-from brushexp.density._places import halves, places, straddling
-from brushexp.density.adaptive import Adaptive
-from brushexp.density.base import Survey
-from brushexp.density.fixed import Fixed
 from brushexp.errors import UserError
-from brushexp.init.slic import Slic
-from brushexp.loss.pixel import MeanSquaredError
-from brushexp.optimizer.torch_optim import TorchOptim
-from brushexp.order.area import Area
-from brushexp.paint.metrics import psnr_of
-from brushexp.paint.painter import Painter
-from brushexp.paint.parts import Parts, Stage
-from brushexp.paint.worth import worth
-from brushexp.renderer.analytic import Analytic
-from brushexp.sampler.patches import Patches
-from brushexp.sampler.whole import Whole
+from brushexp.painting.metrics import psnr_of
+from brushexp.painting.painter import Painter
+from brushexp.painting.parts import Parts, Stage
+from brushexp.painting.worth import worth
+from brushexp.plugins.blend.tiled import Kernel, Tiled
+from brushexp.plugins.density._places import halves, places, straddling
+from brushexp.plugins.density.adaptive import Adaptive
+from brushexp.plugins.density.base import Survey
+from brushexp.plugins.density.fixed import Fixed
+from brushexp.plugins.init.slic import Slic
+from brushexp.plugins.loss.pixel import MeanSquaredError
+from brushexp.plugins.optimizer.torch_optim import TorchOptim
+from brushexp.plugins.order.area import Area
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.sampler.patches import Patches
+from brushexp.plugins.sampler.whole import Whole
 from brushexp.strokes.bezier import curve_of, point_at
 from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes, check_strokes
 

@@ -9,16 +9,16 @@ import torch
 from program import run
 from torch import Tensor, optim
 
+from brushexp.app.tasks.train import check_used
 from brushexp.errors import UserError
-from brushexp.loss.base import Painting
-from brushexp.loss.discriminator import DISCRIMINATORS, NAME, Discriminated, Discriminator, shapes_of
+from brushexp.plugins.loss.base import Painting
+from brushexp.plugins.loss.discriminator import DISCRIMINATORS, NAME, Discriminated, Discriminator, shapes_of
+from brushexp.plugins.renderer.weights_file import RENDERERS
 from brushexp.registry import build_named
-from brushexp.renderer.checkpoint import RENDERERS
 from brushexp.strokes.catalogue import FIELDS, Strokes
 from brushexp.strokes.prior import INSET, SPREAD, WIDTH, bend_of, sample_prior, strokes_of
-from brushexp.task.train import check_used
-from brushexp.train.discriminator import Plan, Training, area_under_curve, judge, save, valid_shapes
-from brushexp.train.spoiling import WAYS, spoil
+from brushexp.training.discriminator import Plan, Training, area_under_curve, judge, save, valid_shapes
+from brushexp.training.spoiling import WAYS, spoil
 
 QUICK = Plan(lr=5e-3, batch_size=64, epochs=1, minutes=None, seed=3)
 POINTS = ("start", "control", "end")

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from brushexp.files import write_json
-from brushexp.report.curves import MOST, write_curves
-from brushexp.report.effect import effects, mean_and_spread, write_effect
-from brushexp.report.plotting import as_number, is_wide, named, plain, spaced, wrapped
-from brushexp.report.sweep import renew
-from brushexp.report.table import collect
+from brushexp.results.curves import MOST, write_curves
+from brushexp.results.effect import effects, mean_and_spread, write_effect
+from brushexp.results.plotting import as_number, is_wide, named, plain, spaced, wrapped
+from brushexp.results.sweep import renew
+from brushexp.results.table import collect
+from brushexp.system.files import write_json
 
 SEEDS = {"seed": ["0", "1"]}
 
@@ -204,7 +204,7 @@ def test_a_broken_plot_does_not_lose_the_table(tmp_path, monkeypatch):
     def broken(folder: Path) -> None:
         raise RuntimeError("no plot today")
 
-    monkeypatch.setattr("brushexp.report.sweep.write_effect", broken)
+    monkeypatch.setattr("brushexp.results.sweep.write_effect", broken)
     with pytest.raises(RuntimeError):
         renew(tmp_path)
     assert (tmp_path / "table.md").is_file()

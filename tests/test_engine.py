@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.engine.base import Simulated
 from brushexp.errors import UserError
+from brushexp.plugins.engine.base import Simulated
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.prior import parameters_of, sample_prior, strokes_of
 
@@ -248,7 +248,7 @@ def test_one_dab_has_the_profile_of_libmypaint():
 
 
 def test_linearized_dabs_add_up_to_the_opacity():
-    from brushexp.engine._stamps import opacity_of  # noqa: PLC0415
+    from brushexp.plugins.engine._stamps import opacity_of  # noqa: PLC0415
 
     assert math.isclose(opacity_of(0.5, 0.8, 0.2, 0.0, 12.0), 0.45)
     assert math.isclose(1 - (1 - opacity_of(0.5, 0.8, 0.2, 1.0, 12.0)) ** 24, 0.45)
@@ -257,7 +257,7 @@ def test_linearized_dabs_add_up_to_the_opacity():
 
 
 def test_pressure_rises_over_the_head_and_sinks_over_the_tail():
-    from brushexp.engine._stamps import pressure_at  # noqa: PLC0415
+    from brushexp.plugins.engine._stamps import pressure_at  # noqa: PLC0415
 
     expected = {0.0: 0.4, 0.125: 0.6, 0.25: 0.8, 0.5: 0.8, 0.75: 0.8, 0.875: 0.6, 1.0: 0.4}
     for share, pressure in expected.items():
@@ -267,7 +267,7 @@ def test_pressure_rises_over_the_head_and_sinks_over_the_tail():
 
 
 def test_random_numbers_of_dabs_are_normal_and_independent():
-    from brushexp.engine._stamps import _gauss  # noqa: PLC0415
+    from brushexp.plugins.engine._stamps import _gauss  # noqa: PLC0415
 
     draws = np.array([[_gauss(np.uint64(key), counter) for counter in range(400)] for key in range(50)])
     assert abs(draws.mean()) < 5 / np.sqrt(draws.size)

@@ -14,21 +14,21 @@ import scipy.linalg
 import torch
 from PIL import Image
 
+from brushexp.app.tasks import evaluate
 from brushexp.errors import UserError
-from brushexp.files import write_json, write_picture
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.renderer.base import PatchRenderer, window_pictures
+from brushexp.plugins.renderer.weights_file import save_checkpoint
 from brushexp.registry import build_named, plugins
-from brushexp.renderer.analytic import Analytic
-from brushexp.renderer.base import PatchRenderer, window_pictures
-from brushexp.renderer.checkpoint import save_checkpoint
-from brushexp.report.sheet import write_sheet
-from brushexp.report.table import write_table
+from brushexp.results.sheet import write_sheet
+from brushexp.results.table import write_table
 from brushexp.strokes.prior import INSET, WIDTH, clamp_to_prior, parameters_of, sample_prior
-from brushexp.task import evaluate
-from brushexp.train import judging
-from brushexp.train.dataset import Origin
-from brushexp.train.evaluation import FeatureDistance, effl0_crowds, errors_of, inception_crowds, over_white
-from brushexp.train.judging import EXTREMES, draw_extremes, extreme_strokes, judge, strokes_per_second
-from brushexp.train.stream import OnTheWay, StrokeBatch, StrokeData
+from brushexp.system.files import write_json, write_picture
+from brushexp.training import judging
+from brushexp.training.dataset import Origin
+from brushexp.training.evaluation import FeatureDistance, effl0_crowds, errors_of, inception_crowds, over_white
+from brushexp.training.judging import EXTREMES, draw_extremes, extreme_strokes, judge, strokes_per_second
+from brushexp.training.stream import OnTheWay, StrokeBatch, StrokeData
 
 RENDERERS = [plugin.name for plugin in plugins("renderer")]
 CPU = torch.device("cpu")

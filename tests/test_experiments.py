@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from hydra import compose, initialize_config_dir
 
-from brushexp.checks import check_losses
+from brushexp.app.checks import check_losses
 from brushexp.registry import build
 
 ROOT = Path(__file__).parents[1]

@@ -21,31 +21,33 @@ from omegaconf import OmegaConf
 from PIL import Image
 from scenes import random_strokes, straight
 
-from brushexp.blend.dense import Dense
-from brushexp.blend.tiled import Tiled
-from brushexp.command_line import explanation, in_full
+from brushexp.app.command_line import explanation, in_full
+from brushexp.app.tasks.export import with_renderer
 from brushexp.errors import UserError
-from brushexp.files import to_bytes
-from brushexp.paint.assembly import strokes_from
-from brushexp.paint.outputs import renderer_of, work_of
+from brushexp.painting.assembly import strokes_from
+from brushexp.painting.outputs import renderer_of, work_of
+from brushexp.plugins.blend.dense import Dense
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.export.base import Exporter, Work, counted
+from brushexp.plugins.export.csv import Csv
+from brushexp.plugins.export.json import Json
+from brushexp.plugins.export.png import Png, pixels
+from brushexp.plugins.export.svg import Svg, soft_edge
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.renderer.base import smooth_rise
 from brushexp.registry import build_named, plugins
-from brushexp.renderer.analytic import Analytic
-from brushexp.renderer.base import smooth_rise
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.strokes.text import lines, parse
-from brushexp.task.export import with_renderer
-from brushexp.to.base import Exporter, Work, counted
-from brushexp.to.csv import Csv
-from brushexp.to.json import Json
-from brushexp.to.png import Png, pixels
-from brushexp.to.svg import Svg, soft_edge
+from brushexp.system.files import to_bytes
 
 ROOT = Path(__file__).parents[1]
 SIZE = (36, 52)
 EXPORTERS = [plugin.name for plugin in plugins("to")]
-CONFIG = "renderer:\n  _target_: brushexp.renderer.analytic.Analytic\n  soft: 1.5\n  taper: 0.0\nimage: größe.png\n"
+CONFIG = (
+    "renderer:\n  _target_: brushexp.plugins.renderer.analytic.Analytic\n  soft: 1.5\n  taper: 0.0\nimage: größe.png\n"
+)
 ATTRIBUTES = {"height": 3, "width": 4, "renderer": "analytic", "renderer_hash": "", "seed": 0}
 resvg = pytest.importorskip("resvg_py", reason="pip install resvg-py: it draws our SVG independently")
 
@@ -529,7 +531,7 @@ def test_the_table_of_no_strokes_has_a_header(tmp_path):
 
 @pytest.mark.parametrize("compression", [1, 9])
 def test_the_png_has_the_pixels_of_the_painting(compression, tmp_path, monkeypatch):
-    monkeypatch.setattr("brushexp.blend.bands.BAND", 52 * 7)
+    monkeypatch.setattr("brushexp.compositing.bands.BAND", 52 * 7)
     what = work(some(40))
     (path,) = Png(compression=compression).write(what, tmp_path)
     assert np.array_equal(picture(path), pixels(what))
@@ -543,7 +545,7 @@ def test_a_level_of_compression_that_is_none_is_refused():
 def test_a_large_picture_has_a_bar_and_is_the_same(tmp_path, monkeypatch):
     what = work(some(20))
     small = pixels(what)
-    monkeypatch.setattr("brushexp.to.base.LARGE", 1)
+    monkeypatch.setattr("brushexp.plugins.export.base.LARGE", 1)
     assert np.array_equal(pixels(what), small)
     assert list(counted(iter("abc"), 3, "writing")) == ["a", "b", "c"]
 
@@ -558,7 +560,7 @@ def test_fifty_thousand_strokes_are_written(name, tmp_path):
 
 
 def test_a_chosen_renderer_becomes_that_of_the_catalogue(tmp_path):
-    chosen = OmegaConf.create({"_target_": "brushexp.renderer.analytic.Analytic", "soft": 5.0, "taper": 0.5})
+    chosen = OmegaConf.create({"_target_": "brushexp.plugins.renderer.analytic.Analytic", "soft": 5.0, "taper": 0.5})
     made, renderer = with_renderer(saved(), chosen, "a.h5")
     assert (renderer.soft, renderer.taper) == (5.0, 0.5)
     (path,) = Json().write(work_of(made, renderer, Tiled(), made.renderer), tmp_path)

@@ -5,17 +5,17 @@ from dataclasses import replace
 import pytest
 import torch
 
-from brushexp.blend.dense import Dense
 from brushexp.errors import UserError
-from brushexp.numerics.drawing import Reference, draw_cell
-from brushexp.numerics.matrix import DRAWN, PAINTED, Cell, choice_of, count, examine, frozen
-from brushexp.numerics.painting import CANVAS, Exercise, exercises, paint_cell
-from brushexp.numerics.report import as_csv, as_markdown, counts, draw
-from brushexp.numerics.scenes import SCENES, random_strokes, random_target
-from brushexp.numerics.verdict import DTYPES, GRADIENT, PICTURE, Judgement, Verdict, fault_of, judge
+from brushexp.plugins.blend.dense import Dense
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.renderer.base import FAINT
 from brushexp.registry import build_named, plugins
-from brushexp.renderer.analytic import Analytic
-from brushexp.renderer.base import FAINT
+from brushexp.stress.drawing import Reference, draw_cell
+from brushexp.stress.matrix import DRAWN, PAINTED, Cell, choice_of, count, examine, frozen
+from brushexp.stress.painting import CANVAS, Exercise, exercises, paint_cell
+from brushexp.stress.report import as_csv, as_markdown, counts, draw
+from brushexp.stress.scenes import SCENES, random_strokes, random_target
+from brushexp.stress.verdict import DTYPES, GRADIENT, PICTURE, Judgement, Verdict, fault_of, judge
 from brushexp.strokes.catalogue import Catalogue, check_strokes, drawable
 
 SLOW_SCENES = ("50,000 on one pixel", "canvas 8192 x 64")  # the study alone has the time for them

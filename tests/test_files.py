@@ -13,15 +13,15 @@ import torch
 from PIL import Image
 
 from brushexp.errors import UserError
-from brushexp.files import replacing, to_bytes, write_bytes, write_json, write_picture
+from brushexp.system.files import replacing, to_bytes, write_bytes, write_json, write_picture
 
 FULL_DISK = """
 import resource, sys
 from pathlib import Path
 import numpy as np, torch
 from brushexp.errors import UserError
-from brushexp.files import write_json, write_picture
-from brushexp.paint.timelapse import Timelapse
+from brushexp.system.files import write_json, write_picture
+from brushexp.painting.timelapse import Timelapse
 from brushexp.strokes.catalogue import FIELDS, Strokes
 from brushexp.strokes.storage import Saved, save_catalogue
 

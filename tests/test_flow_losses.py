@@ -7,8 +7,8 @@ from scenes import leaves, random_strokes
 from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.loss.base import Loss, Painting
-from brushexp.loss.flow import Curvature, Direction
+from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.plugins.loss.flow import Curvature, Direction
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import SHORTEST

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from brushexp.engine import _bristles, _paint
-from brushexp.engine.fluid import Fluid
 from brushexp.errors import UserError
+from brushexp.plugins.engine import _bristles, _paint
+from brushexp.plugins.engine.fluid import Fluid
 from brushexp.strokes.prior import parameters_of, sample_prior, strokes_of
 
 RNG = np.random.default_rng(0)

@@ -14,29 +14,29 @@ from program import ROOT, run
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.blend.tiled import Tiled
-from brushexp.checks import Paint, check_keys
-from brushexp.density.fixed import Fixed
+from brushexp.app.checks import Paint, check_keys
 from brushexp.errors import UserError
 from brushexp.features.base import mean_squares
-from brushexp.init.slic import Slic
-from brushexp.loss.base import Loss, Painting, Surroundings
-from brushexp.loss.lpips import Lpips
-from brushexp.loss.perceptual import Perceptual
-from brushexp.loss.pixel import MeanAbsoluteError, MeanSquaredError
-from brushexp.loss.ssim import StructuralSimilarity, dissimilarity, statistics
-from brushexp.optimizer.torch_optim import TorchOptim
-from brushexp.order.area import Area
-from brushexp.paint.assembly import focus_of
-from brushexp.paint.metrics import measure
-from brushexp.paint.painter import Painter
-from brushexp.paint.parts import Parts, Stage
+from brushexp.painting.assembly import focus_of
+from brushexp.painting.metrics import measure
+from brushexp.painting.painter import Painter
+from brushexp.painting.parts import Parts, Stage
 from brushexp.pictures.focus import attention, faces, focus_map, focus_weights, resized
 from brushexp.pictures.load import load_picture
-from brushexp.renderer.analytic import Analytic
-from brushexp.sampler.base import Region
-from brushexp.sampler.patches import Patches
-from brushexp.sampler.whole import Whole
+from brushexp.pictures.region import Region
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.density.fixed import Fixed
+from brushexp.plugins.init.slic import Slic
+from brushexp.plugins.loss.base import Loss, Painting, Surroundings
+from brushexp.plugins.loss.lpips import Lpips
+from brushexp.plugins.loss.perceptual import Perceptual
+from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
+from brushexp.plugins.loss.ssim import StructuralSimilarity, dissimilarity, statistics
+from brushexp.plugins.optimizer.torch_optim import TorchOptim
+from brushexp.plugins.order.area import Area
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.sampler.patches import Patches
+from brushexp.plugins.sampler.whole import Whole
 from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes
 
 SIZE = (53, 78)

@@ -13,16 +13,16 @@ from program import Program, run
 from test_painter import painter_of, take
 from torch.testing import assert_close
 
-from brushexp.checks import Paint, check_keys
+from brushexp.app.checks import Paint, check_keys
 from brushexp.errors import UserError
-from brushexp.optimizer.torch_optim import TorchOptim
-from brushexp.paint.anytime import Anytime
-from brushexp.paint.cost import Cost
-from brushexp.paint.goals import INTERRUPTED, PSNR_REACHED, SECONDS_SPENT, STOPPED_EARLY, Budget, EarlyStop, Goals
-from brushexp.paint.metrics import psnr_of
-from brushexp.paint.painter import Painter
-from brushexp.paint.parts import Stage
-from brushexp.renderer.analytic import Analytic
+from brushexp.painting.anytime import Anytime
+from brushexp.painting.cost import Cost
+from brushexp.painting.goals import INTERRUPTED, PSNR_REACHED, SECONDS_SPENT, STOPPED_EARLY, Budget, EarlyStop, Goals
+from brushexp.painting.metrics import psnr_of
+from brushexp.painting.painter import Painter
+from brushexp.painting.parts import Stage
+from brushexp.plugins.optimizer.torch_optim import TorchOptim
+from brushexp.plugins.renderer.analytic import Analytic
 
 SMALL = ["image=chelsea", "resolution=48", "threads=1", "frames=0"]
 

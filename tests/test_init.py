@@ -9,11 +9,11 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from brushexp.errors import UserError
-from brushexp.init._cells import Orient
-from brushexp.init.base import Initializer
-from brushexp.init.grid import Grid, OverlappingGrid, lattice
-from brushexp.init.random import Random, nearest_of
-from brushexp.init.slic import Slic, refined, superpixels
+from brushexp.plugins.init._cells import Orient
+from brushexp.plugins.init.base import Initializer
+from brushexp.plugins.init.grid import Grid, OverlappingGrid, lattice
+from brushexp.plugins.init.random import Random, nearest_of
+from brushexp.plugins.init.slic import Slic, refined, superpixels
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
 

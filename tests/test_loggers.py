@@ -22,18 +22,18 @@ import yaml
 from hydra.types import RunMode
 from PIL import Image
 
+from brushexp.app.tracking import Trackers, run_of, settings_of, trackers_of
 from brushexp.errors import UserError
-from brushexp.files import write_picture
-from brushexp.logger import base
-from brushexp.logger.base import Logger, Run
-from brushexp.logger.wandb import Mode, WeightsAndBiases, mode_of
-from brushexp.tracking import Trackers, run_of, settings_of, trackers_of
+from brushexp.plugins.logger import base
+from brushexp.plugins.logger.base import Logger, Run
+from brushexp.plugins.logger.wandb import Mode, WeightsAndBiases, mode_of
+from brushexp.system.files import write_picture
 
 ROOT = Path(__file__).parents[1]
 FAILING = '''
 """Trackers that fail at each point."""
 from lightning.pytorch.loggers import CSVLogger
-from brushexp.logger.base import Logger
+from brushexp.plugins.logger.base import Logger
 from brushexp.registry import register
 
 
@@ -392,15 +392,15 @@ def test_settings_name_plugins_as_the_command_line_does(config):
 
 
 def test_a_run_outside_of_the_program_is_called_after_its_folder(config, monkeypatch):
-    monkeypatch.setattr("brushexp.tracking.HydraConfig.initialized", lambda: False)
+    monkeypatch.setattr("brushexp.app.tracking.HydraConfig.initialized", lambda: False)
     run = run_of(config(), Path("a/b"))
     assert (run.name, run.group, run.chosen) == ("b", "", {})
 
 
 def test_a_part_of_a_run_has_a_name_of_its_own(config, monkeypatch):
     hydra = config_of_hydra("a/sweep/3", ["seed=1", "+x=[1,2]", "~logger.csv", "output=a/sweep"], RunMode.MULTIRUN)
-    monkeypatch.setattr("brushexp.tracking.HydraConfig.initialized", lambda: True)
-    monkeypatch.setattr("brushexp.tracking.HydraConfig.get", lambda: hydra)
+    monkeypatch.setattr("brushexp.app.tracking.HydraConfig.initialized", lambda: True)
+    monkeypatch.setattr("brushexp.app.tracking.HydraConfig.get", lambda: hydra)
     run = run_of(config(), Path("a/sweep/3/ratio_25"))
     assert (run.name, run.group, run.chosen) == ("3/ratio_25", "sweep", {"seed": "1", "x": "[1,2]"})
 

@@ -8,10 +8,10 @@ from torch.distributions import MultivariateNormal, kl_divergence
 from torch.testing import assert_close
 
 from brushexp.errors import UserError
-from brushexp.loss.base import Loss, Painting
-from brushexp.loss.perceptual import Perceptual
-from brushexp.loss.pixel import MeanAbsoluteError, MeanSquaredError
-from brushexp.loss.stroke import SHRINK, KullbackLeibler, Width
+from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.plugins.loss.perceptual import Perceptual
+from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
+from brushexp.plugins.loss.stroke import SHRINK, KullbackLeibler, Width
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import sample_prior, strokes_of
 

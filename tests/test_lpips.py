@@ -13,9 +13,9 @@ from torchmetrics.functional.image import lpips as published
 
 from brushexp.errors import UserError
 from brushexp.features.distance import WEIGHTS, apart, effl0_distance, open_distance, unit
-from brushexp.loss.base import Painting
-from brushexp.loss.lpips import Lpips
-from brushexp.paint.metrics import measure
+from brushexp.painting.metrics import measure
+from brushexp.plugins.loss.base import Painting
+from brushexp.plugins.loss.lpips import Lpips
 from brushexp.strokes.catalogue import Strokes
 
 NETWORKS = {"alexnet": ("alex", alexnet_state), "squeeze": ("squeeze", squeeze_state), "vgg16": ("vgg", vgg_state)}

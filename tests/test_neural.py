@@ -9,15 +9,15 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from brushexp.checkpoint import weights_hash
 from brushexp.errors import UserError
+from brushexp.plugins.renderer import checkpoint as files
+from brushexp.plugins.renderer._fields import stroke_planes
+from brushexp.plugins.renderer.base import FAINT, Patches, PatchRenderer, Precision, window_pictures
+from brushexp.plugins.renderer.neural import Activation, Coordinates, Neural, Normalisation, Upsampling
+from brushexp.plugins.renderer.weights_file import read_recipe, restore, save_checkpoint
 from brushexp.registry import build_named, plugins
-from brushexp.renderer import checkpoint as files
-from brushexp.renderer._fields import stroke_planes
-from brushexp.renderer.base import FAINT, Patches, PatchRenderer, Precision, window_pictures
-from brushexp.renderer.checkpoint import read_recipe, restore, save_checkpoint
-from brushexp.renderer.neural import Activation, Coordinates, Neural, Normalisation, Upsampling
 from brushexp.strokes.prior import WIDTH, clamp_to_prior, parameters_of, sample_prior, strokes_of
+from brushexp.system.checkpoint import weights_hash
 
 NAMES = [plugin.name for plugin in plugins("renderer") if issubclass(plugin.cls, PatchRenderer)]
 TINY = {"width": 4, "widest": 8, "dense": [16], "checkpoint": None}

@@ -9,14 +9,14 @@ import pytest
 import torch
 from scenes import random_strokes
 
-from brushexp.blend.tiled import Tiled
 from brushexp.errors import UserError
-from brushexp.optimizer._libraries import Library
-from brushexp.optimizer._schedule import Schedule, share_of_rate
-from brushexp.optimizer.base import Optimizer
-from brushexp.optimizer.torch_optim import TorchOptim
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.optimizer._libraries import Library
+from brushexp.plugins.optimizer._schedule import Schedule, share_of_rate
+from brushexp.plugins.optimizer.base import Optimizer
+from brushexp.plugins.optimizer.torch_optim import TorchOptim
+from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build
-from brushexp.renderer.analytic import Analytic
 from brushexp.strokes.catalogue import Catalogue
 
 SIZE = (24, 33)

@@ -7,23 +7,23 @@ import pytest
 import torch
 from scenes import Windowed, random_strokes
 
-from brushexp.blend import bands as bands_module
-from brushexp.blend.tiled import Tiled
-from brushexp.density.fixed import Fixed
-from brushexp.loss.pixel import MeanSquaredError
-from brushexp.optimizer.torch_optim import TorchOptim
-from brushexp.order.area import Area
-from brushexp.paint.goals import STOPPED_EARLY, EarlyStop
-from brushexp.paint.outputs import work_of
-from brushexp.paint.painter import Painter
-from brushexp.paint.parts import Parts, Stage
-from brushexp.renderer.analytic import Analytic
-from brushexp.sampler.whole import Whole
+from brushexp.compositing import bands as bands_module
+from brushexp.painting.goals import STOPPED_EARLY, EarlyStop
+from brushexp.painting.outputs import work_of
+from brushexp.painting.painter import Painter
+from brushexp.painting.parts import Parts, Stage
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.density.fixed import Fixed
+from brushexp.plugins.export.png import pixels
+from brushexp.plugins.loss.pixel import MeanSquaredError
+from brushexp.plugins.optimizer.torch_optim import TorchOptim
+from brushexp.plugins.order.area import Area
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.sampler.whole import Whole
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import Catalogue
 from brushexp.strokes.prior import clamp_to_prior
 from brushexp.strokes.storage import Saved
-from brushexp.to.png import pixels
 
 SIZE = (24, 33)
 

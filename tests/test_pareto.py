@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from brushexp.files import write_json, write_picture, write_text
-from brushexp.report.labels import place
-from brushexp.report.pareto import front, in_lines, points_of, write_front
-from brushexp.report.runs import by_picture, command_of, paintings
-from brushexp.report.table import collect
+from brushexp.results.labels import place
+from brushexp.results.pareto import front, in_lines, points_of, write_front
+from brushexp.results.runs import by_picture, command_of, paintings
+from brushexp.results.table import collect
+from brushexp.system.files import write_json, write_picture, write_text
 
 COSTS = st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), min_size=1, max_size=20)
 

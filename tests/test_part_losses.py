@@ -6,12 +6,12 @@ import pytest
 import torch
 from networks import alexnet_state, saved, squeeze_state
 
-from brushexp.loss.base import Loss, Painting, Surroundings
-from brushexp.loss.lpips import Lpips
-from brushexp.loss.perceptual import Perceptual
-from brushexp.loss.pixel import MeanAbsoluteError, MeanSquaredError
-from brushexp.loss.ssim import StructuralSimilarity
-from brushexp.sampler.base import Region
+from brushexp.pictures.region import Region
+from brushexp.plugins.loss.base import Loss, Painting, Surroundings
+from brushexp.plugins.loss.lpips import Lpips
+from brushexp.plugins.loss.perceptual import Perceptual
+from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
+from brushexp.plugins.loss.ssim import StructuralSimilarity
 from brushexp.strokes.catalogue import Strokes
 
 Size = tuple[int, int]

@@ -8,26 +8,27 @@ import torch
 from scenes import Windowed, random_strokes
 from torch.testing import assert_close
 
-from brushexp.blend.tiled import Tiled
-from brushexp.density.fixed import Fixed
 from brushexp.errors import UserError
-from brushexp.loss.base import Painting
-from brushexp.loss.perceptual import Perceptual
-from brushexp.loss.pixel import MeanSquaredError
-from brushexp.loss.stroke import KullbackLeibler
-from brushexp.optimizer.torch_optim import TorchOptim
-from brushexp.order.accuracy import Accuracy
-from brushexp.order.area import Area
-from brushexp.order.base import front_to_back
-from brushexp.paint.kept import RenderCatalogue
-from brushexp.paint.painter import Painter
-from brushexp.paint.parts import Parts, Stage
-from brushexp.paint.view import View, touched
-from brushexp.renderer.analytic import Analytic
-from brushexp.renderer.textured import Textured
-from brushexp.sampler.base import Glance, Region
-from brushexp.sampler.patches import Coverage, Patches, places
-from brushexp.sampler.whole import Whole
+from brushexp.painting.kept import RenderCatalogue
+from brushexp.painting.painter import Painter
+from brushexp.painting.parts import Parts, Stage
+from brushexp.painting.view import View, touched
+from brushexp.pictures.region import Region
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.density.fixed import Fixed
+from brushexp.plugins.loss.base import Painting
+from brushexp.plugins.loss.perceptual import Perceptual
+from brushexp.plugins.loss.pixel import MeanSquaredError
+from brushexp.plugins.loss.stroke import KullbackLeibler
+from brushexp.plugins.optimizer.torch_optim import TorchOptim
+from brushexp.plugins.order.accuracy import Accuracy
+from brushexp.plugins.order.area import Area
+from brushexp.plugins.order.base import front_to_back
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.renderer.textured import Textured
+from brushexp.plugins.sampler.base import Glance
+from brushexp.plugins.sampler.patches import Coverage, Patches, places
+from brushexp.plugins.sampler.whole import Whole
 from brushexp.strokes.catalogue import FIELDS, Catalogue
 from brushexp.strokes.prior import clamp_to_prior
 

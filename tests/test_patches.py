@@ -5,12 +5,12 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from brushexp.blend._eager import lists_of
-from brushexp.blend._patch_scene import scene_of
-from brushexp.blend.dense import Dense
-from brushexp.blend.tiled import Kernel, Tiled
+from brushexp.compositing.eager import lists_of
+from brushexp.compositing.window_scene import scene_of
 from brushexp.errors import UserError
-from brushexp.renderer.base import Patches
+from brushexp.plugins.blend.dense import Dense
+from brushexp.plugins.blend.tiled import Kernel, Tiled
+from brushexp.plugins.renderer.base import Patches
 
 BACKGROUND = torch.tensor([0.2, 0.5, 0.9])
 FIELDS = ("images", "position", "scale", "opacity")

@@ -11,19 +11,19 @@ import pytest
 import torch
 from scenes import random_strokes, straight
 
-from brushexp.blend.tiled import Tiled
 from brushexp.errors import UserError
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.export._curves import flattened, hatched
+from brushexp.plugins.export._drawing import Hidden
+from brushexp.plugins.export._palette import nearest, palette
+from brushexp.plugins.export._plan import GAP, Run, plan_of, travel_of
+from brushexp.plugins.export.base import Work
+from brushexp.plugins.export.gcode import Gcode
+from brushexp.plugins.export.hpgl import Hpgl
+from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build
-from brushexp.renderer.analytic import Analytic
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
-from brushexp.to._curves import flattened, hatched
-from brushexp.to._drawing import Hidden
-from brushexp.to._palette import nearest, palette
-from brushexp.to._plan import GAP, Run, plan_of, travel_of
-from brushexp.to.base import Work
-from brushexp.to.gcode import Gcode
-from brushexp.to.hpgl import Hpgl
 
 vpype = pytest.importorskip("vpype", reason="needs pip install -e '.[plot]'")
 

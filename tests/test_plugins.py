@@ -7,10 +7,10 @@ import pytest
 import torch
 from scenes import leaves, random_strokes
 
-from brushexp.density.base import Survey
-from brushexp.logger.base import Run
-from brushexp.loss.base import Painting
-from brushexp.order.base import front_to_back
+from brushexp.plugins.density.base import Survey
+from brushexp.plugins.logger.base import Run
+from brushexp.plugins.loss.base import Painting
+from brushexp.plugins.order.base import front_to_back
 from brushexp.registry import FAMILIES, MULTI_SELECT, build, plugins
 from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes, check_strokes
 

@@ -7,7 +7,7 @@ SCRIPT = """
 import brushexp
 import torch
 torch.set_num_threads(1)
-from brushexp.engine.disc import Disc
+from brushexp.plugins.engine.disc import Disc
 Disc(window=8)(torch.zeros(2, 10), seed=0)
 import numba
 print(torch.get_num_threads(), numba.get_num_threads())

@@ -10,18 +10,18 @@ import torch
 from films import decoded, unrolled
 from scenes import Windowed, random_strokes
 
-from brushexp.blend.dense import Dense
-from brushexp.blend.tiled import Kernel, Tiled
-from brushexp.blend.topk import TopK
 from brushexp.errors import UserError
-from brushexp.files import to_bytes
 from brushexp.pictures.video import Format
+from brushexp.plugins.blend.dense import Dense
+from brushexp.plugins.blend.tiled import Kernel, Tiled
+from brushexp.plugins.blend.topk import TopK
+from brushexp.plugins.export.base import Work
+from brushexp.plugins.export.process import Pace, Process, fitted, layered, schedule, states, unfinished
+from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build_named
-from brushexp.renderer.analytic import Analytic
 from brushexp.strokes.bezier import curve_of, point_at
 from brushexp.strokes.catalogue import Strokes
-from brushexp.to.base import Work
-from brushexp.to.process import Pace, Process, fitted, layered, schedule, states, unfinished
+from brushexp.system.files import to_bytes
 
 BLENDS = {
     "tiled": Tiled,
@@ -96,7 +96,7 @@ def test_the_last_of_many_pictures_is_the_painting():
 def test_a_canvas_is_drawn_in_bands_like_any_other(monkeypatch):
     work = work_of(50, (200, 40), renderer=Windowed())
     unbanded = [picture.clone() for picture in states(work, whole(work, [10, 50]))]
-    monkeypatch.setattr("brushexp.blend.bands.BAND", 40 * 64)
+    monkeypatch.setattr("brushexp.compositing.bands.BAND", 40 * 64)
     for picture, expected in zip(states(work, whole(work, [10, 50])), unbanded, strict=True):
         torch.testing.assert_close(picture, expected, rtol=0, atol=1e-5)
 

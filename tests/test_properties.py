@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 from scenes import leaves, random_strokes, straight
 from torch import Tensor
 
-from brushexp.blend import bands
-from brushexp.blend.base import Blend
-from brushexp.blend.dense import Dense
-from brushexp.blend.tiled import Kernel, Tiled
-from brushexp.blend.topk import TopK
-from brushexp.renderer.analytic import Analytic
-from brushexp.renderer.base import Renderer
-from brushexp.renderer.textured import Textured
+from brushexp.compositing import bands
+from brushexp.plugins.blend.base import Blend
+from brushexp.plugins.blend.dense import Dense
+from brushexp.plugins.blend.tiled import Kernel, Tiled
+from brushexp.plugins.blend.topk import TopK
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.renderer.base import Renderer
+from brushexp.plugins.renderer.textured import Textured
 from brushexp.strokes.catalogue import FIELDS, Strokes
 
 BACKGROUND = torch.tensor([0.25, 0.5, 0.875])

@@ -11,20 +11,20 @@ from types import SimpleNamespace
 import pytest
 import torch
 
-from brushexp.checkpoint import weights_hash
+from brushexp.app.tasks import prune as task
 from brushexp.errors import UserError
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.renderer.base import window_pictures
+from brushexp.plugins.renderer.neural import Activation, Coarsest, Coordinates, Neural, Normalisation, Upsampling
+from brushexp.plugins.renderer.weights_file import save_checkpoint
 from brushexp.registry import build_named
-from brushexp.renderer.analytic import Analytic
-from brushexp.renderer.base import window_pictures
-from brushexp.renderer.checkpoint import save_checkpoint
-from brushexp.renderer.neural import Activation, Coarsest, Coordinates, Neural, Normalisation, Upsampling
 from brushexp.strokes.prior import parameters_of, sample_prior
-from brushexp.task import prune as task
-from brushexp.train import judging
-from brushexp.train.dataset import Origin
-from brushexp.train.pruning import MULTIPLE, _Spread, check_prunable, prune
-from brushexp.train.recording import Recording
-from brushexp.train.stream import StrokeBatch
+from brushexp.system.checkpoint import weights_hash
+from brushexp.training import judging
+from brushexp.training.dataset import Origin
+from brushexp.training.pruning import MULTIPLE, _Spread, check_prunable, prune
+from brushexp.training.recording import Recording
+from brushexp.training.stream import StrokeBatch
 
 OPTIONS = {
     "window": 64,

@@ -8,7 +8,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from program import ROOT, run
 
-from brushexp.checks import Paint, check_keys
+from brushexp.app.checks import Paint, check_keys
 
 PRESETS = {path.stem: path for path in (ROOT / "conf" / "quality").glob("*.yaml")}
 STUDIES = ["thesis", "steps", "renderers"]

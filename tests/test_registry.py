@@ -15,7 +15,7 @@ from brushexp.registry import build, build_named, config_of, load_plugins, plugi
 ROOT = Path(__file__).parents[1]
 
 PLUGIN = """
-from brushexp.order.base import Order
+from brushexp.plugins.order.base import Order
 from brushexp.registry import register
 
 @register("order", "{name}")
@@ -39,7 +39,7 @@ def test_a_taken_name_is_refused_with_its_owner():
     class Mse:
         def __init__(self, *, weight: float = 1.0) -> None: ...
 
-    with pytest.raises(UserError, match=r"loss=mse is taken by brushexp\.loss\.pixel"):
+    with pytest.raises(UserError, match=r"loss=mse is taken by brushexp\.plugins\.loss\.pixel"):
         register("loss", "mse")(Mse)
 
 

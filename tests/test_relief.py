@@ -10,20 +10,20 @@ import torch
 from PIL import Image
 from scenes import Windowed, random_strokes, straight
 
-from brushexp.blend import bands as banding
-from brushexp.blend.dense import Dense
-from brushexp.blend.tiled import Tiled
+from brushexp.compositing import bands as banding
 from brushexp.errors import UserError
+from brushexp.plugins.blend.dense import Dense
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.export.base import Work
+from brushexp.plugins.export.relief import Relief, levels_of
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.renderer.base import Layers, Renderer
+from brushexp.plugins.renderer.textured import Textured
 from brushexp.registry import build_named, plugins
-from brushexp.relief.height import CARRIED, FILM, Impasto, height_of, typical_width
-from brushexp.relief.light import Light, normals_of, shaded
-from brushexp.renderer.analytic import Analytic
-from brushexp.renderer.base import Layers, Renderer
-from brushexp.renderer.textured import Textured
+from brushexp.shading.height import CARRIED, FILM, Impasto, height_of, typical_width
+from brushexp.shading.light import Light, normals_of, shaded
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
-from brushexp.to.base import Work
-from brushexp.to.relief import Relief, levels_of
 
 GREY = torch.tensor([0.5, 0.5, 0.5])
 
@@ -304,7 +304,7 @@ def test_gloss_brightens_what_mirrors_the_lamp():
 
 def test_the_three_files_agree_with_the_heights(tmp_path, caplog):
     work = work_of(thick(20, (21, 34)), (21, 34))
-    with caplog.at_level(logging.INFO, logger="brushexp.to.relief"):
+    with caplog.at_level(logging.INFO, logger="brushexp.plugins.export.relief"):
         paths = Relief(light=[200, 30], depth=2.0).write(work, tmp_path)
     assert [path.name for path in paths] == ["relief.png", "height.png", "normals.png"]
     height = height_of(work)
@@ -331,7 +331,7 @@ def test_files_are_the_same_in_bands(tmp_path, monkeypatch):
     work = work_of(thick(20, (40, 23)), (40, 23))
     for name, pixels in (("whole", 2**20), ("bands", 23 * 7)):
         monkeypatch.setattr(banding, "BAND", pixels)
-        monkeypatch.setattr("brushexp.to.relief.PIXELS", pixels)
+        monkeypatch.setattr("brushexp.plugins.export.relief.PIXELS", pixels)
         (tmp_path / name).mkdir()
         Relief().write(work, tmp_path / name)
     for name, step in (("relief.png", 1), ("height.png", 8), ("normals.png", 1)):

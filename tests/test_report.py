@@ -18,12 +18,12 @@ from omegaconf import OmegaConf
 from PIL import Image
 
 from brushexp.errors import UserError
-from brushexp.files import write_json, write_picture
-from brushexp.report.drawing import ALARM, LIMIT, SIDE, Cell, Grid, Type, draw, plain_letters
-from brushexp.report.runs import overrides
-from brushexp.report.sheet import write_sheet
-from brushexp.report.sweep import LOCK, SweepReport, first_line, renew
-from brushexp.report.table import as_csv, as_markdown, collect, settings, varying, write_table
+from brushexp.results.drawing import ALARM, LIMIT, SIDE, Cell, Grid, Type, draw, plain_letters
+from brushexp.results.runs import overrides
+from brushexp.results.sheet import write_sheet
+from brushexp.results.sweep import LOCK, SweepReport, first_line, renew
+from brushexp.results.table import as_csv, as_markdown, collect, settings, varying, write_table
+from brushexp.system.files import write_json, write_picture
 
 METRICS = {
     "psnr": 27.123456,
@@ -398,7 +398,7 @@ APP = """
 from pathlib import Path
 import hydra, numpy as np
 from hydra.core.hydra_config import HydraConfig
-from brushexp.files import write_picture
+from brushexp.system.files import write_picture
 
 @hydra.main(version_base="1.3", config_path="conf", config_name="config")
 def main(cfg):
@@ -416,7 +416,7 @@ steps: 7
 loss: {mse: {weight: 1.0}}
 hydra:
   sweep: {dir: out, subdir: "${hydra.job.num}"}
-  callbacks: {report: {_target_: brushexp.report.sweep.SweepReport}}
+  callbacks: {report: {_target_: brushexp.results.sweep.SweepReport}}
 """
 
 

@@ -8,19 +8,20 @@ import torch
 from scenes import random_strokes
 from torch.testing import assert_close
 
-from brushexp.blend._lists import TILE, build_lists
-from brushexp.blend.tiled import Tiled
-from brushexp.density.fixed import Fixed
+from brushexp.compositing.tile_lists import TILE, build_lists
 from brushexp.errors import UserError
-from brushexp.loss.pixel import MeanSquaredError
-from brushexp.optimizer.torch_optim import TorchOptim
-from brushexp.order.area import Area
-from brushexp.paint.painter import Painter
-from brushexp.paint.parts import Parts, Stage
-from brushexp.renderer.analytic import Analytic
-from brushexp.sampler.base import Glance, Region
-from brushexp.sampler.resting import Resting
-from brushexp.sampler.whole import Whole
+from brushexp.painting.painter import Painter
+from brushexp.painting.parts import Parts, Stage
+from brushexp.pictures.region import Region
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.density.fixed import Fixed
+from brushexp.plugins.loss.pixel import MeanSquaredError
+from brushexp.plugins.optimizer.torch_optim import TorchOptim
+from brushexp.plugins.order.area import Area
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.sampler.base import Glance
+from brushexp.plugins.sampler.resting import Resting
+from brushexp.plugins.sampler.whole import Whole
 from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes
 
 SIZE = (72, 110)

@@ -19,22 +19,22 @@ from PIL import Image
 from scenes import random_strokes
 
 from brushexp.analysis.measures import measures_of
+from brushexp.app.tasks import paint
 from brushexp.errors import UserError
-from brushexp.files import write_json, write_picture, write_text
-from brushexp.paint.outputs import renderer_of, work_of
+from brushexp.painting.outputs import renderer_of, work_of
+from brushexp.plugins.export.png import pixels
 from brushexp.registry import build_named
-from brushexp.relief.light import Light, normals_of, shaded
-from brushexp.report.page.error import error_map
-from brushexp.report.page.html import LARGEST, data_uri, page, picture_uri
-from brushexp.report.page.palette import palette
-from brushexp.report.page.plots import histogram, line_plot, rose, round_numbers, round_numbers_log
-from brushexp.report.page.replay import BEYOND, STEPS, replay_of
-from brushexp.report.page.run import read_curves, run_page, write_run_page
+from brushexp.results.page.error import error_map
+from brushexp.results.page.html import LARGEST, data_uri, page, picture_uri
+from brushexp.results.page.palette import palette
+from brushexp.results.page.plots import histogram, line_plot, rose, round_numbers, round_numbers_log
+from brushexp.results.page.replay import BEYOND, STEPS, replay_of
+from brushexp.results.page.run import read_curves, run_page, write_run_page
+from brushexp.shading.light import Light, normals_of, shaded
 from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, point_at
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, save_catalogue
-from brushexp.task import paint
-from brushexp.to.png import pixels
+from brushexp.system.files import write_json, write_picture, write_text
 
 SIZE = (120, 160)
 WRITTEN = "<script>alert(1)</script>\"'&amp;.png"
@@ -235,7 +235,8 @@ def test_text_from_users_is_escaped(tmp_path):
 
 
 def test_settings_name_plugins_and_what_was_typed():
-    config = "steps: 5\nseed: null\nrenderer: {_target_: brushexp.renderer.analytic.Analytic, soft: 2.0}\n1: {2: 3}\n"
+    renderer = "{_target_: brushexp.plugins.renderer.analytic.Analytic, soft: 2.0}"
+    config = f"steps: 5\nseed: null\nrenderer: {renderer}\n1: {{2: 3}}\n"
     html = run_page(replace(saved_with(5), config=config), name="x", overrides=("steps=5", "renderer=analytic"))
     text = re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", html.partition("All settings")[2]))
     assert "steps 5 typed seed null" in text

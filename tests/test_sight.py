@@ -9,7 +9,7 @@ from torch.testing import assert_close
 
 from brushexp.features import open_backbone, sight
 from brushexp.features.sight import activations_of, aligned, sight_of, tiles
-from brushexp.sampler.base import Region
+from brushexp.pictures.region import Region
 
 STATES = {"alexnet": alexnet_state, "squeeze": squeeze_state, "vgg16": vgg_state}
 

@@ -14,13 +14,13 @@ from PIL import Image
 from program import Program
 from test_dataset import Spot, write
 
-from brushexp.checks import Simulate, check_keys
-from brushexp.engine.base import Simulated
+from brushexp.app.checks import Simulate, check_keys
+from brushexp.app.tasks.simulate import COLUMNS, GAP, contact_sheet
 from brushexp.errors import UserError
+from brushexp.plugins.engine.base import Simulated
 from brushexp.strokes.prior import parameters_of, sample_prior
-from brushexp.task.simulate import COLUMNS, GAP, contact_sheet
-from brushexp.train.dataset import Origin, StrokeFile, unfinished
-from brushexp.train.recording import BATCH, Recording
+from brushexp.training.dataset import Origin, StrokeFile, unfinished
+from brushexp.training.recording import BATCH, Recording
 
 N = 5 * BATCH + 70
 ORIGIN = Origin("spot", {"radius": 0.25}, 6)  # as `write` has it
@@ -31,8 +31,8 @@ import time
 
 import torch
 
-from brushexp.checks import Simulate, check_keys
-from brushexp.engine.base import Engine, Simulated
+from brushexp.app.checks import Simulate, check_keys
+from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import register
 
 

@@ -6,11 +6,11 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from brushexp.errors import UserError
-from brushexp.loss import sinkhorn
-from brushexp.loss.base import Painting, Surroundings
-from brushexp.loss.pixel import MeanSquaredError
-from brushexp.loss.sinkhorn import Sinkhorn, masses, shrunk
-from brushexp.sampler.base import Region
+from brushexp.pictures.region import Region
+from brushexp.plugins.loss import sinkhorn
+from brushexp.plugins.loss.base import Painting, Surroundings
+from brushexp.plugins.loss.pixel import MeanSquaredError
+from brushexp.plugins.loss.sinkhorn import Sinkhorn, masses, shrunk
 from brushexp.strokes.catalogue import Strokes
 
 

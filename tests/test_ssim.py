@@ -8,10 +8,10 @@ from torch import Tensor
 from torch.testing import assert_close
 from torchmetrics.functional.image import structural_similarity_index_measure
 
-from brushexp.loss import ssim
-from brushexp.loss.base import Painting, Surroundings
-from brushexp.loss.ssim import StructuralSimilarity
-from brushexp.sampler.base import Region
+from brushexp.pictures.region import Region
+from brushexp.plugins.loss import ssim
+from brushexp.plugins.loss.base import Painting, Surroundings
+from brushexp.plugins.loss.ssim import StructuralSimilarity
 from brushexp.strokes.catalogue import Strokes
 
 

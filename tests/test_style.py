@@ -11,17 +11,17 @@ from program import run
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.checks import StyleKeys, check_keys
-from brushexp.command_line import explanation, in_full
+from brushexp.app.checks import StyleKeys, check_keys
+from brushexp.app.command_line import explanation, in_full
 from brushexp.errors import UserError
 from brushexp.features import sight
-from brushexp.loss._kernels import EVEN, Kernel, gram
-from brushexp.loss.base import Painting, Surroundings
-from brushexp.loss.style import Colors, Style
-from brushexp.paint.assembly import losses_of
+from brushexp.painting.assembly import losses_of
 from brushexp.pictures.color import recolored
 from brushexp.pictures.load import load_picture
-from brushexp.sampler.base import Region
+from brushexp.pictures.region import Region
+from brushexp.plugins.loss._kernels import EVEN, Kernel, gram
+from brushexp.plugins.loss.base import Painting, Surroundings
+from brushexp.plugins.loss.style import Colors, Style
 from brushexp.strokes.catalogue import Strokes
 
 NONE = Strokes.none()

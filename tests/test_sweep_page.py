@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from browser import NARROW, WIDE, browser, opened  # noqa: F401  (fixtures)
 
-from brushexp.files import write_json, write_picture
-from brushexp.report.page.sweep_page import sweep_page, write_sweep_page
-from brushexp.report.page.thumbnails import AREA, SIDES, _encoded, side_for, thumbnail
-from brushexp.report.pareto import points_of
-from brushexp.report.runs import by_picture, paintings
-from brushexp.report.sweep import renew
-from brushexp.report.table import collect
+from brushexp.results.page.sweep_page import sweep_page, write_sweep_page
+from brushexp.results.page.thumbnails import AREA, SIDES, _encoded, side_for, thumbnail
+from brushexp.results.pareto import points_of
+from brushexp.results.runs import by_picture, paintings
+from brushexp.results.sweep import renew
+from brushexp.results.table import collect
+from brushexp.system.files import write_json, write_picture
 
 EVIL = "<script>document.title=1</script>"
 SIZE = (40, 60)  # height and width of the pictures, pixels

@@ -9,16 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import leaves, random_strokes, straight
 
-from brushexp.blend.dense import Dense
-from brushexp.blend.tiled import Kernel, Tiled
 from brushexp.errors import UserError
+from brushexp.plugins.blend.dense import Dense
+from brushexp.plugins.blend.tiled import Kernel, Tiled
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.renderer.base import window_pictures
+from brushexp.plugins.renderer.textured import Textured, unrolled
 from brushexp.registry import build_named
-from brushexp.renderer.analytic import Analytic
-from brushexp.renderer.base import window_pictures
-from brushexp.renderer.textured import Textured, unrolled
 from brushexp.strokes.catalogue import FIELDS, Strokes
 from brushexp.strokes.prior import parameters_of, sample_prior
-from brushexp.train.evaluation import squared_error
+from brushexp.training.evaluation import squared_error
 
 BACKGROUND = torch.tensor([0.2, 0.5, 0.9])
 PAINTER = Textured(checkpoint=None).requires_grad_(False)  # as in painting: textures of 8 bits

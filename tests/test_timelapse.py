@@ -11,7 +11,7 @@ from films import decoded, unrolled
 from torch.nn.functional import interpolate as resize
 
 from brushexp.errors import UserError
-from brushexp.paint.timelapse import FPS, HOLD, LEAST_FPS, Timelapse, moments, shrink, timing
+from brushexp.painting.timelapse import FPS, HOLD, LEAST_FPS, Timelapse, moments, shrink, timing
 from brushexp.pictures.video import MOST_FPS, Format
 
 COLORS = [(0.85, 0.15, 0.1), (0.1, 0.7, 0.25), (0.1, 0.25, 0.8), (0.95, 0.85, 0.3)]

@@ -16,18 +16,18 @@ from test_dataset import write
 from torch import nn
 from torch.utils.data import DataLoader
 
-from brushexp.checkpoint import weights_hash
+from brushexp.app.tasks import train
 from brushexp.errors import UserError
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.renderer.base import PatchRenderer, window_pictures
+from brushexp.plugins.renderer.weights_file import read_recipe
 from brushexp.registry import build_named
-from brushexp.renderer.analytic import Analytic
-from brushexp.renderer.base import PatchRenderer, window_pictures
-from brushexp.renderer.checkpoint import read_recipe
 from brushexp.strokes.prior import parameters_of, sample_prior
-from brushexp.task import train
-from brushexp.train.evaluation import Errors, decibels, errors_of, premultiplied, squared_error
-from brushexp.train.progress import Checkpoints, sheet_of_pairs
-from brushexp.train.stream import Loader, StrokeBatch
-from brushexp.train.trainer import RendererTrainer, Training, balanced
+from brushexp.system.checkpoint import weights_hash
+from brushexp.training.evaluation import Errors, decibels, errors_of, premultiplied, squared_error
+from brushexp.training.progress import Checkpoints, sheet_of_pairs
+from brushexp.training.stream import Loader, StrokeBatch
+from brushexp.training.trainer import RendererTrainer, Training, balanced
 
 SIDE = 16
 TINY = ("renderer.width=4", "renderer.widest=8", "renderer.dense=[16]")

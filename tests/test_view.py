@@ -14,12 +14,12 @@ import pytest
 import torch
 from omegaconf import DictConfig, OmegaConf
 
+from brushexp.app.tasks.view import pages_of
 from brushexp.errors import UserError
-from brushexp.files import write_json, write_picture
-from brushexp.report.page.serving import HOST, served
+from brushexp.results.page.serving import HOST, served
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, save_catalogue
-from brushexp.task.view import pages_of
+from brushexp.system.files import write_json, write_picture
 
 ROOT = Path(__file__).parents[1]
 
@@ -180,7 +180,7 @@ def test_the_program_serves_until_ctrl_c(tmp_path):
 
 
 def test_keys_are_typed(config):
-    from brushexp.checks import View, check_keys  # noqa: PLC0415
+    from brushexp.app.checks import View, check_keys  # noqa: PLC0415
 
     cfg = config("task=view", "catalogue=a.h5")
     assert (cfg.port, cfg.open) == (0, True)

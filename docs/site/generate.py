@@ -13,7 +13,7 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from omegaconf import MISSING
 
-from brushexp.command_line import prepare
+from brushexp.app.command_line import prepare
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, plugins
 
 ROOT = Path(__file__).parents[2]

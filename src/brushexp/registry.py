@@ -39,6 +39,7 @@ FAMILIES = {
     "logger": "where the curves of a run go",
     "to": "finished painting -> files that other programs read",
 }
+PACKAGES = {"to": "export"}  # families whose folder is not called as the key that is typed
 MULTI_SELECT = ("loss", "logger", "to")  # families of which one run may use several members
 USER_PACKAGE = "brushexp_plugins"  # the import name of all files found in plugin folders
 SEARCH_PATH = "BRUSHEXP_PLUGINS"  # environment variable: more plugin folders
@@ -162,8 +163,8 @@ def load_plugins(directory: Path) -> list[str]:
         UserError: if any of them fails to import; it names the file and the line.
     """
     for family in FAMILIES:
-        package = importlib.import_module(f"brushexp.{family}")
-        for module in pkgutil.iter_modules(package.__path__, f"brushexp.{family}."):
+        package = importlib.import_module(f"brushexp.plugins.{PACKAGES.get(family, family)}")
+        for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
             if not module.name.rpartition(".")[2].startswith("_"):
                 importlib.import_module(module.name)
     files = list(_plugin_files(directory))

@@ -14,7 +14,7 @@ from brushexp.analysis.maps import coherence_map, direction_colors, stroke_map
 from brushexp.analysis.measures import MEASURES, Array
 from brushexp.analysis.summary import BINS, OVERALL, Analysis, overall_of, shares_of
 from brushexp.analysis.tables import relative_unit, shown, strokes_in, with_unit
-from brushexp.report.plotting import COLORS, FAINT, INK, SIZE, new_figure, plain, save, tidy
+from brushexp.results.plotting import COLORS, FAINT, INK, SIZE, new_figure, plain, save, tidy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -40,8 +40,8 @@ def direction_colors(angle: Array) -> Array:
 @torch.no_grad()
 def stroke_map(found: Analysis) -> NDArray[np.float32]:
     """The strokes (H, W, 3) as they lie over each other, in the colours of their directions, on white."""
-    from brushexp.blend.tiled import Tiled  # noqa: PLC0415  (slow to import)
-    from brushexp.renderer.analytic import Analytic  # noqa: PLC0415
+    from brushexp.plugins.blend.tiled import Tiled  # noqa: PLC0415  (slow to import)
+    from brushexp.plugins.renderer.analytic import Analytic  # noqa: PLC0415
 
     zoom = SIDE / max(found.size)
     size = (max(1, round(found.size[0] * zoom)), max(1, round(found.size[1] * zoom)))

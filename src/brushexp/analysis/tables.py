@@ -20,9 +20,9 @@ from brushexp.analysis.summary import (
     summary_of,
     thinnest_of,
 )
-from brushexp.files import write_json, write_text
-from brushexp.report.table import NOTHING, markdown
+from brushexp.results.table import NOTHING, markdown
 from brushexp.strokes.brushwork import FAINTEST
+from brushexp.system.files import write_json, write_text
 
 HEAD = ("n", "mean", "sd", "q25", "median", "q75")
 WORDS = {"n": "n", "mean": "mean", "sd": "standard deviation", "q25": "25 %", "median": "median", "q75": "75 %"}

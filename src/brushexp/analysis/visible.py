@@ -41,8 +41,8 @@ def visible_share(strokes: Strokes, depth: Tensor, size: tuple[int, int]) -> Ten
 
 def _paint_of(strokes: Strokes, above: Tensor, size: tuple[int, int]) -> Tensor:
     """Sum (N,) over the canvas of what each stroke adds to the picture per unit of its colour."""
-    from brushexp.blend.tiled import Tiled  # noqa: PLC0415  (slow to import)
-    from brushexp.renderer.analytic import Analytic  # noqa: PLC0415
+    from brushexp.plugins.blend.tiled import Tiled  # noqa: PLC0415  (slow to import)
+    from brushexp.plugins.renderer.analytic import Analytic  # noqa: PLC0415
 
     color = torch.zeros_like(strokes.color).requires_grad_()
     with torch.enable_grad():

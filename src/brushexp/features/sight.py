@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from brushexp.features.base import Backbone
-from brushexp.sampler.base import Region
+from brushexp.pictures.region import Region
 
 ROUNDING = 1e-12  # activations that differ by less are the same
 TILE = 512  # pixels: pictures are looked at in tiles of this side, each with what its features see around it

@@ -18,7 +18,7 @@ import numpy as np
 from PIL import GifImagePlugin, Image
 
 from brushexp.errors import UserError
-from brushexp.files import replacing
+from brushexp.system.files import replacing
 
 log = logging.getLogger(__name__)
 MOST_FPS = 50  # players show GIFs that are faster than this slowly

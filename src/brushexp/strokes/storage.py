@@ -17,10 +17,10 @@ import yaml  # type: ignore[import-untyped,unused-ignore]
 from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.files import write_bytes
-from brushexp.hdf5 import HDF5, attribute_of, dataset_of, fixed, text_of, whole_number_of
 from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
 from brushexp.strokes.text import DEPTH_UNIT, FORMAT, VERSION, check_version, parse
+from brushexp.system.files import write_bytes
+from brushexp.system.hdf5 import HDF5, attribute_of, dataset_of, fixed, text_of, whole_number_of
 
 LARGEST_SIDE = 1_000_000  # pixels
 MOST_STROKES = 100_000_000

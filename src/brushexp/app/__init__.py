@@ -1,0 +1,1 @@
+"""The program: command line, schemas of the tasks, the tasks themselves."""

@@ -1,0 +1,53 @@
+"""``task=analyse``: the brushwork of a saved painting in numbers and figures, alone or beside another."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+from brushexp.analysis.figures import write_figure
+from brushexp.analysis.summary import analysis_of, means
+from brushexp.analysis.tables import write_tables
+from brushexp.app.checks import Analyse, check_keys
+from brushexp.errors import UserError
+from brushexp.results.table import shortened
+from brushexp.strokes.storage import load_catalogue
+
+log = logging.getLogger(__name__)
+
+
+def run(cfg: DictConfig, start: float) -> dict[str, object]:
+    """Measure ``cfg.catalogue``, and ``cfg.against`` if there is one, into the run's folder."""
+    check_keys(cfg, Analyse)
+    if cfg.visible > 1:
+        raise UserError(f"visible={cfg.visible} is not a share from 0 to 1; set visible to 1 or less")
+    folder = Path(HydraConfig.get().runtime.output_dir)
+    options = [option for option in ("catalogue", "against") if cfg[option] is not None]
+    found = []
+    for option, name in zip(options, names_of([cfg[option] for option in options]), strict=True):
+        saved = load_catalogue(Path(cfg[option]), option)
+        found.append(analysis_of(saved, name, cfg[option], cfg.radius, cfg.visible, option))
+        left_out = found[-1].total - len(found[-1].number)
+        log.info("%s: %d strokes measured, %d left out", cfg[option], len(found[-1].number), left_out)
+    paths = [write_figure(folder / "brushwork.png", found), *write_tables(folder, found)]
+    log.info("%s: %s", folder, ", ".join(path.name for path in paths))
+    return {
+        "n_strokes": len(found[0].number),
+        **{f"brushwork_{key}": value for key, value in means(found[0]).items()},
+        "seconds_total": time.monotonic() - start,
+        "status": "completed",
+    }
+
+
+def names_of(paths: Sequence[str]) -> list[str]:
+    """What to call catalogues: the folder of one that has the usual name, as much of it as tells them apart."""
+    plain = [str(Path(path).resolve()).removesuffix("/catalogue.h5").removesuffix(".h5") for path in paths]
+    if len(set(plain)) < len(plain):  # one beside itself
+        return [f"{Path(path).name} ({k + 1})" for k, path in enumerate(plain)]
+    short = shortened(plain)
+    return [short[path] for path in plain]

@@ -1,0 +1,104 @@
+"""``task=view``: the page of a saved painting, of a run or of a sweep, in the browser."""
+
+from __future__ import annotations
+
+import logging
+import time
+import webbrowser
+from pathlib import Path
+from urllib.parse import quote, unquote, urljoin, urlsplit
+
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+from brushexp.app.checks import View, check_keys
+from brushexp.app.tasks.export import with_renderer
+from brushexp.errors import UserError
+from brushexp.painting.outputs import work_of
+from brushexp.plugins.export.png import pixels
+from brushexp.registry import build
+from brushexp.results.page.html import LARGEST
+from brushexp.results.page.run import page_of_run, run_page
+from brushexp.results.page.serving import served
+from brushexp.results.page.sweep_page import write_sweep_page
+from brushexp.results.runs import gather
+from brushexp.strokes.storage import load_catalogue
+from brushexp.system.files import write_text
+
+log = logging.getLogger(__name__)
+PAGE = "report.html"
+BYTES = "surrogateescape"  # names of folders need not be UTF-8
+
+
+def run(cfg: DictConfig, start: float) -> dict[str, object]:
+    """Write the page into this run's folder, and serve it until Ctrl-C."""
+    check_keys(cfg, View)
+    folder = Path(HydraConfig.get().runtime.output_dir).resolve()
+    pages = pages_of(cfg, folder)
+    try:
+        with served(pages, cfg.port) as address:
+            log.info("%s is at %s until Ctrl-C; it is also in %s", cfg.catalogue, address, folder / PAGE)
+            if cfg.open and not webbrowser.open(address):
+                log.info("no browser could be started: open %s yourself", address)
+            while True:
+                time.sleep(3600)
+    except KeyboardInterrupt:
+        log.info("the page is no longer served; it stays in %s", folder / PAGE)
+    return {"seconds_total": time.monotonic() - start, "status": "completed"}
+
+
+def pages_of(cfg: DictConfig, folder: Path) -> dict[str, Path]:
+    """Write ``report.html`` into a folder.
+
+    Args:
+        cfg: of the task.
+        folder: where to.
+
+    Returns:
+        what is to be served: path of the address -> file. With a sweep, the pages of its runs too.
+
+    Raises:
+        UserError: if there is nothing at ``cfg.catalogue`` that has a page, or its renderer cannot be built.
+    """
+    source = Path(cfg.catalogue)
+    page = folder / PAGE
+    if not source.is_dir():
+        write_text(page, page_of_catalogue(cfg))
+    elif (source / "catalogue.h5").is_file():
+        write_text(page, page_of_run(source))  # the run's own folder stays as it is
+    elif any(source.glob("*/result.json")):
+        results = gather([source], folder)
+        write_sweep_page(folder, results)
+        links = [Path(str(result["run"]), PAGE) for result in results]
+        return {"/": page} | {_followed(link): folder / link for link in links}
+    else:
+        raise UserError(
+            f"catalogue={source}: neither a run nor a sweep is in this folder; give a catalogue.h5, or the folder "
+            "of a finished run or sweep"
+        )
+    return {"/": page}
+
+
+def _followed(link: Path) -> str:
+    """Where a browser goes from the first page by a link: ``../../sweep/3`` is ``/sweep/3`` there."""
+    return unquote(urlsplit(urljoin("http://page/", quote(link.as_posix(), errors=BYTES))).path, errors=BYTES)
+
+
+def page_of_catalogue(cfg: DictConfig) -> str:
+    """The page of strokes alone, drawn by the renderer that painted them unless another one is chosen."""
+    saved = load_catalogue(Path(cfg.catalogue))
+    chosen = cfg.get("renderer")
+    try:
+        saved, renderer = with_renderer(saved, chosen, cfg.catalogue)
+    except UserError as error:
+        if chosen is not None:
+            raise
+        raise UserError(
+            f"{cfg.catalogue} was painted with renderer={saved.renderer}, which cannot be built here: {error}; "
+            "or draw it with another one: renderer=analytic"
+        ) from error
+    resolution = min(LARGEST, max(saved.size))  # more would not fit into the page
+    work = work_of(saved, renderer, build(cfg.blend), saved.renderer, resolution, cfg.catalogue)
+    path = Path(cfg.catalogue).resolve()
+    name = path.parent.name if path.stem == "catalogue" else path.stem
+    return run_page(saved, name=name or path.stem, painting=pixels(work))

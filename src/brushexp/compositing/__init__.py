@@ -1,0 +1,1 @@
+"""Strokes laid over each other, tile by tile: the kernels and their reference, which the blends use."""

@@ -1,0 +1,64 @@
+"""A whole picture in bands of rows, so that a huge one needs little more memory than its pixels."""
+
+from collections.abc import Iterator
+
+import torch
+from torch import Tensor
+
+from brushexp.plugins.blend.base import Blend
+from brushexp.plugins.renderer.base import Renderer
+from brushexp.strokes.catalogue import Strokes
+
+BAND = 2**20  # pixels that are painted at once
+LEAST = 64  # rows: bands do not get lower than this for the sake of the layers' memory
+
+
+@torch.no_grad()
+def bands(
+    strokes: Strokes,
+    front_to_back: Tensor,
+    size: tuple[int, int],
+    background: Tensor,
+    renderer: Renderer,
+    blend: Blend,
+) -> Iterator[tuple[int, Tensor]]:
+    """Paint strokes from the top of the canvas to its bottom.
+
+    Args:
+        strokes: N strokes.
+        front_to_back: (N,) their indices, the uppermost first.
+        size: height H and width W of the canvas, pixels.
+        background: (3,) colour of the bare canvas.
+        renderer: draws the strokes.
+        blend: lays them over each other.
+
+    Yields:
+        The first row of each band, and its picture (3, h, W) in [0, 1]. A band has only the strokes that touch it.
+    """
+    place = torch.empty_like(front_to_back)
+    place[front_to_back] = torch.arange(len(place), device=place.device)
+    for top, rows, number in cuts(strokes, size, renderer):
+        layers = renderer(strokes[number].moved(shift=(0, -top)), number)
+        yield top, blend(layers, place[number].argsort(), (rows, size[1]), background).image
+
+
+@torch.no_grad()
+def cuts(strokes: Strokes, size: tuple[int, int], renderer: Renderer) -> Iterator[tuple[int, int, Tensor]]:
+    """Where a canvas of ``size`` (H, W) is cut: first row and rows of each band, and numbers of its strokes."""
+    height, width = size
+    rows = renderer.rows(strokes)
+    top, number = 0, torch.arange(len(strokes), device=strokes.position.device)
+    while top < height:
+        band = min(max(1, BAND // width), height - top)
+        if rows is not None:
+            number = _within(rows, top, band)
+            while band > LEAST and len(number) > (renderer.at_once or len(number)):
+                band = band // 2
+                number = _within(rows, top, band)
+        yield top, band, number
+        top += band
+
+
+def _within(rows: Tensor, top: int, height: int) -> Tensor:
+    """Numbers of the strokes whose rows (N, 2) meet the ``height`` rows from ``top`` on."""
+    return ((rows[:, 1] > top) & (rows[:, 0] < top + height)).nonzero()[:, 0]

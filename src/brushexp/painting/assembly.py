@@ -1,0 +1,156 @@
+"""From the config to what a painting is made of: its parts and its first strokes."""
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+from omegaconf import DictConfig
+from torch import Tensor
+
+from brushexp.errors import UserError
+from brushexp.painting.parts import Parts, Stage
+from brushexp.pictures.color import recolored
+from brushexp.pictures.focus import focus_map, focus_weights
+from brushexp.plugins.density.base import Density
+from brushexp.plugins.init.base import Initializer
+from brushexp.plugins.loss.base import Loss
+from brushexp.plugins.loss.style import Colors, Style
+from brushexp.registry import build, build_named, plugin_of, plugins
+from brushexp.strokes.brushwork import load_brushwork, with_brushwork
+from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.storage import load_catalogue
+from brushexp.system.files import write_picture
+
+log = logging.getLogger(__name__)
+STYLE, BRUSHWORK = "style", "brushwork"  # names of the losses that the keys of ``style`` add
+AUTO = "auto"  # warm_start that leaves it to the renderer
+
+
+def parts_of(cfg: DictConfig) -> Parts:
+    """Build what the config names."""
+    return Parts(
+        stages=stages_of(cfg),
+        blend=build(cfg.blend),
+        order=build(cfg.order),
+        losses=losses_of(cfg),
+        density=build(cfg.density),
+        sampler=build(cfg.sampler),
+        optimizer=build(cfg.optimizer),
+    )
+
+
+def losses_of(cfg: DictConfig) -> dict[str, Loss]:
+    """The chosen losses, and those that ``style.image`` and ``style.brushwork`` add to them."""
+    losses: dict[str, Loss] = {name: build(node) for name, node in cfg.loss.items()}
+    if cfg.style.image is not None:
+        for loss in losses.values():
+            loss.weight *= cfg.style.content
+    for key, name in (("image", STYLE), ("brushwork", BRUSHWORK)):
+        if cfg.style[key] is not None and name in losses:
+            raise UserError(f"style.{key}={cfg.style[key]} brings the loss {name} with it; drop {name} from loss=...")
+    if cfg.style.image is not None:
+        losses[STYLE] = build(cfg.style.loss)
+    if cfg.style.brushwork is not None:
+        losses[BRUSHWORK] = build(cfg.style.strokes, "style.brushwork")
+    if BRUSHWORK in cfg.loss and cfg.loss[BRUSHWORK].catalogue is None:
+        raise UserError("loss=brushwork has nothing to compare with; set loss.brushwork.catalogue=catalogue.h5")
+    return losses
+
+
+def in_colors(target: Tensor, parts: Parts, folder: Path) -> Tensor:
+    """The target in the colours of the style picture, or as it is if the style takes its colours; writes style.png."""
+    style = parts.losses[STYLE]
+    assert isinstance(style, Style)
+    picture = style.picture(target)
+    write_picture(folder / "style.png", picture)
+    return target if style.colors is Colors.content else recolored(target, like=picture)
+
+
+def focus_of(cfg: DictConfig, target: Tensor, folder: Path) -> Tensor | None:
+    """How much each pixel (H, W) of the target counts, of mean 1, if ``focus`` is set; writes focus.png."""
+    if cfg.focus is None:
+        return None
+    attended = focus_map(cfg.focus, target)
+    weights = focus_weights(attended, cfg.focus_strength)
+    write_picture(folder / "focus.png", attended.expand(3, -1, -1))
+    return weights
+
+
+def stages_of(cfg: DictConfig) -> list[Stage]:
+    """The renderers and their steps: the chosen one, and before it the one that ``warm_start`` asks for, if any."""
+    name, renderer = plugin_of(cfg.renderer).name, build(cfg.renderer)
+    first = renderer.stand_in if cfg.warm_start == AUTO else cfg.warm_start
+    if first is None or not (cfg.steps or cfg.seconds):
+        return [Stage(name, renderer, cfg.steps)]
+    names = [plugin.name for plugin in plugins("renderer")]
+    if first not in names:
+        raise UserError(f"warm_start={first} is not a renderer; choose {AUTO}, null or one of {', '.join(names)}")
+    return [Stage(first, build_named("renderer", first, {}), cfg.steps), Stage(name, renderer, cfg.finish_steps)]
+
+
+def paced(parts: Parts, steps_per_stroke: float | None, strokes: Strokes, size: tuple[int, int]) -> Parts:
+    """The same, with as many steps as partial updates take.
+
+    Args:
+        parts: of the painting.
+        steps_per_stroke: so often each stroke moves in the first stage; None leaves its steps as they are. Those of a
+            last stage, that of a slow renderer, always count for each stroke.
+        strokes: the first ones.
+        size: height and width of the canvas.
+    """
+    first, *others = parts.stages
+    if steps_per_stroke is None and not others:
+        return parts
+    each = parts.sampler.steps_per_round(strokes, size)
+    if steps_per_stroke is not None:
+        first = replace(first, steps=round(steps_per_stroke * each))
+    return replace(parts, stages=[first, *(replace(stage, steps=stage.steps * each) for stage in others)])
+
+
+def first_strokes(
+    cfg: DictConfig, target: Tensor, density: Density, focus: Tensor | None = None
+) -> tuple[Strokes, int]:
+    """The strokes to start from, and how many the painting may have in the end.
+
+    They are those of ``catalogue``, or those that ``init`` makes, with ``style.brushwork``. With a focus (H, W), the
+    initialiser is told how much each pixel counts.
+    """
+    _, height, width = target.shape
+    if cfg.catalogue is not None:
+        if cfg.style.brushwork is not None:
+            log.info("the strokes of %s stay as they are; style.brushwork only pulls at them", cfg.catalogue)
+        strokes = strokes_from(Path(cfg.catalogue), (height, width))
+        n = len(strokes) if cfg.strokes is None else cfg.strokes
+        if n < len(strokes) or (n > len(strokes) and density.first(n, cfg.steps) == n):
+            raise UserError(
+                f"strokes={n}, but {cfg.catalogue} has {len(strokes)}; drop strokes or catalogue, or let a policy that "
+                "adds strokes come to a larger number: density=adaptive, with enough steps for it"
+            )
+        return strokes, n
+    n = cfg.strokes or max(1, round(height * width / cfg.pixels_per_stroke))
+    if n > height * width:
+        raise UserError(
+            f"strokes={n} is more than the {height} x {width} picture has pixels; "
+            f"set strokes to {height * width} at most, or enlarge the picture with resolution"
+        )
+    generator = torch.Generator().manual_seed(cfg.seed)
+    initializer: Initializer = build(cfg.init)
+    initializer.focus = focus
+    strokes = initializer(target, density.first(n, cfg.steps), generator)
+    if cfg.style.brushwork is not None:
+        strokes = with_brushwork(strokes, load_brushwork(Path(cfg.style.brushwork)), (height, width), generator)
+    return strokes, n
+
+
+def strokes_from(path: Path, size: tuple[int, int]) -> Strokes:
+    """Strokes of a saved catalogue, bottom first, on a canvas of ``size``."""
+    saved = load_catalogue(path)
+    height, width = saved.size
+    zoom = max(size) / max(saved.size)
+    if abs(zoom * height - size[0]) > 1 or abs(zoom * width - size[1]) > 1:
+        raise UserError(
+            f"{path} was painted on {height} x {width} pixels, the picture has {size[0]} x {size[1]}; "
+            "the sides must have the same ratio"
+        )
+    return saved.strokes[saved.depth.argsort()].moved(zoom=zoom)

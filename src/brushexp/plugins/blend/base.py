@@ -1,0 +1,83 @@
+"""What every blend receives and returns."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from brushexp.plugins.renderer.base import Layers
+
+
+@dataclass(frozen=True)
+class Canvas:
+    """A picture made of layers.
+
+    Attributes:
+        image: (3, H, W) display-referred RGB.
+        accuracy: (N,) without gradient, as ``order.base.Order.depth`` defines it, NaN for a stroke that covers nothing
+            here; None unless a target was given.
+    """
+
+    image: Tensor
+    accuracy: Tensor | None = None
+
+
+class Blend(ABC):
+    """Lays strokes over each other: out = sum_n a_n c_n prod_{i above n} (1 - a_i), plus the background."""
+
+    @abstractmethod
+    def __call__(
+        self,
+        layers: Layers,
+        front_to_back: Tensor,
+        size: tuple[int, int],
+        background: Tensor,
+        target: Tensor | None = None,
+    ) -> Canvas:
+        """Paint ``layers`` on a canvas of ``size`` (H, W), differentiable in every tensor of ``layers``.
+
+        Args:
+            layers: what the N strokes cover.
+            front_to_back: (N,) indices of the strokes, the uppermost first.
+            size: height and width in pixels; pixel (row, column) lies at (column + 0.5, row + 0.5).
+            background: (3,) colour of the bare canvas; the picture has the precision of ``layers``, not of this.
+            target: (3, H, W); if given, ``accuracy`` is measured against it in the same pass.
+        """
+
+    def worth(
+        self,
+        layers: Layers,
+        front_to_back: Tensor,
+        size: tuple[int, int],
+        background: Tensor,
+        target: Tensor,
+        weight: Tensor,
+    ) -> Tensor | None:
+        """By how much the squared error would grow without each of the N strokes; None if it has no quick way to tell.
+
+        Args:
+            layers: see above, as the next three.
+            front_to_back: indices of the strokes.
+            size: of the canvas.
+            background: its colour.
+            target: (3, H, W) what the picture should look like.
+            weight: (H, W) how much the error at each pixel counts in the sum.
+        """
+        return None
+
+
+def accuracy_of(error: Tensor, total: Tensor) -> Tensor:
+    """Accuracy (N,) from the sums (N,) of alpha |color - target|^2 and of alpha; NaN where a stroke covers nothing."""
+    covers = total > 1e-6  # below a millionth of a pixel there is nothing to judge
+    return torch.where(covers, 1 - error / total.clamp_min(1e-6), torch.nan)
+
+
+def alike(layers: Layers, background: Tensor, target: Tensor | None) -> tuple[Tensor, Tensor | None]:
+    """Background and target in the precision of the layers, which says in which one a picture is computed."""
+    return background.to(layers.color.dtype), None if target is None else target.to(layers.color.dtype)
+
+
+def pixel_centres(pixel: Tensor, width: int, dtype: torch.dtype) -> Tensor:
+    """Positions (..., 2), x and y, of pixels (...) numbered row by row on a canvas ``width`` pixels wide."""
+    return torch.stack([pixel % width, pixel // width], dim=-1).to(dtype) + 0.5

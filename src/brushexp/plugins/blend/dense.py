@@ -1,0 +1,61 @@
+"""The reference: every stroke at every pixel."""
+
+import torch
+from torch import Tensor
+
+from brushexp.errors import UserError
+from brushexp.plugins.blend.base import Blend, Canvas, accuracy_of, alike, pixel_centres
+from brushexp.plugins.renderer.base import Layers
+from brushexp.registry import register
+
+LIMIT = 4e8  # stroke-pixel pairs: above this the intermediate tensors take tens of gigabytes
+
+
+@register("blend", "dense")
+class Dense(Blend):
+    """All strokes at all pixels in plain PyTorch, any dtype: slow, obvious, what the others are tested against."""
+
+    def __init__(self) -> None: ...
+
+    def __call__(
+        self,
+        layers: Layers,
+        front_to_back: Tensor,
+        size: tuple[int, int],
+        background: Tensor,
+        target: Tensor | None = None,
+    ) -> Canvas:
+        height, width = size
+        background, target = alike(layers, background, target)
+        if len(front_to_back) * height * width > LIMIT:
+            raise UserError(
+                f"blend=dense would hold {len(front_to_back)} strokes at {height * width} pixels each; "
+                "use blend=tiled, or fewer strokes or a smaller resolution"
+            )
+        points = pixel_centres(torch.arange(height * width, device=background.device), width, background.dtype)[None]
+        alpha, color = layers.sample(front_to_back[None], points)  # (1, N, P), (1, N, P or 1, 3)
+        painted, light = over(alpha, color)
+        image = (painted + light[..., None] * background)[0].T.reshape(3, height, width)
+        if target is None:
+            return Canvas(image)
+        goal = target.reshape(3, -1).T[None, None]  # (1, 1, P, 3)
+        with torch.no_grad():
+            error = (alpha * (color - goal).square().sum(-1)).sum((0, 2))
+            accuracy = torch.empty_like(error).index_copy_(0, front_to_back, accuracy_of(error, alpha.sum((0, 2))))
+        return Canvas(image, accuracy)
+
+
+def over(alpha: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
+    """Lay K strokes over each other, the uppermost first ("over", Porter and Duff, 1984).
+
+    Args:
+        alpha: (T, K, P).
+        color: (T, K, P or 1, 3).
+
+    Returns:
+        painted (T, P, 3), and what the background still contributes, (T, P).
+    """
+    light = torch.cumprod(1 - alpha, dim=1)
+    above = torch.cat([torch.ones_like(light[:, :1]), light[:, :-1]], dim=1)
+    painted = ((above * alpha)[..., None] * color).sum(1)
+    return painted, light[:, -1] if alpha.shape[1] else torch.ones_like(alpha[:, :0].sum(1))

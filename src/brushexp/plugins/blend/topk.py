@@ -1,0 +1,64 @@
+"""The thesis's blend: only the k uppermost strokes of each pixel."""
+
+from functools import partial
+
+import torch
+from torch import Tensor
+
+from brushexp.errors import UserError
+from brushexp.plugins.blend.base import Blend, Canvas, alike
+from brushexp.plugins.blend.dense import over
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.renderer.base import Layers
+from brushexp.registry import register
+
+
+@register("blend", "topk")
+class TopK(Blend):
+    """The k uppermost strokes that are not empty at a pixel, in plain PyTorch (thesis 2020, eq. 6.8 to 6.21).
+
+    Differs from the source: strokes are looked up per tile instead of being scattered as windows, and the product over
+    the layers above is a cumulative one instead of a k x k matrix per pixel. What lies below the k-th stroke is the
+    background.
+
+    Args:
+        k: strokes that are blended per pixel, at least 1; null: as many as the fullest pixel has, as in the thesis.
+            Then none is left out, so ``tiled`` computes it.
+    """
+
+    def __init__(self, *, k: int | None = 8) -> None:
+        from brushexp.compositing import eager  # noqa: PLC0415  (Numba takes a second to import; --help should not)
+
+        if k is not None and k < 1:
+            raise UserError(f"blend.k={k} blends nothing; use blend.k=8 or another number from 1")
+        self._eager = eager
+        self._exact = Tiled(opaque=0)
+        self.k = k
+
+    def __call__(
+        self,
+        layers: Layers,
+        front_to_back: Tensor,
+        size: tuple[int, int],
+        background: Tensor,
+        target: Tensor | None = None,
+    ) -> Canvas:
+        if self.k is None:
+            return self._exact(layers, front_to_back, size, background, target)
+        background, target = alike(layers, background, target)
+        lists = self._eager.pad(self._eager.lists_of(layers, front_to_back, size), front_to_back, background)
+        return self._eager.paint_tiles(layers, lists, size, background, target, partial(_uppermost, self.k))
+
+
+def _uppermost(k: int, alpha: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
+    """What `over` makes of the k uppermost layers that are not empty, of K layers (T, K, P) and their colours."""
+    k = min(k, alpha.shape[1])
+    filled = alpha > 0
+    rank = torch.where(filled, filled.cumsum(1) - 1, k).clamp_max(k)  # (T, K, P): place from the top; k: dropped
+    place = torch.zeros(alpha.shape[0], k + 1, alpha.shape[2], dtype=torch.long, device=alpha.device)
+    layer = torch.arange(alpha.shape[1], device=alpha.device)[:, None].expand_as(rank)
+    place.scatter_(1, rank, layer)
+    chosen = place[:, :k]  # (T, k, P): which stroke is at each place
+    present = torch.arange(k, device=alpha.device)[:, None] < filled.sum(1, keepdim=True)
+    color = color.expand(*alpha.shape, 3).gather(1, chosen[..., None].expand(*chosen.shape, 3))
+    return over(alpha.gather(1, chosen) * present, color)

@@ -1,0 +1,120 @@
+"""Strokes where the picture needs them."""
+
+import logging
+import math
+from typing import Any
+
+from brushexp.errors import UserError, check_range
+from brushexp.plugins.density._places import halves, places, straddling
+from brushexp.plugins.density.base import Density, Revision, Survey
+from brushexp.registry import register
+from brushexp.strokes.catalogue import Strokes
+
+CHANNELS = 3
+LEAST = 1e-3  # share of the strokes to begin with, and size of a new one: none would be nothing to begin with
+APART = 8  # steps between two rounds at least: strokes must have found their place before they are judged
+
+log = logging.getLogger(__name__)
+
+
+@register("density", "adaptive")
+class Adaptive(Density):
+    """Start with fewer strokes, add small ones where the error is, move there those that matter least.
+
+    In each of some rounds the strokes without which the picture would lose least are taken away, and new ones are laid
+    at the worst places, in the picture's colour and along its edges; a share of them comes from cutting strokes in two
+    that straddle an edge. Strokes that are worth nothing, hidden ones for instance, go in any case. So flat regions
+    keep few large strokes, and detail gets many small ones. Kept strokes keep what the optimiser knows of them.
+
+    Like GaussianImage++ (2025) it adds at the worst pixels, and like the densification of 3D Gaussian splatting (Kerbl
+    et al., 2023) it adds and removes in turns. It differs from both in what it removes: what a stroke is worth is by
+    how much the squared error would grow without it, and not its opacity; and in that it goes on replacing strokes
+    when their full number is reached.
+
+    Args:
+        start: share of the strokes to begin with, above 0 to 1.
+        rounds: times at which strokes are added and removed; fewer if there would be less than 8 steps between them.
+        until: share of the steps after which the strokes stay.
+        moved: share of the strokes that is taken away in each round and laid elsewhere, 0 to 0.5.
+        split: share of the new strokes that come from cutting one in two, 0 to 1.
+        size: of new strokes, in pitches (mean distances between strokes).
+        tolerance: places whose error (root mean square over a stroke, 0 to 1) is below this need no more strokes, so
+            that a simple picture ends with fewer than it may have.
+        psnr: dB from which no more strokes are added; null for none.
+    """
+
+    def __init__(
+        self,
+        *,
+        start: float = 0.7,
+        rounds: int = 12,
+        until: float = 0.75,
+        moved: float = 0.1,
+        split: float = 0.0,
+        size: float = 0.25,
+        tolerance: float = 0.004,
+        psnr: float | None = None,
+    ) -> None:
+        for key, value, low, high in (
+            ("start", start, LEAST, 1.0), ("until", until, 0.0, 1.0), ("moved", moved, 0.0, 0.5),
+            ("split", split, 0.0, 1.0), ("size", size, LEAST, 10.0), ("tolerance", tolerance, 0.0, 1.0),
+        ):  # fmt: skip
+            check_range(f"density.{key}", value, low, high)
+        if rounds < 0:
+            raise UserError(f"density.rounds={rounds} is not a number of rounds; set density.rounds to 0 or more")
+        self.start = start
+        self.rounds = rounds
+        self.until = until
+        self.moved = moved
+        self.split = split
+        self.size = size
+        self.tolerance = tolerance
+        self.psnr = math.inf if psnr is None else psnr
+        self.judges = True
+        self.mean_share = (start + (1 - start) * (1 - until / 2)) / start
+        self._round = 0  # of those that are over
+        self._first = 0  # strokes at the beginning
+
+    def first(self, budget: int, steps: int) -> int:
+        return max(1, round(self.start * budget)) if self._rounds(steps) else budget
+
+    def _rounds(self, steps: int) -> int:
+        return min(self.rounds, int(self.until * steps / APART))
+
+    def revise(self, survey: Survey) -> Revision | None:
+        n, rounds = len(survey.strokes), self._rounds(survey.steps)
+        self._first = self._first or n
+        current = min(rounds, int(rounds * survey.step / (self.until * survey.steps))) if rounds else 0
+        if current <= self._round or survey.step >= survey.steps:
+            return None
+        self._round = current
+        if _psnr(survey) >= self.psnr:
+            return None
+        wanted = self._first + max(0, survey.budget - self._first) * current // rounds
+        worth = survey.worth()
+        keep = worth > CHANNELS * self.tolerance**2  # the others are worth less than a pixel that is good enough
+        if n:
+            keep[worth.argmax()] = True
+        more = max(0, wanted - int(keep.sum()))
+        weakest = worth.where(keep, math.inf).argsort(stable=True)[
+            : max(0, min(round(self.moved * n), int(keep.sum()) - 1))
+        ]
+        found = places(survey, more + len(weakest), self.size, self.tolerance)
+        keep[weakest[: max(0, len(found) - more)]] = False
+        able = keep & (worth > worth.median()) if n else keep
+        cut = straddling(survey).where(able, -1.0).topk(min(int(self.split * len(found)), int(able.sum()))).indices
+        keep[cut] = False
+        new = Strokes.join(halves(survey.strokes[cut]), found[: len(found) - len(cut)].strokes(survey))
+        log.debug("step %d: %d strokes, %d added, %d dropped", survey.step, n, len(new), n - int(keep.sum()))
+        return Revision(keep, new) if len(new) or not keep.all() else None
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"round": self._round, "first": self._first}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self._round, self._first = state["round"], state["first"]
+
+
+def _psnr(survey: Survey) -> float:
+    error = float((survey.image - survey.target).square().mean())
+    return -10 * math.log10(error) if error else math.inf

@@ -1,0 +1,312 @@
+"""What the bristles leave on the canvas: splats, the flow of wet paint, light on the ridges; compiled.
+
+Grids are flat arrays of rows with one cell of margin around the canvas, so that no index can leave them.
+"""
+
+import numpy as np
+from numba import prange
+
+from brushexp.plugins.engine._bristles import TOUCH, VERTICES, F, move
+from brushexp.system.compiled import function, inline, kernel
+
+UNITS = F(256)  # lengths are in 256ths of the window: the canvas of SPIRAL, in whose pixels the constants are given
+FLOW = F(100 / 60)  # units that paint moves in one frame per unit of velocity
+LAG = F(2.2)  # frames by which the touching parts follow the handle, measured on straight strokes
+FASTEST = F(2)  # velocity of one splat at most
+MOST_SPLATS = 8  # per segment of a bristle (Fluid Paint's number); fewer where they would fall into one cell
+
+
+@inline
+def _at(a):  # type: ignore[no-untyped-def]
+    """An index that is plainly not negative, so that loops over it become SIMD code."""
+    return np.uint64(a)
+
+
+@function
+def _splat(p, before, velocity, scale, opacity, drag, side, grid, area):  # type: ignore[no-untyped-def]
+    """Add up the capsules that the touching parts of all bristles sweep in one frame.
+
+    Each capsule's paint and momentum are spread evenly along its path and shared by the four nearest cells, so that
+    they are conserved however thin it is; the source draws it pixel by pixel and loses what falls between them.
+
+    Args:
+        p: (3, V, N) positions, units.
+        before: (3, V, N) a frame ago.
+        velocity: (3, V, N) per frame; the one before is p - before of a frame ago and hardly differs.
+        scale: radius of the brush, units.
+        opacity: of a splat at its centre.
+        drag: velocity of the paint per velocity of the bristle.
+        side: cells per row of the grid, margin included.
+        grid: (3, side * side) sums of opacity * weight and of the two velocities, added to.
+        area: (4,) top, bottom, left, right of what was touched, updated.
+    """
+    cells = F(side - 2)
+    fine = cells / UNITS  # cells per unit
+    radius, touch = F(0.05) * scale, TOUCH * scale
+    limit = cells - F(0.001)
+    weight, flow_x, flow_y = grid[0], grid[1], grid[2]
+    top, bottom, left, right = area[0], area[1], area[2], area[3]
+    for v in range(VERTICES - 1):
+        for i in range(p.shape[2]):
+            za, zb = p[2, v, i], p[2, v + 1, i]
+            if min(za, zb) > touch:
+                continue
+            ax, ay, bx, by = p[0, v, i], p[1, v, i], p[0, v + 1, i], p[1, v + 1, i]
+            oax, oay, obx, oby = before[0, v, i], before[1, v, i], before[0, v + 1, i], before[1, v + 1, i]
+            extent = fine * np.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay))
+            count = min(max(int(F(1.5) * extent + F(1)), 1), MOST_SPLATS)
+            share = F(MOST_SPLATS) / F(count)
+            for j in range(count):
+                t = (F(j) + F(0.5)) / F(count)
+                if za + t * (zb - za) > touch:
+                    continue
+                x, y = ax + t * (bx - ax), ay + t * (by - ay)
+                ox, oy = oax + t * (obx - oax), oay + t * (oby - oay)
+                way = np.sqrt((x - ox) * (x - ox) + (y - oy) * (y - oy))
+                vx = velocity[0, v, i] + t * (velocity[0, v + 1, i] - velocity[0, v, i])
+                vy = velocity[1, v, i] + t * (velocity[1, v + 1, i] - velocity[1, v, i])
+                vx, vy = drag * vx, drag * vy
+                slow = min(F(1), FASTEST / max(np.sqrt(vx * vx + vy * vy), F(1e-6)))
+                steps = min(int(fine * way) + 1, 2 * side)
+                part = share * fine * fine / F(steps)
+                paint = part * opacity * radius * (way + F(1.0471976) * radius)
+                push = part * (way + F(2) * radius) * F(2) * radius * slow
+                for k in range(steps):
+                    s = (F(k) + F(0.5)) / F(steps)
+                    gx, gy = fine * (ox + s * (x - ox)) + F(0.5), fine * (oy + s * (y - oy)) + F(0.5)
+                    if not (F(0) < gx < limit and F(0) < gy < limit):
+                        continue
+                    ix, iy = int(gx), int(gy)
+                    fx, fy = gx - F(ix), gy - F(iy)
+                    top, bottom, left, right = min(top, iy), max(bottom, iy + 1), min(left, ix), max(right, ix + 1)
+                    at = _at(iy * side + ix)
+                    for corner in range(4):
+                        wx = fx if corner & 1 else F(1) - fx
+                        wy = fy if corner & 2 else F(1) - fy
+                        place = at + _at((corner & 1) + (corner >> 1) * side)
+                        weight[place] += wx * wy * paint
+                        flow_x[place] += wx * wy * push * vx
+                        flow_y[place] += wx * wy * push * vy
+    area[0], area[1], area[2], area[3] = top, bottom, left, right
+
+
+@function
+def _lay(grid, state, side, area):  # type: ignore[no-untyped-def]
+    """Move the splats of a frame from ``grid`` to the canvas: coverage 1 - (1 - c) exp(-sum), height, velocity."""
+    for y in range(area[0], area[1] + 1):
+        row = y * side
+        weight, flow_x, flow_y = grid[0, row : row + side], grid[1, row : row + side], grid[2, row : row + side]
+        u, v = state[0, row : row + side], state[1, row : row + side]
+        cover, height = state[2, row : row + side], state[3, row : row + side]
+        for x in range(area[2], area[3] + 1):
+            w = weight[x]
+            cover[x] = F(1) - (F(1) - cover[x]) * np.exp(-w)
+            height[x] += w
+            u[x] += flow_x[x]
+            v[x] += flow_y[x]
+            weight[x] = F(0)
+            flow_x[x] = F(0)
+            flow_y[x] = F(0)
+
+
+@function
+def _project(state, pressure, side, area, rounds):  # type: ignore[no-untyped-def]
+    """Make the flow nearly free of divergence: Jacobi iterations from zero pressure."""
+    u, v = state[0], state[1]
+    divergence, now, new = pressure[0], pressure[1], pressure[2]
+    top, bottom, left, right = area[0], area[1], area[2], area[3]
+    for y in range(top, bottom + 1):
+        for x in range(left, right + 1):
+            q = _at(y * side + x)
+            divergence[q] = F(0.5) * (u[q + _at(1)] - u[q - _at(1)] + v[q + _at(side)] - v[q - _at(side)])
+            now[q] = F(0)
+    for _ in range(rounds):
+        for y in range(top, bottom + 1):
+            for x in range(left, right + 1):
+                q = _at(y * side + x)
+                near = now[q - _at(1)] + now[q + _at(1)] + now[q - _at(side)] + now[q + _at(side)]
+                new[q] = F(0.25) * (near - divergence[q])
+        now, new = new, now
+    for y in range(top, bottom + 1):
+        for x in range(left, right + 1):
+            q = _at(y * side + x)
+            u[q] -= F(0.5) * (now[q + _at(1)] - now[q - _at(1)])
+            v[q] -= F(0.5) * (now[q + _at(side)] - now[q - _at(side)])
+
+
+@function
+def _advect(state, new, side, area, fluidity):  # type: ignore[no-untyped-def]
+    """Carry paint and velocity along the flow: midpoint rule backwards, bilinear."""
+    u, v, cover, height = state[0], state[1], state[2], state[3]
+    new_u, new_v, new_cover, new_height = new[0], new[1], new[2], new[3]
+    dt = FLOW * F(side - 2) / UNITS
+    low, high = F(1), F(side - 2) - F(0.001)
+    for y in range(area[0], area[1] + 1):
+        for x in range(area[2], area[3] + 1):
+            q = _at(y * side + x)
+            hx = min(max(F(x) - F(0.5) * dt * u[q], low), high)
+            hy = min(max(F(y) - F(0.5) * dt * v[q], low), high)
+            ix, iy = np.int32(hx), np.int32(hy)
+            fx, fy = hx - F(ix), hy - F(iy)
+            a = _at(iy * np.int32(side) + ix)
+            b, c, d = a + _at(1), a + _at(side), a + _at(side + 1)
+            w0, w1, w2, w3 = (F(1) - fx) * (F(1) - fy), fx * (F(1) - fy), (F(1) - fx) * fy, fx * fy
+            mu = w0 * u[a] + w1 * u[b] + w2 * u[c] + w3 * u[d]
+            mv = w0 * v[a] + w1 * v[b] + w2 * v[c] + w3 * v[d]
+            hx = min(max(F(x) - dt * mu, low), high)
+            hy = min(max(F(y) - dt * mv, low), high)
+            ix, iy = np.int32(hx), np.int32(hy)
+            fx, fy = hx - F(ix), hy - F(iy)
+            a = _at(iy * np.int32(side) + ix)
+            b, c, d = a + _at(1), a + _at(side), a + _at(side + 1)
+            w0, w1, w2, w3 = (F(1) - fx) * (F(1) - fy), fx * (F(1) - fy), (F(1) - fx) * fy, fx * fy
+            new_u[q] = fluidity * (w0 * u[a] + w1 * u[b] + w2 * u[c] + w3 * u[d])
+            new_v[q] = fluidity * (w0 * v[a] + w1 * v[b] + w2 * v[c] + w3 * v[d])
+            new_cover[q] = w0 * cover[a] + w1 * cover[b] + w2 * cover[c] + w3 * cover[d]
+            new_height[q] = w0 * height[a] + w1 * height[b] + w2 * height[c] + w3 * height[d]
+
+
+@inline
+def _tangent(sx, sy, cx, cy, ex, ey, t):  # type: ignore[no-untyped-def]
+    """Unit direction of the curve at t; that of its chord where the curve stands still, to the right without one."""
+    w = F(1) - t
+    dx, dy = w * (cx - sx) + t * (ex - cx), w * (cy - sy) + t * (ey - cy)
+    length = np.sqrt(dx * dx + dy * dy)
+    if length < F(1e-3):
+        dx, dy = ex - sx, ey - sy
+        length = np.sqrt(dx * dx + dy * dy)
+    return (dx / length, dy / length) if length > F(1e-3) else (F(1), F(0))
+
+
+@inline
+def _light(gx, gy):  # type: ignore[no-untyped-def]
+    """Diffuse and specular light on paint of slope (gx, gy), lit from above the picture (GGX, Walter et al. 2007)."""
+    nz = F(7) / np.sqrt(gx * gx + gy * gy + F(49))
+    ny = gy * nz / F(7)
+    nl = max((nz - ny) * F(0.70710678), F(0))
+    nh = max(F(0.38268343) * -ny + F(0.92387953) * nz, F(0))
+    alpha = F(0.075)
+    a2 = alpha * alpha
+    spread = nh * nh * (a2 - F(1)) + F(1)
+    d = a2 / (F(3.14159265) * spread * spread)
+    g = F(1) / ((nl + np.sqrt(a2 + (F(1) - a2) * nl * nl)) * (nz + np.sqrt(a2 + (F(1) - a2) * nz * nz)))
+    f = F(0.05) + F(0.95) * (F(1) - F(0.92387953)) ** 5
+    return F(0.15) * nl + F(0.85), d * g * f
+
+
+@function
+def _picture(state, side, fine, color, relief, image, heights):  # type: ignore[no-untyped-def]
+    """Shade the paint on the fine grid and average it over the pixels of the window."""
+    window = heights.shape[0]
+    cover, height = state[2], state[3]
+    slope = relief * F(side - 2) / UNITS
+    flat, bare = _light(F(0), F(0))
+    share = F(1) / F(fine * fine)
+    for y in range(window):
+        for x in range(window):
+            total, thick = F(0), F(0)
+            red, green, blue = F(0), F(0), F(0)
+            for k in range(fine * fine):
+                q = (y * fine + k // fine + 1) * side + x * fine + k % fine + 1
+                alpha = cover[q]
+                thick += height[q]
+                if alpha <= F(0):
+                    continue
+                tl, tm, tr = height[q - side - 1], height[q - side], height[q - side + 1]
+                ml, mr = height[q - 1], height[q + 1]
+                bl, bm, br = height[q + side - 1], height[q + side], height[q + side + 1]
+                gx = (tl - tr) + F(2) * (ml - mr) + (bl - br)
+                gy = (tl - bl) + F(2) * (tm - bm) + (tr - br)
+                diffuse, shine = _light(slope * gx, slope * gy)
+                diffuse, shine = diffuse / flat, F(0.5) * (shine - bare)
+                total += alpha
+                red += alpha * min(max(color[0] * diffuse + shine, F(0)), F(1))
+                green += alpha * min(max(color[1] * diffuse + shine, F(0)), F(1))
+                blue += alpha * min(max(color[2] * diffuse + shine, F(0)), F(1))
+            heights[y, x] = thick * share
+            image[3, y, x] = min(total * share, F(1))
+            over = F(1) / max(total, F(1e-6))
+            painted = total > F(1e-6)
+            image[0, y, x] = red * over if painted else color[0]
+            image[1, y, x] = green * over if painted else color[1]
+            image[2, y, x] = blue * over if painted else color[2]
+
+
+@kernel
+def paint(strokes, brush, first_pose, poses, reach, roots, stiffness, physics, counts, projection, images, heights):  # type: ignore[no-untyped-def]
+    """Paint every stroke on a canvas of its own.
+
+    Args:
+        strokes: (n, 10): start, control, end (x, y each, units), radius of the brush, red, green, blue.
+        brush: (n,) which brush.
+        first_pose: (n,) which of ``poses`` the brush begins with.
+        poses: (B, 3, V, N) from `settle`, brush scales.
+        reach: (B, 2) how far behind the handle the brush touches: hindmost and foremost part, brush scales.
+        roots: (brushes, 2, N).
+        stiffness: (brushes, N).
+        physics: (6,) gravity, damping, opacity of a splat, drag, fluidity, relief.
+        counts: (5,) frames, constraint iterations, Jacobi iterations, fine cells per pixel, frames after the stroke.
+        projection: whether the flow is kept free of divergence.
+        images: (n, 4, S, S), written.
+        heights: (n, S, S), written.
+    """
+    gravity, damping, opacity, drag = physics[0], physics[1], physics[2], physics[3]
+    fluidity, relief = physics[4], physics[5]
+    frames, iterations, rounds, fine, after = counts[0], counts[1], counts[2], counts[3], counts[4]
+    side = images.shape[2] * fine + 2
+    for m in prange(len(strokes)):
+        sx, sy, cx, cy, ex, ey = (
+            strokes[m, 0],
+            strokes[m, 1],
+            strokes[m, 2],
+            strokes[m, 3],
+            strokes[m, 4],
+            strokes[m, 5],
+        )
+        scale, color = strokes[m, 6], strokes[m, 7:10]
+        which = brush[m]
+        cosine, sine = _tangent(sx, sy, cx, cy, ex, ey, F(0))
+        hind, fore = reach[first_pose[m], 0] * scale, reach[first_pose[m], 1] * scale
+        n = roots.shape[2]
+        p = np.empty((3, VERTICES, n), F)
+        velocity, before, q = np.zeros_like(p), np.empty_like(p), np.empty_like(p)
+        turned = np.empty((2, n), F)
+        pose = poses[first_pose[m]]
+        for i in range(n):
+            turned[0, i] = cosine * roots[which, 0, i] - sine * roots[which, 1, i]
+            turned[1, i] = sine * roots[which, 0, i] + cosine * roots[which, 1, i]
+            for v in range(VERTICES):
+                p[0, v, i] = sx + hind * cosine + scale * (cosine * pose[0, v, i] - sine * pose[1, v, i])
+                p[1, v, i] = sy + hind * sine + scale * (sine * pose[0, v, i] + cosine * pose[1, v, i])
+                p[2, v, i] = scale * pose[2, v, i]
+        state, new = np.zeros((4, side * side), F), np.zeros((4, side * side), F)
+        grid, pressure = np.zeros((3, side * side), F), np.zeros((3, side * side), F)
+        wet = np.empty(4, np.int64)  # where there is or will be paint
+        wet[0], wet[1], wet[2], wet[3] = side, -1, side, -1
+        for k in range(frames + after):
+            if k < frames:
+                t = F(k + 1) / F(frames) * (F(1) + LAG / F(frames))
+                w = F(1) - t
+                x = w * w * sx + F(2) * t * w * cx + t * t * ex
+                y = w * w * sy + F(2) * t * w * cy + t * t * ey
+                lead = hind + (fore - hind) * t
+                dx, dy = _tangent(sx, sy, cx, cy, ex, ey, t)
+                x, y = x + lead * dx, y + lead * dy
+                move(p, velocity, before, q, turned, x, y, scale, stiffness[which], gravity, damping, iterations)
+                _splat(p, before, velocity, scale, opacity, drag, side, grid, wet)
+            if wet[1] < 0:
+                continue
+            if k < frames:
+                _lay(grid, state, side, wet)
+            margin = 2
+            wet[0], wet[1] = max(wet[0] - margin, 1), min(wet[1] + margin, side - 2)
+            wet[2], wet[3] = max(wet[2] - margin, 1), min(wet[3] + margin, side - 2)
+            if projection:
+                _project(state, pressure, side, wet, rounds)
+            _advect(state, new, side, wet, fluidity)
+            for c in range(4):
+                for row in range(wet[0], wet[1] + 1):
+                    state[c, row * side + wet[2] : row * side + wet[3] + 1] = new[
+                        c, row * side + wet[2] : row * side + wet[3] + 1
+                    ]
+        _picture(state, side, fine, color, relief, images[m], heights[m])

@@ -1,0 +1,201 @@
+"""Stamps set along a quadratic Bezier curve, compiled: one worker paints a whole stroke on a canvas of its own.
+
+Lengths are in pixels of that canvas, which is finer than the picture; the picture is its average over blocks.
+"""
+
+import numpy as np
+import torch
+from numba import prange
+
+from brushexp.plugins.engine.base import Simulated
+from brushexp.strokes.catalogue import Strokes
+from brushexp.system.compiled import function, kernel
+
+F = np.float32
+U = np.uint64
+FAR, WIDEST = 4.0, 4.0  # half-windows and windows: what is farther away or wider is brought to here
+PIECES = 64  # straight pieces that measure the length of a curve: 0.02 % too short where it turns back on itself
+DRAWS = 3  # random numbers of a dab: two offsets and a radius
+GOLDEN = U(0x9E3779B97F4A7C15)
+
+Array = np.ndarray
+
+
+def curves_of(strokes: Strokes, side: int) -> tuple[Array, Array]:
+    """Start, control and end (n, 6) and thickness (n,) in pixels of a canvas ``side`` wide, float64."""
+    points = torch.cat([strokes.start, strokes.control, strokes.end], dim=1).double()
+    width = strokes.width.double().clamp(0, WIDEST)
+    return ((points.clamp(-FAR, FAR) + 1) * (0.5 * side)).numpy(), (width * side).numpy()
+
+
+def one_colour(strokes: Strokes, alpha: Array) -> Simulated:
+    """Strokes of one colour from their alpha (n, S, S), which is also their height."""
+    cover = torch.from_numpy(alpha)
+    color = strokes.color.clamp(0, 1)[:, :, None, None].expand(-1, -1, *cover.shape[1:])
+    return Simulated(torch.cat([color, cover[:, None]], dim=1), cover)
+
+
+@kernel
+def discs(curve, radius, count, block, alpha):  # type: ignore[no-untyped-def]
+    """Union of ``count`` discs at t = i / count.
+
+    Args:
+        curve: (n, 6).
+        radius: (n,).
+        count: discs of a stroke.
+        block: pixels of the canvas per pixel of the picture, in each direction.
+        alpha: (n, S, S) share of the pixel that is covered; written.
+    """
+    side = alpha.shape[1] * block
+    for i in prange(len(curve)):
+        bare = np.ones((side, side), F)
+        for k in range(count):
+            x, y = _point(curve[i], k / count)
+            _disc(bare, x, y, radius[i])
+        _average(bare, block, alpha[i])
+
+
+@kernel
+def dabs(curve, radius, per_radius, look, pressure, seed, number, block, alpha):  # type: ignore[no-untyped-def]
+    """Soft dabs at equal steps along each curve, displaced at random.
+
+    Args:
+        curve: (n, 6).
+        radius: (n,) basic radius.
+        per_radius: dabs on a way of one radius.
+        look: hardness, opaque, what pressure adds to it, linearize, offset_by_random, radius_by_random.
+        pressure: in the middle, at both ends, the share of the length where the middle begins, and where it ends.
+        seed: uint64.
+        number: (n,) uint64, of the strokes.
+        block: pixels of the canvas per pixel of the picture, in each direction.
+        alpha: (n, S, S); written.
+    """
+    side = alpha.shape[1] * block
+    for i in prange(len(curve)):
+        bare = np.ones((side, side), F)
+        _dab_along(bare, curve[i], radius[i], per_radius, look, pressure, _mix(_mix(seed) + GOLDEN * number[i]))
+        _average(bare, block, alpha[i])
+
+
+@function
+def _dab_along(bare, curve, radius, per_radius, look, pressure, key):  # type: ignore[no-untyped-def]
+    way = np.zeros(PIECES + 1)
+    x, y = curve[0], curve[1]
+    for k in range(1, PIECES + 1):
+        u, v = _point(curve, k / PIECES)
+        way[k] = way[k - 1] + np.sqrt((u - x) ** 2 + (v - y) ** 2)
+        x, y = u, v
+    count = max(int(way[PIECES] / radius * per_radius + 0.5), 1)  # a stroke without length leaves one dab
+    piece = 0
+    for j in range(count):
+        share = (j + 0.5) / count
+        reached = share * way[PIECES]
+        while piece < PIECES - 1 and way[piece + 1] < reached:
+            piece += 1
+        step = way[piece + 1] - way[piece]
+        x, y = _point(curve, (piece + (reached - way[piece]) / step if step > 0 else 0.0) / PIECES)
+        force = pressure_at(share, pressure[0], pressure[1], pressure[2], pressure[3])
+        spread = look[4] * force * radius
+        x += spread * _gauss(key, DRAWS * j)
+        y += spread * _gauss(key, DRAWS * j + 1)
+        size = radius * np.exp(look[5] * _gauss(key, DRAWS * j + 2))
+        opacity = opacity_of(force, look[1], look[2], look[3], per_radius) * min((radius / size) ** 2, 1.0)
+        _dab(bare, x, y, size, opacity, look[0])
+
+
+@function
+def pressure_at(share, middle, ends, head, tail):  # type: ignore[no-untyped-def]
+    """Pressure at a share of the stroke's length: it rises until ``head`` and sinks from ``tail`` on."""
+    rise = min(share / head, 1.0) if head > 0 else 1.0
+    sink = min((1 - share) / (1 - tail), 1.0) if tail < 1 else 1.0
+    return ends + (middle - ends) * min(rise, sink)
+
+
+@function
+def opacity_of(pressure, opaque, by_pressure, linearize, per_radius):  # type: ignore[no-untyped-def]
+    """Opacity of one dab, libmypaint's formula.
+
+    What is wanted is (opaque + by_pressure * pressure) * pressure. With ``linearize`` = 1 a dab gets the opacity of
+    which all dabs over one point of the axis, two radii's worth, add up to that; with 0 each dab gets it by itself.
+    """
+    wanted = min(max((opaque + by_pressure * pressure) * pressure, 0.0), 1.0)
+    over_each_other = 1 + linearize * max(2 * per_radius - 1, 0.0)
+    return 1 - (1 - wanted) ** (1 / over_each_other)
+
+
+@function
+def profile(square, hardness):  # type: ignore[no-untyped-def]
+    """Opacity of a dab at a squared distance, in radii, from its centre; ``hardness`` is neither 0 nor 1."""
+    if square > 1:
+        return F(0)
+    if square <= hardness:
+        return F(1) - square * (F(1) / hardness - F(1))
+    return hardness / (F(1) - hardness) * (F(1) - square)
+
+
+@function
+def _dab(bare, x, y, radius, opacity, hardness):  # type: ignore[no-untyped-def]
+    """Lay a dab over ``bare``; one smaller than a pixel becomes a pixel large and as much paler."""
+    drawn = max(radius, 1.0)
+    faint, hard, scale = F(opacity * (radius / drawn) ** 2), F(hardness), F(1 / drawn**2)
+    side = len(bare)
+    left, right = _pixels(x, drawn, side)
+    top, bottom = _pixels(y, drawn, side)
+    for row in range(top, bottom):
+        dy = F(row + 0.5 - y)
+        for column in range(left, right):
+            dx = F(column + 0.5 - x)
+            bare[row, column] *= F(1) - faint * profile((dx * dx + dy * dy) * scale, hard)
+
+
+@function
+def _disc(bare, x, y, radius):  # type: ignore[no-untyped-def]
+    side = len(bare)
+    top, bottom = _pixels(y, radius, side)
+    for row in range(top, bottom):
+        dy = row + 0.5 - y
+        left, right = _pixels(x, np.sqrt(max(radius * radius - dy * dy, 0.0)), side)
+        for column in range(left, right):
+            bare[row, column] = F(0)
+
+
+@function
+def _pixels(middle, reach, side):  # type: ignore[no-untyped-def]
+    """First pixel whose centre lies within ``reach`` of ``middle``, and the one after the last."""
+    low, high = np.ceil(middle - reach - 0.5), np.floor(middle + reach - 0.5) + 1
+    return int(min(max(low, 0), side)), int(min(max(high, 0), side))
+
+
+@function
+def _point(curve, t):  # type: ignore[no-untyped-def]
+    a, b, c = (1 - t) * (1 - t), 2 * t * (1 - t), t * t
+    return a * curve[0] + b * curve[2] + c * curve[4], a * curve[1] + b * curve[3] + c * curve[5]
+
+
+@function
+def _average(bare, block, alpha):  # type: ignore[no-untyped-def]
+    over = F(1) / F(block * block)
+    for row in range(len(alpha)):
+        for column in range(len(alpha)):
+            total = F(0)
+            for v in range(block):
+                for u in range(block):
+                    total += bare[row * block + v, column * block + u]
+            alpha[row, column] = max(F(1) - total * over, F(0))
+
+
+@function
+def _mix(word):  # type: ignore[no-untyped-def]
+    """Scramble 64 bits (SplitMix64: Steele, Lea and Flood, 2014)."""
+    word = (word ^ (word >> U(30))) * U(0xBF58476D1CE4E5B9)
+    word = (word ^ (word >> U(27))) * U(0x94D049BB133111EB)
+    return word ^ (word >> U(31))
+
+
+@function
+def _gauss(key, counter):  # type: ignore[no-untyped-def]
+    """Nearly normal number ``counter`` of a stroke: the sum of four uniform ones as in libmypaint, within 3.5."""
+    word = _mix(key + GOLDEN * U(counter + 1))
+    low, high = U(0xFFFF), U(16)
+    total = (word & low) + ((word >> high) & low) + ((word >> U(32)) & low) + (word >> U(48))
+    return (np.float64(total) + 2.0) / 65536.0 * np.sqrt(3.0) - 2.0 * np.sqrt(3.0)

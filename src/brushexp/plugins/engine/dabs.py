@@ -1,0 +1,144 @@
+"""A dry brush: soft dabs, scattered about the curve."""
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from brushexp.errors import check_range
+from brushexp.plugins.engine.base import Engine, Simulated
+from brushexp.registry import register
+from brushexp.strokes.prior import strokes_of
+from brushexp.system.process import share_threads
+
+SMALLEST = 0.2 / 64  # least basic radius, windows: libmypaint's 0.2 pixels in a window of 64
+EDGE = 1e-4  # hardness 0 and 1 are drawn as this far from them
+GRID = 401  # places at which the profile of a band is computed
+
+
+@register("engine", "dabs")
+class Dabs(Engine):
+    """Dry brush of libmypaint, the stroke of SPIRAL (2018) and Neural Painters (2019): grains of scattered soft dabs.
+
+    Dabs follow each other along the curve at equal steps, each displaced and resized at random. Their settings are
+    those of libmypaint's brush ``classic/dry_brush`` (Renold), and pressure p acts as there: the opacity of a dab is
+    (opaque + opaque_by_pressure p) p, it is displaced by offset_by_random p radii times a normal number in x and in y,
+    its radius is multiplied by exp(radius_by_random times a normal number), and if it is larger it is as much paler.
+    Pressure is as in Neural Painters: it rises over the head of the stroke and sinks over its tail.
+
+    The basic radius follows from the thickness of the stroke: where the pressure is that of the middle, the expected
+    alpha has half its height at half the thickness to either side; single dabs lie farther out. Alpha is also the
+    height. Points farther than 4 half-windows from the centre are brought there.
+
+    Differs from the source: no speed (neither slow tracking nor smaller dabs where the hand is fast); dabs are evenly
+    spaced from start to end; one colour, exact arithmetic, and a finer canvas instead of libmypaint's antialiasing.
+
+    Args:
+        window: pixels on the side of a picture, 8 to 512.
+        supersample: pixels of the canvas per pixel of the picture, in each direction, 1 to 8.
+        dabs_per_radius: on a way of one radius; libmypaint's dabs per basic and per actual radius, 6 and 6, together,
+            because here the two radii are the same.
+        hardness: 0 (a needle) to 1 (a disc), of a dab's profile.
+        opaque: opacity at no pressure, before it is multiplied by the pressure, 0 to 1.
+        opaque_by_pressure: what full pressure adds to it, 0 to 1.
+        opaque_linearize: 0: as it is; 1: make dabs paler, so that those over one point together have the opacity. The
+            brush has 0; libmypaint's default for other brushes, 0.9, makes its strokes a faint mist.
+        offset_by_random: radii, at full pressure.
+        radius_by_random: spread of the logarithm of the radius.
+        pressure: in the middle of a stroke, above 0 to 1.
+        end_pressure: at its start and end, 0 to 1; give both the same number for a constant pressure.
+        head: share of the length over which the pressure rises.
+        tail: share of the length from which on it sinks.
+    """
+
+    def __init__(
+        self,
+        *,
+        window: int = 64,
+        supersample: int = 2,
+        dabs_per_radius: float = 12.0,
+        hardness: float = 0.2,
+        opaque: float = 0.8,
+        opaque_by_pressure: float = 0.2,
+        opaque_linearize: float = 0.0,
+        offset_by_random: float = 1.4,
+        radius_by_random: float = 0.1,
+        pressure: float = 0.8,
+        end_pressure: float = 0.4,
+        head: float = 0.25,
+        tail: float = 0.75,
+    ) -> None:
+        ranges = {
+            "window": (window, 8, 512),
+            "supersample": (supersample, 1, 8),
+            "dabs_per_radius": (dabs_per_radius, 0.5, 100),
+            "hardness": (hardness, 0, 1),
+            "opaque": (opaque, 0, 1),
+            "opaque_by_pressure": (opaque_by_pressure, 0, 1),
+            "opaque_linearize": (opaque_linearize, 0, 1),
+            "offset_by_random": (offset_by_random, 0, 10),
+            "radius_by_random": (radius_by_random, 0, 1),
+            "pressure": (pressure, 0.01, 1),
+            "end_pressure": (end_pressure, 0, 1),
+            "head": (head, 0, tail),
+            "tail": (tail, 0, 1),
+        }
+        for key, (value, low, high) in ranges.items():
+            check_range(f"engine.{key}", value, low, high)
+        from brushexp.plugins.engine import _stamps  # noqa: PLC0415  (Numba takes a second; --help should not)
+
+        self._stamps = _stamps
+        self.window = window
+        self.supersample = supersample
+        self.dabs_per_radius = float(dabs_per_radius)
+        hard = min(max(hardness, EDGE), 1 - EDGE)
+        look = (hard, opaque, opaque_by_pressure, opaque_linearize, offset_by_random, radius_by_random)
+        self.look = np.array(look, np.float64)
+        self.pressure = np.array([pressure, end_pressure, head, tail], np.float64)
+        opacity = _stamps.opacity_of(pressure, opaque, opaque_by_pressure, opaque_linearize, self.dabs_per_radius)
+        self.half_width = half_width(hard, opacity, self.dabs_per_radius, pressure * offset_by_random)
+
+    def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:
+        share_threads()
+        strokes = strokes_of(parameters.detach().cpu().float())
+        side = self.supersample * self.window
+        curve, width = self._stamps.curves_of(strokes, side)
+        radius = np.maximum(0.5 * width / self.half_width, SMALLEST * side)
+        number = np.uint64(first) + np.arange(len(curve), dtype=np.uint64)
+        alpha = np.empty((len(curve), self.window, self.window), np.float32)
+        self._stamps.dabs(
+            curve, radius, self.dabs_per_radius, self.look, self.pressure, np.uint64(seed), number, self.supersample,
+            alpha,
+        )  # fmt: skip
+        return self._stamps.one_colour(strokes, alpha)
+
+
+def half_width(hardness: float, opacity: float, per_radius: float, offset: float) -> float:
+    """Distance from the axis of a long straight band, in radii, at which its expected alpha is half of the axis's.
+
+    At distance y the expected alpha is 1 - exp(-s(y)): s is the opacity that the dabs of the whole axis add up to
+    there, which is the integral of a dab's profile along the axis, averaged over its displacement.
+
+    Args:
+        hardness: of a dab, above 0 and below 1.
+        opacity: of its centre.
+        per_radius: dabs on a way of one radius.
+        offset: spread of their displacement, radii.
+    """
+    across = np.linspace(-1, 1, GRID)
+    square = across[:, None] ** 2 + across**2
+    inner, outer = 1 - square * (1 / hardness - 1), hardness / (1 - hardness) * (1 - square)
+    along = np.where(square <= hardness, inner, np.maximum(outer, 0)).sum(1) * (across[1] - across[0])
+    draws, weights = _sum_of_four()
+    y = np.linspace(0, 1 + offset * draws[-1], GRID)
+    places = y[:, None] - offset * draws
+    depth = per_radius * max(opacity, EDGE) * (np.interp(places, across, along, left=0, right=0) @ weights)
+    alpha = -np.expm1(-depth)
+    return float(y[alpha >= 0.5 * alpha[0]].max())
+
+
+def _sum_of_four() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Values of a sum of four uniform numbers, scaled to mean 0 and variance 1, and how probable they are."""
+    x = np.linspace(-2, 2, GRID)
+    far = np.abs(x)
+    density = np.where(far < 1, 4 - 6 * far**2 + 3 * far**3, (2 - far) ** 3)
+    return x * np.sqrt(3), density / density.sum()

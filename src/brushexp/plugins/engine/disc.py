@@ -1,0 +1,46 @@
+"""The plainest brush: a row of discs."""
+
+import numpy as np
+from torch import Tensor
+
+from brushexp.errors import UserError
+from brushexp.plugins.engine.base import Engine, Simulated
+from brushexp.registry import register
+from brushexp.strokes.prior import strokes_of
+from brushexp.system.process import share_threads
+
+COUNT = 100  # discs, at t = i / COUNT
+FINER = 2  # pixels of the canvas per pixel of the picture, in each direction
+THINNEST = 1.0  # least radius of a disc, pixels of that canvas
+
+
+@register("engine", "disc")
+class Disc(Engine):
+    """Bezier curve of 100 discs (Learning to Paint: Huang et al., 2019, arXiv:1903.04411): a clean tube.
+
+    The discs are painted on a canvas twice as fine and averaged. Alpha is the share of a pixel that they cover; it is
+    also the height. Nothing is random. A curve much longer than the window falls apart into single discs, as in the
+    source, whose last disc also lies at t = 0.99. Points farther than 4 half-windows from the centre are brought there.
+
+    Differs from the source: one thickness and one colour instead of one at each end; the control point is a place of
+    its own instead of one relative to the end points; discs are not rounded to whole pixels.
+
+    Args:
+        window: pixels on the side of a picture, 8 to 512.
+    """
+
+    def __init__(self, *, window: int = 64) -> None:
+        if not 8 <= window <= 512:
+            raise UserError(f"engine.window={window} is not within 8 to 512 pixels; try engine.window=64")
+        from brushexp.plugins.engine import _stamps  # noqa: PLC0415  (Numba takes a second; --help should not)
+
+        self._stamps = _stamps
+        self.window = window
+
+    def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:
+        share_threads()
+        strokes = strokes_of(parameters.detach().cpu().float())
+        curve, width = self._stamps.curves_of(strokes, FINER * self.window)
+        alpha = np.empty((len(curve), self.window, self.window), np.float32)
+        self._stamps.discs(curve, np.maximum(0.5 * width, THINNEST), COUNT, FINER, alpha)
+        return self._stamps.one_colour(strokes, alpha)

@@ -1,0 +1,179 @@
+"""Wet oil paint under a brush of bristles."""
+
+import math
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.errors import check_range
+from brushexp.plugins.engine.base import Engine, Simulated
+from brushexp.registry import register
+from brushexp.strokes.prior import strokes_of
+from brushexp.system.process import share_threads
+
+GOLDEN = (1 + 5**0.5) / 2
+BAND = 1.05  # radius of the brush that paints a band, in halves of the band: the outermost bristles leave little
+STEP = 0.05  # brushes whose scales differ by less than this ratio begin with the same pose
+SCALES = (0.2, 256.0)  # radii of brushes that are simulated, 256ths of the window
+FAR = 4.0  # half-windows: farther away, points are brought to here
+THIN, THICK = 10, 100  # bristles of Fluid Paint's thinnest and fullest brush, and what each of their splats can cover
+LEAST, MOST_THIN, MOST_THICK = 0.002, 0.08, 0.025
+DRAG = 0.14  # velocity of the paint per velocity of the bristle and opacity
+Array = np.ndarray
+
+
+@register("engine", "fluid")
+class Fluid(Engine):
+    """Bristles dragged through wet paint (Fluid Paint: Li, 2016; SPIRAL: Ganin et al., 2018): streaks, ragged ends.
+
+    Bristles are position-based dynamics, each splats paint and momentum where it touches, a fluid solver carries both,
+    and the height of the paint is lit. Lengths are computed in 256ths of the window, in which the source's constants
+    are given, so that a stroke looks the same in every window.
+
+    Differs from the source: thin splats keep their amount of paint on a coarse grid; the brush is turned with the
+    stroke, as a hand does, and comes to rest trailing behind it; the handle runs ahead of the curve by as much as the
+    bristles trail, so that the paint reaches from start to end; colours are those of a digital mixture, which on an
+    empty canvas is exact: the recorded RGB is what flat paint shows, and alpha is how much the paint covers.
+
+    Args:
+        window: pixels on the side of a picture, 8 to 1024.
+        supersample: cells of the simulation per pixel, in each direction.
+        frames: of the motion from start to end.
+        after: frames that the paint goes on flowing when the brush has left.
+        bristles: of a brush, 10 to 200.
+        brushes: stroke number i is painted with brush i modulo this.
+        load: how much paint the brush carries, 0 to 1.
+        projection: keep the flow nearly free of divergence, as Fluid Paint does and SPIRAL's port does not.
+        jacobi: iterations of the pressure solver.
+        fluidity: share of the flow's velocity that lasts from frame to frame, 0 to 1.
+        gravity: on the bristles, 256ths of the window per frame and frame.
+        damping: share of a bristle's velocity that lasts from frame to frame, 0 to 1.
+        stiffness: of the stiffest bristle, 0 to 1.
+        jitter: irregularity of the bristles' places, 0 to 1.
+        iterations: of the bristles' constraints per frame.
+        rest: frames in which the brush comes to rest before it paints; for the first half it moves.
+        approach: brush radii that it moves per frame meanwhile; 0 lets the bristles splay to all sides.
+        relief: height of the paint for the light; 0 is flat.
+    """
+
+    def __init__(
+        self,
+        *,
+        window: int = 64,
+        supersample: int = 2,
+        frames: int = 20,
+        after: int = 0,
+        bristles: int = 100,
+        brushes: int = 1,
+        load: float = 0.8,
+        projection: bool = True,
+        jacobi: int = 2,
+        fluidity: float = 0.8,
+        gravity: float = 30.0,
+        damping: float = 0.75,
+        stiffness: float = 0.3,
+        jitter: float = 0.5,
+        iterations: int = 20,
+        rest: int = 45,
+        approach: float = 0.5,
+        relief: float = 1.0,
+    ) -> None:
+        ranges = {
+            "window": (window, 8, 1024),
+            "supersample": (supersample, 1, 8),
+            "frames": (frames, 1, 1000),
+            "after": (after, 0, 1000),
+            "bristles": (bristles, THIN, 200),
+            "brushes": (brushes, 1, 1000),
+            "load": (load, 0, 1),
+            "jacobi": (jacobi, 0, 100),
+            "fluidity": (fluidity, 0, 1),
+            "gravity": (gravity, 0, 1000),
+            "damping": (damping, 0, 1),
+            "stiffness": (stiffness, 0, 1),
+            "jitter": (jitter, 0, 1),
+            "iterations": (iterations, 1, 1000),
+            "rest": (rest, 0, 1000),
+            "approach": (approach, 0, 10),
+            "relief": (relief, 0, 100),
+        }
+        for key, (value, low, high) in ranges.items():
+            check_range(f"engine.{key}", value, low, high)
+        from brushexp.plugins.engine import _bristles, _deposition  # noqa: PLC0415  (Numba takes a second; --help should not)
+
+        self._bristles, self._deposition = _bristles, _deposition
+        self.window = window
+        self.brushes = brushes
+        self.bristles = bristles
+        self.jitter, self.stiffness = jitter, stiffness
+        self.projection = projection
+        self.rest, self.approach, self.iterations = rest, approach, iterations
+        fullness = (bristles - THIN) / (THICK - THIN)
+        most = max(MOST_THIN + (MOST_THICK - MOST_THIN) * fullness, LEAST)
+        opacity = LEAST + (most - LEAST) * load if load else 0.0
+        self.physics = np.array([gravity, damping, opacity, DRAG * opacity, fluidity, relief], np.float32)
+        self.counts = np.array([frames, iterations, jacobi, supersample, after], np.int64)
+        self._seed: int | None = None
+
+    def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:
+        share_threads()
+        self._take_brushes(seed)
+        strokes = strokes_of(parameters.detach().cpu().float())
+        units = 0.5 * float(self._deposition.UNITS)
+        points = torch.cat([strokes.start, strokes.control, strokes.end], dim=1).clamp(-FAR, FAR)
+        scale = (BAND * strokes.width * units).clamp(*SCALES).numpy()
+        brush = (first + np.arange(len(scale))) % self.brushes
+        pose = self._poses_for(brush, scale)
+        rows = np.concatenate(
+            [(points.numpy() + 1) * units, scale[:, None], strokes.color.clamp(0, 1).numpy()], axis=1
+        ).astype(np.float32)
+        images = np.empty((len(rows), 4, self.window, self.window), np.float32)
+        heights = np.empty((len(rows), self.window, self.window), np.float32)
+        self._deposition.paint(
+            rows, brush, pose, np.stack(self._poses) if self._poses else np.zeros((0, 3, 1, 1), np.float32),
+            np.array(self._reach, np.float32).reshape(-1, 2), self._roots, self._stiffness, self.physics, self.counts,
+            self.projection, images, heights,
+        )  # fmt: skip
+        return Simulated(torch.from_numpy(images), torch.from_numpy(heights))
+
+    def _take_brushes(self, seed: int) -> None:
+        """Draw the bristles: a jittered sunflower of places, and how stiff each one is."""
+        if seed == self._seed:
+            return
+        n = self.bristles
+        words = [
+            np.random.Philox(key=np.array([seed, brush], np.uint64)).random_raw(3 * n) for brush in range(self.brushes)
+        ]
+        u = (np.stack(words).reshape(self.brushes, 3, n) >> np.uint64(11)) * 2.0**-53
+        i = np.arange(n)
+        angle = (i + (u[:, 0] - 0.5) * self.jitter) * math.tau / GOLDEN**2
+        radius = np.sqrt((i + u[:, 1] * self.jitter) / n)
+        self._roots = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1).astype(np.float32)
+        self._stiffness = (self.stiffness * u[:, 2]).astype(np.float32)
+        self._seed, self._place = seed, dict[tuple[int, int], int]()
+        self._poses, self._reach = list[Array](), list[tuple[float, float]]()
+
+    def _poses_for(self, brush: Array, scale: Array) -> Array:
+        """Which pose (n,) each brush begins with; poses that are new are found by letting brushes come to rest."""
+        node = np.rint(np.log(scale) / math.log1p(STEP)).astype(int)
+        keys = list(zip(brush.tolist(), node.tolist(), strict=True))
+        fresh = [key for key in dict.fromkeys(keys) if key not in self._place]
+        if fresh:
+            which = np.array([key[0] for key in fresh])
+            scales = np.array([(1 + STEP) ** key[1] for key in fresh], np.float32)
+            poses = np.empty((len(fresh), 3, self._bristles.VERTICES, self.bristles), np.float32)
+            self._bristles.settle(
+                scales, self._roots[which], self._stiffness[which], self.physics[0], self.physics[1], self.iterations,
+                self.rest, np.float32(self.approach), poses,
+            )  # fmt: skip
+            for key, pose in zip(fresh, poses, strict=True):
+                self._place[key] = len(self._poses)
+                self._poses.append(pose)
+                self._reach.append(self._touching(pose))
+        return np.array([self._place[key] for key in keys], np.int64)
+
+    def _touching(self, pose: Array) -> tuple[float, float]:
+        """How far behind the handle a resting brush touches the canvas: its hindmost and its foremost part, radii."""
+        behind = -pose[0][pose[2] <= self._bristles.TOUCH]
+        return (float(np.quantile(behind, 0.95)), float(np.quantile(behind, 0.05))) if behind.size else (0.0, 0.0)

@@ -1,0 +1,55 @@
+"""The strokes as a table."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from brushexp.plugins.export.base import Exporter, Work
+from brushexp.registry import register
+from brushexp.strokes.bezier import curve_of, length_of
+from brushexp.system.files import replacing
+
+POINTS = tuple(f"{point}_{axis}_px" for point in ("start", "control", "end") for axis in "xy")
+COLUMNS = ("stroke", *POINTS, "width_px", "red", "green", "blue", "opacity", "length_px", "direction_deg")
+
+
+@register("to", "csv")
+class Csv(Exporter):
+    """``strokes.csv``: one stroke a line, the bottom one first, for spreadsheets, pandas and R.
+
+    Columns: ``stroke``, its number in the catalogue; ``start``, ``control``, ``end`` of its quadratic Bezier curve in
+    pixels of the canvas, x to the right and y down from the upper left corner; ``width_px``, its full thickness;
+    ``red``, ``green``, ``blue`` (sRGB) and ``opacity`` from 0 to 1; ``length_px`` along the curve; ``direction_deg``
+    from start to end, counterclockwise as one sees it: 0 is to the right, 90 up, -90 down; empty where both are one
+    point. Numbers have seven digits, which is what float32 holds.
+    """
+
+    def __init__(self) -> None: ...
+
+    def write(self, work: Work, folder: Path) -> list[Path]:
+        path = folder / "strokes.csv"
+        with replacing(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
+            file.write(",".join(COLUMNS) + "\n")
+            file.writelines(lines(work))
+        return [path]
+
+
+def lines(work: Work) -> Iterator[str]:
+    """One line for each stroke."""
+    order = work.bottom_up.cpu()
+    strokes = work.strokes.map(lambda value: value.detach().cpu().double())[order]
+    curve = curve_of(strokes)
+    numbers = [curve.flatten(1), (strokes.width * strokes.scale)[:, None], strokes.color, strokes.opacity[:, None]]
+    rows = torch.cat([*numbers, length_of(curve)[:, None]], dim=1).tolist()
+    form = "%d" + ",%.7g" * (len(COLUMNS) - 2) + ",%s\n"
+    for number, row, angle in zip(order.tolist(), rows, direction_of(curve).tolist(), strict=True):
+        yield form % (number, *row, "" if angle != angle else f"{angle:.7g}")  # noqa: PLR0124  (NaN)
+
+
+def direction_of(curve: Tensor) -> Tensor:
+    """Angle (N,) in degrees, in (-180, 180], from start to end of curves (N, 3, 2), y down; NaN for a point."""
+    x, y = (curve[:, 2] - curve[:, 0]).unbind(1)
+    angle = torch.atan2(-y, x).rad2deg()
+    return torch.where((x == 0) & (y == 0), torch.nan, torch.where(angle == -180, 180.0, angle)) + 0.0  # -0 is 0

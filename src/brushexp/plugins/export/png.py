@@ -1,0 +1,79 @@
+"""The painting as a picture of any size."""
+
+import struct
+import zlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from brushexp.errors import UserError
+from brushexp.plugins.export.base import Exporter, Work
+from brushexp.registry import register
+from brushexp.system.files import replacing, to_bytes
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+DEPTH, RGB = 8, 2  # bits, and PNG's number for this kind of pixel
+UP = 2  # PNG's number for the filter that leaves the difference from the pixel above
+
+
+@register("to", "png")
+class Png(Exporter):
+    """``painting.png``: the picture, crisp at any ``resolution``: the strokes are scaled, not the pixels.
+
+    It is painted and packed in bands, so that memory does not grow with the picture.
+
+    Args:
+        compression: 1 (fast) to 9 (small).
+    """
+
+    def __init__(self, *, compression: int = 6) -> None:
+        if not 1 <= compression <= 9:
+            raise UserError(f"to.png.compression={compression} is not a level from 1 to 9; try to.png.compression=6")
+        self.compression = compression
+
+    def write(self, work: Work, folder: Path) -> list[Path]:
+        path = folder / "painting.png"
+        with replacing(path) as temporary, temporary.open("wb") as file:
+            write_png(file, (to_bytes(band) for _, band in work.bands()), work.size, self.compression)
+        return [path]
+
+
+def pixels(work: Work) -> np.ndarray:
+    """The picture (H, W, 3) in 8 bits, painted in bands, so that it takes little more memory than its pixels."""
+    picture = np.empty((*work.size, 3), dtype=np.uint8)
+    for top, band in work.bands():
+        picture[top : top + band.shape[1]] = to_bytes(band)
+    return picture
+
+
+def write_png(file: BinaryIO, bands: Iterable[np.ndarray], size: tuple[int, int], compression: int) -> None:
+    """Write a PNG (ISO/IEC 15948) piece by piece: Pillow wants the whole picture, and packs it in four bytes a pixel.
+
+    Args:
+        file: where to.
+        bands: pixels (h, W, 3) in 8 bits, from top to bottom.
+        size: height and width of them all.
+        compression: level of zlib.
+    """
+    height, width = size
+    file.write(SIGNATURE)
+    _chunk(file, b"IHDR", struct.pack(">IIBBBBB", width, height, DEPTH, RGB, 0, 0, 0))
+    packer = zlib.compressobj(compression)
+    above = np.zeros((1, 3 * width), dtype=np.uint8)
+    for band in bands:
+        rows = band.reshape(len(band), 3 * width)
+        filtered = np.full((len(rows), 1 + 3 * width), UP, dtype=np.uint8)
+        np.subtract(rows, np.concatenate([above, rows[:-1]]), out=filtered[:, 1:])
+        _chunk(file, b"IDAT", packer.compress(filtered.data))
+        above = rows[-1:]
+    _chunk(file, b"IDAT", packer.flush())
+    _chunk(file, b"IEND", b"")
+
+
+def _chunk(file: BinaryIO, name: bytes, data: bytes) -> None:
+    if data or name == b"IEND":
+        file.write(struct.pack(">I", len(data)) + name)
+        file.write(data)
+        file.write(struct.pack(">I", zlib.crc32(data, zlib.crc32(name))))

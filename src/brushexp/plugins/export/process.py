@@ -1,0 +1,184 @@
+"""The painting being painted: its strokes laid down from the bottom to the top, as a film."""
+
+import logging
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from enum import Enum
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.compositing.bands import cuts
+from brushexp.errors import check_range
+from brushexp.pictures.video import MOST_FPS, MOST_SECONDS, Format, filming, largest_side
+from brushexp.plugins.export.base import Exporter, Work, counted
+from brushexp.registry import register
+from brushexp.strokes.catalogue import Strokes
+from brushexp.system.files import to_bytes
+
+log = logging.getLogger(__name__)
+GROWTH = 0.25  # seconds from the beginning of a stroke to its end
+PROBES = 64  # strokes on which a blend is tried
+PROBE_SIDE = 32  # pixels of the canvas for it
+PROBE_OPACITY = 0.1  # of each: the lowest still shows
+LEVEL = 1 / 255
+
+
+class Pace(Enum):
+    """Strokes per second: as many all the time, or few at first, when they are large, and ever more."""
+
+    even = "even"
+    quickening = "quickening"
+
+
+@register("to", "process")
+class Process(Exporter):
+    """``process.mp4`` or ``process.gif``: how the strokes are laid down, bottom to top, at the size of ``resolution``.
+
+    A video has at most 4096 pixels on its longer side, a GIF 480; larger paintings are drawn at that size.
+
+    Args:
+        seconds: how long the painting takes, up to 300.
+        fps: pictures per second, 1 to 50.
+        format: mp4 (a GIF where PyAV is missing), gif, or both.
+        hold: seconds that the finished painting stays, up to 300.
+        pace: even lays as many strokes in every second; quickening begins slowly, while strokes are large.
+        growing: draw each stroke from its start to its end instead of laying it at once; null: unless the renderer is
+            slow, because a stroke is drawn about seven times then.
+    """
+
+    def __init__(
+        self,
+        *,
+        seconds: float = 10.0,
+        fps: int = 25,
+        format: Format = Format.mp4,
+        hold: float = 1.5,
+        pace: Pace = Pace.quickening,
+        growing: bool | None = None,
+    ) -> None:
+        ranges = {"seconds": (seconds, 0.1, MOST_SECONDS), "fps": (fps, 1, MOST_FPS), "hold": (hold, 0, MOST_SECONDS)}
+        for name, (value, low, high) in ranges.items():
+            check_range(f"to.process.{name}", value, low, high)
+        self.frames = max(1, round(seconds * fps))
+        self.seconds = seconds
+        self.fps = fps
+        self.format = format
+        self.hold = hold
+        self.pace = pace
+        self.growing = growing
+
+    def write(self, work: Work, folder: Path) -> list[Path]:
+        work = fitted(work, largest_side(self.format))
+        growing = work.renderer.stand_in is None if self.growing is None else self.growing
+        shares = schedule(len(work.strokes), self.frames, self.seconds, self.pace, growing=growing)
+        pictures = counted(states(work, shares), self.frames, "pictures")
+        with filming(folder / "process", self.format, work.size, Fraction(self.fps)) as film:
+            for k, picture in enumerate(pictures, start=1):
+                film.show(to_bytes(picture), 1 + (round(self.hold * self.fps) if k == self.frames else 0))
+        return film.paths
+
+
+def schedule(n: int, frames: int, seconds: float, pace: Pace, *, growing: bool) -> Iterator[np.ndarray]:
+    """How much of each of ``n`` strokes, the bottom one first, there is in each frame: (n,) in [0, 1].
+
+    The first frame has none and the last one all of them.
+    """
+    growth = min(GROWTH, 0.5 * seconds)
+    share = np.arange(n) / max(n, 1)
+    begin = (seconds - growth) * (share if pace is Pace.even else np.sqrt(share))
+    for now in np.linspace(0, seconds, frames) if frames > 1 else [seconds]:
+        drawn = np.clip((now - begin) / growth, 0, 1)
+        yield drawn if growing else np.floor(drawn)
+
+
+def fitted(work: Work, side: int) -> Work:
+    """The same painting with at most ``side`` pixels on its longer side."""
+    zoom = side / max(work.size)
+    if zoom >= 1:
+        return work
+    size = (max(1, round(work.size[0] * zoom)), max(1, round(work.size[1] * zoom)))
+    log.info("the film is drawn with %d x %d pixels, the most that it can have", size[1], size[0])
+    return replace(work, strokes=work.strokes.moved(zoom=zoom), size=size)
+
+
+@torch.no_grad()
+def states(work: Work, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
+    """The canvas (3, H, W), to be looked at before the next one is asked for, with so much of each stroke on it.
+
+    Finished strokes are laid over what is there, so that each is drawn once. A blend that leaves out what lies deep
+    does not work like that; with it every state is drawn from the beginning.
+
+    Args:
+        work: the finished painting.
+        shares: (N,) of the strokes from the bottom up, falling from 1 to 0; none of them falls from state to state.
+    """
+    bare = work.background[:, None, None].expand(3, *work.size)
+    canvas, order, done = bare.clone(), work.bottom_up, 0
+    adding = layered(work)
+    if not adding:
+        log.warning("with this blend every picture is drawn from the beginning, which takes long; try blend=tiled")
+    for share in shares:
+        finished, begun = (int(some.sum()) for some in (share >= 1, share > 0))
+        if adding:
+            lay(canvas, order[done:finished], work)
+            done = finished
+        shown = canvas
+        if begun > done:
+            shown = canvas.clone()
+            lay(shown, order[done:begun], work, torch.from_numpy(share[done:begun]))
+        yield shown
+
+
+def lay(canvas: Tensor, number: Tensor, work: Work, share: Tensor | None = None) -> None:
+    """Lay strokes ``number`` (n,) of a painting, the bottom one first, over a canvas (3, H, W), in place.
+
+    On black a blend shows what the strokes contribute, on white also what they let through: white light.
+
+    Args:
+        canvas: what is there.
+        number: which strokes.
+        work: the painting.
+        share: (n,) how much of each is drawn, in (0, 1]; None for all.
+    """
+    if not len(number):
+        return
+    strokes, black, white = work.strokes[number], canvas.new_zeros(3), canvas.new_ones(3)
+    if share is not None:
+        strokes = unfinished(strokes, share.to(strokes.start))
+    for top, rows, part in cuts(strokes, work.size, work.renderer):
+        layers = work.renderer(strokes[part].moved(shift=(0, -top)), number[part])
+        above, size = torch.arange(len(part), device=part.device).flip(0), (rows, work.size[1])
+        painted = work.blend(layers, above, size, black).image
+        light = (work.blend(layers, above, size, white).image - painted).mean(0)
+        canvas[:, top : top + rows].mul_(light).add_(painted)
+
+
+def unfinished(strokes: Strokes, share: Tensor) -> Strokes:
+    """Strokes (n) from their start to parameter ``share`` (n,) of their curve (de Casteljau)."""
+    done = share[:, None]
+    left = 1 - done
+    first, second = left * strokes.start + done * strokes.control, left * strokes.control + done * strokes.end
+    return replace(strokes, control=first, end=left * first + done * second)
+
+
+@torch.no_grad()
+def layered(work: Work) -> bool:
+    """Whether strokes that are laid over others look as if both had been laid at once, with this renderer and blend.
+
+    It is tried on some strokes of the painting, all at one place and thin as glazes.
+    """
+    n = min(PROBES, len(work.strokes))
+    some, like = work.strokes[:n], work.strokes.scale.new_ones(n)
+    place = (like * PROBE_SIDE / 2)[:, None].expand(n, 2)
+    some = replace(some, position=place, scale=like * PROBE_SIDE, opacity=like * PROBE_OPACITY)
+    size = (PROBE_SIDE, PROBE_SIDE)
+    probe, number = replace(work, strokes=some, size=size), torch.arange(n, device=like.device)
+    at_once, in_turn = (work.background.new_zeros(3, *size) for _ in range(2))
+    lay(at_once, number, probe)
+    for part in number.chunk(2):
+        lay(in_turn, part, probe)
+    return bool(((at_once - in_turn).abs() < LEVEL).all())

@@ -1,0 +1,154 @@
+"""The strokes as vector paths."""
+
+import re
+from collections.abc import Iterator
+from html import escape
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from brushexp.errors import check_range
+from brushexp.plugins.export._paths import line, number, tapered
+from brushexp.plugins.export.base import Exporter, Work
+from brushexp.plugins.renderer.base import Profile, smooth_rise
+from brushexp.registry import register
+from brushexp.strokes.bezier import curve_of, half_width_of
+from brushexp.system.files import replacing
+
+MOST_DIGITS, MOST_OUTLINES = 6, 8
+CRISP = 1.0  # pixels: soft edge of strokes whose renderer is no profile
+PIXEL = 1 / 12  # square pixels: variance of an edge where a program fills pixels by the share that is covered
+BISECTIONS = 40
+ALPHA = 3  # decimals of opacities
+FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # in XML 1.0
+
+
+@register("to", "svg")
+class Svg(Exporter):
+    """``strokes.svg``: one path per stroke, bottom first, that browsers and Inkscape show like the painting.
+
+    A path is a curve with a width and round ends; with ``renderer.taper`` it is a filled outline. Sizes are pixels of
+    the canvas. Programs fill the pixels at an edge by the share that is covered, which is sharper than the soft edge of
+    the renderer; two ``outlines`` come close to it. A stroke thinner than that edge is drawn wider and fainter, as
+    the renderer does. One that cannot be seen (no width, no opacity) has no path; one without length is a dot.
+
+    Renderers with textures (``textured``, ``neural``) have no paths: here are their strokes without the texture.
+
+    Args:
+        digits: decimals of coordinates and widths, 0 to 6.
+        outlines: how many paths, one on another, make the soft edge of a stroke, 1 to 8.
+    """
+
+    def __init__(self, *, digits: int = 2, outlines: int = 1) -> None:
+        check_range("to.svg.digits", digits, 0, MOST_DIGITS)
+        check_range("to.svg.outlines", outlines, 1, MOST_OUTLINES)
+        self.digits = digits
+        self.outlines = outlines
+
+    def write(self, work: Work, folder: Path) -> list[Path]:
+        path = folder / "strokes.svg"
+        with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
+            file.writelines(self._lines(work))
+        return [path]
+
+    def _lines(self, work: Work) -> Iterator[str]:
+        (height, width), count = work.size, len(work.strokes)
+        profile, bare = profile_of(work)
+        about = f"{count} brush strokes on {width} x {height} pixels, the bottom one first"
+        about += f", from {work.source}" * bool(work.source) + "; written by brushexp."
+        about += f" The renderer {work.name} gives them a texture, which paths cannot hold." * bare
+        canvas = f'<path d="M0 0h{width}v{height}h-{width}z"'
+        stroked = "" if profile.taper else ' fill="none" stroke-linecap="round" stroke-linejoin="round"'
+        yield '<?xml version="1.0" encoding="UTF-8"?>\n<svg xmlns="http://www.w3.org/2000/svg" '
+        yield f'width="{width}px" height="{height}px" viewBox="0 0 {width} {height}">\n'
+        yield f"<title>{count} brush strokes</title>\n<desc>{escape(FORBIDDEN.sub('?', about), quote=False)}</desc>\n"
+        yield f'<clipPath id="canvas">{canvas}/></clipPath>\n<g clip-path="url(#canvas)"{stroked}>\n'
+        yield f'{canvas} fill="{hexadecimal(work.background[None])[0]}"/>\n'
+        yield from self._paths(profile, work.bottom_up.cpu())
+        yield "</g>\n</svg>\n"
+
+    def _paths(self, profile: Profile, bottom_up: Tensor) -> Iterator[str]:
+        curve, half, color, opacity = (
+            value.detach().cpu().double()[bottom_up]
+            for value in (profile.curve, profile.half_width, profile.color, profile.opacity)
+        )
+        middle, offset, alpha = soft_edge(half, opacity, profile.soft, self.outlines)
+        widths = _whole(2 * (middle[:, None] + offset), self.digits)
+        faint, colors = _whole(alpha, ALPHA), hexadecimal(color)
+        kind = "fill" if profile.taper else "stroke"
+        shapes: Iterator[list[str]]
+        if profile.taper:
+            shapes = tapered(curve, middle, offset, profile.taper, self.digits)
+        else:
+            shapes = ([line(row, self.digits)] * self.outlines for row in _whole(curve.flatten(1), self.digits))
+        for i, shape in enumerate(shapes):
+            for k, d in enumerate(shape):
+                if d and widths[i][k] > 0 and faint[i][k] > 0:
+                    width = "" if profile.taper else f' stroke-width="{number(widths[i][k], self.digits)}"'
+                    opaque = faint[i][k] == 10**ALPHA
+                    clear = "" if opaque else f' {kind}-opacity="{number(faint[i][k], ALPHA)}"'
+                    yield f'<path d="{d}" {kind}="{colors[i]}"{width}{clear}/>\n'
+
+
+@torch.no_grad()
+def profile_of(work: Work) -> tuple[Profile, bool]:
+    """The strokes as profiles, and whether their renderer makes something else of them, which is left out."""
+    strokes = work.strokes
+    if isinstance(work.renderer(strokes[:0]), Profile):  # nothing large is drawn to find out
+        drawn = work.renderer(strokes)
+        assert isinstance(drawn, Profile)
+        return drawn, False
+    return Profile(curve_of(strokes), half_width_of(strokes), strokes.color, strokes.opacity, CRISP, 0.0), True
+
+
+def soft_edge(half: Tensor, opacity: Tensor, soft: float, count: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Strokes with hard edges, one on another, that together cover what a soft one does.
+
+    One alone has the same opacity in its middle as the soft stroke, C(0) of `Profile`, and the same share of the light
+    across it, so it is wider than a stroke that is thinner than the edge. Several have the half widths at which C(d)
+    passes (k + 1/2) / count of C(0), drawn together so that, smoothed by a pixel, their edge is as soft as that of C:
+    its variance is ``soft``^2 / 20 for a wide stroke.
+
+    Args:
+        half: (N,) half widths, pixels.
+        opacity: (N,).
+        soft: width of the edge, pixels.
+        count: K, of outlines.
+
+    Returns:
+        half width of one stroke alone (N,); what to add to it (N, K), the widest first; opacities (N, K).
+    """
+    peak = 2 * smooth_rise(half / soft)
+    middle = half / peak.clamp_min(torch.finfo(half.dtype).tiny)
+    share = (opacity * peak / count)[:, None]
+    alpha = share / (1 - share * torch.arange(count)).clamp_min(torch.finfo(half.dtype).tiny)
+    if count == 1:
+        return middle, torch.zeros_like(share), alpha
+    distance = _distances(half, soft, count)
+    wide = _distances(half.new_tensor([soft]), soft, count).var(unbiased=False)
+    closer = ((soft**2 / 20 - PIXEL) / wide).clamp_min(0).sqrt()
+    return middle, closer * (distance - distance.mean(1, keepdim=True)), alpha
+
+
+def _distances(half: Tensor, soft: float, count: int) -> Tensor:
+    """Where (N, count) C(d) has fallen to (k + 1/2) / count of C(0), found by bisection."""
+    level = 2 * smooth_rise(half / soft)[:, None] * (torch.arange(count) + 0.5) / count
+    low, high = torch.zeros_like(level), (half + 0.5 * soft)[:, None].expand_as(level)
+    for _ in range(BISECTIONS):
+        d = 0.5 * (low + high)
+        inside = smooth_rise((half[:, None] + d) / soft) + smooth_rise((half[:, None] - d) / soft) > level
+        low, high = torch.where(inside, d, low), torch.where(inside, high, d)
+    return low
+
+
+def hexadecimal(color: Tensor) -> list[str]:
+    """Colours (N, 3) in [0, 1] as ``#rrggbb``."""
+    levels = (color * 255 + 0.5).clamp(0, 255).long().tolist()
+    return [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in levels]
+
+
+def _whole(values: Tensor, digits: int) -> list[list[int]]:
+    """Numbers (N, M) in units of ``10 ** -digits``."""
+    rows: list[list[int]] = (values * 10**digits).round().long().tolist()
+    return rows

@@ -1,0 +1,43 @@
+"""Strokes at random places."""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.plugins.init._cells import Look, Orient, strokes_of_cells
+from brushexp.plugins.init.base import Initializer
+from brushexp.registry import register
+from brushexp.strokes.catalogue import Strokes
+
+
+@register("init", "random")
+class Random(Initializer):
+    """Random places, evenly spread: every stroke in the cell of what lies nearest to it (Voronoi).
+
+    Args:
+        orient: structure (along the picture's edges) or random (the thesis's).
+        length: of a stroke, in sides of its cell (structure only).
+        width: of a stroke, in sides of its cell (structure only).
+        opacity: 0 to 1.
+    """
+
+    def __init__(
+        self, *, orient: Orient = Orient.structure, length: float = 1.4, width: float = 1.0, opacity: float = 0.95
+    ) -> None:
+        self.look = Look(orient, length, width, opacity, jitter=0.0)
+
+    def __call__(self, target: Tensor, n_strokes: int, generator: torch.Generator) -> Strokes:
+        _, height, width = target.shape
+        pixel = torch.randperm(height * width, generator=generator)[:n_strokes].numpy()
+        labels = nearest_of(pixel, height, width)
+        return strokes_of_cells(target, labels, n_strokes, self.look, generator)
+
+
+def nearest_of(pixel: np.ndarray, height: int, width: int) -> np.ndarray:
+    """Which of n different pixels, numbered row by row, is nearest to each pixel (H, W); each is nearest to itself."""
+    from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
+
+    y, x = np.divmod(np.arange(height * width), width)
+    points = np.stack([x, y], 1)
+    labels: np.ndarray = cKDTree(points[pixel]).query(points)[1]
+    return labels.reshape(height, width)

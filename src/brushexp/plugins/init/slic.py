@@ -1,0 +1,126 @@
+"""Strokes on superpixels."""
+
+import heapq
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.errors import UserError
+from brushexp.plugins.init._cells import Look, Orient, cut, joined, means, strokes_of_cells
+from brushexp.plugins.init.base import Initializer
+from brushexp.plugins.init.grid import lattice
+from brushexp.registry import register
+from brushexp.strokes.catalogue import Strokes
+
+ITERATIONS = 5  # of SLIC; ten take twice as long and paint no better
+ROUNDS = 3  # of refinement, each of which looks at the cells of the one before
+GREY_LEVEL = 1 / 255  # deviations below it are none: the area of a cell decides
+
+
+@register("init", "slic")
+class Slic(Initializer):
+    """SLIC superpixels (Achanta et al., 2012), finer where the picture has detail.
+
+    A stroke at each centre of mass, in the mean colour. Differs from the source in that there are exactly as many as
+    asked, and that a share of them comes from cutting the superpixels in which the picture varies most; with a focus,
+    where it matters most.
+
+    Args:
+        compactness: of a superpixel; higher makes them squarer, lower lets them follow the colours.
+        detail: share of the strokes that goes where the picture varies, 0 to below 1; the rest is spread evenly.
+        orient: structure (along the picture's edges) or random (the thesis's).
+        length: of a stroke, in sides of its superpixel (structure only).
+        width: of a stroke, in sides of its superpixel (structure only).
+        opacity: 0 to 1.
+        jitter: random shift of each stroke in mean distances between strokes, so that seeds differ.
+    """
+
+    def __init__(
+        self,
+        *,
+        compactness: float = 10.0,
+        detail: float = 0.5,
+        orient: Orient = Orient.structure,
+        length: float = 1.4,
+        width: float = 0.8,
+        opacity: float = 0.95,
+        jitter: float = 0.02,
+    ) -> None:
+        if not 0 < compactness <= 1e4:
+            raise UserError(f"init.compactness={compactness:g} is not within 0 to 10000; try init.compactness=10")
+        if not 0 <= detail < 1:
+            raise UserError(f"init.detail={detail:g} is not within 0 to below 1; try init.detail=0.5")
+        self.compactness = compactness
+        self.detail = detail
+        self.look = Look(orient, length, width, opacity, jitter)
+
+    def __call__(self, target: Tensor, n_strokes: int, generator: torch.Generator) -> Strokes:
+        even = max(1, round((1 - self.detail) * n_strokes))
+        labels = superpixels(target, even, self.compactness)
+        focus = None if self.focus is None else self.focus.numpy()
+        labels = refined(labels, n_strokes, target.numpy(), focus)
+        return strokes_of_cells(target, labels, n_strokes, self.look, generator)
+
+
+def superpixels(target: Tensor, n: int, compactness: float) -> np.ndarray:
+    """Number (H, W) of each pixel's superpixel, about ``n`` of them; a plain lattice where they have few pixels."""
+    from skimage.segmentation import slic  # noqa: PLC0415  (slow to import)
+
+    _, height, width = target.shape
+    if n * 4 > height * width or min(height, width) < 2:
+        return lattice(height, width, n)
+    labels: np.ndarray = slic(
+        target.permute(1, 2, 0).numpy(),
+        n_segments=n,
+        compactness=compactness,
+        max_num_iter=ITERATIONS,
+        min_size_factor=0.1,  # small ones are wanted: a stroke for each detail
+        start_label=0,
+        channel_axis=-1,
+    )
+    return labels
+
+
+def refined(labels: np.ndarray, n: int, picture: np.ndarray, focus: np.ndarray | None = None) -> np.ndarray:
+    """Cut cells (H, W) until there are exactly ``n``, first those with most area times standard deviation of colour.
+
+    Area times variance, the squared error, gains no more PSNR and leaves even regions too coarse for the eye.
+
+    Args:
+        labels: (H, W) cells from 0 on, none of them empty; where they are more than ``n``, the smallest join others.
+        n: 1 to H * W.
+        picture: (3, H, W).
+        focus: (H, W) how much each pixel counts: a cell's mean multiplies its area times deviation.
+    """
+    height, width = labels.shape
+    if labels.max() >= n:
+        return joined(labels, n)
+    flat, channels = labels.ravel(), picture.reshape(3, -1).astype(np.float64)
+    for left in range(ROUNDS, 0, -1):
+        k = int(flat.max()) + 1
+        area = np.bincount(flat, minlength=k)
+        variance = (means(channels**2, flat, k) - means(channels, flat, k) ** 2).sum(1).clip(0)
+        weight = area * np.sqrt(variance + GREY_LEVEL**2)
+        if focus is not None:
+            weight *= np.bincount(flat, focus.ravel(), minlength=k) / area
+        pieces = _pieces(weight, area, k + (n - k) // left)
+        flat = cut(flat, pieces, height, width)
+    return flat.reshape(height, width)
+
+
+def _pieces(weight: np.ndarray, area: np.ndarray, n: int) -> np.ndarray:
+    """Into how many pieces each cell is cut, ``n`` in all, none smaller than a pixel.
+
+    A piece of a ramp of colour cut into p has 1 / p of its area and 1 / p of its deviation, so 1 / p^2 of its weight;
+    the cell whose pieces weigh most is next.
+    """
+    pieces = np.ones(len(area), np.int64)
+    heap = [(-value if size > 1 else 0.0, cell) for cell, (value, size) in enumerate(zip(weight, area, strict=True))]
+    heapq.heapify(heap)
+    for _ in range(n - len(area)):
+        _, cell = heap[0]
+        pieces[cell] += 1
+        rest = weight[cell] / pieces[cell] ** 2 if pieces[cell] < area[cell] else 0.0
+        heapq.heapreplace(heap, (-rest, cell))
+    return pieces

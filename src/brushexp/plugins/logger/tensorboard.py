@@ -1,0 +1,74 @@
+"""Curves and pictures for TensorBoard."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml  # type: ignore[import-untyped,unused-ignore]
+from PIL import Image
+
+from brushexp.plugins.logger.base import Logger, Run, check_installed
+from brushexp.registry import register
+
+if TYPE_CHECKING:
+    from lightning.pytorch.loggers import Logger as LightningLogger
+    from lightning.pytorch.loggers import TensorBoardLogger
+
+FOLDER = "tensorboard"
+
+
+@register("logger", "tensorboard")
+class TensorBoard(Logger):
+    """Curves, pictures, settings and numbers: ``tensorboard --logdir`` of a run, or of a sweep side by side.
+
+    They are in the folder ``tensorboard`` of each run. What the command line set and the final metrics are
+    hyperparameters there, so that the runs of a sweep form a table; all settings are a text. TensorBoard keeps no
+    files, so of the catalogue it shows where it is.
+    """
+
+    def __init__(self) -> None:
+        check_installed("tensorboard")
+        self._curves: TensorBoardLogger | None = None
+
+    def open(self, run: Run) -> LightningLogger:
+        from lightning.pytorch.loggers import TensorBoardLogger  # noqa: PLC0415
+
+        self._curves = TensorBoardLogger(run.folder, name="", version=FOLDER, default_hp_metric=False)
+        self._curves.log_hyperparams(dict(run.settings))  # into hparams.yaml: without metrics there is no table yet
+        self._curves.experiment.add_text("settings", as_code(yaml.safe_dump(dict(run.settings), sort_keys=False)))
+        return self._curves
+
+    def finish(self, run: Run) -> None:
+        if self._curves is None:
+            return
+        writer = self._curves.experiment
+        for step, jpeg in run.frames.items():
+            writer.add_image("frames", pixels(io.BytesIO(jpeg)), step, dataformats="HWC")
+        for name, path in run.pictures.items():
+            writer.add_image(name, pixels(path), run.step, dataformats="HWC")
+        if run.metrics:
+            writer.add_text("metrics", as_table(run.metrics), run.step)
+            final = {f"final/{name}": value for name, value in run.numbers.items()}
+            self._curves.log_hyperparams(dict(run.chosen), final, run.step)
+        if run.files:
+            writer.add_text("files", as_table(run.files), run.step)
+
+
+def pixels(picture: Path | io.BytesIO) -> np.ndarray:
+    """Bytes (H, W, 3) of a picture file."""
+    with Image.open(picture) as image:
+        return np.asarray(image.convert("RGB"))
+
+
+def as_code(text: str) -> str:
+    """Markdown that shows exactly this text."""
+    return "".join(f"    {line}\n" for line in text.splitlines())
+
+
+def as_table(values: Any) -> str:
+    """Markdown of a mapping: a row for each value, but none for lists."""
+    rows = [f"| {name} | {value} |" for name, value in values.items() if not isinstance(value, list | dict)]
+    return "\n".join(["| name | value |", "|---|---|", *rows])

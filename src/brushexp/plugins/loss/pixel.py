@@ -1,0 +1,38 @@
+"""Losses that compare pixel with pixel."""
+
+from torch import Tensor
+
+from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.registry import register
+
+
+@register("loss", "mse")
+class MeanSquaredError(Loss):
+    """Mean squared difference over pixels and channels (thesis 2020, eq. 6.22).
+
+    Args:
+        weight: factor in the sum of losses.
+    """
+
+    def __init__(self, *, weight: float = 1.0) -> None:
+        super().__init__()
+        self.weight = weight
+
+    def forward(self, painting: Painting) -> Tensor:
+        return painting.mean((painting.image - painting.target).square())
+
+
+@register("loss", "l1")
+class MeanAbsoluteError(Loss):
+    """Mean absolute difference over pixels and channels; forgives outliers more than ``mse``.
+
+    Args:
+        weight: factor in the sum of losses.
+    """
+
+    def __init__(self, *, weight: float = 1.0) -> None:
+        super().__init__()
+        self.weight = weight
+
+    def forward(self, painting: Painting) -> Tensor:
+        return painting.mean((painting.image - painting.target).abs())

@@ -1,0 +1,173 @@
+"""Transport of colour as a loss."""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from brushexp.errors import UserError
+from brushexp.plugins.loss._precision import at_least_single
+from brushexp.plugins.loss._target import OfTarget
+from brushexp.plugins.loss.base import Loss, Painting, Surroundings
+from brushexp.registry import register
+
+COARSEST = 2.0  # blur with which the potentials begin: the largest cost on a square
+LEAST = 0.01  # of epsilon, so that exp(-4 / epsilon) is no zero in double precision
+
+
+@register("loss", "sinkhorn")
+class Sinkhorn(Loss):
+    """How far colour must be carried: draws strokes to where they are missing, even from afar.
+
+    Each channel of the shrunk pictures is mass on the pixel grid; moving it costs the squared distance, in longer sides
+    of the picture. The value is the debiased Sinkhorn divergence (Feydy et al., 2019, arXiv:1810.08278), mean over
+    channels: 0 for equal pictures and otherwise more. It sees how light is spread, not how much there is: add ``mse``.
+
+    Source of the idea: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114). Differs from it: that takes one
+    random channel a step and the plain transport cost, which is not least for equal pictures, with five unstable steps
+    from a bad start; here are all channels, the debiased cost, and a blur that is halved until it is ``epsilon``.
+
+    It looks at the whole canvas, also where a step looks at a part: that as it is now, the rest as it was last seen.
+    A focus changes nothing: colour that has to move has to come from somewhere.
+
+    Args:
+        weight: factor in the sum of losses. At 4 the gradient in the picture is as long as that of ``mse`` on a canvas
+            of the mean colour (two pictures of 256 pixels); where only details are missing it is a hundred times
+            shorter. Beside ``mse`` the default changed the PSNR by 0.0 and +0.1 dB, a weight of 10 by -0.1 and -0.4 dB
+            (150 steps, two pictures of 160 pixels).
+        side: longer side in pixels to which pictures are shrunk, by averaging; smaller ones stay as they are.
+        epsilon: blur of the transport, in squared longer sides, from 0.01.
+        iterations: steps with the final blur.
+        floor: mass that every pixel has beside its colour, so that black pictures have some.
+    """
+
+    over_pixels = False
+
+    def __init__(
+        self,
+        *,
+        weight: float = 2.0,
+        side: int = 24,
+        epsilon: float = 0.01,
+        iterations: int = 5,
+        floor: float = 0.001,
+    ) -> None:
+        super().__init__()
+        for name, value, least in (
+            ("side", side, 1),
+            ("epsilon", epsilon, LEAST),
+            ("iterations", iterations, 1),
+            ("floor", floor, 1e-4),
+        ):
+            if not value >= least:
+                raise UserError(f"loss.sinkhorn.{name}={value} is too small; set it to {least} or more")
+        self.weight, self.side, self.epsilon, self.iterations, self.floor = weight, side, epsilon, iterations, floor
+        self._wanted: OfTarget[tuple[Tensor, Tensor]] = OfTarget()
+        self._surroundings: Surroundings | None = None  # the canvas of the last step, to which the following belongs
+        self._rest = torch.empty(0)  # (3, h, w) what its pixels outside the part give to the shrunk picture
+        self._shares: tuple[Tensor, Tensor] = (self._rest, self._rest)  # of the part's rows and columns, `shares_of`
+
+    def forward(self, painting: Painting) -> Tensor:
+        theirs, rest = self._wanted.get(painting.whole_target, self._look)
+        ours = masses(self._shrunk(painting), self.floor)
+        return divergence(ours, theirs, self._blurs(), rest).mean().to(at_least_single(painting.image))
+
+    def _look(self, target: Tensor) -> tuple[Tensor, Tensor]:
+        theirs = masses(shrunk(target, self.side), self.floor)
+        return theirs, own_potential(theirs, self._blurs())
+
+    def _shrunk(self, painting: Painting) -> Tensor:
+        """The whole canvas (3, h, w), shrunk; differentiable in the part that the step looks at."""
+        around = painting.surroundings
+        if around is None:
+            return shrunk(painting.image, self.side)
+        if around is not self._surroundings:
+            self._surroundings = around
+            region, small = around.region, shrunk(around.picture, self.side)
+            self._shares = (
+                shares_of(region.top, region.height, around.picture.shape[1], small.shape[1]).to(small),
+                shares_of(region.left, region.width, around.picture.shape[2], small.shape[2]).to(small),
+            )
+            self._rest = small - self._shrunk_part(region.of(around.picture))
+        return self._rest + self._shrunk_part(painting.image)
+
+    def _shrunk_part(self, part: Tensor) -> Tensor:
+        rows, columns = self._shares
+        return rows.T @ at_least_single(part) @ columns
+
+    def _blurs(self) -> list[float]:
+        """From coarse to fine, then so many steps with ``epsilon``."""
+        found = [COARSEST]
+        while found[-1] > self.epsilon:
+            found.append(max(found[-1] / 2, self.epsilon))
+        return [*found, *[self.epsilon] * self.iterations]
+
+
+def shrunk(picture: Tensor, side: int) -> Tensor:
+    """A picture (3, H, W) of at most ``side`` pixels a side (3, h, w)."""
+    height, width = picture.shape[1:]
+    zoom = min(side / max(height, width), 1)
+    small = (max(round(zoom * height), 1), max(round(zoom * width), 1))
+    return functional.adaptive_avg_pool2d(at_least_single(picture), small)
+
+
+def shares_of(first: int, count: int, side: int, small: int) -> Tensor:
+    """How much of each of ``small`` means over a side a pixel gives to it (count, small), from pixel ``first`` on."""
+    pixels = functional.pad(torch.eye(count, dtype=torch.float64), (first, side - first - count))
+    return functional.adaptive_avg_pool1d(pixels, small)
+
+
+def masses(small: Tensor, floor: float) -> Tensor:
+    """The channels of a picture (3, h, w) as mass, each of sum 1."""
+    mass = small.double().clamp_min(0) + floor
+    return mass / mass.sum((1, 2), keepdim=True)
+
+
+def divergence(ours: Tensor, theirs: Tensor, blurs: Sequence[float], rest: Tensor) -> Tensor:
+    """Debiased Sinkhorn divergence (C,) of masses (C, h, w), with costs of squared longer sides.
+
+    OT(a, b) - OT(a, a) / 2 - OT(b, b) / 2, each after as many updates, so that equal masses have 0.
+
+    Args:
+        ours: masses a.
+        theirs: masses b.
+        blurs: epsilon of each update.
+        rest: potential of OT(b, b), see ``own_potential``.
+    """
+    a, b = ours.log(), theirs.log()
+    there, back, own = potentials(torch.stack([b, a, a]), [1, 0, 2], blurs)
+    return (ours * (there - own) + theirs * (back - rest)).sum((1, 2))
+
+
+def own_potential(mass: Tensor, blurs: Sequence[float]) -> Tensor:
+    """Potential (C, h, w) of OT(b, b) for masses b (C, h, w)."""
+    return potentials(mass.log()[None], [0], blurs)[0]
+
+
+def potentials(scores: Tensor, partners: Sequence[int], blurs: Sequence[float]) -> Tensor:
+    """K potentials (K, C, h, w) by the symmetric updates of Feydy et al. (2019): all go half of the way at once.
+
+    Args:
+        scores: (K, C, h, w) logarithm of the mass that each potential looks at.
+        partners: number of the potential that belongs to that mass.
+        blurs: epsilon of each update; the first one is in full, and so is one more with the last.
+    """
+    found = torch.zeros_like(scores)
+    for number, blur in enumerate([*blurs, blurs[-1]]):
+        new = softened(scores + found[partners] / blur, blur)
+        found = (found + new) / 2 if 0 < number < len(blurs) else new
+    return found
+
+
+def softened(scores: Tensor, blur: float) -> Tensor:
+    """-blur log sum_j exp(score_j - cost_ij / blur) at each place i of a grid; scores (K, C, h, w).
+
+    The exponentials are taken relative to the largest score. In double precision none that counts vanishes: scores lie
+    within 2 / blur + log(1 / floor + 1) of each other, and costs within 2 / blur. Their kernel is separable.
+    """
+    height, width = scores.shape[-2:]
+    places = [torch.arange(n, dtype=scores.dtype, device=scores.device) / max(height, width) for n in (height, width)]
+    rows, columns = (torch.exp(-((p[:, None] - p).square()) / blur) for p in places)
+    top = scores.detach().amax((-2, -1), keepdim=True)
+    return -blur * ((rows @ torch.exp(scores - top) @ columns).log() + top)

@@ -1,0 +1,20 @@
+"""The order of the catalogue."""
+
+import torch
+from torch import Tensor
+
+from brushexp.plugins.order.base import Order
+from brushexp.registry import register
+from brushexp.strokes.catalogue import Strokes
+
+
+@register("order", "fixed")
+class Fixed(Order):
+    """As the strokes come: the last one of the catalogue on top."""
+
+    def __init__(self) -> None:
+        self.every = 2**31  # never again
+        self.needs_accuracy = False
+
+    def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
+        return torch.zeros_like(strokes.opacity)

@@ -1,0 +1,255 @@
+"""Strokes with the look of a bristle brush: small textures along and across the stroke, drawn by compiled kernels."""
+
+import math
+from collections.abc import Callable
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from brushexp.errors import UserError
+from brushexp.plugins.engine.base import Engine
+from brushexp.plugins.renderer.base import SPREAD, Renderer, TexturedProfile
+from brushexp.plugins.renderer.weights_file import restore, shipped
+from brushexp.registry import register
+from brushexp.strokes.bezier import curve_of, half_width_of
+from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.prior import INSET, WIDTH
+
+FINE = 3  # in painting, steps of thickness between two widths of the textures
+BLURS = 4  # for texels down to an eighth of a pixel
+THIN = 0.5  # pixels: strokes do not get thinner than about twice this, but fainter
+FAINT = 5 / 255  # in painting, texels less opaque than this are left out: a stroke's reach is what it costs
+DARKEST = 0.35  # share of black in the darkest texel: shade between bristles, not black where paint is too thin to tell
+FADED, LIT = 0.003, 0.95  # opacities and light this near to their limits are kept off them, so that they can be trained
+SAMPLES = 4  # of a texel in each direction, when it is read off a picture
+BYTE = 255  # steps of opacity in painting; light has (BYTE - 1) / 2 to either side of 0
+
+
+@register("renderer", "textured")
+class Textured(Renderer):
+    """Bezier stroke with the texture of a bristle brush, looked up along and across the curve.
+
+    There are several textures: a stroke's number decides which variant it has, always the same one, and its thickness
+    against its window between which two ``widths`` it lies. A texture that would be finer than the pixels is smoothed
+    first, so that small strokes neither flicker nor have wild gradients. A stroke thinner than a pixel fades.
+
+    In painting (frozen weights) textures are kept in 8 bits, and the thickness is rounded to one of a few: what is lost
+    is less than can be seen, and the derivative of the texture with respect to the thickness.
+
+    Args:
+        variants: how many different brushes.
+        widths: textures of a brush from the thinnest to the thickest stroke, evenly on a logarithmic scale.
+        rows: texels across; even. They reach to ``SPREAD`` half widths on either side.
+        columns: texels from the start of the curve to its end; the caps beyond have the size of the others across.
+        checkpoint: trained weights: a .safetensors file, or the name of one that comes with the program; null for
+            bristles drawn at random.
+    """
+
+    def __init__(
+        self,
+        *,
+        variants: int = 8,
+        widths: int = 4,
+        rows: int = 24,
+        columns: int = 32,
+        checkpoint: str | None = shipped("textured"),
+    ) -> None:
+        super().__init__()
+        options = {"variants": variants, "widths": widths, "rows": rows, "columns": columns}
+        for key, value in options.items():
+            if not 1 <= value <= 256:
+                raise UserError(f"renderer.{key}={value} is not a number from 1 to 256; leave it at its default")
+        if rows % 2 or rows < 4:
+            raise UserError(f"renderer.rows={rows} is not an even number of at least 4; try renderer.rows=24")
+        self.variants, self.widths = variants, widths
+        self.textures = nn.Parameter(bristles(variants, widths, rows, columns))
+        self.register_buffer(
+            "room", (distance_of(rows, columns) < SPREAD - 2 * SPREAD / rows).float(), persistent=False
+        )
+        self._ready: tuple[object, tuple[Tensor, Tensor, Tensor]] | None = None
+        self.weights_hash = restore(self, "textured", checkpoint, options)
+
+    room: Tensor
+
+    def forward(self, strokes: Strokes, number: Tensor | None = None) -> TexturedProfile:
+        number = torch.arange(len(strokes), device=strokes.position.device) if number is None else number
+        half = half_width_of(strokes)
+        softened = (half.square() + THIN**2).sqrt()
+        place = (strokes.width.clamp(*WIDTH) / WIDTH[0]).log() * ((self.widths - 1) / math.log(WIDTH[1] / WIDTH[0]))
+        texel = 2 * SPREAD / (self.room.shape[0] - 2) * softened.detach()  # pixels
+        blur = texel.clamp_min(1e-9).log2().neg().round().clamp(0, BLURS - 1).long()
+        trained = self.training or (self.textures.requires_grad and torch.is_grad_enabled())
+        choose = self._between if trained else self._nearest
+        textures, extent, look, cells = choose(number % self.variants, place, blur)
+        opacity = strokes.opacity * half / softened
+        return TexturedProfile(curve_of(strokes), softened, strokes.color, opacity, textures, extent, look, cells)
+
+    @torch.no_grad()
+    def distil(self, simulator: Callable[[], Engine], seed: int) -> None:
+        """Read the textures off straight strokes: of each brush one as thick as each of the ``widths``."""
+        thickness = torch.linspace(-1, 1, self.widths) if self.widths > 1 else torch.zeros(1)
+        thickness = WIDTH[0] * (WIDTH[1] / WIDTH[0]) ** (0.5 * (thickness + 1))
+        parameters = torch.zeros(self.widths, 10)
+        parameters[:, 0], parameters[:, 4] = -INSET, INSET
+        parameters[:, 6] = (2 * thickness - sum(WIDTH)) / (WIDTH[1] - WIDTH[0])
+        engine = simulator()
+        for variant in range(self.variants):
+            for k in range(self.widths):  # one by one, for the number decides the brush
+                picture = engine(parameters[k : k + 1], seed=seed, first=variant).images[0]
+                self.textures[variant, k] = unrolled(picture, float(thickness[k]), *self.textures.shape[3:])
+
+    def _between(self, variant: Tensor, place: Tensor, blur: Tensor) -> tuple[Tensor, Tensor, Tensor, None]:
+        """A texture for each stroke, differentiable in its thickness and in what is trained."""
+        looks = self._looks()
+        low = place.detach().floor().clamp(0, max(self.widths - 2, 0)).long()
+        part = (place - low)[:, None, None, None].to(looks)
+        high = (low + 1).clamp_max(self.widths - 1)
+        textures = torch.lerp(looks[variant, low, blur], looks[variant, high, blur], part)
+        count = torch.arange(len(variant), device=variant.device)
+        return textures, extent_of(self.room[None]).to(place.dtype).expand(len(count)), count, None
+
+    def _nearest(self, variant: Tensor, place: Tensor, blur: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """The textures for painting, and which of them each stroke has."""
+        key = (self.textures._version, self.textures.data_ptr(), self.textures.device)
+        if self._ready is None or self._ready[0] != key:
+            with torch.inference_mode(False), torch.no_grad():
+                self._ready = (key, self._prepare())
+        textures, extent, cells = self._ready[1]
+        level = (place.detach() * FINE).round().long()
+        look = (variant * ((self.widths - 1) * FINE + 1) + level) * BLURS + blur
+        return textures, extent.to(place.dtype), look, cells
+
+    def _looks(self) -> Tensor:
+        """(variants, widths, BLURS, 2, rows + 2, rows + columns + 2) as `TexturedProfile` has it."""
+        raw = functional.pad(self.textures.flatten(0, 1), (1, 1, 1, 1), mode="replicate")
+        opacity, light = raw.unflatten(0, (self.variants, self.widths)).unbind(2)
+        opacity, light = opacity.sigmoid() * self.room, light.tanh() * torch.where(light > 0, 1.0, DARKEST)
+        return torch.stack([smoothed(opacity, light, self.room, level) for level in range(BLURS)], dim=2)
+
+    def _prepare(self) -> tuple[Tensor, Tensor, Tensor]:
+        looks = self._looks()
+        place = torch.arange((self.widths - 1) * FINE + 1, device=looks.device, dtype=looks.dtype) / FINE
+        low = place.floor().clamp(0, max(self.widths - 2, 0)).long()
+        part = (place - low)[:, None, None, None, None]
+        looks = torch.lerp(looks[:, low], looks[:, (low + 1).clamp_max(self.widths - 1)], part).flatten(0, 2)
+        opacity, light = looks.unbind(1)
+        half = (BYTE - 1) // 2
+        bytes_ = torch.stack([(opacity * (opacity >= FAINT) * BYTE).round(), (light * half).round()], dim=1)
+        textures = bytes_ / torch.tensor([BYTE, half], device=looks.device)[:, None, None]
+        return textures, extent_of(textures[:, 0]), cells_of(bytes_)
+
+
+def unrolled(picture: Tensor, width: float, rows: int, length: int) -> Tensor:
+    """The texture (2, rows, length), before sigmoid and tanh, of a straight grey stroke.
+
+    Args:
+        picture: (4, S, S) of a stroke from (-INSET, 0) to (INSET, 0) half-windows, in the middle grey.
+        width: its thickness as a fraction of the window.
+        rows: of the texture.
+        length: its columns, caps included.
+    """
+    across, t, before, beyond = (part[1:-1] for part in coordinates_of(rows, length - rows))
+    x = INSET * (2 * t - 1) + width * (before + beyond)  # half-windows; half a width is `width` of them
+    within = (torch.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
+    step_x = torch.gradient(x)[0]
+    x = (x[:, None] + within * step_x[:, None]).flatten()
+    y = (width * (across[:, None] + within * (2 * SPREAD / rows))).flatten()
+    places = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1)[None]
+    seen = torch.cat([picture[:3].mean(0, keepdim=True) * picture[3:], picture[3:]])  # premultiplied grey, alpha
+    fine = functional.grid_sample(seen[None], places, align_corners=False)
+    grey, alpha = functional.avg_pool2d(fine, SAMPLES)[0]
+    light = 2 * grey / alpha.clamp_min(1e-3) - 1
+    light = torch.where(light > 0, light, light / DARKEST) * (alpha > FAINT)
+    return torch.stack([alpha.clamp(FADED, 1 - FADED).logit(), light.clamp(-LIT, LIT).atanh()])
+
+
+def extent_of(opacity: Tensor) -> Tensor:
+    """Half widths (M,) from the curve, beyond which textures with this opacity (M, rows + 2, columns + 2) are empty."""
+    rows = opacity.shape[1] - 2
+    distance = distance_of(rows, opacity.shape[2] - 2 - rows).to(opacity)
+    farthest = torch.where(opacity > 0, distance, -1.0).amax((1, 2))
+    margin = math.sqrt(2) * 2 * SPREAD / rows  # a texel is felt as far as the next one
+    return torch.where(farthest < 0, 0.0, farthest + margin)
+
+
+def cells_of(steps: Tensor) -> Tensor:
+    """The corners of each cell between four texels, as bytes of two words, so that a lookup is two loads.
+
+    Args:
+        steps: (M, 2, rows, columns) whole numbers: opacity 0 to 255, light -127 to 127.
+
+    Returns:
+        (M, rows - 1, columns - 1, 2) int32: of opacity, and of light + 128, the corners above left, above right, below
+        left and below right, the lowest byte first.
+    """
+    whole = steps.long() + torch.tensor([0, 128], device=steps.device)[:, None, None]
+    corners = (whole[..., :-1, :-1], whole[..., :-1, 1:], whole[..., 1:, :-1], whole[..., 1:, 1:])
+    word = sum((corner << (8 * k) for k, corner in enumerate(corners)), start=torch.zeros_like(corners[0]))
+    return torch.where(word >= 2**31, word - 2**32, word).int().movedim(1, -1).contiguous()
+
+
+def bristles(variants: int, widths: int, rows: int, columns: int) -> Tensor:
+    """Textures of brushes drawn at random, before sigmoid (opacity) and tanh (light): the same ones every time.
+
+    Each brush has bristles of its own: how much paint they leave, where they touch down and lift off, and how far those
+    at the sides stray. Paint is thin at first; the thicker the stroke, the more the bristles show.
+
+    Returns:
+        (variants, widths, 2, rows, rows + columns).
+    """
+    generator = torch.Generator().manual_seed(0)
+    load, begin, finish, ridge = torch.randn(4, variants, 1, rows, 1, generator=generator)
+    waver = functional.interpolate(  # what changes along a bristle
+        torch.randn(variants, rows, 8, generator=generator), rows + columns, mode="linear", align_corners=True
+    )[:, None]
+    v, t, before, beyond = (part[1:-1] for part in coordinates_of(rows, columns))
+    thick = torch.linspace(0.3, 1, widths)[:, None, None]
+    side = 14 * (0.95 + 0.1 * thick * load - v.abs()[:, None])
+    start = 9 * (before + 0.1 + 0.3 * thick * begin) + 6 * t
+    end = 14 * (0.1 + 0.2 * thick * finish - beyond) + 12 * (1 - t)
+    full = 2.5 + thick * (load + 0.7 * waver)
+    opacity = torch.minimum(torch.minimum(side, start), torch.minimum(end, full)).clamp(-6, 6)
+    light = 0.15 * thick * (load + waver) + 0.5 * (thick * (ridge + 0.5 * waver) - 1.5).clamp_min(0)
+    return torch.stack([opacity, light], dim=2)
+
+
+def coordinates_of(rows: int, columns: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Where the texels of a texture with the ring around it lie; all but t in half widths.
+
+    Returns:
+        across (rows + 2,); of the columns (rows + columns + 2,) t, before the start (negative), and beyond the end.
+    """
+    step = 2 * SPREAD / rows
+    across = step * (torch.arange(rows + 2) - 0.5 - rows / 2)
+    u = torch.arange(rows + columns + 2) - 0.5 - rows / 2
+    return across, (u / columns).clamp(0, 1), step * u.clamp_max(0), step * (u - columns).clamp_min(0)
+
+
+def distance_of(rows: int, columns: int) -> Tensor:
+    """Half widths (rows + 2, rows + columns + 2) from the curve to each texel."""
+    across, _, before, beyond = coordinates_of(rows, columns)
+    return torch.hypot(across[:, None], before + beyond)
+
+
+def smoothed(opacity: Tensor, light: Tensor, room: Tensor, level: int) -> Tensor:
+    """Textures (..., 2, rows, columns) as pixels of 2^level texels see them: a Gaussian with the spread of that square.
+
+    Along the stroke half as much, for there most texels are longer. Light counts by opacity.
+    """
+    if level == 0:
+        return torch.stack([opacity, light], dim=-3)
+    sigma = 2**level / math.sqrt(12)
+    rows, columns = opacity.shape[-2:]
+    weighted = torch.stack([opacity, opacity * light], dim=-3)
+    blurred = _gaussian(rows, sigma).to(room) @ weighted @ _gaussian(columns, 0.5 * sigma).to(room)
+    covered, lit = blurred.unbind(-3)
+    return torch.stack([covered * room, lit / covered.clamp_min(1e-6)], dim=-3)
+
+
+def _gaussian(n: int, sigma: float) -> Tensor:
+    """Matrix (n, n) that blurs n texels, with nothing beyond them."""
+    place = torch.arange(n)
+    spread = torch.arange(-n, n + 1)
+    total = torch.exp(-0.5 * (spread / sigma) ** 2).sum()
+    return torch.exp(-0.5 * ((place[:, None] - place) / sigma) ** 2) / total

@@ -1,0 +1,138 @@
+"""Places that hardly change any more are visited less often."""
+
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from brushexp.errors import UserError, check_range
+from brushexp.pictures.region import Region
+from brushexp.plugins.renderer.base import EDGE, SPREAD
+from brushexp.plugins.sampler.base import Glance, Sampler
+from brushexp.registry import register
+from brushexp.strokes.bezier import curve_of, half_width_of
+from brushexp.strokes.catalogue import Strokes
+
+CELL = 8  # pixels; the ring around the strokes that move is found on a grid as fine as the tiles of the blend
+LATELY = 0.5  # weight of the last visit in how fast a block's error falls
+
+
+@register("sampler", "resting")
+class Resting(Sampler):
+    """The whole canvas every few steps, and between them only the strokes of blocks that are not yet good.
+
+    A block of pixels falls asleep when its error has all but stopped falling, and it is one of the best, which together
+    hold only a small share of the squared error: what they could still gain cannot be seen in the PSNR. Strokes whose
+    middle lies in a block that is awake are moved; all that overlap them are drawn, so that they feel what they feel in
+    the whole. When the learning rate falls, errors fall again, and blocks wake up.
+
+    Args:
+        every: steps from one look at the whole canvas to the next, at least 2.
+        share: of the squared error that sleeping blocks may have together, 0 to 1; 0 lets nothing sleep.
+        fall: a block falls asleep when its error falls by less than this fraction from one look to the next.
+        block: side of the blocks in pixels.
+        worth: the whole canvas is looked at all the same while more than this fraction of the strokes is awake.
+    """
+
+    def __init__(
+        self, *, every: int = 4, share: float = 0.05, fall: float = 0.02, block: int = 32, worth: float = 0.75
+    ) -> None:
+        if every < 2:
+            raise UserError(f"sampler.every={every} leaves no step to rest; use sampler.every=4 or sampler=whole")
+        for key, value in (("share", share), ("worth", worth)):
+            check_range(f"sampler.{key}", value, 0, 1)
+        if block < 1:
+            raise UserError(f"sampler.block={block} is not a number of pixels; try sampler.block=32")
+        self.every = every
+        self.share = share
+        self.fall = fall
+        self.block = block
+        self.worth = worth
+        self._errors = torch.empty(0, 0)  # (rows, columns) squared error of each block at the last look at all
+        self._falling = torch.empty(0, 0)  # how fast they fall
+        self._glance: Glance | None = None  # until the next look at all
+        self._n = 0  # strokes that it was made for
+
+    def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> Glance:
+        whole = Glance(Region(0, 0, *size))
+        if step % self.every == 0:
+            self._glance = None
+            return whole
+        if step % self.every == 1:
+            self._glance, self._n = self._awake(strokes, size), len(strokes)
+        return whole if self._glance is None or self._n != len(strokes) else self._glance
+
+    def seen(self, glance: Glance, image: Tensor, target: Tensor) -> None:
+        if glance.active is not None:
+            return
+        errors = _by_block((image - target).square().sum(0), self.block)
+        if errors.shape == self._errors.shape:
+            now = 1 - errors / self._errors.clamp_min(torch.finfo(errors.dtype).tiny)
+            self._falling = self._falling.lerp(now.clamp(-1, 1), LATELY)
+        else:
+            self._falling = torch.ones_like(errors)
+        self._errors = errors
+
+    def state_dict(self) -> dict[str, Any]:
+        glance = self._glance
+        return {
+            "errors": self._errors,
+            "falling": self._falling,
+            "strokes": None if glance is None else (glance.active, glance.ring),
+            "region": None if glance is None else glance.region,
+            "n": self._n,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self._errors, self._falling, self._n = state["errors"], state["falling"], state["n"]
+        self._glance = None if state["region"] is None else Glance(state["region"], *state["strokes"])
+
+    def _awake(self, strokes: Strokes, size: tuple[int, int]) -> Glance | None:
+        """The strokes that move until the next look at all, and those around them; None for all."""
+        if not self._errors.numel() or not len(strokes):
+            return None
+        asleep = _least(self._errors, self.share) & (self._falling.abs() < self.fall)
+        last = torch.tensor([asleep.shape[1] - 1, asleep.shape[0] - 1], device=asleep.device)
+        column, row = torch.minimum((strokes.position / self.block).long().clamp_min(0), last).unbind(1)
+        active = ~asleep[row, column]
+        if not active.any() or active.float().mean() > self.worth:
+            return None
+        ring = _overlapping(strokes, active, size) & ~active
+        return Glance(Region(0, 0, *size), active.nonzero()[:, 0], ring.nonzero()[:, 0])
+
+
+def _by_block(values: Tensor, side: int) -> Tensor:
+    """Sums (rows, columns) of values (H, W) over blocks of ``side`` pixels; those at the far edges are smaller."""
+    height, width = values.shape
+    padded = nn.functional.pad(values, (0, -width % side, 0, -height % side))
+    return padded.view(padded.shape[0] // side, side, -1, side).sum((1, 3))
+
+
+def _least(errors: Tensor, share: float) -> Tensor:
+    """The blocks of least error, bool, as many as hold at most ``share`` of the sum together."""
+    order = errors.flatten().argsort()
+    within = errors.flatten()[order].cumsum(0) <= share * errors.sum()
+    return torch.zeros_like(within).scatter(0, order, within).view(errors.shape)
+
+
+def _overlapping(strokes: Strokes, active: Tensor, size: tuple[int, int]) -> Tensor:
+    """Which strokes (N,), bool, lie in a cell with one that is active (N,); a stroke lies in all cells of its box."""
+    curve, reach = curve_of(strokes), SPREAD * half_width_of(strokes)[:, None] + EDGE
+    cells = torch.tensor([-(-size[1] // CELL), -(-size[0] // CELL)], device=active.device)
+    low = torch.minimum(((curve.amin(1) - reach) / CELL).floor().long().clamp_min(0), cells)
+    high = torch.minimum(((curve.amax(1) + reach) / CELL).floor().long().clamp_min(-1) + 1, cells)
+    # Each box adds 1 at two of its corners and -1 at the others; sums over rows and columns count the boxes of a cell.
+    counts = torch.zeros(int(cells[1]) + 1, int(cells[0]) + 1, dtype=torch.int32, device=active.device)
+    some_low, some_high = low[active], high[active]
+    for x, y, sign in (
+        (some_low, some_low, 1),
+        (some_high, some_low, -1),
+        (some_low, some_high, -1),
+        (some_high, some_high, 1),
+    ):
+        one = torch.tensor(sign, dtype=torch.int32, device=active.device)
+        counts.index_put_((y[:, 1], x[:, 0]), one, accumulate=True)
+    wanted = counts.cumsum(0).cumsum(1)[:-1, :-1] > 0
+    sums = nn.functional.pad(wanted.int().cumsum(0).cumsum(1), (1, 0, 1, 0))
+    (left, top), (right, bottom) = low.unbind(1), high.unbind(1)
+    return sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left] > 0

@@ -1,0 +1,18 @@
+"""The whole canvas at every step."""
+
+import torch
+
+from brushexp.pictures.region import Region
+from brushexp.plugins.sampler.base import Glance, Sampler
+from brushexp.registry import register
+from brushexp.strokes.catalogue import Strokes
+
+
+@register("sampler", "whole")
+class Whole(Sampler):
+    """The whole canvas and all strokes at every step."""
+
+    def __init__(self) -> None: ...
+
+    def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> Glance:
+        return Glance(Region(0, 0, *size))

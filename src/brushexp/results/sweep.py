@@ -1,0 +1,98 @@
+"""Hydra callback: the result of every run of a sweep; and page, table, sheet and plots renewed after each."""
+
+import logging
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock
+from hydra.core.utils import JobReturn, JobStatus
+from hydra.experimental.callback import Callback
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
+
+from brushexp.errors import UserError
+from brushexp.results.anytime import write_anytime
+from brushexp.results.curves import write_curves
+from brushexp.results.effect import write_effect
+from brushexp.results.page.sweep_page import write_sweep_page
+from brushexp.results.pareto import write_front
+from brushexp.results.runs import overrides
+from brushexp.results.sheet import write_sheet
+from brushexp.results.table import write_table
+from brushexp.system.files import write_json
+
+log = logging.getLogger(__name__)
+LOCK = ".report.lock"
+
+
+class SweepReport(Callback):
+    """Write ``result.json`` into every run of a sweep and renew its ``report.html``, tables, ``sheet.png`` and plots.
+
+    Does it after every job and not once at the end, because Hydra 1.3 ends a sweep with a failed job without a word to
+    its callbacks. A single run has its metrics.json and needs none of this.
+    """
+
+    def on_job_end(self, config: DictConfig, job_return: JobReturn, **_: Any) -> None:
+        run_folder = Path(config.hydra.runtime.output_dir)
+        sweep = config.hydra.mode is RunMode.MULTIRUN
+        if job_return.status is JobStatus.FAILED:
+            log_failure(run_folder, job_return._return_value, everywhere=sweep)
+        if sweep:
+            try:  # Hydra would turn an exception into a warning
+                write_json(run_folder / "result.json", result_of(run_folder.name, config, job_return))
+                renew(run_folder.parent)
+            except Exception as error:
+                log.error("no report of this run: %s", error, exc_info=not isinstance(error, UserError))
+
+    def on_multirun_end(self, config: DictConfig, **_: Any) -> None:
+        Path(config.hydra.sweep.dir, LOCK).unlink(missing_ok=True)  # all jobs are done, nobody waits for it
+
+
+def renew(folder: Path) -> None:
+    """Write page, tables, sheet and plots of a sweep from the results of all its runs; one process at a time."""
+    with FileLock(folder / LOCK):
+        write_table(folder)
+        write_sheet(folder)
+        write_effect(folder)
+        write_curves(folder)
+        write_anytime(folder)
+        write_front(folder)
+        write_sweep_page(folder)
+
+
+def result_of(run: str, config: DictConfig, job_return: JobReturn) -> dict[str, Any]:
+    """What ``result.json`` of a run holds: its settings, how it ended, and the numbers that the task returned."""
+    result: dict[str, Any] = {"run": run, "status": job_return.status.name.lower()}
+    numbers: dict[str, Any] = {}
+    if job_return.status is JobStatus.COMPLETED:
+        numbers = job_return.return_value or {}
+    else:
+        result["error"] = first_line(job_return._return_value)
+    result["overrides"] = overrides(config.hydra.overrides.task)
+    losses = OmegaConf.select(config, "loss")
+    if losses is not None:
+        result["loss"] = "+".join(losses)  # the choices that Hydra records leave out groups chosen by a list
+    return result | numbers
+
+
+def first_line(error: BaseException) -> str:
+    """What went wrong, on one line; the kind of error too unless it is a message to the user."""
+    text = str(error).strip().partition("\n")[0]
+    kind = type(error).__name__
+    return text if isinstance(error, UserError) else f"{kind}: {text}" if text else kind
+
+
+def log_failure(folder: Path, error: BaseException, *, everywhere: bool) -> None:
+    """Put the error into the run's log, where Hydra does not.
+
+    Args:
+        folder: of the run.
+        error: a traceback is added unless it is a message to the user.
+        everywhere: on the terminal too; Hydra shows only the first failure of a sweep, but that of a single run.
+    """
+    trace = None if isinstance(error, UserError) else (type(error), error, error.__traceback__)
+    message = f"run {folder.name} failed: {first_line(error)}"
+    record = log.makeRecord(log.name, logging.ERROR, __file__, 0, message, (), trace)
+    for handler in logging.getLogger().handlers:
+        if everywhere or isinstance(handler, logging.FileHandler):
+            handler.handle(record)

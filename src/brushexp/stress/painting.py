@@ -1,0 +1,146 @@
+"""Cells of many steps: strokes that are optimised under extreme conditions, and what becomes of them."""
+
+import time
+from dataclasses import dataclass
+
+import lightning as L
+import torch
+from torch import Tensor
+
+from brushexp.errors import UserError
+from brushexp.painting.metrics import psnr_of
+from brushexp.painting.painter import Painter
+from brushexp.painting.parts import Parts, Stage
+from brushexp.plugins.blend.base import Blend
+from brushexp.plugins.density.fixed import Fixed
+from brushexp.plugins.loss.pixel import MeanSquaredError
+from brushexp.plugins.optimizer.torch_optim import TorchOptim
+from brushexp.plugins.order.area import Area
+from brushexp.plugins.renderer.base import Renderer
+from brushexp.plugins.sampler.whole import Whole
+from brushexp.stress.drawing import CRASHES, Reference, broken_by
+from brushexp.stress.scenes import BACKGROUND, TARGETS, Scene, random_strokes, random_target
+from brushexp.stress.verdict import DTYPES, Judgement, Verdict, fault_of, judge
+from brushexp.strokes.catalogue import Catalogue
+
+CANVAS, STROKES, FEW = (16, 25), 8, 3  # strokes; and of a renderer that is slow
+USUAL = 0.02  # learning rate
+SHORT, LONG = 30, 10_000  # steps
+LEAST = 10  # of these, if a step takes ever so long
+
+
+@dataclass(frozen=True)
+class Exercise:
+    """What strokes are put through.
+
+    Attributes:
+        target: (3, H, W).
+        steps: gradient steps.
+        rate: learning rate of Adam.
+    """
+
+    target: Tensor
+    steps: int = SHORT
+    rate: float = USUAL
+
+
+def exercises() -> dict[str, Exercise]:
+    """All of them."""
+    rows, columns = CANVAS
+    targets = {name: scene(0).target[:, :rows, :columns] for name, scene in TARGETS.items()}
+    targets["target: one bright pixel"] = torch.zeros(3, rows, columns)
+    targets["target: one bright pixel"][:, rows // 2, columns // 2] = 1
+    return {
+        "learning rate x 100": Exercise(random_target(CANVAS), 2 * SHORT, 100 * USUAL),
+        "10,000 steps": Exercise(random_target(CANVAS), LONG),
+        **{name: Exercise(target) for name, target in targets.items()},
+    }
+
+
+def paint_cell(
+    name: str, renderer: Renderer, blend: Blend, dtype: str, exercise: Exercise, patience: float
+) -> Judgement:
+    """Optimise a few strokes, and judge what they are in the end: finite, in range, and painted as in float64.
+
+    Args:
+        name: of the renderer.
+        renderer: draws the strokes.
+        blend: lays them over each other.
+        dtype: precision of the strokes.
+        exercise: what they are put through.
+        patience: seconds that 10,000 steps may take, and ten times what fewer may; if they would take longer, not all
+            are taken, but those that fit into a tenth of it.
+    """
+    kind = DTYPES[dtype]
+    if kind is torch.float64:
+        renderer = Reference(renderer, Scene(random_strokes(0, CANVAS), exercise.target, 0)).renderer
+    try:
+        painter = painter_of(name, renderer, blend, kind, exercise)
+        before = psnr_of(float((painter.picture() - painter.target).square().mean()))
+        take_steps(painter, patience if exercise.steps >= LONG else 0.1 * patience)
+        picture = painter.picture()
+        strokes = painter.catalogue().map(Tensor.detach)
+        reference = Reference(renderer, Scene(strokes, exercise.target, len(strokes), painter.front_to_back))
+        exact = reference.by(blend, dtype)
+    except UserError as error:
+        return Judgement(Verdict.refused, note=str(error))
+    except CRASHES as error:
+        return broken_by(error)
+    after = psnr_of(float((picture - painter.target).square().mean()))
+    fewer = f"{painter.step} of {exercise.steps:,} steps, " if painter.step < exercise.steps else ""
+    return judge(
+        dtype, picture, exact.image, {}, {}, strokes=strokes, pull=0.0, faults=fault_of(strokes),
+        note=f"{fewer}{before:.1f} to {after:.1f} dB",
+    )  # fmt: skip
+
+
+def painter_of(name: str, renderer: Renderer, blend: Blend, dtype: torch.dtype, exercise: Exercise) -> Painter:
+    """What optimises the strokes of an exercise."""
+    parts = Parts(
+        stages=[Stage(name, renderer, exercise.steps)],
+        blend=blend,
+        order=Area(),
+        losses={"mse": MeanSquaredError()},
+        density=Fixed(),
+        sampler=Whole(),
+        optimizer=TorchOptim(lr=exercise.rate),
+    )
+    strokes = random_strokes(STROKES if renderer.stand_in is None else FEW, CANVAS).map(lambda value: value.to(dtype))
+    catalogue = Catalogue(strokes, parts.optimizer.units)
+    return Painter(catalogue, parts, exercise.target.to(dtype), torch.tensor(BACKGROUND).to(dtype), seed=0)
+
+
+def take_steps(painter: Painter, patience: float) -> None:
+    """Take all steps if they fit into ``patience`` seconds, else those that fit into a tenth of it."""
+    painter.rehearse()
+    begin = time.monotonic()
+    limit = patience
+
+    def watch(step: int) -> None:
+        nonlocal limit
+        passed = time.monotonic() - begin
+        if step == LEAST and passed / step * painter.steps > patience:
+            limit = 0.1 * patience
+        if step >= LEAST and passed > limit:
+            painter.stop = "patience"
+
+    painter.watch = watch
+    trainer = L.Trainer(
+        accelerator="cpu",
+        devices=1,
+        max_epochs=-1,
+        logger=False,
+        callbacks=[_End()],
+        enable_checkpointing=False,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+    )
+    trainer.fit(painter, range(1))
+
+
+class _End(L.Callback):
+    """Ends the fit after the last step."""
+
+    def on_train_epoch_end(self, trainer: L.Trainer, painter: L.LightningModule) -> None:
+        assert isinstance(painter, Painter)
+        trainer.should_stop = painter.step >= painter.steps or bool(painter.stop)

@@ -1,0 +1,179 @@
+"""Judging a renderer: its errors on held-out strokes, its speed, and what it does outside the range of training."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from brushexp.plugins.blend.base import Blend
+from brushexp.plugins.engine.base import Engine
+from brushexp.plugins.renderer.base import PatchRenderer, Renderer, window_pictures
+from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.prior import clamp_to_prior, parameters_of, sample_prior, strokes_of
+from brushexp.training.evaluation import Errors, FeatureDistance, errors_of, squared_error
+from brushexp.training.stream import StrokeBatch
+
+ACROSS, DOWN = 16, 8  # strokes that are painted at once when time is taken
+REPETITIONS, PATIENCE = 7, 6.0  # at most so many, and no further one after so many seconds
+ORDINARY = {  # a stroke in the middle of the range of training, of which the others differ in one thing
+    "start": (-0.5, 0.25),
+    "control": (0.05, 0.0),
+    "end": (0.5, 0.2),
+    "width": 0.1,
+    "color": (0.2, 0.45, 0.75),
+}
+EXTREMES: dict[str, dict[str, object]] = {
+    "ordinary": {},
+    "width 0": {"width": 0.0},
+    "width 0.01": {"width": 0.01},
+    "width 0.03": {"width": 0.03},
+    "width 0.2": {"width": 0.2},
+    "width 0.5": {"width": 0.5},
+    "width 1": {"width": 1.0},
+    "length 0": {"start": (0.1, 0.1), "control": (0.1, 0.1), "end": (0.1, 0.1)},
+    "length 0.02": {"start": (0.09, 0.1), "control": (0.1, 0.1), "end": (0.11, 0.1)},
+    "length 2.8": {"start": (-1.0, -1.0), "control": (0.0, 0.0), "end": (1.0, 1.0)},
+    "control at 1": {"control": (0.0, -1.0)},
+    "control at 2": {"control": (0.0, -2.0)},
+    "control at 5": {"control": (0.0, -5.0)},
+    "ends at 1.5": {"start": (-1.5, 0.25), "end": (1.5, 0.2)},
+    "red -0.5": {"color": (-0.5, 0.45, 0.75)},
+    "red 1.5": {"color": (1.5, 0.45, 0.75)},
+}  # lengths and places in half-windows, widths in sides of the window
+
+
+def judge(
+    renderer: Renderer, batches: Iterable[StrokeBatch], window: int, distances: Sequence[FeatureDistance]
+) -> dict[str, float]:
+    """Errors of a renderer on strokes that it has not seen.
+
+    Args:
+        renderer: any, on some device.
+        batches: strokes with their true pictures.
+        window: pixels on the side of those.
+        distances: fresh ones; they take to the strokes' device what they need.
+
+    Returns:
+        ``l2``, ``psnr_alpha``, ``psnr_color`` (see `Errors.figures`), then the figures of the distances.
+    """
+    errors = Errors()
+    for batch in batches:
+        drawn, truth = drawn_and_true(renderer, batch, window)
+        errors += errors_of(drawn, truth)
+        for distance in distances:
+            distance.add(drawn, truth)
+    figures = errors.figures()
+    for distance in distances:
+        figures |= distance.figures()
+    return figures
+
+
+@torch.no_grad()
+def drawn_and_true(renderer: Renderer, batch: StrokeBatch, window: int) -> tuple[Tensor, Tensor]:
+    """Pictures (B, 4, S, S) of a batch by the renderer, in [0, 1], and as they should be."""
+    device = device_of(renderer)
+    drawn = window_pictures(renderer, batch.parameters.to(device), window, batch.number.to(device))
+    return drawn.clamp(0, 1), batch.images.to(device)
+
+
+def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backward: bool) -> float:
+    """How fast strokes are painted, `ACROSS` x `DOWN` at once, each alone in its place on a canvas.
+
+    So compiled kernels count as they do in painting, and a stroke costs what its window costs. The best of some
+    repetitions after a first one, with as many threads as PyTorch has now.
+
+    Args:
+        renderer: any, with frozen weights, as in painting.
+        blend: paints its layers.
+        window: pixels on the side of a window.
+        backward: also compute the gradient of the sum of all pixels in the parameters of the strokes.
+    """
+    device, threads = device_of(renderer), torch.get_num_threads()
+    strokes = sample_prior(ACROSS * DOWN)
+    place = torch.stack(torch.meshgrid(torch.arange(ACROSS), torch.arange(DOWN), indexing="xy"), dim=-1).reshape(-1, 2)
+    scale = torch.full_like(strokes.scale, window)
+    strokes = replace(strokes, position=window * (place + 0.5), scale=scale).map(lambda value: value.to(device))
+    white, order = torch.ones(3, device=device), torch.arange(ACROSS * DOWN, device=device)
+    best, spent = math.inf, 0.0
+    for repetition in range(REPETITIONS + 1):
+        torch.set_num_threads(threads)  # the first kernel that Numba starts sets it to all cores
+        given = strokes.map(lambda value: value.clone().requires_grad_(backward))
+        before = time.perf_counter()
+        with torch.set_grad_enabled(backward):
+            image = blend(renderer(given), order, (DOWN * window, ACROSS * window), white).image
+            if backward:
+                image.sum().backward()
+        if device.type == "cuda":
+            torch.cuda.synchronize(device)
+        seconds = time.perf_counter() - before
+        best = min(best, seconds) if repetition else best
+        spent += seconds
+        if repetition and spent > PATIENCE:
+            break
+    return ACROSS * DOWN / best
+
+
+@dataclass(frozen=True)
+class Outside:
+    """What became of the strokes `EXTREMES`.
+
+    Attributes:
+        nearest: (n, 4, S, S) the engine's pictures of the nearest strokes of the range of training.
+        pictures: by how they were made: ``painted``, what a user gets, and of a patch renderer ``bare``, what its
+            network draws if the parameters are not brought into the range first.
+        rows: what `outside.csv` holds: the stroke's name, how it was drawn, whether all numbers are finite and in
+            [0, 1], the sum of alpha against that of the nearest stroke, and the L2 to it.
+    """
+
+    nearest: Tensor
+    pictures: dict[str, Tensor]
+    rows: list[dict[str, object]]
+
+    @property
+    def finite(self) -> bool:
+        """Whether everything that a user gets is a number."""
+        return bool(self.pictures["painted"].isfinite().all())
+
+
+@torch.no_grad()
+def draw_extremes(renderer: Renderer, engine: Engine) -> Outside:
+    """Draw the strokes `EXTREMES` beside those that the engine paints nearest to them."""
+    device, side = device_of(renderer), engine.window
+    strokes = extreme_strokes()
+    within = clamp_to_prior(replace(strokes, color=strokes.color.clamp(0, 1)))
+    nearest = engine(parameters_of(within), seed=0).images
+    parameters = parameters_of(strokes).to(device)
+    pictures = {"painted": window_pictures(renderer, parameters, side).cpu()}
+    if isinstance(renderer, PatchRenderer) and renderer.window == side:
+        pictures["bare"] = renderer.draw(parameters).cpu()
+    rows = [
+        {
+            "stroke": name,
+            "drawn": kind,
+            "finite": bool(image.isfinite().all()),
+            "in_range": bool(((image >= 0) & (image <= 1)).all()),
+            "alpha_mass": float(image[3].sum() / truth[3].sum()),
+            "l2": float(squared_error(image, truth)),
+        }
+        for kind, images in pictures.items()
+        for name, image, truth in zip(EXTREMES, images, nearest, strict=True)
+    ]
+    return Outside(nearest, pictures, rows)
+
+
+def extreme_strokes() -> Strokes:
+    """The strokes `EXTREMES` at position 0 in a window of 64 pixels."""
+    chosen = [{**ORDINARY, **changes} for changes in EXTREMES.values()]
+    values = {name: torch.tensor([stroke[name] for stroke in chosen]) for name in ORDINARY}
+    return replace(strokes_of(torch.zeros(len(chosen), 10)), **values)
+
+
+def device_of(renderer: Renderer) -> torch.device:
+    """Where its weights are; the CPU if it has none."""
+    weight = next(renderer.parameters(), None)
+    return torch.device("cpu") if weight is None else weight.device
