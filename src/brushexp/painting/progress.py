@@ -18,7 +18,6 @@ from brushexp.painting.timelapse import Timelapse
 from brushexp.system.files import replacing
 
 log = logging.getLogger(__name__)
-CHECKPOINT = "checkpoint.ckpt"
 INTERRUPTED = "interrupted"
 NOTICES = 5  # lines in the log of a run, where there is no terminal for a bar
 

@@ -76,7 +76,7 @@ def judge(
 @torch.no_grad()
 def drawn_and_true(renderer: Renderer, batch: StrokeBatch, window: int) -> tuple[Tensor, Tensor]:
     """Pictures (B, 4, S, S) of a batch by the renderer, in [0, 1], and as they should be."""
-    device = device_of(renderer)
+    device = device_of_weights(renderer)
     drawn = window_pictures(renderer, batch.parameters.to(device), window, batch.number.to(device))
     return drawn.clamp(0, 1), batch.images.to(device)
 
@@ -93,7 +93,7 @@ def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backwar
         window: pixels on the side of a window.
         backward: also compute the gradient of the sum of all pixels in the parameters of the strokes.
     """
-    device, threads = device_of(renderer), torch.get_num_threads()
+    device, threads = device_of_weights(renderer), torch.get_num_threads()
     strokes = sample_prior(ACROSS * DOWN)
     place = torch.stack(torch.meshgrid(torch.arange(ACROSS), torch.arange(DOWN), indexing="xy"), dim=-1).reshape(-1, 2)
     scale = torch.full_like(strokes.scale, window)
@@ -143,7 +143,7 @@ class Outside:
 @torch.no_grad()
 def draw_extremes(renderer: Renderer, engine: Engine) -> Outside:
     """Draw the strokes `EXTREMES` beside those that the engine paints nearest to them."""
-    device, side = device_of(renderer), engine.window
+    device, side = device_of_weights(renderer), engine.window
     strokes = extreme_strokes()
     within = clamp_to_prior(replace(strokes, color=strokes.color.clamp(0, 1)))
     nearest = engine(parameters_of(within), seed=0).images
@@ -173,7 +173,7 @@ def extreme_strokes() -> Strokes:
     return replace(strokes_of(torch.zeros(len(chosen), 10)), **values)
 
 
-def device_of(renderer: Renderer) -> torch.device:
+def device_of_weights(renderer: Renderer) -> torch.device:
     """Where its weights are; the CPU if it has none."""
     weight = next(renderer.parameters(), None)
     return torch.device("cpu") if weight is None else weight.device

@@ -17,7 +17,6 @@ from brushexp.system.files import replacing, write_picture
 from brushexp.training.trainer import RendererTrainer
 
 log = logging.getLogger(__name__)
-CHECKPOINT = "checkpoint.ckpt"
 INTERRUPTED = "interrupted"
 COLUMNS = 6  # pairs in a row of the sheet of held-out strokes
 SHOWN_SIDE = 128  # pixels that a window has at least on that sheet

@@ -20,7 +20,6 @@ from rich.progress import track
 from torch import Tensor
 
 from brushexp.app.checks import Evaluate, check_keys
-from brushexp.app.tasks.paint import device_of
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.engine.base import Engine
@@ -29,6 +28,7 @@ from brushexp.plugins.renderer.weights_file import checkpoint_path, read_recipe
 from brushexp.registry import build, build_named, plugin_of
 from brushexp.results.drawing import Cell, Grid, draw
 from brushexp.system.checkpoint import weights_hash
+from brushexp.system.device import device_of
 from brushexp.system.files import to_bytes, write_bytes, write_json, write_text
 from brushexp.system.process import peak_memory
 from brushexp.training.dataset import Origin, Split, origin_of, require_same_origin

@@ -15,6 +15,7 @@ from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.app.checks import Paint, StyleKeys, check_keys
+from brushexp.app.resuming import CHECKPOINT, interrupted_run
 from brushexp.app.tracking import trackers_of
 from brushexp.errors import UserError
 from brushexp.features.distance import Distance, open_distance
@@ -24,7 +25,7 @@ from brushexp.painting.goals import Goals
 from brushexp.painting.metrics import measure
 from brushexp.painting.outputs import renderer_of, summary_line, work_of
 from brushexp.painting.painter import Painter
-from brushexp.painting.progress import CHECKPOINT, INTERRUPTED, Checkpoints, Frames, ProgressBar
+from brushexp.painting.progress import INTERRUPTED, Checkpoints, Frames, ProgressBar
 from brushexp.painting.timelapse import Timelapse
 from brushexp.pictures.load import background_color, load_picture
 from brushexp.pictures.video import format_of
@@ -34,6 +35,7 @@ from brushexp.registry import plugin_of
 from brushexp.results.page.run import write_run_page
 from brushexp.strokes.catalogue import Catalogue
 from brushexp.strokes.storage import Saved, save_catalogue
+from brushexp.system.device import device_of
 from brushexp.system.files import to_bytes, write_json, write_picture
 from brushexp.system.process import interruptible, peak_memory
 
@@ -88,42 +90,6 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         log.warning("interrupted at step %d; continue with: python run.py resume=%s", painter.step, folder)
         raise KeyboardInterrupt
     return metrics
-
-
-def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
-    """Checkpoint and settings of a run that is to be continued.
-
-    Raises:
-        UserError: if there is nothing to continue there, or the command line changes what must stay.
-    """
-    settings, checkpoint = folder / ".hydra" / "config.yaml", folder / CHECKPOINT
-    for path in (settings, checkpoint):
-        if not path.is_file():
-            raise UserError(f"resume={folder}: there is no {path.name}; give the folder of an interrupted run")
-    allowed = ("resume", "output", "device", "threads", "checkpoint_every", "task")
-    for override in HydraConfig.get().overrides.task:
-        if override.lstrip("+~").partition("=")[0] not in allowed:
-            raise UserError(f"resume continues a run with its own settings; drop {override}")
-    kept = OmegaConf.load(settings)
-    assert isinstance(kept, DictConfig)
-    kept.merge_with({key: cfg[key] for key in ("output", "device", "threads", "checkpoint_every")})
-    return checkpoint, kept
-
-
-def device_of(name: str) -> torch.device:
-    """The device called ``name``; auto is the first CUDA device, or the CPU where there is none."""
-    available = torch.cuda.is_available()
-    if name == "auto":
-        return torch.device("cuda" if available else "cpu")
-    try:
-        device = torch.device(name)
-    except RuntimeError as error:
-        raise UserError(f"device={name} is not a device; use device=auto, cpu, cuda or cuda:1") from error
-    if device.type not in ("cpu", "cuda"):
-        raise UserError(f"device={name} is not supported; use device=auto, cpu, cuda or cuda:1")
-    if device.type == "cuda" and (not available or (device.index or 0) >= torch.cuda.device_count()):
-        raise UserError(f"device={name}, but PyTorch finds {torch.cuda.device_count()} CUDA devices; use device=cpu")
-    return device
 
 
 def fit(

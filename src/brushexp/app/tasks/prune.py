@@ -14,6 +14,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from brushexp.app.checks import Prune, check_keys
+from brushexp.app.resuming import CHECKPOINT
 from brushexp.app.tasks.evaluate import (
     COLUMNS,
     as_csv,
@@ -27,7 +28,6 @@ from brushexp.app.tasks.evaluate import (
     shown,
     write_sheet,
 )
-from brushexp.app.tasks.paint import device_of
 from brushexp.app.tasks.train import PRECISIONS, data_of, data_recipe, fit
 from brushexp.errors import UserError
 from brushexp.painting.progress import INTERRUPTED
@@ -37,11 +37,11 @@ from brushexp.plugins.renderer.neural import Neural
 from brushexp.plugins.renderer.weights_file import checkpoint_path, read_recipe, save_checkpoint
 from brushexp.registry import build, plugin_of
 from brushexp.system.checkpoint import plain_options
+from brushexp.system.device import device_of
 from brushexp.system.files import write_json, write_text
 from brushexp.system.process import peak_memory
 from brushexp.training.evaluation import effl0_crowds
 from brushexp.training.judging import judge
-from brushexp.training.progress import CHECKPOINT
 from brushexp.training.pruning import check_prunable, prune
 from brushexp.training.stream import StrokeData
 from brushexp.training.trainer import RendererTrainer, Training

@@ -21,7 +21,7 @@ from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.app.checks import Shared, Train, check_keys
-from brushexp.app.tasks.paint import device_of, interrupted_run
+from brushexp.app.resuming import CHECKPOINT, interrupted_run
 from brushexp.app.tasks.simulate import record
 from brushexp.app.tracking import trackers_of
 from brushexp.errors import UserError
@@ -30,6 +30,7 @@ from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.renderer.weights_file import save_checkpoint
 from brushexp.registry import build, build_named, plugin_of
 from brushexp.system.checkpoint import plain_options
+from brushexp.system.device import device_of
 from brushexp.system.files import write_json
 from brushexp.system.process import interruptible, peak_memory
 from brushexp.training.dataset import Split, origin_of
@@ -38,7 +39,7 @@ from brushexp.training.discriminator import Training as TrainingOfDiscriminator
 from brushexp.training.discriminator import save as save_discriminator
 from brushexp.training.evaluation import effl0_crowds
 from brushexp.training.judging import judge
-from brushexp.training.progress import CHECKPOINT, INTERRUPTED, Checkpoints, HeldOutPictures, ProgressBar
+from brushexp.training.progress import INTERRUPTED, Checkpoints, HeldOutPictures, ProgressBar
 from brushexp.training.recording import Recording
 from brushexp.training.stream import OnTheWay, StrokeData
 from brushexp.training.trainer import RendererTrainer, Training
