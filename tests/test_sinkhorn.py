@@ -84,7 +84,7 @@ def test_equal_pictures_cost_nothing_and_pull_nowhere(size):
         x = image.clone().requires_grad_()
         value = judged(Sinkhorn(), x, image)
         (slope,) = torch.autograd.grad(value, x)
-        assert abs(value) < 1e-15
+        assert abs(value) < 1e-12
         assert value.dtype == torch.float32
         assert slope.abs().max() < 1e-7
 

@@ -264,9 +264,9 @@ def standardised(a: Array, b: Array) -> float | None:
 def cliffs_delta(a: Array, b: Array) -> float:
     """P(a > b) - P(a < b) over all pairs of two samples (Cliff, 1993)."""
     ascending = np.sort(b)
-    above = np.searchsorted(ascending, a, side="left").mean()
-    below = len(b) - np.searchsorted(ascending, a, side="right").mean()
-    return float(above - below) / len(b)
+    below = int(np.searchsorted(ascending, a, side="left").sum())  # counts of pairs, so that a tie leaves no rounding
+    above = len(a) * len(b) - int(np.searchsorted(ascending, a, side="right").sum())
+    return (below - above) / (len(a) * len(b))
 
 
 def effect(delta: float) -> str:
