@@ -17,8 +17,8 @@ import brushexp  # noqa: F401  (before torch: it sets how threads wait)
 import torch
 from step import scene
 
+from brushexp.painting.components import Components, Stage
 from brushexp.painting.painter import Painter
-from brushexp.painting.parts import Parts, Stage
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.loss.pixel import MeanSquaredError
@@ -36,7 +36,7 @@ STEPS = 30
 def row(side: int, sampler: str) -> None:
     """Print milliseconds and peak memory of steps on ``side`` x ``side`` pixels, one stroke per 105 of them."""
     target = torch.rand(3, side, side)
-    parts = Parts(
+    parts = Components(
         stages=[Stage("analytic", Analytic(), 10**6)],
         blend=Tiled(),
         order=Area(),

@@ -7,9 +7,9 @@ import torch
 from scenes import Windowed, random_strokes
 from test_painter import SIZE
 
+from brushexp.painting.components import Components, Stage
 from brushexp.painting.cost import GROWTH, Cost, Line, calibrate, in_words, predict
 from brushexp.painting.painter import Painter
-from brushexp.painting.parts import Parts, Stage
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.loss.pixel import MeanSquaredError
@@ -46,7 +46,7 @@ class Costly(Renderer):
 
 
 def painter_of(watch: Watch, *stages: Stage, n: int = 200, sampler=None, density=None) -> Painter:
-    parts = Parts(
+    parts = Components(
         stages=stages,
         blend=Tiled(),
         order=Area(),

@@ -8,14 +8,14 @@ import torch
 from scenes import Windowed, random_strokes, straight
 
 from brushexp.errors import UserError
+from brushexp.painting.components import Components, Stage
+from brushexp.painting.importance import importance
 from brushexp.painting.metrics import psnr_of
 from brushexp.painting.painter import Painter
-from brushexp.painting.parts import Parts, Stage
-from brushexp.painting.worth import worth
 from brushexp.plugins.blend.tiled import Kernel, Tiled
-from brushexp.plugins.density._places import halves, places, straddling
+from brushexp.plugins.density._candidates import candidates, halves, straddling
 from brushexp.plugins.density.adaptive import Adaptive
-from brushexp.plugins.density.base import Survey
+from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.init.slic import Slic
 from brushexp.plugins.loss.pixel import MeanSquaredError
@@ -42,7 +42,7 @@ def picture(size=SIZE):
 def painter_of(density, *, n=60, steps=60, target=None, sampler=None, **options):
     """A painter of ``n`` strokes on the picture above."""
     target = picture() if target is None else target
-    parts = Parts(
+    parts = Components(
         stages=[Stage("analytic", Analytic(), steps)],
         blend=Tiled(),
         order=Area(),
@@ -63,9 +63,9 @@ def painted(density, **options):
     return painter
 
 
-def survey_of(image, target, strokes, *, budget=100, step=30, steps=60, scores=None, focus=None):
+def state_of(image, target, strokes, *, budget=100, step=30, steps=60, scores=None, focus=None):
     scores = torch.ones(len(strokes)) if scores is None else scores
-    return Survey(image, target, focus, strokes, budget, step, steps, lambda: scores)
+    return DensificationState(image, target, focus, strokes, budget, step, steps, lambda: scores)
 
 
 def without(strokes, i):
@@ -84,7 +84,7 @@ def test_worth_is_what_the_error_grows_by_when_a_stroke_is_left_out(renderer, fo
         image = blend(renderer(some), order, SIZE, BACKGROUND).image.double()
         return float(((image - target) ** 2 * (1 if weight is None else weight)).sum())
 
-    found = worth(strokes, order, target, weight, BACKGROUND, renderer, blend, torch.Generator())
+    found = importance(strokes, order, target, weight, BACKGROUND, renderer, blend, torch.Generator())
     for i in range(len(strokes)):
         others, keep = without(strokes, i)
         place = torch.cumsum(keep, 0) - 1
@@ -95,8 +95,10 @@ def test_worth_is_what_the_error_grows_by_when_a_stroke_is_left_out(renderer, fo
 def test_worth_of_any_blend_is_the_same_on_average():
     strokes, target, order = random_strokes(12, SIZE), torch.rand(3, *SIZE), torch.randperm(12)
     args = (strokes, order, target, None, BACKGROUND, Analytic())
-    exact = worth(*args, Tiled(opaque=0), torch.Generator())
-    probed = [worth(*args, Tiled(opaque=0, kernel=Kernel.torch), torch.Generator().manual_seed(k)) for k in range(20)]
+    exact = importance(*args, Tiled(opaque=0), torch.Generator())
+    probed = [
+        importance(*args, Tiled(opaque=0, kernel=Kernel.torch), torch.Generator().manual_seed(k)) for k in range(20)
+    ]
     mean, spread = torch.stack(probed).mean(0), torch.stack(probed).std(0) / math.sqrt(20)
     assert ((mean - exact).abs() <= 5 * spread + 1e-3 * exact.abs().max()).all()
 
@@ -106,7 +108,7 @@ def test_worth_of_what_cannot_be_seen_is_nothing():
     away = straight((-500, 0), (-480, 0))
     clear = straight((5, 5), (20, 20), opacity=0.0)
     strokes = Strokes.join(hidden, away, clear, cover)
-    found = worth(
+    found = importance(
         strokes, torch.tensor([3, 2, 1, 0]), torch.zeros(3, 16, 32), None, BACKGROUND, Analytic(), Tiled(),
         torch.Generator(),
     )  # fmt: skip
@@ -116,7 +118,7 @@ def test_worth_of_what_cannot_be_seen_is_nothing():
 def test_worth_of_windows_and_of_no_strokes_is_finite():
     for strokes in (random_strokes(9, SIZE), Strokes.none()):
         n = len(strokes)
-        found = worth(
+        found = importance(
             strokes, torch.arange(n), torch.rand(3, *SIZE), None, BACKGROUND, Windowed(), Tiled(), torch.Generator()
         )
         assert found.shape == (n,)
@@ -125,7 +127,7 @@ def test_worth_of_windows_and_of_no_strokes_is_finite():
 
 def test_a_stroke_that_does_harm_has_negative_worth():
     stroke = straight((4, 8), (28, 8), color=(1.0, 1.0, 1.0))
-    found = worth(
+    found = importance(
         stroke, torch.arange(1), torch.zeros(3, 16, 32), None, torch.zeros(3), Analytic(), Tiled(), torch.Generator()
     )
     assert found[0] < -50
@@ -147,7 +149,7 @@ def test_a_stroke_across_an_edge_straddles_it():
     target = torch.zeros(3, 20, 40)
     target[:, :, 20:] = 1
     strokes = Strokes.join(straight((5, 5), (35, 5)), straight((5, 12), (18, 12)), straight((20, 2), (20, 18)))
-    found = straddling(survey_of(target, target, strokes))
+    found = straddling(state_of(target, target, strokes))
     assert found.argmax() == 0
     assert found[0] > 10 * found[1:].max()
 
@@ -155,8 +157,8 @@ def test_a_stroke_across_an_edge_straddles_it():
 def test_new_strokes_lie_where_the_error_is_in_its_colour_along_its_edge():
     target = torch.full((3, 40, 60), 0.5)
     target[:, 20:23, 30:50] = torch.tensor([0.9, 0.1, 0.2])[:, None, None]
-    found = places(survey_of(torch.full((3, 40, 60), 0.5), target, random_strokes(5, (40, 60))), 8, 0.5, 0.01)
-    new = found.strokes(survey_of(target, target, random_strokes(5, (40, 60))))
+    found = candidates(state_of(torch.full((3, 40, 60), 0.5), target, random_strokes(5, (40, 60))), 8, 0.5, 0.01)
+    new = found.strokes(state_of(target, target, random_strokes(5, (40, 60))))
     check_strokes(new)
     assert ((new.position[:, 1] > 18) & (new.position[:, 1] < 25)).all()
     assert ((new.position[:, 0] > 28) & (new.position[:, 0] < 52)).all()
@@ -169,32 +171,32 @@ def test_the_error_counts_by_the_focus():
     target, image = torch.ones(3, 20, 40), torch.zeros(3, 20, 40)
     focus = torch.full((20, 40), 0.1)
     focus[:, 30:] = 3.7
-    found = places(survey_of(image, target, random_strokes(5, (20, 40)), focus=focus), 4, 0.5, 0.0)
+    found = candidates(state_of(image, target, random_strokes(5, (20, 40)), focus=focus), 4, 0.5, 0.0)
     assert (found.column >= 28).all()
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 2), (5, 3), (40, 56)])
 def test_places_of_any_picture_lie_on_it(size):
-    found = places(survey_of(torch.zeros(3, *size), torch.rand(3, *size), random_strokes(3, size)), 1000, 0.25, 0.0)
+    found = candidates(state_of(torch.zeros(3, *size), torch.rand(3, *size), random_strokes(3, size)), 1000, 0.25, 0.0)
     assert 0 < len(found) <= size[0] * size[1]
     assert found.row.max() < size[0]
     assert found.column.max() < size[1]
-    check_strokes(found.strokes(survey_of(torch.zeros(3, *size), torch.rand(3, *size), Strokes.none())))
+    check_strokes(found.strokes(state_of(torch.zeros(3, *size), torch.rand(3, *size), Strokes.none())))
 
 
 def test_a_perfect_painting_needs_no_more_strokes():
     target = torch.rand(3, *SIZE)
     for image in (target, target + 0.001):
-        assert Adaptive().revise(survey_of(image, target, random_strokes(30, SIZE))) is None
+        assert Adaptive().revise(state_of(image, target, random_strokes(30, SIZE))) is None
 
 
 def test_what_cannot_be_seen_goes_even_if_nothing_takes_its_place():
     target, strokes = torch.rand(3, *SIZE), random_strokes(30, SIZE)
     scores = torch.ones(30)
     scores[5] = 0
-    revision = Adaptive().revise(survey_of(target + 0.001, target, strokes, scores=scores))
-    assert (~revision.keep).nonzero().tolist() == [[5]]
-    assert len(revision.new) == 0
+    update = Adaptive().revise(state_of(target + 0.001, target, strokes, scores=scores))
+    assert (~update.keep).nonzero().tolist() == [[5]]
+    assert len(update.new) == 0
 
 
 def test_a_flat_picture_ends_with_the_strokes_it_began_with():
@@ -225,15 +227,15 @@ def test_detail_gets_more_strokes_than_flat_regions():
 def test_the_weakest_go_and_the_rest_keep_their_optimiser_state():
     strokes, target = random_strokes(40, SIZE), torch.rand(3, *SIZE)
     scores = torch.arange(40) + 1.0
-    revision = Adaptive(moved=0.25).revise(survey_of(torch.zeros(3, *SIZE), target, strokes, scores=scores, budget=40))
-    assert revision.keep.tolist() == [False] * 10 + [True] * 30
-    assert len(revision.new) == 10
+    update = Adaptive(moved=0.25).revise(state_of(torch.zeros(3, *SIZE), target, strokes, scores=scores, budget=40))
+    assert update.keep.tolist() == [False] * 10 + [True] * 30
+    assert len(update.new) == 10
     catalogue = Catalogue(strokes, TorchOptim().units)
     optimizer = TorchOptim().over(p for p in catalogue.parameters() if p.requires_grad)
     catalogue().position.sum().backward()
     optimizer.step()
     before = optimizer.state[catalogue.position]["exp_avg"].clone()
-    catalogue.revise(revision.keep, revision.new, optimizer)
+    catalogue.revise(update.keep, update.new, optimizer)
     after = optimizer.state[catalogue.position]["exp_avg"]
     torch.testing.assert_close(after[:30], before[10:])
     assert not after[30:].any()
@@ -242,18 +244,18 @@ def test_the_weakest_go_and_the_rest_keep_their_optimiser_state():
 def test_no_strokes_are_added_once_the_picture_is_good_enough():
     target, strokes = torch.rand(3, *SIZE), random_strokes(40, SIZE)
     good = (target + 0.01).clamp(0, 1)
-    assert Adaptive(psnr=35).revise(survey_of(good, target, strokes)) is None
-    assert Adaptive(psnr=45).revise(survey_of(good, target, strokes)) is not None
+    assert Adaptive(psnr=35).revise(state_of(good, target, strokes)) is None
+    assert Adaptive(psnr=45).revise(state_of(good, target, strokes)) is not None
 
 
 def test_rounds_have_steps_between_them():
     density, strokes, changes = Adaptive(), random_strokes(40, SIZE), 0
     image, target = torch.zeros(3, *SIZE), torch.rand(3, *SIZE)
     for step in range(1, 41):
-        changes += density.revise(survey_of(image, target, strokes, step=step, steps=40)) is not None
+        changes += density.revise(state_of(image, target, strokes, step=step, steps=40)) is not None
     assert changes == 3
-    assert Adaptive(rounds=0).revise(survey_of(image, target, strokes)) is None
-    assert Adaptive(until=0.0).revise(survey_of(image, target, strokes)) is None
+    assert Adaptive(rounds=0).revise(state_of(image, target, strokes)) is None
+    assert Adaptive(until=0.0).revise(state_of(image, target, strokes)) is None
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -291,8 +293,8 @@ def test_the_mean_share_is_the_mean_over_the_steps():
     counts = []
     image, target = torch.zeros(3, *SIZE), torch.rand(3, *SIZE)
     for step in range(1, 1001):
-        revision = density.revise(survey_of(image, target, random_strokes(strokes, SIZE), step=step, steps=1000))
-        strokes += 0 if revision is None else len(revision.new) - int((~revision.keep).sum())
+        update = density.revise(state_of(image, target, random_strokes(strokes, SIZE), step=step, steps=1000))
+        strokes += 0 if update is None else len(update.new) - int((~update.keep).sum())
         counts.append(strokes)
     assert sum(counts) / 1000 / 70 == pytest.approx(density.mean_share, rel=0.05)
 
@@ -317,7 +319,7 @@ def test_coarse_steps_leave_the_strokes_in_place():
 
 def test_a_coarse_picture_with_focus_and_odd_sides():
     target = torch.rand(3, 7, 5)
-    focus = replace(survey_of(target, target, Strokes.none())).target[0] * 0 + 1
+    focus = replace(state_of(target, target, Strokes.none())).target[0] * 0 + 1
     assert painted(Fixed(), n=4, target=target, coarse=0.5, focus=focus, steps=10).picture().isfinite().all()
 
 

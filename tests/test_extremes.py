@@ -41,7 +41,7 @@ def cells_of(renderer, blend, scene, dtypes):
 @pytest.mark.parametrize("scene", QUICK)
 def test_no_scene_breaks_a_formula(scene):
     drawn = SCENES[scene](FEW)
-    for renderer in (name for name in NAMES if RENDERERS[name].stand_in is None):
+    for renderer in (name for name in NAMES if RENDERERS[name].warm_up is None):
         reference = Reference(RENDERERS[renderer], drawn)
         for blend, dtype in CELLS:
             found = draw_cell(RENDERERS[renderer], BLENDS[blend], reference, dtype)
@@ -57,7 +57,7 @@ def test_no_scene_breaks_a_formula(scene):
 @pytest.mark.parametrize("scene", ["no strokes", "length 0", "length 10,000 px", "width 0", "1e6 px off the canvas"])
 def test_no_scene_breaks_a_network(scene):
     drawn = SCENES[scene](2)
-    for renderer in (name for name in NAMES if RENDERERS[name].stand_in is not None):
+    for renderer in (name for name in NAMES if RENDERERS[name].warm_up is not None):
         for dtype, found in cells_of(renderer, "tiled", drawn, ["float32", "float16"]).items():
             assert found.verdict is not Verdict.broken, f"{renderer} {dtype}: {found}"
             assert found.picture is None or found.picture <= FAINT, f"{renderer} {dtype}: {found}"
@@ -67,7 +67,7 @@ def test_no_scene_breaks_a_network(scene):
 @pytest.mark.filterwarnings("ignore:.*in eval mode at the start of training")
 def test_no_target_and_no_rate_spoils_the_strokes(name):
     exercise = exercises()[name]
-    for renderer in (name for name in NAMES if RENDERERS[name].stand_in is None):
+    for renderer in (name for name in NAMES if RENDERERS[name].warm_up is None):
         short = replace(exercise, steps=min(exercise.steps, 40))
         found = paint_cell(renderer, RENDERERS[renderer], BLENDS["tiled"], "float32", short, 60.0)
         assert found.verdict is Verdict.exact, f"{renderer}: {found}"

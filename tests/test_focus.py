@@ -18,9 +18,9 @@ from brushexp.app.checks import Paint, check_keys
 from brushexp.errors import UserError
 from brushexp.features.base import mean_squares
 from brushexp.painting.assembly import focus_of
+from brushexp.painting.components import Components, Stage
 from brushexp.painting.metrics import measure
 from brushexp.painting.painter import Painter
-from brushexp.painting.parts import Parts, Stage
 from brushexp.pictures.focus import attention, faces, focus_map, focus_weights, resized
 from brushexp.pictures.load import load_picture
 from brushexp.pictures.region import Region
@@ -370,7 +370,7 @@ CANVAS = (60, 90)
 
 def painter_of(focus: Tensor | None, *, sampler=None, losses=None, init_focus: Tensor | None = None) -> Painter:
     target = load_picture("chelsea", CANVAS[1])
-    parts = Parts(
+    parts = Components(
         stages=[Stage("it", Analytic(), 200)],
         blend=Tiled(opaque=0),
         order=Area(),

@@ -16,11 +16,11 @@ from torch.testing import assert_close
 from brushexp.app.checks import Paint, check_keys
 from brushexp.errors import UserError
 from brushexp.painting.anytime import Anytime
+from brushexp.painting.components import Stage
 from brushexp.painting.cost import Cost
 from brushexp.painting.goals import INTERRUPTED, PSNR_REACHED, SECONDS_SPENT, STOPPED_EARLY, Budget, EarlyStop, Goals
 from brushexp.painting.metrics import psnr_of
 from brushexp.painting.painter import Painter
-from brushexp.painting.parts import Stage
 from brushexp.plugins.optimizer.torch_optim import TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic
 

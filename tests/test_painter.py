@@ -8,10 +8,10 @@ import torch
 from scenes import Windowed, random_strokes
 
 from brushexp.compositing import bands as bands_module
+from brushexp.painting.components import Components, Stage
 from brushexp.painting.goals import STOPPED_EARLY, EarlyStop
 from brushexp.painting.outputs import work_of
 from brushexp.painting.painter import Painter
-from brushexp.painting.parts import Parts, Stage
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.export.png import pixels
@@ -29,7 +29,7 @@ SIZE = (24, 33)
 
 
 def painter_of(*stages: Stage, n: int = 20) -> Painter:
-    parts = Parts(
+    parts = Components(
         stages=stages,
         blend=Tiled(),
         order=Area(),

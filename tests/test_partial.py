@@ -9,10 +9,10 @@ from scenes import Windowed, random_strokes
 from torch.testing import assert_close
 
 from brushexp.errors import UserError
-from brushexp.painting.kept import RenderCatalogue
+from brushexp.painting.canvas_memory import CanvasMemory, touched
+from brushexp.painting.components import Components, Stage
 from brushexp.painting.painter import Painter
-from brushexp.painting.parts import Parts, Stage
-from brushexp.painting.view import View, touched
+from brushexp.painting.patch_cache import PatchCache
 from brushexp.pictures.region import Region
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.fixed import Fixed
@@ -26,7 +26,7 @@ from brushexp.plugins.order.area import Area
 from brushexp.plugins.order.base import front_to_back
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.textured import Textured
-from brushexp.plugins.sampler.base import Glance
+from brushexp.plugins.sampler.base import View
 from brushexp.plugins.sampler.patches import Coverage, Patches, places
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.strokes.catalogue import FIELDS, Catalogue
@@ -38,7 +38,7 @@ RENDERERS = {"analytic": Analytic, "textured": Textured, "windowed": Windowed}
 
 def painter_of(sampler, renderer=None, n: int = 60, losses=None, order=None, steps: int = 1000, **options) -> Painter:
     torch.manual_seed(5)
-    parts = Parts(
+    parts = Components(
         stages=[Stage("it", renderer or Analytic(), steps)],
         blend=Tiled(opaque=0),
         order=order or Area(),
@@ -85,11 +85,11 @@ def test_with_all_others_in_the_ring_active_strokes_feel_what_they_feel_in_the_w
     everything = painter.catalogue()
     active, ring = torch.arange(60).chunk(2)
     region = Region(0, 0, *SIZE)
-    painter._objective(painter.catalogue, Glance(region))
+    painter._objective(painter.catalogue, View(region))
     wanted = {name: value.grad[active] for name, value in painter.catalogue.named_parameters()}
     total = painter.terms["mse"]
     part = painter.catalogue.part(active)
-    painter._objective(part, Glance(region, active, ring))
+    painter._objective(part, View(region, active, ring))
     assert_close(painter.terms["mse"], total, rtol=1e-3, atol=1e-6)  # kept windows have 16 bits
     for name, value in part.named_parameters():
         assert_close(value.grad, wanted[name], rtol=2e-3, atol=2e-3 * float(wanted[name].abs().max()))
@@ -106,15 +106,15 @@ def test_a_ring_wide_enough_makes_a_part_feel_what_it_feels_in_the_whole():
     distance = torch.cdist(position, position[active]).amin(1)
     near = distance.topk(200, largest=False).indices
     ring = near[~torch.isin(near, active)]
-    painter._objective(painter.catalogue, Glance(Region(0, 0, *SIZE)))
+    painter._objective(painter.catalogue, View(Region(0, 0, *SIZE)))
     wanted = {name: value.grad[active] for name, value in painter.catalogue.named_parameters()}
     part = painter.catalogue.part(active)
-    painter._objective(part, Glance(region, active, ring))
+    painter._objective(part, View(region, active, ring))
     for name, value in part.named_parameters():
         error = (value.grad - wanted[name]).norm() / wanted[name].norm()
         assert error < 0.25, name
     alone = painter.catalogue.part(active)
-    painter._objective(alone, Glance(region, active, None))
+    painter._objective(alone, View(region, active, None))
     worse = [(value.grad - wanted[name]).norm() for name, value in alone.named_parameters()]
     better = [(value.grad - wanted[name]).norm() for name, value in part.named_parameters()]
     assert sum(worse) > sum(better), "the ring brings something"
@@ -193,8 +193,8 @@ def test_fair_coverage_visits_every_stroke_equally_often():
         rounds, seen = 0, counts.clone()
         while rounds == 0 or sampler._turn < int(sampler._round.max()):
             for _ in range(3):
-                glance = sampler(strokes, SIZE, step, generator)
-                counts[glance.active] += 1
+                view = sampler(strokes, SIZE, step, generator)
+                counts[view.active] += 1
                 step += 1
             rounds += 1
         assert (counts - seen == 3).all(), "once in each round, for three steps"
@@ -203,14 +203,14 @@ def test_fair_coverage_visits_every_stroke_equally_often():
 def test_random_coverage_takes_the_nearest_strokes_to_a_point():
     sampler, generator = Patches(n_active=12, n_ring=6, patch=1000, coverage=Coverage.random), torch.Generator()
     strokes = random_strokes(100, SIZE)
-    glance = sampler(strokes, SIZE, 0, generator.manual_seed(4))
+    view = sampler(strokes, SIZE, 0, generator.manual_seed(4))
     point = torch.rand(2, generator=generator.manual_seed(4)) * torch.tensor([70.0, 48.0])
     inside = strokes.position.clamp_min(0).minimum(torch.tensor([70.0, 48.0]))
     by_distance = (inside - point).norm(dim=1).argsort()
-    assert set(glance.active.tolist()) == set(by_distance[:12].tolist())
-    assert set(glance.ring.tolist()) == set(by_distance[12:18].tolist())
+    assert set(view.active.tolist()) == set(by_distance[:12].tolist())
+    assert set(view.ring.tolist()) == set(by_distance[12:18].tolist())
     again = sampler(strokes, SIZE, 1, generator)
-    assert torch.equal(again.active, glance.active), "the same place for five steps"
+    assert torch.equal(again.active, view.active), "the same place for five steps"
 
 
 @pytest.mark.parametrize("n", [1, 2, 33])
@@ -222,7 +222,7 @@ def test_odd_sizes_are_defined(n, options):
 
 
 def test_no_strokes_are_looked_at_whole():
-    assert Patches()(random_strokes(0, SIZE), SIZE, 0, torch.Generator()) == Glance(Region(0, 0, *SIZE))
+    assert Patches()(random_strokes(0, SIZE), SIZE, 0, torch.Generator()) == View(Region(0, 0, *SIZE))
 
 
 def test_all_strokes_at_one_point_still_make_places():
@@ -253,7 +253,7 @@ def test_touched_pixels_are_those_in_the_boxes():
 
 def test_kept_pictures_are_those_of_the_renderer_and_are_drawn_once():
     strokes, renderer = clamp_to_prior(random_strokes(30, SIZE)), Windowed()
-    kept, number = RenderCatalogue(renderer, 30), torch.tensor([3, 17, 4, 29])
+    kept, number = PatchCache(renderer, 30), torch.tensor([3, 17, 4, 29])
     for _ in range(3):
         layers = kept.layers(strokes[number], number)
     assert renderer.drawn == 4
@@ -269,7 +269,7 @@ def test_kept_pictures_are_those_of_the_renderer_and_are_drawn_once():
 
 def test_kept_pictures_stay_within_their_memory():
     strokes, renderer = clamp_to_prior(random_strokes(30, SIZE)), Windowed()
-    kept = RenderCatalogue(renderer, 30, most_bytes=8 * 2 * 4 * 16 * 16)  # eight windows
+    kept = PatchCache(renderer, 30, most_bytes=8 * 2 * 4 * 16 * 16)  # eight windows
     with torch.no_grad():
         wanted = renderer(strokes).images
     generator = torch.Generator().manual_seed(0)
@@ -285,10 +285,10 @@ def test_kept_pictures_stay_within_their_memory():
 def test_features_of_a_part_see_what_surrounds_it():
     target, picture = torch.rand(2, 3, *SIZE)
     region = Region(10, 20, 24, 28)
-    view = View(picture.clone(), target, torch.ones(3), Analytic(), Tiled(), 0)
-    view._turn_to(Glance(region, torch.zeros(0, dtype=torch.long)), random_strokes(0, SIZE))
+    memory = CanvasMemory(picture.clone(), target, torch.ones(3), Analytic(), Tiled(), 0)
+    memory._turn_to(View(region, torch.zeros(0, dtype=torch.long)), random_strokes(0, SIZE))
     image = torch.rand(3, 24, 28, requires_grad=True)
-    painting = Painting(image, region.of(target), random_strokes(1, SIZE), view._surroundings)
+    painting = Painting(image, region.of(target), random_strokes(1, SIZE), memory._surroundings)
     wide = painting.around(7)
     assert wide.image.shape == wide.target.shape == (3, 38, 42)
     assert torch.equal(wide.image[:, 7:-7, 7:-7], image)
@@ -336,7 +336,7 @@ def test_a_round_is_as_many_steps_as_move_each_stroke_once(coverage, patch):
 def test_losses_keep_their_balance_on_parts():
     painter = painter_of(Whole(), losses={"mse": MeanSquaredError(weight=3.0), "kl": KullbackLeibler(weight=2.0)})
     active, ring = torch.arange(60).chunk(2)
-    total, _ = painter._objective(painter.catalogue.part(active), Glance(Region(7, 9, 24, 35), active, ring))
+    total, _ = painter._objective(painter.catalogue.part(active), View(Region(7, 9, 24, 35), active, ring))
     assert float(total) == pytest.approx(3 / 4 * float(painter.terms["mse"]) + 2 * float(painter.terms["kl"]))
 
 
@@ -344,5 +344,5 @@ def test_the_error_is_known_when_another_renderer_takes_over():
     painter = painter_of(Patches(n_active=15, n_ring=15, patch=30), steps=6)
     take(painter, 5)
     before = painter.error
-    painter._drop_view()
+    painter._drop_memory()
     assert painter.error == before

@@ -7,7 +7,7 @@ import pytest
 import torch
 from scenes import leaves, random_strokes
 
-from brushexp.plugins.density.base import Survey
+from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.logger.base import Run
 from brushexp.plugins.loss.base import Painting
 from brushexp.plugins.order.base import front_to_back
@@ -132,12 +132,12 @@ def test_density_revises_what_is_there(config, name, n):
     assert 1 <= density.first(60, 60) <= 60
     assert density.first(1, 60) == 1
     for step in range(1, 61):
-        worth = partial(torch.rand, len(strokes))
-        survey = Survey(torch.rand(3, *SIZE), torch.rand(3, *SIZE), None, strokes, 60, step, 60, worth)
-        revision = density.revise(survey)
-        if revision is not None:
-            assert revision.keep.shape == (len(strokes),)
-            strokes = Strokes.join(strokes[revision.keep], revision.new)
+        importance = partial(torch.rand, len(strokes))
+        state = DensificationState(torch.rand(3, *SIZE), torch.rand(3, *SIZE), None, strokes, 60, step, 60, importance)
+        update = density.revise(state)
+        if update is not None:
+            assert update.keep.shape == (len(strokes),)
+            strokes = Strokes.join(strokes[update.keep], update.new)
             check_strokes(strokes)
         assert len(strokes) <= 60
     again = default(config, "density", name)
@@ -149,9 +149,9 @@ def test_density_revises_what_is_there(config, name, n):
 def test_sampler_stays_on_the_canvas(config, name):
     sampler = default(config, "sampler", name)
     for step in range(20):
-        glance = sampler(random_strokes(9, SIZE), SIZE, step, torch.Generator().manual_seed(step))
-        region = glance.region
-        known = [number for number in (glance.active, glance.ring) if number is not None]
+        view = sampler(random_strokes(9, SIZE), SIZE, step, torch.Generator().manual_seed(step))
+        region = view.region
+        known = [number for number in (view.active, view.ring) if number is not None]
         assert len(torch.cat([torch.arange(0), *known]).unique()) == sum(map(len, known)) <= 9
         assert 0 <= region.top <= region.top + region.height <= SIZE[0]
         assert 0 <= region.left <= region.left + region.width <= SIZE[1]

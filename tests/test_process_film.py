@@ -210,7 +210,7 @@ def test_impossible_films_are_refused(option, value):
 @pytest.mark.parametrize(("growing", "most"), [(None, 1), (False, 1), (True, 8)])
 def test_a_slow_renderer_draws_each_stroke_once_unless_they_grow(tmp_path, growing, most):
     brush = Windowed()
-    assert brush.stand_in is not None
+    assert brush.warm_up is not None
     work = replace(work_of(10, renderer=brush), strokes=random_strokes(200, (36, 52)), depth=torch.randperm(200).int())
     Process(seconds=2.0, hold=0.0, growing=growing).write(work, tmp_path)
     assert (most - 1) * 200 / 2 < brush.drawn - 2 * 64 <= most * 200

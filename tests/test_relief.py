@@ -102,7 +102,7 @@ def test_heights_are_those_of_strokes_laid_one_after_another(name):
 @pytest.mark.parametrize("name", [plugin.name for plugin in plugins("renderer")])
 def test_every_renderer_has_heights_between_the_canvas_and_the_thickest_paint(name):
     renderer = build_named("renderer", name, {})
-    strokes = renderer.project(thick(6, (20, 30)))
+    strokes = renderer.clamp(thick(6, (20, 30)))
     with torch.no_grad():
         height = height_of(work_of(strokes, (20, 30), renderer=renderer))
     assert np.isfinite(height).all()

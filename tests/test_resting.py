@@ -10,8 +10,8 @@ from torch.testing import assert_close
 
 from brushexp.compositing.tile_lists import TILE, build_lists
 from brushexp.errors import UserError
+from brushexp.painting.components import Components, Stage
 from brushexp.painting.painter import Painter
-from brushexp.painting.parts import Parts, Stage
 from brushexp.pictures.region import Region
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.fixed import Fixed
@@ -19,7 +19,7 @@ from brushexp.plugins.loss.pixel import MeanSquaredError
 from brushexp.plugins.optimizer.torch_optim import TorchOptim
 from brushexp.plugins.order.area import Area
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.plugins.sampler.base import Glance
+from brushexp.plugins.sampler.base import View
 from brushexp.plugins.sampler.resting import Resting
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes
@@ -30,7 +30,7 @@ SLEEPY = {"share": 0.5, "fall": 2.0, "worth": 1.0, "block": 16}  # the better bl
 
 def painter_of(sampler, n: int = 300, target=None, steps: int = 1000) -> Painter:
     torch.manual_seed(5)
-    parts = Parts(
+    parts = Components(
         stages=[Stage("it", Analytic(), steps)],
         blend=Tiled(opaque=0),
         order=Area(),
@@ -57,15 +57,15 @@ def take(painter: Painter, steps: int, optimizer=None) -> torch.optim.Optimizer:
 def test_strokes_that_are_awake_feel_what_they_feel_in_the_whole():
     painter = painter_of(Resting(**SLEEPY))
     take(painter, 41)
-    glance = painter.parts.sampler(painter._strokes(), SIZE, 41, painter.generator)
-    assert glance.active is not None
-    assert 0 < len(glance.active) < 300
-    assert len(glance.active) + len(glance.ring) < 300, "some strokes are not even drawn"
+    view = painter.parts.sampler(painter._strokes(), SIZE, 41, painter.generator)
+    assert view.active is not None
+    assert 0 < len(view.active) < 300
+    assert len(view.active) + len(view.ring) < 300, "some strokes are not even drawn"
     painter.zero_grad()
-    painter._objective(painter.catalogue, Glance(Region(0, 0, *SIZE)))
-    wanted = {name: value.grad[glance.active] for name, value in painter.catalogue.named_parameters()}
-    part = painter.catalogue.part(glance.active)
-    painter._objective(part, glance)
+    painter._objective(painter.catalogue, View(Region(0, 0, *SIZE)))
+    wanted = {name: value.grad[view.active] for name, value in painter.catalogue.named_parameters()}
+    part = painter.catalogue.part(view.active)
+    painter._objective(part, view)
     for name, value in part.named_parameters():
         assert_close(value.grad, wanted[name], rtol=1e-4, atol=1e-5 * float(wanted[name].abs().max()))
 
@@ -75,7 +75,7 @@ def test_strokes_that_sleep_move_only_when_all_do():
     optimizer = take(painter, 41)
     before = painter.catalogue()
     take(painter, 1, optimizer)
-    active = painter.parts.sampler._glance.active
+    active = painter.parts.sampler._view.active
     still = torch.ones(300, dtype=torch.bool)
     still[active] = False
     after = painter.catalogue()

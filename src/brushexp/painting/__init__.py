@@ -1,6 +1,7 @@
 """From a target picture to a painting, in the order of the data.
 
-assembly (with init) -> parts
--> painter (with aim, sampler, view, kept, renderer, order, blend, loss, partial, optimizer, density, worth)
+assembly (with init) -> components
+-> painter (with pyramid, sampler, canvas_memory, patch_cache, renderer, order, blend, loss, partial,
+optimizer, density, importance)
 -> anytime -> cost -> goals -> progress -> timelapse -> metrics -> outputs
 """

@@ -9,7 +9,7 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.painting.parts import Parts, Stage
+from brushexp.painting.components import Components, Stage
 from brushexp.pictures.color import recolored
 from brushexp.pictures.focus import focus_map, focus_weights
 from brushexp.plugins.density.base import Density
@@ -27,9 +27,9 @@ STYLE, BRUSHWORK = "style", "brushwork"  # names of the losses that the keys of 
 AUTO = "auto"  # warm_start that leaves it to the renderer
 
 
-def parts_of(cfg: DictConfig) -> Parts:
+def parts_of(cfg: DictConfig) -> Components:
     """Build what the config names."""
-    return Parts(
+    return Components(
         stages=stages_of(cfg),
         blend=build(cfg.blend),
         order=build(cfg.order),
@@ -58,7 +58,7 @@ def losses_of(cfg: DictConfig) -> dict[str, Loss]:
     return losses
 
 
-def in_colors(target: Tensor, parts: Parts, folder: Path) -> Tensor:
+def in_colors(target: Tensor, parts: Components, folder: Path) -> Tensor:
     """The target in the colours of the style picture, or as it is if the style takes its colours; writes style.png."""
     style = parts.losses[STYLE]
     assert isinstance(style, Style)
@@ -80,7 +80,7 @@ def focus_of(cfg: DictConfig, target: Tensor, folder: Path) -> Tensor | None:
 def stages_of(cfg: DictConfig) -> list[Stage]:
     """The renderers and their steps: the chosen one, and before it the one that ``warm_start`` asks for, if any."""
     name, renderer = plugin_of(cfg.renderer).name, build(cfg.renderer)
-    first = renderer.stand_in if cfg.warm_start == AUTO else cfg.warm_start
+    first = renderer.warm_up if cfg.warm_start == AUTO else cfg.warm_start
     if first is None or not (cfg.steps or cfg.seconds):
         return [Stage(name, renderer, cfg.steps)]
     names = [plugin.name for plugin in plugins("renderer")]
@@ -89,7 +89,7 @@ def stages_of(cfg: DictConfig) -> list[Stage]:
     return [Stage(first, build_named("renderer", first, {}), cfg.steps), Stage(name, renderer, cfg.finish_steps)]
 
 
-def paced(parts: Parts, steps_per_stroke: float | None, strokes: Strokes, size: tuple[int, int]) -> Parts:
+def paced(parts: Components, steps_per_stroke: float | None, strokes: Strokes, size: tuple[int, int]) -> Components:
     """The same, with as many steps as partial updates take.
 
     Args:

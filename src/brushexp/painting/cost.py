@@ -81,7 +81,7 @@ def predict(painter: Painter, *, long: float = LONG) -> float | None:
     """
     steps = [end - begin for begin, end in pairwise([0, *painter.ends])]
     before = painter.clock()
-    painter.rehearse(revision=False)
+    painter.rehearse(update=False)
     alike = len({id(stage.renderer) for stage in painter.parts.stages}) == 1
     if alike and (painter.clock() - before) * painter.steps < long:
         return None

@@ -16,20 +16,20 @@ from torch import Tensor, nn, optim
 
 from brushexp.compositing.bands import bands
 from brushexp.errors import UserError
-from brushexp.painting.aim import Aim, enlarged
 from brushexp.painting.anytime import Anytime
+from brushexp.painting.canvas_memory import CanvasMemory
+from brushexp.painting.components import Components
+from brushexp.painting.importance import importance
 from brushexp.painting.metrics import psnr_of
 from brushexp.painting.partial import lend, take_back
-from brushexp.painting.parts import Parts
-from brushexp.painting.view import View
-from brushexp.painting.worth import worth
+from brushexp.painting.pyramid import Aim, enlarged
 from brushexp.pictures.region import Region
 from brushexp.plugins.blend.base import Canvas
-from brushexp.plugins.density.base import Revision, Survey
+from brushexp.plugins.density.base import DensificationState, DensificationUpdate
 from brushexp.plugins.loss.base import Painting
 from brushexp.plugins.order.base import front_to_back
 from brushexp.plugins.renderer.base import Renderer
-from brushexp.plugins.sampler.base import Glance
+from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Catalogue, Strokes
 
@@ -68,7 +68,7 @@ class Painter(L.LightningModule):
     def __init__(
         self,
         catalogue: Catalogue,
-        parts: Parts,
+        parts: Components,
         target: Tensor,
         background: Tensor,
         *,
@@ -108,7 +108,7 @@ class Painter(L.LightningModule):
         self.terms: dict[str, Tensor] = {}  # the losses of the last step, unweighted
         self._last: Tensor | None = None  # the picture, maybe a small one, if the last step looked at all of it
         self._small: Aim | None = None  # of the coarse steps
-        self._view: View | None = None  # of a painter who looks at parts
+        self._memory: CanvasMemory | None = None  # of a painter who looks at parts
         self._error = math.inf  # before there was one, or of the last one
         self._accuracy: Tensor | None = None
         self._adopt()
@@ -153,8 +153,8 @@ class Painter(L.LightningModule):
     @property
     def error(self) -> float:
         """Mean squared error of the whole picture as it was last seen; a small one counts as it looks enlarged."""
-        if self._view is not None:
-            return self._view.error
+        if self._memory is not None:
+            return self._memory.error
         if self._last is None:
             return self._error
         return Aim(self.target, self.focus).error(enlarged(self._last, self.size))
@@ -172,8 +172,8 @@ class Painter(L.LightningModule):
 
     def latest(self) -> Tensor:
         """The whole picture as the steps last saw it; as it is now before the first one."""
-        if self._view is not None:
-            return self._view.picture
+        if self._memory is not None:
+            return self._memory.picture
         return self.picture() if self._last is None else enlarged(self._last, self.size)
 
     def end_stage(self) -> bool:
@@ -193,22 +193,22 @@ class Painter(L.LightningModule):
         if self.stage != before:
             self._adopt()
 
-    def rehearse(self, *, revision: bool = True) -> None:
+    def rehearse(self, *, update: bool = True) -> None:
         """Go through one step without taking it, so that whatever is compiled or loaded at first use is there.
 
-        With ``revision`` also through what the density policy may ask for.
+        With ``update`` also through what the density policy may ask for.
         """
         coarse, self.coarse = self.coarse, 0.0
         sampler = self.parts.sampler
         before, generator = sampler.state_dict(), self.generator.clone_state()
-        glance = sampler(self._strokes(), self.size, self.step, generator)
+        view = sampler(self._strokes(), self.size, self.step, generator)
         sampler.load_state_dict(before)
-        self._objective(self.catalogue if glance.active is None else self.catalogue.part(glance.active), glance)
+        self._objective(self.catalogue if view.active is None else self.catalogue.part(view.active), view)
         self.zero_grad()
         self.evaluations, self.coarse = 0, coarse
-        if revision and self.parts.density.judges:
+        if update and self.parts.density.judges:
             state = self.generator.get_state()
-            self._survey().worth()
+            self._densification_state().importance()
             self.generator.set_state(state)
 
     @torch.no_grad()
@@ -220,7 +220,7 @@ class Painter(L.LightningModule):
         shared = [self.target, self.focus, self.background, self.clock, self.watch]
         shared += [*self.renderers, *self.losses.values()]
         memo: dict[int, Any] = {id(value): value for value in shared}
-        memo |= {id(self._view): None, id(self._last): None}  # pictures of other strokes, and large
+        memo |= {id(self._memory): None, id(self._last): None}  # pictures of other strokes, and large
         own = {name: copy.deepcopy(getattr(self.parts, name)) for name in ("order", "density", "sampler")}
         memo[id(self.parts)] = replace(self.parts, **own)
         trial = copy.deepcopy(self, memo)
@@ -228,18 +228,18 @@ class Painter(L.LightningModule):
         trial.step, trial.ends = 0, [PLENTY * (k >= stage) for k in range(len(self.ends))]
         n = len(self.catalogue)
         rows = torch.linspace(0, n - 1, max(1, round(share * n))).long() if n else torch.arange(0)
-        strokes = trial.renderer.adopt(self._strokes()[rows.to(self.target.device)])
+        strokes = trial.renderer.convert(self._strokes()[rows.to(self.target.device)])
         trial.catalogue = Catalogue(strokes, self.catalogue.units)
         trial.visits, trial._accuracy, trial.watch = self.visits.new_zeros(len(strokes)), None, lambda step: None
         trial._renew_order()
         if trial.parts.sampler(strokes, self.size, 0, trial.generator).active is not None:
-            trial._view = trial._view_of(torch.zeros_like(self.target))  # to draw all strokes may take long
+            trial._memory = trial._memory_of(torch.zeros_like(self.target))  # to draw all strokes may take long
         return trial
 
     @property
     def looks_at_parts(self) -> bool:
         """Whether the last step saw a part of the canvas only."""
-        return self._view is not None
+        return self._memory is not None
 
     def advance(self, optimizer: optim.Optimizer, seconds: float) -> None:
         """Take steps until so many seconds are over: one at least, if any are left."""
@@ -279,7 +279,7 @@ class Painter(L.LightningModule):
             "visits": self.visits,
             "sampler": self.parts.sampler.state_dict(),
             "density": self.parts.density.state_dict(),
-            "picture": None if self._view is None else self._view.picture,
+            "picture": None if self._memory is None else self._memory.picture,
             "ends": self.ends,
             "seconds": self.seconds,
             "anytime": self.anytime.pairs,
@@ -302,7 +302,7 @@ class Painter(L.LightningModule):
         device = self.target.device
         self.front_to_back = state["front_to_back"].to(device)
         self._accuracy = None if state["accuracy"] is None else state["accuracy"].to(device)
-        self._view = None if state["picture"] is None else self._view_of(state["picture"].to(device))
+        self._memory = None if state["picture"] is None else self._memory_of(state["picture"].to(device))
 
     def _take_step(self, optimizer: optim.Optimizer) -> None:
         stage, order = self.stage, self.parts.order
@@ -312,24 +312,24 @@ class Painter(L.LightningModule):
         for group in optimizer.param_groups:
             group["lr"] = self.parts.optimizer.rate(done / steps)
         coarse = self.is_coarse
-        glance = self._glance()
-        judge = order.needs_accuracy and (glance.active is not None or order.due(done + 1, steps))
-        painting = self._move(optimizer, glance, judge)
+        view = self._view()
+        judge = order.needs_accuracy and (view.active is not None or order.due(done + 1, steps))
+        painting = self._move(optimizer, view, judge)
         self.step += 1
         if not coarse:
-            self.parts.sampler.seen(glance, painting.image.detach(), painting.target)
-            revision = self.parts.density.revise(self._survey())
-            if revision is not None:
-                self._revise(revision, optimizer)
+            self.parts.sampler.seen(view, painting.image.detach(), painting.target)
+            update = self.parts.density.revise(self._densification_state())
+            if update is not None:
+                self._revise(update, optimizer)
         self.watch(self.step)
         if self.stage != stage:
             self._adopt()
             optimizer.state.clear()
             self.visits.zero_()
 
-    def _glance(self) -> Glance:
+    def _view(self) -> View:
         if self.is_coarse:
-            return Glance(Region(0, 0, *self._aim().size))
+            return View(Region(0, 0, *self._aim().size))
         return self.parts.sampler(self._strokes(), self.size, self.step, self.generator)
 
     def _aim(self) -> Aim:
@@ -340,26 +340,26 @@ class Painter(L.LightningModule):
             self._small = Aim(self.target, self.focus).smaller(COARSE)
         return self._small
 
-    def _survey(self) -> Survey:
+    def _densification_state(self) -> DensificationState:
         """The painting as the density policy sees it."""
         strokes, focus, renderer = self._strokes(), self.focus, self.renderer
         judge = partial(
-            worth, strokes, self.front_to_back, self.target, focus, self.background, renderer, self.parts.blend,
+            importance, strokes, self.front_to_back, self.target, focus, self.background, renderer, self.parts.blend,
             self.generator,
         )  # fmt: skip
-        return Survey(self.latest(), self.target, focus, strokes, self.budget, self.step, self.steps, judge)
+        return DensificationState(self.latest(), self.target, focus, strokes, self.budget, self.step, self.steps, judge)
 
-    def _revise(self, revision: Revision, optimizer: optim.Optimizer) -> None:
+    def _revise(self, update: DensificationUpdate, optimizer: optim.Optimizer) -> None:
         """Drop strokes and add others."""
-        self.catalogue.revise(revision.keep, self.renderer.adopt(revision.new), optimizer)
-        self.visits = torch.cat([self.visits[revision.keep], self._counted(len(revision.new))])
+        self.catalogue.revise(update.keep, self.renderer.convert(update.new), optimizer)
+        self.visits = torch.cat([self.visits[update.keep], self._counted(len(update.new))])
         self._accuracy = None
-        self._drop_view()
+        self._drop_memory()
         self._renew_order()
 
-    def _move(self, optimizer: optim.Optimizer, glance: Glance, judge: bool) -> Painting:
-        """Let the optimiser move the strokes of a glance; what it looked at last."""
-        rows = glance.active
+    def _move(self, optimizer: optim.Optimizer, view: View, judge: bool) -> Painting:
+        """Let the optimiser move the strokes of a view; what it looked at last."""
+        rows = view.active
         part, mover = self.catalogue, optimizer
         if rows is not None:
             part, mover = lend(self.catalogue, optimizer, self.parts.optimizer, rows, int(self.visits[rows].median()))
@@ -369,31 +369,31 @@ class Painter(L.LightningModule):
             nonlocal painting
             mover.zero_grad(set_to_none=True)
             part.keep_in_range()  # a line search may look anywhere
-            total, painting = self._objective(part, glance, judge=judge)
+            total, painting = self._objective(part, view, judge=judge)
             return total
 
         mover.step(objective)  # type: ignore[arg-type]
         part.keep_in_range()
         strokes = part()
-        projected = self.renderer.project(strokes)
+        projected = self.renderer.clamp(strokes)
         if projected is not strokes:
             part.replace(projected)
         if rows is not None:
             if not take_back(self.catalogue, optimizer, part, mover, rows) and not self.step:
                 log.info("%s cannot remember single strokes: each step begins afresh", type(mover).__name__)
             self.visits[rows] += 1
-            if self._view is not None:
-                self._view.kept.forget(rows)
+            if self._memory is not None:
+                self._memory.kept.forget(rows)
         else:
             self.visits += 1
         assert painting is not None
         return painting
 
-    def _objective(self, part: Catalogue, glance: Glance, *, judge: bool = False) -> tuple[Tensor, Painting]:
+    def _objective(self, part: Catalogue, view: View, *, judge: bool = False) -> tuple[Tensor, Painting]:
         """The weighted sum of losses, after its gradient in the strokes of ``part`` has been computed."""
         self.evaluations += 1
         with torch.enable_grad():
-            canvas, painting = self._paint(part(), glance, judge=judge)
+            canvas, painting = self._paint(part(), view, judge=judge)
             terms = {name: loss(painting) for name, loss in self.losses.items()}
             # A mean over a part of the pixels counts by its share of them, so that the sum stays balanced.
             shares = {name: painting.share if loss.over_pixels else 1 for name, loss in self.parts.losses.items()}
@@ -403,34 +403,34 @@ class Painter(L.LightningModule):
                 total.backward()
         self.terms = {name: term.detach() for name, term in terms.items()}
         if canvas.accuracy is not None:
-            self._judge(canvas.accuracy, glance.active)
+            self._judge(canvas.accuracy, view.active)
         return total.detach(), painting
 
-    def _paint(self, strokes: Strokes, glance: Glance, *, judge: bool) -> tuple[Canvas, Painting]:
-        """What a glance shows, differentiable in ``strokes``: those that it moves."""
-        if glance.active is None:
+    def _paint(self, strokes: Strokes, view: View, *, judge: bool) -> tuple[Canvas, Painting]:
+        """What a view shows, differentiable in ``strokes``: those that it moves."""
+        if view.active is None:
             aim = self._aim()
             strokes = strokes if aim.zoom == 1 else strokes.moved(zoom=aim.zoom)
             layers = self.renderer(strokes)
             target = aim.target if judge else None
             canvas = self.parts.blend(layers, self.front_to_back, aim.size, self.background, target)
             self._last = canvas.image.detach()
-            if self._view is not None and aim.zoom == 1:
-                self._view.saw(self._last)
+            if self._memory is not None and aim.zoom == 1:
+                self._memory.saw(self._last)
             return canvas, Painting(canvas.image, aim.target, strokes, focus=aim.focus)
-        if self._view is None:
-            self._view = self._view_of(self.picture())
+        if self._memory is None:
+            self._memory = self._memory_of(self.picture())
         self._last = None
-        return self._view.paint(strokes, self._strokes(), glance, self.front_to_back, judge=judge)
+        return self._memory.paint(strokes, self._strokes(), view, self.front_to_back, judge=judge)
 
-    def _drop_view(self) -> None:
+    def _drop_memory(self) -> None:
         """The strokes are others now, or drawn by another renderer."""
-        if self._view is not None:
-            self._error, self._view = self._view.error, None
+        if self._memory is not None:
+            self._error, self._memory = self._memory.error, None
 
-    def _view_of(self, picture: Tensor) -> View:
+    def _memory_of(self, picture: Tensor) -> CanvasMemory:
         n, blend = len(self.catalogue), self.parts.blend
-        return View(picture, self.target, self.background, self.renderer, blend, n, focus=self.focus)
+        return CanvasMemory(picture, self.target, self.background, self.renderer, blend, n, focus=self.focus)
 
     def _counted(self, n: int) -> Tensor:
         """Visits (n,) of new strokes: the optimiser counts them with the old ones (see `Catalogue.revise`)."""
@@ -452,10 +452,10 @@ class Painter(L.LightningModule):
     def _adopt(self) -> None:
         """Hand the strokes over to the renderer of the present stage."""
         strokes, stage = self.catalogue(), self.parts.stages[self.stage]
-        adopted = stage.renderer.adopt(strokes)
+        adopted = stage.renderer.convert(strokes)
         if adopted is not strokes:
             self.catalogue.replace(adopted)
-        self._drop_view()
+        self._drop_memory()
         changed = _count_changed(strokes, adopted)
         if changed or self.stage:
             log.info(

@@ -40,7 +40,7 @@ class Drawn:
 
 def most_for(renderer: Renderer) -> int:
     """Strokes that are worth waiting for."""
-    return MOST if renderer.stand_in is None else FEW
+    return MOST if renderer.warm_up is None else FEW
 
 
 def draw(renderer: Renderer, blend: Blend, scene: Scene, strokes: Strokes) -> Drawn:

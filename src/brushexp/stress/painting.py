@@ -8,9 +8,9 @@ import torch
 from torch import Tensor
 
 from brushexp.errors import UserError
+from brushexp.painting.components import Components, Stage
 from brushexp.painting.metrics import psnr_of
 from brushexp.painting.painter import Painter
-from brushexp.painting.parts import Parts, Stage
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.loss.pixel import MeanSquaredError
@@ -96,7 +96,7 @@ def paint_cell(
 
 def painter_of(name: str, renderer: Renderer, blend: Blend, dtype: torch.dtype, exercise: Exercise) -> Painter:
     """What optimises the strokes of an exercise."""
-    parts = Parts(
+    parts = Components(
         stages=[Stage(name, renderer, exercise.steps)],
         blend=blend,
         order=Area(),
@@ -105,7 +105,7 @@ def painter_of(name: str, renderer: Renderer, blend: Blend, dtype: torch.dtype, 
         sampler=Whole(),
         optimizer=TorchOptim(lr=exercise.rate),
     )
-    strokes = random_strokes(STROKES if renderer.stand_in is None else FEW, CANVAS).map(lambda value: value.to(dtype))
+    strokes = random_strokes(STROKES if renderer.warm_up is None else FEW, CANVAS).map(lambda value: value.to(dtype))
     catalogue = Catalogue(strokes, parts.optimizer.units)
     return Painter(catalogue, parts, exercise.target.to(dtype), torch.tensor(BACKGROUND).to(dtype), seed=0)
 

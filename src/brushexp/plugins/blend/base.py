@@ -45,7 +45,7 @@ class Blend(ABC):
             target: (3, H, W); if given, ``accuracy`` is measured against it in the same pass.
         """
 
-    def worth(
+    def importance(
         self,
         layers: Layers,
         front_to_back: Tensor,

@@ -72,7 +72,7 @@ class Tiled(Blend):
         padded = self._eager.pad(self._eager.lists_of(layers, front_to_back, size), front_to_back, curve)
         return self._eager.paint_tiles(layers, padded, size, background, target, over)
 
-    def worth(
+    def importance(
         self,
         layers: Layers,
         front_to_back: Tensor,

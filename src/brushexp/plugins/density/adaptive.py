@@ -5,8 +5,8 @@ import math
 from typing import Any
 
 from brushexp.errors import UserError, check_range
-from brushexp.plugins.density._places import halves, places, straddling
-from brushexp.plugins.density.base import Density, Revision, Survey
+from brushexp.plugins.density._candidates import candidates, halves, straddling
+from brushexp.plugins.density.base import DensificationState, DensificationUpdate, Density
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
@@ -81,32 +81,32 @@ class Adaptive(Density):
     def _rounds(self, steps: int) -> int:
         return min(self.rounds, int(self.until * steps / APART))
 
-    def revise(self, survey: Survey) -> Revision | None:
-        n, rounds = len(survey.strokes), self._rounds(survey.steps)
+    def revise(self, state: DensificationState) -> DensificationUpdate | None:
+        n, rounds = len(state.strokes), self._rounds(state.steps)
         self._first = self._first or n
-        current = min(rounds, int(rounds * survey.step / (self.until * survey.steps))) if rounds else 0
-        if current <= self._round or survey.step >= survey.steps:
+        current = min(rounds, int(rounds * state.step / (self.until * state.steps))) if rounds else 0
+        if current <= self._round or state.step >= state.steps:
             return None
         self._round = current
-        if _psnr(survey) >= self.psnr:
+        if _psnr(state) >= self.psnr:
             return None
-        wanted = self._first + max(0, survey.budget - self._first) * current // rounds
-        worth = survey.worth()
-        keep = worth > CHANNELS * self.tolerance**2  # the others are worth less than a pixel that is good enough
+        wanted = self._first + max(0, state.budget - self._first) * current // rounds
+        importance = state.importance()
+        keep = importance > CHANNELS * self.tolerance**2  # the others are worth less than a pixel that is good enough
         if n:
-            keep[worth.argmax()] = True
+            keep[importance.argmax()] = True
         more = max(0, wanted - int(keep.sum()))
-        weakest = worth.where(keep, math.inf).argsort(stable=True)[
+        weakest = importance.where(keep, math.inf).argsort(stable=True)[
             : max(0, min(round(self.moved * n), int(keep.sum()) - 1))
         ]
-        found = places(survey, more + len(weakest), self.size, self.tolerance)
+        found = candidates(state, more + len(weakest), self.size, self.tolerance)
         keep[weakest[: max(0, len(found) - more)]] = False
-        able = keep & (worth > worth.median()) if n else keep
-        cut = straddling(survey).where(able, -1.0).topk(min(int(self.split * len(found)), int(able.sum()))).indices
+        able = keep & (importance > importance.median()) if n else keep
+        cut = straddling(state).where(able, -1.0).topk(min(int(self.split * len(found)), int(able.sum()))).indices
         keep[cut] = False
-        new = Strokes.join(halves(survey.strokes[cut]), found[: len(found) - len(cut)].strokes(survey))
-        log.debug("step %d: %d strokes, %d added, %d dropped", survey.step, n, len(new), n - int(keep.sum()))
-        return Revision(keep, new) if len(new) or not keep.all() else None
+        new = Strokes.join(halves(state.strokes[cut]), found[: len(found) - len(cut)].strokes(state))
+        log.debug("step %d: %d strokes, %d added, %d dropped", state.step, n, len(new), n - int(keep.sum()))
+        return DensificationUpdate(keep, new) if len(new) or not keep.all() else None
 
     def state_dict(self) -> dict[str, Any]:
         return {"round": self._round, "first": self._first}
@@ -115,6 +115,6 @@ class Adaptive(Density):
         self._round, self._first = state["round"], state["first"]
 
 
-def _psnr(survey: Survey) -> float:
-    error = float((survey.image - survey.target).square().mean())
+def _psnr(state: DensificationState) -> float:
+    error = float((state.image - state.target).square().mean())
     return -10 * math.log10(error) if error else math.inf

@@ -11,7 +11,7 @@ from brushexp.strokes.catalogue import Strokes
 
 
 @dataclass(frozen=True)
-class Survey:
+class DensificationState:
     """The whole painting after a step.
 
     Attributes:
@@ -22,8 +22,8 @@ class Survey:
         budget: strokes that the painting may have.
         step: steps that are done, 1 or more.
         steps: in all, as far as that is known: a run with a limit of seconds corrects it.
-        worth: computes (N,) by how much the squared error, summed over pixels and channels and weighted by the focus,
-            would grow without each stroke. It takes about as long as five steps.
+        importance: computes (N,) by how much the squared error, summed over pixels and channels and weighted by the
+            focus, would grow without each stroke. It takes about as long as five steps.
     """
 
     image: Tensor
@@ -33,11 +33,11 @@ class Survey:
     budget: int
     step: int
     steps: int
-    worth: Callable[[], Tensor]
+    importance: Callable[[], Tensor]
 
 
 @dataclass(frozen=True)
-class Revision:
+class DensificationUpdate:
     """A change of the set of strokes.
 
     Attributes:
@@ -55,7 +55,8 @@ class Density(ABC):
     Attributes:
         mean_share: strokes that there are on average over the steps, for each one that there is at the start; what a
             run will take is predicted from it.
-        judges: whether `revise` asks for the worth of strokes; what computes it is then made ready before the steps.
+        judges: whether `revise` asks for the importance of strokes; what computes it is then made ready before
+            the steps.
     """
 
     mean_share: float = 1.0
@@ -66,7 +67,7 @@ class Density(ABC):
         return budget
 
     @abstractmethod
-    def revise(self, survey: Survey) -> Revision | None:
+    def revise(self, state: DensificationState) -> DensificationUpdate | None:
         """Look at the painting after a step and say what changes; None for no change."""
 
     def state_dict(self) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """The strokes of the initialiser, no more and no fewer."""
 
-from brushexp.plugins.density.base import Density, Revision, Survey
+from brushexp.plugins.density.base import DensificationState, DensificationUpdate, Density
 from brushexp.registry import register
 
 
@@ -10,5 +10,5 @@ class Fixed(Density):
 
     def __init__(self) -> None: ...
 
-    def revise(self, survey: Survey) -> Revision | None:
+    def revise(self, state: DensificationState) -> DensificationUpdate | None:
         return None

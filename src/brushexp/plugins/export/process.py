@@ -73,7 +73,7 @@ class Process(Exporter):
 
     def write(self, work: Work, folder: Path) -> list[Path]:
         work = fitted(work, largest_side(self.format))
-        growing = work.renderer.stand_in is None if self.growing is None else self.growing
+        growing = work.renderer.warm_up is None if self.growing is None else self.growing
         shares = schedule(len(work.strokes), self.frames, self.seconds, self.pace, growing=growing)
         pictures = counted(states(work, shares), self.frames, "pictures")
         with filming(folder / "process", self.format, work.size, Fraction(self.fps)) as film:

@@ -72,13 +72,13 @@ class Renderer(nn.Module, ABC):
     """Turns stroke parameters into layers.
 
     Attributes:
-        stand_in: name of the renderer that had better take most of the steps of a painting, because this one is slow;
+        warm_up: name of the renderer that had better take most of the steps of a painting, because this one is slow;
             None if it is not.
         weights_hash: of the trained weights, see `renderer.checkpoint`; "" without any.
         at_once: strokes whose layers should be held at once at most; None if they are small.
     """
 
-    stand_in: str | None = None
+    warm_up: str | None = None
     weights_hash: str = ""
     at_once: int | None = None
 
@@ -97,7 +97,7 @@ class Renderer(nn.Module, ABC):
                 by it, so that a stroke keeps its look wherever it stands in a batch.
         """
 
-    def project(self, strokes: Strokes) -> Strokes:
+    def clamp(self, strokes: Strokes) -> Strokes:
         """The nearest strokes that this renderer can draw; the painter applies it after every step."""
         return strokes
 
@@ -109,9 +109,9 @@ class Renderer(nn.Module, ABC):
             seed: that of the strokes which the renderer is then trained on.
         """
 
-    def adopt(self, strokes: Strokes) -> Strokes:
+    def convert(self, strokes: Strokes) -> Strokes:
         """Strokes that another renderer painted with, as this one draws them best; applied once, before the steps."""
-        return self.project(strokes)
+        return self.clamp(strokes)
 
     def rows(self, strokes: Strokes) -> Tensor | None:
         """Rows (N, 2), first and last, in pixels, that each stroke may touch; None if that is not worth knowing.
@@ -131,7 +131,7 @@ class PatchRenderer(Renderer):
         precision: of `draw` in painting.
     """
 
-    stand_in = "textured"
+    warm_up = "textured"
     window: int
     precision: Precision = Precision.float32
 
@@ -170,11 +170,11 @@ class PatchRenderer(Renderer):
     def at_once(self) -> int:  # type: ignore[override]
         return TEXELS // self.window**2
 
-    def project(self, strokes: Strokes) -> Strokes:
+    def clamp(self, strokes: Strokes) -> Strokes:
         return clamp_to_prior(strokes)
 
-    def adopt(self, strokes: Strokes) -> Strokes:
-        return self.project(rewindow(strokes))
+    def convert(self, strokes: Strokes) -> Strokes:
+        return self.clamp(rewindow(strokes))
 
     def rows(self, strokes: Strokes) -> Tensor:
         reach = strokes.scale * (0.5 + 0.5 / self.window)

@@ -14,7 +14,7 @@ from brushexp.strokes.catalogue import Strokes
 
 
 @dataclass(frozen=True)
-class Glance:
+class View:
     """What one step looks at.
 
     Attributes:
@@ -32,7 +32,7 @@ class Sampler(ABC):
     """Decides which strokes a gradient step moves, and which part of the canvas it renders and compares."""
 
     @abstractmethod
-    def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> Glance:
+    def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> View:
         """Where ``step`` (from 0) looks on a canvas of ``size`` (H, W); the region lies wholly inside it.
 
         Args:
@@ -46,11 +46,11 @@ class Sampler(ABC):
         """Steps in which each of the strokes, on a canvas of ``size`` (H, W), is moved about once."""
         return 1
 
-    def seen(self, glance: Glance, image: Tensor, target: Tensor) -> None:  # noqa: B027
+    def seen(self, view: View, image: Tensor, target: Tensor) -> None:  # noqa: B027
         """Look at what a step saw; called after each one.
 
         Args:
-            glance: where it looked.
+            view: where it looked.
             image: (3, h, w) the region before the step, without gradient.
             target: (3, h, w) what it should look like.
         """

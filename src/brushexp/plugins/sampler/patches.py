@@ -9,7 +9,7 @@ from torch import Tensor
 
 from brushexp.errors import UserError
 from brushexp.pictures.region import Region
-from brushexp.plugins.sampler.base import Glance, Sampler
+from brushexp.plugins.sampler.base import Sampler, View
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
@@ -63,9 +63,9 @@ class Patches(Sampler):
         self._turn = 0  # place whose turn it is
         self._point = torch.zeros(2)
 
-    def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> Glance:
+    def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> View:
         if not len(strokes):
-            return Glance(Region(0, 0, *size))
+            return View(Region(0, 0, *size))
         position = on_canvas(strokes.position, size)
         begins = step % self.steps_per_patch == 0
         if self.coverage is Coverage.fair:
@@ -82,7 +82,7 @@ class Patches(Sampler):
             active, region = self._active_at(low, position, size), self._patch_at(low, size)
         others = torch.ones(len(position), dtype=torch.bool, device=position.device)
         others[active] = False
-        return Glance(region, active, nearest_to_box(position, others, low, high, self.n_ring))
+        return View(region, active, nearest_to_box(position, others, low, high, self.n_ring))
 
     def steps_per_round(self, strokes: Strokes, size: tuple[int, int]) -> int:
         if not len(strokes):

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from brushexp.errors import UserError, check_range
 from brushexp.pictures.region import Region
 from brushexp.plugins.renderer.base import EDGE, SPREAD
-from brushexp.plugins.sampler.base import Glance, Sampler
+from brushexp.plugins.sampler.base import Sampler, View
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
@@ -50,20 +50,20 @@ class Resting(Sampler):
         self.worth = worth
         self._errors = torch.empty(0, 0)  # (rows, columns) squared error of each block at the last look at all
         self._falling = torch.empty(0, 0)  # how fast they fall
-        self._glance: Glance | None = None  # until the next look at all
+        self._view: View | None = None  # until the next look at all
         self._n = 0  # strokes that it was made for
 
-    def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> Glance:
-        whole = Glance(Region(0, 0, *size))
+    def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> View:
+        whole = View(Region(0, 0, *size))
         if step % self.every == 0:
-            self._glance = None
+            self._view = None
             return whole
         if step % self.every == 1:
-            self._glance, self._n = self._awake(strokes, size), len(strokes)
-        return whole if self._glance is None or self._n != len(strokes) else self._glance
+            self._view, self._n = self._awake(strokes, size), len(strokes)
+        return whole if self._view is None or self._n != len(strokes) else self._view
 
-    def seen(self, glance: Glance, image: Tensor, target: Tensor) -> None:
-        if glance.active is not None:
+    def seen(self, view: View, image: Tensor, target: Tensor) -> None:
+        if view.active is not None:
             return
         errors = _by_block((image - target).square().sum(0), self.block)
         if errors.shape == self._errors.shape:
@@ -74,20 +74,20 @@ class Resting(Sampler):
         self._errors = errors
 
     def state_dict(self) -> dict[str, Any]:
-        glance = self._glance
+        view = self._view
         return {
             "errors": self._errors,
             "falling": self._falling,
-            "strokes": None if glance is None else (glance.active, glance.ring),
-            "region": None if glance is None else glance.region,
+            "strokes": None if view is None else (view.active, view.ring),
+            "region": None if view is None else view.region,
             "n": self._n,
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         self._errors, self._falling, self._n = state["errors"], state["falling"], state["n"]
-        self._glance = None if state["region"] is None else Glance(state["region"], *state["strokes"])
+        self._view = None if state["region"] is None else View(state["region"], *state["strokes"])
 
-    def _awake(self, strokes: Strokes, size: tuple[int, int]) -> Glance | None:
+    def _awake(self, strokes: Strokes, size: tuple[int, int]) -> View | None:
         """The strokes that move until the next look at all, and those around them; None for all."""
         if not self._errors.numel() or not len(strokes):
             return None
@@ -98,7 +98,7 @@ class Resting(Sampler):
         if not active.any() or active.float().mean() > self.worth:
             return None
         ring = _overlapping(strokes, active, size) & ~active
-        return Glance(Region(0, 0, *size), active.nonzero()[:, 0], ring.nonzero()[:, 0])
+        return View(Region(0, 0, *size), active.nonzero()[:, 0], ring.nonzero()[:, 0])
 
 
 def _by_block(values: Tensor, side: int) -> Tensor:

@@ -3,7 +3,7 @@
 import torch
 
 from brushexp.pictures.region import Region
-from brushexp.plugins.sampler.base import Glance, Sampler
+from brushexp.plugins.sampler.base import Sampler, View
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
@@ -14,5 +14,5 @@ class Whole(Sampler):
 
     def __init__(self) -> None: ...
 
-    def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> Glance:
-        return Glance(Region(0, 0, *size))
+    def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> View:
+        return View(Region(0, 0, *size))

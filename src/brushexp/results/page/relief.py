@@ -25,7 +25,7 @@ def relief_of(saved: Saved) -> dict[str, Any]:
         UserError: if the renderer cannot be built, because its checkpoint is not there for instance.
     """
     renderer = renderer_of(saved)
-    drawn_as = renderer.stand_in
+    drawn_as = renderer.warm_up
     if drawn_as is not None:
         renderer = build_named("renderer", drawn_as, {})
     height = _height(saved, renderer)

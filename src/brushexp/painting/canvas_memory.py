@@ -3,22 +3,22 @@
 import torch
 from torch import Tensor
 
-from brushexp.painting.kept import RenderCatalogue
+from brushexp.painting.patch_cache import PatchCache
 from brushexp.pictures.region import Region
 from brushexp.plugins.blend.base import Blend, Canvas
 from brushexp.plugins.loss.base import Painting, Surroundings
 from brushexp.plugins.renderer.base import EDGE, SPREAD, Renderer
-from brushexp.plugins.sampler.base import Glance
+from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
 
 ROWS = 256  # of the whole picture that are compared at once
 
 
-class View:
+class CanvasMemory:
     """Paints what a step looks at, and keeps the whole picture up to date with it.
 
-    Where strokes that a glance neither moves nor draws around it touch the region, their pixels are taken from the
+    Where strokes that a view neither moves nor draws around it touch the region, their pixels are taken from the
     whole picture as it was last seen; elsewhere the region is what it would be in the whole. Differs from the thesis,
     which leaves those strokes out: its ring hides the gap from the active ones.
 
@@ -49,10 +49,10 @@ class View:
         self.background = background
         self.renderer = renderer
         self.blend = blend
-        self.kept = RenderCatalogue(renderer, n)
+        self.kept = PatchCache(renderer, n)
         self.n = n
         self._squares: float | None = None  # sum of squared errors; None if it has to be computed
-        self._glance: Glance | None = None
+        self._view: View | None = None
         self._part = target  # of the target, where the steps look now
         self._focus = focus  # of that part
         self._surroundings: Surroundings | None = None
@@ -72,26 +72,26 @@ class View:
         self.kept.forget(torch.arange(self.n, device=image.device))
 
     def paint(
-        self, moving: Strokes, strokes: Strokes, glance: Glance, front_to_back: Tensor, *, judge: bool
+        self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, judge: bool
     ) -> tuple[Canvas, Painting]:
-        """The region of a glance, differentiable in its active strokes.
+        """The region of a view, differentiable in its active strokes.
 
         Args:
             moving: the A active strokes, with gradient.
             strokes: all N, without.
-            glance: where to look.
+            view: where to look.
             front_to_back: (N,) indices of all strokes, the uppermost first.
             judge: measure the accuracy (A,) of the active strokes, too.
         """
-        region, active = glance.region, glance.active
+        region, active = view.region, view.active
         assert active is not None
-        if self._glance is None or not _same(self._glance, glance):
-            self._turn_to(glance, strokes)
+        if self._view is None or not _same(self._view, view):
+            self._turn_to(view, strokes)
         shift = (-region.left, -region.top)
         layers, known = self.renderer(moving.moved(shift=shift), active), active
-        if glance.ring is not None and len(glance.ring):
-            layers = layers.joined(self.kept.layers(strokes[glance.ring].moved(shift=shift), glance.ring))
-            known = torch.cat([active, glance.ring])
+        if view.ring is not None and len(view.ring):
+            layers = layers.joined(self.kept.layers(strokes[view.ring].moved(shift=shift), view.ring))
+            known = torch.cat([active, view.ring])
         place = torch.empty_like(front_to_back)
         place[front_to_back] = torch.arange(len(place), device=place.device)
         size = (region.height, region.width)
@@ -103,20 +103,20 @@ class View:
         painting = Painting(image, self._part, Strokes(**every), self._surroundings, self._focus)
         return Canvas(image, accuracy), painting
 
-    def _turn_to(self, glance: Glance, strokes: Strokes) -> None:
+    def _turn_to(self, view: View, strokes: Strokes) -> None:
         """Look elsewhere, or at other strokes; what belongs to the place stays the same object as long as it does."""
-        region = glance.region
-        if self._glance is None or self._glance.region != region:
+        region = view.region
+        if self._view is None or self._view.region != region:
             whole = region == Region(0, 0, *self.target.shape[1:])
             self._part = self.target if whole else region.of(self.target).contiguous()
             self._focus = self.focus if whole or self.focus is None else region.of(self.focus)
             self._surroundings = None if whole else Surroundings(region, self.picture, self.target, self.focus)
         unknown = torch.ones(len(strokes), dtype=torch.bool, device=self.target.device)
-        for number in (glance.active, glance.ring):
+        for number in (view.active, view.ring):
             if number is not None:
                 unknown[number] = False
         self._fixed = touched(strokes[unknown], region)
-        self._glance = glance
+        self._view = view
 
     @torch.no_grad()
     def _paste(self, image: Tensor, region: Region) -> None:
@@ -139,7 +139,7 @@ def _squares_by_rows(first: Tensor, second: Tensor) -> float:
     return sum(squares(a, b) for a, b in zip(first.split(ROWS, 1), second.split(ROWS, 1), strict=True))
 
 
-def _same(first: Glance, second: Glance) -> bool:
+def _same(first: View, second: View) -> bool:
     """Whether both look at the same place and draw the same strokes."""
     if first.region != second.region:
         return False

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
 from brushexp.pictures.structure import along_edges, structure_tensor
-from brushexp.plugins.density.base import Survey
+from brushexp.plugins.density.base import DensificationState
 from brushexp.strokes.bezier import curve_of, half_width_of, length_of, point_at
 from brushexp.strokes.catalogue import Strokes
 
@@ -25,7 +25,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Places:
+class Candidates:
     """Pixels where strokes are missing, the worst first.
 
     Attributes:
@@ -41,15 +41,15 @@ class Places:
     def __len__(self) -> int:
         return len(self.row)
 
-    def __getitem__(self, index: slice) -> Places:
-        return Places(self.row[index], self.column[index], self.size)
+    def __getitem__(self, index: slice) -> Candidates:
+        return Candidates(self.row[index], self.column[index], self.size)
 
-    def strokes(self, survey: Survey) -> Strokes:
+    def strokes(self, state: DensificationState) -> Strokes:
         """A stroke at each place: in the target's colour, along its edges."""
-        target, like = survey.target.cpu().numpy(), survey.strokes.position
+        target, like = state.target.cpu().numpy(), state.strokes.position
         tensor = structure_tensor(target, STRUCTURE)[:, self.row, self.column]
         angle = like.new_tensor(along_edges(tensor))
-        windows = survey.strokes.scale if len(survey.strokes) else like.new_ones(1)
+        windows = state.strokes.scale if len(state.strokes) else like.new_ones(1)
         scale = windows.median().clamp_min(LENGTH * self.size).expand(len(self))
         end = torch.stack([angle.cos(), angle.sin()], dim=1) * (LENGTH * self.size / scale)[:, None]
         return Strokes(
@@ -64,26 +64,26 @@ class Places:
         )
 
 
-def places(survey: Survey, n: int, size: float, tolerance: float) -> Places:
+def candidates(state: DensificationState, n: int, size: float, tolerance: float) -> Candidates:
     """The ``n`` worst places, or fewer: one in each cell of a lattice, where its error is largest.
 
     Args:
-        survey: the painting.
+        state: the painting.
         n: places that are wanted.
         size: of a new stroke, in pitches (mean distances between strokes).
         tolerance: root mean square of the error over a stroke below which a place is good enough.
     """
-    height, width = survey.target.shape[1:]
-    pixels = size * math.sqrt(height * width / max(survey.budget, 1))
-    error = (survey.image - survey.target).square().mean(0)
-    if survey.focus is not None:
-        error = error * survey.focus
+    height, width = state.target.shape[1:]
+    pixels = size * math.sqrt(height * width / max(state.budget, 1))
+    error = (state.image - state.target).square().mean(0)
+    if state.focus is not None:
+        error = error * state.focus
     blurred = gaussian_filter(error.cpu().numpy(), BLUR * pixels)
     cell = max(2, round(SPACING * pixels))
     row, column, worst = _worst_of_cells(blurred, cell)
     order = np.argsort(-worst, kind="stable")
     order = order[: min(n, int((worst > tolerance**2).sum()))]
-    return Places(row[order], column[order], pixels)
+    return Candidates(row[order], column[order], pixels)
 
 
 def _worst_of_cells(error: Array, cell: int) -> tuple[Array, Array, Array]:
@@ -98,13 +98,13 @@ def _worst_of_cells(error: Array, cell: int) -> tuple[Array, Array, Array]:
     return number // columns * cell + at // cell, number % columns * cell + at % cell, cells.max(1)
 
 
-def straddling(survey: Survey) -> Tensor:
+def straddling(state: DensificationState) -> Tensor:
     """How much squared error each of N strokes hides at least because an edge crosses it (N,).
 
     The target's colours under its two halves, read at two points each, differ by d: one colour for both leaves
     area * |d|^2 / 4 where the stroke is all that is seen.
     """
-    strokes, target = survey.strokes, survey.target
+    strokes, target = state.strokes, state.target
     curve = curve_of(strokes)
     t = curve.new_tensor([0.1, 0.35, 0.65, 0.9])
     points = point_at(curve[:, None], t.expand(len(curve), -1)).floor().long()

@@ -14,7 +14,7 @@ PROBES = 8  # random pictures that estimate a sum of squares: its relative stand
 
 
 @torch.no_grad()
-def worth(
+def importance(
     strokes: Strokes,
     front_to_back: Tensor,
     target: Tensor,
@@ -27,9 +27,9 @@ def worth(
     """By how much the squared error of the painting would grow without each stroke.
 
     The picture is linear in the opacity of each stroke, so without one it changes by d = -opacity * dP/dopacity, and
-    the squared error by sum(d^2) + 2 sum(error * d). A blend may know both sums (`Blend.worth`). If not, the second is
-    one backward pass for all strokes, and the first is estimated without bias by the square of sum(s * d) for random
-    signs s (Hutchinson, 1990), so the numbers scatter.
+    the squared error by sum(d^2) + 2 sum(error * d). A blend may know both sums (`Blend.importance`). If not, the
+    second is one backward pass for all strokes, and the first is estimated without bias by the square of sum(s * d) for
+    random signs s (Hutchinson, 1990), so the numbers scatter.
 
     Args:
         strokes: N strokes.
@@ -53,7 +53,7 @@ def worth(
         part, order, size = strokes[number].moved(shift=(0, -top)), place[number].argsort(), (rows, width)
         aim = target[:, top : top + rows].contiguous()
         weight = aim.new_ones(rows, width) if focus is None else focus[top : top + rows]
-        known = blend.worth(renderer(part, number), order, size, background, aim, weight)
+        known = blend.importance(renderer(part, number), order, size, background, aim, weight)
         if known is not None:
             exact[number] += known
             continue

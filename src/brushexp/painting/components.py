@@ -28,7 +28,7 @@ class Stage:
 
 
 @dataclass(frozen=True)
-class Parts:
+class Components:
     """What a painting is made with: one member of each family, but one renderer for each stage."""
 
     stages: Sequence[Stage]

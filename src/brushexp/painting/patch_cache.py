@@ -9,7 +9,7 @@ from brushexp.strokes.catalogue import Strokes
 MOST_BYTES = 2**29  # of pictures that are kept: 16,384 of 64 x 64 pixels
 
 
-class RenderCatalogue:
+class PatchCache:
     """Keeps what a network has drawn, so that strokes which only surround others need not be drawn at every step.
 
     Pictures are drawn when they are first asked for, in memory of a fixed size from which the oldest give way, and are
