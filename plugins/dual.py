@@ -4,7 +4,7 @@ A colour need not be learned by convolutions: paint of any colour has the same s
 seven numbers of the shape and draws two planes, a mask (alpha) and a shading; the colour is put in afterwards, exactly.
 
 What the framework does with it: `PatchRenderer` brings parameters into the range of training, calls `draw`, places the
-windows on the canvas and saves memory; ``python run.py task=train renderer=dual data=strokes.h5`` trains it;
+windows on the canvas and saves memory; ``python run.py task=train renderer=dual data=data/fluid`` trains it;
 ``python run.py renderer=dual renderer.checkpoint=outputs/x/dual.safetensors`` paints with it.
 """
 

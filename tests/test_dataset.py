@@ -2,7 +2,7 @@
 
 import json
 import re
-from contextlib import closing, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
@@ -16,11 +16,13 @@ from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import plugins
 from brushexp.strokes.prior import parameters_of, sample_prior
-from brushexp.training.dataset import BLOCK, HEIGHT_STEPS, Origin, Split, StrokeFile, origin_of, require_same_origin
-from brushexp.training.recording import Recording
-from brushexp.training.stream import OnTheWay, StrokeData
+from brushexp.training import writer
+from brushexp.training.datamodule import EngineSource, StrokeData
+from brushexp.training.dataset import BLOCK, HEIGHT_STEPS, Origin, Split, StrokeSet, origin_of, require_same_origin
+from brushexp.training.writer import StrokeWriter
 
 N = 1000  # more than three groups of blocks, and the last block is short
+SHARD_STROKES = 256  # in these tests, so that there are several
 
 
 class Spot(Engine):
@@ -40,30 +42,39 @@ class Spot(Engine):
 
 
 def write(path: Path, n: int = N, seed: int = 0, window: int = 6, engine: str = "spot", **config: object) -> Path:
-    with Recording(path, Origin(engine, {"radius": 0.25} | config, window), seed, n) as recording:
-        for first, size in recording.batches():
-            parameters = parameters_of(sample_prior(size, seed, first))
-            recording.add(parameters, Spot(window)(parameters, seed=seed, first=first))
-        recording.finish()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(writer, "SHARD_STROKES", SHARD_STROKES)
+        with StrokeWriter(path, Origin(engine, {"radius": 0.25} | config, window), seed, n) as set_writer:
+            set_writer.fill(Spot(window))
     return path
 
 
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory) -> Path:
-    return write(tmp_path_factory.mktemp("set") / "strokes.h5")
+    return write(tmp_path_factory.mktemp("set") / "strokes")
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory) -> bytes:
+    """A set of one shard."""
+    return (write(tmp_path_factory.mktemp("set") / "small", n=200) / "000000000.h5").read_bytes()
 
 
 @pytest.fixture
-def stored(kept, tmp_path) -> Path:
+def stored(small, tmp_path) -> Path:
     path = tmp_path / "strokes.h5"
-    path.write_bytes(kept.read_bytes())
+    path.write_bytes(small)
     return path
 
 
 def read_all(path: Path) -> tuple:
-    with closing(StrokeFile(path)) as file:
-        numbers = np.arange(len(file))
-        return file.origin, file.seed, file.parameters, file.pictures(numbers), file.heights(numbers)
+    found = StrokeSet(path)
+    numbers = np.arange(len(found))
+    try:
+        return found.origin, found.seed, found.parameters, found.pictures(numbers), found.heights(numbers)
+    finally:
+        for shard in found.shards:
+            shard.close()
 
 
 def refused(path: Path) -> str:
@@ -77,26 +88,24 @@ def refused(path: Path) -> str:
     return message
 
 
+def numbers_of(loader) -> Tensor:
+    return torch.cat([batch.number for batch in loader])
+
+
 def test_a_set_comes_back_as_it_was_simulated(kept):
-    file = StrokeFile(kept)
+    found = StrokeSet(kept)
     parameters = parameters_of(sample_prior(N))
     simulated = Spot()(parameters, seed=0)
-    assert (len(file), file.window, file.engine, file.engine_config, file.seed) == (N, 6, "spot", {"radius": 0.25}, 0)
-    torch.testing.assert_close(file.parameters, parameters, rtol=0, atol=0)
-    numbers = np.array([3, 999, 0, 500, 17, 16, 15])
-    images = torch.from_numpy(file.pictures(numbers)).permute(0, 3, 1, 2) / 255
+    assert (len(found), found.origin, found.seed) == (N, Origin("spot", {"radius": 0.25}, 6), 0)
+    assert [len(shard) for shard in found.shards] == [256, 256, 256, 232]
+    assert torch.equal(found.parameters, parameters)
+    numbers = np.array([3, 999, 0, 500, 17, 16, 255, 256, 15])
+    images = torch.from_numpy(found.pictures(numbers)).permute(0, 3, 1, 2) / 255
     torch.testing.assert_close(images, simulated.images[numbers], rtol=0, atol=0.5 / 255 + 1e-6)
-    torch.testing.assert_close(file.heights(numbers), simulated.heights[numbers], rtol=0, atol=0.6 / HEIGHT_STEPS)
-
-
-def test_the_file_says_what_it_is(kept):
-    with h5py.File(kept) as file:
-        assert {"format", "format_version", "n", "seed", "engine", "engine_config", "window", "splits"} == set(
-            file.attrs
-        )
-        for dataset in file.values():
-            assert dataset.fletcher32
-            assert len(dataset.attrs["unit"])
+    torch.testing.assert_close(found.heights(numbers), simulated.heights[numbers], rtol=0, atol=0.6 / HEIGHT_STEPS)
+    attributes = {"format", "format_version", "first", "n", "seed", "engine", "engine_config", "window", "splits"}
+    assert set(found.shards[1].file.attrs) == attributes
+    assert all(dataset.fletcher32 and len(dataset.attrs["unit"]) for dataset in found.shards[1].file.values())
 
 
 @pytest.mark.parametrize("n", [1, 15, 33, 640, 1000, 5003])
@@ -113,26 +122,23 @@ def test_splits_share_out_all_strokes_and_keep_them_when_the_set_grows(n):
 @pytest.mark.parametrize("prefetch", [0, 3])
 @pytest.mark.parametrize("batch_size", [7, 64, 5000])
 def test_every_training_stroke_comes_once_in_an_epoch_and_in_another_order_in_the_next(kept, batch_size, prefetch):
-    data = StrokeData([kept], batch_size=batch_size, prefetch=prefetch)
-    loader = data.train_dataloader()
+    loader = StrokeData([kept], batch_size=batch_size, prefetch=prefetch).train_dataloader()
     epochs = [list(loader), list(loader)]
-    numbers = [torch.cat([batch.number for batch in epoch]) for epoch in epochs]
-    expected = torch.from_numpy(Split.TRAINING.numbers(N))
-    for epoch, order in zip(epochs, numbers, strict=True):
+    orders = [numbers_of(epoch) for epoch in epochs]
+    for epoch, order in zip(epochs, orders, strict=True):
         assert len(epoch) == len(loader)
-        assert torch.equal(order.sort().values, expected)
-    assert not torch.equal(*numbers)
-    assert (numbers[0][1:] - numbers[0][:-1] == 1).float().mean() < 0.05, "neighbours are apart"
+        assert torch.equal(order.sort().values, torch.from_numpy(Split.TRAINING.numbers(N)))
+    assert not torch.equal(*orders)
+    assert (orders[0][1:] - orders[0][:-1] == 1).float().mean() < 0.05, "neighbours are apart"
 
 
 def test_rows_of_a_batch_belong_together(kept):
     batch = next(iter(StrokeData([kept], batch_size=33).train_dataloader()))
-    assert batch.parameters.shape == (33, 10)
-    assert batch.images.shape == (33, 4, 6, 6)
+    assert (batch.parameters.shape, batch.images.shape) == ((33, 10), (33, 4, 6, 6))
     assert (batch.images.dtype, batch.number.dtype) == (torch.float32, torch.int64)
-    parameters = parameters_of(sample_prior(N))[batch.number]
-    torch.testing.assert_close(batch.parameters, parameters, rtol=0, atol=0)
-    expected = Spot()(parameters_of(sample_prior(N)), seed=0).images[batch.number]
+    parameters = parameters_of(sample_prior(N))
+    assert torch.equal(batch.parameters, parameters[batch.number])
+    expected = Spot()(parameters, seed=0).images[batch.number]
     torch.testing.assert_close(batch.images, expected, rtol=0, atol=0.5 / 255 + 1e-6)
 
 
@@ -140,90 +146,83 @@ def test_seed_and_epoch_decide_the_order(kept):
     def order(seed: int, epoch: int) -> Tensor:
         loader = StrokeData([kept], seed=seed).train_dataloader()
         loader.set_epoch(epoch)
-        return torch.cat([batch.number for batch in loader])
+        return numbers_of(loader)
 
     assert torch.equal(order(1, 4), order(1, 4))
     assert not torch.equal(order(1, 4), order(1, 5))
     assert not torch.equal(order(1, 4), order(2, 4))
 
 
-@pytest.mark.parametrize("seen", [0, 1, 9, 23])
+@pytest.mark.parametrize("seen", [0, 9, 23])
 def test_a_loader_goes_on_where_it_was(kept, seen):
-    whole = StrokeData([kept], batch_size=37).train_dataloader()
+    def loader():
+        return StrokeData([kept], batch_size=37).train_dataloader()
+
+    whole, first, second = loader(), loader(), loader()
     numbers = [batch.number for _ in range(2) for batch in whole]
     assert len(whole) == 24
-    first = StrokeData([kept], batch_size=37).train_dataloader()
     batches = iter(first)
     for _ in range(seen + 1):
         next(batches)
-    second = StrokeData([kept], batch_size=37).train_dataloader()
     second.load_state_dict(first.state_dict())
     going_on = [batch.number for _ in range(2) for batch in second][: len(numbers) - seen - 1]
     assert all(torch.equal(*pair) for pair in zip(going_on, numbers[seen + 1 :], strict=False))
 
 
-def test_limit_takes_the_first_training_strokes_and_leaves_the_others(kept):
-    data = StrokeData([kept], limit=50)
-    numbers = torch.cat([batch.number for batch in data.train_dataloader()])
-    assert sorted(numbers.tolist()) == Split.TRAINING.numbers(N)[:50].tolist()
-    held_out = torch.cat([batch.number for batch in data.val_dataloader()])
-    assert held_out.tolist() == Split.VALIDATION.numbers(N).tolist()
-
-
-def test_held_out_strokes_come_in_order_and_apart(kept):
-    data = StrokeData([kept], batch_size=10)
+def test_limit_takes_the_first_training_strokes_and_held_out_ones_come_in_order(kept):
+    data = StrokeData([kept], batch_size=10, limit=50)
+    assert sorted(numbers_of(data.train_dataloader()).tolist()) == Split.TRAINING.numbers(N)[:50].tolist()
     for loader, split in ((data.val_dataloader(), Split.VALIDATION), (data.test_dataloader(), Split.TEST)):
         for _ in range(2):
-            assert torch.cat([batch.number for batch in loader]).tolist() == split.numbers(N).tolist()
+            assert numbers_of(loader).tolist() == split.numbers(N).tolist()
 
 
-def test_several_files_are_read_as_one(kept, tmp_path):
-    other = write(tmp_path / "other.h5", n=400, seed=1)
+def test_several_sets_are_read_as_one(kept, tmp_path):
+    other = write(tmp_path / "other", n=400, seed=1)
     data = StrokeData([kept, other], batch_size=50)
     batches = list(data.train_dataloader())
-    expected = np.concatenate([Split.TRAINING.numbers(N), Split.TRAINING.numbers(400)])
-    assert sorted(torch.cat([batch.number for batch in batches]).tolist()) == sorted(expected.tolist())
+    sizes = ((N, 0), (400, 1))
+    expected = np.concatenate([Split.TRAINING.numbers(n) for n, _ in sizes])
+    assert sorted(numbers_of(batches).tolist()) == sorted(expected.tolist())
     rows = {tuple(row) for batch in batches for row in batch.parameters.tolist()}
-    found = [parameters_of(sample_prior(n, seed))[Split.TRAINING.numbers(n)] for n, seed in ((N, 0), (400, 1))]
+    found = [parameters_of(sample_prior(n, seed))[Split.TRAINING.numbers(n)] for n, seed in sizes]
     assert rows == {tuple(row) for row in torch.cat(found).tolist()}
-    assert len(torch.cat([batch.number for batch in data.test_dataloader()])) == sum(
-        len(Split.TEST.numbers(n)) for n in (N, 400)
-    )
+    assert len(numbers_of(data.test_dataloader())) == sum(len(Split.TEST.numbers(n)) for n, _ in sizes)
 
 
-def test_files_that_do_not_fit_together_are_refused(kept, tmp_path):
-    with pytest.raises(UserError, match=r"window 6, and .* has window 8; give files that agree"):
-        StrokeData([kept, write(tmp_path / "a.h5", n=40, window=8)])
-    with pytest.raises(UserError, match=r"engine spot, and .* has engine blot"):
-        StrokeData([kept, write(tmp_path / "b.h5", n=40, engine="blot")])
-    with pytest.raises(UserError, match=r"hold the same strokes \(seed 0\)"):
-        StrokeData([kept, write(tmp_path / "c.h5", n=40)])
-    with pytest.raises(UserError, match="no file of strokes is given"):
+def test_sets_that_do_not_fit_together_are_refused(kept, tmp_path):
+    for other, message in (
+        ({"window": 8}, r"window 6, and .* has window 8; give sets that agree"),
+        ({"engine": "blot"}, r"engine spot, and .* has engine blot"),
+        ({}, r"hold the same strokes \(seed 0\)"),
+    ):
+        with pytest.raises(UserError, match=message):
+            StrokeData([kept, write(tmp_path / f"other{len(message)}", n=40, **other)])
+    with pytest.raises(UserError, match="no set of strokes is given"):
         StrokeData([])
     with pytest.raises(UserError, match="no stroke is for validation"):
-        StrokeData([write(tmp_path / "d.h5", n=BLOCK)])
+        StrokeData([write(tmp_path / "d", n=BLOCK)])
     with pytest.raises(UserError, match="set limit to 1 or more"):
         StrokeData([kept], limit=0)
 
 
-def test_on_the_way_no_stroke_comes_twice_and_the_batch_size_changes_none():
-    def source() -> OnTheWay:
-        return OnTheWay(Spot(), Origin("spot", {}, 6), seed=3, steps=4, held_out=25)
+def test_an_engine_simulates_no_stroke_twice_and_the_batch_size_changes_none():
+    def data(batch_size: int, **options) -> StrokeData:
+        source = EngineSource(Spot(), Origin("spot", {}, 6), seed=3, steps=4, held_out=25)
+        return StrokeData(source, batch_size=batch_size, **options)
 
-    data = StrokeData(source(), batch_size=8)
-    loader = data.train_dataloader()
-    numbers = torch.cat([batch.number for _ in range(2) for batch in loader])
-    assert torch.equal(numbers, torch.arange(64))
-    for held_out in (data.val_dataloader(), data.test_dataloader()):
+    eight = data(8)
+    loader = eight.train_dataloader()
+    assert torch.equal(torch.cat([numbers_of(loader), numbers_of(loader)]), torch.arange(64))
+    for held_out in (eight.val_dataloader(), eight.test_dataloader()):
         batches = list(held_out)
         assert [len(batch.number) for batch in batches] == [8, 8, 8, 1]
-        assert torch.cat([batch.number for batch in batches]).min() > 2**39
+        assert numbers_of(batches).min() > 2**39
         assert torch.equal(list(held_out)[1].images, batches[1].images)
-    few = torch.cat([batch.images for batch in StrokeData(source(), batch_size=4).train_dataloader()])
-    many = torch.cat([batch.images for batch in StrokeData(source(), batch_size=8).train_dataloader()])
+    few, many = (torch.cat([batch.images for batch in data(size).train_dataloader()]) for size in (4, 8))
     torch.testing.assert_close(few, many[:16])
     with pytest.raises(UserError, match="drop limit"):
-        StrokeData(source(), limit=5)
+        data(8, limit=5)
 
 
 class Mean(L.LightningModule):
@@ -246,17 +245,11 @@ class Mean(L.LightningModule):
 
 
 def test_lightning_continues_an_epoch_exactly(kept, tmp_path):
+    quiet = dict.fromkeys(("logger", "enable_checkpointing", "enable_progress_bar", "enable_model_summary"), False)
+
     def fit(steps: int, checkpoint: Path | None = None) -> tuple[Mean, L.Trainer]:
         module = Mean()
-        trainer = L.Trainer(
-            accelerator="cpu",
-            max_steps=steps,
-            logger=False,
-            enable_checkpointing=False,
-            enable_progress_bar=False,
-            enable_model_summary=False,
-            default_root_dir=tmp_path,
-        )
+        trainer = L.Trainer(accelerator="cpu", max_steps=steps, default_root_dir=tmp_path, **quiet)
         trainer.fit(module, StrokeData([kept], batch_size=100), ckpt_path=checkpoint)
         return module, trainer
 
@@ -269,15 +262,15 @@ def test_lightning_continues_an_epoch_exactly(kept, tmp_path):
 
 def test_a_set_of_another_brush_is_refused():
     ours = Origin("fluid", {"load": 0.8, "frames": 20}, 64)
-    require_same_origin(ours, Origin("fluid", {"frames": 20, "load": 0.8}, 64), "a.h5")
+    require_same_origin(ours, Origin("fluid", {"frames": 20, "load": 0.8}, 64), "a")
     for theirs, message in (
-        (Origin("dabs", {}, 64), "a.h5 was made with engine=dabs, .* made with engine=fluid"),
+        (Origin("dabs", {}, 64), "a was made with engine=dabs, .* made with engine=fluid"),
         (Origin("fluid", {"load": 0.5, "frames": 20}, 64), "with engine.load=0.5, .* with engine.load=0.8"),
         (Origin("fluid", {"frames": 20}, 64), "with no engine.load, .* with engine.load=0.8"),
         (Origin("fluid", {"load": 0.8, "frames": 20}, 128), "with the window=128, .* with the window=64"),
     ):
         with pytest.raises(UserError, match=message):
-            require_same_origin(ours, theirs, "a.h5")
+            require_same_origin(ours, theirs, "a")
 
 
 def test_the_origin_of_an_engine_is_all_of_its_options(config):
@@ -289,39 +282,39 @@ def test_the_origin_of_an_engine_is_all_of_its_options(config):
         assert json.loads(json.dumps(origin.engine_config)) == origin.engine_config
 
 
-def test_a_missing_file_is_explained(tmp_path):
-    assert "make one with python run.py task=simulate" in refused(tmp_path / "a.h5")
-
-
-def test_for_a_folder_the_file_in_it_is_proposed(tmp_path):
-    assert str(tmp_path / "strokes.h5") in refused(tmp_path)
-
-
-@pytest.mark.parametrize("data", [b"", b"\x89PNG\r\n\x1a\n" + bytes(3000), b"x" * 5000])
-def test_a_file_of_another_kind_is_explained(tmp_path, data):
+def test_what_is_no_set_is_explained(tmp_path, stored):
+    assert "make one with python run.py task=simulate" in refused(tmp_path / "nowhere")
+    (tmp_path / "empty").mkdir()
+    assert "there is no set of strokes at" in refused(tmp_path / "empty")
     path = tmp_path / "a.h5"
-    path.write_bytes(data)
-    assert "not an HDF5 file" in refused(path)
-
-
-def test_another_hdf5_file_is_explained(tmp_path):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
+    for data in (b"", b"\x89PNG\r\n\x1a\n" + bytes(3000), b"x" * 5000):
+        path.write_bytes(data)
+        assert "not an HDF5 file" in refused(path)
+    with h5py.File(path, "w") as file:
         file["params"] = np.zeros((3, 10))
-    assert "not one of brushexp strokes" in refused(tmp_path / "a.h5")
+    assert "not one of brushexp strokes" in refused(path)
+    for share in (0.1, 0.5, 0.9, 0.999):
+        path.write_bytes(stored.read_bytes()[: int(stored.stat().st_size * share)])
+        assert "is damaged or cut short" in refused(path)
 
 
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.9, 0.999])
-def test_a_truncated_file_is_explained(stored, share):
-    data = stored.read_bytes()
-    stored.write_bytes(data[: int(len(data) * share)])
-    assert "is damaged or cut short" in refused(stored)
+def test_shards_that_are_not_a_whole_set_are_refused(kept, tmp_path):
+    files = sorted(kept.glob("0*.h5"))
+    for name, chosen in (("gap", [files[0], files[2]]), ("end", files[1:])):
+        (tmp_path / name).mkdir()
+        for path in chosen:
+            (tmp_path / name / path.name).write_bytes(path.read_bytes())
+        assert "simulate again what it lacks" in refused(tmp_path / name)
+    assert "give the folder of the whole set" in refused(files[1])
+    other = sorted(write(tmp_path / "other", seed=5).glob("0*.h5"))
+    other[1].write_bytes(files[1].read_bytes())
+    assert "is of another set than" in refused(tmp_path / "other")
 
 
-def test_no_wrong_byte_goes_unnoticed(stored, kept):
-    data = stored.read_bytes()
-    whole = read_all(kept)
-    for position in range(0, len(data), len(data) // 60):
-        stored.write_bytes(data[:position] + bytes([data[position] ^ 0x55]) + data[position + 1 :])
+def test_no_wrong_byte_goes_unnoticed(stored, small):
+    whole = read_all(stored)
+    for position in range(0, len(small), len(small) // 60):
+        stored.write_bytes(small[:position] + bytes([small[position] ^ 0x55]) + small[position + 1 :])
         with suppress(UserError):  # some bytes say nothing
             found = read_all(stored)
             assert found[:2] == whole[:2]
@@ -333,14 +326,15 @@ def test_no_wrong_byte_goes_unnoticed(stored, kept):
     [
         ("format", "brushexp catalogue", "not one of brushexp strokes"),
         ("format", 3, "attribute format is"),
-        ("format_version", 2, "has format_version 2, and this brushexp reads 1; update brushexp"),
+        ("format_version", 3, "has format_version 3, and this brushexp reads 2; update brushexp"),
         ("format_version", 0, "simulate it again"),
         ("format_version", "1", "attribute format_version is '1'; a whole number is needed"),
+        ("first", -1, "first is -1"),
+        ("first", 16, "begins at stroke 16"),
         ("n", 0, "n is 0 and window is 6"),
-        ("n", 999, r"params has shape \(1000, 10\); \(999, 10\) is needed"),
-        ("n", 10**15, "params has shape"),
+        ("n", 199, r"params has shape \(200, 10\); \(199, 10\) is needed"),
         ("n", 2.5, "attribute n is"),
-        ("window", 7, r"images has shape \(1000, 6, 6, 4\); \(1000, 7, 7, 4\) is needed"),
+        ("window", 7, r"images has shape \(200, 6, 6, 4\); \(200, 7, 7, 4\) is needed"),
         ("window", -6, "window is -6"),
         ("seed", "x", "attribute seed is 'x'; a whole number is needed"),
         ("engine", 5, "attribute engine is .*; text is needed"),
@@ -354,7 +348,7 @@ def test_a_wrong_attribute_is_explained(stored, name, value, message):
     assert re.search(message, refused(stored))
 
 
-@pytest.mark.parametrize("name", ["format_version", "n", "seed", "engine", "engine_config", "window"])
+@pytest.mark.parametrize("name", ["format_version", "first", "n", "seed", "engine", "engine_config", "window"])
 def test_a_missing_attribute_is_explained(stored, name):
     with h5py.File(stored, "a") as file:
         del file.attrs[name]
@@ -363,26 +357,24 @@ def test_a_missing_attribute_is_explained(stored, name):
 
 @pytest.mark.parametrize("name", ["params", "images", "heights"])
 def test_a_missing_or_foreign_dataset_is_explained(stored, name):
-    with h5py.File(stored, "a") as file:
+    def replaced(unit: str | None, **dataset: object) -> str:
+        with h5py.File(stored, "a") as file:
+            if name in file:
+                del file[name]
+            if dataset:
+                file.create_dataset(name, **dataset)[:100] = 0
+            if unit is not None:
+                file[name].attrs["unit"] = unit
+        return refused(stored)
+
+    with h5py.File(stored) as file:
         shape, kind = file[name].shape, file[name].dtype
-        del file[name]
-    assert f"has no dataset {name}" in refused(stored)
-    with h5py.File(stored, "a") as file:
-        file[name] = np.zeros(shape, np.float64)
-    assert f"dataset {name} has no attribute unit" in refused(stored)
-    with h5py.File(stored, "a") as file:
-        file[name].attrs["unit"] = "none"
-    assert f"{name} has type float64" in refused(stored)
-    with h5py.File(stored, "a") as file:
-        del file[name]
-        file[name] = np.zeros(shape, kind)
-        file[name].attrs["unit"] = "none"
-    assert f"{name} has chunks None" in refused(stored)
-    with h5py.File(stored, "a") as file:
-        del file[name]
-        file.create_dataset(name, shape, kind, chunks=(BLOCK, *shape[1:]), maxshape=(None, *shape[1:]))[:500] = 0
-        file[name].attrs["unit"] = "none"
-    assert f"{name} has only 32 of its chunks; it is not complete" in refused(stored)
+    grows = {"chunks": (BLOCK, *shape[1:]), "maxshape": (None, *shape[1:])}
+    assert f"has no dataset {name}" in replaced(None)
+    assert f"dataset {name} has no attribute unit" in replaced(None, shape=shape, dtype=np.float64)
+    assert f"{name} has type float64" in replaced("none", shape=shape, dtype=np.float64)
+    assert f"{name} has chunks None" in replaced("none", shape=shape, dtype=kind)
+    assert f"{name} has only 7 of its chunks; it is not complete" in replaced("none", shape=shape, dtype=kind, **grows)
 
 
 @pytest.mark.parametrize("value", [1.5, np.nan])

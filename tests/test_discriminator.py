@@ -17,8 +17,8 @@ from brushexp.plugins.renderer.weights_file import RENDERERS
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, Strokes
 from brushexp.strokes.prior import INSET, SPREAD, WIDTH, bend_of, sample_prior, strokes_of
+from brushexp.training.corruption import WAYS, spoil
 from brushexp.training.discriminator import Plan, Training, area_under_curve, judge, save, valid_shapes
-from brushexp.training.spoiling import WAYS, spoil
 
 QUICK = Plan(lr=5e-3, batch_size=64, epochs=1, minutes=None, seed=3)
 POINTS = ("start", "control", "end")

@@ -24,11 +24,11 @@ from brushexp.results.sheet import write_sheet
 from brushexp.results.table import write_table
 from brushexp.strokes.prior import INSET, WIDTH, clamp_to_prior, parameters_of, sample_prior
 from brushexp.system.files import write_json, write_picture
-from brushexp.training import judging
+from brushexp.training import benchmark
+from brushexp.training.benchmark import EXTREMES, draw_extremes, extreme_strokes, judge, strokes_per_second
+from brushexp.training.datamodule import EngineSource, StrokeBatch, StrokeData
 from brushexp.training.dataset import Origin
-from brushexp.training.evaluation import FeatureDistance, effl0_crowds, errors_of, inception_crowds, over_white
-from brushexp.training.judging import EXTREMES, draw_extremes, extreme_strokes, judge, strokes_per_second
-from brushexp.training.stream import OnTheWay, StrokeBatch, StrokeData
+from brushexp.training.evaluation import FeatureDistance, effl0_distance, errors_of, inception_distance, over_white
 
 RENDERERS = [plugin.name for plugin in plugins("renderer")]
 CPU = torch.device("cpu")
@@ -93,7 +93,7 @@ def test_what_looks_more_different_is_farther_for_effl0():
     truth, close, far = (strokes(16, soft=soft).images for soft in (1.0, 2.0, 8.0))
     found = []
     for images in (truth, close, far):
-        measure = effl0_crowds(16, CPU)
+        measure = effl0_distance(16, CPU)
         measure.add(images, truth)
         found.append(measure.figures()["fid_effl0"])
     assert abs(found[0]) < 1e-6 * found[2]
@@ -121,7 +121,7 @@ def scripted(path: Path, count: int) -> Path:
 
 
 def test_inception_comes_from_a_file(tmp_path):
-    measure = inception_crowds(scripted(tmp_path / "i.pt", 2048), 4, CPU)
+    measure = inception_distance(scripted(tmp_path / "i.pt", 2048), 4, CPU)
     images = torch.rand(4, 4, 8, 9)
     measure.add(images, images)
     assert int(measure.fid.fake_features_num_samples) == int(measure.fid.real_features_num_samples) == 4
@@ -131,12 +131,12 @@ def test_inception_comes_from_a_file(tmp_path):
 
 def test_a_wrong_inception_file_is_refused(tmp_path):
     with pytest.raises(UserError, match=r"there is no such file; give inception-2015-12-05.pt"):
-        inception_crowds(tmp_path / "no.pt", 4, CPU)
+        inception_distance(tmp_path / "no.pt", 4, CPU)
     (tmp_path / "text.pt").write_text("hello")
     with pytest.raises(UserError, match="is not that network as TorchScript"):
-        inception_crowds(tmp_path / "text.pt", 4, CPU)
+        inception_distance(tmp_path / "text.pt", 4, CPU)
     with pytest.raises(UserError, match=r"makes features \(1, 7\); a network that makes \(1, 2048\)"):
-        inception_crowds(scripted(tmp_path / "small.pt", 7), 4, CPU)
+        inception_distance(scripted(tmp_path / "small.pt", 7), 4, CPU)
 
 
 def test_paint_lies_on_white():
@@ -167,9 +167,9 @@ def test_the_true_pictures_are_without_error():
 
 @pytest.mark.parametrize("name", RENDERERS)
 def test_time_is_taken_of_every_renderer(name, monkeypatch):
-    monkeypatch.setattr(judging, "ACROSS", 2)
-    monkeypatch.setattr(judging, "DOWN", 1)
-    monkeypatch.setattr(judging, "REPETITIONS", 1)
+    monkeypatch.setattr(benchmark, "ACROSS", 2)
+    monkeypatch.setattr(benchmark, "DOWN", 1)
+    monkeypatch.setattr(benchmark, "REPETITIONS", 1)
     renderer = build_named("renderer", name, {}).requires_grad_(False)
     threads = torch.get_num_threads()
     for backward in (False, True):
@@ -228,8 +228,8 @@ def run(tmp_path, monkeypatch, config):
     def run_with(*overrides: str) -> dict[str, object]:
         hydra = SimpleNamespace(runtime=SimpleNamespace(output_dir=str(tmp_path)))
         monkeypatch.setattr(evaluate, "HydraConfig", SimpleNamespace(get=lambda: hydra))
-        monkeypatch.setattr(judging, "ACROSS", 2)
-        monkeypatch.setattr(judging, "REPETITIONS", 1)
+        monkeypatch.setattr(benchmark, "ACROSS", 2)
+        monkeypatch.setattr(benchmark, "REPETITIONS", 1)
         cfg = config("task=evaluate", "engine=disc", "engine.window=32", "n=20", "device=cpu", *overrides)
         return evaluate.run(cfg, time.monotonic())
 
@@ -282,7 +282,7 @@ def test_random_weights_are_mentioned(run, caplog):
         (["split=training"], "split=training is not one of test, validation; try split=test"),
         (["n=0"], "n=0 is not a number of strokes"),
         (["inception=none.pt"], "inception=none.pt: there is no such file"),
-        (["data=nowhere.h5"], "there is no file nowhere.h5"),
+        (["data=nowhere.h5"], "there is no set of strokes at nowhere.h5"),
     ],
 )
 def test_wrong_keys_are_refused(run, overrides, message):
@@ -292,7 +292,7 @@ def test_wrong_keys_are_refused(run, overrides, message):
 
 def test_exactly_the_strokes_that_were_asked_for_are_judged():
     engine = build_named("engine", "disc", {"window": 8})
-    data = StrokeData(OnTheWay(engine, Origin("disc", {}, 8), held_out=50), batch_size=16)
+    data = StrokeData(EngineSource(engine, Origin("disc", {}, 8), held_out=50), batch_size=16)
     assert [evaluate.number_of(data, "test", wanted) for wanted in (None, 20, 80)] == [50, 20, 50]
     found = {split: list(evaluate.held_out(data, split, 20)) for split in ("test", "validation")}
     assert [len(batch.number) for batch in found["test"]] == [16, 4]

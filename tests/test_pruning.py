@@ -20,11 +20,11 @@ from brushexp.plugins.renderer.weights_file import save_checkpoint
 from brushexp.registry import build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.checkpoint import weights_hash
-from brushexp.training import judging
+from brushexp.training import benchmark
+from brushexp.training.datamodule import StrokeBatch
 from brushexp.training.dataset import Origin
 from brushexp.training.pruning import MULTIPLE, _Spread, check_prunable, prune
-from brushexp.training.recording import Recording
-from brushexp.training.stream import StrokeBatch
+from brushexp.training.writer import StrokeWriter
 
 OPTIONS = {
     "window": 64,
@@ -179,17 +179,14 @@ def test_a_missing_library_is_named_with_what_to_install(monkeypatch):
 def run(tmp_path, monkeypatch, config):
     """Run the task in this process, on strokes of the plainest engine."""
     engine = build_named("engine", "disc", {})
-    strokes = tmp_path / "strokes.h5"
-    with Recording(strokes, Origin("disc", {"window": 64}, 64), 0, 350) as recording:
-        for first, size in recording.batches():
-            parameters = parameters_of(sample_prior(size, 0, first))
-            recording.add(parameters, engine(parameters, seed=0, first=first))
-        recording.finish()
+    strokes = tmp_path / "strokes"
+    with StrokeWriter(strokes, Origin("disc", {"window": 64}, 64), 0, 350) as writer:
+        writer.fill(engine)
     trained = tmp_path / "trained.safetensors"
     origin = {"engine": "disc", "engine_config": {"window": 64}, "window": 64}
     save_checkpoint(trained, "neural", tiny(), {"options": deepcopy(OPTIONS), "data": origin})
-    monkeypatch.setattr(judging, "ACROSS", 2)
-    monkeypatch.setattr(judging, "REPETITIONS", 1)
+    monkeypatch.setattr(benchmark, "ACROSS", 2)
+    monkeypatch.setattr(benchmark, "REPETITIONS", 1)
     hydra = SimpleNamespace(runtime=SimpleNamespace(output_dir=str(tmp_path)))
     monkeypatch.setattr(task, "HydraConfig", SimpleNamespace(get=lambda: hydra))
     chosen = {"width": 16, "widest": 32, "dense": "[32,16]", "subpixel": 4, "checkpoint": trained}

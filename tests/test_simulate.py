@@ -2,7 +2,6 @@
 
 import random
 import resource
-import shutil
 import signal
 import time
 from pathlib import Path
@@ -12,17 +11,17 @@ import pytest
 import torch
 from PIL import Image
 from program import Program
-from test_dataset import Spot, write
+from test_dataset import SHARD_STROKES, Spot, write
 
 from brushexp.app.checks import Simulate, check_keys
-from brushexp.app.tasks.simulate import COLUMNS, GAP, contact_sheet
 from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Simulated
-from brushexp.strokes.prior import parameters_of, sample_prior
-from brushexp.training.dataset import Origin, StrokeFile, unfinished
-from brushexp.training.recording import BATCH, Recording
+from brushexp.training import writer
+from brushexp.training.dataset import Origin, StrokeSet
+from brushexp.training.sheets import GAP_PIXELS, stroke_sheet
+from brushexp.training.writer import BATCH_STROKES, StrokeWriter, to_rows
 
-N = 5 * BATCH + 70
+N = 5 * SHARD_STROKES + 70
 ORIGIN = Origin("spot", {"radius": 0.25}, 6)  # as `write` has it
 PLUGIN = '''
 """An engine for the test of simulate."""
@@ -31,7 +30,6 @@ import time
 
 import torch
 
-from brushexp.app.checks import Simulate, check_keys
 from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import register
 
@@ -60,66 +58,80 @@ def folder(tmp_path_factory) -> Path:
     return path
 
 
+@pytest.fixture
+def small_shards(monkeypatch) -> None:
+    monkeypatch.setattr(writer, "SHARD_STROKES", SHARD_STROKES)
+
+
 def start(folder: Path, *overrides: str) -> Program:
     """The program, which finds the plugin."""
     return Program("task=simulate", "threads=1", *overrides, cwd=folder, BRUSHEXP_PLUGINS=str(folder / "plugins"))
 
 
-def run(folder: Path, *overrides: str) -> tuple[int, str]:
-    """The same, finished: exit code and what it said."""
-    process = start(folder, *overrides)
-    out, err = process.communicate(timeout=120)
-    return process.returncode, out + err
+def contents(path: Path) -> dict[str, bytes]:
+    """All shards of a set."""
+    return {file.name: file.read_bytes() for file in path.glob("*.h5")}
 
 
-def record(path: Path, first: int, last: int) -> None:
-    """Make batches ``first`` to ``last - 1`` of N strokes and leave, as a killed run does."""
-    with Recording(path, ORIGIN, 0, N) as recording:
-        assert recording.done == min(first * BATCH, N)
-        for number, size in list(recording.batches())[: last - first]:
-            parameters = parameters_of(sample_prior(size, 0, number))
-            recording.add(parameters, Spot()(parameters, seed=0, first=number))
+class Killed(BaseException):
+    """Ends a process at any line."""
+
+
+class Breaking(Spot):
+    """An engine that is killed after so many strokes."""
+
+    def __init__(self, last: int) -> None:
+        super().__init__()
+        self.last = last
+
+    def __call__(self, parameters, *, seed, first=0):
+        if first >= self.last:
+            raise Killed
+        return super().__call__(parameters, seed=seed, first=first)
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory) -> bytes:
+def whole(tmp_path_factory) -> dict[str, bytes]:
     """A set that was made in one go."""
-    return write(tmp_path_factory.mktemp("whole") / "strokes.h5", n=N).read_bytes()
+    return contents(write(tmp_path_factory.mktemp("whole") / "strokes", n=N))
 
 
 @pytest.mark.slow
-def test_a_killed_run_continues_and_makes_the_same_file(folder):
-    n = 20 * BATCH + 5
+def test_a_killed_run_continues_and_makes_the_same_strokes(folder):
+    n = 3 * writer.SHARD_STROKES + 5
     settings = ["engine=test_spot", "engine.rest=0.03", f"n={n}", f"seed={2**64 - 1}"]
-    options = [*settings, "path=killed/strokes.h5"]
-    path = folder / "killed" / "strokes.h5"
+    path = folder / "killed" / "strokes"
     chance = random.Random(0)
-    done = []
-    for stop in (signal.SIGKILL, signal.SIGKILL, signal.SIGINT):
-        process = start(folder, *options)
-        while len(list(unfinished(path).glob("0*.h5"))) <= (done or [0])[-1] and process.poll() is None:
+    found = [0]
+    for stop in (signal.SIGKILL, signal.SIGINT):
+        process = start(folder, *settings, f"path={path}")
+        while len(list(path.glob("0*.h5"))) <= found[-1] and process.poll() is None:
             time.sleep(0.005)
-        time.sleep(chance.random() * 0.2)
+        time.sleep(chance.random() * 0.1)
         process.send_signal(stop)
         _, err = process.communicate(timeout=60)
         assert process.returncode in (-9, 130), err
-        assert not path.exists()
-        with pytest.raises(UserError, match="is not finished; finish it with"):
-            StrokeFile(path)
-        done.append(len(list(unfinished(path).glob("0*.h5"))))
-    assert 0 < done[0] < done[1] < done[2] < 20
-    code, said = run(folder, *options)
-    assert code == 0, said
+        found.append(len(StrokeSet(path).shards))
+    assert 0 < found[1] < found[2] <= 4
+    process = start(folder, *settings, f"path={path}", "output=go")
+    said = "".join(process.communicate(timeout=120))
+    assert process.returncode == 0, said
     assert "strokes are there already; going on" in said
-    assert [entry.name for entry in path.parent.iterdir()] == ["strokes.h5"]
-    code, said = run(folder, *settings, "output=go")
-    assert code == 0, said
-    assert (folder / "go" / "strokes.h5").read_bytes() == path.read_bytes()
     with Image.open(folder / "go" / "strokes.png") as sheet:
         assert sheet.width > 1000
-    file = StrokeFile(path)
-    assert (file.engine, file.seed) == ("test_spot", 2**64 - 1)
-    assert file.engine_config == {"window": 6, "rest": 0.03, "radius": 0.5}
+    strokes = StrokeSet(path)
+    assert (len(strokes), strokes.seed) == (n, 2**64 - 1)
+    assert strokes.origin == Origin("test_spot", {"window": 6, "rest": 0.03, "radius": 0.5}, 6)
+    with StrokeWriter(folder / "again", strokes.origin, strokes.seed, n) as again:
+        again.fill(lambda parameters, *, seed, first: engine_of_the_plugin(parameters, seed, first))
+    assert contents(folder / "again") == contents(path)
+
+
+def engine_of_the_plugin(parameters, seed: int, first: int) -> Simulated:
+    """What the plugin draws, without its rests."""
+    alpha = torch.sin(torch.arange(first, first + len(parameters)) + seed * 0.5).square()
+    alpha = alpha[:, None, None].expand(-1, 6, 6)
+    return Simulated(torch.stack([0.5 * alpha, alpha, 1 - alpha, alpha], 1), alpha)
 
 
 def test_every_key_has_a_value(config):
@@ -130,52 +142,50 @@ def test_every_key_has_a_value(config):
         check_keys(config("task=simulate", "n=0"), Simulate)
 
 
-@pytest.mark.parametrize("stops", [[1], [5], [2, 2, 4], [1, 2, 3, 4, 5, 6]])
-def test_a_set_made_in_pieces_is_the_same_byte_for_byte(tmp_path, whole, stops):
-    done = 0
+@pytest.mark.parametrize("stops", [[0], [BATCH_STROKES], [300, 300, 1000], list(range(0, N - 70, 100))])
+def test_a_set_made_in_pieces_is_the_same(tmp_path, small_shards, whole, stops):
+    path = tmp_path / "strokes"
     for stop in stops:
-        record(tmp_path / "strokes.h5", done, stop)
-        done = stop
-    assert write(tmp_path / "strokes.h5", n=N).read_bytes() == whole
-    assert [path.name for path in tmp_path.iterdir()] == ["strokes.h5"]
+        with pytest.raises(Killed), StrokeWriter(path, ORIGIN, 0, N) as killed:
+            killed.fill(Breaking(stop))
+        assert killed.done < N
+    assert contents(write(path, n=N)) == whole
 
 
-@pytest.mark.parametrize("before", [3, BATCH, 2 * BATCH + 1, N - 1])
-def test_a_finished_set_that_grows_is_the_same_as_one_made_large(tmp_path, whole, before):
-    path = write(tmp_path / "strokes.h5", n=before)
-    record(path, before // BATCH, before // BATCH + 1)
-    assert len(StrokeFile(path)) == before, "the smaller set stays until the larger one is complete"
-    assert write(path, n=N).read_bytes() == whole
+@pytest.mark.parametrize("before", [3, SHARD_STROKES, 2 * SHARD_STROKES + 1, N - 1])
+def test_a_set_that_grows_is_the_same_as_one_made_large(tmp_path, whole, before):
+    path = write(tmp_path / "strokes", n=before)
+    assert len(StrokeSet(path)) == before
+    assert contents(write(path, n=N)) == whole
 
 
-def test_an_unfinished_set_can_become_larger(tmp_path, whole):
-    path = tmp_path / "strokes.h5"
-    with Recording(path, ORIGIN, 0, BATCH + 3) as recording:
-        for first, size in recording.batches():
-            parameters = parameters_of(sample_prior(size, 0, first))
-            recording.add(parameters, Spot()(parameters, seed=0, first=first))
-    assert write(path, n=N).read_bytes() == whole
+def test_ctrl_c_keeps_what_is_simulated(tmp_path, small_shards, monkeypatch):
+    monkeypatch.setattr(writer, "BATCH_STROKES", 32)
+    path = tmp_path / "strokes"
+
+    class Pressing(Spot):
+        def __call__(self, parameters, *, seed, first=0):
+            if first == 64:
+                signal.raise_signal(signal.SIGINT)
+            return super().__call__(parameters, seed=seed, first=first)
+
+    with pytest.raises(KeyboardInterrupt), StrokeWriter(path, ORIGIN, 0, N) as interrupted:
+        interrupted.simulate(Pressing())
+    assert interrupted.done == len(StrokeSet(path)) == 96
+    with StrokeWriter(path, ORIGIN, 0, N) as resumed:
+        assert resumed.done == 96
 
 
 def test_what_killed_runs_leave_behind_does_no_harm(tmp_path, whole, caplog):
-    path = tmp_path / "strokes.h5"
-    record(path, 0, 4)
-    rest = unfinished(path)
-    (rest / ".00000004-abcd.h5").write_bytes(b"half")
-    (rest / "whole.h5").write_bytes(b"half")
-    (rest / "00000001.h5").write_bytes((rest / "00000001.h5").read_bytes()[:3000])
-    (rest / "00000002.h5").unlink()
-    with Recording(path, ORIGIN, 0, N) as recording:
-        assert recording.done == BATCH
-        assert "is damaged" in caplog.text
-    assert write(path, n=N).read_bytes() == whole
-    shutil.copytree(path.parent, tmp_path / "copy")
-    rest.mkdir()  # killed after the file was moved to its place
-    assert write(path, n=N).read_bytes() == whole
-    assert not rest.exists()
+    path = write(tmp_path / "strokes", n=N)
+    (path / ".000000004-abcd.h5").write_bytes(b"half")
+    files = sorted(path.glob("0*.h5"))
+    files[1].write_bytes(files[1].read_bytes()[:3000])
+    files[2].unlink()
+    assert contents(write(path, n=N)) == whole
+    assert "it is made again" in caplog.text
 
 
-@pytest.mark.parametrize("finished", [False, True])
 @pytest.mark.parametrize(
     ("origin", "seed", "n", "message"),
     [
@@ -187,90 +197,68 @@ def test_what_killed_runs_leave_behind_does_no_harm(tmp_path, whole, caplog):
         (ORIGIN, 0, 200, "already, more than n=200"),
     ],
 )
-def test_a_set_is_not_continued_with_other_settings(tmp_path, whole, finished, origin, seed, n, message):
-    path = tmp_path / "strokes.h5"
-    if finished:
-        path.write_bytes(whole)
-    else:
-        record(path, 0, 3)
-    with pytest.raises(UserError, match=message), Recording(path, origin, seed, n):
+def test_a_set_is_not_continued_with_other_settings(tmp_path, origin, seed, n, message):
+    path = write(tmp_path / "strokes", n=300)
+    before = contents(path)
+    with pytest.raises(UserError, match=message), StrokeWriter(path, origin, seed, n):
         pass
-    assert write(path, n=N).read_bytes() == whole, "nothing was lost"
+    assert contents(path) == before, "nothing was lost"
 
 
 def test_only_one_run_makes_a_set_at_a_time(tmp_path):
-    path = tmp_path / "strokes.h5"
-    other = Recording(path, ORIGIN, 0, N)
-    with Recording(path, ORIGIN, 0, N), pytest.raises(UserError, match="is being made by another run"):
+    path = tmp_path / "strokes"
+    other = StrokeWriter(path, ORIGIN, 0, N)
+    with StrokeWriter(path, ORIGIN, 0, N), pytest.raises(UserError, match="is being made by another run"):
         other.__enter__()
-    with Recording(path, ORIGIN, 0, N):
+    with StrokeWriter(path, ORIGIN, 0, N):
         pass
-
-
-def test_a_file_of_another_kind_is_not_overwritten(tmp_path):
-    path = tmp_path / "strokes.h5"
-    path.write_bytes(b"precious")
-    with pytest.raises(UserError, match="not an HDF5 file"), Recording(path, ORIGIN, 0, N):
-        pass
-    assert path.read_bytes() == b"precious"
 
 
 @pytest.mark.parametrize("room", [2000, 30_000])
 def test_a_full_disk_ends_in_one_clear_line_and_nothing_is_lost(tmp_path, whole, room):
-    path = write(tmp_path / "strokes.h5", n=BATCH)
-    small = path.read_bytes()
+    path = write(tmp_path / "strokes", n=SHARD_STROKES)
+    small = contents(path)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
     try:
-        with pytest.raises(UserError) as caught:
+        with pytest.raises(UserError, match=rf"cannot write {path}/.*with path="):
             write(path, n=N)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert f"cannot write {path}: " in str(caught.value)
-    assert "choose another place with path=" in str(caught.value)
-    assert path.read_bytes() == small
-    assert not (unfinished(path) / "whole.h5").exists()
-    assert write(path, n=N).read_bytes() == whole
+    assert contents(path) == small
+    assert contents(write(path, n=N)) == whole
 
 
 def test_a_place_that_cannot_be_written_is_explained(tmp_path):
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(UserError, match=r"cannot write .*; .*path="), Recording(tmp_path / "file/a.h5", ORIGIN, 0, N):
-        pass
+    for path in (tmp_path / "file", tmp_path / "file" / "a"):
+        with pytest.raises(UserError, match=r"cannot write .*; .*path="), StrokeWriter(path, ORIGIN, 0, N):
+            pass
+    assert (tmp_path / "file").read_text() == "in the way"
 
 
-def test_numbers_that_are_not_finite_are_refused_with_the_stroke(tmp_path):
-    with Recording(tmp_path / "strokes.h5", ORIGIN, 0, N) as recording:
-        parameters = parameters_of(sample_prior(BATCH))
-        simulated = Spot()(parameters, seed=0)
-        simulated.heights[7, 2, 3] = torch.nan
-        with pytest.raises(UserError, match="the engine drew stroke 7 with numbers that are not finite"):
-            recording.add(parameters, simulated)
-        assert recording.done == 0
+def test_numbers_that_are_not_finite_are_refused_with_the_stroke():
+    simulated = Spot()(torch.zeros(9, 10), seed=0)
+    simulated.heights[7, 2, 3] = torch.nan
+    with pytest.raises(UserError, match="the engine drew stroke 107 with numbers that are not finite"):
+        to_rows(torch.zeros(9, 10), simulated, 100)
 
 
-def test_what_lies_outside_the_range_of_the_file_is_clipped(tmp_path):
-    path = tmp_path / "strokes.h5"
-    with Recording(path, ORIGIN, 0, 3) as recording:
-        images = torch.tensor([-1.0, 2.0, 0.5])[:, None, None, None].expand(3, 4, 6, 6)
-        heights = torch.tensor([-1.0, 1e6, 0.5])[:, None, None].expand(3, 6, 6)
-        recording.add(torch.zeros(3, 10), Simulated(images, heights))
-        recording.finish()
-    file = StrokeFile(path)
-    assert file.pictures(np.arange(3))[:, 0, 0, 0].tolist() == [0, 255, 128]
-    assert file.heights(np.arange(3))[:, 0, 0].tolist() == [0, 65535 / 1024, 0.5]
+def test_what_lies_outside_the_range_of_the_file_is_clipped():
+    images = torch.tensor([-1.0, 2.0, 0.5])[:, None, None, None].expand(3, 4, 6, 6)
+    heights = torch.tensor([-1.0, 1e6, 0.5])[:, None, None].expand(3, 6, 6)
+    rows = to_rows(torch.zeros(3, 10), Simulated(images, heights), 0)
+    assert rows["images"][:, 0, 0, 0].tolist() == [0, 255, 128]
+    assert (rows["heights"][:, 0, 0] / 1024).tolist() == [0, 65535 / 1024, 0.5]
+    assert rows["heights"].dtype == np.uint16
 
 
-def test_the_sheet_shows_strokes_over_white(tmp_path):
-    path = tmp_path / "strokes.h5"
-    with Recording(path, ORIGIN, 0, 13) as recording:
-        images = torch.zeros(13, 4, 6, 6)
-        images[:, 0] = 1
-        images[12, 3] = 1  # red; the others are clear
-        recording.add(torch.zeros(13, 10), Simulated(images, torch.zeros(13, 6, 6)))
-        recording.finish()
-    sheet = contact_sheet(StrokeFile(path))
-    pitch = 6 * 21 + GAP
-    assert sheet.shape == (2 * pitch + GAP, COLUMNS * pitch + GAP, 3)
-    assert sheet[GAP, GAP].tolist() == [255, 255, 255]
-    assert sheet[pitch + GAP, 2 * pitch + GAP].tolist() == [255, 0, 0]
+def test_the_sheet_shows_strokes_over_white():
+    images = torch.zeros(13, 4, 6, 6)
+    images[:, 0] = 1
+    images[12, 3] = 1  # red; the others are clear
+    sheet = stroke_sheet(images, 10)
+    pitch = 6 * 21 + GAP_PIXELS
+    assert sheet.shape == (3, 2 * pitch + GAP_PIXELS, 10 * pitch + GAP_PIXELS)
+    assert sheet[:, GAP_PIXELS, GAP_PIXELS].tolist() == [1, 1, 1]
+    assert sheet[:, pitch + GAP_PIXELS, 2 * pitch + GAP_PIXELS].tolist() == [1, 0, 0]

@@ -24,9 +24,9 @@ from brushexp.plugins.renderer.weights_file import read_recipe
 from brushexp.registry import build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.checkpoint import weights_hash
+from brushexp.training.datamodule import StrokeBatch, StrokeLoader
 from brushexp.training.evaluation import Errors, decibels, errors_of, premultiplied, squared_error
 from brushexp.training.progress import Checkpoints, sheet_of_pairs
-from brushexp.training.stream import Loader, StrokeBatch
 from brushexp.training.trainer import RendererTrainer, Training, balanced
 
 SIDE = 16
@@ -68,7 +68,7 @@ class Strokes(L.LightningDataModule):
             yield StrokeBatch(*(value[part] for value in self.known))
 
     def train_dataloader(self):
-        return Loader(self.batches, -(-len(self.known.number) // self.batch), 0)
+        return StrokeLoader(self.batches, -(-len(self.known.number) // self.batch), 0)
 
     def val_dataloader(self):
         return DataLoader([strokes(5, first=100)], batch_size=None)
@@ -274,13 +274,13 @@ def test_the_sheet_shows_pairs_over_white():
 @pytest.fixture(scope="module")
 def file(tmp_path_factory) -> Path:
     """A file of 96 strokes, of which 64 are for training."""
-    return write(tmp_path_factory.mktemp("strokes") / "strokes.h5", n=96, window=64)
+    return write(tmp_path_factory.mktemp("strokes") / "strokes", n=96, window=64)
 
 
 def test_the_task_leaves_a_renderer_that_can_be_loaded(config, file, tmp_path):
     cfg = config("task=train", f"data=[{file}]", "epochs=2", "minutes=null", "batch_size=32", *TINY)
     assert cfg.renderer.checkpoint is None, "a renderer is trained from the start unless one says otherwise"
-    data = train.data_of(cfg)
+    data = train.stroke_data(cfg)
     module = RendererTrainer(train.build(cfg.renderer), data.origin.window, train.training_of(cfg))
     train.fit(module, data, cfg, tmp_path, torch.device("cpu"), None)
     metrics = train.finish(module, data, cfg, tmp_path, time.monotonic(), torch.device("cpu"))
@@ -303,14 +303,14 @@ def test_the_task_leaves_a_renderer_that_can_be_loaded(config, file, tmp_path):
     loaded = build_named("renderer", "neural", options)
     assert weights_hash(loaded) == metrics["renderer_hash"]
     with torch.no_grad():
-        drawn = window_pictures(loaded, data.files[0].parameters[:4], 64)
-        torch.testing.assert_close(drawn, window_pictures(module.averaged.eval(), data.files[0].parameters[:4], 64))
+        drawn = window_pictures(loaded, data.sets[0].parameters[:4], 64)
+        torch.testing.assert_close(drawn, window_pictures(module.averaged.eval(), data.sets[0].parameters[:4], 64))
 
 
 def test_a_set_is_simulated_once_and_kept(config, tmp_path):
     def paths(*more: str) -> list[Path]:
         cfg = config("task=train", "engine=disc", "simulate=40", "epochs=1", f"sets={tmp_path}", *more)
-        return [file.path for file in train.data_of(cfg).files]
+        return [file.path for file in train.stroke_data(cfg).sets]
 
     (path,) = paths()
     before = path.stat().st_mtime_ns
@@ -322,7 +322,7 @@ def test_a_set_is_simulated_once_and_kept(config, tmp_path):
 
 def test_training_goes_on_from_a_checkpoint(config, file, tmp_path):
     cfg = config("task=train", f"data=[{file}]", "epochs=1", "minutes=null", "batch_size=32", "renderer=dual")
-    data = train.data_of(cfg)
+    data = train.stroke_data(cfg)
     module = RendererTrainer(train.build(cfg.renderer), 64, train.training_of(cfg))
     train.fit(module, data, cfg, tmp_path, torch.device("cpu"), None)
     train.finish(module, data, cfg, tmp_path, time.monotonic(), torch.device("cpu"))

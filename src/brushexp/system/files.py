@@ -26,10 +26,14 @@ _CURES = {
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path, key: str = "output") -> Iterator[Path]:
     """Yield a temporary path beside ``path``; what is written there takes the place of ``path`` at once, or never.
 
     Whatever goes wrong inside, Ctrl-C included, the temporary file is removed and the previous file is untouched.
+
+    Args:
+        path: the file.
+        key: what the user types to choose another place, for the message.
 
     Raises:
         UserError: if the file cannot be written: no space, no permission, not a folder.
@@ -46,13 +50,13 @@ def replacing(path: Path) -> Iterator[Path]:
         if isinstance(error, OSError):
             cure = _CURES.get(error.errno or 0, "choose another folder")
             reason = error.strerror or str(error)
-            raise UserError(f"cannot write {path}: {reason}; {cure} with output=...") from error
+            raise UserError(f"cannot write {path}: {reason}; {cure} with {key}=...") from error
         raise
 
 
-def write_bytes(path: Path, data: bytes) -> None:
+def write_bytes(path: Path, data: bytes, key: str = "output") -> None:
     """Write a file as `replacing` does."""
-    with replacing(path) as temporary:
+    with replacing(path, key) as temporary:
         temporary.write_bytes(data)
 
 

@@ -1,5 +1,5 @@
 """From simulated strokes to a trained renderer, in the order of the data.
 
-engine -> recording -> dataset -> stream -> trainer (with renderer, adversarial, progress) -> evaluation -> judging
--> pruning, spoiling -> discriminator -> loss
+engine -> writer -> dataset -> datamodule -> trainer (with renderer, adversarial, sheets, progress) -> evaluation
+-> benchmark -> pruning, corruption -> discriminator -> loss
 """

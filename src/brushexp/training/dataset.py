@@ -1,9 +1,10 @@
-"""``strokes.h5``: what a file of simulated strokes holds, and how it is read; `recording` writes it.
+"""A set of simulated strokes: a folder of shards, HDF5 files of up to 2048 strokes; `writer` writes them.
 
-Datasets, n strokes in windows of S x S pixels: ``params`` (n, 10) float32 as `strokes.prior.parameters_of` writes them;
-``images`` (n, S, S, 4) uint8 RGBA, straight alpha; ``heights`` (n, S, S) uint16 in units of 1/1024. The stroke in row i
-is number i of the prior. Everything is covered by checksums of HDF5; those of pictures are checked when they are read.
-Attributes: format, format_version, n, seed, engine, engine_config (JSON), window, splits.
+A shard of n strokes in windows of S x S pixels holds the datasets ``params`` (n, 10) float32 as
+`strokes.prior.parameters_of` writes them; ``images`` (n, S, S, 4) uint8 RGBA, straight alpha; ``heights`` (n, S, S)
+uint16 in units of 1/1024. The stroke in row i is number ``first`` + i of the prior. Everything is covered by checksums
+of HDF5; those of pictures are checked when they are read. Attributes: format, format_version, first, n, seed, engine,
+engine_config (JSON), window, splits. A single shard that begins at stroke 0 is a set, too.
 
 Splits: blocks of 16 strokes, which are also the chunks on disk, go to one split each by their number alone. So a set
 keeps its splits when it grows, and reading one split unpacks nothing of another; as strokes are drawn independently,
@@ -31,13 +32,11 @@ from brushexp.registry import plugin_of
 from brushexp.system.hdf5 import dataset_of, text_of, whole_number_of
 
 FORMAT = "brushexp strokes"
-VERSION = 1  # raise it whenever a file of the new kind would mislead an older reader
+VERSION = 2  # raise it whenever a file of the new kind would mislead an older reader
 BLOCK = 16  # strokes of a chunk
 PERIOD = 20  # blocks after which the splits repeat
 SPLITS = "block = number // 16; block % 20: 0 test, 1 validation, others training"
 HEIGHT_STEPS = 1024  # per unit of height: 16 bits reach to 64, and thick paint of the fluid engine to about 8
-UNFINISHED = ".partial"  # added to the name of a set that is not finished
-FINISH = "finish it with python run.py task=simulate path="
 
 Bytes = NDArray[np.uint8]
 Numbers = NDArray[np.int64]
@@ -84,7 +83,7 @@ def origin_of(node: DictConfig, engine: Engine) -> Origin:
     return Origin(plugin_of(node).name, json.loads(json.dumps(config)), engine.window)
 
 
-def difference(here: dict[str, object], there: dict[str, object]) -> tuple[str, str] | None:
+def first_difference(here: dict[str, object], there: dict[str, object]) -> tuple[str, str] | None:
     """The first setting that differs, as ``key=value`` here and there; None if all are the same."""
     for key in here | there:
         one, other = (f"{key}={side[key]}" if key in side else f"no {key}" for side in (here, there))
@@ -104,7 +103,7 @@ def require_same_origin(trained: Origin, found: Origin, name: str | Path) -> Non
     Raises:
         UserError: names the first difference.
     """
-    found_difference = difference(trained.settings(), found.settings())
+    found_difference = first_difference(trained.settings(), found.settings())
     if found_difference is not None:
         ours, theirs = found_difference
         raise UserError(
@@ -113,11 +112,12 @@ def require_same_origin(trained: Origin, found: Origin, name: str | Path) -> Non
         )
 
 
-class StrokeFile:
-    """A finished set of strokes; all but the pictures is read and checked at once, pictures when they are asked for.
+class Shard:
+    """One file of a set; all but the pictures is read and checked at once, pictures when they are asked for.
 
     Attributes:
-        origin: what made it; its parts are also ``engine``, ``engine_config`` and ``window``.
+        first: number of its first stroke.
+        origin: what made it.
         seed: of the prior and the engine.
         parameters: (n, 10) float32 in [-1, 1].
 
@@ -127,11 +127,10 @@ class StrokeFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        _check_place(path)
         try:
             path.open("rb").close()
             if not h5py.is_hdf5(path):
-                raise UserError("not an HDF5 file; give the strokes.h5 of task=simulate")
+                raise UserError("not an HDF5 file; give a set of task=simulate")
             self.file = h5py.File(path, "r", rdcc_nbytes=0)  # whole chunks are read, once
             try:
                 self._read_head()
@@ -146,7 +145,7 @@ class StrokeFile:
     def _read_head(self) -> None:
         file = self.file
         if "format" not in file.attrs or text_of(file, "format") != FORMAT:
-            raise UserError(f"an HDF5 file, but not one of {FORMAT}; give the strokes.h5 of task=simulate")
+            raise UserError(f"an HDF5 file, but not one of {FORMAT}; give a set of task=simulate")
         version = whole_number_of(file, "format_version")
         if version != VERSION:
             cure = "update brushexp" if version > VERSION else "simulate it again"
@@ -155,17 +154,13 @@ class StrokeFile:
         options = json.loads(config)
         if not isinstance(options, dict):
             raise UserError(f"attribute engine_config is {config}; JSON of the engine's options is needed")
-        n, self.window = whole_number_of(file, "n"), whole_number_of(file, "window")
-        self.engine: str = text_of(file, "engine")
-        self.engine_config: dict[str, Any] = options
-        self.origin = Origin(self.engine, options, self.window)
-        self.seed: int = whole_number_of(file, "seed")
-        if n < 1 or self.window < 1:
-            raise UserError(f"n is {n} and window is {self.window}; both must be 1 or more")
-        window = self.window
+        self.first, n, window, self.seed = (whole_number_of(file, name) for name in ("first", "n", "window", "seed"))
+        self.origin = Origin(text_of(file, "engine"), options, window)
+        if self.first < 0 or n < 1 or window < 1:
+            raise UserError(f"first is {self.first}, n is {n} and window is {window}; 0, 1 and 1 are the least")
         params = _whole_dataset(file, "params", np.float32, (n, 10))
         self.images = _whole_dataset(file, "images", np.uint8, (n, window, window, 4))
-        self._heights = _whole_dataset(file, "heights", np.uint16, (n, window, window))
+        self.heights = _whole_dataset(file, "heights", np.uint16, (n, window, window))
         self.parameters = torch.from_numpy(params[...])
         if not bool((self.parameters.abs() <= 1).all()):
             raise UserError("params has numbers outside [-1, 1]; it is damaged, simulate it again")
@@ -177,47 +172,95 @@ class StrokeFile:
         """Let go of the file; else that happens with the last reference to this object."""
         self.file.close()
 
-    def pictures(self, numbers: Numbers) -> Bytes:
-        """Images (B, S, S, 4) of these strokes; quickest where many of them share a block.
+    def rows(self, dataset: h5py.Dataset, rows: Numbers) -> NDArray[Any]:
+        """These rows of ``images`` or ``heights``, whose blocks are read once each.
 
         Raises:
             UserError: if they are damaged.
         """
-        return self._rows(self.images, numbers)
-
-    def heights(self, numbers: Numbers) -> Tensor:
-        """Heights (B, S, S) float32 of these strokes; 1 is about what covers the canvas."""
-        return torch.from_numpy(self._rows(self._heights, numbers).astype(np.float32) / HEIGHT_STEPS)
-
-    def _rows(self, dataset: h5py.Dataset, numbers: Numbers) -> NDArray[Any]:
-        rows = np.empty((len(numbers), *dataset.shape[1:]), dataset.dtype)
-        blocks = numbers // BLOCK
+        found = np.empty((len(rows), *dataset.shape[1:]), dataset.dtype)
+        blocks = rows // BLOCK
         try:
             for block in np.unique(blocks):
                 here = np.flatnonzero(blocks == block)
-                rows[here] = dataset[block * BLOCK : (block + 1) * BLOCK][numbers[here] - block * BLOCK]
+                found[here] = dataset[block * BLOCK : (block + 1) * BLOCK][rows[here] - block * BLOCK]
         except (OSError, RuntimeError) as error:
             raise self._damaged(error) from error
-        return rows
+        return found
 
     def _damaged(self, error: Exception) -> UserError:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error).partition("\n")[0]
         return UserError(f"{self.path} is damaged or cut short ({reason}); simulate it again or give another one")
 
 
-def unfinished(path: Path) -> Path:
-    """The folder in which the set at ``path`` grows until it is complete."""
-    return path.with_name(path.name + UNFINISHED)
+class StrokeSet:
+    """All shards of a set as one, strokes 0 to n - 1.
+
+    Args:
+        path: the folder of its shards; or a file, the only shard of a small set.
+
+    Attributes:
+        origin: what made it.
+        seed: of the prior and the engine.
+        parameters: (n, 10) float32 in [-1, 1].
+
+    Raises:
+        UserError: says what is wrong with the set, or with which of its files.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.shards = [Shard(file) for file in shard_paths(path)]
+        there = 0
+        for shard in self.shards:
+            if shard.first != there:
+                raise UserError(
+                    f"{shard.path} begins at stroke {shard.first}, but only {there} strokes are before it; "
+                    "give the folder of the whole set, and simulate again what it lacks"
+                )
+            there += len(shard)
+            if (shard.origin, shard.seed) != (self.shards[0].origin, self.shards[0].seed):
+                raise UserError(
+                    f"{shard.path} is of another set than {self.shards[0].path}; give each a folder of its own"
+                )
+        self.origin, self.seed = self.shards[0].origin, self.shards[0].seed
+        self.parameters = torch.cat([shard.parameters for shard in self.shards])
+
+    def __len__(self) -> int:
+        return len(self.parameters)
+
+    def pictures(self, numbers: Numbers) -> Bytes:
+        """Images (B, S, S, 4) of these strokes; quickest where many of them share a block.
+
+        Raises:
+            UserError: if they are damaged.
+        """
+        return self._gather("images", numbers)
+
+    def heights(self, numbers: Numbers) -> Tensor:
+        """Heights (B, S, S) float32 of these strokes; 1 is about what covers the canvas."""
+        return torch.from_numpy(self._gather("heights", numbers).astype(np.float32) / HEIGHT_STEPS)
+
+    def _gather(self, name: str, numbers: Numbers) -> NDArray[Any]:
+        sample = getattr(self.shards[0], name)
+        found = np.empty((len(numbers), *sample.shape[1:]), sample.dtype)
+        owner = np.searchsorted([shard.first for shard in self.shards], numbers, side="right") - 1
+        for k in np.unique(owner):
+            shard = self.shards[k]
+            found[owner == k] = shard.rows(getattr(shard, name), numbers[owner == k] - shard.first)
+        return found
 
 
-def _check_place(path: Path) -> None:
-    whole = path.with_name(path.name.removesuffix(UNFINISHED))
-    if not path.is_file() and unfinished(whole).is_dir():
-        raise UserError(f"{whole} is not finished; {FINISH}{whole} and the options that it was begun with")
-    if path.is_dir():
-        raise UserError(f"{path} is a folder; give the file in it, {path / 'strokes.h5'}")
-    if not path.exists():
-        raise UserError(f"there is no file {path}; make one with python run.py task=simulate path={path}")
+def shard_paths(path: Path) -> list[Path]:
+    """The files of the set at ``path``, in order.
+
+    Raises:
+        UserError: if there is none.
+    """
+    found = sorted(path.glob("[0-9]*.h5")) if path.is_dir() else [path]
+    if not found or not found[0].is_file():
+        raise UserError(f"there is no set of strokes at {path}; make one with python run.py task=simulate path={path}")
+    return found
 
 
 def _whole_dataset(file: h5py.File, name: str, dtype: type, shape: tuple[int, ...]) -> h5py.Dataset:

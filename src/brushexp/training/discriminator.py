@@ -19,9 +19,9 @@ from torch.nn import functional
 from brushexp.errors import UserError
 from brushexp.plugins.loss.discriminator import DISCRIMINATORS, NAME, Discriminator, shapes_of
 from brushexp.strokes.prior import sample_prior
+from brushexp.training.corruption import WAYS, spoil
+from brushexp.training.datamodule import HELD_OUT
 from brushexp.training.dataset import Split
-from brushexp.training.spoiling import WAYS, spoil
-from brushexp.training.stream import HELD_OUT
 
 EPOCH = 500  # batches that are called an epoch
 QUANTILE = 0.05  # share of valid strokes whose score is below the threshold: a lower one lies well outside of them

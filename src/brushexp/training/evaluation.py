@@ -149,7 +149,7 @@ class _Ready(nn.Module):
         return features
 
 
-def effl0_crowds(n: int, device: torch.device) -> FeatureDistance:
+def effl0_distance(n: int, device: torch.device) -> FeatureDistance:
     """`FeatureDistance` "effl0": 112 channels of a network that comes with a package, averaged over a picture."""
     network = open_backbone("effl0").to(device)
 
@@ -161,7 +161,7 @@ def effl0_crowds(n: int, device: torch.device) -> FeatureDistance:
     return FeatureDistance("effl0", features, TAP_CHANNELS, n)
 
 
-def inception_crowds(path: Path, n: int, device: torch.device) -> FeatureDistance:
+def inception_distance(path: Path, n: int, device: torch.device) -> FeatureDistance:
     """`FeatureDistance` "inception": the published FID and KID, in the 2048 features of Inception v3.
 
     Args:

@@ -12,8 +12,8 @@ from torch import Tensor, nn
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import PatchRenderer
 from brushexp.plugins.renderer.neural import COARSEST, Coarsest, Neural
+from brushexp.training.datamodule import StrokeBatch
 from brushexp.training.evaluation import squared_error
-from brushexp.training.stream import StrokeBatch
 
 MULTIPLE = 8  # widths stay multiples of this: processors compute so many channels at once
 

@@ -16,8 +16,8 @@ from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import Renderer, window_pictures
 from brushexp.training.adversarial import Critic, relativistic_loss
+from brushexp.training.datamodule import StrokeBatch
 from brushexp.training.evaluation import Errors, decibels, errors_of, premultiplied
-from brushexp.training.stream import StrokeBatch
 
 WARMUP, WARMUP_SHARE = 200, 0.1  # steps, or share of a short training, over which the learning rate rises
 FINAL_RATE = 0.01  # of the learning rate, at the end

@@ -31,10 +31,10 @@ from brushexp.system.checkpoint import weights_hash
 from brushexp.system.device import device_of
 from brushexp.system.files import to_bytes, write_bytes, write_json, write_text
 from brushexp.system.process import peak_memory
+from brushexp.training.benchmark import EXTREMES, Outside, draw_extremes, drawn_and_true, judge, strokes_per_second
+from brushexp.training.datamodule import EngineSource, StrokeBatch, StrokeData
 from brushexp.training.dataset import Origin, Split, origin_of, require_same_origin
-from brushexp.training.evaluation import FeatureDistance, effl0_crowds, inception_crowds, over_white
-from brushexp.training.judging import EXTREMES, Outside, draw_extremes, drawn_and_true, judge, strokes_per_second
-from brushexp.training.stream import OnTheWay, StrokeBatch, StrokeData
+from brushexp.training.evaluation import FeatureDistance, effl0_distance, inception_distance, over_white
 
 SIMULATED = 1000  # strokes, if no number is asked for
 SHOWN, COLUMNS = 24, 8  # strokes in the picture, and in a row of it
@@ -55,7 +55,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     device = device_of(cfg.device)
     name, checkpoint = plugin_of(cfg.renderer).name, cfg.renderer.get("checkpoint")
     renderer = frozen(build(cfg.renderer), device)
-    data, engine = data_of(cfg)
+    data, engine = held_out_data(cfg)
     window = data.origin.window
     check_origin(cfg, data.origin)
     if checkpoint is None and any(True for _ in renderer.parameters()):
@@ -118,11 +118,11 @@ def cost(renderer: Renderer, blend: Blend, window: int) -> dict[str, float]:
     }
 
 
-def data_of(cfg: DictConfig) -> tuple[StrokeData, Engine]:
+def held_out_data(cfg: DictConfig) -> tuple[StrokeData, Engine]:
     """The strokes, and the engine that made them."""
     if cfg.data is None:
         engine: Engine = build(cfg.engine)
-        source = OnTheWay(engine, origin_of(cfg.engine, engine), seed=cfg.seed, held_out=cfg.n or SIMULATED)
+        source = EngineSource(engine, origin_of(cfg.engine, engine), seed=cfg.seed, held_out=cfg.n or SIMULATED)
         return StrokeData(source), engine
     data = StrokeData([Path(path) for path in cfg.data])
     return data, build_named("engine", data.origin.engine, data.origin.engine_config)
@@ -158,10 +158,10 @@ def held_out(data: StrokeData, split: str, n: int) -> Iterator[StrokeBatch]:
 
 def number_of(data: StrokeData, split: str, wanted: int | None) -> int:
     """Strokes that are judged: as many as wanted, and there."""
-    if isinstance(data.source, OnTheWay):
+    if isinstance(data.source, EngineSource):
         there = data.source.held_out
     else:
-        there = sum(len(split_of(split).numbers(len(file))) for file in data.files)
+        there = sum(len(split_of(split).numbers(len(strokes))) for strokes in data.sets)
     return min(there, wanted or there)
 
 
@@ -175,8 +175,8 @@ def split_of(name: str) -> Split:
 
 def crowds(inception: str | None, n: int, device: torch.device) -> list[FeatureDistance]:
     """What compares all pictures together."""
-    distances = [effl0_crowds(n, device)]
-    return distances if inception is None else [*distances, inception_crowds(Path(inception), n, device)]
+    distances = [effl0_distance(n, device)]
+    return distances if inception is None else [*distances, inception_distance(Path(inception), n, device)]
 
 
 def shown(batches: Iterator[StrokeBatch], n: int, batch_size: int) -> Iterator[StrokeBatch]:

@@ -15,6 +15,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 
 from brushexp.app.checks import Prune, check_keys
 from brushexp.app.resuming import CHECKPOINT
+from brushexp.app.stroke_data import data_recipe, stroke_data
 from brushexp.app.tasks.evaluate import (
     COLUMNS,
     as_csv,
@@ -28,7 +29,7 @@ from brushexp.app.tasks.evaluate import (
     shown,
     write_sheet,
 )
-from brushexp.app.tasks.train import PRECISIONS, data_of, data_recipe, fit
+from brushexp.app.tasks.train import PRECISIONS, fit
 from brushexp.errors import UserError
 from brushexp.painting.progress import INTERRUPTED
 from brushexp.plugins.blend.base import Blend
@@ -40,10 +41,10 @@ from brushexp.system.checkpoint import plain_options
 from brushexp.system.device import device_of
 from brushexp.system.files import write_json, write_text
 from brushexp.system.process import peak_memory
-from brushexp.training.evaluation import effl0_crowds
-from brushexp.training.judging import judge
+from brushexp.training.benchmark import judge
+from brushexp.training.datamodule import StrokeData
+from brushexp.training.evaluation import effl0_distance
 from brushexp.training.pruning import check_prunable, prune
-from brushexp.training.stream import StrokeData
 from brushexp.training.trainer import RendererTrainer, Training
 
 SPLIT = "test"
@@ -74,7 +75,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     check_prunable(trained)
     if checkpoint is None:
         raise UserError("there are no trained weights to prune; give those of task=train: renderer.checkpoint=...")
-    data = data_of(cfg)
+    data = stroke_data(cfg)
     check_origin(cfg, data.origin)
     job = Job(cfg, folder, data, plan, device)
     rows: list[Row] = []
@@ -163,7 +164,7 @@ class Job:
     def figures(self, renderer: Renderer) -> dict[str, float]:
         """Of held-out strokes."""
         batches = shown(held_out(self.data, SPLIT, self.n), self.n, self.data.batch_size)
-        return judge(renderer, batches, self.data.origin.window, [effl0_crowds(self.n, self.device)])
+        return judge(renderer, batches, self.data.origin.window, [effl0_distance(self.n, self.device)])
 
     def save(self, path: Path, renderer: Neural, module: RendererTrainer, ratio: float) -> None:
         """Write the checkpoint; its recipe tells the widths, so that nothing else has to be typed to load it."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import logging
 import time
 from collections.abc import Sequence
@@ -11,18 +9,16 @@ from dataclasses import fields
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import lightning as L
 import torch
-from filelock import FileLock
 from hydra.core.hydra_config import HydraConfig
 from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.app.checks import Shared, Train, check_keys
 from brushexp.app.resuming import CHECKPOINT, interrupted_run
-from brushexp.app.tasks.simulate import record
+from brushexp.app.stroke_data import data_recipe, stroke_data
 from brushexp.app.tracking import trackers_of
 from brushexp.errors import UserError
 from brushexp.plugins.loss.discriminator import NAME, Discriminator
@@ -33,15 +29,14 @@ from brushexp.system.checkpoint import plain_options
 from brushexp.system.device import device_of
 from brushexp.system.files import write_json
 from brushexp.system.process import interruptible, peak_memory
-from brushexp.training.dataset import Split, origin_of
+from brushexp.training.benchmark import judge
+from brushexp.training.datamodule import StrokeData
+from brushexp.training.dataset import Split
 from brushexp.training.discriminator import Plan
 from brushexp.training.discriminator import Training as TrainingOfDiscriminator
 from brushexp.training.discriminator import save as save_discriminator
-from brushexp.training.evaluation import effl0_crowds
-from brushexp.training.judging import judge
+from brushexp.training.evaluation import effl0_distance
 from brushexp.training.progress import INTERRUPTED, Checkpoints, HeldOutPictures, ProgressBar
-from brushexp.training.recording import Recording
-from brushexp.training.stream import OnTheWay, StrokeData
 from brushexp.training.trainer import RendererTrainer, Training
 
 DISTILLED = 256  # pixels of a window that a renderer may look at before training
@@ -73,7 +68,7 @@ def run_renderer(
 ) -> dict[str, object]:
     """Train a renderer on strokes of an engine."""
     training = training_of(cfg)
-    data = data_of(cfg)
+    data = stroke_data(cfg)
     module = RendererTrainer(first_renderer(cfg, data), data.origin.window, training)
     fit(module, data, cfg, folder, device, resumed)
     metrics = finish(module, data, cfg, folder, start, device)
@@ -126,38 +121,6 @@ def training_of(cfg: DictConfig) -> Training:
     return Training(bfloat16=PRECISIONS[cfg.precision], **{name: cfg[name] for name in names})
 
 
-def data_of(cfg: DictConfig) -> StrokeData:
-    """Strokes from the files of ``data``; without any, from a set that is simulated first, or on the way."""
-    source: Any
-    if cfg.data is not None:
-        source = [Path(path) for path in cfg.data]
-    elif cfg.simulate is not None:
-        source = [simulated(cfg)]
-    else:
-        engine = build(cfg.engine)
-        source = OnTheWay(engine, origin_of(cfg.engine, engine), seed=cfg.seed)
-    return StrokeData(source, batch_size=cfg.batch_size, seed=cfg.seed, limit=cfg.limit)
-
-
-def simulated(cfg: DictConfig) -> Path:
-    """The set of ``simulate`` strokes by ``engine``: the one in the folder ``sets`` if it is there, else a new one."""
-    engine = build(cfg.engine)
-    origin = origin_of(cfg.engine, engine)
-    settings = json.dumps(origin.settings(), sort_keys=True)
-    mark = hashlib.sha256(settings.encode()).hexdigest()[:8]
-    path = Path(cfg.sets) / f"{origin.engine}-{origin.window}-{mark}-seed{cfg.seed}-{cfg.simulate}.h5"
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"sets={cfg.sets} cannot be made: {error.strerror}; give a folder you may write to") from error
-    with FileLock(path.with_suffix(".lock")):  # jobs of a parallel sweep may need the same one
-        if not path.exists():
-            log.info("simulating %d strokes for this and later runs: %s", cfg.simulate, path)
-            with Recording(path, origin, cfg.seed, cfg.simulate) as recording:
-                record(recording, engine)
-    return path
-
-
 def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:
     """The renderer to be trained; one without weights may first look at strokes of the engine, enlarged."""
     renderer: Renderer = build(cfg.renderer)
@@ -165,7 +128,7 @@ def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:
         origin = data.origin
         options = {**origin.engine_config, "window": max(DISTILLED, origin.window)}
         simulator = partial(build_named, "engine", origin.engine, options)
-        renderer.distil(simulator, data.files[0].seed if data.files else cfg.seed)
+        renderer.distil(simulator, data.sets[0].seed if data.sets else cfg.seed)
     return renderer
 
 
@@ -231,9 +194,9 @@ def finish(
         "data": data_recipe(data, cfg),
         "training": training_recipe(module, cfg),
     }
-    n = min(JUDGED, sum(len(Split.TEST.numbers(len(file))) for file in data.files) or JUDGED)
-    batches = data.test_dataloader()
-    tested = judge(module.averaged, islice(batches, -(-n // cfg.batch_size)), module.window, [effl0_crowds(n, device)])
+    n = min(JUDGED, sum(len(Split.TEST.numbers(len(strokes))) for strokes in data.sets) or JUDGED)
+    batches = islice(data.test_dataloader(), -(-n // cfg.batch_size))
+    tested = judge(module.averaged, batches, module.window, [effl0_distance(n, device)])
     recipe["figures"] = {"validation": module.figures, "test": tested}
     digest = save_checkpoint(path, name, module.averaged.cpu(), recipe)
     metrics: dict[str, object] = {
@@ -297,19 +260,6 @@ def effort(
         "peak_memory_mb": peak_memory(),
         "device": str(device),
         "status": training.stop or "completed",
-    }
-
-
-def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:
-    """Where the strokes came from."""
-    origin = data.origin
-    return {
-        "engine": origin.engine,
-        "engine_config": origin.engine_config,
-        "window": origin.window,
-        "strokes": [len(file) for file in data.files] or None,
-        "seed": [file.seed for file in data.files] or cfg.seed,
-        "limit": cfg.limit,
     }
 
 

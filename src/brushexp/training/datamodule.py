@@ -18,7 +18,7 @@ from torch import Tensor
 from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine
 from brushexp.strokes.prior import parameters_of, sample_prior
-from brushexp.training.dataset import BLOCK, Bytes, Numbers, Origin, Split, StrokeFile
+from brushexp.training.dataset import BLOCK, Bytes, Numbers, Origin, Split, StrokeSet
 
 GROUP = 32  # blocks whose strokes are shuffled together
 HELD_OUT = {Split.VALIDATION: 2**40, Split.TEST: 2**41}  # first number of those simulated on the way
@@ -30,7 +30,7 @@ class StrokeBatch(NamedTuple):
     Attributes:
         parameters: (B, 10) float32 in [-1, 1], as `strokes.prior.parameters_of` writes them.
         images: (B, 4, S, S) float32 in [0, 1], RGBA, straight alpha.
-        number: (B,) int64 number of each stroke, which is its row in the file.
+        number: (B,) int64 number of each stroke, which decides its split.
     """
 
     parameters: Tensor
@@ -39,8 +39,8 @@ class StrokeBatch(NamedTuple):
 
 
 @dataclass(frozen=True)
-class OnTheWay:
-    """Strokes that are simulated when they are needed, never twice the same in training.
+class EngineSource:
+    """An engine that simulates strokes when they are needed, in training never the same twice.
 
     Attributes:
         engine: simulates them.
@@ -63,7 +63,7 @@ class OnTheWay:
         return StrokeBatch(parameters, images, torch.arange(first, first + size))
 
 
-class Loader:
+class StrokeLoader:
     """Batches of one split, epoch after epoch, in an order that the epoch's number decides.
 
     Args:
@@ -82,7 +82,7 @@ class Loader:
     def __iter__(self) -> Iterator[StrokeBatch]:
         epoch, first = self.next
         self.position, self.next = (epoch, first), (epoch + 1, 0)
-        for batch in ahead(self.batches(epoch, first), self.prefetch):
+        for batch in prefetched(self.batches(epoch, first), self.prefetch):
             self.position = (epoch, self.position[1] + 1)
             yield batch
 
@@ -107,24 +107,24 @@ class StrokeData(L.LightningDataModule):
     The last batch of an epoch may be smaller.
 
     Args:
-        source: files of `task=simulate`, all of one engine and window; or `OnTheWay`.
+        source: sets of `task=simulate`, all of one engine and window; or `EngineSource`.
         batch_size: strokes of a batch.
         seed: of the order.
         limit: use only the first so many training strokes; None uses all.
-        prefetch: batches that a thread makes ahead, from files; None makes 8 where there is a GPU, and none where the
+        prefetch: batches that a thread makes ahead, from sets; None makes 8 where there is a GPU, and none where the
             processor trains: there the thread takes from the training what it gives.
 
     Attributes:
-        origin: what made the strokes (of several files, the first).
-        files: the opened files; none of `OnTheWay`.
+        origin: what made the strokes (of several sets, the first).
+        sets: the opened sets; none of `EngineSource`.
 
     Raises:
-        UserError: if a file cannot be read, the files do not fit together, or a split is empty.
+        UserError: if a set cannot be read, the sets do not fit together, or a split is empty.
     """
 
     def __init__(
         self,
-        source: Sequence[Path] | OnTheWay,
+        source: Sequence[Path] | EngineSource,
         *,
         batch_size: int = 64,
         seed: int = 0,
@@ -135,17 +135,17 @@ class StrokeData(L.LightningDataModule):
         self.source = source
         self.batch_size, self.seed = batch_size, seed
         self.prefetch = (8 if torch.cuda.is_available() else 0) if prefetch is None else prefetch
-        self.files: list[StrokeFile] = []
-        if isinstance(source, OnTheWay):
+        self.sets: list[StrokeSet] = []
+        if isinstance(source, EngineSource):
             self.origin = source.origin
             self._simulations: dict[Split, StrokeBatch] = {}
             if limit is not None:
-                raise UserError(f"limit={limit} is for files, and these strokes are simulated on the way; drop limit")
+                raise UserError(f"limit={limit} is for sets, and these strokes are simulated on the way; drop limit")
             return
-        self.files = [StrokeFile(path) for path in source]
-        check_together(self.files)
-        self.origin = self.files[0].origin
-        self._places = {split: places(split, self.files) for split in Split}
+        self.sets = [StrokeSet(path) for path in source]
+        require_compatible(self.sets)
+        self.origin = self.sets[0].origin
+        self._places = {split: places_of(split, self.sets) for split in Split}
         self._places[Split.TRAINING] = self._places[Split.TRAINING][:limit]
         for split, found in self._places.items():
             if not len(found):
@@ -154,30 +154,30 @@ class StrokeData(L.LightningDataModule):
                     f"(limit={limit}); simulate more than {2 * BLOCK} strokes, and set limit to 1 or more"
                 )
 
-    def train_dataloader(self) -> Loader:
-        if isinstance(self.source, OnTheWay):
-            return Loader(partial(self._simulated, self.source), self.source.steps, 0)
-        return Loader(self._shuffled, -(-len(self._places[Split.TRAINING]) // self.batch_size), self.prefetch)
+    def train_dataloader(self) -> StrokeLoader:
+        if isinstance(self.source, EngineSource):
+            return StrokeLoader(partial(self._simulated, self.source), self.source.steps, 0)
+        return StrokeLoader(self._shuffled, -(-len(self._places[Split.TRAINING]) // self.batch_size), self.prefetch)
 
-    def val_dataloader(self) -> Loader:
+    def val_dataloader(self) -> StrokeLoader:
         return self._held_out(Split.VALIDATION)
 
-    def test_dataloader(self) -> Loader:
+    def test_dataloader(self) -> StrokeLoader:
         return self._held_out(Split.TEST)
 
-    def _held_out(self, split: Split) -> Loader:
-        if isinstance(self.source, OnTheWay):
+    def _held_out(self, split: Split) -> StrokeLoader:
+        if isinstance(self.source, EngineSource):
             batches, n, prefetch = partial(self._kept, self.source, split), self.source.held_out, 0
         else:
             batches, n, prefetch = partial(self._in_order, split), len(self._places[split]), self.prefetch
-        return Loader(batches, -(-n // self.batch_size), prefetch)
+        return StrokeLoader(batches, -(-n // self.batch_size), prefetch)
 
     def _shuffled(self, epoch: int, first: int) -> Iterator[StrokeBatch]:
         """Training batches: blocks in random order, their strokes mixed among those of `GROUP` blocks."""
         skip = first * self.batch_size
         found = np.empty((0, 2), np.int64)  # what is read and not handed out yet
         images = self._pictures(found)
-        for group in shuffled(self._places[Split.TRAINING], np.random.default_rng([self.seed, epoch])):
+        for group in shuffled_groups(self._places[Split.TRAINING], np.random.default_rng([self.seed, epoch])):
             wanted, skip = group[skip:], max(0, skip - len(group))
             if not len(wanted):
                 continue
@@ -198,26 +198,26 @@ class StrokeData(L.LightningDataModule):
     def _pictures(self, wanted: Numbers) -> Bytes:
         window = self.origin.window
         images = np.empty((len(wanted), window, window, 4), np.uint8)
-        for k, file in enumerate(self.files):
+        for k, strokes in enumerate(self.sets):
             here = wanted[:, 0] == k
-            images[here] = file.pictures(wanted[here, 1])
+            images[here] = strokes.pictures(wanted[here, 1])
         return images
 
     def _batch(self, wanted: Numbers, images: Bytes) -> StrokeBatch:
         parameters = torch.empty(len(wanted), 10)
         numbers = torch.from_numpy(wanted[:, 1].copy())
-        for k, file in enumerate(self.files):
+        for k, strokes in enumerate(self.sets):
             here = torch.from_numpy(wanted[:, 0] == k)
-            parameters[here] = file.parameters[numbers[here]]
+            parameters[here] = strokes.parameters[numbers[here]]
         planes = np.empty((len(images), 4, *images.shape[1:3]), np.float32)
         np.divide(images.transpose(0, 3, 1, 2), np.float32(255), out=planes)  # not torch: a thread of its own would
         return StrokeBatch(parameters, torch.from_numpy(planes), numbers)  # start as many again
 
-    def _simulated(self, source: OnTheWay, epoch: int, first: int) -> Iterator[StrokeBatch]:
+    def _simulated(self, source: EngineSource, epoch: int, first: int) -> Iterator[StrokeBatch]:
         for k in range(epoch * source.steps + first, (epoch + 1) * source.steps):
             yield source.batch(k * self.batch_size, self.batch_size)
 
-    def _kept(self, source: OnTheWay, split: Split, _epoch: int, first: int) -> Iterator[StrokeBatch]:
+    def _kept(self, source: EngineSource, split: Split, _epoch: int, first: int) -> Iterator[StrokeBatch]:
         """Held-out strokes, simulated once and then kept."""
         if split not in self._simulations:
             self._simulations[split] = source.batch(HELD_OUT[split], source.held_out)
@@ -227,36 +227,36 @@ class StrokeData(L.LightningDataModule):
             yield StrokeBatch(*parts)
 
 
-def check_together(files: list[StrokeFile]) -> None:
-    """Stop unless the files are of one engine and window, and none repeats another.
+def require_compatible(sets: list[StrokeSet]) -> None:
+    """Stop unless the sets are of one engine and window, and none repeats another.
 
     Raises:
         UserError: names the first difference.
     """
-    if not files:
-        raise UserError("no file of strokes is given; give one, made with python run.py task=simulate")
-    for k, file in enumerate(files[1:], 1):
+    if not sets:
+        raise UserError("no set of strokes is given; give one, made with python run.py task=simulate")
+    for k, found in enumerate(sets[1:], 1):
         for name in ("engine", "window"):
-            ours, theirs = getattr(files[0], name), getattr(file, name)
+            ours, theirs = getattr(sets[0].origin, name), getattr(found.origin, name)
             if ours != theirs:
                 raise UserError(
-                    f"{files[0].path} has {name} {ours}, and {file.path} has {name} {theirs}; give files that agree"
+                    f"{sets[0].path} has {name} {ours}, and {found.path} has {name} {theirs}; give sets that agree"
                 )
-        for other in files[:k]:
-            if (other.origin, other.seed) == (file.origin, file.seed):
+        for other in sets[:k]:
+            if (other.origin, other.seed) == (found.origin, found.seed):
                 raise UserError(
-                    f"{other.path} and {file.path} hold the same strokes (seed {file.seed}); "
+                    f"{other.path} and {found.path} hold the same strokes (seed {found.seed}); "
                     "drop one, or simulate it again with another seed"
                 )
 
 
-def places(split: Split, files: list[StrokeFile]) -> Numbers:
-    """File and row (n, 2) of all strokes of a split, in order."""
-    rows = [split.numbers(len(file)) for file in files]
+def places_of(split: Split, sets: list[StrokeSet]) -> Numbers:
+    """Set and number (n, 2) of all strokes of a split, in order."""
+    rows = [split.numbers(len(found)) for found in sets]
     return np.concatenate([np.stack([np.full_like(row, k), row], axis=1) for k, row in enumerate(rows)])
 
 
-def shuffled(found: Numbers, random: np.random.Generator) -> list[Numbers]:
+def shuffled_groups(found: Numbers, random: np.random.Generator) -> list[Numbers]:
     """Places (n, 2), in order, as groups of whole blocks; blocks and the places in a group in random order."""
     blocks = found // (1, BLOCK)
     starts = 1 + np.flatnonzero((blocks[1:] != blocks[:-1]).any(axis=1))
@@ -266,7 +266,7 @@ def shuffled(found: Numbers, random: np.random.Generator) -> list[Numbers]:
     return [random.permutation(np.concatenate([parts[k] for k in group])) for group in groups]
 
 
-def ahead(items: Iterator[StrokeBatch], depth: int) -> Iterator[StrokeBatch]:
+def prefetched(items: Iterator[StrokeBatch], depth: int) -> Iterator[StrokeBatch]:
     """The same items, of which a thread makes up to ``depth`` before they are asked for."""
     if depth == 0:
         yield from items

@@ -15,8 +15,8 @@ from brushexp.plugins.engine.base import Engine
 from brushexp.plugins.renderer.base import PatchRenderer, Renderer, window_pictures
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, sample_prior, strokes_of
+from brushexp.training.datamodule import StrokeBatch
 from brushexp.training.evaluation import Errors, FeatureDistance, errors_of, squared_error
-from brushexp.training.stream import StrokeBatch
 
 ACROSS, DOWN = 16, 8  # strokes that are painted at once when time is taken
 REPETITIONS, PATIENCE = 7, 6.0  # at most so many, and no further one after so many seconds
