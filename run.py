@@ -24,7 +24,7 @@ def main(cfg: DictConfig) -> dict[str, object]:
 
 
 if __name__ == "__main__":
-    sys.argv[1:] = in_full(sys.argv[1:])
-    with explained():
-        prepare(HERE)  # before main(): Hydra reads the choices when it composes
+    with explained(HERE):
+        sys.argv[1:] = in_full(sys.argv[1:])
+        prepare(HERE, sys.argv[1:])  # before main(): Hydra reads the choices when it composes
         main()

@@ -8,15 +8,17 @@ import importlib
 import inspect
 import os
 import pkgutil
+import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from copy import copy
-from dataclasses import dataclass, field, make_dataclass
-from functools import partial
+from dataclasses import dataclass, field, fields, make_dataclass
+from functools import partial, reduce
 from importlib.metadata import entry_points
+from operator import or_
 from pathlib import Path
-from types import ModuleType
-from typing import Any, TypeVar
+from types import ModuleType, UnionType
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
 from hydra.core.config_store import ConfigStore
 from hydra.errors import InstantiationException
@@ -24,6 +26,7 @@ from hydra.utils import instantiate
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from brushexp.bounds import Bounds, bounds_of
 from brushexp.errors import UserError
 
 FAMILIES = {
@@ -50,12 +53,21 @@ C = TypeVar("C", bound=type)
 
 @dataclass(frozen=True)
 class Plugin:
-    """One registered class and where it came from."""
+    """One registered class, what it is called, and its options.
+
+    Attributes:
+        family: key that chooses it.
+        name: value of the key.
+        cls: the class.
+        config: dataclass of its options.
+        bounds: of those options that have some.
+    """
 
     family: str
     name: str
     cls: type
     config: type
+    bounds: dict[str, Bounds]
 
     @property
     def target(self) -> str:
@@ -66,6 +78,31 @@ class Plugin:
     def summary(self) -> str:
         """First line of the docstring, as ``--help`` shows it."""
         return (inspect.getdoc(self.cls) or "").partition("\n")[0]
+
+    @property
+    def meanings(self) -> dict[str, str]:
+        """Option -> what the docstring says about it under ``Args:``."""
+        section = (inspect.getdoc(self.cls) or "").partition("\nArgs:\n")[2].partition("\n\n")[0]
+        entries = re.findall(r"^    (\w+): (.*(?:\n     .*)*)", section, re.MULTILINE)
+        said = {name: " ".join(text.split()) for name, text in entries}
+        return {item.name: said.get(item.name, "") for item in fields(self.config) if item.name != "_target_"}
+
+    @property
+    def path(self) -> str:
+        """What is typed before one of its options, without the dot."""
+        return f"{self.family}.{self.name}" if self.family in MULTI_SELECT else self.family
+
+    def check(self, path: str, options: Mapping[str, Any]) -> None:
+        """Stop when an option is out of its bounds; ``path`` is what is typed before it.
+
+        Raises:
+            UserError: with a value that would do.
+        """
+        defaults: DictConfig = OmegaConf.structured(self.config)
+        for option, bounds in self.bounds.items():
+            value = options[option]
+            plain = OmegaConf.to_object(value) if OmegaConf.is_config(value) else value
+            bounds.check(f"{path}.{option}", plain, None if OmegaConf.is_missing(defaults, option) else defaults[option])
 
 
 _plugins: dict[tuple[str, str], Plugin] = {}
@@ -86,27 +123,53 @@ def register(family: str, name: str) -> Callable[[C], C]:
             raise UserError(
                 f"{family}={name} is taken by {owner.cls.__module__}; give the class in {cls.__module__} another name"
             )
-        config = config_of(cls)
-        _plugins[family, name] = Plugin(family, name, cls, config)
-        package = f"{family}.{name}" if family in MULTI_SELECT else family
+        found = {name: bounds_of(annotation) for name, annotation, _ in options_of(cls)}
+        bounds = {name: limits for name, limits in found.items() if limits is not None}
+        plugin = _plugins[family, name] = Plugin(family, name, cls, config_of(cls), bounds)
         # A worker process of a sweep inherits a filled store and stores the same node again: no clash.
-        ConfigStore.instance().store(group=family, name=name, node=config, package=package, provider=cls.__module__)
+        ConfigStore.instance().store(
+            group=family, name=name, node=plugin.config, package=plugin.path, provider=cls.__module__
+        )
         return cls
 
     return publish
 
 
-def config_of(cls: type) -> type:
-    """Derive a structured config: one field per keyword-only parameter of ``cls.__init__``."""
-    fields: list[tuple[str, Any, Any]] = [("_target_", str, f"{cls.__module__}.{cls.__qualname__}")]
+def options_of(cls: type) -> list[tuple[str, Any, Any]]:
+    """Name, type and default (``MISSING`` for none) of each keyword-only parameter of ``cls.__init__``.
+
+    Raises:
+        TypeError: if one has no type.
+    """
+    found = []
     for parameter in inspect.signature(cls, eval_str=True).parameters.values():
         if parameter.kind is not parameter.KEYWORD_ONLY:
             continue
         if parameter.annotation is parameter.empty:
             raise TypeError(f"{cls.__qualname__}.__init__: give '{parameter.name}' a type; it is a config key")
-        value = MISSING if parameter.default is parameter.empty else parameter.default
-        fields.append((parameter.name, parameter.annotation, field(default_factory=partial(copy, value))))
-    return make_dataclass(f"{cls.__name__}Config", fields)
+        default = MISSING if parameter.default is parameter.empty else parameter.default
+        found.append((parameter.name, parameter.annotation, default))
+    return found
+
+
+def config_of(cls: type) -> type:
+    """Derive a structured config: one field per option of a class, without bounds, which OmegaConf does not know."""
+    options: list[tuple[str, Any, Any]] = [("_target_", str, f"{cls.__module__}.{cls.__qualname__}")]
+    for name, annotation, default in options_of(cls):
+        options.append((name, plain_type(annotation), field(default_factory=partial(copy, default))))
+    return make_dataclass(f"{cls.__name__}Config", options)
+
+
+def plain_type(annotation: Any) -> Any:
+    """A type without what ``Annotated`` adds to it or to its parts."""
+    origin, parts = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return plain_type(parts[0])
+    if origin in (UnionType, Union):
+        return reduce(or_, map(plain_type, parts))
+    if origin is None or Ellipsis in parts:
+        return annotation
+    return origin[tuple(map(plain_type, parts))]
 
 
 def plugins(family: str | None = None) -> list[Plugin]:
@@ -135,6 +198,7 @@ def build(node: DictConfig, *runtime: object) -> Any:
         typed.merge_with(OmegaConf.to_container(node, resolve=True))  # in a worker its types are copies of ours
     except OmegaConfBaseException as error:
         raise UserError(f"{plugin.family}={plugin.name} does not take these options: {error}") from error
+    plugin.check(plugin.path, typed)
     try:
         return instantiate(typed, *runtime, _convert_="all")  # plain lists and dicts, not OmegaConf's
     except InstantiationException as error:

@@ -1,15 +1,18 @@
-"""Hydra sweeper: a list of settings, each a few overrides, instead of all combinations of values.
+"""Hydra sweeper: all combinations of values, or of a list of settings; every job is checked before the first starts.
 
 It is here and not in brushexp because Hydra takes sweepers from the namespace package ``hydra_plugins`` alone.
 """
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.config_store import ConfigStore
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
+from hydra.plugins.search_path_plugin import SearchPathPlugin
 
 
 @dataclass
@@ -44,11 +47,40 @@ class SettingsSweeper(BasicSweeper):
     def split_arguments(  # type: ignore[override]  # a static method there
         self, overrides: list[Override], max_batch_size: int | None
     ) -> list[list[list[str]]]:
-        """The overrides of every job, in batches; called by ``sweep``."""
+        """The overrides of every job, in batches; called by ``sweep`` before anything of it is written."""
         assert self.hydra_context is not None
         parser = OverridesParser.create(config_loader=self.hydra_context.config_loader)
         jobs: list[list[str]] = []
         for setting in self.settings:
             own = parser.parse_overrides(shlex.split(setting))
             jobs += BasicSweeper.split_arguments([*overrides, *own], None)[0]
+        self._check(jobs)
         return [list(batch) for batch in self.split_overrides_to_chunks(jobs, max_batch_size)]
+
+    def _check(self, jobs: list[list[str]]) -> None:
+        """Compose every job, and refuse the sweep if one of them has a mistake.
+
+        Raises:
+            UserError: names the job, the mistake, and what to type instead.
+        """
+        from brushexp.app.composition import check  # noqa: PLC0415  (Hydra imports this file for any program)
+        from brushexp.errors import UserError  # noqa: PLC0415
+
+        assert self.hydra_context is not None
+        assert self.config is not None
+        for number, job in enumerate(jobs):
+            cfg = self.hydra_context.config_loader.load_sweep_config(self.config, job)
+            try:
+                check(cfg, job)
+            except UserError as error:
+                raise UserError(f"job {number} of the sweep ({' '.join(job)}): {error}") from error
+
+    def validate_batch_is_legal(self, batch: Sequence[Sequence[str]]) -> None:
+        """Nothing: all jobs have been composed already."""
+
+
+class RegistryFirst(SearchPathPlugin):
+    """Registered configs come before files, so that a preset of a loss can be registered below its own name."""
+
+    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
+        search_path.prepend("schema", "structured://")

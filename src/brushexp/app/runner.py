@@ -14,7 +14,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from brushexp.app.checks import check_losses
+from brushexp.app.composition import check
 from brushexp.errors import UserError
 
 log = logging.getLogger(__name__)
@@ -35,7 +35,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware on every run
     warnings.filterwarnings("ignore", ".*in eval mode at the start of training")  # networks are frozen on purpose
     try:
-        check_losses(cfg, list(hydra.overrides.task))
+        check(cfg, list(hydra.overrides.task))
         result: dict[str, object] = task.run(cfg, start)
     except UserError as error:
         if hydra.mode is RunMode.MULTIRUN:

@@ -9,7 +9,6 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from brushexp.app.checks import Compare, check_keys
 from brushexp.errors import UserError
 from brushexp.results.anytime import write_anytime
 from brushexp.results.curves import write_curves
@@ -24,9 +23,6 @@ log = logging.getLogger(__name__)
 def run(cfg: DictConfig, start: float) -> dict[str, object]:
     """Write page, table, front, curves and quality at equal time of the runs in ``cfg.runs`` into this run's folder."""
     folder = Path(HydraConfig.get().runtime.output_dir).resolve()
-    if isinstance(cfg.runs, str):
-        cfg.runs = [cfg.runs]
-    check_keys(cfg, Compare)
     found = gather([Path(path) for path in cfg.runs], folder)
     results = paintings(found)
     written = write_front(folder, results) if results else None

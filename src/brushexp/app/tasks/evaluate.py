@@ -19,7 +19,6 @@ from rich.console import Console
 from rich.progress import track
 from torch import Tensor
 
-from brushexp.app.checks import Evaluate, check_keys
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.engine.base import Engine
@@ -47,9 +46,6 @@ log = logging.getLogger(__name__)
 def run(cfg: DictConfig, start: float) -> dict[str, object]:
     """Write numbers and pictures of one renderer into the run's folder, and return the numbers."""
     folder = Path(HydraConfig.get().runtime.output_dir)
-    if isinstance(cfg.data, str):
-        cfg.data = [cfg.data]
-    check_keys(cfg, Evaluate)
     split_of(cfg.split)
     L.seed_everything(cfg.seed, verbose=False)
     device = device_of(cfg.device)

@@ -10,7 +10,6 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.app.checks import Export, check_keys
 from brushexp.errors import UserError
 from brushexp.painting.outputs import config_of, renderer_of, work_of
 from brushexp.plugins.renderer.base import Renderer
@@ -24,7 +23,6 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     """Write a catalogue in every form of ``cfg.to`` into the run's folder."""
     if OmegaConf.is_missing(cfg, "catalogue"):
         raise UserError("no catalogue is given; add the one of a run: catalogue=outputs/.../catalogue.h5")
-    check_keys(cfg, Export)
     if not cfg.to:
         choices = ", ".join(plugin.name for plugin in plugins("to"))
         raise UserError(f"to=[] writes nothing; choose one or more of {choices}")

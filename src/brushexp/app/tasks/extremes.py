@@ -13,7 +13,6 @@ from omegaconf import DictConfig
 from rich.console import Console
 from rich.progress import track
 
-from brushexp.app.checks import Extremes, check_keys
 from brushexp.errors import UserError
 from brushexp.stress.matrix import Cell, Choice, choice_of, count, examine
 from brushexp.stress.report import as_csv, as_markdown, counts, draw
@@ -34,7 +33,6 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         UserError: if a cell is broken; the files are there all the same.
     """
     folder = Path(HydraConfig.get().runtime.output_dir)
-    check_keys(cfg, Extremes)
     L.seed_everything(cfg.seed, verbose=False)
     choice = choice_of(cfg.renderers, cfg.blends, cfg.dtypes, cfg.scenes)
     cells = list(shown(choice, cfg.patience))

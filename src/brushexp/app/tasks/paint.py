@@ -14,7 +14,6 @@ from hydra.core.hydra_config import HydraConfig
 from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.app.checks import Paint, StyleKeys, check_keys
 from brushexp.app.resuming import CHECKPOINT, interrupted_run
 from brushexp.app.tracking import trackers_of
 from brushexp.errors import UserError
@@ -50,8 +49,6 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     checkpoint = None
     if cfg.get("resume") is not None:
         checkpoint, cfg = interrupted_run(Path(cfg.resume), cfg)
-    check_keys(cfg, Paint)
-    check_keys(cfg.style, StyleKeys, "style.")
     device = device_of(cfg.device)
     lpips = lpips_of(cfg)
     trackers = trackers_of(cfg, folder)

@@ -13,7 +13,6 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from brushexp.app.checks import Prune, check_keys
 from brushexp.app.resuming import CHECKPOINT
 from brushexp.app.stroke_data import data_recipe, stroke_data
 from brushexp.app.tasks.evaluate import (
@@ -63,9 +62,6 @@ Row = dict[str, float]
 def run(cfg: DictConfig, start: float) -> dict[str, object]:
     """Prune by every ratio, fine-tune, judge; the table is renewed after each."""
     folder = Path(HydraConfig.get().runtime.output_dir)
-    if isinstance(cfg.data, str):
-        cfg.data = [cfg.data]
-    check_keys(cfg, Prune)
     check_ratios(cfg.ratios)
     device = device_of(cfg.device)
     L.seed_everything(cfg.seed, verbose=False)

@@ -12,7 +12,6 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from brushexp.app.checks import Simulate, check_keys
 from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine
 from brushexp.registry import build
@@ -28,7 +27,6 @@ log = logging.getLogger(__name__)
 
 def run(cfg: DictConfig, start: float) -> dict[str, object]:
     """Write ``n`` strokes to ``path`` and ``strokes.png`` into the run's folder; continue what is there already."""
-    check_keys(cfg, Simulate)
     if cfg.seed >= 2**64:
         raise UserError(f"seed={cfg.seed} is too large; set seed to a whole number below 2**64")
     folder = Path(HydraConfig.get().runtime.output_dir)

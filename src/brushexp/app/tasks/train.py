@@ -16,8 +16,8 @@ from hydra.core.hydra_config import HydraConfig
 from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.app.checks import Shared, Train, check_keys
 from brushexp.app.resuming import CHECKPOINT, interrupted_run
+from brushexp.app.schema import Task
 from brushexp.app.stroke_data import data_recipe, stroke_data
 from brushexp.app.tracking import trackers_of
 from brushexp.errors import UserError
@@ -52,9 +52,6 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     resumed = None
     if cfg.get("resume") is not None:
         resumed, cfg = interrupted_run(Path(cfg.resume), cfg)
-    if isinstance(cfg.data, str):
-        cfg.data = [cfg.data]
-    check_keys(cfg, Train)
     if cfg.model not in MODELS:
         raise UserError(f"model={cfg.model} is not one of {', '.join(MODELS)}; try model=renderer")
     trackers_of(cfg, folder)  # says now what they lack, and not when the strokes have been simulated
@@ -103,7 +100,7 @@ def check_used(overrides: Sequence[str]) -> None:
     Raises:
         UserError: with the override to drop.
     """
-    used = {"task", "model", "logger", "experiment", *(field.name for field in [*fields(Shared), *fields(Plan)])}
+    used = {"task", "model", "logger", "experiment", *(field.name for field in [*fields(Task), *fields(Plan)])}
     for override in overrides:
         key = override.lstrip("+~").partition("=")[0]
         if key.partition(".")[0] not in used:

@@ -11,7 +11,6 @@ from urllib.parse import quote, unquote, urljoin, urlsplit
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from brushexp.app.checks import View, check_keys
 from brushexp.app.tasks.export import with_renderer
 from brushexp.errors import UserError
 from brushexp.painting.outputs import work_of
@@ -32,7 +31,6 @@ BYTES = "surrogateescape"  # names of folders need not be UTF-8
 
 def run(cfg: DictConfig, start: float) -> dict[str, object]:
     """Write the page into this run's folder, and serve it until Ctrl-C."""
-    check_keys(cfg, View)
     folder = Path(HydraConfig.get().runtime.output_dir).resolve()
     pages = pages_of(cfg, folder)
     try:

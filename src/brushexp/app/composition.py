@@ -1,0 +1,127 @@
+"""What Hydra composes: tasks and presets are offered to it, and a composed config is checked before anything runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from hydra.core.config_store import ConfigStore
+from omegaconf import DictConfig, ListConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from brushexp.app.schema import TASKS, groups_of, keys_of, publish
+from brushexp.bounds import at_least
+from brushexp.errors import UserError
+from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, plugin_of, plugins
+
+NOT_KEYS = {"task", "hydra", "experiment"}  # what stands beside keys and groups at the top of a config
+WEIGHT = at_least(0)  # of a loss
+
+
+def offer(folders: Sequence[Path]) -> None:
+    """Publish the tasks, and the presets in folders of configs for families of which several can be chosen."""
+    publish()
+    for folder in folders:
+        for family in MULTI_SELECT:
+            offer_presets(family, {path.stem: path for path in sorted((folder / family).glob("*.yaml"))})
+
+
+def offer_presets(family: str, paths: dict[str, Path]) -> None:
+    """Publish YAML files as members of a family of which several can be chosen: ``loss=name``.
+
+    Hydra by itself would put the values of ``conf/loss/name.yaml`` beside the losses instead of below ``loss.name``.
+    A file that lists several members, has keys below them, or says its package itself is left to Hydra.
+
+    Raises:
+        UserError: if a file has the name of a plugin, or sets an option that its plugin does not have.
+    """
+    known = {plugin.name: plugin for plugin in plugins(family)}
+
+    def resolved(name: str) -> DictConfig | None:
+        """The options of a plugin or preset with its class; None for anything else."""
+        if name in known:
+            return OmegaConf.structured(known[name].config)
+        if name not in paths or paths[name].read_text(encoding="utf-8").startswith("# @package"):
+            return None
+        values = OmegaConf.load(paths[name])
+        bases = [str(base).removesuffix("@_here_") for base in values.pop("defaults", []) if base != "_self_"]
+        base = resolved(bases[0]) if len(bases) == 1 and bases[0] != name else None
+        if base is None or (bases[0] in values and bases[0] not in base):
+            return None
+        try:
+            return OmegaConf.merge(base, values)
+        except OmegaConfBaseException as error:
+            raise UserError(f"{paths[name]} does not fit {family}={bases[0]}: {error.msg}; correct it") from error
+
+    for name, path in paths.items():
+        if name in known:
+            raise UserError(f"{path} has the name of the plugin {family}={name}; give the file another name")
+        node = resolved(name)
+        if node is not None:
+            ConfigStore.instance().store(
+                group=family, name=name, node=node, package=f"{family}.{name}", provider=str(path)
+            )
+
+
+def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
+    """Stop at whatever is wrong with a composed config and no error of Hydra.
+
+    Args:
+        cfg: config of a run.
+        overrides: what was typed.
+
+    Raises:
+        UserError: with the override that would mend the config.
+    """
+    schema = TASKS[cfg.task]
+    for family in MULTI_SELECT:
+        if any(override.startswith(f"+{family}=") for override in overrides):
+            raise UserError(f"+{family}=... is ignored by Hydra beside a list; name them all: '{family}=[mse,...]'")
+    keys = keys_of(schema)
+    unknown = sorted(set(map(str, cfg)) - {name.partition(".")[0] for name in keys} - {*groups_of(schema)} - NOT_KEYS)
+    if unknown:
+        raise UserError(f"{unknown[0]} is not a key of task={cfg.task}; drop it, or see --help for the keys")
+    for name, key in keys.items():
+        value = OmegaConf.select(cfg, name)
+        if value is None and OmegaConf.is_missing(cfg, name):
+            raise UserError(f"task={cfg.task} needs {name}: {key.meaning}; add {name}=...")
+        if key.bounds is not None:
+            key.bounds.check(name, OmegaConf.to_object(value) if isinstance(value, ListConfig) else value, key.default)
+    check_chosen(cfg)
+    for path, node in nodes_of(cfg):
+        plugin = plugin_of(node)
+        plugin.check(path, node)
+        if plugin.family == "loss":
+            WEIGHT.check(f"{path}.weight", node.weight)
+    names = [plugin.name for plugin in plugins("renderer")]
+    if cfg.get("warm_start") not in ("auto", None, *names):
+        raise UserError(f"warm_start={cfg.warm_start} is not a renderer; choose auto, null or one of {', '.join(names)}")
+
+
+def check_chosen(cfg: DictConfig) -> None:
+    """Stop when nothing is chosen of a family that needs a member, or options are set of one that is not chosen."""
+    for family in [family for family in MULTI_SELECT if family in cfg]:
+        chosen = [name for name, node in cfg[family].items() if "_target_" in node]
+        tuned = [name for name in cfg[family] if name not in chosen]
+        if tuned:
+            names = ",".join([*chosen, *tuned])
+            raise UserError(
+                f"{family}.{tuned[0]} is tuned but not chosen (chosen: {', '.join(chosen) or 'none'}); "
+                f"add it with '{family}=[{names}]' or drop the keys below {family}.{tuned[0]}"
+            )
+        choices = ", ".join(plugin.name for plugin in plugins(family))
+        if family == "loss" and not chosen:
+            raise UserError(f"no loss is chosen, so there is nothing to optimise; try loss=mse (there are: {choices})")
+        if family == "to" and not chosen:
+            raise UserError(f"to=[] writes nothing; choose one or more of {choices}")
+
+
+def nodes_of(cfg: DictConfig, above: str = "") -> Iterator[tuple[str, DictConfig]]:
+    """What is typed before the options of each chosen plugin, and its part of the config."""
+    for name, node in cfg.items():
+        if isinstance(node, DictConfig) and (above or name in FAMILIES or name == "style"):
+            if "_target_" in node:
+                yield f"{above}{name}", node
+            else:
+                yield from nodes_of(node, f"{above}{name}.")

@@ -1,0 +1,86 @@
+"""The text of ``--help``: every key of the task with its meaning, and every plugin that can be chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from textwrap import fill
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from brushexp.app.schema import TASKS, groups_of, keys_of
+from brushexp.registry import FAMILIES, plugins
+
+GLOBAL = "# @package _global_\n"  # first line of a config whose keys belong to the task
+WIDTH = 120  # letters of a line
+COLUMN = 28  # letters up to a meaning
+
+
+def help_text(cfg: DictConfig, folders: Sequence[Path]) -> str:
+    """What ``--help`` says for a composed config.
+
+    Args:
+        cfg: with the key ``hydra``.
+        folders: where presets are.
+    """
+    schema = TASKS[cfg.task]
+    lines = [f"task={cfg.task}: {schema.__doc__}", "", "Its keys and their values now, key=value:"]
+    for name, key in keys_of(schema).items():
+        raw = OmegaConf.to_container(cfg, resolve=False)
+        lines += row(f"{name}={shown(_at(raw, name))}", key.meaning)
+    typed = {word.lstrip("+~").partition("=")[0] for word in cfg.hydra.overrides.task}
+    lines += ["", "Its plugins, family=name; a family that you type shows the options: renderer=neural --help"]
+    for group in groups_of(schema):
+        lines += group_lines(group, cfg, folders, group in typed)
+    lines += ["", "Other tasks; their keys: task=name --help"]
+    for name, other in TASKS.items():
+        lines += row(name, (other.__doc__ or "").partition("\n")[0])
+    return "\n".join(lines)
+
+
+def group_lines(group: str, cfg: DictConfig, folders: Sequence[Path], with_options: bool) -> list[str]:
+    """A family of plugins or group of presets: its members, one line each, and the options of those chosen."""
+    rows = {plugin.name: plugin.summary for plugin in plugins() if plugin.family == group}
+    for folder in folders:
+        rows |= presets_of(folder / group)
+    lines = [f"{group}: {FAMILIES.get(group, 'presets of the keys above')}"]
+    for name, summary in sorted(rows.items()):
+        lines += row(name, summary)
+    node = cfg.get(group)
+    chosen = [] if not with_options or node is None else [node] if "_target_" in node else list(node.values())
+    for plugin in plugins():
+        for options in [options for options in chosen if options.get("_target_") == plugin.target]:
+            lines.append(f"  options of {group}={plugin.name}:")
+            for option, about in plugin.meanings.items():
+                lines += row(f"{plugin.path}.{option}={shown(options[option])}", about)
+    return lines
+
+
+def presets_of(folder: Path) -> dict[str, str]:
+    """Name -> first comment line, after the one that Hydra reads, of each preset in a folder of configs."""
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in folder.glob("*.yaml")}
+    return {name: text.removeprefix(GLOBAL).partition("\n")[0].lstrip("# ") for name, text in texts.items()}
+
+
+def row(name: str, meaning: str) -> list[str]:
+    """A name and what is said about it, in two columns; in two lines if the name is long."""
+    head = f"  {name:<{COLUMN - 3}} "
+    if len(head) > COLUMN:
+        return [head, *fill(meaning, WIDTH, initial_indent=" " * COLUMN, subsequent_indent=" " * COLUMN).splitlines()]
+    return fill(head + meaning, WIDTH, subsequent_indent=" " * COLUMN).splitlines()
+
+
+def shown(value: Any) -> str:
+    """A value as it is typed."""
+    plain = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
+    if plain is None or isinstance(plain, bool):
+        return {None: "null", True: "true", False: "false"}[plain]
+    return str(plain) if not isinstance(plain, list) else f"[{','.join(map(shown, plain))}]"
+
+
+def _at(values: Any, path: str) -> Any:
+    """The value below a path of keys."""
+    for name in path.split("."):
+        values = values[name]
+    return values

@@ -1,0 +1,136 @@
+"""What is wrong with a command line, in the words of the program; Hydra and OmegaConf have their own."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields
+from difflib import SequenceMatcher
+from pathlib import Path
+
+from hydra import compose, initialize_config_dir
+from hydra.errors import CompactHydraException
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from brushexp.app.schema import TASKS, groups_of, keys_of
+from brushexp.registry import MULTI_SELECT, Plugin, plugins
+
+KINDS = {"Integer": "a whole number", "Float": "a number", "Boolean": "true or false"}
+
+
+def explanation(error: BaseException, conf: Path, arguments: list[str]) -> str:
+    """What is wrong, and what to type instead.
+
+    Args:
+        error: what Hydra, OmegaConf or the program raised.
+        conf: folder of the configs.
+        arguments: words of the command line.
+    """
+    if isinstance(error, OSError) and not isinstance(error, CompactHydraException):
+        return f"cannot use {error.filename}: {error.strerror}; choose another place with output=..."
+    text = " ".join(str(error).partition("Config search path")[0].split())
+    if isinstance(error, CompactHydraException) and isinstance(error.__cause__, OmegaConfBaseException):
+        text += f": {' '.join(str(error.__cause__).split())}"
+    if text.startswith("LexerNoViableAltException: "):
+        typed = text.removeprefix("LexerNoViableAltException: ").partition(" ^ See ")[0]
+        return f"{typed} has letters that must stand in quotes; put it into both kinds: 'catalogue=\"a, b.h5\"'"
+    if found := re.search(r"Could not (?:find|load) '(\w+)/([^']+)'", text):
+        names = choices(found[1], conf)
+        return f"{found[1]}={found[2]} is not there; choose one of {nearest(found[2], names)}" if names else text
+    if found := re.search(r"Could not override '([\w.@/]+)'.*No match in the defaults list", text):
+        task = task_of(arguments, conf)
+        return f"task={task} has no {found[1]}; it takes {', '.join(groups_of(TASKS[task])) or 'no plugins'}"
+    if found := re.search(r"Key '(\w+)' not in '(\w+)'", text):
+        return unknown_option(found[1], found[2]) or text
+    if found := re.search(r"Key '[^']*' is not in struct full_key: (\S+)", text):
+        return unknown_key(found[1], task_of(arguments, conf))
+    return wrong_type(text, task_of(arguments, conf)) or text
+
+
+def task_of(arguments: list[str], conf: Path) -> str:
+    """The task that a command line is for; that of its experiment if it names one."""
+    kept = [word for word in arguments if re.fullmatch(r"(task|experiment)=\w+", word)]
+    try:
+        with initialize_config_dir(version_base="1.3", config_dir=str(conf.resolve())):
+            return str(compose("config", overrides=kept).task)
+    except (CompactHydraException, OmegaConfBaseException):
+        return "paint"
+
+
+def choices(group: str, conf: Path) -> list[str]:
+    """What can be chosen of a group of configs."""
+    names = [plugin.name for plugin in plugins() if plugin.family == group]
+    return names + [path.stem for path in (conf / group).glob("*.yaml")] + (list(TASKS) if group == "task" else [])
+
+
+def nearest(word: str, names: list[str]) -> str:
+    """The names as a list, those most like the word first."""
+    likeness = {name: SequenceMatcher(None, word, name.rpartition(".")[2]).ratio() for name in names}
+    return ", ".join(sorted(likeness, key=lambda name: (-likeness[name], name)))
+
+
+def unknown_option(option: str, config: str) -> str | None:
+    """Of a plugin."""
+    plugin = next((plugin for plugin in plugins() if plugin.config.__name__ == config), None)
+    if plugin is None:
+        return None
+    names = [field.name for field in fields(plugin.config) if field.name != "_target_"]
+    text = f"{plugin.path}.{option} is no option of {plugin.family}={plugin.name}; "
+    text += f"its options, nearest first: {nearest(option, names)}" if names else "it has none"
+    owners = [other for other in plugins(plugin.family) if option in {field.name for field in fields(other.config)}]
+    if owners and plugin.family not in MULTI_SELECT:
+        other, chosen = owners[0].name, f"{plugin.family}={plugin.name}"
+        text += f". It is one of {', '.join(f'{plugin.family}={owner.name}' for owner in owners)}; a sweep over both: "
+        text += f"-m \"hydra.sweeper.settings=['{chosen}','{plugin.family}={other} {plugin.family}.{option}=...']\""
+    return text
+
+
+def unknown_key(typed: str, task: str) -> str:
+    """Of a task, or below a family of which several can be chosen."""
+    family, _, rest = typed.partition(".")
+    name = rest.partition(".")[0]
+    if family in MULTI_SELECT and rest:
+        names = [plugin.name for plugin in plugins(family)]
+        text = f"{family}.{name} is tuned but not chosen; "
+        if name in names:
+            return text + f"add {name} to the list, '{family}=[{name},...]', or drop the keys below it"
+        return text + f"there are: {nearest(name, names)}"
+    schema = TASKS[task]
+    inner = [key for key in keys_of(schema) if "." in typed and key.startswith(f"{family}.")]
+    text = f"{typed} is no key of task={task}; nearest first: "
+    text += nearest(typed.rpartition(".")[2], inner or [*keys_of(schema), *groups_of(schema)])
+    others = [name for name, schema in TASKS.items() if typed in keys_of(schema) or typed in groups_of(schema)]
+    return text + (f". It is one of {', '.join(f'task={name}' for name in others)}" if others else "")
+
+
+def wrong_type(text: str, task: str) -> str | None:
+    """A value that its key does not take."""
+    typed = re.search(r"full_key: (\S+)", text)
+    if typed is None:
+        return None
+    path, key = typed[1], keys_of(TASKS[task]).get(typed[1])
+    default = key.default if key else default_of(path)
+    meaning = f" ({key.meaning})" if key else ""
+    proposal = "null" if default is None else str(default).lower() if isinstance(default, bool) else default
+    if found := re.search(r"Value '(.*?)' of type '\w+' could not be converted to (\w+)", text):
+        kind = KINDS.get(found[2], found[2])
+        return f"{path}={found[1]} is not {kind}; try {path}={proposal}{meaning}"
+    if re.search(r"is not Optional|Incompatible value 'None'", text):
+        return f"{path}=null, but {path} must have a value; try {path}={proposal}{meaning}"
+    if found := re.search(r"Invalid value '(.*?)', expected one of \[(.*?)\]", text):
+        return f"{path}={found[1]} is not there; choose one of {nearest(found[1], found[2].split(', '))}"
+    if found := re.search(r"override [\w.@/]+=(.*?): Invalid value assigned: \w+ is not a ListConfig", text):
+        return f"{path} takes a list; write '{path}=[{found[1]}]'"
+    return None
+
+
+def default_of(path: str) -> object:
+    """Of an option of a plugin, by what is typed; None if it is not known."""
+    above, _, option = path.rpartition(".")
+    owners: list[Plugin] = [plugin for plugin in plugins() if plugin.path == above and hasattr_option(plugin, option)]
+    return OmegaConf.structured(owners[0].config).get(option) if owners else None
+
+
+def hasattr_option(plugin: Plugin, option: str) -> bool:
+    """Whether a plugin has an option of this name."""
+    return option in {field.name for field in fields(plugin.config)}

@@ -1,0 +1,334 @@
+"""The keys of every task: type, default, bounds and meaning of each in one line, and the plugins that the task needs.
+
+`publish` puts them where Hydra looks for ``task=<name>``, so that a wrong key or type is refused when a config is
+composed; `--help`, the error messages and the documentation read the same lines.
+"""
+
+from __future__ import annotations
+
+import types
+from dataclasses import MISSING as NO_DEFAULT
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar, Union, get_args, get_origin, get_type_hints
+
+from hydra.core.config_store import ConfigStore
+from omegaconf import MISSING, DictConfig, OmegaConf
+
+from brushexp.bounds import Bounds, above, at_least, between, one_of
+from brushexp.registry import MULTI_SELECT
+
+LARGEST_SEED = 2**32 - 1  # of NumPy
+
+
+def key(default: Any, meaning: str, bounds: Bounds | None = None) -> Any:
+    """Declare a key; ``MISSING`` as its default makes it one that must be given."""
+    metadata = {"meaning": meaning, "bounds": bounds}
+    if isinstance(default, list):
+        return field(default_factory=lambda: list(default), metadata=metadata)
+    return field(default=default, metadata=metadata)
+
+
+@dataclass
+class Task:
+    """Keys of every task.
+
+    Attributes:
+        defaults: Hydra's defaults list: the groups of the task and what is chosen of each.
+        settings: values below the groups that differ from the defaults of their plugins.
+    """
+
+    defaults: ClassVar[list[Any]] = []
+    settings: ClassVar[dict[str, Any]] = {}
+
+    seed: int = key(0, "everything random follows from it", between(0, LARGEST_SEED))
+    device: str = key("auto", "auto, cpu, cuda, cuda:1, ...")
+    threads: int | None = key(None, "processor cores; null = all, shared between the jobs of a sweep", at_least(1))
+    output: str = key("outputs/${now:%Y-%m-%d_%H-%M-%S}", "folder of the run; of a sweep, the folder of its runs")
+
+
+@dataclass
+class StyleTransfer:
+    """Keys below ``style`` of ``task=paint``; style=painting.jpg is short for style.image=painting.jpg."""
+
+    image: str | None = key(None, "a painting, file or sample: paint the picture in its style; null = off")
+    brushwork: str | None = key(None, "catalogue.h5 of a painting: with strokes like its own; null = off")
+    content: float = key(0.5, "factor of the weights of loss= while style.image is set", at_least(0))
+    colors: str = key("style", "colours of the painting: style (of the style picture) or content (of the picture)")
+
+
+@dataclass
+class Paint(Task):
+    """Optimise a catalogue of strokes until it looks like the picture."""
+
+    defaults: ClassVar[list[Any]] = [
+        {"/init": "slic"},
+        {"/renderer": "analytic"},
+        {"/blend": "tiled"},
+        {"/order": "area"},
+        {"/loss": ["mse"]},
+        {"/density": "fixed"},
+        {"/sampler": "whole"},
+        {"/optimizer": "adam"},
+        {"/logger": ["csv"]},
+        {"/loss@style.loss": "style"},
+        {"/loss@style.strokes": "brushwork"},
+        "_self_",
+        {"/quality": "normal"},  # after _self_: a preset wins over the values below, an experiment over both
+    ]
+    settings: ClassVar[dict[str, Any]] = {
+        "style": {
+            "loss": {"image": "${style.image}", "colors": "${style.colors}"},  # added to loss= with style.image
+            "strokes": {"catalogue": "${style.brushwork}"},  # and this with style.brushwork
+        }
+    }
+
+    image: str = key("astronaut", "a picture file, or the name of a picture that scikit-image ships")
+    resolution: int | None = key(None, "longer side in pixels; null = as is", between(1, 16384))
+    strokes: int | None = key(None, "number of strokes; null = one per pixels_per_stroke", at_least(1))
+    pixels_per_stroke: float = key(100, "pixels of the picture for each stroke", at_least(1))
+    steps: int = key(500, "gradient steps; 0 paints the initialisation", at_least(0))
+    steps_per_stroke: float | None = key(
+        None, "instead of steps: how often each stroke moves; partial updates need more steps for it", at_least(0)
+    )
+    coarse: float = key(
+        0, "share of the steps that come first, at half the resolution: pays where steps are few", between(0, 1)
+    )
+    warm_start: str | None = key(
+        "auto", "renderer that takes these steps first; auto = the fast one that a network names; null = none"
+    )
+    finish_steps: int = key(40, "gradient steps of each stroke with the chosen renderer after a warm start", at_least(0))
+    background: str = key("mean", "of the bare canvas: mean (of the picture), white, black, '#rrggbb'")
+    catalogue: str | None = key(None, "start from the strokes of this catalogue.h5 instead of init")
+    resume: str | None = key(None, "folder of an interrupted run: continue it exactly, with its own settings")
+    seconds: float | None = key(None, "instead of steps: seconds of optimisation; the schedule fits them", at_least(0))
+    psnr: float | None = key(None, "dB: stop when the picture as last seen is as good as this; null = never", at_least(0))
+    early_stop: float | None = key(
+        None, "dB: stop when 100 evaluations of the losses gained less than this; null = never", at_least(0)
+    )
+    checkpoint_every: float | None = key(60, "seconds between checkpoints; null = only when interrupted", at_least(0))
+    frames: int = key(60, "pictures of the timelapse; 0 = none", at_least(0))
+    frame_side: int = key(720, "their longer side in pixels", at_least(2))
+    timelapse: str = key("mp4", "format of the timelapse: mp4, gif, or both", one_of("mp4", "gif", "both"))
+    timelapse_seconds: float | None = key(
+        None, "how long its pictures take; null = 15 a second; the painting then stays for 1.5 s", above(0)
+    )
+    report: bool = key(True, "report.html: the run on one page, with a replay of the painting")
+    focus: str | None = key(None, "what matters most: auto (found in the picture) or a mask, the brighter the more")
+    focus_strength: float = key(8, "errors at the brightest places count so many times those at the darkest", at_least(1))
+    lpips_backbone: str = key("alexnet", "network of lpips_weights", one_of("alexnet", "squeeze", "vgg16", "effl0"))
+    lpips_weights: str | None = key(None, "file with its published features: metrics then hold the official LPIPS too")
+    style: StyleTransfer = field(default_factory=StyleTransfer)
+
+
+@dataclass
+class Export(Task):
+    """Write a saved painting as pictures of any size, vectors, tables and more: to=png,svg,json,csv."""
+
+    defaults: ClassVar[list[Any]] = [{"/to": ["png"]}, {"/renderer": None}, {"/blend": "tiled"}, "_self_"]
+
+    catalogue: str = key(MISSING, "catalogue.h5 of a run, or the strokes.json that to=json wrote")
+    resolution: int | None = key(None, "longer side in pixels; null = as it was painted", at_least(1))
+
+
+@dataclass
+class Simulate(Task):
+    """Simulate strokes of a brush on an empty canvas: what renderers are trained on."""
+
+    defaults: ClassVar[list[Any]] = [{"/engine": "fluid"}, "_self_"]
+
+    n: int = key(10000, "strokes; the thesis had 100,000. A larger n continues a finished set", at_least(1))
+    path: str | None = key(
+        None, "the file; null = strokes.h5 in the run's folder. Type it again to continue a run that was stopped"
+    )
+
+
+@dataclass
+class Train(Task):
+    """Train a renderer on simulated strokes, or what tells valid strokes from others: model=discriminator."""
+
+    defaults: ClassVar[list[Any]] = [
+        {"/renderer": "neural"},
+        {"/engine": "fluid"},
+        {"/logger": ["csv"]},
+        "_self_",
+        {"/model": "renderer"},
+    ]
+    settings: ClassVar[dict[str, Any]] = {"renderer": {"checkpoint": None}}  # random weights
+
+    model: str = key("renderer", "what is trained", one_of("renderer", "discriminator"))
+    data: list[str] | None = key(None, "strokes.h5 of task=simulate, several with commas; null = simulate with engine")
+    simulate: int | None = key(
+        10000, "without data: strokes of a set that is made once and kept; null = fresh ones on the way", at_least(1)
+    )
+    sets: str = key("data", "folder of such sets")
+    batch_size: int = key(64, "strokes of a step", at_least(1))
+    epochs: int | None = key(
+        None, "passes through the data; null = no limit; 0 = only what a renderer reads directly off strokes", at_least(0)
+    )
+    minutes: float | None = key(
+        60, "of wall time; null = no limit. The learning rate falls to its end with the first limit reached", at_least(0)
+    )
+    lr: float = key(5.0e-4, "highest learning rate; from 1e-3 on some starts end in blank pictures", at_least(0))
+    ema: float = key(0.999, "share of the old weights in the averaged ones at each step; 0 = no averaging", between(0, 1))
+    precision: str = key("bfloat16", "of pictures and activations in training", one_of("bfloat16", "float32"))
+    limit: int | None = key(None, "use only the first so many training strokes; null = all", at_least(1))
+    critic: bool = key(False, "RaSGAN beside L2: a critic judges the pictures")
+    critic_lr: float = key(4.0e-4, "its learning rate (two time scales)", at_least(0))
+    critic_weight: float = key(0.1, "how hard it pulls at the pictures, as a share of how hard L2 does", at_least(0))
+    critic_width: int = key(16, "its channels at full size", at_least(1))
+    checkpoint_every: float | None = key(120, "seconds between checkpoints; null = only when interrupted", at_least(0))
+    resume: str | None = key(None, "folder of an interrupted run: continue it exactly, with its own settings")
+
+
+@dataclass
+class Evaluate(Task):
+    """Judge a renderer on simulated strokes that it was not trained on; -m renderer=analytic,neural compares some."""
+
+    defaults: ClassVar[list[Any]] = [{"/renderer": "neural"}, {"/blend": "tiled"}, {"/engine": "fluid"}, "_self_"]
+
+    data: list[str] | None = key(None, "strokes.h5 of task=simulate, several with commas; null = simulate with engine")
+    split: str = key("test", "which strokes of it", one_of("test", "validation"))
+    n: int | None = key(None, "the first so many of them; null = all, or 1000 simulated ones", at_least(1))
+    other_data: bool = key(False, "also judge a renderer on strokes of another brush than it was trained on")
+    inception: str | None = key(None, "inception-2015-12-05.pt (TorchScript), for the published FID")
+
+
+@dataclass
+class Prune(Task):
+    """Remove channels of a trained renderer, train what is left a little further, and compare."""
+
+    defaults: ClassVar[list[Any]] = [
+        {"/renderer": "neural"},
+        {"/blend": "tiled"},
+        {"/engine": "fluid"},
+        {"/logger": ["csv"]},
+        "_self_",
+    ]
+
+    ratios: list[float] = key(
+        [0, 0.25, 0.5], "shares of the channels of every layer that go; 0 is only trained further", between(0, 1)
+    )
+    data: list[str] | None = key(None, "strokes.h5 of task=simulate, several with commas; null = simulate with engine")
+    n: int | None = key(None, "judged on the first so many test strokes; null = all", at_least(1))
+    other_data: bool = key(False, "also fine-tune a renderer on strokes of another brush than it was trained on")
+    batch_size: int = key(64, "strokes of a step", at_least(1))
+    epochs: int | None = key(None, "of fine-tuning each network, passes through the data; null = no limit", at_least(0))
+    minutes: float | None = key(10, "of wall time for each network; null = no limit", at_least(0))
+    lr: float = key(3.0e-4, "highest learning rate", at_least(0))
+    ema: float = key(0.999, "share of the old weights in the averaged ones at each step; 0 = no averaging", between(0, 1))
+    precision: str = key("bfloat16", "of pictures and activations in training", one_of("bfloat16", "float32"))
+    limit: int | None = key(None, "use only the first so many training strokes; null = all", at_least(1))
+
+
+@dataclass
+class Compare(Task):
+    """Compare finished runs: which are worth their time, and which was ahead when."""
+
+    runs: list[str] = key(MISSING, "folder of a run, of a sweep, or above many of them; several with commas")
+
+
+@dataclass
+class Analyse(Task):
+    """Measure the brushwork of a saved painting, or of two side by side: table, summary, figures."""
+
+    catalogue: str = key(MISSING, "catalogue.h5 of a run")
+    against: str | None = key(None, "catalogue.h5 of another one, to compare with")
+    radius: float | None = key(
+        None, "pixels: neighbours of a stroke are as near or nearer; null = 4 pitches sqrt(pixels / strokes)", at_least(0)
+    )
+    visible: float = key(
+        0, "share of a stroke that must be seen, or it is left out; 0 = hidden strokes count too", between(0, 1)
+    )
+
+
+@dataclass
+class View(Task):
+    """Look at a saved painting, a run or a sweep in the browser: one page, served on this machine alone until Ctrl-C."""
+
+    defaults: ClassVar[list[Any]] = [{"/renderer": None}, {"/blend": "tiled"}, "_self_"]
+
+    catalogue: str = key(MISSING, "a catalogue (.h5 or .json), or the folder of a run or sweep")
+    port: int = key(0, "of this machine, 1 to 65535; 0 = any that is free", between(0, 65535))
+    open: bool = key(True, "in the browser, or only print the address")
+
+
+@dataclass
+class Extremes(Task):
+    """Draw and optimise extreme scenes with every renderer, blend and precision: exact, degraded, refused, or broken?"""
+
+    renderers: list[str] | None = key(None, "names; null = all that are registered, plugins too")
+    blends: list[str] | None = key(None, "names; null = all")
+    dtypes: list[str] | None = key(None, "names; null = float64, float32, bfloat16 and float16")
+    scenes: list[str] | None = key(None, "names, as the tables have them; null = all")
+    patience: float = key(30, "seconds that the 10,000 steps of a cell may take, or fewer are taken", at_least(0))
+
+
+TASKS: dict[str, type[Task]] = {schema.__name__.lower(): schema for schema in Task.__subclasses__()}
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key of a task, as it is typed."""
+
+    name: str
+    annotation: Any
+    default: Any
+    meaning: str
+    bounds: Bounds | None
+
+    @property
+    def type(self) -> str:
+        """What it takes, in words; of a key that may be null without that."""
+        return self.bounds.names and " or ".join(self.bounds.names) if self.bounds else kind_of(self.annotation)
+
+    @property
+    def is_list(self) -> bool:
+        """Whether it takes several values."""
+        return any(get_origin(part) is list for part in (self.annotation, *get_args(self.annotation)))
+
+
+def keys_of(schema: type[Any], above: str = "") -> dict[str, Key]:
+    """All keys of a task, those below others too, by what is typed."""
+    hints = get_type_hints(schema)
+    found: dict[str, Key] = {}
+    own = [item for item in fields(schema) if item.name not in Task.__dataclass_fields__]
+    for item in own + [item for item in fields(schema) if item not in own]:
+        if not item.metadata:
+            found |= keys_of(hints[item.name], f"{above}{item.name}.")
+            continue
+        default = item.default if item.default is not NO_DEFAULT else item.default_factory()  # type: ignore[misc]
+        name = above + item.name
+        found[name] = Key(name, hints[item.name], default, item.metadata["meaning"], item.metadata["bounds"])
+    return found
+
+
+def kind_of(annotation: Any) -> str:
+    """A type in words."""
+    if get_origin(annotation) in (types.UnionType, Union):
+        return " or ".join(kind_of(part) for part in get_args(annotation) if part is not type(None)) + " or null"
+    if get_origin(annotation) is list:
+        return f"list of {kind_of(get_args(annotation)[0])}"
+    words = {int: "whole number", float: "number", bool: "true or false", str: "text"}
+    return words.get(annotation, getattr(annotation, "__name__", str(annotation)))
+
+
+def groups_of(schema: type[Task]) -> list[str]:
+    """The plugin families and other groups that a task takes, in the order of its defaults list."""
+    named = [name.strip("/") for entry in schema.defaults if isinstance(entry, dict) for name in entry]
+    return [name for name in named if "@" not in name]
+
+
+def publish() -> None:
+    """Make every task a choice of Hydra's group ``task``."""
+    for name, schema in TASKS.items():
+        several = {family: {} for family in MULTI_SELECT if family in groups_of(schema)}  # keeps the key of loss=[]
+        typed = _untied(OmegaConf.structured(schema))
+        node = OmegaConf.merge({"task": name}, several, typed, schema.settings)
+        node = OmegaConf.merge({"defaults": schema.defaults or ["_self_"]}, node)
+        ConfigStore.instance().store(group="task", name=name, node=node, package="_global_", provider="brushexp")
+
+
+def _untied(node: DictConfig) -> DictConfig:
+    """The same typed values in a mapping that belongs to no class, so that groups can stand beside them."""
+    children = {name: node._get_node(name) for name in node}
+    return DictConfig({name: _untied(child) if isinstance(child, DictConfig) else child for name, child in children.items()})

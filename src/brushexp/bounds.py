@@ -1,0 +1,105 @@
+"""Which values an option takes, said once where it is declared: ``width: Annotated[int, at_least(1)] = 64``."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, get_args
+
+from brushexp.errors import UserError
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Limits of a number, or the names that a text may be.
+
+    Attributes:
+        low: the least number.
+        high: the greatest.
+        above: whether ``low`` itself is too small.
+        step: whole numbers only in multiples of this.
+        names: of a text; empty if it is a number.
+    """
+
+    low: float = -math.inf
+    high: float = math.inf
+    above: bool = False
+    step: int = 1
+    names: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        if self.names:
+            return f"one of {', '.join(self.names)}"
+        multiple = f"a multiple of {self.step}, " if self.step > 1 else ""
+        if self.above:
+            return f"{multiple}above {self.low:g}" + (f" and at most {self.high:g}" if self.high < math.inf else "")
+        if self.high == math.inf:
+            return f"{multiple}at least {self.low:g}"
+        return f"{multiple}at most {self.high:g}" if self.low == -math.inf else f"{multiple}{self.low:g} to {self.high:g}"
+
+    def check(self, option: str, value: Any, default: Any = None) -> None:
+        """Refuse a value beyond the bounds; None has none, and of a list or mapping every element counts.
+
+        Args:
+            option: what the user types, ``to.process.fps`` for instance.
+            value: what was typed.
+            default: of the option; proposed where no nearest value would do.
+
+        Raises:
+            UserError: with the nearest value that would do.
+        """
+        if isinstance(value, dict | list | tuple):
+            for element in value.values() if isinstance(value, dict) else value:
+                self.check(option, element)
+        elif value is not None and not self._holds(value):
+            shown = f"{value:g}" if isinstance(value, float) else value
+            raise UserError(f"{option}={shown} is not {self}; try {option}={self._nearest(value, default)}")
+
+    def _holds(self, value: Any) -> bool:
+        if self.names:
+            return value in self.names
+        inside = self.low < value <= self.high if self.above else self.low <= value <= self.high
+        return inside and math.isfinite(value) and (self.step == 1 or value % self.step == 0)
+
+    def _nearest(self, value: Any, default: Any) -> Any:
+        """Something to type instead."""
+        if self.names:
+            return (difflib.get_close_matches(str(value), self.names, 1) or self.names)[0]
+        if (self.above and value <= self.low) or not math.isfinite(value):
+            fallback = self.high if math.isfinite(self.high) else self.low + 1
+            return f"{default if isinstance(default, int | float) else fallback:g}"
+        nearest = min(max(value, self.low), self.high)
+        return f"{max(nearest // self.step, 1) * self.step if self.step > 1 else nearest:g}"
+
+
+def at_least(low: float) -> Bounds:
+    """``low`` or more."""
+    return Bounds(low)
+
+
+def above(low: float, high: float = math.inf) -> Bounds:
+    """More than ``low``, at most ``high``."""
+    return Bounds(low, high, above=True)
+
+
+def between(low: float, high: float) -> Bounds:
+    """From ``low`` to ``high``, both included."""
+    return Bounds(low, high)
+
+
+def multiple_of(step: int, high: float = math.inf) -> Bounds:
+    """``step``, twice ``step``, ... up to ``high``."""
+    return Bounds(step, high, step=step)
+
+
+def one_of(*names: str) -> Bounds:
+    """One of these names."""
+    return Bounds(names=names)
+
+
+def bounds_of(annotation: Any) -> Bounds | None:
+    """The bounds inside a type, ``Annotated[float, between(0, 1)] | None`` for instance."""
+    found: Iterable[Any] = (part if isinstance(part, Bounds) else bounds_of(part) for part in get_args(annotation))
+    return next((part for part in found if part is not None), None)
