@@ -9,7 +9,7 @@ from hydra import compose, initialize_config_dir
 from hypothesis import settings
 from omegaconf import DictConfig
 
-from brushexp.app.command_line import prepare
+from brushexp.app.command_line import in_full, prepare
 
 # The same examples at every run: a failure is one of the change, and not of chance.
 settings.register_profile("repeatable", derandomize=True)
@@ -31,6 +31,6 @@ def config() -> Callable[..., DictConfig]:
 
     def compose_with(*overrides: str) -> DictConfig:
         with initialize_config_dir(version_base="1.3", config_dir=str(ROOT / "conf")):
-            return compose("config", overrides=list(overrides))
+            return compose("config", overrides=in_full(list(overrides)))
 
     return compose_with

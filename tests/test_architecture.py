@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from brushexp import painting, training
+from brushexp.app.schema import TASKS
 from brushexp.registry import FAMILIES, PACKAGES
 
 ROOT = Path(__file__).parents[1]
@@ -17,6 +18,7 @@ SHARED = {
     "compositing.profile_scene",
     "compositing.textured_scene",
     "compositing.window_scene",
+    "bounds",
     "registry",
     "errors",
     "system.files",
@@ -91,6 +93,5 @@ def test_no_preset_has_the_name_of_a_plugin():
         assert not presets & {plugin.name for plugin in plugins(family)}
 
 
-def test_every_task_has_a_module_and_a_config():
-    modules = {path.stem for path in (SOURCE / "app" / "tasks").glob("*.py")} - {"__init__"}
-    assert modules == {path.stem for path in (ROOT / "conf" / "task").glob("*.yaml")}
+def test_every_task_has_a_module_and_a_schema():
+    assert {path.stem for path in (SOURCE / "app" / "tasks").glob("*.py")} - {"__init__"} == set(TASKS)

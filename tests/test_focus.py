@@ -14,7 +14,7 @@ from program import ROOT, run
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.app.checks import Paint, check_keys
+from brushexp.app.composition import check
 from brushexp.errors import UserError
 from brushexp.features.base import mean_squares
 from brushexp.painting.assembly import focus_of
@@ -476,8 +476,8 @@ def test_the_keys_make_weights_and_leave_the_map(config, tmp_path):
 
 
 def test_a_strength_out_of_range_is_told_by_its_key(config):
-    with pytest.raises(UserError, match="focus_strength=0 is not a factor from 1; set focus_strength to 1 or more"):
-        check_keys(config("focus_strength=0"), Paint)
+    with pytest.raises(UserError, match="focus_strength=0 is not at least 1; try focus_strength=1"):
+        check(config("focus_strength=0"))
 
 
 def test_a_run_has_its_focus(tmp_path):

@@ -8,7 +8,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from program import ROOT, run
 
-from brushexp.app.checks import Paint, check_keys
+from brushexp.app.composition import check
 
 PRESETS = {path.stem: path for path in (ROOT / "conf" / "quality").glob("*.yaml")}
 STUDIES = ["thesis", "steps", "renderers"]
@@ -40,7 +40,7 @@ def test_the_presets_are_those_that_the_docs_name():
 def test_a_preset_composes_with_everything(config, preset):
     for overrides in ([], ["density=fixed"], *([f"experiment={study}"] for study in STUDIES)):
         cfg = config(f"quality={preset}", *overrides)
-        check_keys(cfg, Paint)
+        check(cfg)
     cfg = config(f"quality={preset}", "steps=3", "pixels_per_stroke=77", "density=fixed")
     assert (cfg.steps, cfg.pixels_per_stroke) == (3, 77)
     assert cfg.density._target_.endswith("Fixed")

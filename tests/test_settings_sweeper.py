@@ -1,17 +1,18 @@
-"""A sweep over a list of settings: each is a job of its own, whatever the command line adds."""
+"""A sweep over a list of settings: each is a job of its own, and all are checked before the first starts."""
 
-import os
-import subprocess
-import sys
+import json
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from hydra import initialize_config_dir
+from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.plugins import Plugins
-from hydra.errors import HydraException
+from hydra.errors import ConfigCompositionException, HydraException
+from program import run
+
+from brushexp.errors import UserError
 
 ROOT = Path(__file__).parents[1]
 
@@ -23,13 +24,14 @@ def jobs(settings, arguments=(), batch=None):
         found = Plugins.instance().class_name_to_class["hydra_plugins.brushexp_settings.SettingsSweeper"]
         sweeper = found(batch, None, settings)
         sweeper.hydra_context = SimpleNamespace(config_loader=loader)
+        sweeper.config = compose("config", return_hydra_config=True)
         overrides = OverridesParser.create(config_loader=loader).parse_overrides(list(arguments))
         return sweeper.split_arguments(overrides, batch)
 
 
 def test_every_setting_is_one_job():
-    settings = ["", "steps=100", "init=grid 'loss=[mse,kl]' +a.b=1"]
-    assert jobs(settings) == [[[], ["steps=100"], ["init=grid", "loss=[mse,kl]", "+a.b=1"]]]
+    settings = ["", "steps=100", "init=grid 'loss=[mse,kl]'"]
+    assert jobs(settings) == [[[], ["steps=100"], ["init=grid", "loss=[mse,kl]"]]]
 
 
 def test_settings_are_combined_with_what_the_command_line_sweeps():
@@ -45,7 +47,7 @@ def test_a_setting_stands_above_the_command_line_and_may_sweep_itself():
 
 
 def test_jobs_come_in_batches():
-    assert [len(batch) for batch in jobs(["", "a=1", "a=2"], ["b=1,2"], batch=4)] == [4, 2]
+    assert [len(batch) for batch in jobs(["", "steps=1", "steps=2"], ["seed=1,2"], batch=4)] == [4, 2]
 
 
 def test_a_setting_that_is_no_override_is_refused():
@@ -53,42 +55,31 @@ def test_a_setting_that_is_no_override_is_refused():
         jobs(["steps"])
 
 
-APP = """
-import hydra
-@hydra.main(version_base="1.3", config_path="conf", config_name="config")
-def main(cfg):
-    print("job", cfg.steps, cfg.seed)
-main()
-"""
-STUDY = """# @package _global_
-defaults:
-  - override /hydra/sweeper: settings
-hydra:
-  mode: MULTIRUN
-  sweeper:
-    params: {seed: "3,4"}
-    settings: ["", steps=9]
-"""
-
-
 @pytest.mark.parametrize(
-    ("arguments", "shown"),
+    ("override", "message"),
     [
-        (["experiment=study"], ["1 3", "1 4", "9 3", "9 4"]),
-        (["experiment=study", "seed=5", "steps=2"], ["2 5", "9 5"]),
-        (["experiment=study", "hydra.mode=RUN", "steps=7"], ["7 0"]),
-        (["-m", "hydra/sweeper=settings", "hydra.sweeper.settings=['steps=4','seed=6']"], ["4 0", "1 6"]),
-        (["experiment=study", "hydra.sweeper.settings=['stepz=4']"], []),
+        ("steps=5,-3", "job 1 of the sweep.*steps=-3 is not at least 0; try steps=0"),
+        ("loss=[mse],[]", "no loss is chosen"),
+        ("task=paint,export", "task=export needs catalogue"),
+        ("warm_start=auto,nope", "warm_start=nope is not a renderer"),
+        ("loss.mse.weight=1,-1", "try loss.mse.weight=0"),
     ],
 )
-def test_hydra_finds_the_sweeper(tmp_path, arguments, shown):
-    (tmp_path / "conf" / "experiment").mkdir(parents=True)
-    text = "defaults: [_self_, {experiment: null}]\nsteps: 1\nseed: 0\nhydra: {sweep: {dir: out}, run: {dir: out}}\n"
-    (tmp_path / "conf" / "config.yaml").write_text(text)
-    (tmp_path / "conf" / "experiment" / "study.yaml").write_text(STUDY)
-    (tmp_path / "app.py").write_text(APP)
-    command = [sys.executable, "app.py", *arguments]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, env=dict(os.environ))
-    assert [line[4:] for line in done.stdout.splitlines() if line.startswith("job ")] == shown, done.stderr
-    assert (done.returncode == 0) == bool(shown)
-    assert shown or "stepz" in done.stderr
+def test_a_mistake_in_any_job_is_found_before_the_first_starts(override, message):
+    with pytest.raises(UserError, match=message):
+        jobs([""], [override])
+
+
+@pytest.mark.parametrize("override", ["steps=5,abc", "stepz=1,2", "renderer.soft=1,wide", "init=grid,nope"])
+def test_a_config_that_hydra_cannot_compose_is_found_before_the_first_starts(override):
+    with pytest.raises((ConfigCompositionException, HydraException)):
+        jobs([""], [override])
+
+
+def test_a_list_of_settings_on_the_command_line_is_a_sweep(tmp_path):
+    settings = "hydra.sweeper.settings=['steps=1','seed=6']"
+    words = ["-m", settings, "image=chelsea", "resolution=16", "steps=0", "frames=0", "report=false", "threads=1"]
+    done = run(*words, f"output={tmp_path}/s", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    chosen = [json.loads((tmp_path / "s" / name / "result.json").read_text())["overrides"] for name in ("0", "1")]
+    assert [(values["steps"], values.get("seed")) for values in chosen] == [("1", None), ("0", "6")]

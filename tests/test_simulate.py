@@ -13,7 +13,7 @@ from PIL import Image
 from program import Program
 from test_dataset import SHARD_STROKES, Spot, write
 
-from brushexp.app.checks import Simulate, check_keys
+from brushexp.app.composition import check
 from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Simulated
 from brushexp.training import writer
@@ -137,9 +137,8 @@ def engine_of_the_plugin(parameters, seed: int, first: int) -> Simulated:
 def test_every_key_has_a_value(config):
     cfg = config("task=simulate")
     assert (cfg.n, cfg.path, cfg.seed) == (10000, None, 0)
-    check_keys(cfg, Simulate)
-    with pytest.raises(UserError, match="n=0 is not a number of strokes; set n to 1 or more"):
-        check_keys(config("task=simulate", "n=0"), Simulate)
+    with pytest.raises(UserError, match="n=0 is not at least 1; try n=1"):
+        check(config("task=simulate", "n=0"))
 
 
 @pytest.mark.parametrize("stops", [[0], [BATCH_STROKES], [300, 300, 1000], list(range(0, N - 70, 100))])

@@ -11,8 +11,8 @@ from program import run
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.app.checks import StyleKeys, check_keys
-from brushexp.app.command_line import explanation, in_full
+from brushexp.app.command_line import in_full
+from brushexp.app.composition import check
 from brushexp.errors import UserError
 from brushexp.features import sight
 from brushexp.painting.assembly import losses_of
@@ -267,13 +267,8 @@ def test_the_config_passes_the_picture_and_the_colours_on(config):
 
 
 def test_wrong_keys_below_style_are_explained(config):
-    with pytest.raises(UserError, match=r"style\.content=-1 is not a factor from 0"):
-        check_keys(config("style.content=-1").style, StyleKeys, "style.")
-    with pytest.raises(UserError, match=r"style\.content=much is not of type float"):
-        check_keys(config("style.content=much").style, StyleKeys, "style.")
-    with pytest.raises(Exception, match=r"style\.weight") as caught:
-        config("style.weight=3")
-    assert explanation(caught.value).endswith("the keys are brushwork, colors, content, image")
+    with pytest.raises(UserError, match=r"style\.content=-1 is not at least 0"):
+        check(config("style.content=-1"))
 
 
 def test_a_loss_that_the_style_brings_with_it_is_not_chosen_besides(config):

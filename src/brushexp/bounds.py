@@ -34,10 +34,16 @@ class Bounds:
             return f"one of {', '.join(self.names)}"
         multiple = f"a multiple of {self.step}, " if self.step > 1 else ""
         if self.above:
-            return f"{multiple}above {self.low:g}" + (f" and at most {self.high:g}" if self.high < math.inf else "")
+            return f"{multiple}above {self.low:.12g}" + (
+                f" and at most {self.high:.12g}" if self.high < math.inf else ""
+            )
         if self.high == math.inf:
-            return f"{multiple}at least {self.low:g}"
-        return f"{multiple}at most {self.high:g}" if self.low == -math.inf else f"{multiple}{self.low:g} to {self.high:g}"
+            return f"{multiple}at least {self.low:.12g}"
+        return (
+            f"{multiple}at most {self.high:.12g}"
+            if self.low == -math.inf
+            else f"{multiple}{self.low:.12g} to {self.high:.12g}"
+        )
 
     def check(self, option: str, value: Any, default: Any = None) -> None:
         """Refuse a value beyond the bounds; None has none, and of a list or mapping every element counts.
@@ -54,7 +60,7 @@ class Bounds:
             for element in value.values() if isinstance(value, dict) else value:
                 self.check(option, element)
         elif value is not None and not self._holds(value):
-            shown = f"{value:g}" if isinstance(value, float) else value
+            shown = f"{value:.12g}" if isinstance(value, float) else value
             raise UserError(f"{option}={shown} is not {self}; try {option}={self._nearest(value, default)}")
 
     def _holds(self, value: Any) -> bool:
@@ -69,9 +75,9 @@ class Bounds:
             return (difflib.get_close_matches(str(value), self.names, 1) or self.names)[0]
         if (self.above and value <= self.low) or not math.isfinite(value):
             fallback = self.high if math.isfinite(self.high) else self.low + 1
-            return f"{default if isinstance(default, int | float) else fallback:g}"
+            return f"{default if isinstance(default, int | float) else fallback:.12g}"
         nearest = min(max(value, self.low), self.high)
-        return f"{max(nearest // self.step, 1) * self.step if self.step > 1 else nearest:g}"
+        return f"{max(nearest // self.step, 1) * self.step if self.step > 1 else nearest:.12g}"
 
 
 def at_least(low: float) -> Bounds:

@@ -102,7 +102,9 @@ class Plugin:
         for option, bounds in self.bounds.items():
             value = options[option]
             plain = OmegaConf.to_object(value) if OmegaConf.is_config(value) else value
-            bounds.check(f"{path}.{option}", plain, None if OmegaConf.is_missing(defaults, option) else defaults[option])
+            bounds.check(
+                f"{path}.{option}", plain, None if OmegaConf.is_missing(defaults, option) else defaults[option]
+            )
 
 
 _plugins: dict[tuple[str, str], Plugin] = {}

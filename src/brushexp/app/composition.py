@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, ListConfig, OmegaConf
@@ -13,7 +12,7 @@ from omegaconf.errors import OmegaConfBaseException
 from brushexp.app.schema import TASKS, groups_of, keys_of, publish
 from brushexp.bounds import at_least
 from brushexp.errors import UserError
-from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, plugin_of, plugins
+from brushexp.registry import FAMILIES, MULTI_SELECT, plugin_of, plugins
 
 NOT_KEYS = {"task", "hydra", "experiment"}  # what stands beside keys and groups at the top of a config
 WEIGHT = at_least(0)  # of a loss
@@ -96,7 +95,9 @@ def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
             WEIGHT.check(f"{path}.weight", node.weight)
     names = [plugin.name for plugin in plugins("renderer")]
     if cfg.get("warm_start") not in ("auto", None, *names):
-        raise UserError(f"warm_start={cfg.warm_start} is not a renderer; choose auto, null or one of {', '.join(names)}")
+        raise UserError(
+            f"warm_start={cfg.warm_start} is not a renderer; choose auto, null or one of {', '.join(names)}"
+        )
 
 
 def check_chosen(cfg: DictConfig) -> None:

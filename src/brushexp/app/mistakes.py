@@ -31,20 +31,16 @@ def explanation(error: BaseException, conf: Path, arguments: list[str]) -> str:
     text = " ".join(str(error).partition("Config search path")[0].split())
     if isinstance(error, CompactHydraException) and isinstance(error.__cause__, OmegaConfBaseException):
         text += f": {' '.join(str(error.__cause__).split())}"
-    if text.startswith("LexerNoViableAltException: "):
-        typed = text.removeprefix("LexerNoViableAltException: ").partition(" ^ See ")[0]
-        return f"{typed} has letters that must stand in quotes; put it into both kinds: 'catalogue=\"a, b.h5\"'"
-    if found := re.search(r"Could not (?:find|load) '(\w+)/([^']+)'", text):
-        names = choices(found[1], conf)
-        return f"{found[1]}={found[2]} is not there; choose one of {nearest(found[2], names)}" if names else text
-    if found := re.search(r"Could not override '([\w.@/]+)'.*No match in the defaults list", text):
-        task = task_of(arguments, conf)
-        return f"task={task} has no {found[1]}; it takes {', '.join(groups_of(TASKS[task])) or 'no plugins'}"
-    if found := re.search(r"Key '(\w+)' not in '(\w+)'", text):
-        return unknown_option(found[1], found[2]) or text
-    if found := re.search(r"Key '[^']*' is not in struct full_key: (\S+)", text):
-        return unknown_key(found[1], task_of(arguments, conf))
-    return wrong_type(text, task_of(arguments, conf)) or text
+    task = task_of(arguments, conf)
+    found = (
+        unquoted(text),
+        unknown_choice(text, conf),
+        unknown_group(text, task),
+        unknown_option(text),
+        unknown_key(text, task),
+        wrong_type(text, task),
+    )
+    return next((answer for answer in found if answer is not None), text)
 
 
 def task_of(arguments: list[str], conf: Path) -> str:
@@ -69,36 +65,66 @@ def nearest(word: str, names: list[str]) -> str:
     return ", ".join(sorted(likeness, key=lambda name: (-likeness[name], name)))
 
 
-def unknown_option(option: str, config: str) -> str | None:
-    """Of a plugin."""
-    plugin = next((plugin for plugin in plugins() if plugin.config.__name__ == config), None)
-    if plugin is None:
+def unquoted(text: str) -> str | None:
+    """A value with letters that mean something else to Hydra."""
+    if not text.startswith("LexerNoViableAltException: "):
         return None
-    names = [field.name for field in fields(plugin.config) if field.name != "_target_"]
-    text = f"{plugin.path}.{option} is no option of {plugin.family}={plugin.name}; "
+    typed = text.removeprefix("LexerNoViableAltException: ").partition(" ^ See ")[0]
+    return f"{typed} has letters that must stand in quotes; put it into both kinds: 'catalogue=\"a, b.h5\"'"
+
+
+def unknown_choice(text: str, conf: Path) -> str | None:
+    """A member that its group does not have."""
+    found = re.search(r"Could not (?:find|load) '(\w+)/([^']+)'", text)
+    names = [] if found is None else choices(found[1], conf)
+    return f"{found[1]}={found[2]} is not there; choose one of {nearest(found[2], names)}" if found and names else None
+
+
+def unknown_group(text: str, task: str) -> str | None:
+    """A family of plugins that a task does not take."""
+    found = re.search(r"Could not override '([\w.@/]+)'.*No match in the defaults list", text)
+    groups = ", ".join(groups_of(TASKS[task])) or "no plugins"
+    return f"task={task} has no {found[1]}; it takes {groups}" if found else None
+
+
+def unknown_option(text: str) -> str | None:
+    """An option that a plugin does not have."""
+    found = re.search(r"Key '(\w+)' not in '(\w+)'", text)
+    plugin = next((plugin for plugin in plugins() if found and plugin.config.__name__ == found[2]), None)
+    if found is None or plugin is None:
+        return None
+    option, family = found[1], plugin.family
+    names = option_names(plugin)
+    text = f"{plugin.path}.{option} is no option of {family}={plugin.name}; "
     text += f"its options, nearest first: {nearest(option, names)}" if names else "it has none"
-    owners = [other for other in plugins(plugin.family) if option in {field.name for field in fields(other.config)}]
-    if owners and plugin.family not in MULTI_SELECT:
-        other, chosen = owners[0].name, f"{plugin.family}={plugin.name}"
-        text += f". It is one of {', '.join(f'{plugin.family}={owner.name}' for owner in owners)}; a sweep over both: "
-        text += f"-m \"hydra.sweeper.settings=['{chosen}','{plugin.family}={other} {plugin.family}.{option}=...']\""
+    owners = [other.name for other in plugins(family) if option in option_names(other)]
+    if owners and family not in MULTI_SELECT:
+        text += f". It is one of {', '.join(f'{family}={name}' for name in owners)}; a sweep over both: "
+        text += f"-m \"hydra.sweeper.settings=['{family}={plugin.name}','{family}={owners[0]} {family}.{option}=...']\""
     return text
 
 
-def unknown_key(typed: str, task: str) -> str:
-    """Of a task, or below a family of which several can be chosen."""
+def option_names(plugin: Plugin) -> list[str]:
+    """Options of a plugin."""
+    return [field.name for field in fields(plugin.config) if field.name != "_target_"]
+
+
+def unknown_key(text: str, task: str) -> str | None:
+    """A key that a task does not have, or below a family of which several can be chosen."""
+    found = re.search(r"Key '[^']*' is not in struct full_key: (\S+)", text)
+    if found is None:
+        return None
+    typed = found[1]
     family, _, rest = typed.partition(".")
-    name = rest.partition(".")[0]
     if family in MULTI_SELECT and rest:
-        names = [plugin.name for plugin in plugins(family)]
-        text = f"{family}.{name} is tuned but not chosen; "
-        if name in names:
-            return text + f"add {name} to the list, '{family}=[{name},...]', or drop the keys below it"
-        return text + f"there are: {nearest(name, names)}"
-    schema = TASKS[task]
-    inner = [key for key in keys_of(schema) if "." in typed and key.startswith(f"{family}.")]
+        name, names = rest.partition(".")[0], [plugin.name for plugin in plugins(family)]
+        mend = f"add {name} to the list, '{family}=[{name},...]', or drop the keys below it"
+        mend = mend if name in names else f"there are: {nearest(name, names)}"
+        return f"{family}.{name} is tuned but not chosen; {mend}"
+    keys, groups = keys_of(TASKS[task]), groups_of(TASKS[task])
+    inner = [key for key in keys if "." in typed and key.startswith(f"{family}.")]
     text = f"{typed} is no key of task={task}; nearest first: "
-    text += nearest(typed.rpartition(".")[2], inner or [*keys_of(schema), *groups_of(schema)])
+    text += nearest(typed.rpartition(".")[2], inner or [*keys, *groups])
     others = [name for name, schema in TASKS.items() if typed in keys_of(schema) or typed in groups_of(schema)]
     return text + (f". It is one of {', '.join(f'task={name}' for name in others)}" if others else "")
 
@@ -127,10 +153,5 @@ def wrong_type(text: str, task: str) -> str | None:
 def default_of(path: str) -> object:
     """Of an option of a plugin, by what is typed; None if it is not known."""
     above, _, option = path.rpartition(".")
-    owners: list[Plugin] = [plugin for plugin in plugins() if plugin.path == above and hasattr_option(plugin, option)]
+    owners = [plugin for plugin in plugins() if plugin.path == above and option in option_names(plugin)]
     return OmegaConf.structured(owners[0].config).get(option) if owners else None
-
-
-def hasattr_option(plugin: Plugin, option: str) -> bool:
-    """Whether a plugin has an option of this name."""
-    return option in {field.name for field in fields(plugin.config)}

@@ -5,6 +5,7 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
+from brushexp.app.composition import check
 from brushexp.errors import UserError
 
 CHECKPOINT = "checkpoint.ckpt"  # in a run's folder
@@ -27,4 +28,5 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
     kept = OmegaConf.load(settings)
     assert isinstance(kept, DictConfig)
     kept.merge_with({key: cfg[key] for key in OVERRIDABLE})
+    check(kept)
     return checkpoint, kept

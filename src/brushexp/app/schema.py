@@ -17,7 +17,8 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 from brushexp.bounds import Bounds, above, at_least, between, one_of
 from brushexp.registry import MULTI_SELECT
 
-LARGEST_SEED = 2**32 - 1  # of NumPy
+LARGEST_SEED = 2**32 - 1  # of NumPy's generator
+LARGEST_SEED_SIMULATED = 2**64 - 1  # of the generator of strokes
 
 
 def key(default: Any, meaning: str, bounds: Bounds | None = None) -> Any:
@@ -96,12 +97,16 @@ class Paint(Task):
     warm_start: str | None = key(
         "auto", "renderer that takes these steps first; auto = the fast one that a network names; null = none"
     )
-    finish_steps: int = key(40, "gradient steps of each stroke with the chosen renderer after a warm start", at_least(0))
+    finish_steps: int = key(
+        40, "gradient steps of each stroke with the chosen renderer after a warm start", at_least(0)
+    )
     background: str = key("mean", "of the bare canvas: mean (of the picture), white, black, '#rrggbb'")
     catalogue: str | None = key(None, "start from the strokes of this catalogue.h5 instead of init")
     resume: str | None = key(None, "folder of an interrupted run: continue it exactly, with its own settings")
     seconds: float | None = key(None, "instead of steps: seconds of optimisation; the schedule fits them", at_least(0))
-    psnr: float | None = key(None, "dB: stop when the picture as last seen is as good as this; null = never", at_least(0))
+    psnr: float | None = key(
+        None, "dB: stop when the picture as last seen is as good as this; null = never", at_least(0)
+    )
     early_stop: float | None = key(
         None, "dB: stop when 100 evaluations of the losses gained less than this; null = never", at_least(0)
     )
@@ -114,7 +119,9 @@ class Paint(Task):
     )
     report: bool = key(True, "report.html: the run on one page, with a replay of the painting")
     focus: str | None = key(None, "what matters most: auto (found in the picture) or a mask, the brighter the more")
-    focus_strength: float = key(8, "errors at the brightest places count so many times those at the darkest", at_least(1))
+    focus_strength: float = key(
+        8, "errors at the brightest places count so many times those at the darkest", at_least(1)
+    )
     lpips_backbone: str = key("alexnet", "network of lpips_weights", one_of("alexnet", "squeeze", "vgg16", "effl0"))
     lpips_weights: str | None = key(None, "file with its published features: metrics then hold the official LPIPS too")
     style: StyleTransfer = field(default_factory=StyleTransfer)
@@ -136,9 +143,10 @@ class Simulate(Task):
 
     defaults: ClassVar[list[Any]] = [{"/engine": "fluid"}, "_self_"]
 
+    seed: int = key(0, "everything random follows from it", between(0, LARGEST_SEED_SIMULATED))
     n: int = key(10000, "strokes; the thesis had 100,000. A larger n continues a finished set", at_least(1))
     path: str | None = key(
-        None, "the file; null = strokes.h5 in the run's folder. Type it again to continue a run that was stopped"
+        None, "folder of the set; null = strokes in the run's folder. Type it again to continue a run that was stopped"
     )
 
 
@@ -156,20 +164,26 @@ class Train(Task):
     settings: ClassVar[dict[str, Any]] = {"renderer": {"checkpoint": None}}  # random weights
 
     model: str = key("renderer", "what is trained", one_of("renderer", "discriminator"))
-    data: list[str] | None = key(None, "strokes.h5 of task=simulate, several with commas; null = simulate with engine")
+    data: list[str] | None = key(None, "folder of task=simulate or a file in it, several with commas; null = simulate")
     simulate: int | None = key(
         10000, "without data: strokes of a set that is made once and kept; null = fresh ones on the way", at_least(1)
     )
     sets: str = key("data", "folder of such sets")
     batch_size: int = key(64, "strokes of a step", at_least(1))
     epochs: int | None = key(
-        None, "passes through the data; null = no limit; 0 = only what a renderer reads directly off strokes", at_least(0)
+        None,
+        "passes through the data; null = no limit; 0 = only what a renderer reads directly off strokes",
+        at_least(0),
     )
     minutes: float | None = key(
-        60, "of wall time; null = no limit. The learning rate falls to its end with the first limit reached", at_least(0)
+        60,
+        "of wall time; null = no limit. The learning rate falls to its end with the first limit reached",
+        at_least(0),
     )
     lr: float = key(5.0e-4, "highest learning rate; from 1e-3 on some starts end in blank pictures", at_least(0))
-    ema: float = key(0.999, "share of the old weights in the averaged ones at each step; 0 = no averaging", between(0, 1))
+    ema: float = key(
+        0.999, "share of the old weights in the averaged ones at each step; 0 = no averaging", between(0, 1)
+    )
     precision: str = key("bfloat16", "of pictures and activations in training", one_of("bfloat16", "float32"))
     limit: int | None = key(None, "use only the first so many training strokes; null = all", at_least(1))
     critic: bool = key(False, "RaSGAN beside L2: a critic judges the pictures")
@@ -186,7 +200,7 @@ class Evaluate(Task):
 
     defaults: ClassVar[list[Any]] = [{"/renderer": "neural"}, {"/blend": "tiled"}, {"/engine": "fluid"}, "_self_"]
 
-    data: list[str] | None = key(None, "strokes.h5 of task=simulate, several with commas; null = simulate with engine")
+    data: list[str] | None = key(None, "folder of task=simulate or a file in it, several with commas; null = simulate")
     split: str = key("test", "which strokes of it", one_of("test", "validation"))
     n: int | None = key(None, "the first so many of them; null = all, or 1000 simulated ones", at_least(1))
     other_data: bool = key(False, "also judge a renderer on strokes of another brush than it was trained on")
@@ -208,14 +222,16 @@ class Prune(Task):
     ratios: list[float] = key(
         [0, 0.25, 0.5], "shares of the channels of every layer that go; 0 is only trained further", between(0, 1)
     )
-    data: list[str] | None = key(None, "strokes.h5 of task=simulate, several with commas; null = simulate with engine")
+    data: list[str] | None = key(None, "folder of task=simulate or a file in it, several with commas; null = simulate")
     n: int | None = key(None, "judged on the first so many test strokes; null = all", at_least(1))
     other_data: bool = key(False, "also fine-tune a renderer on strokes of another brush than it was trained on")
     batch_size: int = key(64, "strokes of a step", at_least(1))
     epochs: int | None = key(None, "of fine-tuning each network, passes through the data; null = no limit", at_least(0))
     minutes: float | None = key(10, "of wall time for each network; null = no limit", at_least(0))
     lr: float = key(3.0e-4, "highest learning rate", at_least(0))
-    ema: float = key(0.999, "share of the old weights in the averaged ones at each step; 0 = no averaging", between(0, 1))
+    ema: float = key(
+        0.999, "share of the old weights in the averaged ones at each step; 0 = no averaging", between(0, 1)
+    )
     precision: str = key("bfloat16", "of pictures and activations in training", one_of("bfloat16", "float32"))
     limit: int | None = key(None, "use only the first so many training strokes; null = all", at_least(1))
 
@@ -234,7 +250,9 @@ class Analyse(Task):
     catalogue: str = key(MISSING, "catalogue.h5 of a run")
     against: str | None = key(None, "catalogue.h5 of another one, to compare with")
     radius: float | None = key(
-        None, "pixels: neighbours of a stroke are as near or nearer; null = 4 pitches sqrt(pixels / strokes)", at_least(0)
+        None,
+        "pixels: neighbours of a stroke are as near or nearer; null = 4 pitches sqrt(pixels / strokes)",
+        at_least(0),
     )
     visible: float = key(
         0, "share of a stroke that must be seen, or it is left out; 0 = hidden strokes count too", between(0, 1)
@@ -243,7 +261,7 @@ class Analyse(Task):
 
 @dataclass
 class View(Task):
-    """Look at a saved painting, a run or a sweep in the browser: one page, served on this machine alone until Ctrl-C."""
+    """Look at a saved painting, a run or a sweep in the browser: one page, served on this machine until Ctrl-C."""
 
     defaults: ClassVar[list[Any]] = [{"/renderer": None}, {"/blend": "tiled"}, "_self_"]
 
@@ -254,7 +272,7 @@ class View(Task):
 
 @dataclass
 class Extremes(Task):
-    """Draw and optimise extreme scenes with every renderer, blend and precision: exact, degraded, refused, or broken?"""
+    """Draw and optimise extreme scenes with every renderer, blend and precision, and judge each as exact or broken."""
 
     renderers: list[str] | None = key(None, "names; null = all that are registered, plugins too")
     blends: list[str] | None = key(None, "names; null = all")
@@ -331,4 +349,6 @@ def publish() -> None:
 def _untied(node: DictConfig) -> DictConfig:
     """The same typed values in a mapping that belongs to no class, so that groups can stand beside them."""
     children = {name: node._get_node(name) for name in node}
-    return DictConfig({name: _untied(child) if isinstance(child, DictConfig) else child for name, child in children.items()})
+    return DictConfig(
+        {name: _untied(child) if isinstance(child, DictConfig) else child for name, child in children.items()}
+    )

@@ -13,7 +13,6 @@ from omegaconf import DictConfig
 from brushexp.analysis.figures import write_figure
 from brushexp.analysis.summary import analysis_of, means
 from brushexp.analysis.tables import write_tables
-from brushexp.errors import UserError
 from brushexp.results.table import shortened
 from brushexp.strokes.storage import load_catalogue
 
@@ -22,8 +21,6 @@ log = logging.getLogger(__name__)
 
 def run(cfg: DictConfig, start: float) -> dict[str, object]:
     """Measure ``cfg.catalogue``, and ``cfg.against`` if there is one, into the run's folder."""
-    if cfg.visible > 1:
-        raise UserError(f"visible={cfg.visible} is not a share from 0 to 1; set visible to 1 or less")
     folder = Path(HydraConfig.get().runtime.output_dir)
     options = [option for option in ("catalogue", "against") if cfg[option] is not None]
     found = []

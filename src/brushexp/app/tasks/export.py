@@ -13,7 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 from brushexp.errors import UserError
 from brushexp.painting.outputs import config_of, renderer_of, work_of
 from brushexp.plugins.renderer.base import Renderer
-from brushexp.registry import build, plugin_of, plugins
+from brushexp.registry import build, plugin_of
 from brushexp.strokes.storage import Saved, load_catalogue
 
 log = logging.getLogger(__name__)
@@ -21,11 +21,6 @@ log = logging.getLogger(__name__)
 
 def run(cfg: DictConfig, start: float) -> dict[str, object]:
     """Write a catalogue in every form of ``cfg.to`` into the run's folder."""
-    if OmegaConf.is_missing(cfg, "catalogue"):
-        raise UserError("no catalogue is given; add the one of a run: catalogue=outputs/.../catalogue.h5")
-    if not cfg.to:
-        choices = ", ".join(plugin.name for plugin in plugins("to"))
-        raise UserError(f"to=[] writes nothing; choose one or more of {choices}")
     exporters = {name: build(node) for name, node in cfg.to.items()}
     saved, renderer = with_renderer(load_catalogue(Path(cfg.catalogue)), cfg.get("renderer"), cfg.catalogue)
     work = work_of(saved, renderer, build(cfg.blend), saved.renderer, cfg.resolution, cfg.catalogue)

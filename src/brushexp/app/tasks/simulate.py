@@ -27,8 +27,6 @@ log = logging.getLogger(__name__)
 
 def run(cfg: DictConfig, start: float) -> dict[str, object]:
     """Write ``n`` strokes to ``path`` and ``strokes.png`` into the run's folder; continue what is there already."""
-    if cfg.seed >= 2**64:
-        raise UserError(f"seed={cfg.seed} is too large; set seed to a whole number below 2**64")
     folder = Path(HydraConfig.get().runtime.output_dir)
     path = folder / "strokes" if cfg.path is None else Path(cfg.path)
     engine: Engine = build(cfg.engine)
