@@ -39,11 +39,12 @@ FAMILIES = {
     "sampler": "which part of the canvas a step looks at",
     "optimizer": "how strokes move",
     "engine": "brush simulators: stroke parameters -> picture of one stroke",
+    "callbacks": "what happens beside the steps of a fit",
     "logger": "where the curves of a run go",
     "to": "finished painting -> files that other programs read",
 }
 PACKAGES = {"to": "export"}  # families whose folder is not called as the key that is typed
-MULTI_SELECT = ("loss", "logger", "to")  # families of which one run may use several members
+MULTI_SELECT = ("loss", "callbacks", "logger", "to")  # families of which one run may use several members
 USER_PACKAGE = "brushexp_plugins"  # the import name of all files found in plugin folders
 SEARCH_PATH = "BRUSHEXP_PLUGINS"  # environment variable: more plugin folders
 ENTRY_POINTS = "brushexp.plugins"  # entry-point group of published plugins

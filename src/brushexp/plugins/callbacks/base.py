@@ -1,0 +1,27 @@
+"""What every callback receives and returns."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # Lightning takes seconds to import; --help should not
+    import lightning as L
+
+
+class Callback(ABC):
+    """Something that happens beside the steps of a fit, of a painting or of a network: a callback of Lightning.
+
+    Every hook of https://lightning.ai/docs/pytorch/stable/extensions/callbacks.html may be used. The module has
+    ``progress`` (0 to 1), ``state_line()`` and ``global_step``; a painter also has ``painter.latest()``, the picture.
+
+    >>> class Steps(Callback):
+    ...     def open(self, folder):
+    ...         from lightning.pytorch.callbacks import LambdaCallback
+    ...         return LambdaCallback(on_train_end=lambda trainer, module: print(trainer.global_step))
+    """
+
+    @abstractmethod
+    def open(self, folder: Path) -> L.Callback:
+        """The callback of a run; what it writes belongs into the run's folder."""

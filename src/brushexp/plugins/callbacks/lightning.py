@@ -1,0 +1,113 @@
+"""Callbacks that come with Lightning, by name; their options are Lightning's own."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from brushexp.plugins.callbacks.base import Callback
+from brushexp.registry import register
+
+if TYPE_CHECKING:
+    import lightning as L
+
+
+@register("callbacks", "learning_rate_monitor")
+class LearningRate(Callback):
+    """Record the learning rate among the curves of the run (Lightning's LearningRateMonitor)."""
+
+    def __init__(self) -> None: ...
+
+    def open(self, folder: Path) -> L.Callback:
+        from lightning.pytorch.callbacks import LearningRateMonitor  # noqa: PLC0415
+
+        return LearningRateMonitor(logging_interval="step")
+
+
+@register("callbacks", "early_stopping")
+class NoMoreGain(Callback):
+    """End the fit when a logged value no longer improves (Lightning's EarlyStopping).
+
+    Args:
+        monitor: the value, as the curves call it: ``psnr`` in painting, ``validation/psnr_alpha`` in training.
+        mode: max where more is better, min where less is.
+        min_delta: less than this is no gain.
+        patience: looks without a gain before the end; painting looks every ``every`` steps, training at validations.
+        every: steps between two looks where there is no validation.
+    """
+
+    def __init__(
+        self, *, monitor: str = "psnr", mode: str = "max", min_delta: float = 0.0, patience: int = 3, every: int = 100
+    ) -> None:
+        self.options: dict[str, Any] = {
+            "monitor": monitor,
+            "mode": mode,
+            "min_delta": min_delta,
+            "patience": patience,
+        }
+        self.every = every
+
+    def open(self, folder: Path) -> L.Callback:
+        from lightning.pytorch.callbacks import EarlyStopping  # noqa: PLC0415
+
+        every = self.every
+
+        class EveryFewSteps(EarlyStopping):
+            def on_train_batch_end(self, trainer: L.Trainer, *_: object) -> None:
+                if not trainer.enable_validation and trainer.global_step % every == 0:
+                    self._run_early_stopping_check(trainer)
+
+        return EveryFewSteps(strict=False, **self.options)
+
+
+@register("callbacks", "model_checkpoint")
+class BestCheckpoints(Callback):
+    """Keep checkpoints of Lightning in the folder ``checkpoints`` of the run (ModelCheckpoint).
+
+    Args:
+        monitor: the logged value by which the best are chosen; null keeps the last ones.
+        mode: max where more is better, min where less is.
+        save_top_k: how many; -1 for all.
+        every_n_train_steps: steps between two of them.
+    """
+
+    def __init__(
+        self, *, monitor: str | None = None, mode: str = "max", save_top_k: int = 1, every_n_train_steps: int = 100
+    ) -> None:
+        self.options: dict[str, Any] = {"monitor": monitor, "mode": mode, "save_top_k": save_top_k}
+        self.every = every_n_train_steps
+
+    def open(self, folder: Path) -> L.Callback:
+        from lightning.pytorch.callbacks import ModelCheckpoint  # noqa: PLC0415
+
+        return ModelCheckpoint(folder / "checkpoints", every_n_train_steps=self.every, **self.options)
+
+
+@register("callbacks", "timer")
+class TimeLimit(Callback):
+    """End the fit after some time, and say how long it took (Lightning's Timer).
+
+    Args:
+        duration: days:hours:minutes:seconds, ``00:00:10:00`` for ten minutes.
+    """
+
+    def __init__(self, *, duration: str = "00:01:00:00") -> None:
+        self.duration = duration
+
+    def open(self, folder: Path) -> L.Callback:
+        from lightning.pytorch.callbacks import Timer  # noqa: PLC0415
+
+        return Timer(self.duration)
+
+
+@register("callbacks", "device_stats")
+class DeviceStats(Callback):
+    """Record memory of the GPU, and with psutil load of the CPU, among the curves (Lightning's DeviceStatsMonitor)."""
+
+    def __init__(self) -> None: ...
+
+    def open(self, folder: Path) -> L.Callback:
+        from lightning.pytorch.callbacks import DeviceStatsMonitor  # noqa: PLC0415
+
+        return DeviceStatsMonitor(cpu_stats=find_spec("psutil") is not None)

@@ -1,0 +1,124 @@
+"""Callbacks of every fit: progress, checkpoints by time, Ctrl-C, averages; and those that a user chooses."""
+
+import signal
+
+import lightning as L
+import pytest
+import torch
+from omegaconf import OmegaConf
+
+from brushexp.app.fitting import trainer_of
+from brushexp.errors import UserError
+from brushexp.registry import plugins
+from brushexp.system.callbacks import INTERRUPTED, MovingAverage, in_words
+
+
+class Line(L.LightningModule):
+    """One weight that is drawn to 1; a step takes what ``beside`` does."""
+
+    def __init__(self, steps=8, beside=lambda step: None):
+        super().__init__()
+        self.weight = torch.nn.Parameter(torch.zeros(1))
+        self.steps, self.beside, self.stop = steps, beside, ""
+
+    title = "drawing a line"
+
+    @property
+    def progress(self):
+        return self.global_step / self.steps
+
+    def state_line(self):
+        return f"weight {self.weight.item():.2f}"
+
+    def train_dataloader(self):
+        return iter(lambda: 0, 1)  # without end
+
+    def training_step(self, batch, batch_idx):
+        self.beside(batch_idx)
+        loss = (self.weight - 1).square().sum()
+        self.log("loss", loss)
+        return loss
+
+    def configure_optimizers(self):
+        return torch.optim.SGD(self.parameters(), lr=0.1)
+
+    def on_train_batch_end(self, *_):
+        self.trainer.should_stop |= self.progress >= 1
+
+
+def fit(folder, module, *, names=(), resume=None, every=None, callbacks=(), **trainer):
+    node = {plugin.name: {"_target_": plugin.target} for plugin in plugins("callbacks") if plugin.name in names}
+    options = {"enable_progress_bar": False, "max_epochs": 1}
+    options |= {"enable_model_summary": False, "log_every_n_steps": 1}
+    cfg = OmegaConf.create({"callbacks": node, "trainer": options | trainer, "checkpoint_every": every})
+    made = trainer_of(cfg, torch.device("cpu"), folder, [], callbacks)
+    made.fit(module, ckpt_path=resume)
+    return made
+
+
+def test_a_fit_tells_where_it_stands_and_leaves_no_checkpoint(tmp_path, caplog):
+    caplog.set_level("INFO")
+    saved = []
+    module = Line(beside=lambda step: saved.append((tmp_path / "checkpoint.ckpt").exists()))
+    trainer = fit(tmp_path, module, every=0)
+    assert trainer.global_step == 8
+    assert saved == [False, *[True] * 7]
+    assert not (tmp_path / "checkpoint.ckpt").exists()
+    assert "drawing a line: 100 %, weight 0.83" in caplog.text
+
+
+def test_ctrl_c_ends_cleanly_and_the_fit_continues_exactly(tmp_path):
+    straight = Line()
+    fit(tmp_path, straight)
+    first = Line(beside=lambda step: step == 3 and signal.raise_signal(signal.SIGINT))
+    assert fit(tmp_path, first).global_step == 4
+    assert first.stop == INTERRUPTED
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    second = Line()
+    trainer = fit(tmp_path, second, resume=tmp_path / "checkpoint.ckpt")
+    assert trainer.global_step == 8
+    assert second.stop == ""
+    assert torch.equal(second.weight, straight.weight)
+    assert not (tmp_path / "checkpoint.ckpt").exists()
+
+
+def test_an_error_gives_ctrl_c_back(tmp_path):
+    with pytest.raises(ZeroDivisionError):
+        fit(tmp_path, Line(beside=lambda step: 1 / 0))
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize("name", [plugin.name for plugin in plugins("callbacks")])
+def test_lightnings_callbacks_can_be_chosen(tmp_path, name):
+    logger = [L.pytorch.loggers.CSVLogger(tmp_path)] if name in ("learning_rate_monitor", "device_stats") else None
+    (plugin,) = [plugin for plugin in plugins("callbacks") if plugin.name == name]
+    callback = plugin.cls().open(tmp_path)
+    trainer = L.Trainer(
+        max_epochs=1, logger=logger or False, callbacks=[callback], log_every_n_steps=1, accelerator="cpu",
+        enable_progress_bar=False, enable_model_summary=False, enable_checkpointing=name == "model_checkpoint",
+    )  # fmt: skip
+    trainer.fit(Line())
+    assert trainer.global_step == 8
+
+
+def test_no_more_gain_ends_the_fit(tmp_path):
+    (plugin,) = [plugin for plugin in plugins("callbacks") if plugin.name == "early_stopping"]
+    callback = plugin.cls(monitor="loss", mode="min", min_delta=0.2, patience=1, every=2).open(tmp_path)
+    assert fit(tmp_path, Line(), callbacks=[callback]).global_step < 8
+
+
+def test_the_average_lags_behind_and_is_left_in_place(tmp_path):
+    plain, averaged = Line(), Line()
+    fit(tmp_path, plain)
+    fit(tmp_path, averaged, callbacks=[MovingAverage(0.9)])
+    assert 0 < averaged.weight.item() < plain.weight.item()
+
+
+def test_an_unknown_option_of_the_trainer_is_refused(tmp_path):
+    with pytest.raises(UserError, match=r"trainer: .*speed"):
+        fit(tmp_path, Line(), speed=9)
+
+
+@pytest.mark.parametrize(("seconds", "words"), [(4.04, "4 s"), (83, "83 s"), (425, "7.1 min"), (5401, "1.5 h")])
+def test_times_are_told_in_words(seconds, words):
+    assert in_words(seconds) == words
