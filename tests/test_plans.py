@@ -15,7 +15,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export._curves import flattened, hatched
 from brushexp.plugins.export._drawing import Hidden
-from brushexp.plugins.export._palette import nearest, palette
+from brushexp.pictures.palette import nearest, palette
 from brushexp.plugins.export._plan import GAP, Run, plan_of, travel_of
 from brushexp.plugins.export.base import Work
 from brushexp.plugins.export.gcode import Gcode
