@@ -12,10 +12,10 @@ import torch
 from scenes import random_strokes, straight
 
 from brushexp.errors import UserError
+from brushexp.pictures.palette import nearest, palette
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export._curves import flattened, hatched
 from brushexp.plugins.export._drawing import Hidden
-from brushexp.pictures.palette import nearest, palette
 from brushexp.plugins.export._plan import GAP, Run, plan_of, travel_of
 from brushexp.plugins.export.base import Work
 from brushexp.plugins.export.gcode import Gcode

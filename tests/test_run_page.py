@@ -12,8 +12,6 @@ import numpy as np
 import pytest
 import torch
 from browser import NARROW, WIDE, browser, opened  # noqa: F401
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from scenes import random_strokes
@@ -24,12 +22,12 @@ from brushexp.errors import UserError
 from brushexp.painting.outputs import renderer_of, work_of
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import build_named
-from brushexp.results.page.error import error_map
-from brushexp.results.page.html import LARGEST, data_uri, page, picture_uri
-from brushexp.results.page.palette import palette
-from brushexp.results.page.plots import histogram, line_plot, rose, round_numbers, round_numbers_log
-from brushexp.results.page.replay import BEYOND, STEPS, replay_of
+from brushexp.results.page.charts import histogram_chart, line_chart, rose_chart
+from brushexp.results.page.error_map import error_map
+from brushexp.results.page.html import LARGEST_SIDE, data_uri, page, picture_uri
+from brushexp.results.page.replay import FARTHEST, STEPS, replay_of
 from brushexp.results.page.run import read_curves, run_page, write_run_page
+from brushexp.results.page.swatches import swatches_of
 from brushexp.shading.light import Light, normals_of, shaded
 from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, point_at
 from brushexp.strokes.catalogue import Strokes
@@ -158,21 +156,16 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
 # ---- what is in the page ----
 
 
-def test_a_page_shows_all_that_a_run_has_left(run):
+def test_a_page_shows_all_that_a_run_has_left_and_asks_nothing_of_any_other_place(run):
     html = (run / "report.html").read_text()
     for part in ("replay", "error", "curves", "strokes-section", "light", "settings"):
         assert f'<section id="{part}"' in html
-    assert "27.12" in html
-    assert "python run.py steps=30" in html
-    assert 'alt="style"' in html
-    assert "PSNR by time" in html
-    assert "Loss mse" in html
-
-
-def test_the_same_run_makes_the_same_page(run):
-    before = (run / "report.html").read_bytes()
-    write_run_page(run)
-    assert (run / "report.html").read_bytes() == before
+    for part in ("27.12", "python run.py steps=30", 'alt="style"', "PSNR by time", "Loss mse"):
+        assert part in html
+    assert "default-src 'none'; img-src data:; style-src 'sha256-" in html
+    assert not re.search(r"(src|href)=[\"']?(https?:)?//", html)
+    assert not re.search(r"<[^>]* (style|on\w+)=", re.sub(r"<script.*?</script>", "", html, flags=re.S))
+    assert write_run_page(run).read_text() == html  # the same run makes the same page
 
 
 def test_a_catalogue_alone_makes_a_page_without_what_is_not_known():
@@ -185,11 +178,14 @@ def test_a_catalogue_alone_makes_a_page_without_what_is_not_known():
     assert "repeats the run" not in html
 
 
-def test_an_empty_catalogue_makes_a_page():
+def test_other_catalogues_make_pages_too():
     nothing = replace(saved_with(1), strokes=Strokes.none(), depth=torch.zeros(0, dtype=torch.int32))
-    html = run_page(nothing, name="nothing", painting=np.zeros((*SIZE, 3), np.uint8))
+    html = run_page(nothing, name="nothing", pictures={"painting": np.zeros((*SIZE, 3), np.uint8)})
     assert "0 strokes" in html
     assert 'id="replay"' not in html
+    html = run_page(saved_with(1, renderer="textured"), name="one", metrics={"psnr": None, "l1": 0.0})
+    for part in ("1 stroke on", "The only stroke is", "<code>renderer=textured</code>", "∞"):
+        assert part in html
 
 
 def test_a_run_without_a_catalogue_is_refused(tmp_path):
@@ -206,24 +202,6 @@ def test_a_run_is_not_lost_with_its_page(tmp_path, caplog, monkeypatch):
     assert "ZeroDivisionError" in caplog.text
 
 
-def test_other_renderers_are_told_apart():
-    html = run_page(saved_with(20, renderer="textured"), name="x")
-    assert "renderer=textured" in html
-    assert "renderer=analytic" not in run_page(saved_with(20), name="x")
-
-
-def test_identical_pictures_have_an_infinite_psnr():
-    html = run_page(saved_with(5), name="x", metrics={"psnr": None, "l1": 0.0})
-    assert "∞" in html
-
-
-def test_a_page_asks_nothing_of_any_other_place(run):
-    html = (run / "report.html").read_text()
-    assert "default-src 'none'; img-src data:; style-src 'sha256-" in html
-    assert not re.search(r"(src|href)=[\"']?(https?:)?//", html)
-    assert not re.search(r"<[^>]* (style|on\w+)=", re.sub(r"<script.*?</script>", "", html, flags=re.S))
-
-
 def test_text_from_users_is_escaped(tmp_path):
     folder = run_in(tmp_path / "x", image=WRITTEN, overrides=(f"image={WRITTEN}",))
     html = write_run_page(folder).read_text()
@@ -237,12 +215,13 @@ def test_text_from_users_is_escaped(tmp_path):
 def test_settings_name_plugins_and_what_was_typed():
     renderer = "{_target_: brushexp.plugins.renderer.analytic.Analytic, soft: 2.0}"
     config = f"steps: 5\nseed: null\nrenderer: {renderer}\n1: {{2: 3}}\n"
-    html = run_page(replace(saved_with(5), config=config), name="x", overrides=("steps=5", "renderer=analytic"))
+    command = "python run.py steps=5 renderer=analytic"
+    html = run_page(replace(saved_with(5), config=config), name="x", command=command)
     text = re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", html.partition("All settings")[2]))
     assert "steps 5 typed seed null" in text
     assert "renderer typed key value renderer analytic typed renderer.soft 2.0" in text
     assert "1.2 3" in text
-    assert "repeats the run" not in html
+    assert command in html
 
 
 @pytest.mark.parametrize("config", ["{[1]: 2}", "a: !!python/name:os.system x", ""])
@@ -259,12 +238,6 @@ def test_a_damaged_picture_is_left_out(tmp_path, caplog):
         assert 'id="painting"' not in html
         assert "painting.png is left out" in caplog.text
         caplog.clear()
-
-
-def test_one_stroke_is_one_stroke():
-    html = run_page(saved_with(1), name="one")
-    assert "1 stroke on" in html
-    assert "The only stroke is" in html
 
 
 def test_damaged_curves_are_left_out(tmp_path):
@@ -310,8 +283,8 @@ def test_strokes_far_away_do_not_coarsen_the_others():
     width[1] = 1e3
     saved = replace(saved, strokes=replace(saved.strokes, position=position, width=width))
     packed = replay_of(saved, measures_of(saved.strokes, saved.depth, saved.size))
-    assert packed["box"][2] <= SIZE[1] + BEYOND * max(SIZE)
-    assert packed["widest"] <= 2 * BEYOND * max(SIZE)
+    assert packed["box"][2] <= SIZE[1] + FARTHEST * max(SIZE)
+    assert packed["widest"] <= 2 * FARTHEST * max(SIZE)
 
 
 def test_an_error_map_measures_mean_differences():
@@ -326,49 +299,27 @@ def test_an_error_map_measures_mean_differences():
     assert error_map(target, target).mean == 0
 
 
-def test_a_palette_finds_the_colors_and_their_shares():
+def test_swatches_are_the_colors_and_their_shares():
     colors = np.repeat([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0]], [10, 20, 30], axis=0)
-    found = palette(colors, np.ones(60))
-    assert {swatch.color: round(swatch.share, 3) for swatch in found} == {
-        "#0000ff": 0.333, "#ff0000": 0.167, "#ffffff": 0.5,
-    }  # fmt: skip
-    assert palette(colors, np.zeros(60)) == []
+    found = swatches_of(colors, np.ones(60))
+    assert [(swatch.color, round(swatch.share, 3)) for swatch in found] == [
+        ("#0000ff", 0.333), ("#ff0000", 0.167), ("#ffffff", 0.5),
+    ]  # fmt: skip
+    assert swatches_of(colors, np.zeros(60)) == []
 
 
-@given(st.floats(-1e6, 1e6), st.floats(1e-6, 1e6))
-def test_ticks_are_few_and_inside(low, span):
-    high = low + span
-    if high - low < 1e-9 * abs(low):
-        return
-    values = round_numbers(low, high)
-    assert len(values) <= 6
-    assert all(low - 1e-6 * span <= value <= high + 1e-6 * span for value in values)
-
-
-@given(st.floats(1e-9, 1e3), st.floats(20, 1e9))
-def test_logarithmic_ticks_are_inside(low, factor):
-    values = round_numbers_log(low, low * factor)
-    assert 1 <= len(values) <= 9
-    assert all(low * 0.999 <= value <= low * factor * 1.001 for value in values)
-
-
-def test_plots_need_something_to_show():
-    assert line_plot("x", [1], [2], "steps") is None
-    assert line_plot("x", [1, 2], [math.nan, 2], "steps") is None
-    assert line_plot("x", [1, 2, 3], [3, math.nan, 5], "steps").lines[0].count("L") == 1
-    assert line_plot("x", [1, 2], [], "steps") is None
-    assert line_plot("loss", [1, 2], [1.0, 0.001], "steps").y_label == "logarithmic"
-    assert histogram("x", np.array([math.nan]), "px") is None
-    assert histogram("x", np.zeros(5), "px").bars[0].height > 0
-    assert rose(np.array([math.nan]), np.ones(1)) is None
-
-
-def test_a_histogram_counts_every_stroke():
-    values = np.random.default_rng(1).exponential(5, 1000)
-    counts = [
-        int(re.search(r": (\d+) strokes", bar.title.replace(",", ""))[1]) for bar in histogram("x", values, "px").bars
-    ]
-    assert sum(counts) == 1000
+def test_charts_need_something_to_show():
+    for x, y in (([1], [2]), ([1, 2], [math.nan, 2]), ([1, 2], []), ([3, 3], [1, 2])):
+        assert line_chart("x", x, y, "steps") is None
+    assert line_chart("x", [1, 2, 3], [3, math.nan, 5], "steps")["y"] == [3, 5]
+    assert len(line_chart("x", range(5000), range(5000), "steps")["x"]) == 400
+    assert histogram_chart("x", np.array([math.nan]), "px") is None
+    assert histogram_chart("x", np.zeros(5), "px")["counts"][0] == 5
+    assert sum(histogram_chart("x", np.random.default_rng(1).exponential(5, 1000), "px")["counts"]) == 1000
+    assert rose_chart("x", np.array([math.nan]), np.ones(1)) is None
+    assert rose_chart("x", np.array([0.0, 3.13, math.pi / 2]), np.ones(3))["shares"][::9] == pytest.approx(
+        [2 / 3, 1 / 3]
+    )
 
 
 def test_large_pictures_are_shrunk_and_small_ones_are_kept(tmp_path):
@@ -378,7 +329,7 @@ def test_large_pictures_are_shrunk_and_small_ones_are_kept(tmp_path):
     large, small = picture_uri(tmp_path / "large.png"), picture_uri(tmp_path / "small.png")
     assert large.startswith("data:image/jpeg")
     with Image.open(io.BytesIO(base64.b64decode(large.partition(",")[2]))) as image:
-        assert image.size == (LARGEST, LARGEST // 2)
+        assert image.size == (LARGEST_SIDE, LARGEST_SIDE // 2)
     assert small == data_uri((tmp_path / "small.png").read_bytes())
 
 
@@ -399,6 +350,30 @@ def test_the_divider_follows_keys_and_pointer(shown):
     shown.page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 0.6 * box["height"])
     shown.page.mouse.up()
     assert float(wipe.evaluate(split).rstrip("%")) == pytest.approx(25, abs=0.5)
+
+
+def test_charts_are_drawn_with_ticks_inside(shown):
+    drawn = "() => [...document.querySelectorAll('.chart')].map(e => e.querySelectorAll('.line, .bin').length)"
+    assert shown.evaluate(drawn) == [1, 1, 1, 28, 28, 28, 28, 28, 36]
+    titles = shown.evaluate(
+        "() => [...document.querySelectorAll('.chart')[3].querySelectorAll('title')].map(e => e.textContent)"
+    )
+    assert sum(int(re.search(r": (\d+) strokes", title)[1]) for title in titles) == 300
+    assert shown.evaluate("() => document.querySelectorAll('.chart .axis-name')[5].textContent") == "logarithmic"
+    ticks = """() => {
+      const { linear, scale } = brushexp.chart;
+      const found = [];
+      for (let low = -7; low < 6; low += 0.37) for (let span = -6; span < 9; span += 0.53) {
+        for (const [start, kind] of [[10 ** low, scale], [-(10 ** low), linear], [0, linear]]) {
+          const made = kind([start, start + 10 ** span], 50, 404);
+          const places = made.ticks.map(([value]) => made.place(value));
+          const fits = places.every((x) => x > 49.9 && x < 404.1);
+          if (!fits || places.length < 1 || places.length > 9) found.push([start, span]);
+        }
+      }
+      return found;
+    }"""
+    assert shown.evaluate(ticks) == []
 
 
 def test_the_scrubber_goes_forwards_and_back_to_the_same_pixels(shown):
@@ -631,7 +606,7 @@ TOO_FAINT = """() => {
 def test_long_and_narrow_pictures_fit_into_the_window(size, opened, tmp_path):  # noqa: F811
     saved = saved_with(20, size)
     painting = painting_of(saved)
-    write_text(tmp_path / "a.html", run_page(saved, name="narrow", target=painting, painting=painting))
+    write_text(tmp_path / "a.html", run_page(saved, name="narrow", pictures={"target": painting, "painting": painting}))
     watched = opened(tmp_path / "a.html")
     assert not watched.is_too_wide()
     tallest = watched.evaluate("Math.max(...[...document.querySelectorAll('.stage')].map(e => e.clientHeight))")

@@ -16,8 +16,8 @@ from brushexp.errors import UserError
 from brushexp.painting.outputs import work_of
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import build
-from brushexp.results.page.html import LARGEST
-from brushexp.results.page.run import page_of_run, run_page
+from brushexp.results.page.html import LARGEST_SIDE
+from brushexp.results.page.run import PAGE_NAME, page_of_run, run_page
 from brushexp.results.page.serving import served
 from brushexp.results.page.sweep_page import write_sweep_page
 from brushexp.results.runs import gather
@@ -25,8 +25,6 @@ from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import write_text
 
 log = logging.getLogger(__name__)
-PAGE = "report.html"
-BYTES = "surrogateescape"  # names of folders need not be UTF-8
 
 
 def run(cfg: DictConfig, start: float) -> dict[str, object]:
@@ -35,13 +33,13 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     pages = pages_of(cfg, folder)
     try:
         with served(pages, cfg.port) as address:
-            log.info("%s is at %s until Ctrl-C; it is also in %s", cfg.catalogue, address, folder / PAGE)
+            log.info("%s is at %s until Ctrl-C; it is also in %s", cfg.catalogue, address, folder / PAGE_NAME)
             if cfg.open and not webbrowser.open(address):
                 log.info("no browser could be started: open %s yourself", address)
             while True:
                 time.sleep(3600)
     except KeyboardInterrupt:
-        log.info("the page is no longer served; it stays in %s", folder / PAGE)
+        log.info("the page is no longer served; it stays in %s", folder / PAGE_NAME)
     return {"seconds_total": time.monotonic() - start, "status": "completed"}
 
 
@@ -59,7 +57,7 @@ def pages_of(cfg: DictConfig, folder: Path) -> dict[str, Path]:
         UserError: if there is nothing at ``cfg.catalogue`` that has a page, or its renderer cannot be built.
     """
     source = Path(cfg.catalogue)
-    page = folder / PAGE
+    page = folder / PAGE_NAME
     if not source.is_dir():
         write_text(page, page_of_catalogue(cfg))
     elif (source / "catalogue.h5").is_file():
@@ -67,7 +65,7 @@ def pages_of(cfg: DictConfig, folder: Path) -> dict[str, Path]:
     elif any(source.glob("*/result.json")):
         results = gather([source], folder)
         write_sweep_page(folder, results)
-        links = [Path(str(result["run"]), PAGE) for result in results]
+        links = [Path(str(result["run"]), PAGE_NAME) for result in results]
         return {"/": page} | {_followed(link): folder / link for link in links}
     else:
         raise UserError(
@@ -79,7 +77,8 @@ def pages_of(cfg: DictConfig, folder: Path) -> dict[str, Path]:
 
 def _followed(link: Path) -> str:
     """Where a browser goes from the first page by a link: ``../../sweep/3`` is ``/sweep/3`` there."""
-    return unquote(urlsplit(urljoin("http://page/", quote(link.as_posix(), errors=BYTES))).path, errors=BYTES)
+    names = "surrogateescape"  # those of folders need not be UTF-8
+    return unquote(urlsplit(urljoin("http://page/", quote(link.as_posix(), errors=names))).path, errors=names)
 
 
 def page_of_catalogue(cfg: DictConfig) -> str:
@@ -95,8 +94,8 @@ def page_of_catalogue(cfg: DictConfig) -> str:
             f"{cfg.catalogue} was painted with renderer={saved.renderer}, which cannot be built here: {error}; "
             "or draw it with another one: renderer=analytic"
         ) from error
-    resolution = min(LARGEST, max(saved.size))  # more would not fit into the page
+    resolution = min(LARGEST_SIDE, max(saved.size))  # more would not fit into the page
     work = work_of(saved, renderer, build(cfg.blend), saved.renderer, resolution, cfg.catalogue)
     path = Path(cfg.catalogue).resolve()
     name = path.parent.name if path.stem == "catalogue" else path.stem
-    return run_page(saved, name=name or path.stem, painting=pixels(work))
+    return run_page(saved, name=name or path.stem, pictures={"painting": pixels(work)})

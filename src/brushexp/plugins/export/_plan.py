@@ -12,10 +12,10 @@ from html import escape
 
 import numpy as np
 
+from brushexp.pictures.palette import nearest, palette, to_lab, to_rgb
 from brushexp.plugins.export._curves import distance, flattened, hatched
 from brushexp.plugins.export._drawing import Drawing, Hidden
 from brushexp.plugins.export._library import the_library
-from brushexp.pictures.palette import nearest, palette, to_lab, to_rgb
 from brushexp.plugins.export.base import Work
 from brushexp.strokes.bezier import curve_of, half_width_of
 

@@ -14,16 +14,16 @@ from brushexp.analysis.measures import Measures
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.storage import Saved
 
-MOST = 200_000  # strokes: more make a page that browsers choke on
+MAX_STROKES = 200_000  # strokes: more make a page that browsers choke on
 STEPS = 65_535  # of 16 bits
-NOWHERE = STEPS  # direction of a dot
-BEYOND = 4.0  # canvas sides: control points farther out than this are moved to there, for 16 bits must do for all
-EXACT = "analytic"  # the renderer whose strokes a canvas can draw
-SOFT = 2.0  # pixels: edge of strokes whose renderer has no such option
+NO_DIRECTION = STEPS  # of a dot
+FARTHEST = 4.0  # canvas sides: control points farther out are moved to there, since 16 bits must do for all
+CANVAS_RENDERER = "analytic"  # whose strokes a canvas can draw
+DEFAULT_SOFT = 2.0  # pixels: edge of strokes whose renderer has no such option
 
 
 def replay_of(saved: Saved, measures: Measures) -> dict[str, Any] | None:
-    """What ``strokes.js`` needs; None without strokes, and for more than ``MOST``.
+    """What ``strokes.js`` needs; None without strokes, and for more than ``MAX_STROKES``.
 
     ``data`` holds, for the strokes from the bottom to the top, one array after the other, little-endian, in base64
     (27 bytes a stroke): number in the catalogue (uint32); x and y of the three control points, between the corners of
@@ -36,16 +36,16 @@ def replay_of(saved: Saved, measures: Measures) -> dict[str, Any] | None:
         measures: of its strokes.
     """
     count = len(saved.strokes)
-    if not 0 < count <= MOST:
+    if not 0 < count <= MAX_STROKES:
         return None
     order = saved.depth.argsort().numpy()
     height, width = saved.size
     points = curve_of(saved.strokes).numpy().astype(np.float64)[order]  # (N, 3, 2)
-    far = BEYOND * max(height, width)
+    far = FARTHEST * max(height, width)
     low = np.maximum(points.min((0, 1)).clip(max=0), -far)
     high = np.minimum(points.max((0, 1)).clip(min=(width, height)), (width + far, height + far))
     widest, longest = (float(values.max().clip(1e-6, 2 * far)) for values in (measures.width, measures.length))
-    turn = np.where(np.isfinite(measures.orientation), measures.orientation / math.pi * (STEPS - 1), NOWHERE)
+    turn = np.where(np.isfinite(measures.orientation), measures.orientation / math.pi * (STEPS - 1), NO_DIRECTION)
     paint = np.concatenate([saved.strokes.color.numpy(), saved.strokes.opacity.numpy()[:, None]], axis=1)
     arrays = [
         order.astype("<u4"),
@@ -56,7 +56,6 @@ def replay_of(saved: Saved, measures: Measures) -> dict[str, Any] | None:
         _shares(paint[order], 255, "u1"),
         _shares(measures.visible[order], 255, "u1"),
     ]
-    look = look_of(saved)
     return {
         "count": count,
         "width": width,
@@ -65,36 +64,32 @@ def replay_of(saved: Saved, measures: Measures) -> dict[str, Any] | None:
         "box": [*low.tolist(), *high.tolist()],
         "widest": widest,
         "longest": longest,
-        "soft": look["soft"],
-        "taper": look["taper"],
+        **_edges(saved),
         "layers": np.quantile(measures.area, [1 / 3, 2 / 3]).tolist(),
-        "exact": saved.renderer == EXACT,
+        "exact": saved.renderer == CANVAS_RENDERER,
         "data": base64.b64encode(b"".join(array.tobytes() for array in arrays)).decode(),
     }
 
 
-def look_of(saved: Saved) -> dict[str, float]:
+def _edges(saved: Saved) -> dict[str, float]:
     """Soft edge in pixels and taper of the renderer, as far as its options have them."""
-    node = settings_of(saved).get("renderer")
+    node = recorded_config(saved.config).get("renderer")
     options = node if isinstance(node, dict) else {}
-    found = {"soft": SOFT, "taper": 0.0}
-    for name in found:
-        value = options.get(name)
-        if isinstance(value, int | float) and math.isfinite(value) and value >= 0:
-            found[name] = float(value)
-    return found
-
-
-def settings_of(saved: Saved) -> dict[str, Any]:
-    """The config of the run, as plain data."""
-    return _parsed(saved.config)
+    found = {"soft": DEFAULT_SOFT, "taper": 0.0}
+    given = {name: options.get(name) for name in found}
+    return found | {
+        name: float(value)
+        for name, value in given.items()
+        if isinstance(value, int | float) and math.isfinite(value) and value >= 0
+    }
 
 
 @lru_cache(maxsize=4)
-def _parsed(config: str) -> dict[str, Any]:
+def recorded_config(config: str) -> dict[str, Any]:
+    """The YAML of a run's config as plain data; nothing if it is not such, for the file may come from elsewhere."""
     try:
         found = yaml.safe_load(config)
-    except (yaml.YAMLError, RecursionError):  # a file from elsewhere: valid YAML of which no plain data can be made
+    except (yaml.YAMLError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
 

@@ -17,22 +17,22 @@ from brushexp.analysis.measures import Measures, measures_of
 from brushexp.errors import UserError
 from brushexp.registry import plugins
 from brushexp.results.drawing import UNREADABLE
-from brushexp.results.page.error import MAGMA, error_map
-from brushexp.results.page.html import number, page, picture_uri
-from brushexp.results.page.palette import palette
-from brushexp.results.page.plots import Plot, Tick, histogram, line_plot, rose
-from brushexp.results.page.relief import relief_of
-from brushexp.results.page.replay import replay_of, settings_of
+from brushexp.results.page.charts import Chart, histogram_chart, line_chart, rose_chart
+from brushexp.results.page.error_map import MAGMA, error_map
+from brushexp.results.page.heights import height_map
+from brushexp.results.page.html import page, picture_uri, readable_number
+from brushexp.results.page.replay import recorded_config, replay_of
+from brushexp.results.page.swatches import swatches_of
 from brushexp.results.runs import command_of
 from brushexp.results.table import read_result
 from brushexp.strokes.storage import Saved, load_catalogue
 from brushexp.system.files import write_text
 
 log = logging.getLogger(__name__)
-NAME = "report.html"
-OTHERS = {"style.png": "style", "focus.png": "focus"}  # files of a run that some have
-Pixels = np.ndarray | Path  # (H, W, 3) uint8, or a file
-FIGURES = (  # of metrics.json: key, name, unit, digits, what it is
+PAGE_NAME = "report.html"
+PICTURES = {"target.png": "target", "painting.png": "painting", "style.png": "style", "focus.png": "focus"}
+Picture = np.ndarray | Path  # (H, W, 3) uint8, or a file
+METRICS_SHOWN = (  # of metrics.json: key, name, unit, digits, what it is
     ("psnr", "PSNR", "dB", 2, "peak signal-to-noise ratio, all pixels of the 8-bit pictures"),
     ("ssim", "SSIM", "", 3, "structural similarity (Wang et al., 2004); 1 is identical"),
     ("l1", "L1", "", 4, "mean |difference|, 0 to 1"),
@@ -46,8 +46,8 @@ FIGURES = (  # of metrics.json: key, name, unit, digits, what it is
 
 def write_run_page(folder: Path) -> Path:
     """Write ``report.html`` into the folder of a run and return its path."""
-    write_text(folder / NAME, page_of_run(folder))
-    return folder / NAME
+    write_text(folder / PAGE_NAME, page_of_run(folder))
+    return folder / PAGE_NAME
 
 
 def page_of_run(folder: Path) -> str:
@@ -58,19 +58,14 @@ def page_of_run(folder: Path) -> str:
     """
     saved = load_catalogue(folder / "catalogue.h5")
     metrics = read_result(folder / "metrics.json") if (folder / "metrics.json").is_file() else None
-    files = {name: folder / name for name in ("target.png", "painting.png", *OTHERS) if _is_picture(folder / name)}
-    image = settings_of(saved).get("image")
-    command = None if metrics is None else command_of(folder, metrics)
+    image = recorded_config(saved.config).get("image")
     return run_page(
         saved,
         name=Path(str(image or folder.resolve().name)).name,
-        target=files.get("target.png"),
-        painting=files.get("painting.png"),
-        others={OTHERS[name]: path for name, path in files.items() if name in OTHERS},
+        pictures={name: folder / file for file, name in PICTURES.items() if _is_picture(folder / file)},
         metrics=metrics,
         curves=read_curves(folder / "curves" / "metrics.csv"),
-        overrides=shlex.split(command or "")[2:],
-        command=command,
+        command=None if metrics is None else command_of(folder, metrics),
     )
 
 
@@ -89,50 +84,41 @@ def run_page(
     saved: Saved,
     *,
     name: str,
-    target: Pixels | None = None,
-    painting: Pixels | None = None,
-    others: Mapping[str, Pixels] | None = None,
+    pictures: Mapping[str, Picture] | None = None,
     metrics: Mapping[str, Any] | None = None,
     curves: Mapping[str, Sequence[float]] | None = None,
-    overrides: Sequence[str] = (),
     command: str | None = None,
 ) -> str:
-    """The page of a painting; a part of which nothing is known is left out.
+    """The page of a painting, HTML that needs nothing else; a part of which nothing is known is left out.
 
     Args:
         saved: its catalogue.
         name: of the picture, a title.
-        target: what was painted.
-        painting: the result; without one there are no error map and no light.
-        others: more pictures, by name.
+        pictures: by name: ``target``, ``painting`` (without it there are no error map and no light), and others.
         metrics: as in metrics.json.
         curves: columns by name: ``step``, ``seconds``, ``psnr``, ``loss/...``.
-        overrides: what was typed, ``key=value`` each.
         command: what repeats the run.
-
-    Returns:
-        HTML that needs nothing else.
     """
-    count = len(saved.strokes)
-    measures = measures_of(saved.strokes, saved.depth, saved.size) if count else None
     metrics = metrics or {}
-    pictures = {key: _pixels(value) for key, value in (("target", target), ("painting", painting)) if value is not None}
+    pixels = {key: _pixels(value) for key, value in (pictures or {}).items()}
+    shown = {key: _for_template(value, pixels[key]) for key, value in (pictures or {}).items()}
+    measures = measures_of(saved.strokes, saved.depth, saved.size) if len(saved.strokes) else None
     return page(
         "run.html.j2",
         name=name,
         lead=_lead(saved, metrics),
-        note=_note(metrics),
+        interrupted=metrics.get("status") == "interrupted",
         figures=_figures(metrics),
-        target=None if target is None else _picture(target, pictures["target"]),
-        painting=None if painting is None else _picture(painting, pictures["painting"]),
-        others=[{"name": key, **_picture(value, _pixels(value))} for key, value in (others or {}).items()],
+        target=shown.pop("target", None),
+        painting=shown.pop("painting", None),
+        others=shown,
         renderer=saved.renderer,
         replay=None if measures is None else replay_of(saved, measures),
-        error=_error(pictures),
+        error=_error(pixels.get("painting"), pixels.get("target")),
         curves=_curves(curves or {}, metrics),
         strokes=None if measures is None else _strokes(saved, measures),
-        light=_light(saved) if count and painting is not None else None,
-        settings=_settings(settings_of(saved), overrides),
+        light=_light(saved) if measures is not None and "painting" in pixels else None,
+        settings=_settings(recorded_config(saved.config), shlex.split(command or "")[2:]),
         command=command,
     )
 
@@ -140,36 +126,24 @@ def run_page(
 def _lead(saved: Saved, metrics: Mapping[str, Any]) -> str:
     """One line below the title."""
     height, width = saved.size
-    parts = [f"{_strokes_in_words(len(saved.strokes))} on {width:,} × {height:,} pixels", f"renderer {saved.renderer}"]
-    device = metrics.get("device")
-    return ", ".join([*parts, f"painted on {device}"] if device else parts)
-
-
-def _strokes_in_words(count: int) -> str:
-    return f"{count:,} stroke" + "s" * (count != 1)
-
-
-def _note(metrics: Mapping[str, Any]) -> str:
-    """What a reader should know before anything else."""
-    status = metrics.get("status", "completed")
-    return f"This run was {status}; it can be continued." if status == "interrupted" else ""
+    count = len(saved.strokes)
+    words = f"{count:,} stroke{'s' * (count != 1)} on {width:,} × {height:,} pixels, renderer {saved.renderer}"
+    return words + (f", painted on {metrics['device']}" if metrics.get("device") else "")
 
 
 def _figures(metrics: Mapping[str, Any]) -> list[dict[str, str]]:
     found = []
-    for key, name, unit, digits, title in FIGURES:
+    for key, name, unit, digits, title in METRICS_SHOWN:
         value = metrics.get(key)
         if key == "psnr" and value is None and metrics.get("l1") == 0:
             value = math.inf  # which JSON does not know
         if isinstance(value, int | float):
-            found.append({"name": name, "value": number(value, digits), "unit": unit, "title": title})
+            found.append({"name": name, "value": readable_number(value, digits), "unit": unit, "title": title})
     return found
 
 
-def _picture(source: Pixels, pixels: np.ndarray) -> dict[str, Any]:
-    """A picture for a template."""
-    height, width = pixels.shape[:2]
-    return {"source": picture_uri(source), "width": width, "height": height}
+def _for_template(picture: Picture, pixels: np.ndarray) -> dict[str, Any]:
+    return {"source": picture_uri(picture), "width": pixels.shape[1], "height": pixels.shape[0]}
 
 
 def _is_picture(path: Path) -> bool:
@@ -185,69 +159,64 @@ def _is_picture(path: Path) -> bool:
     return True
 
 
-def _pixels(source: Pixels) -> np.ndarray:
-    if isinstance(source, np.ndarray):
-        return source
-    with Image.open(source) as image:
+def _pixels(picture: Picture) -> np.ndarray:
+    if isinstance(picture, np.ndarray):
+        return picture
+    with Image.open(picture) as image:
         return np.asarray(image.convert("RGB"))
 
 
-def _error(pictures: Mapping[str, np.ndarray]) -> dict[str, Any] | None:
-    if len(pictures) < 2 or pictures["target"].shape != pictures["painting"].shape:
+def _error(painting: np.ndarray | None, target: np.ndarray | None) -> dict[str, Any] | None:
+    """The error map and its legend; None without two pictures of one size."""
+    if painting is None or target is None or painting.shape != target.shape:
         return None
-    found = error_map(pictures["painting"], pictures["target"])
-    shares = (0, 0.25, 0.5, 0.75, 1)
-    ticks = [
-        Tick(10 + 300 * share, f"{share * found.top:.0f}" + "+" * (share == 1 and found.above > 0)) for share in shares
-    ]
-    picture = _picture(found.pixels, found.pixels)
-    return {"picture": picture, "scale": MAGMA, "ticks": ticks, **vars(found)}
+    found = error_map(painting, target)
+    return {"picture": _for_template(found.pixels, found.pixels), "scale": MAGMA, **vars(found)}
 
 
-def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -> list[Plot]:
+def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -> list[Chart]:
     """PSNR against steps and seconds, and each loss against steps."""
     steps = curves.get("step", ())
     pairs = [pair for pair in metrics.get("anytime") or [] if len(pair) == 2 and None not in pair]
-    times, best = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
-    plots = [
-        line_plot("PSNR by steps", steps, curves.get("psnr", ()), "steps", "dB"),
-        line_plot("PSNR by time", times, best, "seconds of optimisation", "dB"),
+    times, psnr = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+    charts = [
+        line_chart("PSNR by steps", steps, curves.get("psnr", ()), "steps", "dB"),
+        line_chart("PSNR by time", times, psnr, "seconds of optimisation", "dB"),
     ]
     for name, values in curves.items():
         if name.startswith("loss/"):
-            plots.append(line_plot(f"Loss {name.removeprefix('loss/')}", steps, values, "steps"))
-    return [plot for plot in plots if plot is not None]
+            charts.append(line_chart(f"Loss {name.removeprefix('loss/')}", steps, values, "steps"))
+    return [chart for chart in charts if chart is not None]
 
 
 def _strokes(saved: Saved, measures: Measures) -> dict[str, Any]:
     """How long, wide, bent and turned the strokes are, and in which colours."""
-    bend = np.degrees(measures.curvature)
-    found = [
-        histogram("Length", measures.length, "pixels"),
-        histogram("Width", measures.width, "pixels"),
-        histogram("Elongatedness", measures.elongatedness, "length / width"),
-        histogram("Curvature", bend, "degrees from end to end"),
-        histogram("Visible share", 100 * measures.visible, "% of a stroke's paint"),
+    charts = [
+        histogram_chart("Length", measures.length, "pixels"),
+        histogram_chart("Width", measures.width, "pixels"),
+        histogram_chart("Elongatedness", measures.elongatedness, "length / width"),
+        histogram_chart("Curvature", np.degrees(measures.curvature), "degrees from end to end"),
+        histogram_chart("Visible share", 100 * measures.visible, "% of a stroke's paint"),
+        rose_chart("Direction", measures.orientation, measures.length),
     ]
-    weights = measures.area * measures.visible * saved.strokes.opacity.numpy()
+    paint = measures.area * measures.visible * saved.strokes.opacity.numpy()
     hidden = float((measures.visible < 0.01).mean())
     lead = (
         f"Half of the {len(measures):,} strokes are longer than {np.median(measures.length):.1f} px and wider than "
-        f"{np.median(measures.width):.1f} px; {number(100 * hidden, 1)} % are hidden by later ones."
+        f"{np.median(measures.width):.1f} px; {100 * hidden:.1f} % are hidden by later ones."
         if len(measures) > 1
         else f"The only stroke is {measures.length[0]:.1f} px long and {measures.width[0]:.1f} px wide."
     )
     return {
         "lead": lead,
-        "plots": [plot for plot in found if plot is not None],
-        "rose": rose(measures.orientation, measures.length),
-        "palette": palette(saved.strokes.color.numpy().astype(float), weights),
+        "charts": [chart for chart in charts if chart is not None],
+        "swatches": swatches_of(saved.strokes.color.numpy().astype(float), paint),
     }
 
 
 def _light(saved: Saved) -> dict[str, Any] | None:
     try:
-        return relief_of(saved)
+        return height_map(saved)
     except UserError as error:
         log.warning("the page shows no relief: %s", error)
         return None
@@ -260,10 +229,9 @@ def _settings(config: Mapping[str, Any], overrides: Sequence[str]) -> list[dict[
     groups: dict[str, list[tuple[str, str, bool]]] = {"": []}
     for key, value in _flat(config, names):
         group = key.partition(".")[0]
-        several = isinstance(config.get(group), dict)
-        groups.setdefault(group if several else "", []).append((key, value, key in typed))
-    shown = {name: rows for name, rows in groups.items() if rows}
-    return [{"name": name or "task", "typed": name in typed, "rows": rows} for name, rows in shown.items()]
+        rows = groups.setdefault(group if isinstance(config.get(group), dict) else "", [])
+        rows.append((key, value, key in typed))
+    return [{"name": name or "task", "typed": name in typed, "rows": rows} for name, rows in groups.items() if rows]
 
 
 def _flat(config: Mapping[str, Any], names: Mapping[str, str], above: str = "") -> list[tuple[str, str]]:

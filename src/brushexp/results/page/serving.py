@@ -17,9 +17,9 @@ from brushexp.errors import UserError
 
 log = logging.getLogger(__name__)
 HOST = "127.0.0.1"  # nobody else can connect
-PORTS = 65_535
-PATIENCE = 10  # seconds that a silent connection may take
-CURES = {
+LARGEST_PORT = 65_535
+TIMEOUT_SECONDS = 10  # that a silent connection may take
+PORT_CURES = {
     errno.EADDRINUSE: "is taken by another program; choose another port, or port=0 for any that is free",
     errno.EACCES: "may not be used by you; choose a port from 1024, or port=0 for any that is free",
 }
@@ -39,13 +39,14 @@ def served(pages: Mapping[str, Path], port: int = 0) -> Iterator[str]:
     Raises:
         UserError: if the port cannot be had.
     """
-    if not 0 <= port <= PORTS:
-        raise UserError(f"port={port} is no port; set port to 1 to {PORTS}, or to 0 for any that is free")
+    if not 0 <= port <= LARGEST_PORT:
+        raise UserError(f"port={port} is no port; set port to 1 to {LARGEST_PORT}, or to 0 for any that is free")
     try:
-        server = _Server(pages, port)
+        server = _Server((HOST, port), _Handler)
     except OSError as error:
-        reason = CURES.get(error.errno or 0, f"cannot be had ({error.strerror}); choose another one")
+        reason = PORT_CURES.get(error.errno or 0, f"cannot be had ({error.strerror}); choose another one")
         raise UserError(f"port={port} {reason}") from error
+    server.pages = pages
     thread = Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
     thread.start()
     try:
@@ -59,11 +60,8 @@ def served(pages: Mapping[str, Path], port: int = 0) -> Iterator[str]:
 class _Server(ThreadingHTTPServer):
     """Knows its pages."""
 
+    pages: Mapping[str, Path]
     daemon_threads = True
-
-    def __init__(self, pages: Mapping[str, Path], port: int) -> None:
-        super().__init__((HOST, port), _Handler)
-        self.pages = pages
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         log.debug("a browser went away", exc_info=True)
@@ -74,7 +72,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     server: _Server
     server_version, sys_version = "brushexp", ""
-    timeout = PATIENCE
+    timeout = TIMEOUT_SECONDS
 
     def do_GET(self) -> None:
         port = self.server.server_port
@@ -90,12 +88,16 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _answer(self, status: HTTPStatus, body: bytes, kind: str) -> None:
         self.send_response(status)
-        self.send_header("Content-Type", f"{kind}; charset=utf-8")
-        self.send_header("Content-Length", str(len(body)))
-        self.send_header("Cache-Control", "no-store")  # the page may be made anew
-        self.send_header("X-Content-Type-Options", "nosniff")
-        self.send_header("X-Frame-Options", "DENY")
-        self.send_header("Referrer-Policy", "no-referrer")
+        headers = {
+            "Content-Type": f"{kind}; charset=utf-8",
+            "Content-Length": str(len(body)),
+            "Cache-Control": "no-store",  # the page may be made anew
+            "X-Content-Type-Options": "nosniff",
+            "X-Frame-Options": "DENY",
+            "Referrer-Policy": "no-referrer",
+        }
+        for name, value in headers.items():
+            self.send_header(name, value)
         self.end_headers()
         if self.command != "HEAD":
             self.wfile.write(body)

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 from urllib.parse import quote
 
-from brushexp.results.anytime import curve_of
+from brushexp.results.anytime import ahead, curve_of, curves_of
 from brushexp.results.effect import HIGHER_IS_BETTER
 from brushexp.results.page.thumbnails import Thumbnail, side_for, thumbnail
 from brushexp.results.plotting import NAMES
-from brushexp.results.runs import REMOVED, by_picture, by_settings, command_of, paintings
+from brushexp.results.runs import REMOVED, Picture, by_picture, by_settings, command_of, paintings
 from brushexp.results.table import (
     DIGITS,
     Result,
@@ -96,10 +96,12 @@ class Group:
     Attributes:
         label: overrides by which it differs from the others of the same picture.
         picture: number of what was painted among the pictures of the page; numbers of two are never compared.
+        ahead_from: seconds from which on it was ahead of the others for the last time; None if it never was.
     """
 
     label: str
     picture: int
+    ahead_from: float | None
 
 
 @dataclass(frozen=True)
@@ -242,17 +244,18 @@ def _targets(folder: Path, results: list[Result]) -> tuple[dict[str, int], list[
 
 def _groups(folder: Path, results: list[Result]) -> tuple[list[Group], list[str], dict[str, int], dict[str, str]]:
     """The runs that can be compared: their groups, names of what they painted, the group of each, some commands."""
-    pictures = [(picture.name, picture.settings) for picture in by_picture(folder, paintings(results))]
-    pictures = pictures or [("", by_settings(folder, finished(results)))]
+    pictures = by_picture(folder, paintings(results)) or [Picture("", by_settings(folder, finished(results)))]
     found: list[Group] = []
     places: dict[str, int] = {}
     commands = {}
-    for k, (_, alike) in enumerate(pictures):
-        for setting in alike:
+    for k, picture in enumerate(pictures):
+        curves = curves_of(picture)
+        leaders = {label: seconds for seconds, label in ahead(curves)} if curves else {}
+        for setting in picture.settings:
             places |= {run["run"]: len(found) for run in setting.runs}
             commands[setting.runs[0]["run"]] = setting.command
-            found.append(Group(setting.label, k))
-    return found, [name for name, _ in pictures], places, commands
+            found.append(Group(setting.label, k, leaders.get(setting.label)))
+    return found, [picture.name for picture in pictures], places, commands
 
 
 def _address(run: str) -> str:

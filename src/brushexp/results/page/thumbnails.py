@@ -9,7 +9,7 @@ from pathlib import Path
 from PIL import Image
 
 from brushexp.results.drawing import UNREADABLE
-from brushexp.results.page.html import data_uri, shrunk
+from brushexp.results.page.html import data_uri, downscaled
 
 AREA = 16_000_000  # pixels: of all pictures of a page together
 SIDES = (640, 452, 320, 226, 160, 113, 80)  # pixels: each half the area of the one before
@@ -44,6 +44,6 @@ def thumbnail(path: Path, side: int) -> Thumbnail | None:
 def _encoded(path: Path, changed: int, size: int, side: int) -> Thumbnail:
     """The same; ``changed`` and ``size`` tell one state of the file from another."""
     with Image.open(path) as opened:
-        picture = shrunk(opened.convert("RGB"), side)
+        picture = downscaled(opened.convert("RGB"), side)
     src = data_uri(picture, "WEBP", quality=QUALITY, method=2)  # half the time of 4, a twentieth more bytes
     return Thumbnail(src, *picture.size)

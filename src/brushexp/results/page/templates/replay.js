@@ -13,26 +13,19 @@
   const MOST_PIXELS = 2.5e6; // of the canvas: more are slow to show where there is no graphics card
   const LAYERS = ["small", "medium", "large"];
 
-  const stage = document.querySelector("#replay-stage");
-  const strokes = window.brushexp.strokes(JSON.parse(document.querySelector("#strokes").textContent));
-  const canvas = stage.querySelector(".replay-paint");
-  const over = stage.querySelector(".replay-over");
+  const [stage, play, scrubber, position, speed, card] = ["replay-stage", "play", "scrubber", "position", "speed", "stroke"]
+    .map((id) => document.getElementById(id)); // the card tells what is known of the selected stroke
+  const strokes = window.brushexp.strokes(JSON.parse(document.getElementById("strokes").textContent));
+  const [canvas, over, label] = [".replay-paint", ".replay-over", ".replay-label"].map((name) => stage.querySelector(name));
   const end = stage.querySelector(".replay-end"); // the painting itself, where strokes have more than a canvas can draw
   const context = canvas.getContext("2d", { alpha: false });
-  const play = document.querySelector("#play");
-  const scrubber = document.querySelector("#scrubber");
-  const position = document.querySelector("#position");
-  const speed = document.querySelector("#speed");
-  const layers = [...document.querySelectorAll("[data-layer]")];
-  const card = document.querySelector("#stroke"); // what is known of the selected stroke
-  const label = stage.querySelector(".replay-label"); // the same in short, for narrow screens
 
   let scale = 0; // device pixels per pixel of the painting; 0 before anything is drawn
   let shown = 0; // strokes that are on the canvas
   let goal = strokes.count; // strokes that should be
   let keys = new Map(); // number of strokes -> canvas
   let every = KEY_STROKES;
-  let chosen = [true, true, true]; // layers, small to large
+  const chosen = [true, true, true]; // layers, small to large
   let playing = false;
   let played = 0; // share of the time
   let last = 0; // when the last frame was
@@ -40,48 +33,42 @@
   let selected = -1; // stroke, counted from the bottom
   let pinned = false; // stays selected when the pointer goes away
 
+  const thousands = (count) => count.toLocaleString("en");
+
   // ---- drawing ----
 
   function measure() {
     const ratio = Math.min(devicePixelRatio || 1, 3);
-    const wanted = (stage.clientWidth * ratio) / strokes.width;
     const most = Math.sqrt(MOST_PIXELS / (strokes.width * strokes.height));
-    const width = Math.max(1, Math.round(strokes.width * Math.min(wanted, most)));
+    const wanted = Math.min((stage.clientWidth * ratio) / strokes.width, most);
+    const width = Math.max(1, Math.round(strokes.width * wanted));
     const height = Math.max(1, Math.round((width * strokes.height) / strokes.width));
     if (!stage.clientWidth || (scale && width === canvas.width && height === canvas.height)) return;
     for (const one of [canvas, over]) [one.width, one.height] = [width, height];
     scale = width / strokes.width;
-    const fit = Math.max(4, Math.floor(KEY_MEMORY / (4 * width * height)));
-    every = Math.max(KEY_STROKES, Math.ceil(strokes.count / fit));
+    every = Math.max(KEY_STROKES, Math.ceil(strokes.count / Math.max(4, Math.floor(KEY_MEMORY / (4 * width * height)))));
     begin();
   }
 
+  // Draw all anew.
   function begin() {
     keys = new Map();
-    clear();
+    restore(0);
     request();
   }
 
-  function clear() {
-    context.setTransform(1, 0, 0, 1, 0, 0);
+  // Show a key frame; that of no strokes is the bare canvas.
+  function restore(count) {
+    context.resetTransform();
     context.globalAlpha = 1;
     context.fillStyle = strokes.background;
-    context.fillRect(0, 0, canvas.width, canvas.height);
-    shown = 0;
-  }
-
-  function restore(count) {
-    const key = keys.get(count);
-    if (!key) return clear();
-    context.setTransform(1, 0, 0, 1, 0, 0);
-    context.globalAlpha = 1;
-    context.drawImage(key, 0, 0);
+    if (count) context.drawImage(keys.get(count), 0, 0);
+    else context.fillRect(0, 0, canvas.width, canvas.height);
     shown = count;
   }
 
   function keep() {
-    const key = document.createElement("canvas");
-    [key.width, key.height] = [canvas.width, canvas.height];
+    const key = Object.assign(document.createElement("canvas"), { width: canvas.width, height: canvas.height });
     key.getContext("2d", { alpha: false }).drawImage(canvas, 0, 0);
     keys.set(shown, key);
   }
@@ -114,7 +101,7 @@
       played += (Math.min(100, now - last) / 1000) * (speed.value / SECONDS);
       last = now;
       goal = Math.round(strokes.count * Math.min(1, played) ** EASE);
-      if (played >= 1) pause();
+      if (played >= 1) run(false);
     }
     advance();
     show();
@@ -124,42 +111,31 @@
   function show() {
     const done = shown === goal;
     const whole = goal === strokes.count && chosen.every(Boolean);
-    if (done || stage.dataset.live) stage.dataset.live = "yes"; // until then the finished painting stands there
+    if (done) stage.dataset.live = "yes"; // until then the finished painting stands there
     if (end) end.hidden = !(whole && done && !strokes.exact) && stage.dataset.live === "yes";
     scrubber.value = goal;
     scrubber.style.setProperty("--at", `${(100 * goal) / strokes.count}%`);
     scrubber.setAttribute("aria-valuetext", `${goal} of ${strokes.count} strokes`);
-    position.textContent = `${goal.toLocaleString("en")} of ${strokes.count.toLocaleString("en")}`;
-    stage.dataset.shown = shown;
-    stage.dataset.busy = String(!done);
+    position.textContent = `${thousands(goal)} of ${thousands(strokes.count)}`;
+    Object.assign(stage.dataset, { shown, busy: !done });
   }
 
   function go(count) {
     goal = Math.max(0, Math.min(strokes.count, Math.round(count)));
-    stage.dataset.live = "yes";
-    stage.dataset.busy = "true";
+    Object.assign(stage.dataset, { live: "yes", busy: true });
     request();
   }
 
-  function start() {
-    playing = true;
-    if (goal >= strokes.count) [goal, played] = [0, 0];
-    else played = (goal / strokes.count) ** (1 / EASE);
+  // Play from here, or from the beginning if all is laid; or pause.
+  function run(on) {
+    playing = on;
+    play.textContent = on ? "Pause" : "Play";
+    stage.dataset.playing = on;
+    if (!on) return;
+    played = goal >= strokes.count ? 0 : (goal / strokes.count) ** (1 / EASE);
     last = performance.now();
-    stage.dataset.live = "yes";
     select(-1);
-    tell();
-    request();
-  }
-
-  function pause() {
-    playing = false;
-    tell();
-  }
-
-  function tell() {
-    play.textContent = playing ? "Pause" : "Play";
-    stage.dataset.playing = String(playing);
+    go(strokes.count * played ** EASE);
   }
 
   // ---- pointing at strokes ----
@@ -169,50 +145,44 @@
     if (k === selected) return;
     selected = k;
     stage.dataset.selected = k < 0 ? "" : strokes.number[k];
-    describe(k);
+    card.dataset.empty = k < 0;
+    label.hidden = k < 0;
+    if (k >= 0) describe(k);
     light(k);
   }
 
   function describe(k) {
-    card.dataset.empty = String(k < 0);
-    label.hidden = k < 0;
-    if (k < 0) return;
-    const round = (value, digits = 1) => value.toFixed(digits);
     const turn = strokes.direction[k];
     const words = {
-      number: strokes.number[k].toLocaleString("en"),
-      depth: `${(k + 1).toLocaleString("en")} of ${strokes.count.toLocaleString("en")}`,
-      length: `${round(strokes.length[k])} px`,
-      width: `${round(2 * strokes.half[k])} px`,
+      number: thousands(strokes.number[k]),
+      depth: `${thousands(k + 1)} of ${thousands(strokes.count)}`,
+      length: `${strokes.length[k].toFixed(1)} px`,
+      width: `${(2 * strokes.half[k]).toFixed(1)} px`,
       direction: Number.isNaN(turn) ? "none, a dot" : `${Math.round(turn) % 180}°`,
+      colour: strokes.color[k],
       opacity: `${Math.round(100 * strokes.opacity[k])} %`,
       visible: `${Math.round(100 * strokes.visible[k])} %`,
-      layer: LAYERS[strokes.layer[k]],
-      color: strokes.color[k],
+      size: LAYERS[strokes.layer[k]],
     };
     for (const [name, text] of Object.entries(words)) card.querySelector(`[data-field=${name}]`).textContent = text;
     label.textContent = `${words.number}: ${words.length} × ${words.width}, ${words.direction}`;
     card.querySelector(".swatch").style.background = strokes.color[k];
-    card.querySelector(".needle").style.rotate = `${Number.isNaN(turn) ? 0 : turn}deg`;
+    card.querySelector(".needle").style.rotate = `${turn || 0}deg`;
   }
 
   // The selected stroke in its own colour, with a rim, before the others in the shade.
   function light(k) {
     const pen = over.getContext("2d");
-    pen.setTransform(1, 0, 0, 1, 0, 0);
-    pen.clearRect(0, 0, over.width, over.height);
+    pen.reset();
     over.hidden = k < 0;
     if (k < 0 || !scale) return;
-    pen.globalAlpha = 0.45;
-    pen.fillStyle = "#000";
+    pen.fillStyle = "rgb(0 0 0 / 45%)";
     pen.fillRect(0, 0, over.width, over.height);
     pen.setTransform(scale, 0, 0, scale, 0, 0);
     pen.lineCap = "round";
-    pen.globalAlpha = 1;
-    const pixel = devicePixelRatio / scale;
     for (const [rim, color] of [[3, "#000"], [2, "#fff"], [0, strokes.color[k]]]) {
       pen.fillStyle = pen.strokeStyle = color;
-      strokes.trace(pen, k, strokes.reach(k) + rim * pixel);
+      strokes.trace(pen, k, strokes.reach(k) + (rim * devicePixelRatio) / scale);
     }
   }
 
@@ -223,13 +193,6 @@
     return strokes.at(x, y, shown, chosen, scale ? devicePixelRatio / scale : 1); // a pixel of the page at least
   }
 
-  function step(by) {
-    pause();
-    go(goal + by);
-    const k = goal - 1;
-    select(k, true);
-  }
-
   // ---- what people do ----
 
   stage.addEventListener("pointermove", (event) => {
@@ -237,40 +200,40 @@
   });
   stage.addEventListener("pointerleave", () => { if (!pinned) select(-1); });
   stage.addEventListener("click", (event) => {
-    if (playing) return pause();
+    if (playing) return run(false);
     const k = under(event);
-    return pinned && k === selected ? select(k) : select(k, true);
+    return select(k, !(pinned && k === selected)); // a second click lets go
   });
   stage.addEventListener("keydown", (event) => {
     const by = event.shiftKey ? 100 : 1;
-    const moves = {
-      ArrowRight: () => step(by), ArrowUp: () => step(by), ArrowLeft: () => step(-by), ArrowDown: () => step(-by),
-      Home: () => step(-strokes.count), End: () => step(strokes.count),
-      " ": () => (playing ? pause() : start()), Escape: () => select(-1),
+    const steps = {
+      ArrowRight: by, ArrowUp: by, ArrowLeft: -by, ArrowDown: -by, Home: -strokes.count, End: strokes.count,
     };
-    if (!moves[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (![" ", "Escape", ...Object.keys(steps)].includes(event.key) || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
-    moves[event.key]();
+    if (event.key === " ") return run(!playing);
+    if (event.key === "Escape") return select(-1);
+    run(false);
+    go(goal + steps[event.key]);
+    return select(goal - 1, true);
   });
-  play.addEventListener("click", () => (playing ? pause() : start()));
+  play.addEventListener("click", () => run(!playing));
   scrubber.addEventListener("input", () => {
-    pause();
+    run(false);
     select(-1);
     go(Number(scrubber.value));
   });
-  for (const box of layers) {
+  for (const box of document.querySelectorAll("[data-layer]")) {
     const which = LAYERS.indexOf(box.dataset.layer);
-    const count = strokes.layer.reduce((sum, layer) => sum + (layer === which), 0);
-    box.closest(".chip").title = `${count.toLocaleString("en")} strokes`;
+    box.closest(".chip").title = `${thousands(strokes.layer.filter((layer) => layer === which).length)} strokes`;
     box.addEventListener("change", () => {
       chosen[which] = box.checked;
       select(-1);
-      stage.dataset.live = "yes";
-      stage.dataset.busy = "true";
+      go(goal);
       begin();
     });
   }
-  tell();
+  run(false);
   show();
 
   let later = 0;
@@ -278,9 +241,5 @@
     clearTimeout(later);
     if (scale) later = setTimeout(measure, 150);
   }).observe(stage);
-  new IntersectionObserver((entries, observer) => {
-    if (!entries.some((entry) => entry.isIntersecting)) return;
-    observer.disconnect();
-    measure();
-  }, { rootMargin: "300px" }).observe(stage);
+  window.brushexp.whenSeen(stage, measure);
 }

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-TOPS = (4, 8, 16, 32, 64, 128, 255)  # levels: where a scale may end
-BELOW = ((0.5, "half"), (0.9, "90 %"), (0.99, "99 %"), (1.0, "all"))
-SHARE = 0.995  # of the pixels lie below the end of the scale
+SCALE_ENDS = (4, 8, 16, 32, 64, 128, 255)  # levels: where a scale may end
+QUANTILES = ((0.5, "half"), (0.9, "90 %"), (0.99, "99 %"), (1.0, "all"))
+SHARE_ON_SCALE = 0.995  # of the pixels
 # Magma by Smith and van der Walt (2015), at equal steps: perceptually even, also in grey and for the colour-blind.
 MAGMA = (
     "#000004", "#180f3e", "#451077", "#721f81", "#9f2f7f", "#cd4071", "#f1605d", "#fd9567", "#fec98d", "#fcfdbf",
@@ -43,8 +43,8 @@ def error_map(painting: np.ndarray, target: np.ndarray) -> ErrorMap:
     def quantile(share: float) -> float:
         return int(np.searchsorted(total, share * difference.size)) / 3
 
-    end = quantile(SHARE)
-    top = next((level for level in TOPS if level >= end), TOPS[-1])
+    end = quantile(SHARE_ON_SCALE)
+    top = next((level for level in SCALE_ENDS if level >= end), SCALE_ENDS[-1])
     anchors = np.array([[*bytes.fromhex(color[1:])] for color in MAGMA], float)
     place = np.minimum(np.arange(766) / 3 / top, 1)
     colors = np.stack([np.interp(place, np.linspace(0, 1, len(MAGMA)), anchors[:, c]) for c in range(3)], axis=1)
@@ -54,5 +54,5 @@ def error_map(painting: np.ndarray, target: np.ndarray) -> ErrorMap:
         top,
         above,
         float(difference.mean() / 3),
-        [(text, quantile(share)) for share, text in BELOW],
+        [(text, quantile(share)) for share, text in QUANTILES],
     )

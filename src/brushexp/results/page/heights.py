@@ -7,16 +7,15 @@ from typing import Any
 import numpy as np
 
 from brushexp.painting.outputs import renderer_of, work_of
-from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build_named
 from brushexp.results.page.html import data_uri
 from brushexp.shading.height import height_of
 from brushexp.strokes.storage import Saved
 
-SIDE = 512  # pixels: longer side of the map
+MAP_SIDE = 512  # pixels: longer side of the map
 
 
-def relief_of(saved: Saved) -> dict[str, Any]:
+def height_map(saved: Saved) -> dict[str, Any]:
     """What ``light.js`` needs: heights in pixels of the map are ``top`` * (256 red + green) / 65535.
 
     A renderer that is slow to draw is replaced by its stand-in, whose name is then in ``drawn_as``.
@@ -28,15 +27,11 @@ def relief_of(saved: Saved) -> dict[str, Any]:
     drawn_as = renderer.warm_up
     if drawn_as is not None:
         renderer = build_named("renderer", drawn_as, {})
-    height = _height(saved, renderer)
+    blend = build_named("blend", "tiled", {})
+    work = work_of(saved, renderer, blend, saved.renderer, min(MAP_SIDE, max(saved.size)))
+    height = height_of(work).clip(0)
     top = float(height.max()) or 1.0
     levels = (height / top * 65_535).round().astype(np.uint16)
     packed = np.stack([levels >> 8, levels & 255, np.zeros_like(levels)], axis=2).astype(np.uint8)
     source = data_uri(packed, compress_level=6)
     return {"source": source, "top": top, "width": saved.size[1], "height": saved.size[0], "drawn_as": drawn_as}
-
-
-def _height(saved: Saved, renderer: Renderer) -> np.ndarray:
-    blend = build_named("blend", "tiled", {})
-    work = work_of(saved, renderer, blend, saved.renderer, min(SIDE, max(saved.size)))
-    return height_of(work).clip(0)

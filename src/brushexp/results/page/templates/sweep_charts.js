@@ -1,0 +1,268 @@
+// The charts of a sweep: settings as points, and the quality of runs on their way. They know nothing of the table.
+// brushexp.sweepCharts(data, pointed) gives { draw(rows, x, y, picture), mark(group) }: `rows` are the numbers of those
+// that are shown, and pointed(group, rows, isFirst) is called when somebody points at a setting.
+"use strict";
+{
+  const { LETTER, node, points: path, plain, cut, mean, extent, isWide, ...chart } = window.brushexp.chart;
+  const { linear, bands, scale, canvas, axes } = chart;
+  const LONGEST = 40; // letters of a label
+  const SERIES = 10; // curves that can be told apart: five colours, two dashes
+  const byId = (id) => document.getElementById(id);
+
+  // Which points are on the Pareto front: no other is as low in cost and as good, and better in one.
+  const front = (points, sign) =>
+    points.filter((p) => !points.some((q) => q.x <= p.x && sign * q.y >= sign * p.y && (q.x < p.x || q.y !== p.y)));
+
+  window.brushexp.sweepCharts = (data, pointed) => {
+    const [pointsBox, curvesBox] = [byId("points"), byId("curves")];
+    const boxes = [pointsBox, curvesBox].filter(Boolean);
+    let drawn = null; // rows, x, y and picture of the last drawing, its points, their front, and groups that have a label
+    let current = null; // group that is pointed at
+    let pinned = false; // whether it stays when the pointer goes elsewhere
+    let touched = false; // whether anybody has pointed yet
+
+    // What is measured along an axis: a metric, or a setting as "axis:steps", whose values may be numbers or words.
+    const variable = (key) => {
+      const metric = data.metrics.find((one) => one.key === key);
+      if (metric) return { ...metric, of: (row) => row.numbers[key] };
+      const k = data.axes.findIndex((one) => `axis:${one.key}` === key);
+      const { key: name, values, shown } = data.axes[k];
+      const isNumeric = values.every((value) => value.trim() !== "" && Number.isFinite(Number(value)));
+      const of = (row) => (isNumeric ? Number(values[row.chosen[k]]) : row.chosen[k]);
+      return { name, of, isSetting: true, words: isNumeric ? null : shown, told: (row) => shown[row.chosen[k]] };
+    };
+
+    // The shown runs by their setting: means over seeds.
+    const pointsOf = ({ rows, x, y }) => {
+      const known = rows.filter((k) => [x, y].every((one) => Number.isFinite(one.of(data.rows[k]))));
+      return [...Map.groupBy(known, (k) => data.rows[k].group)]
+        .map(([group, of]) => {
+          const [a, b] = [x, y].map((one) => mean(of.map((k) => one.of(data.rows[k]))));
+          return { group, rows: of, x: a, y: b, label: data.groups[group].label };
+        })
+        .sort((p, q) => p.x - q.x || p.y - q.y);
+    };
+
+    const areaOf = (box) => {
+      const width = Math.max(240, box.clientWidth);
+      return canvas(box, width, Math.round(Math.min(400, Math.max(280, width * 0.68))));
+    };
+    const empty = ({ svg, width, height }) =>
+      node(svg, "text", { class: "axis-name", x: width / 2, y: height / 2, "text-anchor": "middle" }, "nothing to plot");
+
+    // Labels of the points of the front, where they cover neither each other nor a point nor the line.
+    const label = (area, points, first) => {
+      const taken = points.map((p) => [p.left - 7, p.above - 7, p.left + 7, p.above + 7]);
+      for (const [k, p] of first.entries()) {
+        const next = first[k + 1] ?? { left: area.right, above: p.above };
+        const [top, bottom] = extent([p.above, next.above]);
+        taken.push([p.left, p.above - 2, next.left, p.above + 2], [next.left - 2, top, next.left + 2, bottom]);
+      }
+      for (const p of first) {
+        const text = node(area.svg, "text", { class: "label", "aria-hidden": "true" }, cut(p.label, LONGEST));
+        const width = text.getComputedTextLength();
+        const [left, middle] = [-width - 10, -width / 2];
+        const box = [[left, -8], [middle, -22], [10, 8], [left, 8], [middle, 14], [10, -20], [left, -22]]
+          .map(([dx, dy]) => [p.left + dx, p.above + dy - 4, p.left + dx + width, p.above + dy + 11])
+          .find(([x0, y0, x1, y1]) =>
+            x0 >= area.left && x1 <= area.right && y0 >= area.top - 10 && y1 <= area.floor &&
+            !taken.some((t) => x0 < t[2] && x1 > t[0] && y0 < t[3] && y1 > t[1]));
+        if (!box) {
+          text.remove();
+          continue;
+        }
+        taken.push(box);
+        if (text.textContent === p.label) drawn.labelled.add(p.group);
+        text.setAttribute("x", box[0]);
+        text.setAttribute("y", box[1] + 11);
+      }
+    };
+
+    // The line through the front, or through the means at each value of a setting; gives the points of the front.
+    const drawLine = (area, points, { x, y }) => {
+      const isCost = !x.isSetting && x.better !== "higher" && x.key !== y.key;
+      const first = isCost && y.better ? front(points, y.better === "higher" ? 1 : -1) : [];
+      if (first.length) {
+        const steps = first.slice(1).map((p) => `H${p.left}V${p.above}`).join("");
+        node(area.svg, "path", { class: "front", d: `M${first[0].left} ${first[0].above}${steps}H${area.right}` });
+        label(area, points, first);
+      } else if (x.isSetting) {
+        const columns = [...Map.groupBy(points, (p) => p.left)];
+        const means = columns.map(([left, same]) => [left, mean(same.map((p) => p.above))]);
+        node(area.svg, "polyline", { class: "front mean", points: path(means) });
+      }
+      const line = x.isSetting ? "The line is the mean of the points. " : "";
+      byId("points-say").textContent =
+        (first.length ? "On the line: nothing else is as cheap and as good. " : line) +
+        (y.better ? `${y.better[0].toUpperCase()}${y.better.slice(1)} is better.` : "");
+      return first;
+    };
+
+    const drawPoints = () => {
+      const { x, y } = drawn;
+      const focused = pointsBox.contains(document.activeElement);
+      const points = pointsOf(drawn);
+      const area = areaOf(pointsBox);
+      Object.assign(drawn, { points, front: new Set(), labelled: new Set() });
+      byId("points-say").textContent = "";
+      if (!points.length) return empty(area);
+      const [scaleOf, values] = x.words ? [bands, x.words] : [scale, extent(points.map((p) => p.x))];
+      const across = scaleOf(values, area.left, area.right);
+      const up = scale(extent(points.map((p) => p.y)), area.floor, area.top);
+      axes(area, across, up, [x.name, y.name]);
+      for (const p of points) Object.assign(p, { left: across.place(p.x), above: up.place(p.y) });
+      const first = drawLine(area, points, drawn);
+      drawn.front = new Set(first.map((p) => p.group));
+      for (const p of points) {
+        const on = first.includes(p) || (!first.length && x.isSetting);
+        const value = x.told?.(data.rows[p.rows[0]]) ?? plain(p.x);
+        const ends = [p.rows.length > 1 ? `, mean of ${p.rows.length} runs` : "", first.includes(p) ? ", on the front" : ""];
+        const option = node(area.svg, "g", {
+          class: `point${on ? " on" : ""}`, role: "option", tabindex: -1, "data-group": p.group, "aria-selected": "false",
+          "aria-label": `${p.label}: ${y.name} ${plain(p.y)}, ${x.name} ${value}${ends.join("")}`,
+        });
+        node(option, "circle", { class: "reach", cx: p.left, cy: p.above, r: 13 });
+        node(option, "circle", { class: "dot", cx: p.left, cy: p.above, r: on ? 6 : 4.5 });
+      }
+      node(area.svg, "g", { class: "hint", "aria-hidden": "true" });
+      if (!points.some((p) => p.group === current)) {
+        current = (first.at(-1) ?? points.at(-1)).group;
+        pinned = false;
+      }
+      tell(current);
+      if (focused) pointsBox.querySelector(`[data-group="${current}"]`).focus();
+    };
+
+    const drawCurves = () => {
+      const rows = drawn.rows.map((k) => data.rows[k]).filter((row) => row.curve.length);
+      const area = areaOf(curvesBox);
+      byId("legend").replaceChildren();
+      byId("curves-say").textContent = "";
+      if (!rows.length) return empty(area);
+      const last = Math.max(...rows.map((row) => row.curve.at(-1)[0]));
+      const log = isWide(extent(rows.map((row) => row.curve.at(-1)[0])));
+      const seconds = rows.flatMap((row) => row.curve.map(([time]) => time)).filter((time) => time > 0);
+      const start = log ? Math.max(extent(seconds)[0], last / 1e4) : 0; // a logarithmic scale has no 0
+      const across = (log ? scale : linear)([start, last], area.left, area.right);
+      const up = linear(extent(rows.flatMap((row) => row.curve.map(([, psnr]) => psnr))), area.floor, area.top);
+      axes(area, across, up, ["optimisation, s", "PSNR, dB"]);
+      const groups = [...new Set(rows.map((row) => row.group))];
+      const leaders = groups.filter((group) => data.groups[group].ahead_from !== null)
+        .sort((a, b) => data.groups[a].ahead_from - data.groups[b].ahead_from);
+      const coloured = groups.length > SERIES ? leaders.slice(-SERIES) : groups;
+      const look = (k) => (k < 0 ? "other" : `series-${1 + (k % 5)}${k >= 5 ? " dashed" : ""}`);
+      const rank = (row) => coloured.indexOf(row.group);
+      for (const row of rows.toSorted((p, q) => rank(p) - rank(q))) {
+        const seen = row.curve.filter(([time]) => time >= start);
+        const line = path(seen.map(([time, psnr]) => [across.place(time), up.place(psnr)]));
+        const curve = node(area.svg, "g", { class: `curve ${look(rank(row))}`, "data-group": row.group });
+        node(curve, "polyline", { class: "line", points: line });
+        node(curve, "polyline", { class: "reach", points: line });
+      }
+      for (const [k, group] of coloured.entries()) {
+        const item = document.createElement("li");
+        item.dataset.group = group;
+        const swatch = node(item, "svg", { width: 24, height: 8, class: `curve ${look(k)}`, "aria-hidden": "true" });
+        node(swatch, "path", { class: "line", d: "M1 4H23" });
+        item.append(cut(data.groups[group].label, 60));
+        byId("legend").append(item);
+      }
+      if (coloured.length < groups.length) byId("curves-say").textContent = "In colour: what was ahead at some time.";
+    };
+
+    // Light up a setting in both charts, with its name beside its point.
+    const mark = (group) => {
+      for (const one of document.querySelectorAll("#points [data-group], #curves [data-group], #legend [data-group]")) {
+        const is = one.dataset.group === String(group);
+        if (is && one.matches(".curve:not(.hot)")) one.parentNode.append(one); // above the others
+        one.classList.toggle("hot", is);
+      }
+      const hint = pointsBox?.querySelector(".hint");
+      const p = drawn.points?.find((one) => one.group === group);
+      hint?.replaceChildren();
+      if (!hint || !p || !touched || drawn.labelled.has(group)) return;
+      const room = pointsBox.clientWidth;
+      const back = node(hint, "rect", { height: 23, rx: 5 });
+      const text = node(hint, "text", {}, cut(p.label, Math.floor(room / LETTER) - 8));
+      const width = text.getComputedTextLength() + 16;
+      const x = Math.min(Math.max(p.left - width / 2, 2), room - width - 2);
+      const y = p.above < 46 ? p.above + 12 : p.above - 36;
+      for (const [name, value] of Object.entries({ x, y, width })) back.setAttribute(name, value);
+      for (const [name, value] of Object.entries({ x: x + 8, y: y + 16 })) text.setAttribute(name, value);
+    };
+
+    // Point at a setting: say all about it.
+    const tell = (group) => {
+      current = group;
+      for (const one of pointsBox?.querySelectorAll(".point") ?? []) {
+        const is = one.dataset.group === String(group);
+        one.setAttribute("aria-selected", String(is));
+        one.setAttribute("tabindex", is ? 0 : -1);
+      }
+      mark(group);
+      const rows = drawn.rows.filter((k) => data.rows[k].group === group);
+      if (rows.length) pointed(group, rows, drawn.front?.has(group) ?? false);
+    };
+
+    // Listen to events of what belongs to a setting.
+    const listen = (box, type, react) => box?.addEventListener(type, (event) => {
+      const found = event.target.closest?.("[data-group]");
+      react(found ? Number(found.dataset.group) : null, event);
+    });
+    for (const box of boxes) {
+      listen(box, "pointerover", (group) => {
+        if (group === null) return;
+        touched = true;
+        if (pinned) mark(group);
+        else if (group !== current) tell(group);
+      });
+      listen(box, "pointerout", (group) => { if (group !== null) mark(current); });
+      listen(box, "click", (group) => {
+        pinned = group !== null;
+        if (pinned) tell(group);
+      });
+    }
+    listen(pointsBox, "focusin", (group) => {
+      if (group === null || (pinned && group === current)) return;
+      pinned = touched = true;
+      tell(group);
+    });
+    pointsBox?.addEventListener("keydown", (event) => {
+      const order = drawn.points.map((p) => p.group);
+      const [left, right] = [-1, 1].map((by) => order.indexOf(current) + by);
+      const arrows = { ArrowRight: right, ArrowDown: right, ArrowLeft: left, ArrowUp: left };
+      const next = { ...arrows, Home: 0, End: order.length - 1 }[event.key];
+      if (event.key === "Escape") pinned = false;
+      if (next === undefined) return;
+      event.preventDefault();
+      const group = order[Math.min(Math.max(next, 0), order.length - 1)];
+      pointsBox.querySelector(`[data-group="${group}"]`)?.focus();
+    });
+
+    const draw = () => {
+      if (!drawn) return;
+      if (pointsBox) drawPoints();
+      if (curvesBox) drawCurves();
+      mark(current);
+    };
+    const widths = new Map();
+    const sized = new ResizeObserver((entries) => {
+      const changed = entries.filter(({ target }) => widths.get(target) !== target.clientWidth);
+      for (const { target } of changed) widths.set(target, target.clientWidth);
+      if (changed.length) draw();
+    });
+    for (const box of boxes) sized.observe(box);
+
+    return {
+      draw: (shown, x, y, picture) => {
+        const rows = shown.filter((k) => data.groups[data.rows[k].group]?.picture === picture);
+        drawn = { rows, x: x && variable(x), y: y && variable(y), picture };
+        draw();
+      },
+      mark: (group) => {
+        touched = true;
+        mark(group ?? current);
+      },
+    };
+  };
+}
