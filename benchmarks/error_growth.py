@@ -30,7 +30,7 @@ from brushexp.plugins.loss.ssim import dissimilarity, statistics
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.renderer.textured import Textured
-from brushexp.results.plotting import COLORS, MARKERS, new_figure, save, tidy
+from brushexp.results.plotting import COLORS, MARKERS, new_figure, save_figure, tidy
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.process import peak_memory
 
@@ -222,7 +222,7 @@ def of_a_stroke(numbers: Tensor) -> float:
 
 def save_small(figure: Figure, path: Path) -> None:
     """Write a PNG of few colours: a third of the bytes."""
-    save(figure, path)
+    save_figure(figure, path)
     with Image.open(path) as image:
         few = image.convert("RGB").quantize(64)
     few.save(path, optimize=True)

@@ -41,7 +41,7 @@ SHARED = {
     "strokes.text",
     "features",
     "features.base",
-    "features.context",
+    "features.sight",
 }
 
 

@@ -1,6 +1,5 @@
 """Runs from anywhere are compared: at equal time, at equal quality, and on one front."""
 
-import json
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -8,11 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sweeps import make_run
 
 from brushexp.errors import UserError
-from brushexp.results.anytime import ahead, curve_of, mean_curve, quality_at, time_to, write_anytime
-from brushexp.results.runs import gather
-from brushexp.results.table import collect
+from brushexp.results.anytime import ahead, curve_from, mean_curve, quality_at, time_to, write_anytime
+from brushexp.results.runs import collect, gather
 from brushexp.system.files import write_json, write_picture, write_text
 
 CURVE = (np.array([1.0, 2.0, 4.0, 5.0]), np.array([10.0, 20.0, 18.0, 30.0]))
@@ -67,11 +66,11 @@ def test_time_and_quality_are_inverse(psnr, share):
 
 @pytest.mark.parametrize("noted", [None, [], [[1.0, 20.0]], [[1, None], [2, 3]], "x", [["a", 1], [2, 3]], [1, 2, 3]])
 def test_a_run_without_a_curve_is_passed_over(noted):
-    assert curve_of({"anytime": noted}) is None
+    assert curve_from(noted) is None
 
 
 def test_a_curve_is_put_in_order():
-    seconds, psnr = curve_of({"anytime": [[2, 25.0], [1, 20.0], [3, None]]})
+    seconds, psnr = curve_from([[2, 25.0], [1, 20.0], [3, None]])
     assert (seconds.tolist(), psnr.tolist()) == ([1.0, 2.0], [20.0, 25.0])
 
 
@@ -90,13 +89,9 @@ def test_who_is_ahead_when():
 
 
 def test_equal_time_and_equal_quality_are_told(tmp_path):
-    sweep(tmp_path, "steps=1")
-    sweep(tmp_path / "other", "x=1", "steps=2")  # one deeper: not of this sweep
-    (tmp_path / "other" / "1").rename(tmp_path / "1")
-    path = tmp_path / "1" / "result.json"
-    write_json(path, json.loads(path.read_text()) | {"anytime": [[0.2, 21.0], [1.2, 31.0]]})
-    assert len(collect(tmp_path)) == 2
-    lines = write_anytime(tmp_path).read_text().splitlines()
+    for steps, curve in (("1", NUMBERS["anytime"]), ("2", [[0.2, 21.0], [1.2, 31.0]])):
+        make_run(tmp_path, {"image": "chelsea", "steps": steps}, target=100, **(NUMBERS | {"anytime": curve}))
+    lines = write_anytime(tmp_path, collect(tmp_path)).read_text().splitlines()
     assert "## chelsea, 30 x 20 pixels" in lines
     assert "| overrides | 0.1 s | 0.2 s | 0.5 s | 1 s | 2 s | end | best |" in lines
     assert "| steps=2 | – | 21.00 | 24.00 | 29.00 | ended | 1.2 s | 31.00 |" in lines
@@ -113,9 +108,9 @@ def test_sweeps_and_single_runs_are_gathered(tmp_path):
     single_run(tmp_path / "alone", "+a=1", "~b", "output=x")
     into = tmp_path / "new"
     found = gather([tmp_path / "sweep", tmp_path / "alone", tmp_path / "sweep" / "3"], into)
-    assert [run["run"] for run in found] == [*(f"../sweep/{k}" for k in range(11)), "../alone"]
-    assert found[-1]["overrides"] == {"a": "1", "b": "(removed)"}
-    assert all((into / run["run"]).resolve().is_dir() for run in found)
+    assert list(found.index) == [*(f"../sweep/{k}" for k in range(11)), "../alone"]
+    assert found["run", "overrides"].iloc[-1] == {"a": "1", "b": "(removed)"}
+    assert all(path.resolve().is_dir() for path in found["run", "folder"])
     assert len(gather([tmp_path], into)) == 12
 
 
@@ -150,7 +145,7 @@ def test_everything_is_written(tmp_path, compare):
     single_run(tmp_path / "b", "steps=3", "loss=[mse,kl]", seconds=5.0, psnr=31.0)
     folder, numbers = compare(f"runs=[{tmp_path}/a,{tmp_path}/b]")
     assert numbers["runs"] == 3
-    names = {"table.csv", "table.md", "pareto.md", "pareto.csv", "pareto.png", "anytime.md", "curves.png"}
+    names = {"table.csv", "table.md", "table.tex", "pareto.md", "pareto.csv", "pareto.png", "anytime.md", "curves.png"}
     assert {path.name for path in folder.iterdir()} == names | {"report.html"}
     assert "python run.py steps=3 'loss=[mse,kl]'" in (folder / "pareto.csv").read_text()
     assert "| ../b | 3 |" in (folder / "table.md").read_text()
@@ -177,8 +172,3 @@ def test_nothing_to_compare_is_explained(tmp_path, compare):
     single_run(tmp_path / "b", "task=train", psnr=None)
     with pytest.raises(UserError, match=r"1 of 2 runs are finished paintings, and no two .*'runs=\[\.\.\.\]'"):
         compare(f"runs={tmp_path}")
-
-
-def test_runs_has_a_type(compare):
-    with pytest.raises(UserError, match="runs="):
-        compare("runs={a:1}")

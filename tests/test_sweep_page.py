@@ -10,10 +10,9 @@ from browser import NARROW, WIDE, browser, opened  # noqa: F401  (fixtures)
 
 from brushexp.results.page.sweep_page import sweep_page, write_sweep_page
 from brushexp.results.page.thumbnails import AREA, SIDES, _encoded, side_for, thumbnail
-from brushexp.results.pareto import points_of
-from brushexp.results.runs import by_picture, paintings
+from brushexp.results.pareto import front_table
+from brushexp.results.runs import collect, frame_of
 from brushexp.results.sweep import renew
-from brushexp.results.table import collect
 from brushexp.system.files import write_json, write_picture
 
 EVIL = "<script>document.title=1</script>"
@@ -53,8 +52,7 @@ def make_sweep(folder: Path) -> Path:
 @pytest.fixture(scope="module")
 def sweep(tmp_path_factory) -> Path:
     folder = make_sweep(tmp_path_factory.mktemp("pages") / "sweep & more")
-    write_sweep_page(folder)
-    return folder / "report.html"
+    return write_sweep_page(folder, collect(folder))
 
 
 def order(page) -> list[str]:
@@ -158,8 +156,8 @@ def test_points_are_walked_with_the_keyboard_and_tell_their_command(sweep, opene
 
 
 def test_the_front_is_that_of_the_table(sweep, opened):  # noqa: F811
-    (picture,) = by_picture(sweep.parent, paintings(collect(sweep.parent)))
-    expected = {point.setting.label for point in points_of(picture) if "psnr" in point.first}
+    table = front_table(collect(sweep.parent))
+    expected = set(table["overrides"][table["front_psnr"]])
     labels = opened(sweep).evaluate(
         "[...document.querySelectorAll('.point.on')].map(e => e.getAttribute('aria-label'))"
     )
@@ -218,7 +216,7 @@ def test_what_users_typed_stays_text(sweep, opened):  # noqa: F811
 def test_seeds_have_means(tmp_path, opened):  # noqa: F811
     for k, (steps, seed, psnr) in enumerate((("1", "0", 20.0), ("1", "1", 22.0), ("2", "0", 30.0), ("2", "1", 31.0))):
         make_run(tmp_path, str(k), {"steps": steps, "seed": seed}, 50, psnr=psnr, seconds=1.0 + k)
-    page = opened(write_sweep_page(tmp_path)).page
+    page = opened(write_sweep_page(tmp_path, collect(tmp_path))).page
     assert page.locator("#means tbody tr").nth(0).locator("td").all_text_contents()[:3] == ["1", "2", "21.00 ± 1.41"]
     page.locator("#means th", has_text="PSNR").get_by_role("button").click()
     assert page.locator("#means tbody td").first.text_content() == "2"
@@ -251,7 +249,7 @@ def test_pictures_of_two_targets_are_not_plotted_together(tmp_path, opened):  # 
     for k, image in enumerate(("a.png", "a.png", "b.png", "b.png")):
         run = make_run(tmp_path, str(k), {"image": image, "steps": str(k % 2)}, 50, psnr=20.0 + k, seconds=1.0 + k)
         write_picture(run / "target.png", np.full((*SIZE, 3), ord(image[0]), np.uint8))
-    watched = opened(write_sweep_page(tmp_path))
+    watched = opened(write_sweep_page(tmp_path, collect(tmp_path)))
     assert watched.page.locator(".point").count() == 2
     watched.page.locator("#of-picture").select_option("1")
     assert watched.evaluate("[...document.querySelectorAll('.point')].map(e => e.dataset.group)") == ["2", "3"]
@@ -262,7 +260,7 @@ def test_sweeps_of_other_tasks_have_a_page_without_pictures(tmp_path, opened):  
     for k, width in enumerate(("16", "32", "64")):
         (tmp_path / str(k)).mkdir()
         write_json(tmp_path / str(k) / "result.json", {"overrides": {"renderer.width": width}, "l2": 0.1 / (k + 1)})
-    watched = opened(write_sweep_page(tmp_path))
+    watched = opened(write_sweep_page(tmp_path, collect(tmp_path)))
     assert watched.page.locator("#plots-head").text_content() == "What the settings do"
     assert watched.page.locator(".point").count() == 3
     assert watched.page.locator(".no-picture").count() == 3
@@ -272,7 +270,7 @@ def test_sweeps_of_other_tasks_have_a_page_without_pictures(tmp_path, opened):  
 def test_a_page_of_one_failed_run_is_a_page(tmp_path, opened):  # noqa: F811
     (tmp_path / "0").mkdir()
     write_json(tmp_path / "0" / "result.json", {"status": "failed", "error": "no", "overrides": {}})
-    watched = opened(write_sweep_page(tmp_path))
+    watched = opened(write_sweep_page(tmp_path, collect(tmp_path)))
     assert watched.page.locator("#plots").count() == 0
     assert order(watched) == ["0"]
     assert not watched.errors
@@ -280,9 +278,10 @@ def test_a_page_of_one_failed_run_is_a_page(tmp_path, opened):  # noqa: F811
 
 def test_links_lead_from_where_the_page_is(tmp_path):
     make_sweep(tmp_path / "sweep?")
-    results = [result | {"run": f"../sweep?/{result['run']}"} for result in collect(tmp_path / "sweep?")]
     (tmp_path / "comparison").mkdir()
-    html = sweep_page(tmp_path / "comparison", results)
+    names = {f"../sweep?/{path.parent.name}": path for path in sorted((tmp_path / "sweep?").glob("*/result.json"))}
+    results = {name: json.loads(path.read_text()) for name, path in names.items()}
+    html = sweep_page(tmp_path / "comparison", frame_of(tmp_path / "comparison", results))
     assert '<a href="../sweep%3F/2/report.html">' in html
     assert [row["name"] for row in data_in(html)["rows"]] == list("0123456")
 

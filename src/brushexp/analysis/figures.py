@@ -14,7 +14,7 @@ from brushexp.analysis.maps import coherence_map, direction_colors, stroke_map
 from brushexp.analysis.measures import MEASURES, Array
 from brushexp.analysis.summary import BINS, OVERALL, Analysis, overall_of, shares_of
 from brushexp.analysis.tables import relative_unit, shown, strokes_in, with_unit
-from brushexp.results.plotting import COLORS, FAINT, INK, SIZE, new_figure, plain, save, tidy
+from brushexp.results.plotting import COLORS, FAINT, INK, SIZE, new_figure, save_figure, tidy, without_math
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,7 +75,7 @@ def write_figure(path: Path, found: Sequence[Analysis]) -> Path:
         if k % 4 == 0:
             axes.set_ylabel("share of strokes", fontsize=9, color=QUIET)
             axes.yaxis.set_label_coords(-0.2, 0.5)
-    save(figure, path)
+    save_figure(figure, path)
     return path
 
 
@@ -95,7 +95,7 @@ def _angles(found: Analysis) -> Array:
 
 def _painting(page: Page, top: float, found: Analysis, size: tuple[float, float], ink: str, largest: float) -> None:
     """Heading and pictures of one painting."""
-    page.write(LEFT, top, plain(found.name)[:60], fontsize=14, color=ink, weight="bold")
+    page.write(LEFT, top, without_math(found.name)[:60], fontsize=14, color=ink, weight="bold")
     page.write(
         LEFT, top + 0.27, f"{strokes_in(found)} on {found.size[1]} x {found.size[0]} px; "
         f"one pitch, the distance between neighbouring strokes, is {shown(found.pitch)} px", fontsize=9, color=QUIET,

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
+from pandas import DataFrame
 
 from brushexp.analysis.measures import MEASURES
 from brushexp.analysis.summary import (
@@ -20,7 +21,7 @@ from brushexp.analysis.summary import (
     summary_of,
     thinnest_of,
 )
-from brushexp.results.table import NOTHING, markdown
+from brushexp.results.tables import MISSING, markdown_table
 from brushexp.strokes.brushwork import FAINTEST
 from brushexp.system.files import write_json, write_text
 
@@ -103,7 +104,7 @@ def _overall(found: Sequence[Analysis]) -> list[str]:
     numbers = [overall_of(one) for one in found]
     for key, meant in OVERALL.items():
         rows.append([meant.name, *(with_unit(each[key], meant.unit) for each in numbers)])
-    return ["## The whole", "", *markdown(rows)]
+    return ["## The whole", "", _markdown(rows)]
 
 
 def _statistics(found: Analysis) -> list[str]:
@@ -116,7 +117,7 @@ def _statistics(found: Analysis) -> list[str]:
         for unit, values in units:
             numbers = statistics_of(values, measure.axial)
             rows.append([measure.name, unit, *(shown(numbers[name]) for name in HEAD)])
-    return markdown(rows)
+    return [_markdown(rows)]
 
 
 def _comparison(one: Analysis, other: Analysis) -> list[str]:
@@ -128,13 +129,13 @@ def _comparison(one: Analysis, other: Analysis) -> list[str]:
         cells = [" ± ".join([shown(side["mean"]), shown(side["sd"])]) for side in sides]
         numbers = [shown(far[name]) for name in ("difference", "standardised", "delta")]
         rows.append(
-            [measure.name, relative_unit(key), *cells, *numbers, str(far["effect"] or NOTHING), shown(far["distance"])]
+            [measure.name, relative_unit(key), *cells, *numbers, str(far["effect"] or MISSING), shown(far["distance"])]
         )
     return [
         "## Side by side", "",
         "Mean ± standard deviation of the strokes, lengths in pitches of each painting; difference: "
         f"{_title(one)} less {_title(other)}.", "",
-        *markdown(rows), "",
+        _markdown(rows), "",
         "In sd: the difference in pooled standard deviations. Cliff's delta: how much more often a stroke of the first "
         "is larger than one of the second than the other way round, from -1 to 1; in words by the limits of Romano et "
         "al. (2006). Distance: Wasserstein-1, how far strokes must change on average to turn one distribution into the "
@@ -155,6 +156,12 @@ def _definitions() -> list[str]:
     ]  # fmt: skip
 
 
+def _markdown(rows: list[list[str]]) -> str:
+    """A table from its head, its rules, and rows."""
+    head, rules, *cells = rows
+    return markdown_table(DataFrame(cells, columns=head), align="".join("lr"[rule.endswith(":")] for rule in rules))
+
+
 def relative_unit(key: str) -> str:
     """Unit of a measure in which paintings of different sizes compare."""
     return {0: MEASURES[key].unit, 1: "pitches", 2: "pitches^2"}[MEASURES[key].power]
@@ -163,14 +170,14 @@ def relative_unit(key: str) -> str:
 def with_unit(value: float | None, unit: str) -> str:
     """A number and its unit; a share in per cent."""
     if value is None:
-        return NOTHING
+        return MISSING
     return f"{shown(100 * value)} %" if unit == "%" else f"{shown(value)}{unit}"
 
 
 def shown(value: object) -> str:
     """A number with three digits that tell something; a dash for none."""
     if not isinstance(value, int | float) or not np.isfinite(value):
-        return NOTHING
+        return MISSING
     return _number(round(value)) if isinstance(value, int) or abs(value) >= 1000 else f"{value:.3g}"
 
 

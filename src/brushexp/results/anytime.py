@@ -1,34 +1,53 @@
-"""Quality against time: what each run had reached when, and when it had reached what; so two can be compared fairly."""
+"""Quality against time: what each setting had reached when, and when it had reached what; so two compare fairly."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brushexp.results.runs import Picture, by_picture, paintings
-from brushexp.results.table import NOTHING, Result, collect, markdown
+from brushexp.results.plotting import (
+    COLORS,
+    DASHES,
+    FAINT,
+    INK,
+    SIZE,
+    fit_scale,
+    label_lines,
+    new_figure,
+    save_figure,
+    tidy,
+    without_math,
+)
+from brushexp.results.tables import MISSING, markdown_table, run_count
 from brushexp.system.files import write_text
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from pandas import DataFrame
 
 Curve = tuple[np.ndarray, np.ndarray]  # seconds of optimisation, rising, and PSNR in dB
 TIMES = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60, 120, 300, 600, 1800)  # seconds
 LEVELS = (15, 20, 25, 28, 30, 33, 36, 40, 45)  # dB
 LEAD = 0.1  # dB: by so much a run must be better than the one ahead to take its place
+MOST_CURVES = len(COLORS) * len(DASHES)  # that can be told apart
+MOST_IMAGES = 6  # in a plot
 
 
-def curve_of(result: Result) -> Curve | None:
-    """The curve that a run has noted as ``anytime``; None if it has no two points."""
+def curve_from(points: Any) -> Curve | None:
+    """The curve of pairs that a run has noted as ``anytime``; None if it has no two points."""
     try:
-        points = np.array(result.get("anytime") or [], float).reshape(-1, 2)
+        found = np.array(points or [], float).reshape(-1, 2)
     except (TypeError, ValueError):
         return None
-    points = points[np.isfinite(points).all(1)]
-    points = points[points[:, 0].argsort(kind="stable")]
-    return (points[:, 0], points[:, 1]) if len(points) > 1 else None
+    found = found[np.isfinite(found).all(1)]
+    found = found[found[:, 0].argsort(kind="stable")]
+    return (found[:, 0], found[:, 1]) if len(found) > 1 else None
 
 
-def mean_curve(curves: list[Curve]) -> Curve:
+def mean_curve(curves: Sequence[Curve]) -> Curve:
     """The mean PSNR of several runs from when all have begun; one that has ended keeps what it has."""
     times = np.unique(np.concatenate([seconds for seconds, _ in curves]))
     times = times[times >= max(seconds[0] for seconds, _ in curves)]
@@ -61,11 +80,7 @@ def ahead(curves: Mapping[str, Curve]) -> list[tuple[float, str]]:
     found: list[tuple[float, str]] = []
     best = {name: np.maximum.accumulate(psnr) for name, (_, psnr) in curves.items()}
     for time in np.unique(np.concatenate([seconds for seconds, _ in curves.values()])):
-        now = {
-            name: float(np.interp(time, seconds, best[name]))
-            for name, (seconds, _) in curves.items()
-            if time >= seconds[0]
-        }
+        now = {name: np.interp(time, curve[0], best[name]) for name, curve in curves.items() if time >= curve[0][0]}
         first = max(now, key=lambda name: now[name])
         if leader is None or now[first] > now[leader] + LEAD:
             leader = first
@@ -73,30 +88,35 @@ def ahead(curves: Mapping[str, Curve]) -> list[tuple[float, str]]:
     return found
 
 
-def curves_of(picture: Picture) -> dict[str, Curve]:
-    """The mean curve of every setting that has left one, by its label."""
-    found = {}
-    for setting in picture.settings:
-        curves = [curve for run in setting.runs if (curve := curve_of(run)) is not None]
-        if curves and len((mean := mean_curve(curves))[0]) > 1:
-            found[setting.label] = mean
+def curves_by_image(frame: DataFrame) -> dict[str, dict[str, list[Curve]]]:
+    """Image -> label of a setting -> the curves of its runs, without those that left none."""
+    found: dict[str, dict[str, list[Curve]]] = {}
+    for image, label, points in frame["run"][["image", "label", "anytime"]].dropna(subset=["label"]).to_numpy():
+        if (curve := curve_from(points)) is not None:
+            found.setdefault(image, {}).setdefault(label, []).append(curve)
     return found
 
 
-def write_anytime(folder: Path, results: list[Result] | None = None) -> Path | None:
+def mean_curves(curves: Mapping[str, list[Curve]]) -> dict[str, Curve]:
+    """The mean over seeds of each setting."""
+    means = {label: mean_curve(alike) for label, alike in curves.items()}
+    return {label: curve for label, curve in means.items() if len(curve[0]) > 1}
+
+
+def write_anytime(folder: Path, frame: DataFrame) -> Path | None:
     """Write ``anytime.md``, quality at equal time and time to equal quality; None if no two settings left curves.
 
     Args:
         folder: where to.
-        results: of which runs; None means those of the sweep in this folder.
+        frame: the runs, see `brushexp.results.runs`.
     """
-    pictures = by_picture(folder, paintings(collect(folder) if results is None else results))
-    found = {picture.name: curves for picture in pictures if len(curves := curves_of(picture)) > 1}
-    if not found:
-        return None
+    found = {image: mean_curves(curves) for image, curves in curves_by_image(frame).items()}
     lines = ["Seconds of optimisation; a run keeps the best picture it has had. Means over seeds."]
-    for name, curves in found.items():
-        lines += ["", f"## {name}", "", *_qualities(curves), "", *_times(curves), "", *_leaders(curves)]
+    for image, curves in found.items():
+        if len(curves) > 1:
+            lines += ["", f"## {image}", "", *_qualities(curves), "", *_times(curves), "", *_leaders(curves)]
+    if len(lines) == 1:
+        return None
     write_text(folder / "anytime.md", "\n".join([*lines, ""]))
     return folder / "anytime.md"
 
@@ -104,39 +124,72 @@ def write_anytime(folder: Path, results: list[Result] | None = None) -> Path | N
 def _qualities(curves: Mapping[str, Curve]) -> list[str]:
     """PSNR at some times, and at the end."""
     starts, ends = [c[0][0] for c in curves.values()], [c[0][-1] for c in curves.values()]
-    times = [time for time in TIMES if min(starts) <= time <= max(ends)]
     rows = []
     for name, curve in curves.items():
-        cells = [quality_at(curve, time) for time in times]
-        shown = [
-            f"{psnr:.2f}" if psnr is not None else "ended" if time > curve[0][-1] else NOTHING
-            for time, psnr in zip(times, cells, strict=True)
-        ]
-        rows.append([name, *shown, f"{curve[0][-1]:.3g} s", f"{curve[1].max():.2f}"])
+        row = {"overrides": name}
+        for time in TIMES:
+            if min(starts) <= time <= max(ends):
+                psnr = quality_at(curve, time)
+                late = "ended" if time > curve[0][-1] else MISSING
+                row[f"{time:g} s"] = late if psnr is None else f"{psnr:.2f}"
+        rows.append(row | {"end": f"{curve[0][-1]:.3g} s", "best": f"{curve[1].max():.2f}"})
     text = "PSNR in dB after so many seconds; the last columns: when a run ended, and with what."
-    return [text, "", *_table([*(f"{time:g} s" for time in times), "end", "best"], rows)]
+    return [text, "", markdown_table(rows, align="l" + "r" * (len(rows[0]) - 1))]
 
 
 def _times(curves: Mapping[str, Curve]) -> list[str]:
     """Seconds to some qualities, of those that some run reached on its way."""
-    found = {level: [time_to(curve, level) for curve in curves.values()] for level in LEVELS}
-    levels = [level for level, times in found.items() if any(time is not None for time in times)]
-    rows = []
-    for k, (name, curve) in enumerate(curves.items()):
-        cells = [found[level][k] for level in levels]
-        shown = [
-            f"{time:.2f}" if time is not None else "at once" if curve[1][0] > level else NOTHING
-            for level, time in zip(levels, cells, strict=True)
-        ]
-        rows.append([name, *shown])
-    return ["Seconds until a PSNR was reached.", "", *_table([f"{level} dB" for level in levels], rows)]
+    rows: list[dict[str, str]] = [{"overrides": name} for name in curves]
+    for level in LEVELS:
+        times = [time_to(curve, level) for curve in curves.values()]
+        if any(time is not None for time in times):
+            for row, curve, time in zip(rows, curves.values(), times, strict=True):
+                never = "at once" if curve[1][0] > level else MISSING
+                row[f"{level} dB"] = never if time is None else f"{time:.2f}"
+    return ["Seconds until a PSNR was reached.", "", markdown_table(rows, align="l" + "r" * (len(rows[0]) - 1))]
 
 
 def _leaders(curves: Mapping[str, Curve]) -> list[str]:
-    rows = [[f"{time:.3g} s", name] for time, name in ahead(curves)]
-    text = f"Who is ahead when (by more than {LEAD} dB)."
-    return [text, "", *markdown([["from", "ahead"], ["---:", "---"], *rows])]
+    rows = [{"from": f"{time:.3g} s", "ahead": name} for time, name in ahead(curves)]
+    return [f"Who is ahead when (by more than {LEAD} dB).", "", markdown_table(rows, align="rl")]
 
 
-def _table(head: list[str], rows: list[list[str]]) -> list[str]:
-    return markdown([["overrides", *head], ["---", *("---:" for _ in head)], *rows])
+def write_curves(folder: Path, frame: DataFrame) -> Path | None:
+    """Write ``curves.png``: thin lines are runs, thick ones means over seeds; None if no two settings left curves.
+
+    Of more settings than can be told apart, those are coloured that were ahead at some time.
+    """
+    found = {image: curves for image, curves in curves_by_image(frame).items() if len(curves) > 1}
+    if not found:
+        return None
+    shown = list(found.items())[:MOST_IMAGES]
+    figure = new_figure(SIZE[1] * len(shown))
+    for axes, (image, curves) in zip(figure.subplots(len(shown), squeeze=False)[:, 0], shown, strict=True):
+        _draw_curves(axes, curves)
+        axes.set_title(without_math(image) if len(shown) > 1 else "", fontsize=11, loc="left", color=INK)
+    title = f"{without_math(folder.resolve().name)[:60]}: {run_count(frame)}"
+    figure.suptitle(title, fontsize=11, x=0.01, ha="left", color=INK)
+    return save_figure(figure, folder / "curves.png")
+
+
+def _draw_curves(axes: Axes, curves: Mapping[str, list[Curve]]) -> None:
+    tidy(axes)
+    shown = list(curves)
+    means = {label: mean_curve(alike) for label, alike in curves.items()}
+    if len(shown) > MOST_CURVES:
+        shown = list(dict.fromkeys(label for _, label in ahead(means)))[-MOST_CURVES:]
+    for label in curves.keys() - set(shown):
+        axes.plot(*means[label], linewidth=0.8, color=FAINT)
+    for k, label in enumerate(shown):
+        look: dict[str, Any] = {"color": COLORS[k % len(COLORS)], "linestyle": DASHES[k // len(COLORS)]}
+        for curve in curves[label] if len(curves[label]) > 1 else ():
+            axes.plot(*curve, linewidth=0.7, alpha=0.4, **look)
+        axes.plot(*means[label], linewidth=1.8, label=label_lines(label, 40), **look)
+    fit_scale(axes, "x", [float(seconds[-1]) for alike in curves.values() for seconds, _ in alike])
+    axes.set_xlabel("wall time of the optimisation, s", fontsize=10)
+    axes.set_ylabel("PSNR, dB", fontsize=10)
+    heading = None if len(shown) == len(curves) else "ahead at some time; the others are grey"
+    axes.legend(
+        title=heading, loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=9, title_fontsize=9,
+        frameon=False, ncols=1 + (len(shown) - 1) // 16,
+    )  # fmt: skip

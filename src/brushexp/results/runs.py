@@ -1,66 +1,61 @@
-"""Finished runs, wherever they are, by picture and settings; and the command that repeats each."""
+"""Finished runs, wherever they are, as one data frame; and the command that repeats each.
+
+The frame has a row per run, indexed by its name, and columns in three parts:
+
+- ``frame["run"]``: ``status`` and ``error``; ``folder``; ``picture``, the file that shows it, if there is one;
+  ``target``, a fingerprint of what was painted; ``overrides`` as they were typed; ``anytime``, pairs of seconds and
+  PSNR; ``command``, which repeats it; and of runs that are compared ``image``, the name of what was painted ("" of
+  other tasks), and ``label``, the overrides by which it differs from the others of this image, seeds left out.
+- ``frame["setting"]``: what was typed, a column per key, missing where it was not set; ``loss`` as names of losses.
+- ``frame["metric"]``: every number (or name) that a run returned.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
+import math
 import os
 import shlex
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from omegaconf import DictConfig, OmegaConf
+import yaml
 from PIL import Image
 
 from brushexp.errors import UserError
-from brushexp.results.drawing import UNREADABLE
-from brushexp.results.table import Result, fingerprint, finished, numbers, read_result, run_number, shortened
+from brushexp.results.tables import numbers
 
-NO_SETTINGS = ("seed", "output")  # keys that say nothing about how a picture is painted
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+Result = dict[str, Any]
+UNFINISHED = ("failed", "interrupted")  # states of runs that are not compared
 REMOVED = "(removed)"  # value of an override "~key"
+LONGEST_VALUE = 40  # letters of a value in a label; of a longer one the end is shown
+UNREADABLE = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)  # what Pillow raises
 
 
-@dataclass(frozen=True)
-class Setting:
-    """Runs of one picture that differ in the seed alone.
+def collect(folder: Path) -> DataFrame:
+    """All runs of a sweep, in the order of the job numbers.
 
-    Attributes:
-        parts: overrides by which it differs from the others, "steps=100" for instance; none: the default.
-        command: what repeats the first of the runs.
-        runs: at least one.
+    Raises:
+        UserError: if there is none.
     """
-
-    parts: tuple[str, ...]
-    command: str
-    runs: list[Result]
-
-    @property
-    def label(self) -> str:
-        """The overrides on one line."""
-        return " ".join(self.parts) or "default"
+    names = sorted((path.parent.name for path in folder.glob("*/result.json")), key=_run_number)
+    if not names:
+        raise UserError(f"there is no result.json below {folder}; give the folder of a sweep")
+    return frame_of(folder, {name: read_result(folder / name / "result.json") for name in names})
 
 
-@dataclass(frozen=True)
-class Picture:
-    """What was painted, and how; numbers of different pictures are never compared."""
-
-    name: str
-    settings: list[Setting]
-
-
-def overrides(words: Iterable[str]) -> dict[str, str]:
-    """``["loss=mse", "+a=1", "~b"]`` as a dictionary."""
-    pairs = (word.partition("=") for word in words)
-    return {key.lstrip("+~"): value if equals else REMOVED for key, equals, value in pairs}
-
-
-def gather(folders: Iterable[Path], into: Path) -> list[Result]:
-    """The results of all runs at or below some folders: of sweeps, of single runs, or above many of either.
+def gather(folders: Iterable[Path], into: Path) -> DataFrame:
+    """All runs at or below some folders: of sweeps, single runs, or above many of either.
 
     Args:
         folders: where to look.
-        into: the folder in which their comparison is written; ``run`` of each result is its folder as seen from there.
+        into: the folder in which their comparison is written: a run's name is its folder as seen from there.
 
     Raises:
         UserError: if there is no run in one of them.
@@ -70,63 +65,153 @@ def gather(folders: Iterable[Path], into: Path) -> list[Result]:
     for folder in folders:
         if not folder.is_dir():
             raise UserError(f"runs={folder}: there is no such folder; give the folder of a run or of a sweep")
-        paths = sorted(_runs_below(folder.resolve()), key=lambda path: (str(path.parent), run_number(path.name)))
+        paths = sorted(_runs_below(folder.resolve()), key=lambda path: (str(path.parent), _run_number(path.name)))
         if not paths:
             raise UserError(f"runs={folder}: there is no finished run in it; give the folder of a run or of a sweep")
         for path in paths:
-            run = os.path.relpath(path, into)
-            result = _result_of(path)
-            chosen = {key: value for key, value in result["overrides"].items() if key != "output"}
-            found[run] = result | {"run": run, "overrides": chosen}
-    return list(found.values())
+            if (path / "result.json").is_file():
+                result = read_result(path / "result.json")
+            else:  # a single run
+                result = read_result(path / "metrics.json") | {"overrides": parse_overrides(_typed(path) or [])}
+            found[os.path.relpath(path, into)] = result
+    return frame_of(into, found)
 
 
-def paintings(results: Iterable[Result]) -> list[Result]:
-    """The finished runs of which seconds and PSNR are known."""
-    return [run for run in finished(results) if numbers([run], "psnr") and numbers([run], "seconds")]
-
-
-def by_picture(folder: Path, results: Iterable[Result]) -> list[Picture]:
-    """The runs by what they painted, pixel by pixel, and how.
+def frame_of(folder: Path, results: Mapping[str, Result]) -> DataFrame:
+    """The data frame of some runs, see the top of this module.
 
     Args:
-        folder: each run's folder is ``folder / run["run"]``.
-        results: of runs.
+        folder: a run's folder is ``folder / name``.
+        results: what each run has noted, by its name.
     """
-    targets: dict[str, list[Result]] = {}
-    for run in results:
-        targets.setdefault(_target_of(folder, run), []).append(run)
-    pictures: list[Picture] = []
-    for runs in targets.values():
-        name = _name_of(folder, runs[0])
-        same = sum(picture.name.partition(" (")[0] == name for picture in pictures)
-        pictures.append(Picture(f"{name} ({same + 1})" if same else name, by_settings(folder, runs)))
-    return pictures
+    import pandas as pd  # noqa: PLC0415
+
+    told = [_told(folder / name, result) for name, result in results.items()]
+    settings = [run["overrides"] | _losses(result) for run, result in zip(told, results.values(), strict=True)]
+    frame = pd.concat(
+        {
+            "run": _part(told, "image", "label"),
+            "setting": _part(settings, "seed"),
+            "metric": _part([_metrics(result) for result in results.values()], "psnr", "seconds"),
+        },
+        axis=1,
+    ).set_axis(list(results))
+    finished = ~frame["run", "status"].isin(UNFINISHED)
+    painted = finished & numbers(frame)[["psnr", "seconds"]].notna().all(axis=1)
+    images = frame[painted].groupby(frame["run", "target"], sort=False) if painted.any() else [("", frame[finished])]
+    names: list[str] = []
+    for target, alike in images:
+        names.append(_image_name(alike["run"].iloc[0]) if target else "")
+        same = f" ({names.count(names[-1])})" * (names.count(names[-1]) > 1)
+        seedless = [{k: v for k, v in one.items() if k != "seed"} for one in alike["run", "overrides"]]
+        frame.loc[alike.index, ("run", "image")] = names[-1] + same
+        frame.loc[alike.index, ("run", "label")] = [" ".join(parts) or "default" for parts in differences(seedless)]
+    return frame
 
 
-def by_settings(folder: Path, runs: list[Result]) -> list[Setting]:
-    """The runs by their overrides, the seed left out, in order of first appearance."""
-    groups: dict[tuple[tuple[str, str], ...], list[Result]] = {}
-    for run in runs:
-        chosen = {key: value for key, value in run.get("overrides", {}).items() if key not in NO_SETTINGS}
-        groups.setdefault(tuple(sorted(chosen.items())), []).append(run)
-    keys = dict.fromkeys(key for run in runs for key in run.get("overrides", {}))
-    values = {key: list(dict.fromkeys(dict(group).get(key, "") for group in groups)) for key in keys}
+def differences(chosen: Sequence[Mapping[str, str]]) -> list[tuple[str, ...]]:
+    """The overrides of each run by which it differs from the others: ``("steps=100", "~frames")``."""
+    keys = dict.fromkeys(key for one in chosen for key in one)
+    values = {key: list(dict.fromkeys(one.get(key, "") for one in chosen)) for key in keys}
     words = {key: shortened(found) for key, found in values.items() if len(found) > 1}
-    settings = []
-    for group, alike in groups.items():
-        chosen = dict(group)
-        parts = (_part(key, chosen[key], names[chosen[key]]) for key, names in words.items() if key in chosen)
-        settings.append(Setting(tuple(parts), command_of(folder / alike[0]["run"], alike[0]), alike))
-    return settings
+    return [
+        tuple(f"~{key}" if one[key] == REMOVED else f"{key}={words[key][one[key]]}" for key in words if key in one)
+        for one in chosen
+    ]
 
 
-def command_of(folder: Path, result: Result) -> str:
+def shortened(values: Sequence[str], longest: int = LONGEST_VALUE) -> dict[str, str]:
+    """How each value of a setting is shown: paths without the folders that tell nothing, and not too long."""
+    names = list(values)
+    for depth in range(1, 1 + max(value.count("/") for value in values)):
+        tails = ["/".join(value.split("/")[-depth:]) for value in values]
+        if len(set(tails)) == len(tails):
+            names = tails
+            break
+    cut = [name if len(name) <= longest else "..." + name[-longest:] for name in names]
+    return dict(zip(values, cut if len(set(cut)) == len(set(names)) else names, strict=True))
+
+
+def counted(frame: DataFrame) -> str:
+    """How many runs there are, and how many of them failed."""
+    failed = (frame["run", "status"] == "failed").sum()
+    return f"{len(frame)} run{'s' * (len(frame) != 1)}, {failed} failed"
+
+
+def parse_overrides(words: Iterable[str]) -> dict[str, str]:
+    """``["loss=mse", "+a=1", "~b"]`` as a dictionary."""
+    pairs = (word.partition("=") for word in words)
+    return {key.lstrip("+~"): value if equals else REMOVED for key, equals, value in pairs}
+
+
+def _part(rows: Sequence[Mapping[str, Any]], *always: str) -> DataFrame:
+    """A column for every key of some row, and at least these."""
+    import pandas as pd  # noqa: PLC0415
+
+    columns = dict.fromkeys([*(key for row in rows for key in row), *always])
+    return pd.DataFrame(rows, columns=list(columns), dtype=object)
+
+
+def _told(folder: Path, result: Result) -> dict[str, Any]:
+    """The columns of ``frame["run"]`` that tell of one run alone."""
+    overrides = {key: value for key, value in result["overrides"].items() if key != "output"}
+    picture, target = folder / Path(str(result.get("picture", "painting.png"))).name, folder / "target.png"
+    return {
+        "status": result["status"],
+        "error": result.get("error"),
+        "folder": folder,
+        "picture": picture if picture.is_file() else None,
+        "target": _fingerprint(target)
+        if target.is_file()
+        else json.dumps([*map(overrides.get, ("image", "resolution"))]),
+        "overrides": overrides,
+        "anytime": result.get("anytime"),
+        "command": command_of(folder, overrides),
+    }
+
+
+def _losses(result: Result) -> dict[str, str]:
+    return {"loss": result["loss"]} if result.get("loss") else {}
+
+
+def _metrics(result: Result) -> dict[str, Any]:
+    """What a run has returned; what holds many numbers, a curve for instance, is no metric."""
+    others = ("run", "status", "error", "overrides", "loss", "picture")
+    found = {key: value for key, value in result.items() if key not in others and not isinstance(value, list | dict)}
+    if found.get("psnr") is None and found.get("l1") == 0:
+        found["psnr"] = math.inf  # which JSON does not know
+    return found
+
+
+def command_of(folder: Path, overrides: Mapping[str, str] | None = None) -> str:
     """What repeats a run: its overrides without its folder; a study that is a sweep then runs once."""
-    words = _words_of(folder, result)
-    single = ["hydra.mode=RUN"] * any(word.startswith(("experiment=", "+experiment=")) for word in words)
-    kept = [word for word in words if not word.startswith("output=")]
-    return shlex.join(["python", "run.py", *kept, *single])
+    typed = _typed(folder)
+    if typed is None:
+        typed = [f"~{key}" if value == REMOVED else f"{key}={value}" for key, value in (overrides or {}).items()]
+    single = ["hydra.mode=RUN"] * any(word.startswith(("experiment=", "+experiment=")) for word in typed)
+    return shlex.join(["python", "run.py", *(word for word in typed if not word.startswith("output=")), *single])
+
+
+def _typed(folder: Path) -> list[str] | None:
+    """The overrides of a run as they were typed, None if they were not kept."""
+    try:
+        words = yaml.safe_load((folder / ".hydra" / "overrides.yaml").read_text(encoding="utf-8"))
+        return [str(word) for word in words] if isinstance(words, list) else []
+    except OSError:
+        return None
+
+
+def _image_name(run: Any) -> str:
+    """Name and size of what a run painted, as far as they are known."""
+    name, config = run["overrides"].get("image"), run["folder"] / ".hydra" / "config.yaml"
+    if name is None and config.is_file():
+        name = (yaml.safe_load(config.read_text(encoding="utf-8")) or {}).get("image")
+    name = Path(str(name or "picture")).name
+    try:
+        with Image.open(run["folder"] / "target.png") as picture:
+            return f"{name}, {picture.width} x {picture.height} pixels"
+    except UNREADABLE:
+        return name
 
 
 def _runs_below(folder: Path) -> Iterator[Path]:
@@ -137,47 +222,26 @@ def _runs_below(folder: Path) -> Iterator[Path]:
             folders.clear()
 
 
-def _result_of(run: Path) -> Result:
-    """What a sweep has noted of a run; of a single run its metrics and overrides."""
-    if (run / "result.json").is_file():
-        return read_result(run / "result.json")
-    result = read_result(run / "metrics.json")
-    return result | {"overrides": overrides(_words_of(run, result))}
-
-
-def _words_of(run: Path, result: Result) -> list[str]:
-    """The overrides of a run as they were typed."""
+def read_result(path: Path) -> Result:
+    """What a file says of the run in whose folder it is; one that cannot be read counts as failed."""
     try:
-        words = OmegaConf.to_container(OmegaConf.load(run / ".hydra" / "overrides.yaml"))
-        return [str(word) for word in words] if isinstance(words, list) else []
-    except OSError:
-        pairs = result.get("overrides", {}).items()
-        return [f"~{key}" if value == REMOVED else f"{key}={value}" for key, value in pairs]
+        return {"status": "completed", "overrides": {}, **json.loads(path.read_text(encoding="utf-8"))}
+    except (OSError, ValueError, TypeError) as error:
+        return {"status": "failed", "error": f"its {path.name} cannot be read: {error}", "overrides": {}}
 
 
-def _part(key: str, value: str, shown: str) -> str:
-    return f"~{key}" if value == REMOVED else f"{key}={shown}"
+def _run_number(run: str) -> tuple[bool, int, str]:
+    """Puts runs in the order of their numbers, and those without one behind."""
+    return (not run.isdecimal(), int(run) if run.isdecimal() else 0, run)
 
 
-def _target_of(folder: Path, run: Result) -> str:
-    """Which picture it was, told by its pixels; by what was typed if they were not kept."""
-    path = folder / run["run"] / "target.png"
-    if path.is_file():
-        return fingerprint(path)
-    chosen = run.get("overrides", {})
-    return json.dumps([chosen.get("image"), chosen.get("resolution")])
+def _fingerprint(path: Path) -> str:
+    """Equal for files of the same bytes."""
+    state = path.stat()
+    return _hash(path, state.st_mtime_ns, state.st_size)
 
 
-def _name_of(folder: Path, run: Result) -> str:
-    """Name and size of a picture, as far as they are known."""
-    path = folder / run["run"]
-    name: Any = run.get("overrides", {}).get("image")
-    if name is None and (path / ".hydra" / "config.yaml").is_file():
-        config = OmegaConf.load(path / ".hydra" / "config.yaml")
-        name = config.get("image") if isinstance(config, DictConfig) else None
-    name = Path(str(name or "picture")).name
-    try:
-        with Image.open(path / "target.png") as picture:
-            return f"{name}, {picture.width} x {picture.height} pixels"
-    except UNREADABLE:
-        return name
+@lru_cache(maxsize=10_000)
+def _hash(path: Path, changed: int, size: int) -> str:
+    """The same; a file is read again only when it has changed."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,25 +1,18 @@
-"""Hydra callback: the result of every run of a sweep; and page, table, sheet and plots renewed after each."""
+"""Hydra callback: the result of every run of a sweep; and page, tables, sheet and plots renewed after each.
+
+Loaded with the program: what it needs to write a report is imported when it does.
+"""
 
 import logging
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock
 from hydra.core.utils import JobReturn, JobStatus
 from hydra.experimental.callback import Callback
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.errors import UserError
-from brushexp.results.anytime import write_anytime
-from brushexp.results.curves import write_curves
-from brushexp.results.effect import write_effect
-from brushexp.results.page.sweep_page import write_sweep_page
-from brushexp.results.pareto import write_front
-from brushexp.results.runs import overrides
-from brushexp.results.sheet import write_sheet
-from brushexp.results.table import write_table
-from brushexp.system.files import write_json
 
 log = logging.getLogger(__name__)
 LOCK = ".report.lock"
@@ -38,6 +31,8 @@ class SweepReport(Callback):
         if job_return.status is JobStatus.FAILED:
             log_failure(run_folder, job_return._return_value, everywhere=sweep)
         if sweep:
+            from brushexp.system.files import write_json  # noqa: PLC0415
+
             try:  # Hydra would turn an exception into a warning
                 write_json(run_folder / "result.json", result_of(run_folder.name, config, job_return))
                 renew(run_folder.parent)
@@ -50,25 +45,45 @@ class SweepReport(Callback):
 
 def renew(folder: Path) -> None:
     """Write page, tables, sheet and plots of a sweep from the results of all its runs; one process at a time."""
+    from filelock import FileLock  # noqa: PLC0415
+
+    from brushexp.results.contact_sheet import write_contact_sheet  # noqa: PLC0415
+    from brushexp.results.effect import write_effect  # noqa: PLC0415
+    from brushexp.results.runs import collect  # noqa: PLC0415
+
     with FileLock(folder / LOCK):
-        write_table(folder)
-        write_sheet(folder)
-        write_effect(folder)
-        write_curves(folder)
-        write_anytime(folder)
-        write_front(folder)
-        write_sweep_page(folder)
+        frame = collect(folder)
+        write_comparison(folder, frame)
+        write_contact_sheet(folder, frame)
+        write_effect(folder, frame)
+
+
+def write_comparison(folder: Path, frame: Any) -> Path | None:
+    """Write tables, front, curves, quality at equal time and the page of some runs; return the table of the front."""
+    from brushexp.results.anytime import write_anytime, write_curves  # noqa: PLC0415
+    from brushexp.results.page.sweep_page import write_sweep_page  # noqa: PLC0415
+    from brushexp.results.pareto import write_front  # noqa: PLC0415
+    from brushexp.results.tables import write_tables  # noqa: PLC0415
+
+    write_tables(folder, frame)
+    front = write_front(folder, frame)
+    write_anytime(folder, frame)
+    write_curves(folder, frame)
+    write_sweep_page(folder, frame)
+    return front[0] if front else None
 
 
 def result_of(run: str, config: DictConfig, job_return: JobReturn) -> dict[str, Any]:
     """What ``result.json`` of a run holds: its settings, how it ended, and the numbers that the task returned."""
+    from brushexp.results.runs import parse_overrides  # noqa: PLC0415
+
     result: dict[str, Any] = {"run": run, "status": job_return.status.name.lower()}
     numbers: dict[str, Any] = {}
     if job_return.status is JobStatus.COMPLETED:
         numbers = job_return.return_value or {}
     else:
         result["error"] = first_line(job_return._return_value)
-    result["overrides"] = overrides(config.hydra.overrides.task)
+    result["overrides"] = parse_overrides(config.hydra.overrides.task)
     losses = OmegaConf.select(config, "loss")
     if losses is not None:
         result["loss"] = "+".join(losses)  # the choices that Hydra records leave out groups chosen by a list

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from numbers import Real
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
+
+from brushexp.system.files import write_text
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -15,6 +19,152 @@ if TYPE_CHECKING:
     Rows: TypeAlias = DataFrame | Sequence[Mapping[str, Any]] | Mapping[str, Sequence[Any]]
 
 MISSING = "–"  # in place of a number that is not known
+NUMBER = re.compile(rf"([-+]?\d[\d.,e+-]*( ± [\d.e+-]+)?|-?inf|{MISSING}|)")  # and what stands in place of one
+LONGEST_ERROR = 200  # letters of an error message in table.md
+
+
+@dataclass(frozen=True)
+class Metric:
+    """How a metric is shown: its name for people, digits after the point, and which is better ("" for neither)."""
+
+    name: str
+    digits: int
+    better: str
+
+
+METRICS = {  # those that tables and plots show, in this order, if some run has them
+    "psnr": Metric("PSNR, dB", 2, "higher"),
+    "ssim": Metric("SSIM", 4, "higher"),
+    "l1": Metric("L1", 4, "lower"),
+    "edges": Metric("error of edges", 4, "lower"),
+    "perceptual": Metric("perceptual distance", 4, "lower"),
+    "lpips_alexnet": Metric("LPIPS (AlexNet)", 4, "lower"),
+    "lpips_squeeze": Metric("LPIPS (SqueezeNet)", 4, "lower"),
+    "lpips_vgg16": Metric("LPIPS (VGG16)", 4, "lower"),
+    "style_poly": Metric("style poly", 4, "lower"),
+    "style_linear": Metric("style linear", 4, "lower"),
+    "style_gaussian": Metric("style gaussian", 4, "lower"),
+    "style_meanstd": Metric("style meanstd", 4, "lower"),
+    "accuracy": Metric("accuracy", 4, "higher"),
+    "auc": Metric("AUC", 4, "higher"),
+    "l2": Metric("L2", 6, "lower"),
+    "psnr_alpha": Metric("PSNR of alpha, dB", 2, "higher"),
+    "psnr_color": Metric("PSNR of colour, dB", 2, "higher"),
+    "fid_effl0": Metric("FID (effl0)", 2, "lower"),
+    "kid_effl0": Metric("KID (effl0)", 2, "lower"),
+    "fid_inception": Metric("FID (Inception)", 2, "lower"),
+    "strokes_per_second": Metric("strokes per second", 0, "higher"),
+    "strokes_per_second_backward": Metric("strokes per second backward", 0, "higher"),
+    "parameters": Metric("parameters", 0, ""),
+    "file_mb": Metric("file, MB", 2, ""),
+    "seconds": Metric("optimisation, s", 1, "lower"),
+    "n_strokes": Metric("strokes painted", 0, ""),
+}
+DIGITS = {key: metric.digits for key, metric in METRICS.items()}
+
+
+def write_tables(folder: Path, frame: DataFrame) -> tuple[Path, Path, Path]:
+    """Write ``table.csv`` (every column in full precision), ``table.md`` and, for papers, ``table.tex``.
+
+    Args:
+        folder: where to.
+        frame: the runs, see `brushexp.results.runs`.
+
+    Returns:
+        Their paths.
+    """
+    runs, means = runs_table(frame), means_table(frame)
+    told = [] if means is None else ["Mean ± standard deviation over seeds.", "", markdown_table(means), ""]
+    paths = folder / "table.csv", folder / "table.md", folder / "table.tex"
+    write_text(paths[0], csv_table(everything(frame)))
+    write_text(paths[1], "\n".join([*told, f"{run_count(frame)}.", "", markdown_table(runs, DIGITS), ""]))
+    write_text(paths[2], latex_table(runs.drop(columns=["run", "status"]) if means is None else means, DIGITS))
+    return paths
+
+
+def everything(frame: DataFrame) -> DataFrame:
+    """A row per run, with a column per setting and metric."""
+    told = frame["run"][["status", "error"]].join(frame["metric"].dropna(axis=1, how="all"))
+    settings = _settings(frame, list(frame["setting"].dropna(axis=1, how="all")), ["run", *told])
+    table = told[["status", "error"]].join(settings).join(told.drop(columns=["status", "error"]))
+    return table.rename_axis("run").reset_index()
+
+
+def runs_table(frame: DataFrame) -> DataFrame:
+    """A row per run: the settings that vary, how it ended, and the metrics that are shown."""
+    metrics = shown_metrics(frame)
+    settings = _settings(frame, list(varying(frame)), ["run", "status", *metrics]).fillna("")
+    errors = frame["run", "error"].fillna("").map(_cut_error)
+    return settings.assign(status=frame["run", "status"] + errors).join(metrics).rename_axis("run").reset_index()
+
+
+def means_table(frame: DataFrame) -> DataFrame | None:
+    """A row per setting with means over seeds; None if seeds do not vary."""
+    keys = list(varying(frame))
+    if "seed" not in keys:
+        return None
+    means = over_seeds(frame)
+    texts = mean_texts(means)
+    settings = _settings(means, [key for key in keys if key != "seed"], ["runs", *texts]).fillna("")
+    return settings.assign(runs=means["run", "runs"]).join(texts)
+
+
+def _settings(frame: DataFrame, keys: list[str], taken: Collection[str]) -> DataFrame:
+    """These settings; one whose name is taken by another column is called ``override.<name>``."""
+    return frame["setting"][keys].rename(columns={key: f"override.{key}" for key in keys if key in taken})
+
+
+def _cut_error(error: str) -> str:
+    return f": {error[:LONGEST_ERROR]}{'…' * (len(error) > LONGEST_ERROR)}" if error else ""
+
+
+def varying(frame: DataFrame) -> dict[str, list[str]]:
+    """The settings in which runs differ, and the values of each in order of first appearance; "" where not set."""
+    settings = frame["setting"].fillna("")
+    return {key: list(settings[key].unique()) for key in settings if settings[key].nunique() > 1}
+
+
+def numbers(frame: DataFrame) -> DataFrame:
+    """The finite numbers among the metrics that are shown; ``psnr`` and ``seconds`` at least."""
+    import pandas as pd  # noqa: PLC0415
+
+    metrics = frame["metric"][[key for key in METRICS if key in frame["metric"]]]
+    found = metrics.apply(pd.to_numeric, errors="coerce").astype(float)
+    return found.where(found.abs() < math.inf)
+
+
+def over_seeds(frame: DataFrame) -> DataFrame:
+    """Means of the runs that are compared and differ in the seed alone.
+
+    Returns:
+        a row per setting, indexed by image and label, with columns in four parts: "run" (``command`` of the first,
+        and ``runs``, how many), "setting", "mean" and "std" (of a sample; missing for a single run) of each metric.
+    """
+    import pandas as pd  # noqa: PLC0415
+
+    compared = frame[frame["run", "label"].notna()]
+    keys = [compared["run", "image"].rename("image"), compared["run", "label"].rename("label")]
+    found = numbers(compared).groupby(keys, sort=False)
+    told = compared["run"][["command"]].groupby(keys, sort=False).first().assign(runs=found.size())
+    settings = compared["setting"].groupby(keys, sort=False).first()
+    return pd.concat({"run": told, "setting": settings, "mean": found.mean(), "std": found.std()}, axis=1)
+
+
+def shown_metrics(frame: DataFrame) -> DataFrame:
+    """The columns of those metrics that are shown and that some run has."""
+    return frame["metric"][[key for key in METRICS if key in frame["metric"]]].dropna(axis=1, how="all")
+
+
+def mean_texts(means: DataFrame) -> DataFrame:
+    """Means, with the standard deviation where there is one: ``21.00 ± 1.41``."""
+    texts = as_text(means["mean"].dropna(axis=1, how="all"), DIGITS)
+    return texts + (" ± " + as_text(means["std"][list(texts)], DIGITS)).where(means["std"].notna(), "")
+
+
+def run_count(frame: DataFrame) -> str:
+    """How many runs there are, and how many of them failed."""
+    failed = (frame["run", "status"] == "failed").sum()
+    return f"{len(frame)} run{'s' * (len(frame) != 1)}, {failed} failed"
 
 
 def csv_table(rows: Rows, significant: int | None = None) -> str:
@@ -41,35 +191,23 @@ def markdown_table(
         align: "l" or "r" for each column, as in LaTeX; None sets columns of numbers on the right.
         escape: show every letter as it is, also those that mean something to Markdown.
     """
-    frame = _frame(rows)
-    align = align or alignment(frame)
-    shown = as_text(frame, digits or {})
-    lines = [list(shown), ["---:" if side == "r" else "---" for side in align], *shown.to_numpy().tolist()]
-    quoted = [line if k == 1 or not escape else map(escaped, line) for k, line in enumerate(lines)]
-    return "\n".join(f"| {' | '.join(line)} |" for line in quoted)
+    shown = as_text(_frame(rows), digits or {})
+    quoted = _escaped if escape else str
+    rules = ["---:" if side == "r" else "---" for side in align or _alignment(shown)]
+    lines = [map(quoted, shown), rules, *(map(quoted, line) for line in shown.to_numpy())]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def latex_table(rows: Rows, digits: Mapping[str, int] | None = None, align: str | None = None) -> str:
-    r"""A table as LaTeX, with the rules of the package booktabs; arguments as of `markdown_table`."""
-    frame = _frame(rows)
-    text = as_text(frame, digits or {}).to_latex(index=False, escape=True, column_format=align or alignment(frame))
-    return str(text).replace("±", r"$\pm$").replace(MISSING, "--")
+    """A table as LaTeX, with the rules of the package booktabs; arguments as of `markdown_table`."""
+    shown = as_text(_frame(rows), digits or {})
+    text = str(shown.to_latex(index=False, escape=True, column_format=align or _alignment(shown)))
+    return text.replace("±", r"$\pm$").replace(MISSING, "--")
 
 
 def as_text(frame: DataFrame, digits: Mapping[str, int]) -> DataFrame:
-    """Every cell as it is shown: floats rounded to the digits of their column."""
+    """Every cell as it is shown: numbers with the digits of their column."""
     return frame.apply(lambda column: column.map(lambda value: _shown(value, digits.get(column.name))))
-
-
-def alignment(frame: DataFrame) -> str:
-    """Columns of numbers stand on the right: ``"lrr"``."""
-    numeric = [all(value is None or _is_number(value) for value in column) for _, column in frame.items()]
-    return "".join("r" if is_numeric else "l" for is_numeric in numeric)
-
-
-def escaped(text: str) -> str:
-    r"""Markdown that shows exactly this text: ``a|b_c`` becomes ``a\|b\_c``."""
-    return re.sub(r"([\\`*_\[\]<>|~$&])", r"\\\1", " ".join(text.split()))
 
 
 def _frame(rows: Rows) -> DataFrame:
@@ -79,14 +217,20 @@ def _frame(rows: Rows) -> DataFrame:
 
 
 def _shown(value: Any, digits: int | None) -> str:
-    if value is None or (_is_number(value) and math.isnan(value)):
+    if value is None or value != value:  # noqa: PLR0124 (not a number)
         return MISSING
-    return f"{value:.{digits}f}" if _is_number(value) and digits is not None else str(value)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
+    return f"{value:.{digits}f}" if digits is not None and isinstance(value, Real) else str(value)
 
 
 def _rounded(value: float, significant: int) -> str:
     return f"{value:.{significant}g}" if math.isfinite(value) else ""
+
+
+def _alignment(shown: DataFrame) -> str:
+    """Columns of numbers stand on the right: ``"lrr"``."""
+    return "".join("r" if all(map(NUMBER.fullmatch, column)) and any(column) else "l" for _, column in shown.items())
+
+
+def _escaped(text: str) -> str:
+    r"""Markdown that shows exactly this text: ``a|b_c`` becomes ``a\|b\_c``."""
+    return re.sub(r"([\\`*_\[\]<>|~$&])", r"\\\1", " ".join(text.split()))

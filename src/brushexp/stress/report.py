@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from brushexp.results.plotting import INK, new_figure, plain, save
+from brushexp.results.plotting import INK, new_figure, save_figure, without_math
 from brushexp.stress.matrix import KINDS, Cell
 from brushexp.stress.verdict import GRADIENT, PICTURE, Judgement, Verdict
 
@@ -71,7 +71,7 @@ def draw(cells: Sequence[Cell], path: Path) -> None:
     panels = figure.subplots(len(kinds), 1, squeeze=False, height_ratios=heights)[:, 0]
     for kind, axes in zip(kinds, panels, strict=True):
         _draw_kind([cell for cell in cells if cell.kind == kind], kind, axes)
-    save(figure, path)
+    save_figure(figure, path)
 
 
 def _draw_kind(cells: Sequence[Cell], kind: str, axes: Axes) -> None:
@@ -88,7 +88,7 @@ def _draw_kind(cells: Sequence[Cell], kind: str, axes: Axes) -> None:
         size = 6.5 if len(number) < 5 else 5.0
         axes.text(x + 0.5, y + 0.5, number, ha="center", va="center", fontsize=size, color=color)
     axes.set(xlim=(0, len(columns)), ylim=(len(scenes), 0))
-    axes.set_yticks([k + 0.5 for k in range(len(scenes))], [plain(scene) for scene in scenes], fontsize=8)
+    axes.set_yticks([k + 0.5 for k in range(len(scenes))], [without_math(scene) for scene in scenes], fontsize=8)
     axes.set_xticks([k + 0.5 for k in range(len(columns))], [dtype for *_, dtype in columns], fontsize=7, rotation=90)
     axes.tick_params(length=0, labelcolor=INK)
     axes.spines[:].set_visible(False)
@@ -96,7 +96,7 @@ def _draw_kind(cells: Sequence[Cell], kind: str, axes: Axes) -> None:
         if k == 0 or columns[k - 1][:2] != (renderer, blend):
             width = sum(column[:2] == (renderer, blend) for column in columns)
             axes.axvline(k, color=INK, linewidth=1.4 if k == 0 or columns[k - 1][0] != renderer else 0.6)
-            axes.text(k + width / 2, -0.25, plain(f"{renderer}\n{blend}"), ha="center", va="bottom", fontsize=8)
+            axes.text(k + width / 2, -0.25, without_math(f"{renderer}\n{blend}"), ha="center", va="bottom", fontsize=8)
     found = counts(cells)
     summary = ", ".join(f"{value} {name.removeprefix('n_')}" for name, value in found.items())
     axes.set_title(f"{kind}: {summary}", fontsize=11, loc="left", color=INK, pad=34)

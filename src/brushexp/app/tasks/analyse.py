@@ -13,7 +13,7 @@ from omegaconf import DictConfig
 from brushexp.analysis.figures import write_figure
 from brushexp.analysis.summary import analysis_of, means
 from brushexp.analysis.tables import write_tables
-from brushexp.results.table import shortened
+from brushexp.results.runs import shortened
 from brushexp.strokes.storage import load_catalogue
 
 log = logging.getLogger(__name__)

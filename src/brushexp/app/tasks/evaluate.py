@@ -25,7 +25,7 @@ from brushexp.plugins.engine.base import Engine
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.renderer.weights_file import checkpoint_path, read_recipe
 from brushexp.registry import build, build_named, plugin_of
-from brushexp.results.drawing import Cell, Grid, draw
+from brushexp.results.contact_sheet import SheetCell, draw_sheet
 from brushexp.system.checkpoint import weights_hash
 from brushexp.system.device import device_of
 from brushexp.system.files import to_bytes, write_bytes, write_json, write_text
@@ -191,10 +191,10 @@ def sheet_of_strokes(renderers: dict[str, Renderer], batch: StrokeBatch, origin:
     rows, heads = [], []
     for k in range(0, len(batch.number), COLUMNS):
         for name, drawn in pictures.items():
-            rows.append([Cell(picture) for picture in drawn[k : k + COLUMNS]])
+            rows.append([SheetCell(picture) for picture in drawn[k : k + COLUMNS]])
             heads.append(name)
-    grid = Grid(rows, heads, side=ZOOM * origin.window)
-    return draw(grid, f"{', '.join(renderers)} on held-out strokes of {origin.engine}")
+    title = f"{', '.join(renderers)} on held-out strokes of {origin.engine}"
+    return draw_sheet(rows, title, heads, side=ZOOM * origin.window)
 
 
 def first_strokes(batches: Iterable[StrokeBatch], n: int) -> StrokeBatch:
@@ -217,9 +217,10 @@ def sheet_of_extremes(name: str, engine: str, outside: Outside) -> Image.Image:
             here = slice(k, k + EXTREME_COLUMNS)
             last = kind == list(kinds)[-1]
             pairs = zip(pictures_of(images[here]), labels[here], strict=True)
-            rows.append([Cell(picture, label if last else ()) for picture, label in pairs])
+            rows.append([SheetCell(picture, label if last else ()) for picture, label in pairs])
             heads.append(kind)
-    return draw(Grid(rows, heads, side=ZOOM * outside.nearest.shape[-1]), f"{name} outside the range of training")
+    side = ZOOM * outside.nearest.shape[-1]
+    return draw_sheet(rows, f"{name} outside the range of training", heads, side=side)
 
 
 def pictures_of(images: Tensor) -> list[Image.Image]:

@@ -63,9 +63,9 @@ def pages_of(cfg: DictConfig, folder: Path) -> dict[str, Path]:
     elif (source / "catalogue.h5").is_file():
         write_text(page, page_of_run(source))  # the run's own folder stays as it is
     elif any(source.glob("*/result.json")):
-        results = gather([source], folder)
-        write_sweep_page(folder, results)
-        links = [Path(str(result["run"]), PAGE_NAME) for result in results]
+        runs = gather([source], folder)
+        write_sweep_page(folder, runs)
+        links = [Path(name, PAGE_NAME) for name in runs.index]
         return {"/": page} | {_followed(link): folder / link for link in links}
     else:
         raise UserError(

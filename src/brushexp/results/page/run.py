@@ -16,15 +16,13 @@ from PIL import Image
 from brushexp.analysis.measures import Measures, measures_of
 from brushexp.errors import UserError
 from brushexp.registry import plugins
-from brushexp.results.drawing import UNREADABLE
 from brushexp.results.page.charts import Chart, histogram_chart, line_chart, rose_chart
 from brushexp.results.page.error_map import MAGMA, error_map
 from brushexp.results.page.heights import height_map
 from brushexp.results.page.html import page, picture_uri, readable_number
 from brushexp.results.page.replay import recorded_config, replay_of
 from brushexp.results.page.swatches import swatches_of
-from brushexp.results.runs import command_of
-from brushexp.results.table import read_result
+from brushexp.results.runs import UNREADABLE, command_of, read_result
 from brushexp.strokes.storage import Saved, load_catalogue
 from brushexp.system.files import write_text
 
@@ -65,7 +63,7 @@ def page_of_run(folder: Path) -> str:
         pictures={name: folder / file for file, name in PICTURES.items() if _is_picture(folder / file)},
         metrics=metrics,
         curves=read_curves(folder / "curves" / "metrics.csv"),
-        command=None if metrics is None else command_of(folder, metrics),
+        command=None if metrics is None else command_of(folder),
     )
 
 

@@ -2,68 +2,200 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
+from brushexp.results.anytime import ahead, curve_from, curves_by_image, mean_curves
 from brushexp.results.page.html import page
-from brushexp.results.page.sweep_means import means_of
-from brushexp.results.page.sweep_rows import Rows, rows_of
-from brushexp.results.table import Result, collect, summary
+from brushexp.results.page.thumbnails import side_for, thumbnail
+from brushexp.results.runs import differences, shortened
+from brushexp.results.tables import (
+    DIGITS,
+    METRICS,
+    as_text,
+    mean_texts,
+    numbers,
+    over_seeds,
+    run_count,
+    shown_metrics,
+    varying,
+)
 from brushexp.system.files import write_text
 
+if TYPE_CHECKING:
+    from pandas import DataFrame, Series
+
 COST = "seconds"  # what quality is plotted against
+MOST_COLUMNS = 4  # settings with a column each; of more, each run tells those that were set
+NOT_SET = "not set"
+CURVE_DIGITS = 4  # after the point
 
 
-def write_sweep_page(folder: Path, results: list[Result] | None = None) -> Path:
-    """Write ``report.html``.
-
-    Args:
-        folder: where to.
-        results: of which runs; None means those of the sweep in this folder.
-    """
-    results = collect(folder) if results is None else results
-    write_text(folder / "report.html", sweep_page(folder, results))
+def write_sweep_page(folder: Path, frame: DataFrame) -> Path:
+    """Write ``report.html`` of some runs, see `brushexp.results.runs`."""
+    write_text(folder / "report.html", sweep_page(folder, frame))
     return folder / "report.html"
 
 
-def sweep_page(folder: Path, results: list[Result]) -> str:
+def sweep_page(folder: Path, frame: DataFrame) -> str:
     """The page about some runs, with their pictures in it.
 
     A picture has at most 640 pixels on its longer side; the more pictures, the smaller they are, so that all have
     16 million pixels together, which makes 3 to 5 MB.
 
     Args:
-        folder: where the page will lie; the folder of each run is ``folder / run["run"]``.
-        results: of at least one run.
+        folder: where the page will lie; the name of a run is its folder as seen from there.
+        frame: at least one run.
     """
-    shown = rows_of(folder, results)
-    axes, means = means_of(results, shown.metrics)
+    shown = page_data(frame)
+    mean_axes, means = _means(frame)
     return page(
         "sweep.html.j2",
         title=folder.resolve().name,
-        summary=summary(results),
+        summary=run_count(frame),
         shown=shown,
-        mean_axes=axes,
+        mean_axes=mean_axes,
         means=means,
-        best=best_of(shown),
-        plotted=plotted(shown),
-        data=data_of(shown),
+        best=_best(shown),
+        plotted=_plotted(shown),
+        data=_script_data(shown),
     )
 
 
-def best_of(shown: Rows) -> dict[str, str]:
+def page_data(frame: DataFrame) -> dict[str, Any]:
+    """All that the page shows.
+
+    Returns:
+        ``axes``, what varies: key -> value as typed -> value as it is shown; ``same``, settings that all runs share;
+        ``metrics``; ``rows``, see `_row`; ``groups``, runs that differ in the seed alone: ``label``, ``picture``
+        (number of what was painted: numbers of two are never compared) and ``ahead_from`` (seconds from which on it was
+        ahead of the others for the last time; None if it never was); ``pictures``, names of what was painted;
+        ``targets``, each with ``name`` and ``picture``; ``side``, largest of a picture in pixels; ``filters``, what
+        runs can be chosen by: the axes, and how they ended if that differs; ``in_columns``, whether each axis has a
+        column of its own.
+    """
+    typed = varying(frame)
+    axes = {key: {v: name or NOT_SET for v, name in shortened(values).items()} for key, values in typed.items()}
+    settings = frame["setting"].fillna("")
+    same = {key: value for key, value in settings.iloc[0].items() if key not in typed and value}
+    targets = {run["target"]: run for _, run in frame["run"].iterrows() if (run["folder"] / "target.png").is_file()}
+    side = side_for(int(frame["run", "picture"].notna().sum()) + len(targets))
+    groups, pictures = _groups(frame)
+    names = {run["target"]: run["image"] for _, run in frame["run"].dropna(subset=["image"]).iterrows()}
+    ends = {status: status for status in frame["run", "status"]}
+    shown = {
+        "axes": axes,
+        "same": same,
+        "metrics": [{"key": key, **vars(METRICS[key])} for key in shown_metrics(frame)],
+        "groups": groups,
+        "pictures": pictures,
+        "targets": [
+            {
+                "name": f"target: {names[key]}" if names.get(key) else "target",
+                "picture": thumbnail(run["folder"] / "target.png", side),
+            }
+            for key, run in targets.items()
+        ],
+        "side": side,
+        "filters": axes | ({"status": ends} if len(ends) > 1 else {}),
+        "in_columns": len(axes) <= MOST_COLUMNS,
+    }
+    places = {key: k for k, key in enumerate(targets)}
+    numbered = {(pictures[group["picture"]], group["label"]): k for k, group in enumerate(groups)}
+    texts, values = as_text(shown_metrics(frame), DIGITS), numbers(frame)
+    called = shortened([PurePath(name).as_posix() for name in frame.index])
+    parts = differences(list(frame["run", "overrides"]))
+    shown["rows"] = [
+        _row(name, run, side)
+        | {
+            "name": called[PurePath(name).as_posix()],
+            "label": " ".join(part) or "default",
+            "parts": part,
+            "chosen": {key: settings.loc[name, key] for key in axes},
+            "cells": texts.loc[name].to_dict(),
+            "numbers": values.loc[name].dropna().to_dict(),
+            "target": places.get(run["target"]),
+            "group": numbered.get((run["image"], run["label"])),
+        }
+        for (name, run), part in zip(frame["run"].iterrows(), parts, strict=True)
+    ]
+    return shown
+
+
+def _row(name: str, run: Series, side: int) -> dict[str, Any]:
+    """What a run tells without the others.
+
+    Returns:
+        ``status``; ``error``, why it failed, or ""; ``command``, which repeats it; ``report``, address of its own page,
+        quoted, so that it is no address of another kind, or ""; ``picture``; ``curve``, pairs of seconds and PSNR.
+    """
+    address = PurePath(name) / "report.html"
+    curve = curve_from(run["anytime"]) or ()
+    return {
+        "status": run["status"],
+        "error": run["error"] if run["status"] == "failed" else "",
+        "command": run["command"],
+        "report": quote(address.as_posix(), errors="surrogateescape")
+        if (run["folder"] / "report.html").is_file()
+        else "",
+        "picture": thumbnail(run["picture"], side) if run["picture"] else None,
+        "curve": [[round(float(value), CURVE_DIGITS) for value in pair] for pair in zip(*curve, strict=True)],
+    }
+
+
+def _groups(frame: DataFrame) -> tuple[list[dict[str, Any]], list[str]]:
+    """The settings that are compared, and names of what was painted."""
+    keys = list(over_seeds(frame).index)
+    pictures = list(dict.fromkeys(image for image, _ in keys))
+    means = {image: mean_curves(curves) for image, curves in curves_by_image(frame).items()}
+    last = {image: {label: time for time, label in ahead(curves)} for image, curves in means.items() if curves}
+    groups = [
+        {"label": label, "picture": pictures.index(image), "ahead_from": last.get(image, {}).get(label)}
+        for image, label in keys
+    ]
+    return groups, pictures
+
+
+def _means(frame: DataFrame) -> tuple[list[str], list[dict[str, Any]]]:
+    """Means over seeds, nothing if these do not vary: heads of the settings, and a row for each of them.
+
+    A row has ``chosen``, the values of the settings (of more than four, one text of those that are set), ``runs``, how
+    many, and of each metric ``cells``, mean and standard deviation as text, and ``numbers``, the mean.
+    """
+    typed = varying(frame)
+    if "seed" not in typed:
+        return [], []
+    words = {key: shortened(values) for key, values in typed.items() if key != "seed"}
+    means = over_seeds(frame)
+    rows = []
+    for key, texts in mean_texts(means).iterrows():
+        setting = means["setting"].loc[key].fillna("")
+        chosen = {axis: names[setting[axis]] for axis, names in words.items()}
+        together = " ".join(f"{axis}={value}" for axis, value in chosen.items() if value) or "default"
+        rows.append(
+            {
+                "chosen": [v or NOT_SET for v in chosen.values()] if len(words) <= MOST_COLUMNS else [together],
+                "runs": means.loc[key, ("run", "runs")],
+                "cells": texts.to_dict(),
+                "numbers": means["mean"].loc[key].dropna().to_dict(),
+            }
+        )
+    return (list(words) if len(words) <= MOST_COLUMNS else ["settings"]), rows
+
+
+def _best(shown: dict[str, Any]) -> dict[str, str]:
     """How the best number of each metric is written; nothing where several pictures were painted."""
-    if len(shown.pictures) > 1:
-        return {}
     found = {}
-    for metric in shown.metrics:
-        values = {row.numbers[metric.key]: row.cells[metric.key] for row in shown.rows if metric.key in row.numbers}
-        if metric.better and len(values) > 1:
-            found[metric.key] = values[max(values) if metric.better == "higher" else min(values)]
+    for metric in shown["metrics"] if len(shown["pictures"]) <= 1 else ():
+        key = metric["key"]
+        values = {row["numbers"][key]: row["cells"][key] for row in shown["rows"] if key in row["numbers"]}
+        if metric["better"] and len(values) > 1:
+            found[key] = values[max(values) if metric["better"] == "higher" else min(values)]
     return found
 
 
-def plotted(shown: Rows) -> dict[str, Any]:
+def _plotted(shown: dict[str, Any]) -> dict[str, Any]:
     """What the plots begin with.
 
     Returns:
@@ -71,49 +203,35 @@ def plotted(shown: Rows) -> dict[str, Any]:
         compare; ``xs``, all that can be chosen for ``x``, with names; ``front``, whether quality is plotted against
         cost; ``curves``, whether there are curves.
     """
-    judged = [metric.key for metric in shown.metrics if metric.better and metric.key != COST]
-    axes = sorted((key for key in shown.axes if key != "seed"), key=lambda key: -len(shown.axes[key]))
-    y = next((key for key in judged if len(_groups_with(shown, key)) > 1), "")
-    front = bool(y) and len(_groups_with(shown, COST)) > 1
-    costs = {metric.key: metric.name for metric in shown.metrics if len(_groups_with(shown, metric.key)) > 1}
+    rows = [row for row in shown["rows"] if row["group"] is not None]
+    names = {
+        metric["key"]: metric["name"]
+        for metric in shown["metrics"]
+        if len({row["group"] for row in rows if metric["key"] in row["numbers"]}) > 1
+    }
+    axes = sorted((key for key in shown["axes"] if key != "seed"), key=lambda key: -len(shown["axes"][key]))
+    y = next((key for key in names if METRICS[key].better and key != COST), "")
+    front = bool(y) and COST in names
     x = COST if front else f"axis:{axes[0]}" if y and axes else ""
     return {
         "x": x,
         "y": y if x else "",
-        "xs": costs | {f"axis:{key}": key for key in axes},
+        "xs": names | {f"axis:{key}": key for key in axes},
         "front": front,
-        "curves": any(row.curve for row in shown.rows),
+        "curves": any(row["curve"] for row in shown["rows"]),
     }
 
 
-def data_of(shown: Rows) -> dict[str, Any]:
-    """What the scripts of the page know beside what they see in it."""
+def _script_data(shown: dict[str, Any]) -> dict[str, Any]:
+    """What the scripts of the page know beside what they see in it: the same, with the number of each value chosen."""
+    filters = shown["filters"]
+    keys = ("name", "label", "error", "cells", "numbers", "command", "report", "target", "group", "curve")
     return {
-        "axes": [
-            {"key": key, "values": list(words), "shown": list(words.values())} for key, words in shown.filters.items()
-        ],
-        "metrics": [vars(metric) for metric in shown.metrics],
-        "groups": [vars(group) for group in shown.groups],
-        "pictures": shown.pictures,
+        "axes": [{"key": key, "values": list(words), "shown": list(words.values())} for key, words in filters.items()],
+        **{key: shown[key] for key in ("metrics", "groups", "pictures")},
         "rows": [
-            {
-                "name": row.name,
-                "label": row.label,
-                "chosen": [list(words).index(row.chosen.get(key, row.status)) for key, words in shown.filters.items()],
-                "error": row.error,
-                "cells": row.cells,
-                "numbers": row.numbers,
-                "command": row.command,
-                "report": row.report,
-                "target": row.target,
-                "group": row.group,
-                "curve": row.curve,
-            }
-            for row in shown.rows
+            {key: row[key] for key in keys}
+            | {"chosen": [list(words).index(row["chosen"].get(key, row["status"])) for key, words in filters.items()]}
+            for row in shown["rows"]
         ],
     }
-
-
-def _groups_with(shown: Rows, metric: str) -> set[int]:
-    """The groups of runs of which this metric is known."""
-    return {row.group for row in shown.rows if row.group is not None and metric in row.numbers}

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from PIL import Image
 
-from brushexp.results.drawing import UNREADABLE
 from brushexp.results.page.html import data_uri, downscaled
+from brushexp.results.runs import UNREADABLE
 
 AREA = 16_000_000  # pixels: of all pictures of a page together
 SIDES = (640, 452, 320, 226, 160, 113, 80)  # pixels: each half the area of the one before

@@ -1,0 +1,42 @@
+"""Runs as sweeps leave them on disk, made up."""
+
+import csv
+import json
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from brushexp.system.files import write_json, write_picture
+
+
+def make_run(
+    folder: Path, chosen: dict[str, str], *, name: str = "", target: int | None = None, color: int | None = None,
+    size: tuple[int, int] = (20, 30), **noted: object,
+) -> Path:  # fmt: skip
+    """A run with its result, and its target and painting in one grey each."""
+    run = folder / (name or str(len([path for path in folder.iterdir() if path.is_dir()])))
+    run.mkdir(parents=True)
+    write_json(run / "result.json", {"status": "completed", "overrides": chosen} | noted)
+    for picture, grey in (("target.png", target), ("painting.png", color)):
+        if grey is not None:
+            write_picture(run / picture, np.full((*size, 3), grey, np.uint8))
+    return run
+
+
+def make_grid(folder: Path, axes: dict[str, list[str]], **noted: object) -> None:
+    """Run number k has a PSNR of 20 + k dB, reached in 2 + k seconds."""
+    for k, values in enumerate(product(*axes.values())):
+        numbers = {"psnr": 20.0 + k, "perceptual": 1 / (k + 2), "seconds": 2.0 + k}
+        make_run(folder, dict(zip(axes, values, strict=True)), **(numbers | noted))
+
+
+def note(folder: Path, number: object, **noted: object) -> None:
+    """Change what a run has noted."""
+    path = folder / str(number) / "result.json"
+    write_json(path, json.loads(path.read_text()) | noted)
+
+
+def read_csv(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
