@@ -263,16 +263,17 @@ def test_packed_strokes_are_the_strokes():
     measures = measures_of(saved.strokes, saved.depth, saved.size)
     packed = replay_of(saved, measures)
     data = base64.b64decode(packed["data"])
-    assert len(data) == 27 * 200
+    assert len(data) == 34 * 200
+    found, at = {}, 800
+    for name, each, low, high in packed["columns"]:
+        shares = np.frombuffer(data, "<u2", 200 * each, at).reshape(200, each) / STEPS
+        found[name], at = low + shares * (high - low), at + 400 * each
     order = saved.depth.argsort().numpy()
     assert_array_equal(np.frombuffer(data, "<u4", 200), order)
-    places = np.frombuffer(data, "<u2", 1200, 800).reshape(200, 3, 2) / STEPS
-    low, high = np.array(packed["box"]).reshape(2, 2)
-    assert_allclose(low + places * (high - low), curve_of(saved.strokes).numpy()[order], atol=0.01)
-    widths = np.frombuffer(data, "<u2", 200, 3200) / STEPS * packed["widest"]
-    assert_allclose(widths, measures.width[order], atol=0.001)
-    rgba = np.frombuffer(data, "u1", 800, 4400).reshape(200, 4) / 255
-    assert_allclose(rgba[:, :3], saved.strokes.color.numpy()[order], atol=0.002)
+    assert_allclose(found["points"].reshape(200, 3, 2), curve_of(saved.strokes).numpy()[order], atol=0.01)
+    assert_allclose(2 * found["half"][:, 0], measures.width[order], atol=0.001)
+    assert_allclose(found["paint"], saved.strokes.color.numpy()[order], atol=1e-4)
+    assert_allclose(found["layer"][:, 0].round(3).sum(), 200 - 1, atol=2)  # 0, 1 and 2 are thirds
 
 
 def test_strokes_far_away_do_not_coarsen_the_others():
@@ -283,8 +284,9 @@ def test_strokes_far_away_do_not_coarsen_the_others():
     width[1] = 1e3
     saved = replace(saved, strokes=replace(saved.strokes, position=position, width=width))
     packed = replay_of(saved, measures_of(saved.strokes, saved.depth, saved.size))
-    assert packed["box"][2] <= SIZE[1] + FARTHEST * max(SIZE)
-    assert packed["widest"] <= 2 * FARTHEST * max(SIZE)
+    highest = {name: high for name, _, _, high in packed["columns"]}
+    assert highest["points"] <= (1 + FARTHEST) * max(SIZE)
+    assert highest["half"] <= FARTHEST * max(SIZE)
 
 
 def test_an_error_map_measures_mean_differences():

@@ -16,7 +16,6 @@ from brushexp.strokes.storage import Saved
 
 MAX_STROKES = 200_000  # strokes: more make a page that browsers choke on
 STEPS = 65_535  # of 16 bits
-NO_DIRECTION = STEPS  # of a dot
 FARTHEST = 4.0  # canvas sides: control points farther out are moved to there, since 16 bits must do for all
 CANVAS_RENDERER = "analytic"  # whose strokes a canvas can draw
 DEFAULT_SOFT = 2.0  # pixels: edge of strokes whose renderer has no such option
@@ -26,10 +25,10 @@ def replay_of(saved: Saved, measures: Measures) -> dict[str, Any] | None:
     """What ``strokes.js`` needs; None without strokes, and for more than ``MAX_STROKES``.
 
     ``data`` holds, for the strokes from the bottom to the top, one array after the other, little-endian, in base64
-    (27 bytes a stroke): number in the catalogue (uint32); x and y of the three control points, between the corners of
-    ``box`` (6 uint16); full width as a share of ``widest``, length of ``longest`` (uint16 each); direction as a share
-    of half a turn, 65535 for none (uint16); red, green, blue, opacity (4 uint8); visible share (uint8). Lengths are
-    in pixels of the canvas.
+    (34 bytes a stroke): the number in the catalogue (uint32), and then what ``columns`` lists as name, values a
+    stroke, lowest and highest value, as shares of that range (uint16). ``points`` are x and y of the three control
+    points, and ``half`` is half the width; both and ``length`` are in pixels of the canvas. ``direction`` is in
+    degrees, -1 for none; ``layer`` is 0, 1 or 2, a third of the strokes by their area each.
 
     Args:
         saved: the catalogue.
@@ -38,50 +37,48 @@ def replay_of(saved: Saved, measures: Measures) -> dict[str, Any] | None:
     count = len(saved.strokes)
     if not 0 < count <= MAX_STROKES:
         return None
-    order = saved.depth.argsort().numpy()
     height, width = saved.size
-    points = curve_of(saved.strokes).numpy().astype(np.float64)[order]  # (N, 3, 2)
     far = FARTHEST * max(height, width)
-    low = np.maximum(points.min((0, 1)).clip(max=0), -far)
-    high = np.minimum(points.max((0, 1)).clip(min=(width, height)), (width + far, height + far))
-    widest, longest = (float(values.max().clip(1e-6, 2 * far)) for values in (measures.width, measures.length))
-    turn = np.where(np.isfinite(measures.orientation), measures.orientation / math.pi * (STEPS - 1), NO_DIRECTION)
-    paint = np.concatenate([saved.strokes.color.numpy(), saved.strokes.opacity.numpy()[:, None]], axis=1)
-    arrays = [
-        order.astype("<u4"),
-        _shares((points - low) / (high - low), STEPS, "<u2"),
-        _shares(measures.width[order] / widest, STEPS, "<u2"),
-        _shares(measures.length[order] / longest, STEPS, "<u2"),
-        turn[order].round().astype("<u2"),
-        _shares(paint[order], 255, "u1"),
-        _shares(measures.visible[order], 255, "u1"),
-    ]
+    points = curve_of(saved.strokes).numpy().clip(-far, max(height, width) + far)
+    half, length = (measures.width / 2).clip(0, far), measures.length.clip(0, 2 * far)
+    thirds = np.quantile(measures.area, [1 / 3, 2 / 3])
+    values = {  # values (N, ...), and the range of which they become shares
+        "points": (points, points.min(), points.max()),
+        "half": (half, 0, half.max()),
+        "length": (length, 0, length.max()),
+        "direction": (np.nan_to_num(np.degrees(measures.orientation), nan=-1), -1, 180),
+        "paint": (saved.strokes.color.numpy(), 0, 1),
+        "opacity": (saved.strokes.opacity.numpy(), 0, 1),
+        "visible": (measures.visible, 0, 1),
+        "layer": (np.searchsorted(thirds, measures.area), 0, STEPS),
+    }
+    order = saved.depth.argsort().numpy()
+    columns, data = [], order.astype("<u4").tobytes()
+    for name, (column, low, high) in values.items():
+        shares = (column[order].astype(np.float64) - low) / max(high - low, 1e-6)
+        data += _quantised(shares, STEPS, "<u2").tobytes()
+        columns.append((name, column.size // count, float(low), float(max(high, low + 1e-6))))
     return {
         "count": count,
         "width": width,
         "height": height,
         "background": hex_of(saved.background.numpy()),
-        "box": [*low.tolist(), *high.tolist()],
-        "widest": widest,
-        "longest": longest,
         **_edges(saved),
-        "layers": np.quantile(measures.area, [1 / 3, 2 / 3]).tolist(),
         "exact": saved.renderer == CANVAS_RENDERER,
-        "data": base64.b64encode(b"".join(array.tobytes() for array in arrays)).decode(),
+        "columns": columns,
+        "data": base64.b64encode(data).decode(),
     }
 
 
 def _edges(saved: Saved) -> dict[str, float]:
     """Soft edge in pixels and taper of the renderer, as far as its options have them."""
-    node = recorded_config(saved.config).get("renderer")
-    options = node if isinstance(node, dict) else {}
+    options = recorded_config(saved.config).get("renderer")
     found = {"soft": DEFAULT_SOFT, "taper": 0.0}
-    given = {name: options.get(name) for name in found}
-    return found | {
-        name: float(value)
-        for name, value in given.items()
-        if isinstance(value, int | float) and math.isfinite(value) and value >= 0
-    }
+    for name in found:
+        value = options.get(name) if isinstance(options, dict) else None
+        if isinstance(value, int | float) and math.isfinite(value) and value >= 0:
+            found[name] = float(value)
+    return found
 
 
 @lru_cache(maxsize=4)
@@ -96,9 +93,9 @@ def recorded_config(config: str) -> dict[str, Any]:
 
 def hex_of(color: np.ndarray) -> str:
     """A colour (3,) in [0, 1] as ``#rrggbb``."""
-    return "#" + "".join(f"{level:02x}" for level in _shares(color, 255, "u1").tolist())
+    return "#" + "".join(f"{level:02x}" for level in _quantised(color, 255, "u1").tolist())
 
 
-def _shares(values: np.ndarray, steps: int, kind: str) -> np.ndarray:
+def _quantised(values: np.ndarray, steps: int, kind: str) -> np.ndarray:
     """Numbers in [0, 1] as whole numbers from 0 to ``steps``."""
     return (np.nan_to_num(values).clip(0, 1) * steps + 0.5).astype(kind)  # halves upwards, as in files.to_bytes

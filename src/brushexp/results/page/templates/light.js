@@ -5,13 +5,13 @@
   const DIRECT = 0.7, GAMMA = 2.2; // as there
   const LEVELS = 512, BRIGHTEST = 4; // entries of the table of light, and where it ends
   const ROOTS = 4096, LARGEST = 16; // the same of the table of d^(1 / gamma)
-  const stage = document.getElementById("light-stage");
+  const { byId, drag, whenSeen } = window.brushexp;
+  const stage = byId("light-stage");
   const canvas = stage.querySelector("canvas");
   const lamp = stage.querySelector(".lamp");
-  const { source, top } = JSON.parse(document.getElementById("heights").textContent);
+  const { source, top } = JSON.parse(byId("heights").textContent);
   const names = ["azimuth", "elevation", "depth", "gloss"];
-  const inputs = Object.fromEntries(names.map((name) => [name, document.getElementById(name)]));
-  const settings = () => Object.fromEntries(names.map((name) => [name, Number(inputs[name].value)]));
+  const settings = () => names.map((name) => Number(byId(name).value));
   const radians = (degrees) => (degrees * Math.PI) / 180;
   let map = null; // slopes and colours, once they are decoded
   let waiting = false;
@@ -32,7 +32,7 @@
   }
 
   async function load() {
-    const [heights, painting] = [Object.assign(new Image(), { src: source }), document.getElementById("painting")];
+    const [heights, painting] = [Object.assign(new Image(), { src: source }), byId("painting")];
     await Promise.all([heights.decode(), painting.decode()]);
     const { naturalWidth: width, naturalHeight: height } = heights;
     const data = pixelsOf(heights, width, height);
@@ -54,7 +54,7 @@
   function shade() {
     waiting = false;
     if (!map) return;
-    const { azimuth, elevation, depth, gloss } = settings();
+    const [azimuth, elevation, depth, gloss] = settings();
     const [a, e] = [radians(azimuth), radians(elevation)];
     const [lx, ly, lz] = [Math.sin(a) * Math.cos(e), Math.cos(a) * Math.cos(e), Math.sin(e)]; // towards the lamp
     const long = Math.hypot(lx, ly, lz + 1);
@@ -80,12 +80,9 @@
   }
 
   function show() {
-    for (const [name, input] of Object.entries(inputs)) {
-      input.style.setProperty("--at", `${(100 * (input.value - input.min)) / (input.max - input.min)}%`);
-      const text = input.step >= 1 ? `${Math.round(input.value)}°` : Number(input.value).toFixed(1);
-      document.querySelector(`output[for=${name}]`).textContent = text;
-    }
-    const { azimuth, elevation } = settings();
+    const [azimuth, elevation, depth, gloss] = settings();
+    const texts = [`${Math.round(azimuth)}°`, `${Math.round(elevation)}°`, depth.toFixed(1), gloss.toFixed(1)];
+    for (const [k, name] of names.entries()) document.querySelector(`output[for=${name}]`).textContent = texts[k];
     const away = 46 * (1 - elevation / 90);
     lamp.style.left = `${50 + away * Math.sin(radians(azimuth))}%`;
     lamp.style.top = `${50 - away * Math.cos(radians(azimuth))}%`;
@@ -94,13 +91,13 @@
   }
 
   // A place in the picture is a place of the lamp: over its middle in the middle, low above the canvas at its rim.
-  window.brushexp.drag(stage, (across, down) => {
+  drag(stage, (across, down) => {
     const [x, y] = [2 * across - 1, 1 - 2 * down];
-    inputs.azimuth.value = ((Math.atan2(x, y) * 180) / Math.PI + 360) % 360;
-    inputs.elevation.value = 90 * (1 - Math.min(1, Math.hypot(x, y) / 0.92));
+    byId("azimuth").value = ((Math.atan2(x, y) * 180) / Math.PI + 360) % 360;
+    byId("elevation").value = 90 * (1 - Math.min(1, Math.hypot(x, y) / 0.92));
     show();
   });
-  for (const input of Object.values(inputs)) input.addEventListener("input", show);
+  for (const name of names) byId(name).addEventListener("input", show);
   show();
-  window.brushexp.whenSeen(stage, load);
+  whenSeen(stage, load);
 }

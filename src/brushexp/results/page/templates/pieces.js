@@ -1,11 +1,12 @@
-// What pieces.html.j2 needs, for all that is in the page when it is loaded; brushexp.drag, whenSeen and fit are for other
-// scripts too.
+// What pieces.html.j2 needs, for all that is in the page when it is loaded; other scripts take byId, drag, whenSeen and
+// fit from window.brushexp too.
 "use strict";
 {
   const brushexp = (window.brushexp ??= {});
+  brushexp.byId = (id) => document.getElementById(id);
 
   // Call follow(x, y) with places in an element, 0 to 1, while a pointer is held down in it.
-  brushexp.drag = (element, follow, begin = () => {}) => {
+  brushexp.drag = (element, follow) => {
     const at = (event) => {
       const box = element.getBoundingClientRect();
       follow((event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
@@ -14,7 +15,6 @@
       if (event.button) return;
       event.preventDefault(); // no selection, no dragging of the picture
       element.setPointerCapture(event.pointerId);
-      begin();
       at(event);
     });
     element.addEventListener("pointermove", (event) => { if (element.hasPointerCapture(event.pointerId)) at(event); });
@@ -29,14 +29,14 @@
     }, { rootMargin: "300px" }).observe(element);
 
   // <img data-of="#id"> shows the same picture as another image, so that it is in the file once.
-  for (const image of document.querySelectorAll("img[data-of]")) image.src = document.querySelector(image.dataset.of).src;
+  for (const one of document.querySelectorAll("img[data-of]")) one.src = document.querySelector(one.dataset.of).src;
 
   // A .stage, or what is as wide as one, gets the shape of its picture.
   brushexp.fit = (stage) => stage.style.setProperty("--ratio", stage.dataset.width / stage.dataset.height);
   document.querySelectorAll("[data-width]").forEach(brushexp.fit);
 
-  // <div class="stage wipe">: two pictures of one size, the second one shown to the right of a divider. The range input in
-  // it is the divider for keyboards and screen readers; a pointer may drag anywhere in the picture.
+  // <div class="stage wipe">: two pictures of one size, the second one shown to the right of a divider. The range input
+  // in it is the divider for keyboards and screen readers; a pointer may drag anywhere in the picture.
   for (const stage of document.querySelectorAll(".wipe")) {
     const input = stage.querySelector("input[type=range]");
     const show = () => {
@@ -44,9 +44,10 @@
       input.setAttribute("aria-valuetext", `${Math.round(input.value)} % from the left`);
     };
     brushexp.drag(stage, (x) => {
+      input.focus({ preventScroll: true, focusVisible: false });
       input.value = 100 * x;
       show();
-    }, () => input.focus({ preventScroll: true, focusVisible: false }));
+    });
     input.addEventListener("input", show);
     show();
   }
@@ -55,18 +56,11 @@
   for (const button of document.querySelectorAll("[data-copy]")) {
     const code = button.parentElement.querySelector("code");
     const label = button.textContent;
-    const copy = async () => {
-      try {
-        await navigator.clipboard.writeText(code.textContent);
-        return true;
-      } catch { // an older way, for browsers that keep the clipboard from files
-        getSelection().selectAllChildren(code);
-        return document.execCommand("copy");
-      }
-    };
     button.setAttribute("aria-live", "polite");
     button.addEventListener("click", async () => {
-      button.textContent = (await copy()) ? "Copied" : "Press Ctrl+C";
+      const copied = await navigator.clipboard?.writeText(code.textContent).then(() => true, () => false);
+      if (!copied) getSelection().selectAllChildren(code); // for browsers that keep the clipboard from files
+      button.textContent = copied || document.execCommand("copy") ? "Copied" : "Press Ctrl+C";
       setTimeout(() => { button.textContent = label; }, 1600);
     });
   }

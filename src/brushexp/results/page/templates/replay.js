@@ -13,12 +13,13 @@
   const MOST_PIXELS = 2.5e6; // of the canvas: more are slow to show where there is no graphics card
   const LAYERS = ["small", "medium", "large"];
 
-  const [stage, play, scrubber, position, speed, card] = ["replay-stage", "play", "scrubber", "position", "speed", "stroke"]
-    .map((id) => document.getElementById(id)); // the card tells what is known of the selected stroke
-  const strokes = window.brushexp.strokes(JSON.parse(document.getElementById("strokes").textContent));
-  const [canvas, over, label] = [".replay-paint", ".replay-over", ".replay-label"].map((name) => stage.querySelector(name));
+  const { byId, strokes: unpacked, whenSeen } = window.brushexp;
+  const [stage, play, scrubber, speed] = ["replay-stage", "play", "scrubber", "speed"].map(byId);
+  const card = byId("stroke"); // what is known of the selected stroke
+  const [canvas, over, label] = stage.querySelectorAll(".replay-paint, .replay-over, .replay-label");
   const end = stage.querySelector(".replay-end"); // the painting itself, where strokes have more than a canvas can draw
   const context = canvas.getContext("2d", { alpha: false });
+  const strokes = unpacked(JSON.parse(byId("strokes").textContent));
 
   let scale = 0; // device pixels per pixel of the painting; 0 before anything is drawn
   let shown = 0; // strokes that are on the canvas
@@ -46,7 +47,8 @@
     if (!stage.clientWidth || (scale && width === canvas.width && height === canvas.height)) return;
     for (const one of [canvas, over]) [one.width, one.height] = [width, height];
     scale = width / strokes.width;
-    every = Math.max(KEY_STROKES, Math.ceil(strokes.count / Math.max(4, Math.floor(KEY_MEMORY / (4 * width * height)))));
+    const fit = Math.max(4, Math.floor(KEY_MEMORY / (4 * width * height)));
+    every = Math.max(KEY_STROKES, Math.ceil(strokes.count / fit));
     begin();
   }
 
@@ -68,7 +70,7 @@
   }
 
   function keep() {
-    const key = Object.assign(document.createElement("canvas"), { width: canvas.width, height: canvas.height });
+    const key = new OffscreenCanvas(canvas.width, canvas.height);
     key.getContext("2d", { alpha: false }).drawImage(canvas, 0, 0);
     keys.set(shown, key);
   }
@@ -114,9 +116,8 @@
     if (done) stage.dataset.live = "yes"; // until then the finished painting stands there
     if (end) end.hidden = !(whole && done && !strokes.exact) && stage.dataset.live === "yes";
     scrubber.value = goal;
-    scrubber.style.setProperty("--at", `${(100 * goal) / strokes.count}%`);
     scrubber.setAttribute("aria-valuetext", `${goal} of ${strokes.count} strokes`);
-    position.textContent = `${thousands(goal)} of ${thousands(strokes.count)}`;
+    byId("position").textContent = `${thousands(goal)} of ${thousands(strokes.count)}`;
     Object.assign(stage.dataset, { shown, busy: !done });
   }
 
@@ -158,7 +159,7 @@
       depth: `${thousands(k + 1)} of ${thousands(strokes.count)}`,
       length: `${strokes.length[k].toFixed(1)} px`,
       width: `${(2 * strokes.half[k]).toFixed(1)} px`,
-      direction: Number.isNaN(turn) ? "none, a dot" : `${Math.round(turn) % 180}°`,
+      direction: turn < 0 ? "none, a dot" : `${Math.round(turn) % 180}°`,
       colour: strokes.color[k],
       opacity: `${Math.round(100 * strokes.opacity[k])} %`,
       visible: `${Math.round(100 * strokes.visible[k])} %`,
@@ -167,7 +168,7 @@
     for (const [name, text] of Object.entries(words)) card.querySelector(`[data-field=${name}]`).textContent = text;
     label.textContent = `${words.number}: ${words.length} × ${words.width}, ${words.direction}`;
     card.querySelector(".swatch").style.background = strokes.color[k];
-    card.querySelector(".needle").style.rotate = `${turn || 0}deg`;
+    card.querySelector(".needle").style.rotate = `${Math.max(0, turn)}deg`;
   }
 
   // The selected stroke in its own colour, with a rim, before the others in the shade.
@@ -209,13 +210,15 @@
     const steps = {
       ArrowRight: by, ArrowUp: by, ArrowLeft: -by, ArrowDown: -by, Home: -strokes.count, End: strokes.count,
     };
-    if (![" ", "Escape", ...Object.keys(steps)].includes(event.key) || event.ctrlKey || event.metaKey || event.altKey) return;
+    const moves = { " ": () => run(!playing), Escape: () => select(-1) };
+    const move = moves[event.key] ?? (steps[event.key] && (() => {
+      run(false);
+      go(goal + steps[event.key]);
+      select(goal - 1, true);
+    }));
+    if (!move || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
-    if (event.key === " ") return run(!playing);
-    if (event.key === "Escape") return select(-1);
-    run(false);
-    go(goal + steps[event.key]);
-    return select(goal - 1, true);
+    move();
   });
   play.addEventListener("click", () => run(!playing));
   scrubber.addEventListener("input", () => {
@@ -236,10 +239,6 @@
   run(false);
   show();
 
-  let later = 0;
-  new ResizeObserver(() => {
-    clearTimeout(later);
-    if (scale) later = setTimeout(measure, 150);
-  }).observe(stage);
-  window.brushexp.whenSeen(stage, measure);
+  addEventListener("resize", () => { if (scale) measure(); });
+  whenSeen(stage, measure);
 }

@@ -2,14 +2,15 @@
 "use strict";
 {
   const { brushexp } = window;
-  const byId = (id) => document.getElementById(id);
+  const { byId } = brushexp;
   const on = (ids, type, react) => ids.forEach((id) => byId(id)?.addEventListener(type, react));
   const data = JSON.parse(byId("data").textContent);
   const rows = [...document.querySelectorAll("tr[data-row]")]; // in the order of data.rows, whatever is sorted
   const runOf = (k) => data.rows[k];
   const pictureOf = (k) => rows[k].querySelector(".pictured img");
   const write = (id, text) => { byId(id).textContent = text; };
-  const make = (tag, text, parent) => parent.appendChild(Object.assign(document.createElement(tag), { textContent: text }));
+  const make = (tag, textContent, parent) =>
+    parent.appendChild(Object.assign(document.createElement(tag), { textContent }));
   const copyImage = (image, like) => {
     for (const name of ["src", "alt", "width", "height"]) image.setAttribute(name, like.getAttribute(name));
   };
@@ -118,22 +119,13 @@
     table.tBodies[0].append(...keyed.map(([, row]) => row));
     for (const head of table.tHead.querySelectorAll("[aria-sort]"))
       head.setAttribute("aria-sort", head.cellIndex === column ? direction : "none");
-    if (table === byId("table")) byId("order").value = `${column} ${direction}`;
   };
   for (const button of document.querySelectorAll(".sortable thead button")) {
     const { first } = button.dataset;
     const head = button.closest("th");
     const table = head.closest("table");
-    button.addEventListener("click", () =>
-      sort(table, head.cellIndex, opposite[head.getAttribute("aria-sort")] ?? first));
-    for (const direction of table === byId("table") ? [first, opposite[first]] : [])
-      byId("order").append(new Option(
-        `${button.textContent}${direction === "ascending" ? ", rising" : ", falling"}`, `${head.cellIndex} ${direction}`));
+    button.addEventListener("click", () => sort(table, head.cellIndex, opposite[head.ariaSort] ?? first));
   }
-  on(["order"], "change", () => {
-    const [column, direction] = byId("order").value.split(" ");
-    sort(byId("table"), Number(column), direction);
-  });
 
   const narrow = matchMedia("(max-width: 48rem)");
   const view = () => {
@@ -158,7 +150,7 @@
     byId("tray-open").disabled = chosen.length < 2;
   };
   const toggle = (k) => choose(chosen.includes(k) ? chosen.filter((one) => one !== k) : [...chosen, k]);
-  for (const [k, row] of rows.entries()) row.querySelector(".choose input").addEventListener("change", () => toggle(k));
+  for (const [k, row] of rows.entries()) row.querySelector("input").addEventListener("change", () => toggle(k));
   on(["pointed-compare"], "click", () => toggle(told));
   on(["tray-clear"], "click", () => choose([]));
 
@@ -166,8 +158,10 @@
   const dialog = byId("beside");
   const stage = dialog.querySelector(".wipe");
   const sides = new Map();
-  for (const { dataset, firstElementChild } of document.querySelectorAll("figure[data-target]"))
-    sides.set(`target ${dataset.target}`, { image: firstElementChild.firstElementChild, title: dataset.name, name: dataset.name });
+  for (const figure of document.querySelectorAll("figure[data-target]")) {
+    const { target, name } = figure.dataset;
+    sides.set(`target ${target}`, { image: figure.querySelector("img"), title: name, name });
+  }
   for (const [k, run] of data.rows.entries()) {
     const name = `run ${run.name}`;
     if (pictureOf(k)) sides.set(`run ${k}`, { image: pictureOf(k), title: `${name}: ${run.label}`, name, run });
@@ -235,5 +229,4 @@
   view();
   choose([]);
   filter(); // a reload keeps what was typed and ticked
-  byId("order").value = `${byId("table").tHead.querySelector("[aria-sort]").cellIndex} ascending`;
 }

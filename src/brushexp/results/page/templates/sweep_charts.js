@@ -3,11 +3,10 @@
 // that are shown, and pointed(group, rows, isFirst) is called when somebody points at a setting.
 "use strict";
 {
-  const { LETTER, node, points: path, plain, cut, mean, extent, isWide, ...chart } = window.brushexp.chart;
-  const { linear, bands, scale, canvas, axes } = chart;
+  const { byId, chart } = window.brushexp;
+  const { LETTER, node, points: path, plain, cut, mean, extent, isWide, linear, bands, scale, canvas, axes } = chart;
   const LONGEST = 40; // letters of a label
   const SERIES = 10; // curves that can be told apart: five colours, two dashes
-  const byId = (id) => document.getElementById(id);
 
   // Which points are on the Pareto front: no other is as low in cost and as good, and better in one.
   const front = (points, sign) =>
@@ -15,8 +14,7 @@
 
   window.brushexp.sweepCharts = (data, pointed) => {
     const [pointsBox, curvesBox] = [byId("points"), byId("curves")];
-    const boxes = [pointsBox, curvesBox].filter(Boolean);
-    let drawn = null; // rows, x, y and picture of the last drawing, its points, their front, and groups that have a label
+    let drawn = null; // rows, x and y of the last drawing, its points, their front, and groups that have a label
     let current = null; // group that is pointed at
     let pinned = false; // whether it stays when the pointer goes elsewhere
     let touched = false; // whether anybody has pointed yet
@@ -47,8 +45,6 @@
       const width = Math.max(240, box.clientWidth);
       return canvas(box, width, Math.round(Math.min(400, Math.max(280, width * 0.68))));
     };
-    const empty = ({ svg, width, height }) =>
-      node(svg, "text", { class: "axis-name", x: width / 2, y: height / 2, "text-anchor": "middle" }, "nothing to plot");
 
     // Labels of the points of the front, where they cover neither each other nor a point nor the line.
     const label = (area, points, first) => {
@@ -105,7 +101,7 @@
       const area = areaOf(pointsBox);
       Object.assign(drawn, { points, front: new Set(), labelled: new Set() });
       byId("points-say").textContent = "";
-      if (!points.length) return empty(area);
+      if (!points.length) return node(area.svg, "text", { x: area.left, y: area.top }, "nothing to plot");
       const [scaleOf, values] = x.words ? [bands, x.words] : [scale, extent(points.map((p) => p.x))];
       const across = scaleOf(values, area.left, area.right);
       const up = scale(extent(points.map((p) => p.y)), area.floor, area.top);
@@ -116,15 +112,15 @@
       for (const p of points) {
         const on = first.includes(p) || (!first.length && x.isSetting);
         const value = x.told?.(data.rows[p.rows[0]]) ?? plain(p.x);
-        const ends = [p.rows.length > 1 ? `, mean of ${p.rows.length} runs` : "", first.includes(p) ? ", on the front" : ""];
+        const runs = p.rows.length > 1 ? `, mean of ${p.rows.length} runs` : "";
+        const ends = first.includes(p) ? `${runs}, on the front` : runs;
         const option = node(area.svg, "g", {
-          class: `point${on ? " on" : ""}`, role: "option", tabindex: -1, "data-group": p.group, "aria-selected": "false",
-          "aria-label": `${p.label}: ${y.name} ${plain(p.y)}, ${x.name} ${value}${ends.join("")}`,
+          class: `point${on ? " on" : ""}`, role: "option", tabindex: -1, "data-group": p.group,
+          "aria-label": `${p.label}: ${y.name} ${plain(p.y)}, ${x.name} ${value}${ends}`,
         });
         node(option, "circle", { class: "reach", cx: p.left, cy: p.above, r: 13 });
         node(option, "circle", { class: "dot", cx: p.left, cy: p.above, r: on ? 6 : 4.5 });
       }
-      node(area.svg, "g", { class: "hint", "aria-hidden": "true" });
       if (!points.some((p) => p.group === current)) {
         current = (first.at(-1) ?? points.at(-1)).group;
         pinned = false;
@@ -138,7 +134,7 @@
       const area = areaOf(curvesBox);
       byId("legend").replaceChildren();
       byId("curves-say").textContent = "";
-      if (!rows.length) return empty(area);
+      if (!rows.length) return node(area.svg, "text", { x: area.left, y: area.top }, "nothing to plot");
       const last = Math.max(...rows.map((row) => row.curve.at(-1)[0]));
       const log = isWide(extent(rows.map((row) => row.curve.at(-1)[0])));
       const seconds = rows.flatMap((row) => row.curve.map(([time]) => time)).filter((time) => time > 0);
@@ -150,20 +146,25 @@
       const leaders = groups.filter((group) => data.groups[group].ahead_from !== null)
         .sort((a, b) => data.groups[a].ahead_from - data.groups[b].ahead_from);
       const coloured = groups.length > SERIES ? leaders.slice(-SERIES) : groups;
-      const look = (k) => (k < 0 ? "other" : `series-${1 + (k % 5)}${k >= 5 ? " dashed" : ""}`);
       const rank = (row) => coloured.indexOf(row.group);
+      const paint = (one, k) => {
+        one.classList.add("curve", k < 0 ? "other" : k < 5 ? "solid" : "dashed");
+        one.style.setProperty("--series", `var(--series-${1 + (k % 5)})`);
+      };
       for (const row of rows.toSorted((p, q) => rank(p) - rank(q))) {
         const seen = row.curve.filter(([time]) => time >= start);
         const line = path(seen.map(([time, psnr]) => [across.place(time), up.place(psnr)]));
-        const curve = node(area.svg, "g", { class: `curve ${look(rank(row))}`, "data-group": row.group });
+        const curve = node(area.svg, "g", { "data-group": row.group });
+        paint(curve, rank(row));
         node(curve, "polyline", { class: "line", points: line });
         node(curve, "polyline", { class: "reach", points: line });
       }
       for (const [k, group] of coloured.entries()) {
         const item = document.createElement("li");
         item.dataset.group = group;
-        const swatch = node(item, "svg", { width: 24, height: 8, class: `curve ${look(k)}`, "aria-hidden": "true" });
+        const swatch = node(item, "svg", { width: 24, height: 8, "aria-hidden": "true" });
         node(swatch, "path", { class: "line", d: "M1 4H23" });
+        paint(swatch, k);
         item.append(cut(data.groups[group].label, 60));
         byId("legend").append(item);
       }
@@ -177,18 +178,14 @@
         if (is && one.matches(".curve:not(.hot)")) one.parentNode.append(one); // above the others
         one.classList.toggle("hot", is);
       }
-      const hint = pointsBox?.querySelector(".hint");
+      pointsBox?.querySelector(".hint")?.remove();
       const p = drawn.points?.find((one) => one.group === group);
-      hint?.replaceChildren();
-      if (!hint || !p || !touched || drawn.labelled.has(group)) return;
-      const room = pointsBox.clientWidth;
-      const back = node(hint, "rect", { height: 23, rx: 5 });
-      const text = node(hint, "text", {}, cut(p.label, Math.floor(room / LETTER) - 8));
-      const width = text.getComputedTextLength() + 16;
-      const x = Math.min(Math.max(p.left - width / 2, 2), room - width - 2);
-      const y = p.above < 46 ? p.above + 12 : p.above - 36;
-      for (const [name, value] of Object.entries({ x, y, width })) back.setAttribute(name, value);
-      for (const [name, value] of Object.entries({ x: x + 8, y: y + 16 })) text.setAttribute(name, value);
+      if (!p || !touched || drawn.labelled.has(group)) return;
+      const { clientWidth } = pointsBox;
+      const anchor = ["start", "middle", "end"][Math.floor((3 * p.left) / clientWidth)];
+      const place = { x: p.left, y: p.above + (p.above < 46 ? 26 : -16), "text-anchor": anchor };
+      const text = cut(p.label, Math.floor(clientWidth / LETTER / 2));
+      node(pointsBox.firstChild, "text", { class: "hint", ...place }, text);
     };
 
     // Point at a setting: say all about it.
@@ -196,7 +193,7 @@
       current = group;
       for (const one of pointsBox?.querySelectorAll(".point") ?? []) {
         const is = one.dataset.group === String(group);
-        one.setAttribute("aria-selected", String(is));
+        one.setAttribute("aria-selected", is);
         one.setAttribute("tabindex", is ? 0 : -1);
       }
       mark(group);
@@ -209,7 +206,7 @@
       const found = event.target.closest?.("[data-group]");
       react(found ? Number(found.dataset.group) : null, event);
     });
-    for (const box of boxes) {
+    for (const box of [pointsBox, curvesBox]) {
       listen(box, "pointerover", (group) => {
         if (group === null) return;
         touched = true;
@@ -245,18 +242,12 @@
       if (curvesBox) drawCurves();
       mark(current);
     };
-    const widths = new Map();
-    const sized = new ResizeObserver((entries) => {
-      const changed = entries.filter(({ target }) => widths.get(target) !== target.clientWidth);
-      for (const { target } of changed) widths.set(target, target.clientWidth);
-      if (changed.length) draw();
-    });
-    for (const box of boxes) sized.observe(box);
+    addEventListener("resize", draw);
 
     return {
       draw: (shown, x, y, picture) => {
         const rows = shown.filter((k) => data.groups[data.rows[k].group]?.picture === picture);
-        drawn = { rows, x: x && variable(x), y: y && variable(y), picture };
+        drawn = { rows, x: x && variable(x), y: y && variable(y) };
         draw();
       },
       mark: (group) => {
