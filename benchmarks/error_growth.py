@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from torch import Tensor
 
-from brushexp.compositing.profile_kernels import sum_by_stroke
+from brushexp.compositing.passes import sum_by_stroke
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.blend.tiled import Kernel, Tiled
 from brushexp.plugins.loss.ssim import dissimilarity, statistics
@@ -215,7 +215,8 @@ def of_a_stroke(numbers: Tensor) -> float:
     for k in range(64):
         pairs[:, 0] += tiles[:, k].numpy()
     out = np.empty((1, 1), np.float32)
-    sum_by_stroke(pairs, np.array([0, len(pairs)]), out)
+    one = np.ones(len(pairs), bool), np.array([0, len(pairs)]), np.zeros(1, np.int64)
+    sum_by_stroke(pairs, *one, out)
     exact = sum(float(piece.double().sum()) for piece in tiles.split(10**5))
     return abs(float(out[0, 0]) - exact) / exact
 

@@ -14,10 +14,14 @@ SOURCE = ROOT / "src" / "brushexp"
 # What any plugin may import, besides the contracts of the families and the private modules of its own.
 SHARED = {
     "compositing.bands",
+    "compositing.composition",
     "compositing.eager",
-    "compositing.profile_scene",
-    "compositing.textured_scene",
-    "compositing.window_scene",
+    "compositing.layers",
+    "compositing.profile",
+    "compositing.textured_profile",
+    "compositing.textures",
+    "compositing.tile_lists",
+    "compositing.windows",
     "bounds",
     "registry",
     "errors",

@@ -27,6 +27,7 @@ from brushexp.errors import UserError
 from brushexp.painting.assembly import strokes_from
 from brushexp.painting.outputs import renderer_of, work_of
 from brushexp.plugins.blend.dense import Dense
+from brushexp.compositing.profile import smooth_rise
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export.base import Exporter, Work, counted
 from brushexp.plugins.export.csv import Csv
@@ -34,7 +35,6 @@ from brushexp.plugins.export.json import Json
 from brushexp.plugins.export.png import Png, pixels
 from brushexp.plugins.export.svg import Svg, soft_edge
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.plugins.renderer.base import smooth_rise
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes

@@ -11,8 +11,9 @@ from safetensors.torch import load_file, save_file
 
 from brushexp.errors import UserError
 from brushexp.plugins.renderer import checkpoint as files
+from brushexp.compositing.windows import Windows
 from brushexp.plugins.renderer._fields import stroke_planes
-from brushexp.plugins.renderer.base import FAINT, Patches, PatchRenderer, Precision, window_pictures
+from brushexp.plugins.renderer.base import FAINT, PatchRenderer, Precision, window_pictures
 from brushexp.plugins.renderer.neural import Activation, Coordinates, Neural, Normalisation, Upsampling
 from brushexp.plugins.renderer.weights_file import read_recipe, restore, save_checkpoint
 from brushexp.registry import build_named, plugins
@@ -88,7 +89,7 @@ def test_the_pictures_of_a_canvas_are_those_of_the_windows(renderer):
     strokes = replace(strokes, position=strokes.position + 40, scale=torch.tensor([20.0, 64.0, 100.0]))
     with torch.no_grad():
         layers = renderer(strokes)
-        assert isinstance(layers, Patches)
+        assert isinstance(layers, Windows)
         drawn = renderer.draw(parameters_of(strokes))
     drawn[:, 3] *= drawn[:, 3] >= FAINT
     torch.testing.assert_close(layers.images, drawn)

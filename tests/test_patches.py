@@ -5,12 +5,11 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from brushexp.compositing.eager import lists_of
-from brushexp.compositing.window_scene import scene_of
+from brushexp.compositing.tile_lists import tile_lists
+from brushexp.compositing.windows import Windows
 from brushexp.errors import UserError
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Kernel, Tiled
-from brushexp.plugins.renderer.base import Patches
 
 BACKGROUND = torch.tensor([0.2, 0.5, 0.9])
 FIELDS = ("images", "position", "scale", "opacity")
@@ -23,7 +22,7 @@ def random_patches(n, size, *, side=16, seed=0, scales=(2.0, 100.0)):
     def uniform(*shape):
         return torch.rand(*shape, generator=generator)
 
-    return Patches(
+    return Windows(
         images=uniform(n, 4, side, side),
         position=(uniform(n, 2) * 1.4 - 0.2) * torch.tensor([size[1], size[0]]),
         scale=scales[0] * (scales[1] / scales[0]) ** uniform(n),
@@ -37,7 +36,7 @@ def paint_with_gradient(blend, layers, size, weight, *, order=None, target=None,
     fields = {name: getattr(layers, name).to(dtype).clone().requires_grad_() for name in FIELDS}
     order = torch.arange(len(layers.scale)) if order is None else order
     target = None if target is None else target.to(dtype)
-    canvas = blend(Patches(**fields, color=layers.color.to(dtype)), order, size, BACKGROUND.to(dtype), target)
+    canvas = blend(Windows(**fields, color=layers.color.to(dtype)), order, size, BACKGROUND.to(dtype), target)
     (canvas.image * weight.to(dtype)).sum().backward()
     return canvas, {name: value.grad.double() for name, value in fields.items()}
 
@@ -89,7 +88,7 @@ ONE = {
 def test_one_window_anywhere(kind):
     centre, scale = ONE[kind]
     images = torch.rand(1, 4, 16, 16)
-    layers = Patches(
+    layers = Windows(
         images, torch.tensor([centre]), torch.tensor([scale]), torch.tensor([0.7]), color=torch.zeros(1, 3)
     )
     assert_agree(layers, (24, 33))
@@ -120,12 +119,12 @@ def test_a_window_may_be_empty_or_nearly():
 
 def test_tiles_where_a_window_shows_nothing_are_not_listed():
     layers = random_patches(1, (64, 64), scales=(63.0, 64.0))
-    layers = Patches(layers.images, torch.full((1, 2), 32.0), layers.scale, layers.opacity, layers.color)
+    layers = Windows(layers.images, torch.full((1, 2), 32.0), layers.scale, layers.opacity, layers.color)
     order = torch.zeros(1, dtype=torch.long)
     layers.images[0, 3, :, 4:] = 0
-    scene = scene_of(layers, (64, 64), BACKGROUND.numpy(), 0.0, order.numpy())
-    assert 0 < len(scene.lists.stroke) <= 3 * 8
-    assert len(lists_of(layers, order, (64, 64)).stroke) == 64
+    boxes = layers.compiled().boxes
+    assert 0 < len(tile_lists(*boxes, order, (64, 64), boxes_only=True).stroke) <= 3 * 8
+    assert len(tile_lists(layers.curve, layers.reach, order, (64, 64)).stroke) == 64
 
 
 def test_accuracy_is_measured_in_the_same_pass():
@@ -160,7 +159,7 @@ def test_pictures_may_lie_in_memory_as_they_like():
     layers = random_patches(10, (20, 30))
     turned = layers.images.to(memory_format=torch.channels_last)
     assert not turned.is_contiguous()
-    other = Patches(turned, layers.position, layers.scale, layers.opacity, layers.color)
+    other = Windows(turned, layers.position, layers.scale, layers.opacity, layers.color)
     images = [Tiled()(kind, torch.arange(10), (20, 30), BACKGROUND).image for kind in (layers, other)]
     assert torch.equal(*images)
 

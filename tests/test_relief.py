@@ -11,13 +11,14 @@ from PIL import Image
 from scenes import Windowed, random_strokes, straight
 
 from brushexp.compositing import bands as banding
+from brushexp.compositing.layers import Layers
 from brushexp.errors import UserError
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export.base import Work
 from brushexp.plugins.export.relief import Relief, levels_of
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.plugins.renderer.base import Layers, Renderer
+from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.renderer.textured import Textured
 from brushexp.registry import build_named, plugins
 from brushexp.shading.height import CARRIED, FILM, Impasto, height_of, typical_width

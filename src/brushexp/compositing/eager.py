@@ -7,9 +7,9 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
-from brushexp.compositing.tile_lists import TILE, TileLists, build_lists
+from brushexp.compositing.layers import Layers
+from brushexp.compositing.tile_lists import TILE, tile_lists
 from brushexp.plugins.blend.base import Canvas, accuracy_of
-from brushexp.plugins.renderer.base import Layers
 
 CHUNK = 2**25  # stroke-pixel pairs held at once; more is computed in pieces, and again in the backward pass
 
@@ -32,15 +32,9 @@ class PaddedLists:
     shape: tuple[int, int]
 
 
-def lists_of(layers: Layers, front_to_back: Tensor, size: tuple[int, int]) -> TileLists:
-    """Tile lists of layers in the given order; stroke numbers count in that order."""
-    curve = layers.curve.detach()[front_to_back].float().reshape(-1, 6).cpu().contiguous()
-    reach = layers.reach.detach()[front_to_back].float().cpu().contiguous()
-    return build_lists(curve.numpy(), reach.numpy(), size)
-
-
-def pad(lists: TileLists, front_to_back: Tensor, like: Tensor) -> PaddedLists:
-    """Make the lists a rectangle on the device of ``like``; the numbers are those of the strokes again."""
+def padded_lists(layers: Layers, front_to_back: Tensor, size: tuple[int, int]) -> PaddedLists:
+    """The tile lists of layers as a rectangle; the numbers are those of the strokes."""
+    lists, like = tile_lists(layers.curve, layers.reach, front_to_back, size), layers.curve
     first, stroke = torch.from_numpy(lists.first), torch.from_numpy(lists.stroke).long()
     counts = first.diff()
     tile = torch.repeat_interleave(torch.arange(len(counts)), counts)
@@ -55,13 +49,14 @@ def pad(lists: TileLists, front_to_back: Tensor, like: Tensor) -> PaddedLists:
 
 def paint_tiles(
     layers: Layers,
-    lists: PaddedLists,
+    front_to_back: Tensor,
     size: tuple[int, int],
     background: Tensor,
     target: Tensor | None,
     combine: Combine,
 ) -> Canvas:
     """Combine the strokes of every tile into a picture."""
+    lists = padded_lists(layers, front_to_back, size)
     error, total = (layers.reach.new_zeros(len(layers.reach)) for _ in range(2))
     goal = None if target is None else _to_tiles(target, lists.shape)  # (T, P, 3)
 

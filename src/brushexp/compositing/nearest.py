@@ -1,21 +1,14 @@
-"""The nearest point of a curve for the 64 pixels of a tile, and how it is kept for the backward pass.
-
-Also the layout of a tile's scratch, of which all kernels of profiles have the same first rows.
-"""
+"""The nearest point of a curve for the 64 pixels of a tile, and how it is kept for the backward pass."""
 
 import numpy as np
 
-from brushexp.compositing.tile_lists import TILE
+from brushexp.compositing.tile_lists import AREA, NEAREST, F
 from brushexp.system.compiled import inline
 
-AREA = TILE * TILE
-F = np.float32
-FLOOR = F(1e-6)  # least second derivative Newton divides by, against the curve's own size
+LEAST_SLOPE = F(1e-6)  # least second derivative Newton divides by, against the curve's own size
 NEWTON_STEPS, HALLEY_STEPS = 3, 5
 LAST = F(1 / 32)  # of the curve: Halley's method is as near as that after its steps
 TIE = F(3e-7)  # of the curve's length: where both legs of a fold are as near as can be told, the first one is taken
-# Rows of a tile's scratch, each AREA numbers.
-RED, GREEN, BLUE, LIGHT, T, BEST = range(6)
 
 
 @inline
@@ -36,13 +29,13 @@ def _constant(a, b, c0, t):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _find_from_samples(kind, a, b, c0, bx, by, fx, fy, sx, sy, buf):  # type: ignore[no-untyped-def]
+def _find_from_samples(kind, a, b, c0, bx, by, fx, fy, sx, sy, own):  # type: ignore[no-untyped-def]
     """Newton's method from the middle of the curve, or from the best of five places on it."""
-    floor = FLOOR * (a + abs(b) + c0) + F(1e-20)
+    floor = LEAST_SLOPE * (a + abs(b) + c0) + F(1e-20)
     step = F(1)
     if kind == 0:
         for q in range(AREA):
-            buf[T * AREA + q] = F(0.5)
+            own[NEAREST * AREA + q] = F(0.5)
     else:
         step = F(0.25)
         k0, k1 = _constant(a, b, c0, F(0.25)), _constant(a, b, c0, F(0.5))
@@ -56,22 +49,22 @@ def _find_from_samples(kind, a, b, c0, bx, by, fx, fy, sx, sy, buf):  # type: ig
             low, t_low = (at0, F(0.25)) if at0 < at1 else (at1, F(0.5))
             high, t_high = (at2, F(0.75)) if at2 < at3 else (at3, F(1))
             best, t = (low, t_low) if low < high else (high, t_high)
-            buf[T * AREA + q] = t if best < F(0) else F(0)
+            own[NEAREST * AREA + q] = t if best < F(0) else F(0)
     a3, b2 = F(3) * a, F(2) * b
     for q in range(AREA):
         mx, my = sx - F(q & 7) - F(0.5), sy - F(q >> 3) - F(0.5)
         c, d = c0 + bx * mx + by * my, fx * mx + fy * my
-        t = buf[T * AREA + q]
+        t = own[NEAREST * AREA + q]
         low, high = max(t - step, F(0)), min(t + step, F(1))
         for _ in range(NEWTON_STEPS):
             f = ((a * t + b) * t + c) * t + d
             g = (a3 * t + b2) * t + c
             t = min(max(t - f / max(g, floor), low), high)
-        buf[T * AREA + q] = t
+        own[NEAREST * AREA + q] = t
 
 
 @inline
-def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, buf):  # type: ignore[no-untyped-def]
+def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, own):  # type: ignore[no-untyped-def]
     """Halley's method from both ends; the nearer of both valleys of the distance.
 
     The derivative of the distance is a cubic that rises; its outermost zeros are the valleys, one to each side of its
@@ -88,56 +81,56 @@ def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, buf):  # type: ignore[no-u
         c, d = c0 + (bx * mx + by * my) * unit, (fx * mx + fy * my) * unit
         t, u = F(0), F(1)
         for _ in range(HALLEY_STEPS):  # with six the compiler makes no SIMD code of it
-            f, g = ((a * t + b) * t + c) * t + d, max((a3 * t + b2) * t + c, FLOOR)
+            f, g = ((a * t + b) * t + c) * t + d, max((a3 * t + b2) * t + c, LEAST_SLOPE)
             t = t - F(2) * f * g / max(F(2) * g * g - f * (F(2) * a3 * t + b2), g * g)
             t = min(max(t, F(0)), turn)
-            f, g = ((a * u + b) * u + c) * u + d, max((a3 * u + b2) * u + c, FLOOR)
+            f, g = ((a * u + b) * u + c) * u + d, max((a3 * u + b2) * u + c, LEAST_SLOPE)
             u = u - F(2) * f * g / max(F(2) * g * g - f * (F(2) * a3 * u + b2), g * g)
             u = min(max(u, turn), F(1))
         tx, ty = (bx * t + F(2) * fx) * t + mx, (by * t + F(2) * fy) * t + my
         ux, uy = (bx * u + F(2) * fx) * u + mx, (by * u + F(2) * fy) * u + my
         nearer = np.sqrt(tx * tx + ty * ty) <= np.sqrt(ux * ux + uy * uy) + tie
-        buf[T * AREA + q] = t if nearer else u
+        own[NEAREST * AREA + q] = t if nearer else u
     for q in range(AREA):  # two steps more for the nearer one; where the derivative is flat they must not throw it away
         mx, my = sx - F(q & 7) - F(0.5), sy - F(q >> 3) - F(0.5)
         c, d = c0 + (bx * mx + by * my) * unit, (fx * mx + fy * my) * unit
-        t = buf[T * AREA + q]
+        t = own[NEAREST * AREA + q]
         low, high = (F(0), turn) if t <= turn else (turn, F(1))
         for _ in range(2):
-            f, g = ((a * t + b) * t + c) * t + d, max((a3 * t + b2) * t + c, FLOOR)
+            f, g = ((a * t + b) * t + c) * t + d, max((a3 * t + b2) * t + c, LEAST_SLOPE)
             step = F(2) * f * g / max(F(2) * g * g - f * (F(2) * a3 * t + b2), g * g)
             t = min(max(t - min(max(step, -LAST), LAST), low), high)
-        buf[T * AREA + q] = t
+        own[NEAREST * AREA + q] = t
 
 
 @inline
-def find_nearest(p, i, ox, oy, buf):  # type: ignore[no-untyped-def]
-    """Write to row T the parameter of the nearest point of stroke ``i`` for the pixels of the tile at (ox, oy)."""
+def find_nearest(p, i, ox, oy, own):  # type: ignore[no-untyped-def]
+    """Write to row NEAREST the parameter of the nearest point of stroke ``i`` for the pixels of the tile at (ox, oy)."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     a, b, c0 = bx * bx + by * by, F(3) * (bx * fx + by * fy), F(2) * (fx * fx + fy * fy)
     chord = (ex - sx) * (ex - sx) + (ey - sy) * (ey - sy)
     kind = _bends(a, chord)
     if kind == 2:
-        _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, buf)
+        _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, own)
     else:
-        _find_from_samples(kind, a, b, c0, bx, by, fx, fy, sx, sy, buf)
+        _find_from_samples(kind, a, b, c0, bx, by, fx, fy, sx, sy, own)
 
 
 @inline
-def keep_nearest(buf, row):  # type: ignore[no-untyped-def]
-    """Keep row T for the backward pass, in 65535ths: a quarter of what alpha, t and distance would take."""
+def keep_nearest(own, row):  # type: ignore[no-untyped-def]
+    """Keep row NEAREST for the backward pass, in 65535ths: a quarter of what alpha, t and distance would take."""
     for q in range(AREA):
-        row[q] = np.uint16(buf[T * AREA + q] * F(65535) + F(0.5))
+        row[q] = np.uint16(own[NEAREST * AREA + q] * F(65535) + F(0.5))
 
 
 @inline
-def recall_nearest(p, i, ox, oy, row, buf):  # type: ignore[no-untyped-def]
+def recall_nearest(p, i, ox, oy, row, own):  # type: ignore[no-untyped-def]
     """Bring back what `keep_nearest` kept; one Newton step makes up for the rounding."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     a, b, c0 = bx * bx + by * by, F(3) * (bx * fx + by * fy), F(2) * (fx * fx + fy * fy)
-    floor = FLOOR * (a + abs(b) + c0) + F(1e-20)
+    floor = LEAST_SLOPE * (a + abs(b) + c0) + F(1e-20)
     for q in range(AREA):
         mx, my = sx - F(q & 7) - F(0.5), sy - F(q >> 3) - F(0.5)
         c, d = c0 + bx * mx + by * my, fx * mx + fy * my
@@ -145,4 +138,4 @@ def recall_nearest(p, i, ox, oy, row, buf):  # type: ignore[no-untyped-def]
         slope = ((a * kept + b) * kept + c) * kept + d
         bend = (F(3) * a * kept + F(2) * b) * kept + c
         t = min(max(kept - slope / max(bend, floor), kept - F(1e-5)), kept + F(1e-5))
-        buf[T * AREA + q] = min(max(t, F(0)), F(1))
+        own[NEAREST * AREA + q] = min(max(t, F(0)), F(1))

@@ -9,9 +9,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from torch import Tensor
 
+from brushexp.system.compiled import inline, kernel, prange
+
+F = np.float32
 TILE = 8  # pixels
+AREA = TILE * TILE
+ABOVE, NEAREST = 0, 1  # rows of a stroke in a tile: the light above it, and the nearest parameter of its curve
 PIECES = 4  # straight pieces that stand for a curve when tiles are tested
 BANDS = 16  # bands of tile rows that are filled independently; fixed, so that slots do not depend on the thread count
 
@@ -35,6 +40,15 @@ class TileLists:
     slot: Array
     row: Array
     shape: tuple[int, int]
+
+
+def tile_lists(
+    curve: Tensor, reach: Tensor, front_to_back: Tensor, size: tuple[int, int], *, boxes_only: bool = False
+) -> TileLists:
+    """Lists of strokes in the given order, in which their numbers then count; see `build_lists`."""
+    curve = curve.detach()[front_to_back].float().reshape(-1, 6).cpu().contiguous()
+    reach = reach.detach()[front_to_back].float().cpu().contiguous()
+    return build_lists(curve.numpy(), reach.numpy(), size, boxes_only=boxes_only)
 
 
 def build_lists(curve: Array, reach: Array, size: tuple[int, int], *, boxes_only: bool = False) -> TileLists:
@@ -62,7 +76,7 @@ def build_lists(curve: Array, reach: Array, size: tuple[int, int], *, boxes_only
     return TileLists(first, stroke, slot, row, (rows, columns))
 
 
-@njit(cache=True, error_model="numpy", parallel=True, nogil=True)
+@kernel
 def _boxes(curve, reach, rows, columns, boxes):  # type: ignore[no-untyped-def]
     """Tile rectangle (top, bottom, left, right; inclusive) of each stroke; bottom < top where there is none."""
     for i in prange(len(curve)):
@@ -79,7 +93,7 @@ def _boxes(curve, reach, rows, columns, boxes):  # type: ignore[no-untyped-def]
         boxes[i, 3] = int(min(right, columns * TILE - 1) / TILE) if inside else 0
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inline
 def _touches(points, reach, x, y):  # type: ignore[no-untyped-def]
     """Whether a piecewise straight stroke of half thickness ``reach`` meets the square of pixel centres around (x, y).
 
@@ -116,14 +130,14 @@ def _touches(points, reach, x, y):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inline
 def _near_square(x, y, half, reach):  # type: ignore[no-untyped-def]
     """Whether (x, y) is within ``reach`` of the square from -half to half."""
     dx, dy = max(abs(x) - half, 0.0), max(abs(y) - half, 0.0)
     return dx * dx + dy * dy <= reach * reach
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inline
 def _flatten(curve, points):  # type: ignore[no-untyped-def]
     """Write PIECES + 1 points of a curve and return how far it strays from the pieces between them."""
     sx, sy, cx, cy, ex, ey = curve
@@ -136,7 +150,7 @@ def _flatten(curve, points):  # type: ignore[no-untyped-def]
     return np.sqrt(bx * bx + by * by) / (4 * PIECES * PIECES)
 
 
-@njit(cache=True, error_model="numpy", parallel=True, nogil=True)
+@kernel
 def _candidates(boxes, rows):  # type: ignore[no-untyped-def]
     """Tiles (BANDS,) of each band that lie in the boxes of strokes."""
     space = np.zeros(BANDS, np.int64)
@@ -150,7 +164,7 @@ def _candidates(boxes, rows):  # type: ignore[no-untyped-def]
     return space
 
 
-@njit(cache=True, error_model="numpy", parallel=True, nogil=True)
+@kernel
 def _find(curve, reach, boxes, rows, columns, boxes_only, space, hits, per_tile, per_band):  # type: ignore[no-untyped-def]
     """Test the candidates of each band: write the tile of those that touch from ``space[band]`` on, and count."""
     for band in prange(BANDS):
@@ -173,7 +187,7 @@ def _find(curve, reach, boxes, rows, columns, boxes_only, space, hits, per_tile,
             per_band[i, band] = place - before
 
 
-@njit(cache=True, error_model="numpy", parallel=True, nogil=True)
+@kernel
 def _fill(hits, space, place, row, per_band, stroke, slot):  # type: ignore[no-untyped-def]
     """Put the hits of each band, which come by stroke, where their tile and their stroke want them."""
     for band in prange(BANDS):

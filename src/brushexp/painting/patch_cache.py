@@ -3,7 +3,9 @@
 import torch
 from torch import Tensor
 
-from brushexp.plugins.renderer.base import Layers, Patches, PatchRenderer, Renderer
+from brushexp.compositing.layers import Layers
+from brushexp.compositing.windows import Windows
+from brushexp.plugins.renderer.base import PatchRenderer, Renderer
 from brushexp.strokes.catalogue import Strokes
 
 MOST_BYTES = 2**29  # of pictures that are kept: 16,384 of 64 x 64 pixels
@@ -51,10 +53,10 @@ class PatchCache:
         if new.any():
             missing = new.nonzero()[:, 0].to(number.device)
             drawn = self.renderer(strokes[missing], number[missing])
-            assert isinstance(drawn, Patches)
+            assert isinstance(drawn, Windows)
             pictures[missing] = drawn.images
             self._keep(number[missing].cpu(), drawn.images)
-        return Patches(pictures, strokes.position, strokes.scale, strokes.opacity, strokes.color)
+        return Windows(pictures, strokes.position, strokes.scale, strokes.opacity, strokes.color)
 
     def _keep(self, number: Tensor, images: Tensor) -> None:
         room = len(self._owner)

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from brushexp.plugins.renderer.base import SPREAD
+from brushexp.compositing.layers import SPREAD
 from brushexp.plugins.renderer.textured import cells_of, coordinates_of, distance_of, extent_of, smoothed
 
 DENSE = 0.97  # coverage of a full film

@@ -7,8 +7,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from brushexp.compositing.layers import Layers
+from brushexp.compositing.profile import Profile
+from brushexp.compositing.textured_profile import TexturedProfile
+from brushexp.compositing.windows import Windows
 from brushexp.plugins.export.base import Work
-from brushexp.plugins.renderer.base import Layers, Patches, Profile, Renderer, TexturedProfile
+from brushexp.plugins.renderer.base import Renderer
 from brushexp.shading._brush import LEVELS, Brush, level_of, plain_brush, raised, thickness_of
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
@@ -84,7 +88,7 @@ class Impasto(Renderer):
         kinds: dict[type[Layers], Callable[..., Layers]] = {
             Profile: _plain,
             TexturedProfile: self._textured,
-            Patches: _windows,
+            Windows: _windows,
         }
         return kinds.get(type(layers), Raised)(layers, film, number)
 
@@ -155,7 +159,7 @@ def _plain(layers: Profile, film: Tensor, number: Tensor) -> TexturedProfile:
     )
 
 
-def _windows(layers: Patches, film: Tensor, number: Tensor) -> Patches:
+def _windows(layers: Windows, film: Tensor, number: Tensor) -> Windows:
     """Drawn windows, whose colours are replaced by what their coverage and light say of the height."""
     images = []
     for image, color, full in zip(*(part.split(AT_ONCE) for part in (layers.images, layers.color, film)), strict=True):

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from brushexp.compositing.layers import Layers
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend, pixel_centres
 from brushexp.plugins.blend.dense import Dense
-from brushexp.plugins.renderer.base import Layers, Renderer
+from brushexp.plugins.renderer.base import Renderer
 from brushexp.stress.scenes import BACKGROUND, Scene
 from brushexp.stress.verdict import DTYPES, PICTURE, Judgement, Verdict, judge
 from brushexp.strokes.catalogue import PRECISE, Strokes

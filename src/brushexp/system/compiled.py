@@ -1,10 +1,100 @@
-"""How kernels are compiled: one set of rules for all. Import it only where kernels are, for Numba is slow to import."""
+"""Functions that Numba compiles at their first call, so that nothing else waits for Numba to be imported (a second).
 
-from numba import njit
+A kernel may have **parts**: functions that it calls by name and that are chosen when it is compiled (`Compiled.having`),
+so that one loop serves many formulas. Machine code is kept on disk, under a name made from the code of the function and
+of everything that it calls: a change in any file is noticed, and no two choices of parts are mixed up.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
+from hashlib import sha256
+from types import CodeType, FunctionType
+from typing import Any
+
+import numpy as np
+
+prange = range  # becomes that of Numba, which shares the loop among threads
 
 # Rewriting allowed to the compiler: everything that keeps NaN and infinity what they are.
 MATHS = {"contract", "reassoc", "nsz", "arcp"}
 # Division as in numpy: a check for zero in a loop would keep it from becoming SIMD code.
-inline = njit(cache=True, error_model="numpy", fastmath=MATHS, inline="always")
-function = njit(cache=True, error_model="numpy", fastmath=MATHS, nogil=True)
-kernel = njit(cache=True, error_model="numpy", fastmath=MATHS, parallel=True, nogil=True)
+OPTIONS = {"error_model": "numpy", "fastmath": MATHS}
+
+
+class Compiled:
+    """A function that is compiled when it is called for the first time, for the types it is then called with.
+
+    Args:
+        function: plain Python; it may call functions marked by `inline`, and other compiled ones.
+        parts: functions that take the place of those it calls, by their names there.
+        options: of `numba.njit`.
+    """
+
+    def __init__(self, function: FunctionType, parts: Mapping[str, Callable[..., Any]], **options: Any) -> None:
+        self.function, self.parts, self.options = function, parts, options
+        self.__doc__ = function.__doc__
+
+    def __call__(self, *args: Any) -> Any:
+        """Call the compiled function."""
+        return self.dispatcher(*args)
+
+    def having(self, **parts: Callable[..., Any]) -> "Compiled":
+        """The same function with these parts."""
+        return Compiled(self.function, {**self.parts, **parts}, **self.options)
+
+    @cached_property
+    def dispatcher(self) -> Any:
+        """What Numba makes of the function."""
+        from numba import njit  # noqa: PLC0415  (it takes a second)
+
+        function, digest = self._linked(self.function, {})
+        function.__qualname__ = f"{self.function.__qualname__}_{digest[:16]}"  # names the file of machine code
+        return njit(cache=True, **self.options)(function)
+
+    def _linked(self, function: FunctionType, known: dict[str, Any]) -> tuple[FunctionType, str]:
+        """A copy that calls Numba's versions of what it calls, and a digest of all the code in it."""
+        from numba import njit, prange as parallel  # noqa: PLC0415
+
+        scope, code, seen = dict(function.__globals__), function.__code__, []
+        for name in sorted(set(_names(code)) & (scope.keys() | self.parts.keys())):
+            value = self.parts.get(name, scope.get(name))
+            if isinstance(value, FunctionType) and getattr(value, "is_inline", False):
+                linked, digest = self._linked(value, known)
+                value = known.setdefault(digest, njit(inline="always", **OPTIONS)(linked))
+                seen.append(digest)
+            elif isinstance(value, Compiled):
+                value = value.dispatcher
+                seen.append(value.py_func.__qualname__)
+            elif value is prange:
+                value = parallel
+            elif isinstance(value, int | float | str | tuple | np.generic):
+                seen.append(f"{name}={value!r}")
+            scope[name] = value
+        copy = FunctionType(code, scope, function.__name__, function.__defaults__)
+        copy.__module__, copy.__qualname__ = function.__module__, function.__qualname__
+        text = repr((code.co_code, code.co_names, code.co_varnames, list(map(repr, code.co_consts)), seen))
+        return copy, sha256(text.encode()).hexdigest()
+
+
+def _names(code: CodeType) -> Iterator[str]:
+    """Names of globals and attributes in a function and in those inside it."""
+    yield from code.co_names
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _names(constant)
+
+
+def inline(function: Any) -> Any:
+    """Mark a function whose code is put where it is called; it has no life of its own."""
+    function.is_inline = True
+    return function
+
+
+def function(function: Any) -> Compiled:
+    """Compile a function that uses one thread."""
+    return Compiled(function, {}, nogil=True, **OPTIONS)
+
+
+def kernel(function: Any) -> Compiled:
+    """Compile a function whose `prange` loops use all threads."""
+    return Compiled(function, {}, nogil=True, parallel=True, **OPTIONS)

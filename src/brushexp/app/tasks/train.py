@@ -6,7 +6,7 @@ import logging
 import time
 from collections.abc import Sequence
 from dataclasses import fields
-from functools import partial
+from functools import cache, partial
 from itertools import islice
 from pathlib import Path
 
@@ -124,8 +124,9 @@ def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:
     if cfg.renderer.get("checkpoint") is None:
         origin = data.origin
         options = {**origin.engine_config, "window": max(DISTILLED, origin.window)}
-        simulator = partial(build_named, "engine", origin.engine, options)
-        renderer.distil(simulator, data.sets[0].seed if data.sets else cfg.seed)
+        engine = cache(partial(build_named, "engine", origin.engine, options))  # not made if nothing is distilled
+        seed = data.sets[0].seed if data.sets else cfg.seed
+        renderer.distil(lambda parameters, first: engine()(parameters, seed=seed, first=first).images)
     return renderer
 
 

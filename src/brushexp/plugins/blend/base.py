@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from brushexp.plugins.renderer.base import Layers
+from brushexp.compositing.layers import Layers
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,9 @@
 import torch
 from torch import Tensor
 
+from brushexp.compositing.layers import Layers
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend, Canvas, accuracy_of, alike, pixel_centres
-from brushexp.plugins.renderer.base import Layers
 from brushexp.registry import register
 
 LIMIT = 4e8  # stroke-pixel pairs: above this the intermediate tensors take tens of gigabytes

@@ -5,11 +5,12 @@ from functools import partial
 import torch
 from torch import Tensor
 
+from brushexp.compositing.eager import paint_tiles
+from brushexp.compositing.layers import Layers
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend, Canvas, alike
 from brushexp.plugins.blend.dense import over
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.renderer.base import Layers
 from brushexp.registry import register
 
 
@@ -27,11 +28,8 @@ class TopK(Blend):
     """
 
     def __init__(self, *, k: int | None = 8) -> None:
-        from brushexp.compositing import eager  # noqa: PLC0415  (Numba takes a second to import; --help should not)
-
         if k is not None and k < 1:
             raise UserError(f"blend.k={k} blends nothing; use blend.k=8 or another number from 1")
-        self._eager = eager
         self._exact = Tiled(opaque=0)
         self.k = k
 
@@ -46,8 +44,7 @@ class TopK(Blend):
         if self.k is None:
             return self._exact(layers, front_to_back, size, background, target)
         background, target = alike(layers, background, target)
-        lists = self._eager.pad(self._eager.lists_of(layers, front_to_back, size), front_to_back, background)
-        return self._eager.paint_tiles(layers, lists, size, background, target, partial(_uppermost, self.k))
+        return paint_tiles(layers, front_to_back, size, background, target, partial(_uppermost, self.k))
 
 
 def _uppermost(k: int, alpha: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:

@@ -8,10 +8,10 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from brushexp.compositing.profile import Profile, smooth_rise
 from brushexp.errors import check_range
 from brushexp.plugins.export._paths import line, number, tapered
 from brushexp.plugins.export.base import Exporter, Work
-from brushexp.plugins.renderer.base import Profile, smooth_rise
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.system.files import replacing

@@ -2,8 +2,9 @@
 
 from torch import Tensor
 
+from brushexp.compositing.profile import Profile
 from brushexp.errors import UserError
-from brushexp.plugins.renderer.base import Profile, Renderer
+from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes

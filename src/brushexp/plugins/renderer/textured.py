@@ -7,9 +7,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from brushexp.compositing.layers import SPREAD
+from brushexp.compositing.textured_profile import TexturedProfile, cells_of
 from brushexp.errors import UserError
-from brushexp.plugins.engine.base import Engine
-from brushexp.plugins.renderer.base import SPREAD, Renderer, TexturedProfile
+from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.renderer.weights_file import restore, shipped
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of
@@ -86,17 +87,16 @@ class Textured(Renderer):
         return TexturedProfile(curve_of(strokes), softened, strokes.color, opacity, textures, extent, look, cells)
 
     @torch.no_grad()
-    def distil(self, simulator: Callable[[], Engine], seed: int) -> None:
+    def distil(self, simulate: Callable[[Tensor, int], Tensor]) -> None:
         """Read the textures off straight strokes: of each brush one as thick as each of the ``widths``."""
         thickness = torch.linspace(-1, 1, self.widths) if self.widths > 1 else torch.zeros(1)
         thickness = WIDTH[0] * (WIDTH[1] / WIDTH[0]) ** (0.5 * (thickness + 1))
         parameters = torch.zeros(self.widths, 10)
         parameters[:, 0], parameters[:, 4] = -INSET, INSET
         parameters[:, 6] = (2 * thickness - sum(WIDTH)) / (WIDTH[1] - WIDTH[0])
-        engine = simulator()
         for variant in range(self.variants):
             for k in range(self.widths):  # one by one, for the number decides the brush
-                picture = engine(parameters[k : k + 1], seed=seed, first=variant).images[0]
+                picture = simulate(parameters[k : k + 1], variant)[0]
                 self.textures[variant, k] = unrolled(picture, float(thickness[k]), *self.textures.shape[3:])
 
     def _between(self, variant: Tensor, place: Tensor, blur: Tensor) -> tuple[Tensor, Tensor, Tensor, None]:
@@ -171,22 +171,6 @@ def extent_of(opacity: Tensor) -> Tensor:
     farthest = torch.where(opacity > 0, distance, -1.0).amax((1, 2))
     margin = math.sqrt(2) * 2 * SPREAD / rows  # a texel is felt as far as the next one
     return torch.where(farthest < 0, 0.0, farthest + margin)
-
-
-def cells_of(steps: Tensor) -> Tensor:
-    """The corners of each cell between four texels, as bytes of two words, so that a lookup is two loads.
-
-    Args:
-        steps: (M, 2, rows, columns) whole numbers: opacity 0 to 255, light -127 to 127.
-
-    Returns:
-        (M, rows - 1, columns - 1, 2) int32: of opacity, and of light + 128, the corners above left, above right, below
-        left and below right, the lowest byte first.
-    """
-    whole = steps.long() + torch.tensor([0, 128], device=steps.device)[:, None, None]
-    corners = (whole[..., :-1, :-1], whole[..., :-1, 1:], whole[..., 1:, :-1], whole[..., 1:, 1:])
-    word = sum((corner << (8 * k) for k, corner in enumerate(corners)), start=torch.zeros_like(corners[0]))
-    return torch.where(word >= 2**31, word - 2**32, word).int().movedim(1, -1).contiguous()
 
 
 def bristles(variants: int, widths: int, rows: int, columns: int) -> Tensor:

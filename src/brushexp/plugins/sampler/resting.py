@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from brushexp.errors import UserError, check_range
 from brushexp.pictures.region import Region
-from brushexp.plugins.renderer.base import EDGE, SPREAD
+from brushexp.compositing.layers import EDGE, SPREAD
 from brushexp.plugins.sampler.base import Sampler, View
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of

@@ -1,0 +1,96 @@
+"""One picture as the compiled kernels see it, differentiable in all that the layers gave them."""
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.compositing.layers import KernelInput
+from brushexp.compositing.passes import sum_by_stroke
+from brushexp.compositing.tile_lists import AREA, Array, F, TileLists
+
+NO_TARGET = np.zeros((3, 0, 0), F)
+
+
+class Composition:
+    """Settings and lists of one pass; `paint` leaves behind what `gradient` needs.
+
+    Args:
+        given: the N strokes.
+        lists: tile lists of the strokes in ``order``.
+        size: (H, W).
+        background: (3,).
+        opaque: fraction of light below which a tile is finished.
+        order: (N,) indices of the strokes, the uppermost first.
+
+    Attributes:
+        errors: (N, 2) sums of alpha |color - target|^2 and of alpha; set by `paint` if it is given a target.
+    """
+
+    errors: Array
+
+    def __init__(
+        self,
+        given: KernelInput,
+        lists: TileLists,
+        size: tuple[int, int],
+        background: Array,
+        opaque: float,
+        order: Array,
+    ) -> None:
+        self.kernel, self.lists, self.size, self.opaque, self.order = given.kernel, lists, size, opaque, order
+        data = tuple(part.detach().numpy() if isinstance(part, Tensor) else part for part in given.data)
+        self._strokes = np.ascontiguousarray(given.strokes.detach().numpy()), data
+        self._tiles = (order, lists.first, lists.stroke, lists.slot, lists.shape[1], background)
+        self._seen: tuple[Array, Array, Array]  # how much of each list, which pairs, nearest points
+
+    def paint(self, target: Array | None, *, keep: bool) -> Array:
+        """Picture (3, H, W); ``keep`` if `gradient` or `importance` will follow."""
+        pairs = len(self.lists.stroke)
+        near = np.empty((pairs if keep and self.kernel.curved else 0, AREA), np.uint16)
+        self._seen = np.zeros(len(self.lists.first) - 1, np.int64), np.zeros(pairs, np.bool_), near
+        image = np.empty((3, *self.size), F)
+        errors = np.empty((0 if target is None else pairs, 2), F)
+        goal = NO_TARGET if target is None else target
+        self.kernel.forward(*self._strokes, *self._tiles, F(self.opaque), goal, image, *self._seen, errors)
+        if target is not None:
+            self.errors = self._sums(errors)
+        return image
+
+    def gradient(self, grad_image: Array) -> tuple[Array, ...]:
+        """Gradients of the strokes' numbers and of learnt data from the gradient (3, H, W) of the picture."""
+        pairs = np.empty((len(self.lists.stroke), self.kernel.columns), F)
+        self.kernel.backward(*self._strokes, *self._tiles, *self._seen, grad_image, pairs)
+        if self.kernel.gather is None:
+            return (self._sums(pairs),)
+        return tuple(self.kernel.gather(pairs, self._seen[1], self.lists.row, self.order, grad_image, *self._strokes))
+
+    def importance(self, target: Array, weight: Array) -> Array:
+        """By how much the squared error, weighted by (H, W), would grow without each stroke: (N,)."""
+        error = self.paint(None, keep=True) - target
+        pairs = np.empty((len(self.lists.stroke), 1), F)
+        self.kernel.importance(*self._strokes, *self._tiles, *self._seen, error, weight, pairs)
+        return self._sums(pairs)[:, 0]
+
+    def _sums(self, pairs: Array) -> Array:
+        """Sums (N, C) over the pairs (pairs, C) of each stroke."""
+        sums = np.zeros((len(self._strokes[0]), pairs.shape[1]), F)
+        sum_by_stroke(pairs, self._seen[1], self.lists.row, self.order, sums)
+        return sums
+
+
+class Painted(torch.autograd.Function):
+    """The kernels as one differentiable operation from the tensors of N strokes to the picture (3, H, W)."""
+
+    @staticmethod
+    def forward(ctx: Any, composition: Composition, target: Array | None, *tensors: Tensor) -> Tensor:
+        ctx.composition = composition
+        ctx.save_for_backward(*tensors)  # so that a change in place is noticed
+        return torch.from_numpy(composition.paint(target, keep=any(ctx.needs_input_grad)))
+
+    @staticmethod
+    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
+        assert ctx.saved_tensors
+        gradients = ctx.composition.gradient(grad.contiguous().numpy())
+        return None, None, *map(torch.from_numpy, gradients)

@@ -1,0 +1,390 @@
+"""The compiled passes over tiles of 8 x 8 pixels: one skeleton for every kind of layer, which brings its parts.
+
+Nothing of size strokes x pixels is stored but a kind's nearest points. A tile's 64 pixels stay in the first-level cache
+while its strokes are laid over each other front to back ("over", Porter and Duff, 1984); the loops over the pixels have
+no branches, so that they become SIMD code. On the way back the forward pass of a tile is repeated, but for the search of
+nearest points; then its strokes are visited back to front with the colour behind them, which needs no division by
+1 - alpha. What a stroke receives from a tile goes to a row of its own, and rows are summed per stroke in double
+precision: no atomics, and the same bits on any number of threads.
+
+The parts are the functions `seek`, `recall`, `cover`, `tint`, `paint` and `pull`. Those here do nothing and say what is
+expected; `tile_kernel` puts those of a kind in their place. Where a part is given ``own``, these are ROWS rows of 64
+numbers, one for each pixel of the tile (pixel q at column q & 7 and row q >> 3), which belong to the stroke in this
+tile: `cover` writes what `paint` and `pull` read. ``temporary`` are TEMPORARY more rows, for use within one part.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from brushexp.compositing.nearest import find_nearest, keep_nearest, recall_nearest
+from brushexp.compositing.tile_lists import ABOVE, AREA, TILE, F
+from brushexp.system.compiled import Compiled, inline, kernel, prange
+
+WORKERS = 64  # every so many tiles are one worker's: fixed, and enough to share the work evenly
+# Rows of a worker's scratch: the picture so far (on the way back: the colour behind), the light that is left, three of
+# the picture that is given (target, gradient or error), what its pixels count, and what `pull` is given.
+RED, GREEN, BLUE, LIGHT, PICTURE, WEIGHT = 0, 1, 2, 3, 4, 7
+PULL_RED, PULL_GREEN, PULL_BLUE, PULL_ALPHA = 7, 8, 9, 10
+SCRATCH = 11
+ROWS = TEMPORARY = 1
+
+
+@inline
+def seek(p, i, ox, oy, own, near, j, keep):  # type: ignore[no-untyped-def]
+    """Part: find the nearest points of stroke ``i``; if ``keep``, leave them in row ``j`` of ``near`` for `recall`."""
+
+
+@inline
+def recall(p, i, ox, oy, own, near, j):  # type: ignore[no-untyped-def]
+    """Part: bring the nearest points back."""
+
+
+@inline
+def cover(p, i, data, ox, oy, own, temporary):  # type: ignore[no-untyped-def]
+    """Part: write into ``own`` what stroke ``i`` is in the tile whose upper left corner is (ox, oy).
+
+    Args:
+        p: (N, C) float32, the numbers of the strokes.
+        i: which stroke.
+        data: tuple of whatever else belongs to the layers.
+        ox: pixels.
+        oy: pixels.
+        own: rows of the stroke; row ABOVE is not for it, row NEAREST has the nearest parameters if the kind seeks them.
+        temporary: rows that need not be kept.
+
+    Returns:
+        whether the stroke is anywhere in the tile; if not, it is left out on the way back.
+    """
+
+
+@inline
+def tint(p, i):  # type: ignore[no-untyped-def]
+    """Part: a tuple of the numbers of stroke ``i`` that `paint` needs at every pixel."""
+
+
+@inline
+def paint(look, own, q):  # type: ignore[no-untyped-def]
+    """Part: alpha, red, green and blue at pixel ``q``, the colours multiplied by alpha; ``look`` is from `tint`."""
+
+
+@inline
+def pull(p, i, data, ox, oy, own, temporary, buf, out):  # type: ignore[no-untyped-def]
+    """Part: write the gradient of the numbers of stroke ``i`` into ``out``.
+
+    The gradient of what `paint` says is in rows PULL_ALPHA, PULL_RED, PULL_GREEN and PULL_BLUE of ``buf``; ``own`` is
+    as `cover` left it, and may be written over.
+    """
+
+
+@inline
+def _lay(look, own, buf):  # type: ignore[no-untyped-def]
+    """Lay a stroke under those before it."""
+    for q in range(AREA):
+        alpha, red, green, blue = paint(look, own, q)
+        light = buf[LIGHT * AREA + q]
+        buf[RED * AREA + q] += light * red
+        buf[GREEN * AREA + q] += light * green
+        buf[BLUE * AREA + q] += light * blue
+        buf[LIGHT * AREA + q] = light - light * alpha
+
+
+@inline
+def _bright(buf, opaque):  # type: ignore[no-untyped-def]
+    """Pixels that still let as much light through as ``opaque``: all of them if it is 0."""
+    count = 0
+    for q in range(AREA):
+        count += 1 if buf[LIGHT * AREA + q] >= opaque else 0
+    return count
+
+
+@inline
+def _load(picture, top, left, buf):  # type: ignore[no-untyped-def]
+    """Put a tile of a picture (3, H, W) into rows PICTURE, and 1 into row WEIGHT; beyond the edge all are 0."""
+    buf[PICTURE * AREA : (WEIGHT + 1) * AREA] = F(0)
+    for y in range(min(TILE, picture.shape[1] - top)):
+        for c in range(3):
+            line = picture[c, top + y, left:]
+            for x in range(min(TILE, len(line))):
+                buf[(PICTURE + c) * AREA + y * TILE + x] = line[x]
+                buf[WEIGHT * AREA + y * TILE + x] = F(1)
+
+
+@inline
+def _judge(look, own, buf):  # type: ignore[no-untyped-def]
+    """Sum of alpha |color - target|^2 and of alpha of a stroke over the pixels of a tile, which `_load` has brought."""
+    error, total = F(0), F(0)
+    for q in range(AREA):
+        alpha, red, green, blue = paint(look, own, q)
+        dr = red - alpha * buf[PICTURE * AREA + q]
+        dg = green - alpha * buf[(PICTURE + 1) * AREA + q]
+        db = blue - alpha * buf[(PICTURE + 2) * AREA + q]
+        error += buf[WEIGHT * AREA + q] * (dr * dr + dg * dg + db * db) / max(alpha, F(1e-12))
+        total += buf[WEIGHT * AREA + q] * alpha
+    return error, total
+
+
+@inline
+def _show(buf, background, top, left, image):  # type: ignore[no-untyped-def]
+    """Write a finished tile into the picture, with the bare canvas where light comes through."""
+    for y in range(min(TILE, image.shape[1] - top)):
+        for x in range(min(TILE, image.shape[2] - left)):
+            q = y * TILE + x
+            light = buf[LIGHT * AREA + q]
+            for c in range(3):
+                image[c, top + y, left + x] = buf[c * AREA + q] + light * background[c]
+
+
+@kernel
+def forward(p, data, order, first, stroke, slot, columns, background, opaque, target, image, used, there, near, errors):  # type: ignore[no-untyped-def]
+    """Paint all tiles.
+
+    Args:
+        p: (N, C) float32, the numbers of the strokes.
+        data: tuple of whatever else belongs to the layers.
+        order: (N,) indices of the strokes, the uppermost first.
+        first: list of each tile, see `TileLists`.
+        stroke: see `TileLists`.
+        slot: see `TileLists`.
+        columns: tiles per row.
+        background: (3,) float32.
+        opaque: stop in a tile when no pixel lets more light than this through.
+        target: (3, H, W), or (3, 0, 0) if no accuracy is wanted; with a target every stroke is looked at.
+        image: (3, H, W), written.
+        used: (tiles,) length of the list that was looked at, written.
+        there: (pairs,) bool, False, by slot: set where a stroke was looked at and is anywhere in the tile.
+        near: (pairs, 64) uint16, written for `recall`; or (0, 64).
+        errors: (pairs, 2) sum of alpha |color - target|^2 and of alpha, by slot, written if there is a target.
+    """
+    judge, keep = target.shape[1] > 0, len(near) > 0
+    for worker in prange(min(WORKERS, len(used))):
+        buf, own, temporary = np.empty(SCRATCH * AREA, F), np.empty(ROWS * AREA, F), np.empty(TEMPORARY * AREA, F)
+        for tile in range(worker, len(used), WORKERS):
+            top, left = tile // columns * TILE, tile % columns * TILE
+            buf[: LIGHT * AREA] = F(0)
+            buf[LIGHT * AREA : (LIGHT + 1) * AREA] = F(1)
+            if judge:
+                _load(target, top, left, buf)
+            j = first[tile]
+            while j < first[tile + 1]:
+                i = order[stroke[j]]
+                seek(p, i, F(left), F(top), own, near, j, keep)
+                there[slot[j]] = cover(p, i, data, F(left), F(top), own, temporary)
+                look = tint(p, i)
+                _lay(look, own, buf)
+                if judge:
+                    errors[slot[j], 0], errors[slot[j], 1] = _judge(look, own, buf)
+                j += 1
+                if _bright(buf, opaque) == 0 and not judge:
+                    break
+            used[tile] = j - first[tile]
+            _show(buf, background, top, left, image)
+
+
+@inline
+def _bare(background, buf):  # type: ignore[no-untyped-def]
+    """Put the bare canvas into the rows of the colour behind."""
+    for c in range(3):
+        buf[c * AREA : (c + 1) * AREA] = background[c]
+
+
+@inline
+def _deepest(used, worker):  # type: ignore[no-untyped-def]
+    """Length of the longest list that was looked at in the tiles of a worker."""
+    deepest = 0
+    for tile in range(worker, len(used), WORKERS):
+        deepest = max(deepest, used[tile])
+    return deepest
+
+
+@inline
+def _replay(p, data, order, stroke, slot, there, near, begin, n, ox, oy, buf, kept, temporary):  # type: ignore[no-untyped-def]
+    """Repeat the forward pass of a tile from the nearest points; keep the rows of each stroke and the light above."""
+    buf[LIGHT * AREA : (LIGHT + 1) * AREA] = F(1)
+    for k in range(n):
+        if not there[slot[begin + k]]:
+            continue
+        i = order[stroke[begin + k]]
+        own = kept[k * ROWS * AREA : (k + 1) * ROWS * AREA]  # a view: its indices are plainly not negative
+        recall(p, i, ox, oy, own, near, begin + k)
+        cover(p, i, data, ox, oy, own, temporary)
+        look = tint(p, i)
+        for q in range(AREA):
+            alpha, _, _, _ = paint(look, own, q)
+            light = buf[LIGHT * AREA + q]
+            own[ABOVE * AREA + q] = light
+            buf[LIGHT * AREA + q] = light - light * alpha
+
+
+@inline
+def _step_back(look, own, buf):  # type: ignore[no-untyped-def]
+    """Write the gradient of what `paint` says of a stroke; the colour behind then includes the stroke."""
+    for q in range(AREA):
+        alpha, red, green, blue = paint(look, own, q)
+        light = own[ABOVE * AREA + q]
+        gr, gg, gb = (
+            light * buf[PICTURE * AREA + q],
+            light * buf[(PICTURE + 1) * AREA + q],
+            light * buf[(PICTURE + 2) * AREA + q],
+        )
+        br, bg, bb = buf[RED * AREA + q], buf[GREEN * AREA + q], buf[BLUE * AREA + q]
+        buf[PULL_RED * AREA + q] = gr
+        buf[PULL_GREEN * AREA + q] = gg
+        buf[PULL_BLUE * AREA + q] = gb
+        buf[PULL_ALPHA * AREA + q] = -(br * gr + bg * gg + bb * gb)
+        buf[RED * AREA + q] = br + (red - alpha * br)
+        buf[GREEN * AREA + q] = bg + (green - alpha * bg)
+        buf[BLUE * AREA + q] = bb + (blue - alpha * bb)
+
+
+@kernel
+def backward(p, data, order, first, stroke, slot, columns, background, used, there, near, grad_image, pairs):  # type: ignore[no-untyped-def]
+    """Gradients of all pairs from the gradient of the picture.
+
+    Args as of `forward`, with what it wrote, but for:
+        grad_image: (3, H, W).
+        pairs: (pairs, .), written where ``there``, by slot.
+    """
+    for worker in prange(min(WORKERS, len(used))):
+        buf, temporary = np.empty(SCRATCH * AREA, F), np.empty(TEMPORARY * AREA, F)
+        kept = np.empty(_deepest(used, worker) * ROWS * AREA, F)
+        for tile in range(worker, len(used), WORKERS):
+            top, left, begin, n = tile // columns * TILE, tile % columns * TILE, first[tile], used[tile]
+            ox, oy = F(left), F(top)
+            _replay(p, data, order, stroke, slot, there, near, begin, n, ox, oy, buf, kept, temporary)
+            _load(grad_image, top, left, buf)
+            _bare(background, buf)
+            for back in range(n):
+                k = n - 1 - back
+                if not there[slot[begin + k]]:
+                    continue
+                i, own = order[stroke[begin + k]], kept[k * ROWS * AREA : (k + 1) * ROWS * AREA]
+                _step_back(tint(p, i), own, buf)
+                pull(p, i, data, ox, oy, own, temporary, buf, pairs[slot[begin + k]])
+
+
+@inline
+def _miss(look, own, buf):  # type: ignore[no-untyped-def]
+    """What the weighted squared error would grow by in a tile without a stroke; `_load` has brought it."""
+    total = F(0)
+    for q in range(AREA):
+        alpha, red, green, blue = paint(look, own, q)
+        light = own[ABOVE * AREA + q]
+        er, eg, eb = buf[PICTURE * AREA + q], buf[(PICTURE + 1) * AREA + q], buf[(PICTURE + 2) * AREA + q]
+        dr = alpha * buf[RED * AREA + q] - red
+        dg = alpha * buf[GREEN * AREA + q] - green
+        db = alpha * buf[BLUE * AREA + q] - blue
+        grown = dr * (light * dr + F(2) * er) + dg * (light * dg + F(2) * eg) + db * (light * db + F(2) * eb)
+        total += buf[WEIGHT * AREA + q] * light * grown
+        buf[RED * AREA + q] -= dr
+        buf[GREEN * AREA + q] -= dg
+        buf[BLUE * AREA + q] -= db
+    return total
+
+
+@kernel
+def importance(p, data, order, first, stroke, slot, columns, background, used, there, near, error, weight, pairs):  # type: ignore[no-untyped-def]
+    """By how much the squared error of the picture would grow without each stroke, for all pairs.
+
+    Args as of `backward`, but for:
+        error: (3, H, W) picture less target.
+        weight: (H, W) of each pixel.
+        pairs: (pairs, 1), written where ``there``, by slot.
+    """
+    for worker in prange(min(WORKERS, len(used))):
+        buf, temporary = np.empty(SCRATCH * AREA, F), np.empty(TEMPORARY * AREA, F)
+        kept = np.empty(_deepest(used, worker) * ROWS * AREA, F)
+        for tile in range(worker, len(used), WORKERS):
+            top, left, begin, n = tile // columns * TILE, tile % columns * TILE, first[tile], used[tile]
+            _replay(p, data, order, stroke, slot, there, near, begin, n, F(left), F(top), buf, kept, temporary)
+            _load(error, top, left, buf)
+            for y in range(min(TILE, weight.shape[0] - top)):
+                for x in range(min(TILE, weight.shape[1] - left)):
+                    buf[WEIGHT * AREA + y * TILE + x] = weight[top + y, left + x]
+            _bare(background, buf)
+            for back in range(n):
+                k = n - 1 - back
+                s, own = slot[begin + k], kept[k * ROWS * AREA : (k + 1) * ROWS * AREA]
+                if there[s]:
+                    pairs[s, 0] = _miss(tint(p, order[stroke[begin + k]]), own, buf)
+
+
+@kernel
+def sum_by_stroke(pairs, there, row, order, out):  # type: ignore[no-untyped-def]
+    """Sum the rows of each stroke's pairs, in double precision and always in the same order."""
+    for i in prange(len(order)):
+        for c in range(pairs.shape[1]):
+            total = 0.0
+            for j in range(row[i], row[i + 1]):
+                if there[j]:
+                    total += pairs[j, c]
+            out[order[i], c] = total
+
+
+@inline
+def _seek_nearest(p, i, ox, oy, own, near, j, keep):  # type: ignore[no-untyped-def]
+    find_nearest(p, i, ox, oy, own)
+    if keep:
+        keep_nearest(own, near[j])
+
+
+@inline
+def _recall_nearest(p, i, ox, oy, own, near, j):  # type: ignore[no-untyped-def]
+    recall_nearest(p, i, ox, oy, near[j], own)
+
+
+@dataclass(frozen=True)
+class TileKernel:
+    """The compiled passes of one kind of layer, see `tile_kernel`.
+
+    Attributes:
+        columns: numbers that `pull` writes.
+        curved: whether nearest points of curves are sought.
+        forward: see there.
+        backward: see there.
+        importance: see there.
+        gather: what becomes of the numbers that `pull` wrote, see `tile_kernel`; None for their sums.
+    """
+
+    columns: int
+    curved: bool
+    forward: Compiled
+    backward: Compiled
+    importance: Compiled
+    gather: Callable[..., Any] | None
+
+
+def tile_kernel(
+    *,
+    columns: int,
+    rows: int,
+    cover: Callable[..., Any],
+    tint: Callable[..., Any],
+    paint: Callable[..., Any],
+    pull: Callable[..., Any],
+    temporary: int = 1,
+    curved: bool = True,
+    gather: Callable[..., Any] | None = None,
+) -> TileKernel:
+    """Compiled passes from the parts of a kind of layer, which are functions marked by `system.compiled.inline`.
+
+    Args:
+        columns: numbers that `pull` writes.
+        rows: of ``own``; row ABOVE is the skeleton's, and row NEAREST too if ``curved``.
+        cover: see the function of that name, as for the next three.
+        tint: constant numbers of a stroke.
+        paint: a pixel.
+        pull: gradient.
+        temporary: rows for use within a part.
+        curved: find nearest points first. The first six numbers of a stroke are then its control points in pixels,
+            start, control and end, x and y each.
+        gather: makes gradients of what `pull` wrote, called with pairs, there, row of the lists, order, gradient of the
+            picture, strokes and data; None: they are summed by stroke and are the gradient of the strokes' numbers.
+    """
+    parts: dict[str, Any] = {"cover": cover, "tint": tint, "paint": paint, "ROWS": rows, "TEMPORARY": temporary}
+    if curved:
+        parts |= {"seek": _seek_nearest, "recall": _recall_nearest}
+    back = backward.having(**parts, pull=pull)
+    return TileKernel(columns, curved, forward.having(**parts), back, importance.having(**parts), gather)

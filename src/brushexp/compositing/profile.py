@@ -1,0 +1,191 @@
+"""Strokes of one colour with round ends and a soft edge, and the parts of their kernel.
+
+By the envelope theorem the distance to a curve depends on its control points only through the nearest point at fixed t,
+so its gradient is the unit normal times the Bernstein weights; a tapered stroke adds the derivative of t itself.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.compositing.layers import KernelInput, Layers
+from brushexp.compositing.nearest import LEAST_SLOPE
+from brushexp.compositing.passes import PULL_ALPHA, PULL_BLUE, PULL_GREEN, PULL_RED, tile_kernel
+from brushexp.compositing.tile_lists import AREA, NEAREST, F
+from brushexp.strokes.bezier import closest_parameter, point_at
+from brushexp.system.compiled import inline
+
+LEAST_BEND = F(1.25e-5)  # square pixels: as in `strokes.bezier`
+DISTANCE, COVER, ROWS = 2, 3, 4  # rows of a stroke in a tile: distance to the curve, coverage before opacity
+
+
+@dataclass(frozen=True)
+class Profile(Layers):
+    """Strokes of one colour each, with round ends and a soft edge.
+
+    alpha = opacity * C(d), where d is the distance to the curve, h = half_width * (1 - taper * (2t - 1)^2) the half
+    thickness at the nearest parameter t, and C(d) = S(h + d) + S(h - d) - 1 with the smooth step S of width ``soft``:
+    the box of half width h smoothed by S, so that a line thinner than the edge fades instead of disappearing.
+
+    Attributes:
+        half_width: (N,) pixels.
+        opacity: (N,).
+        soft: width of the edge, pixels, > 0.
+        taper: how much thinner the ends are, 0 (not) to 1 (pointed).
+    """
+
+    per_stroke = ("curve", "half_width", "color", "opacity")
+
+    curve: Tensor
+    half_width: Tensor
+    color: Tensor
+    opacity: Tensor
+    soft: float
+    taper: float
+
+    @property
+    def reach(self) -> Tensor:  # type: ignore[override]
+        return self.half_width + 0.5 * self.soft
+
+    def sample(self, index: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
+        curve = self.curve[index][:, :, None]  # (T, K, 1, 3, 2)
+        points = points[:, None]  # (T, 1, P, 2)
+        t = closest_parameter(curve, points)  # (T, K, P)
+        if not self.taper:
+            t = t.detach()  # t is where the distance is least: to first order it does not matter
+        offset = (point_at(curve, t) - points).square().sum(-1)
+        distance = (offset + 1e-12 * (offset == 0)).sqrt()  # the slope at 0 is 0, not 0/0
+        half = self.half_width[index][..., None] * (1 - self.taper * (2 * t - 1) ** 2)
+        coverage = smooth_rise((half + distance) / self.soft) + smooth_rise((half - distance) / self.soft)
+        coverage = coverage.clamp_min(0)  # rounding may leave less
+        return self.opacity[index][..., None] * coverage, self.color[index][:, :, None]
+
+    def compiled(self) -> KernelInput:
+        strokes = [self.curve.flatten(1), self.half_width[:, None], self.color, self.opacity[:, None]]
+        return KernelInput(KERNEL, torch.cat(strokes, dim=1), (F(1) / F(self.soft), F(self.taper)))
+
+
+def smooth_rise(x: Tensor) -> Tensor:
+    """Cubic step from -1/2 (x <= -1/2) to 1/2 (x >= 1/2); odd to the bit, so that its sum at x and -x is exactly 0."""
+    z = x.clamp(-0.5, 0.5)
+    return z * (1.5 - 2 * z * z)
+
+
+@inline
+def _rise(x):  # type: ignore[no-untyped-def]
+    z = min(max(x, F(-0.5)), F(0.5))
+    return z * (F(1.5) - F(2) * z * z)
+
+
+@inline
+def _slope(x):  # type: ignore[no-untyped-def]
+    z = min(max(x + F(0.5), F(0)), F(1))
+    return F(6) * z * (F(1) - z)
+
+
+@inline
+def _cover(p, i, data, ox, oy, own, temporary):  # type: ignore[no-untyped-def]
+    sharp, taper = data
+    sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
+    h = p[i, 6]
+    there = F(1) if h > F(0) else F(0)
+    for q in range(AREA):
+        t = own[NEAREST * AREA + q]
+        v = F(1) - t
+        b0, b1, b2 = v * v, F(2) * t * v, t * t
+        rx = b0 * sx + b1 * cx + b2 * ex - F(q & 7) - F(0.5)
+        ry = b0 * sy + b1 * cy + b2 * ey - F(q >> 3) - F(0.5)
+        d = np.sqrt(rx * rx + ry * ry)
+        ht = h * (F(1) - taper * (t - v) * (t - v))
+        own[DISTANCE * AREA + q] = d
+        cover = _rise((ht + d) * sharp) + _rise((ht - d) * sharp)
+        own[COVER * AREA + q] = max(cover, F(0)) * there  # rounding may leave less, or more of what is not there
+    return True
+
+
+@inline
+def _tint(p, i):  # type: ignore[no-untyped-def]
+    return p[i, 7], p[i, 8], p[i, 9], p[i, 10]
+
+
+@inline
+def _paint(look, own, q):  # type: ignore[no-untyped-def]
+    red, green, blue, opacity = look
+    alpha = opacity * own[COVER * AREA + q]
+    return alpha, alpha * red, alpha * green, alpha * blue
+
+
+@inline
+def _pull(p, i, data, ox, oy, own, temporary, buf, out):  # type: ignore[no-untyped-def]
+    sharp, taper = data
+    sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
+    h, red, green, blue, op = p[i, 6], p[i, 7], p[i, 8], p[i, 9], p[i, 10]
+    g0, g1, g2, g3, g4, g5 = F(0), F(0), F(0), F(0), F(0), F(0)
+    g6, g7, g8, g9, g10 = F(0), F(0), F(0), F(0), F(0)
+    for q in range(AREA):
+        t, d, cover = own[NEAREST * AREA + q], own[DISTANCE * AREA + q], own[COVER * AREA + q]
+        gr, gg, gb = buf[PULL_RED * AREA + q], buf[PULL_GREEN * AREA + q], buf[PULL_BLUE * AREA + q]
+        ga = buf[PULL_ALPHA * AREA + q] + red * gr + green * gg + blue * gb
+        g7 += cover * gr
+        g8 += cover * gg
+        g9 += cover * gb
+        g10 += cover * ga
+        v = F(1) - t
+        b0, b1, b2 = v * v, F(2) * t * v, t * t
+        profile = F(1) - taper * (t - v) * (t - v)
+        inner, outer = _slope((h * profile - d) * sharp), _slope((h * profile + d) * sharp)
+        gh = ga * op * sharp * (inner + outer)
+        gd = ga * op * sharp * (outer - inner) / max(d, F(1e-6))  # both slopes agree at d = 0
+        g6 += gh * profile
+        px = gd * (b0 * sx + b1 * cx + b2 * ex - F(q & 7) - F(0.5))
+        py = gd * (b0 * sy + b1 * cy + b2 * ey - F(q >> 3) - F(0.5))
+        g0 += px * b0
+        g1 += py * b0
+        g2 += px * b1
+        g3 += py * b1
+        g4 += px * b2
+        g5 += py * b2
+        temporary[q] = gh
+    out[0], out[1], out[2], out[3], out[4], out[5] = g0, g1, g2, g3, g4, g5
+    out[6], out[7], out[8], out[9], out[10] = g6, op * g7, op * g8, op * g9, g10
+    if taper > F(0):
+        _add_taper(p, i, ox, oy, taper, own, temporary, out)
+
+
+@inline
+def _add_taper(p, i, ox, oy, taper, own, of_thickness, out):  # type: ignore[no-untyped-def]
+    """Add to the gradient (11,) that the thickness depends on t, and t on the control points."""
+    sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
+    bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
+    size = bx * bx + by * by + F(3) * abs(bx * fx + by * fy) + F(2) * (fx * fx + fy * fy)
+    floor = LEAST_SLOPE * size + F(1e-20)
+    g0, g1, g2, g3, g4, g5 = F(0), F(0), F(0), F(0), F(0), F(0)
+    for q in range(AREA):
+        t = own[NEAREST * AREA + q]
+        v = F(1) - t
+        u = t - v
+        b0, b1, b2 = v * v, F(2) * t * v, t * t
+        rx = b0 * sx + b1 * cx + b2 * ex - F(q & 7) - F(0.5)
+        ry = b0 * sy + b1 * cy + b2 * ey - F(q >> 3) - F(0.5)
+        dx, dy = bx * t + fx, by * t + fy
+        bend = max(F(2) * (dx * dx + dy * dy) + bx * rx + by * ry, floor, LEAST_BEND)
+        gt = F(4) * of_thickness[q] * p[i, 6] * taper * u / bend
+        gt = gt if t > F(0) else F(0)  # held at an end, t does not move
+        gt = gt if t < F(1) else F(0)
+        g0 += gt * (b0 * dx - v * rx)
+        g1 += gt * (b0 * dy - v * ry)
+        g2 += gt * (b1 * dx - u * rx)
+        g3 += gt * (b1 * dy - u * ry)
+        g4 += gt * (b2 * dx + t * rx)
+        g5 += gt * (b2 * dy + t * ry)
+    out[0] += g0
+    out[1] += g1
+    out[2] += g2
+    out[3] += g3
+    out[4] += g4
+    out[5] += g5
+
+
+KERNEL = tile_kernel(columns=11, rows=ROWS, cover=_cover, tint=_tint, paint=_paint, pull=_pull)

@@ -1,0 +1,266 @@
+"""Strokes that were drawn in windows, and the parts of their kernel.
+
+A window is square to the pixels, so the texels and weights of a bilinear lookup are found once for each of the eight
+columns and rows of a tile. Texels are weighted by alpha before they are mixed. On the way back a stroke leaves two
+numbers for every pixel of a tile: the light that reaches it, and the derivative with respect to its alpha. Then each
+stroke gathers them from its tiles into its own picture.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.compositing.layers import KernelInput, Layers
+from brushexp.compositing.passes import PULL_ALPHA, tile_kernel
+from brushexp.compositing.tile_lists import ABOVE, AREA, TILE, Array, F
+from brushexp.system.compiled import inline, kernel, prange
+
+ALMOST_NOTHING = 1e-6  # alpha below which the colour of a texel no longer counts
+ALPHA, PAINTED, ROWS = 1, 2, 5  # rows of a stroke in a tile: alpha and the three colours times alpha, before opacity
+AXES = 2 * 2 * TILE  # numbers of a lookup: along x and y, the texel before and after, of each pixel
+TILE_PLACE, COLUMNS = 2 * AREA, 2 * AREA + 2  # of what is left behind for a stroke: the place of the tile comes last
+
+
+@dataclass(frozen=True)
+class Windows(Layers):
+    """Strokes that were drawn in square windows, each placed anywhere on the canvas and sampled bilinearly.
+
+    Texel (row, column) of a window of side ``scale`` lies at ``position`` + scale * ((column + 0.5) / S - 0.5, ...);
+    beyond the outermost texel centres the picture fades to nothing within one texel.
+
+    Attributes:
+        images: (N, 4, S, S) RGBA in [0, 1], straight alpha.
+        position: (N, 2) centres of the windows, pixels.
+        scale: (N,) their sides, pixels, > 0.
+        opacity: (N,).
+        color: (N, 3) mean colour.
+    """
+
+    per_stroke = ("images", "position", "scale", "opacity", "color")
+
+    images: Tensor
+    position: Tensor
+    scale: Tensor
+    opacity: Tensor
+    color: Tensor
+
+    @property
+    def curve(self) -> Tensor:  # type: ignore[override]
+        """(N, 3, 2) the horizontal middle line of each window."""
+        half = torch.stack([0.5 * self.scale, torch.zeros_like(self.scale)], dim=-1)
+        return torch.stack([self.position - half, self.position, self.position + half], dim=1)
+
+    @property
+    def reach(self) -> Tensor:  # type: ignore[override]
+        """(N,) all of a window, and the texel around it, lies this near to its middle line."""
+        return self.scale * (0.5 + 0.5 / self.images.shape[-1])
+
+    def sample(self, index: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
+        side = self.images.shape[-1]
+        place = (points[:, None] - self.position[index][:, :, None]) / self.scale[index][:, :, None, None]
+        texel = (place + 0.5) * side - 0.5  # (T, K, P, 2); texel 0 has its centre at 0
+        low = texel.detach().floor()
+        fraction = texel - low
+        alpha, painted = points.new_zeros(texel.shape[:-1]), points.new_zeros(*texel.shape[:-1], 3)
+        for dy in (0, 1):
+            for dx in (0, 1):
+                x, y = low[..., 0].long() + dx, low[..., 1].long() + dy
+                inside = (x >= 0) & (x < side) & (y >= 0) & (y < side)
+                weight = (fraction[..., 0] if dx else 1 - fraction[..., 0]) * (
+                    fraction[..., 1] if dy else 1 - fraction[..., 1]
+                )
+                rgba = self.images[index[..., None], :, y.clamp(0, side - 1), x.clamp(0, side - 1)]  # (T, K, P, 4)
+                covered = weight * inside * rgba[..., 3]
+                alpha = alpha + covered
+                painted = painted + covered[..., None] * rgba[..., :3]  # premultiplied: an empty texel has no colour
+        color = painted / alpha.clamp_min(ALMOST_NOTHING)[..., None]
+        return self.opacity[index][..., None] * alpha, color
+
+    def compiled(self) -> KernelInput:
+        places = torch.cat([self.position, self.scale[:, None], self.opacity[:, None]], dim=1)
+        return KernelInput(KERNEL, places, (self.images.contiguous(),), learnt=1, boxes=self._boxes())
+
+    @torch.no_grad()
+    def _boxes(self) -> tuple[Tensor, Tensor]:
+        """The box around what each window shows, as a line (N, 3, 2) and a half thickness (N,).
+
+        Where a picture is exactly transparent its alpha has no gradient: whatever made it so has none either.
+        """
+        side = self.images.shape[-1]
+        shows = self.images[:, 3] > 0
+        low, high = [], []
+        for axis in (1, 2):  # over the rows for x, over the columns for y
+            line = shows.any(axis).to(torch.uint8)
+            low.append(line.argmax(1) - 1)  # texels; each is felt as far as the next one
+            high.append(side - line.flip(1).argmax(1))
+        ends = torch.stack([torch.stack(low, 1), torch.stack(high, 1)])  # (2, N, 2)
+        ends = self.position + ((ends + 0.5) / side - 0.5) * self.scale[:, None]
+        centre, half = ends.mean(0), 0.5 * (ends[1] - ends[0])
+        reach = half.amin(1)
+        line = half - reach[:, None]
+        curve = torch.stack([centre - line, centre, centre + line], dim=1)
+        return curve, torch.where(shows.flatten(1).any(1), reach, 0.0)
+
+
+@inline
+def _axis(centre, scale, side, origin, index, weight, inside):  # type: ignore[no-untyped-def]
+    """Of the eight pixels from ``origin`` on, along one axis, the texels before and after them.
+
+    Written to (16,), first the eight before: their numbers, what each counts, and whether it is there at all.
+    """
+    per_pixel = F(side) / scale
+    for q in range(TILE):
+        t = (F(q) + F(0.5) + origin - centre) * per_pixel + F(0.5) * F(side) - F(0.5)
+        t = min(max(t, F(-2)), F(side))
+        low = int(np.floor(t))
+        f = t - F(low)
+        inside[q] = F(1) if 0 <= low < side else F(0)
+        inside[TILE + q] = F(1) if 0 <= low + 1 < side else F(0)
+        weight[q], weight[TILE + q] = inside[q] * (F(1) - f), inside[TILE + q] * f
+        index[q], index[TILE + q] = min(max(low, 0), side - 1), min(max(low + 1, 0), side - 1)
+
+
+@inline
+def _axes(p, i, side, ox, oy, index, weight, inside):  # type: ignore[no-untyped-def]
+    """Both axes: (AXES,), x first."""
+    half = 2 * TILE
+    _axis(p[i, 0], p[i, 2], side, ox, index[:half], weight[:half], inside[:half])
+    _axis(p[i, 1], p[i, 2], side, oy, index[half:], weight[half:], inside[half:])
+
+
+@inline
+def _cover(p, i, data, ox, oy, own, temporary):  # type: ignore[no-untyped-def]
+    (images,) = data
+    index, weight, inside = temporary[2 * AXES :].view(np.int32), temporary[:AXES], temporary[AXES : 2 * AXES]
+    _axes(p, i, images.shape[-1], ox, oy, index, weight, inside)
+    image, total = images[i], F(0)
+    for y in range(TILE):
+        for x in range(TILE):
+            red, green, blue, alpha = F(0), F(0), F(0), F(0)
+            for k in range(4):
+                at_x, at_y = (k & 1) * TILE + x, (2 + (k >> 1)) * TILE + y
+                row, column = index[at_y], index[at_x]
+                covered = weight[at_y] * weight[at_x] * image[3, row, column]
+                alpha += covered
+                red += covered * image[0, row, column]
+                green += covered * image[1, row, column]
+                blue += covered * image[2, row, column]
+            q = y * TILE + x
+            own[ALPHA * AREA + q] = alpha
+            own[PAINTED * AREA + q] = red
+            own[(PAINTED + 1) * AREA + q] = green
+            own[(PAINTED + 2) * AREA + q] = blue
+            total += alpha
+    return total > F(0)
+
+
+@inline
+def _tint(p, i):  # type: ignore[no-untyped-def]
+    return p[i, 3]
+
+
+@inline
+def _paint(opacity, own, q):  # type: ignore[no-untyped-def]
+    return (
+        opacity * own[ALPHA * AREA + q],
+        opacity * own[PAINTED * AREA + q],
+        opacity * own[(PAINTED + 1) * AREA + q],
+        opacity * own[(PAINTED + 2) * AREA + q],
+    )
+
+
+@inline
+def _pull(p, i, data, ox, oy, own, temporary, buf, out):  # type: ignore[no-untyped-def]
+    for q in range(AREA):
+        out[q] = own[ABOVE * AREA + q]
+        out[AREA + q] = buf[PULL_ALPHA * AREA + q]
+    out[TILE_PLACE], out[TILE_PLACE + 1] = ox, oy
+
+
+def _gather(
+    left: Array, there: Array, row: Array, order: Array, grad_image: Array, places: Array, data: tuple[Array, ...]
+) -> tuple[Array, Array]:
+    """Gradients of places (N, 4) and images (N, 4, S, S)."""
+    gradients = np.zeros_like(places), np.zeros_like(data[0])
+    _over_strokes(places, *data, order, row, there, left, grad_image, *gradients)
+    return gradients
+
+
+@kernel
+def _over_strokes(places, images, order, row, there, left, grad_image, grad_places, grad_images):  # type: ignore[no-untyped-def]
+    """Gather each stroke's gradient from what `_pull` left behind in its tiles, always in the same order.
+
+    Args:
+        places: (N, 4) float32: centre x and y, side, opacity.
+        images: (N, 4, S, S) float32.
+        order: (N,) which row each stroke of the lists is.
+        row: see `TileLists`.
+        there: (pairs,) whether the stroke was seen in the tile, by slot.
+        left: (pairs, COLUMNS) light above, derivative with respect to alpha, and place of the tile, by slot.
+        grad_image: (3, H, W).
+        grad_places: (N, 4) zeros, written.
+        grad_images: (N, 4, S, S) zeros, written.
+    """
+    side = images.shape[-1]
+    for s in prange(len(row) - 1):
+        i = order[s]
+        index, weight, inside = np.empty(AXES, np.int32), np.empty(AXES, F), np.empty(AXES, F)
+        per_pixel, total = F(side) / places[i, 2], np.zeros(4, np.float64)
+        for j in range(row[s], row[s + 1]):
+            if not there[j]:
+                continue
+            given = left[j]
+            x0, y0 = int(given[TILE_PLACE]), int(given[TILE_PLACE + 1])
+            _axes(places, i, side, F(x0), F(y0), index, weight, inside)
+            for y in range(min(TILE, grad_image.shape[1] - y0)):
+                for x in range(min(TILE, grad_image.shape[2] - x0)):
+                    along_x, along_y, of_opacity = _scatter(
+                        images[i], places[i, 3], given, grad_image, y0, x0, y, x, index, weight, inside, grad_images[i]
+                    )
+                    total[0] -= along_x
+                    total[1] -= along_y
+                    total[2] -= along_x * (F(x + x0) + F(0.5) - places[i, 0])
+                    total[2] -= along_y * (F(y + y0) + F(0.5) - places[i, 1])
+                    total[3] += of_opacity
+        grad_places[i, 0] = total[0] * per_pixel
+        grad_places[i, 1] = total[1] * per_pixel
+        grad_places[i, 2] = total[2] * per_pixel / places[i, 2]
+        grad_places[i, 3] = total[3]
+
+
+@inline
+def _scatter(image, opacity, given, grad_image, top, left, y, x, index, weight, inside, out):  # type: ignore[no-untyped-def]
+    """Add one pixel's gradient to four texels of ``out`` (4, S, S).
+
+    Returns:
+        derivatives with respect to the place of the pixel, in texels along x and y, and to the opacity.
+    """
+    light, of_alpha = given[y * TILE + x], given[AREA + y * TILE + x]
+    red = light * grad_image[0, top + y, left + x]
+    green = light * grad_image[1, top + y, left + x]
+    blue = light * grad_image[2, top + y, left + x]
+    along_x, along_y, of_opacity = F(0), F(0), F(0)
+    for k in range(4):
+        at_x, at_y = (k & 1) * TILE + x, (2 + (k >> 1)) * TILE + y
+        row, column = index[at_y], index[at_x]
+        wy, wx = weight[at_y], weight[at_x]
+        alpha = image[3, row, column]
+        slope = of_alpha + red * image[0, row, column] + green * image[1, row, column] + blue * image[2, row, column]
+        total = wy * wx * opacity
+        out[3, row, column] += total * slope
+        out[0, row, column] += total * alpha * red
+        out[1, row, column] += total * alpha * green
+        out[2, row, column] += total * alpha * blue
+        value = alpha * slope
+        of_opacity += wy * wx * value
+        along_x += (value if k & 1 else -value) * inside[at_x] * wy
+        along_y += (value if k >> 1 else -value) * inside[at_y] * wx
+    return opacity * along_x, opacity * along_y, of_opacity
+
+
+KERNEL = tile_kernel(
+    columns=COLUMNS, rows=ROWS, cover=_cover, tint=_tint, paint=_paint, pull=_pull, temporary=2, curved=False,
+    gather=_gather,
+)  # fmt: skip
