@@ -23,11 +23,11 @@ from scenes import random_strokes, straight
 
 from brushexp.app.command_line import explanation, in_full
 from brushexp.app.tasks.export import with_renderer
+from brushexp.compositing.profile import smooth_rise
 from brushexp.errors import UserError
 from brushexp.painting.assembly import strokes_from
 from brushexp.painting.outputs import renderer_of, work_of
 from brushexp.plugins.blend.dense import Dense
-from brushexp.compositing.profile import smooth_rise
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export.base import Exporter, Work, counted
 from brushexp.plugins.export.csv import Csv

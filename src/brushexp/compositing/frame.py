@@ -5,10 +5,10 @@ from torch import Tensor
 
 from brushexp.strokes.bezier import closest_parameter, point_at
 
-STILL = 1e-3  # a curve slower than this part of its size has no direction of its own (a cusp, a point)
-STILL_PIXELS = 0.005  # and no curve has one that is slower than this
-LEAST_SPEED = 0.1  # derivatives are limited as if the curve were nowhere slower than about this part of its size
-SHORTEST = 1 / 32  # and, squared, no shorter than about a quarter of its half width
+SLOWEST = 1e-3  # a curve slower than this part of its size has no direction of its own (a cusp, a point)
+SLOWEST_PIXELS = 0.005  # and no curve has one that is slower than this
+LEAST_SQUARE = 0.1  # derivatives are limited as if the curve were nowhere slower than about this part of its size
+SHORTEST_SQUARED = 1 / 32  # and, squared, no shorter than about a quarter of its half width
 
 
 def stroke_frame(curve: Tensor, points: Tensor, half_width: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -24,7 +24,7 @@ def stroke_frame(curve: Tensor, points: Tensor, half_width: Tensor) -> tuple[Ten
 
     Derivatives: ``across`` has the unit normal (envelope theorem), ``t`` that of the implicit function theorem, and at
     the ends the tangent turns. The last two grow without bound where a curve is short, stands still, or bends around
-    the point; they are limited there (``LEAST_SPEED``, ``SHORTEST``), so that one such pixel does not throw a stroke about.
+    the point; they are limited there (``LEAST_SQUARE``, ``SHORTEST_SQUARED``), so that none throws a stroke about.
     """
     start, control, end = curve.unbind(-2)
     bend, forward = start - 2 * control + end, control - start
@@ -35,16 +35,16 @@ def stroke_frame(curve: Tensor, points: Tensor, half_width: Tensor) -> tuple[Ten
     with torch.no_grad():
         size = forward.square().sum(-1) + (forward + bend).square().sum(-1)
         speed = velocity.square().sum(-1)
-        moves = speed > STILL**2 * size + STILL_PIXELS**2
+        moves = speed > SLOWEST**2 * size + SLOWEST_PIXELS**2
         outer = torch.where(_cross(forward, bend) > 0, -1.0, 1.0).to(curve.dtype)
         square = outer[..., None] * torch.stack([offset[..., 1], -offset[..., 0]], dim=-1)
         tangent = torch.where(moves[..., None], velocity, square)
         tangent = tangent / tangent.square().sum(-1, keepdim=True).clamp_min(1e-30).sqrt()
         normal = torch.stack([-tangent[..., 1], tangent[..., 0]], dim=-1)
         at_end = (nearest <= 0) | (nearest >= 1)
-        turns = (moves & at_end) / speed.clamp_min(LEAST_SPEED * size + 1e-30).sqrt()
+        turns = (moves & at_end) / speed.clamp_min(LEAST_SQUARE * size + 1e-30).sqrt()
         steep = 2 * speed - (offset * bend).sum(-1)
-        slides = ~at_end / steep.clamp_min(LEAST_SPEED * size + SHORTEST * half_width.square())
+        slides = ~at_end / steep.clamp_min(LEAST_SQUARE * size + SHORTEST_SQUARED * half_width.square())
     turn = (normal * (velocity - velocity.detach())).sum(-1) * turns  # 0, with a derivative
     tangent = tangent + normal * turn[..., None]
     slope = (offset * velocity).sum(-1)

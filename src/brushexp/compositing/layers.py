@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Self
 import torch
 from torch import Tensor
 
-from brushexp.compositing.passes import TileKernel
+from brushexp.compositing.tile_kernel import TileKernel
 
 SPREAD = 1.5  # half widths that textures reach to either side of the curve, and beyond its ends
 EDGE = 2.0  # pixels that a soft edge may add to a stroke
@@ -55,7 +55,7 @@ class Layers(ABC):
 
     @abstractmethod
     def sample(self, index: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
-        """Alpha and colour of strokes ``index`` (T, K) at ``points`` (T, P, 2), differentiable in the stroke parameters.
+        """Alpha and colour of strokes ``index`` (T, K) at ``points`` (T, P, 2), differentiable in all fields.
 
         Returns:
             alpha (T, K, P) in [0, 1] and color (T, K, P, 3), or (T, K, 1, 3) where it is constant.

@@ -105,7 +105,7 @@ def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, own):  # type: ignore[no-u
 
 @inline
 def find_nearest(p, i, ox, oy, own):  # type: ignore[no-untyped-def]
-    """Write to row NEAREST the parameter of the nearest point of stroke ``i`` for the pixels of the tile at (ox, oy)."""
+    """Write to row NEAREST the parameter of the nearest point of stroke ``i`` to each pixel of the tile at (ox, oy)."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     a, b, c0 = bx * bx + by * by, F(3) * (bx * fx + by * fy), F(2) * (fx * fx + fy * fy)

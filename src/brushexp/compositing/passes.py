@@ -2,8 +2,8 @@
 
 Nothing of size strokes x pixels is stored but a kind's nearest points. A tile's 64 pixels stay in the first-level cache
 while its strokes are laid over each other front to back ("over", Porter and Duff, 1984); the loops over the pixels have
-no branches, so that they become SIMD code. On the way back the forward pass of a tile is repeated, but for the search of
-nearest points; then its strokes are visited back to front with the colour behind them, which needs no division by
+no branches, so that they become SIMD code. On the way back the forward pass of a tile is repeated, but for the search
+of nearest points; then its strokes are visited back to front with the colour behind them, which needs no division by
 1 - alpha. What a stroke receives from a tile goes to a row of its own, and rows are summed per stroke in double
 precision: no atomics, and the same bits on any number of threads.
 
@@ -13,15 +13,10 @@ numbers, one for each pixel of the tile (pixel q at column q & 7 and row q >> 3)
 tile: `cover` writes what `paint` and `pull` read. ``temporary`` are TEMPORARY more rows, for use within one part.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 
-from brushexp.compositing.nearest import find_nearest, keep_nearest, recall_nearest
 from brushexp.compositing.tile_lists import ABOVE, AREA, TILE, F
-from brushexp.system.compiled import Compiled, inline, kernel, prange
+from brushexp.system.compiled import inline, kernel, prange
 
 WORKERS = 64  # every so many tiles are one worker's: fixed, and enough to share the work evenly
 # Rows of a worker's scratch: the picture so far (on the way back: the colour behind), the light that is left, three of
@@ -138,7 +133,9 @@ def _show(buf, background, top, left, image):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def forward(p, data, order, first, stroke, slot, columns, background, opaque, target, image, used, there, near, errors):  # type: ignore[no-untyped-def]
+def forward_pass(
+    p, data, order, first, stroke, slot, columns, background, opaque, target, image, used, there, near, errors
+):  # type: ignore[no-untyped-def]
     """Paint all tiles.
 
     Args:
@@ -240,10 +237,10 @@ def _step_back(look, own, buf):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def backward(p, data, order, first, stroke, slot, columns, background, used, there, near, grad_image, pairs):  # type: ignore[no-untyped-def]
+def backward_pass(p, data, order, first, stroke, slot, columns, background, used, there, near, grad_image, pairs):  # type: ignore[no-untyped-def]
     """Gradients of all pairs from the gradient of the picture.
 
-    Args as of `forward`, with what it wrote, but for:
+    Args as of `forward_pass`, with what it wrote, but for:
         grad_image: (3, H, W).
         pairs: (pairs, .), written where ``there``, by slot.
     """
@@ -285,10 +282,10 @@ def _miss(look, own, buf):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def importance(p, data, order, first, stroke, slot, columns, background, used, there, near, error, weight, pairs):  # type: ignore[no-untyped-def]
+def importance_pass(p, data, order, first, stroke, slot, columns, background, used, there, near, error, weight, pairs):  # type: ignore[no-untyped-def]
     """By how much the squared error of the picture would grow without each stroke, for all pairs.
 
-    Args as of `backward`, but for:
+    Args as of `backward_pass`, but for:
         error: (3, H, W) picture less target.
         weight: (H, W) of each pixel.
         pairs: (pairs, 1), written where ``there``, by slot.
@@ -321,70 +318,3 @@ def sum_by_stroke(pairs, there, row, order, out):  # type: ignore[no-untyped-def
                 if there[j]:
                     total += pairs[j, c]
             out[order[i], c] = total
-
-
-@inline
-def _seek_nearest(p, i, ox, oy, own, near, j, keep):  # type: ignore[no-untyped-def]
-    find_nearest(p, i, ox, oy, own)
-    if keep:
-        keep_nearest(own, near[j])
-
-
-@inline
-def _recall_nearest(p, i, ox, oy, own, near, j):  # type: ignore[no-untyped-def]
-    recall_nearest(p, i, ox, oy, near[j], own)
-
-
-@dataclass(frozen=True)
-class TileKernel:
-    """The compiled passes of one kind of layer, see `tile_kernel`.
-
-    Attributes:
-        columns: numbers that `pull` writes.
-        curved: whether nearest points of curves are sought.
-        forward: see there.
-        backward: see there.
-        importance: see there.
-        gather: what becomes of the numbers that `pull` wrote, see `tile_kernel`; None for their sums.
-    """
-
-    columns: int
-    curved: bool
-    forward: Compiled
-    backward: Compiled
-    importance: Compiled
-    gather: Callable[..., Any] | None
-
-
-def tile_kernel(
-    *,
-    columns: int,
-    rows: int,
-    cover: Callable[..., Any],
-    tint: Callable[..., Any],
-    paint: Callable[..., Any],
-    pull: Callable[..., Any],
-    temporary: int = 1,
-    curved: bool = True,
-    gather: Callable[..., Any] | None = None,
-) -> TileKernel:
-    """Compiled passes from the parts of a kind of layer, which are functions marked by `system.compiled.inline`.
-
-    Args:
-        columns: numbers that `pull` writes.
-        rows: of ``own``; row ABOVE is the skeleton's, and row NEAREST too if ``curved``.
-        cover: see the function of that name, as for the next three.
-        tint: constant numbers of a stroke.
-        paint: a pixel.
-        pull: gradient.
-        temporary: rows for use within a part.
-        curved: find nearest points first. The first six numbers of a stroke are then its control points in pixels,
-            start, control and end, x and y each.
-        gather: makes gradients of what `pull` wrote, called with pairs, there, row of the lists, order, gradient of the
-            picture, strokes and data; None: they are summed by stroke and are the gradient of the strokes' numbers.
-    """
-    parts: dict[str, Any] = {"cover": cover, "tint": tint, "paint": paint, "ROWS": rows, "TEMPORARY": temporary}
-    if curved:
-        parts |= {"seek": _seek_nearest, "recall": _recall_nearest}
-    back = backward.having(**parts, pull=pull)
-    return TileKernel(columns, curved, forward.having(**parts), back, importance.having(**parts), gather)

@@ -12,7 +12,8 @@ from torch import Tensor
 
 from brushexp.compositing.layers import KernelInput, Layers
 from brushexp.compositing.nearest import LEAST_SLOPE
-from brushexp.compositing.passes import PULL_ALPHA, PULL_BLUE, PULL_GREEN, PULL_RED, tile_kernel
+from brushexp.compositing.passes import PULL_ALPHA, PULL_BLUE, PULL_GREEN, PULL_RED
+from brushexp.compositing.tile_kernel import tile_kernel
 from brushexp.compositing.tile_lists import AREA, NEAREST, F
 from brushexp.strokes.bezier import closest_parameter, point_at
 from brushexp.system.compiled import inline

@@ -1,7 +1,7 @@
 """Strokes with textures in coordinates of their own, and the parts of their kernel.
 
-The kernel brings the four texels around a place by two loads: eight bits each of opacity and of light. Its gradient goes
-to the curve through both coordinates; the textures are taken as given.
+The kernel brings the four texels around a place by two loads: eight bits each of opacity and of light. Its gradient
+goes to the curve through both coordinates; the textures are taken as given.
 """
 
 from dataclasses import dataclass
@@ -10,9 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.compositing.frame import LEAST_SPEED, SHORTEST, STILL, STILL_PIXELS, stroke_frame
+from brushexp.compositing.frame import LEAST_SQUARE, SHORTEST_SQUARED, SLOWEST, SLOWEST_PIXELS, stroke_frame
 from brushexp.compositing.layers import SPREAD, KernelInput, Layers
-from brushexp.compositing.passes import PULL_ALPHA, PULL_BLUE, PULL_GREEN, PULL_RED, tile_kernel
+from brushexp.compositing.passes import PULL_ALPHA, PULL_BLUE, PULL_GREEN, PULL_RED
+from brushexp.compositing.tile_kernel import tile_kernel
 from brushexp.compositing.tile_lists import AREA, NEAREST, F
 from brushexp.system.compiled import inline
 
@@ -39,8 +40,8 @@ class TexturedProfile(Layers):
         textures: (M, 2, rows + 2, rows + columns + 2) opacity in [0, 1] and light in [-1, 1]; rows is even.
         extent: (M,) half widths beyond which a texture is transparent, at least 0.
         look: (N,) int64, each stroke's texture.
-        cells: (M, rows + 1, rows + columns + 1, 2) int32 for the compiled kernel, see ``cells_of``; None if there are
-            none because the textures are being trained.
+        cells: (M, rows + 1, rows + columns + 1, 2) int32 for the compiled kernel, see `textures.cells_of`; None if
+            there are none because the textures are being trained.
     """
 
     per_stroke = ("curve", "half_width", "color", "opacity", "look")
@@ -102,22 +103,6 @@ def _look_up(textures: Tensor, look: Tensor, x: Tensor, y: Tensor) -> Tensor:
     return torch.lerp(above, below, down)
 
 
-def cells_of(steps: Tensor) -> Tensor:
-    """The corners of each cell between four texels, as bytes of two words, so that a lookup is two loads.
-
-    Args:
-        steps: (M, 2, rows, columns) whole numbers: opacity 0 to 255, light -127 to 127.
-
-    Returns:
-        (M, rows - 1, columns - 1, 2) int32: of opacity, and of light + 128, the corners above left, above right, below
-        left and below right, the lowest byte first.
-    """
-    whole = steps.long() + torch.tensor([0, 128], device=steps.device)[:, None, None]
-    corners = (whole[..., :-1, :-1], whole[..., :-1, 1:], whole[..., 1:, :-1], whole[..., 1:, 1:])
-    word = sum((corner << (8 * k) for k, corner in enumerate(corners)), start=torch.zeros_like(corners[0]))
-    return torch.where(word >= 2**31, word - 2**32, word).int().movedim(1, -1).contiguous()
-
-
 @inline
 def _size(bx, by, fx, fy):  # type: ignore[no-untyped-def]
     """Squared size of a curve: of its velocity at both ends, halved."""
@@ -129,7 +114,7 @@ def _place(p, i, ox, oy, rows, columns, own):  # type: ignore[no-untyped-def]
     """Write rows X and Y: where in its texture the pixels of a tile find stroke ``i``, in texels."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
-    still = F(STILL * STILL) * _size(bx, by, fx, fy) + F(STILL_PIXELS * STILL_PIXELS)
+    still = F(SLOWEST * SLOWEST) * _size(bx, by, fx, fy) + F(SLOWEST_PIXELS * SLOWEST_PIXELS)
     outer = F(-1) if fx * by - fy * bx > F(0) else F(1)
     body, scale, origin = F(columns - rows), p[i, 11], F(0.5) * F(rows) + F(0.5)
     for q in range(AREA):
@@ -256,9 +241,9 @@ def _move(p, i, ox, oy, body, own, out):  # type: ignore[no-untyped-def]
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     half, scale = p[i, 6], p[i, 11]
     size = _size(bx, by, fx, fy)
-    still = F(STILL * STILL) * size + F(STILL_PIXELS * STILL_PIXELS)
-    least = F(1) / np.sqrt(F(LEAST_SPEED) * size + F(1e-30))
-    short = F(LEAST_SPEED) * size + F(SHORTEST) * half * half
+    still = F(SLOWEST * SLOWEST) * size + F(SLOWEST_PIXELS * SLOWEST_PIXELS)
+    least = F(1) / np.sqrt(F(LEAST_SQUARE) * size + F(1e-30))
+    short = F(LEAST_SQUARE) * size + F(SHORTEST_SQUARED) * half * half
     outer = F(-1) if fx * by - fy * bx > F(0) else F(1)
     g0, g1, g2, g3, g4, g5, g11 = F(0), F(0), F(0), F(0), F(0), F(0), F(0)
     for q in range(AREA):

@@ -13,7 +13,8 @@ import torch
 from torch import Tensor
 
 from brushexp.compositing.layers import KernelInput, Layers
-from brushexp.compositing.passes import PULL_ALPHA, tile_kernel
+from brushexp.compositing.passes import PULL_ALPHA
+from brushexp.compositing.tile_kernel import tile_kernel
 from brushexp.compositing.tile_lists import ABOVE, AREA, TILE, Array, F
 from brushexp.system.compiled import inline, kernel, prange
 

@@ -3,11 +3,11 @@
 import torch
 from torch import Tensor
 
+from brushexp.compositing.layers import EDGE, SPREAD
 from brushexp.painting.patch_cache import PatchCache
 from brushexp.pictures.region import Region
 from brushexp.plugins.blend.base import Blend, Canvas
 from brushexp.plugins.loss.base import Painting, Surroundings
-from brushexp.compositing.layers import EDGE, SPREAD
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import curve_of, half_width_of

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from brushexp.compositing.layers import SPREAD
-from brushexp.plugins.renderer.textured import cells_of, coordinates_of, distance_of, extent_of, smoothed
+from brushexp.compositing.textures import cells_of, coordinates_of, distance_of, extent_of, smoothed
 
 DENSE = 0.97  # coverage of a full film
 LIT = 0.8  # films by which paint is higher where it is white by light than where it has its own colour

@@ -1,8 +1,8 @@
 """Functions that Numba compiles at their first call, so that nothing else waits for Numba to be imported (a second).
 
-A kernel may have **parts**: functions that it calls by name and that are chosen when it is compiled (`Compiled.having`),
-so that one loop serves many formulas. Machine code is kept on disk, under a name made from the code of the function and
-of everything that it calls: a change in any file is noticed, and no two choices of parts are mixed up.
+A kernel may have **parts**: functions that it calls by name and that are chosen for it (`Compiled.having`), so that one
+loop serves many formulas. Machine code is kept on disk, under a name made from the code of the function and of
+everything that it calls: a change in any file is noticed, and no two choices of parts are mixed up.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -45,28 +45,28 @@ class Compiled:
     @cached_property
     def dispatcher(self) -> Any:
         """What Numba makes of the function."""
-        from numba import njit  # noqa: PLC0415  (it takes a second)
+        import numba  # noqa: PLC0415  (it takes a second)
 
         function, digest = self._linked(self.function, {})
         function.__qualname__ = f"{self.function.__qualname__}_{digest[:16]}"  # names the file of machine code
-        return njit(cache=True, **self.options)(function)
+        return numba.njit(cache=True, **self.options)(function)
 
     def _linked(self, function: FunctionType, known: dict[str, Any]) -> tuple[FunctionType, str]:
         """A copy that calls Numba's versions of what it calls, and a digest of all the code in it."""
-        from numba import njit, prange as parallel  # noqa: PLC0415
+        import numba  # noqa: PLC0415
 
         scope, code, seen = dict(function.__globals__), function.__code__, []
         for name in sorted(set(_names(code)) & (scope.keys() | self.parts.keys())):
             value = self.parts.get(name, scope.get(name))
             if isinstance(value, FunctionType) and getattr(value, "is_inline", False):
                 linked, digest = self._linked(value, known)
-                value = known.setdefault(digest, njit(inline="always", **OPTIONS)(linked))
+                value = known.setdefault(digest, numba.njit(inline="always", **OPTIONS)(linked))
                 seen.append(digest)
             elif isinstance(value, Compiled):
                 value = value.dispatcher
                 seen.append(value.py_func.__qualname__)
             elif value is prange:
-                value = parallel
+                value = numba.prange
             elif isinstance(value, int | float | str | tuple | np.generic):
                 seen.append(f"{name}={value!r}")
             scope[name] = value

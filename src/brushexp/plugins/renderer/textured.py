@@ -8,7 +8,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from brushexp.compositing.layers import SPREAD
-from brushexp.compositing.textured_profile import TexturedProfile, cells_of
+from brushexp.compositing.textured_profile import TexturedProfile
+from brushexp.compositing.textures import cells_of, coordinates_of, distance_of, extent_of, smoothed
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.renderer.weights_file import restore, shipped
@@ -164,15 +165,6 @@ def unrolled(picture: Tensor, width: float, rows: int, length: int) -> Tensor:
     return torch.stack([alpha.clamp(FADED, 1 - FADED).logit(), light.clamp(-LIT, LIT).atanh()])
 
 
-def extent_of(opacity: Tensor) -> Tensor:
-    """Half widths (M,) from the curve, beyond which textures with this opacity (M, rows + 2, columns + 2) are empty."""
-    rows = opacity.shape[1] - 2
-    distance = distance_of(rows, opacity.shape[2] - 2 - rows).to(opacity)
-    farthest = torch.where(opacity > 0, distance, -1.0).amax((1, 2))
-    margin = math.sqrt(2) * 2 * SPREAD / rows  # a texel is felt as far as the next one
-    return torch.where(farthest < 0, 0.0, farthest + margin)
-
-
 def bristles(variants: int, widths: int, rows: int, columns: int) -> Tensor:
     """Textures of brushes drawn at random, before sigmoid (opacity) and tanh (light): the same ones every time.
 
@@ -196,44 +188,3 @@ def bristles(variants: int, widths: int, rows: int, columns: int) -> Tensor:
     opacity = torch.minimum(torch.minimum(side, start), torch.minimum(end, full)).clamp(-6, 6)
     light = 0.15 * thick * (load + waver) + 0.5 * (thick * (ridge + 0.5 * waver) - 1.5).clamp_min(0)
     return torch.stack([opacity, light], dim=2)
-
-
-def coordinates_of(rows: int, columns: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Where the texels of a texture with the ring around it lie; all but t in half widths.
-
-    Returns:
-        across (rows + 2,); of the columns (rows + columns + 2,) t, before the start (negative), and beyond the end.
-    """
-    step = 2 * SPREAD / rows
-    across = step * (torch.arange(rows + 2) - 0.5 - rows / 2)
-    u = torch.arange(rows + columns + 2) - 0.5 - rows / 2
-    return across, (u / columns).clamp(0, 1), step * u.clamp_max(0), step * (u - columns).clamp_min(0)
-
-
-def distance_of(rows: int, columns: int) -> Tensor:
-    """Half widths (rows + 2, rows + columns + 2) from the curve to each texel."""
-    across, _, before, beyond = coordinates_of(rows, columns)
-    return torch.hypot(across[:, None], before + beyond)
-
-
-def smoothed(opacity: Tensor, light: Tensor, room: Tensor, level: int) -> Tensor:
-    """Textures (..., 2, rows, columns) as pixels of 2^level texels see them: a Gaussian with the spread of that square.
-
-    Along the stroke half as much, for there most texels are longer. Light counts by opacity.
-    """
-    if level == 0:
-        return torch.stack([opacity, light], dim=-3)
-    sigma = 2**level / math.sqrt(12)
-    rows, columns = opacity.shape[-2:]
-    weighted = torch.stack([opacity, opacity * light], dim=-3)
-    blurred = _gaussian(rows, sigma).to(room) @ weighted @ _gaussian(columns, 0.5 * sigma).to(room)
-    covered, lit = blurred.unbind(-3)
-    return torch.stack([covered * room, lit / covered.clamp_min(1e-6)], dim=-3)
-
-
-def _gaussian(n: int, sigma: float) -> Tensor:
-    """Matrix (n, n) that blurs n texels, with nothing beyond them."""
-    place = torch.arange(n)
-    spread = torch.arange(-n, n + 1)
-    total = torch.exp(-0.5 * (spread / sigma) ** 2).sum()
-    return torch.exp(-0.5 * ((place[:, None] - place) / sigma) ** 2) / total

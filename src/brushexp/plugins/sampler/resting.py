@@ -5,9 +5,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from brushexp.compositing.layers import EDGE, SPREAD
 from brushexp.errors import UserError, check_range
 from brushexp.pictures.region import Region
-from brushexp.compositing.layers import EDGE, SPREAD
 from brushexp.plugins.sampler.base import Sampler, View
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of
