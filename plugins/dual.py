@@ -4,7 +4,8 @@ A colour need not be learned by convolutions: paint of any colour has the same s
 seven numbers of the shape and draws two planes, a mask (alpha) and a shading; the colour is put in afterwards, exactly.
 
 What the framework does with it: `PatchRenderer` brings parameters into the range of training, calls `draw`, places the
-windows on the canvas and saves memory; ``python run.py task=train renderer=dual data=data/fluid`` trains it;
+windows on the canvas, saves memory and loads the weights of ``checkpoint``;
+``python run.py task=train renderer=dual data=data/fluid`` trains it;
 ``python run.py renderer=dual renderer.checkpoint=outputs/x/dual.safetensors`` paints with it.
 """
 
@@ -16,7 +17,6 @@ from torch.nn import functional
 
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import PatchRenderer, Precision
-from brushexp.plugins.renderer.weights_file import restore
 from brushexp.registry import register
 
 
@@ -70,8 +70,6 @@ class Dual(PatchRenderer):
         with torch.no_grad():
             self.last.weight.mul_(0.1)
             self.last.bias[:4] = -3.0  # most of a window is empty
-        # Always last: loads weights, if there are any, and refuses those of other options, with the reason.
-        restore(self, "dual", checkpoint, {"window": window, "width": width, "shading": shading})
 
     def draw(self, parameters: Tensor) -> Tensor:
         shape, color = parameters.split([7, 3], dim=1)  # the order is that of strokes.prior.parameters_of

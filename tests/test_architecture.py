@@ -14,7 +14,7 @@ SOURCE = ROOT / "src" / "brushexp"
 # What any plugin may import, besides the contracts of the families and the private modules of its own.
 SHARED = {
     "compositing.bands",
-    "compositing.composition",
+    "compositing.rasterization",
     "compositing.eager",
     "compositing.layers",
     "compositing.profile",

@@ -8,7 +8,7 @@ from scenes import leaves, random_strokes, straight
 
 from brushexp.errors import UserError
 from brushexp.plugins.blend.dense import Dense
-from brushexp.plugins.blend.tiled import Kernel, Tiled
+from brushexp.plugins.blend.tiled import Backend, Tiled
 from brushexp.plugins.blend.topk import TopK
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.catalogue import FIELDS, Strokes
@@ -16,7 +16,7 @@ from brushexp.strokes.catalogue import FIELDS, Strokes
 BACKGROUND = torch.tensor([0.2, 0.5, 0.9])
 BLENDS = {
     "tiled": Tiled(opaque=0.0),
-    "tiled in torch": Tiled(opaque=0.0, kernel=Kernel.torch),
+    "tiled in torch": Tiled(opaque=0.0, kernel=Backend.torch),
     "topk": TopK(k=10_000),
     "topk_all": TopK(k=None),
 }
@@ -190,7 +190,7 @@ def test_fifty_thousand_strokes_on_one_spot():
 
 def test_the_numba_kernel_refuses_what_it_cannot_do():
     with pytest.raises(UserError, match=r"use blend\.kernel=auto"):
-        paint(Tiled(kernel=Kernel.numba), random_strokes(2, (8, 8), dtype=torch.float64), (8, 8))
+        paint(Tiled(kernel=Backend.numba), random_strokes(2, (8, 8), dtype=torch.float64), (8, 8))
 
 
 def test_dense_refuses_what_would_not_fit_into_memory():

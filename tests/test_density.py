@@ -12,7 +12,7 @@ from brushexp.painting.components import Components, Stage
 from brushexp.painting.importance import importance
 from brushexp.painting.metrics import psnr_of
 from brushexp.painting.painter import Painter
-from brushexp.plugins.blend.tiled import Kernel, Tiled
+from brushexp.plugins.blend.tiled import Backend, Tiled
 from brushexp.plugins.density._candidates import candidates, halves, straddling
 from brushexp.plugins.density.adaptive import Adaptive
 from brushexp.plugins.density.base import DensificationState
@@ -97,7 +97,7 @@ def test_worth_of_any_blend_is_the_same_on_average():
     args = (strokes, order, target, None, BACKGROUND, Analytic())
     exact = importance(*args, Tiled(opaque=0), torch.Generator())
     probed = [
-        importance(*args, Tiled(opaque=0, kernel=Kernel.torch), torch.Generator().manual_seed(k)) for k in range(20)
+        importance(*args, Tiled(opaque=0, kernel=Backend.torch), torch.Generator().manual_seed(k)) for k in range(20)
     ]
     mean, spread = torch.stack(probed).mean(0), torch.stack(probed).std(0) / math.sqrt(20)
     assert ((mean - exact).abs() <= 5 * spread + 1e-3 * exact.abs().max()).all()

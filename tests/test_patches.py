@@ -9,7 +9,7 @@ from brushexp.compositing.tile_lists import tile_lists
 from brushexp.compositing.windows import Windows
 from brushexp.errors import UserError
 from brushexp.plugins.blend.dense import Dense
-from brushexp.plugins.blend.tiled import Kernel, Tiled
+from brushexp.plugins.blend.tiled import Backend, Tiled
 
 BACKGROUND = torch.tensor([0.2, 0.5, 0.9])
 FIELDS = ("images", "position", "scale", "opacity")
@@ -44,7 +44,7 @@ def paint_with_gradient(blend, layers, size, weight, *, order=None, target=None,
 def assert_agree(layers, size, *, blend=None, **options):
     """Value to 1e-4, gradient to 1e-3 of its size, against the reference in float64."""
     weight = torch.randn(3, *size)
-    blend = Tiled(opaque=0.0, kernel=Kernel.numba) if blend is None else blend
+    blend = Tiled(opaque=0.0, kernel=Backend.numba) if blend is None else blend
     canvas, gradient = paint_with_gradient(blend, layers, size, weight, **options)
     exact, slope = paint_with_gradient(Dense(), layers, size, weight, dtype=torch.float64, **options)
     torch.testing.assert_close(canvas.image.double(), exact.image, atol=1e-4, rtol=0)
@@ -67,7 +67,7 @@ def test_windows_agree_with_the_reference(n, height, width, side, seed):
 
 
 def test_the_eager_pass_agrees_too():
-    blend = Tiled(opaque=0.0, kernel=Kernel.torch)
+    blend = Tiled(opaque=0.0, kernel=Backend.torch)
     assert_agree(random_patches(20, (21, 34)), (21, 34), blend=blend)
 
 
@@ -167,4 +167,4 @@ def test_pictures_may_lie_in_memory_as_they_like():
 def test_the_compiled_pass_refuses_what_it_cannot_do():
     layers, weight = random_patches(2, (8, 8)), torch.zeros(3, 8, 8)
     with pytest.raises(UserError, match=r"use blend\.kernel=auto"):
-        paint_with_gradient(Tiled(kernel=Kernel.numba), layers, (8, 8), weight, dtype=torch.float64)
+        paint_with_gradient(Tiled(kernel=Backend.numba), layers, (8, 8), weight, dtype=torch.float64)

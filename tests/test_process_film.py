@@ -13,7 +13,7 @@ from scenes import Windowed, random_strokes
 from brushexp.errors import UserError
 from brushexp.pictures.video import Format
 from brushexp.plugins.blend.dense import Dense
-from brushexp.plugins.blend.tiled import Kernel, Tiled
+from brushexp.plugins.blend.tiled import Backend, Tiled
 from brushexp.plugins.blend.topk import TopK
 from brushexp.plugins.export.base import Work
 from brushexp.plugins.export.process import Pace, Process, fitted, layered, schedule, states, unfinished
@@ -25,7 +25,7 @@ from brushexp.system.files import to_bytes
 
 BLENDS = {
     "tiled": Tiled,
-    "tiled in torch": lambda: Tiled(kernel=Kernel.torch),
+    "tiled in torch": lambda: Tiled(kernel=Backend.torch),
     "dense": Dense,
     "topk 5": lambda: TopK(k=5),
     "topk all": lambda: TopK(k=None),

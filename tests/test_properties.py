@@ -16,7 +16,7 @@ from torch import Tensor
 from brushexp.compositing import bands
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.blend.dense import Dense
-from brushexp.plugins.blend.tiled import Kernel, Tiled
+from brushexp.plugins.blend.tiled import Backend, Tiled
 from brushexp.plugins.blend.topk import TopK
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer
@@ -30,7 +30,7 @@ BLENDS: dict[str, Blend] = {
     "dense": Dense(),
     "tiled": Tiled(),
     "tiled, all strokes": Tiled(opaque=0.0),
-    "tiled in torch": Tiled(opaque=0.0, kernel=Kernel.torch),
+    "tiled in torch": Tiled(opaque=0.0, kernel=Backend.torch),
     "topk": TopK(k=3),
     "topk_all": TopK(k=None),
 }

@@ -11,7 +11,7 @@ from scenes import leaves, random_strokes, straight
 
 from brushexp.errors import UserError
 from brushexp.plugins.blend.dense import Dense
-from brushexp.plugins.blend.tiled import Kernel, Tiled
+from brushexp.plugins.blend.tiled import Backend, Tiled
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import window_pictures
 from brushexp.plugins.renderer.textured import Textured, unrolled
@@ -92,7 +92,7 @@ def test_the_reference_has_the_right_gradient():
     )
 
 
-@pytest.mark.parametrize("blend", [DENSE, TILED, Tiled(opaque=0.0, kernel=Kernel.torch)])
+@pytest.mark.parametrize("blend", [DENSE, TILED, Tiled(opaque=0.0, kernel=Backend.torch)])
 def test_accuracy_is_measured_in_the_same_pass(blend):
     strokes, target = random_strokes(30, (20, 33)), torch.rand(3, 20, 33)
     order = torch.randperm(30)
@@ -200,7 +200,7 @@ def test_while_textures_are_trained_the_gradient_reaches_them():
     paint(TILED, random_strokes(4, (16, 19)), (16, 19), renderer=renderer).image.square().sum().backward()
     assert renderer.textures.grad.abs().sum() > 0
     with pytest.raises(UserError, match=r"use blend\.kernel=auto"):
-        paint(Tiled(kernel=Kernel.numba), random_strokes(2, (8, 8)), (8, 8), renderer=renderer)
+        paint(Tiled(kernel=Backend.numba), random_strokes(2, (8, 8)), (8, 8), renderer=renderer)
 
 
 def test_a_few_steps_bring_the_textures_nearer_to_a_brush():

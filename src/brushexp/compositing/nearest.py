@@ -1,4 +1,5 @@
 """The nearest point of a curve for the 64 pixels of a tile, and how it is kept for the backward pass."""
+# mypy: allow-untyped-defs
 
 import numpy as np
 
@@ -12,7 +13,7 @@ TIE = F(3e-7)  # of the curve's length: where both legs of a fold are as near as
 
 
 @inline
-def _bends(bend, chord):  # type: ignore[no-untyped-def]
+def _bends(bend, chord):
     """0 for nearly straight, 1 for gently bent and 2 for strongly bent, from the squared lengths of bend and chord.
 
     Measured on random pixels within reach of random curves: the distance to a gently bent one is within 1e-3 px.
@@ -23,13 +24,13 @@ def _bends(bend, chord):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _constant(a, b, c0, t):  # type: ignore[no-untyped-def]
+def _constant(a, b, c0, t):
     """What all pixels share in the squared distance at parameter ``t``."""
     return (F(0.25) * a * t + b * F(1 / 3)) * t * t + F(0.5) * c0 * t
 
 
 @inline
-def _find_from_samples(kind, a, b, c0, bx, by, fx, fy, sx, sy, own):  # type: ignore[no-untyped-def]
+def _find_from_samples(kind, a, b, c0, bx, by, fx, fy, sx, sy, own):
     """Newton's method from the middle of the curve, or from the best of five places on it."""
     floor = LEAST_SLOPE * (a + abs(b) + c0) + F(1e-20)
     step = F(1)
@@ -64,7 +65,7 @@ def _find_from_samples(kind, a, b, c0, bx, by, fx, fy, sx, sy, own):  # type: ig
 
 
 @inline
-def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, own):  # type: ignore[no-untyped-def]
+def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, own):
     """Halley's method from both ends; the nearer of both valleys of the distance.
 
     The derivative of the distance is a cubic that rises; its outermost zeros are the valleys, one to each side of its
@@ -104,7 +105,7 @@ def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, own):  # type: ignore[no-u
 
 
 @inline
-def find_nearest(p, i, ox, oy, own):  # type: ignore[no-untyped-def]
+def find_nearest(p, i, ox, oy, own):
     """Write to row NEAREST the parameter of the nearest point of stroke ``i`` to each pixel of the tile at (ox, oy)."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
@@ -118,14 +119,14 @@ def find_nearest(p, i, ox, oy, own):  # type: ignore[no-untyped-def]
 
 
 @inline
-def keep_nearest(own, row):  # type: ignore[no-untyped-def]
+def keep_nearest(own, row):
     """Keep row NEAREST for the backward pass, in 65535ths: a quarter of what alpha, t and distance would take."""
     for q in range(AREA):
         row[q] = np.uint16(own[NEAREST * AREA + q] * F(65535) + F(0.5))
 
 
 @inline
-def recall_nearest(p, i, ox, oy, row, own):  # type: ignore[no-untyped-def]
+def recall_nearest(p, i, ox, oy, row, own):
     """Bring back what `keep_nearest` kept; one Newton step makes up for the rounding."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy

@@ -7,11 +7,12 @@ of nearest points; then its strokes are visited back to front with the colour be
 1 - alpha. What a stroke receives from a tile goes to a row of its own, and rows are summed per stroke in double
 precision: no atomics, and the same bits on any number of threads.
 
-The parts are the functions `seek`, `recall`, `cover`, `tint`, `paint` and `pull`. Those here do nothing and say what is
+The parts are the functions `seek`, `recall`, `cover`, `tint`, `shade` and `pull`. Those here do nothing and say what is
 expected; `tile_kernel` puts those of a kind in their place. Where a part is given ``own``, these are ROWS rows of 64
 numbers, one for each pixel of the tile (pixel q at column q & 7 and row q >> 3), which belong to the stroke in this
-tile: `cover` writes what `paint` and `pull` read. ``temporary`` are TEMPORARY more rows, for use within one part.
+tile: `cover` writes what `shade` and `pull` read. ``temporary`` are TEMPORARY more rows, for use within one part.
 """
+# mypy: allow-untyped-defs
 
 import numpy as np
 
@@ -28,17 +29,17 @@ ROWS = TEMPORARY = 1
 
 
 @inline
-def seek(p, i, ox, oy, own, near, j, keep):  # type: ignore[no-untyped-def]
+def seek(p, i, ox, oy, own, near, j, keep):
     """Part: find the nearest points of stroke ``i``; if ``keep``, leave them in row ``j`` of ``near`` for `recall`."""
 
 
 @inline
-def recall(p, i, ox, oy, own, near, j):  # type: ignore[no-untyped-def]
+def recall(p, i, ox, oy, own, near, j):
     """Part: bring the nearest points back."""
 
 
 @inline
-def cover(p, i, data, ox, oy, own, temporary):  # type: ignore[no-untyped-def]
+def cover(p, i, data, ox, oy, own, temporary):
     """Part: write into ``own`` what stroke ``i`` is in the tile whose upper left corner is (ox, oy).
 
     Args:
@@ -56,29 +57,29 @@ def cover(p, i, data, ox, oy, own, temporary):  # type: ignore[no-untyped-def]
 
 
 @inline
-def tint(p, i):  # type: ignore[no-untyped-def]
-    """Part: a tuple of the numbers of stroke ``i`` that `paint` needs at every pixel."""
+def tint(p, i):
+    """Part: a tuple of the numbers of stroke ``i`` that `shade` needs at every pixel."""
 
 
 @inline
-def paint(look, own, q):  # type: ignore[no-untyped-def]
+def shade(look, own, q):
     """Part: alpha, red, green and blue at pixel ``q``, the colours multiplied by alpha; ``look`` is from `tint`."""
 
 
 @inline
-def pull(p, i, data, ox, oy, own, temporary, buf, out):  # type: ignore[no-untyped-def]
+def pull(p, i, data, ox, oy, own, temporary, buf, out):
     """Part: write the gradient of the numbers of stroke ``i`` into ``out``.
 
-    The gradient of what `paint` says is in rows PULL_ALPHA, PULL_RED, PULL_GREEN and PULL_BLUE of ``buf``; ``own`` is
+    The gradient of what `shade` says is in rows PULL_ALPHA, PULL_RED, PULL_GREEN and PULL_BLUE of ``buf``; ``own`` is
     as `cover` left it, and may be written over.
     """
 
 
 @inline
-def _lay(look, own, buf):  # type: ignore[no-untyped-def]
+def _lay(look, own, buf):
     """Lay a stroke under those before it."""
     for q in range(AREA):
-        alpha, red, green, blue = paint(look, own, q)
+        alpha, red, green, blue = shade(look, own, q)
         light = buf[LIGHT * AREA + q]
         buf[RED * AREA + q] += light * red
         buf[GREEN * AREA + q] += light * green
@@ -87,7 +88,7 @@ def _lay(look, own, buf):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _bright(buf, opaque):  # type: ignore[no-untyped-def]
+def _bright(buf, opaque):
     """Pixels that still let as much light through as ``opaque``: all of them if it is 0."""
     count = 0
     for q in range(AREA):
@@ -96,7 +97,7 @@ def _bright(buf, opaque):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _load(picture, top, left, buf):  # type: ignore[no-untyped-def]
+def _load(picture, top, left, buf):
     """Put a tile of a picture (3, H, W) into rows PICTURE, and 1 into row WEIGHT; beyond the edge all are 0."""
     buf[PICTURE * AREA : (WEIGHT + 1) * AREA] = F(0)
     for y in range(min(TILE, picture.shape[1] - top)):
@@ -108,11 +109,11 @@ def _load(picture, top, left, buf):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _judge(look, own, buf):  # type: ignore[no-untyped-def]
+def _judge(look, own, buf):
     """Sum of alpha |color - target|^2 and of alpha of a stroke over the pixels of a tile, which `_load` has brought."""
     error, total = F(0), F(0)
     for q in range(AREA):
-        alpha, red, green, blue = paint(look, own, q)
+        alpha, red, green, blue = shade(look, own, q)
         dr = red - alpha * buf[PICTURE * AREA + q]
         dg = green - alpha * buf[(PICTURE + 1) * AREA + q]
         db = blue - alpha * buf[(PICTURE + 2) * AREA + q]
@@ -122,7 +123,7 @@ def _judge(look, own, buf):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _show(buf, background, top, left, image):  # type: ignore[no-untyped-def]
+def _show(buf, background, top, left, image):
     """Write a finished tile into the picture, with the bare canvas where light comes through."""
     for y in range(min(TILE, image.shape[1] - top)):
         for x in range(min(TILE, image.shape[2] - left)):
@@ -135,7 +136,7 @@ def _show(buf, background, top, left, image):  # type: ignore[no-untyped-def]
 @kernel
 def forward_pass(
     p, data, order, first, stroke, slot, columns, background, opaque, target, image, used, there, near, errors
-):  # type: ignore[no-untyped-def]
+):
     """Paint all tiles.
 
     Args:
@@ -181,14 +182,14 @@ def forward_pass(
 
 
 @inline
-def _bare(background, buf):  # type: ignore[no-untyped-def]
+def _bare(background, buf):
     """Put the bare canvas into the rows of the colour behind."""
     for c in range(3):
         buf[c * AREA : (c + 1) * AREA] = background[c]
 
 
 @inline
-def _deepest(used, worker):  # type: ignore[no-untyped-def]
+def _deepest(used, worker):
     """Length of the longest list that was looked at in the tiles of a worker."""
     deepest = 0
     for tile in range(worker, len(used), WORKERS):
@@ -197,7 +198,7 @@ def _deepest(used, worker):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _replay(p, data, order, stroke, slot, there, near, begin, n, ox, oy, buf, kept, temporary):  # type: ignore[no-untyped-def]
+def _replay(p, data, order, stroke, slot, there, near, begin, n, ox, oy, buf, kept, temporary):
     """Repeat the forward pass of a tile from the nearest points; keep the rows of each stroke and the light above."""
     buf[LIGHT * AREA : (LIGHT + 1) * AREA] = F(1)
     for k in range(n):
@@ -209,17 +210,17 @@ def _replay(p, data, order, stroke, slot, there, near, begin, n, ox, oy, buf, ke
         cover(p, i, data, ox, oy, own, temporary)
         look = tint(p, i)
         for q in range(AREA):
-            alpha, _, _, _ = paint(look, own, q)
+            alpha, _, _, _ = shade(look, own, q)
             light = buf[LIGHT * AREA + q]
             own[ABOVE * AREA + q] = light
             buf[LIGHT * AREA + q] = light - light * alpha
 
 
 @inline
-def _step_back(look, own, buf):  # type: ignore[no-untyped-def]
-    """Write the gradient of what `paint` says of a stroke; the colour behind then includes the stroke."""
+def _step_back(look, own, buf):
+    """Write the gradient of what `shade` says of a stroke; the colour behind then includes the stroke."""
     for q in range(AREA):
-        alpha, red, green, blue = paint(look, own, q)
+        alpha, red, green, blue = shade(look, own, q)
         light = own[ABOVE * AREA + q]
         gr, gg, gb = (
             light * buf[PICTURE * AREA + q],
@@ -237,7 +238,7 @@ def _step_back(look, own, buf):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def backward_pass(p, data, order, first, stroke, slot, columns, background, used, there, near, grad_image, pairs):  # type: ignore[no-untyped-def]
+def backward_pass(p, data, order, first, stroke, slot, columns, background, used, there, near, grad_image, pairs):
     """Gradients of all pairs from the gradient of the picture.
 
     Args as of `forward_pass`, with what it wrote, but for:
@@ -263,11 +264,11 @@ def backward_pass(p, data, order, first, stroke, slot, columns, background, used
 
 
 @inline
-def _miss(look, own, buf):  # type: ignore[no-untyped-def]
+def _miss(look, own, buf):
     """What the weighted squared error would grow by in a tile without a stroke; `_load` has brought it."""
     total = F(0)
     for q in range(AREA):
-        alpha, red, green, blue = paint(look, own, q)
+        alpha, red, green, blue = shade(look, own, q)
         light = own[ABOVE * AREA + q]
         er, eg, eb = buf[PICTURE * AREA + q], buf[(PICTURE + 1) * AREA + q], buf[(PICTURE + 2) * AREA + q]
         dr = alpha * buf[RED * AREA + q] - red
@@ -282,7 +283,7 @@ def _miss(look, own, buf):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def importance_pass(p, data, order, first, stroke, slot, columns, background, used, there, near, error, weight, pairs):  # type: ignore[no-untyped-def]
+def importance_pass(p, data, order, first, stroke, slot, columns, background, used, there, near, error, weight, pairs):
     """By how much the squared error of the picture would grow without each stroke, for all pairs.
 
     Args as of `backward_pass`, but for:
@@ -309,7 +310,7 @@ def importance_pass(p, data, order, first, stroke, slot, columns, background, us
 
 
 @kernel
-def sum_by_stroke(pairs, there, row, order, out):  # type: ignore[no-untyped-def]
+def sum_by_stroke(pairs, there, row, order, out):
     """Sum the rows of each stroke's pairs, in double precision and always in the same order."""
     for i in prange(len(order)):
         for c in range(pairs.shape[1]):

@@ -3,6 +3,7 @@
 By the envelope theorem the distance to a curve depends on its control points only through the nearest point at fixed t,
 so its gradient is the unit normal times the Bernstein weights; a tapered stroke adds the derivative of t itself.
 """
+# mypy: allow-untyped-defs
 
 from dataclasses import dataclass
 
@@ -75,19 +76,19 @@ def smooth_rise(x: Tensor) -> Tensor:
 
 
 @inline
-def _rise(x):  # type: ignore[no-untyped-def]
+def _rise(x):
     z = min(max(x, F(-0.5)), F(0.5))
     return z * (F(1.5) - F(2) * z * z)
 
 
 @inline
-def _slope(x):  # type: ignore[no-untyped-def]
+def _slope(x):
     z = min(max(x + F(0.5), F(0)), F(1))
     return F(6) * z * (F(1) - z)
 
 
 @inline
-def _cover(p, i, data, ox, oy, own, temporary):  # type: ignore[no-untyped-def]
+def _cover(p, i, data, ox, oy, own, temporary):
     sharp, taper = data
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     h = p[i, 6]
@@ -107,19 +108,19 @@ def _cover(p, i, data, ox, oy, own, temporary):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _tint(p, i):  # type: ignore[no-untyped-def]
+def _tint(p, i):
     return p[i, 7], p[i, 8], p[i, 9], p[i, 10]
 
 
 @inline
-def _paint(look, own, q):  # type: ignore[no-untyped-def]
+def _shade(look, own, q):
     red, green, blue, opacity = look
     alpha = opacity * own[COVER * AREA + q]
     return alpha, alpha * red, alpha * green, alpha * blue
 
 
 @inline
-def _pull(p, i, data, ox, oy, own, temporary, buf, out):  # type: ignore[no-untyped-def]
+def _pull(p, i, data, ox, oy, own, temporary, buf, out):
     sharp, taper = data
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     h, red, green, blue, op = p[i, 6], p[i, 7], p[i, 8], p[i, 9], p[i, 10]
@@ -156,7 +157,7 @@ def _pull(p, i, data, ox, oy, own, temporary, buf, out):  # type: ignore[no-unty
 
 
 @inline
-def _add_taper(p, i, ox, oy, taper, own, of_thickness, out):  # type: ignore[no-untyped-def]
+def _add_taper(p, i, ox, oy, taper, own, of_thickness, out):
     """Add to the gradient (11,) that the thickness depends on t, and t on the control points."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
@@ -189,4 +190,4 @@ def _add_taper(p, i, ox, oy, taper, own, of_thickness, out):  # type: ignore[no-
     out[5] += g5
 
 
-KERNEL = tile_kernel(columns=11, rows=ROWS, cover=_cover, tint=_tint, paint=_paint, pull=_pull)
+KERNEL = tile_kernel(columns=11, rows=ROWS, cover=_cover, tint=_tint, shade=_shade, pull=_pull)

@@ -3,6 +3,7 @@
 The kernel brings the four texels around a place by two loads: eight bits each of opacity and of light. Its gradient
 goes to the curve through both coordinates; the textures are taken as given.
 """
+# mypy: allow-untyped-defs
 
 from dataclasses import dataclass
 
@@ -104,13 +105,13 @@ def _look_up(textures: Tensor, look: Tensor, x: Tensor, y: Tensor) -> Tensor:
 
 
 @inline
-def _size(bx, by, fx, fy):  # type: ignore[no-untyped-def]
+def _size(bx, by, fx, fy):
     """Squared size of a curve: of its velocity at both ends, halved."""
     return fx * fx + fy * fy + (fx + bx) * (fx + bx) + (fy + by) * (fy + by)
 
 
 @inline
-def _place(p, i, ox, oy, rows, columns, own):  # type: ignore[no-untyped-def]
+def _place(p, i, ox, oy, rows, columns, own):
     """Write rows X and Y: where in its texture the pixels of a tile find stroke ``i``, in texels."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
@@ -137,7 +138,7 @@ def _place(p, i, ox, oy, rows, columns, own):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _fetch(cells, first, columns, rows, own, at, opacity, light):  # type: ignore[no-untyped-def]
+def _fetch(cells, first, columns, rows, own, at, opacity, light):
     """Write the corners (AREA,) around the places in rows X and Y, and leave the places within the cell there.
 
     Args:
@@ -164,12 +165,12 @@ def _fetch(cells, first, columns, rows, own, at, opacity, light):  # type: ignor
 
 
 @inline
-def _corner(word, k):  # type: ignore[no-untyped-def]
+def _corner(word, k):
     return F((word >> I(8 * k)) & I(255))
 
 
 @inline
-def _mix(word, x, y):  # type: ignore[no-untyped-def]
+def _mix(word, x, y):
     """Bilinear value between the four bytes of a word, and its slopes along x and y."""
     a, b, c, d = _corner(word, 0), _corner(word, 1), _corner(word, 2), _corner(word, 3)
     twist = a - b - c + d
@@ -178,7 +179,7 @@ def _mix(word, x, y):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _cover(p, i, data, ox, oy, own, temporary):  # type: ignore[no-untyped-def]
+def _cover(p, i, data, ox, oy, own, temporary):
     begin, cells, rows, columns = data
     words = own.view(I)
     opacity, light = words[OPACITIES * AREA : (OPACITIES + 1) * AREA], words[LIGHTS * AREA : (LIGHTS + 1) * AREA]
@@ -196,12 +197,12 @@ def _cover(p, i, data, ox, oy, own, temporary):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _tint(p, i):  # type: ignore[no-untyped-def]
+def _tint(p, i):
     return p[i, 7], p[i, 8], p[i, 9]
 
 
 @inline
-def _paint(look, own, q):  # type: ignore[no-untyped-def]
+def _shade(look, own, q):
     red, green, blue = look
     alpha, shade = own[ALPHA * AREA + q], own[SHADE * AREA + q]
     pure, white = alpha * (F(1) - abs(shade)), alpha * max(shade, F(0))
@@ -209,7 +210,7 @@ def _paint(look, own, q):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _pull(p, i, data, ox, oy, own, temporary, buf, out):  # type: ignore[no-untyped-def]
+def _pull(p, i, data, ox, oy, own, temporary, buf, out):
     """Gradient of colour and opacity; that of the place in the texture replaces the place, for `_move`."""
     red, green, blue, op = p[i, 7], p[i, 8], p[i, 9], p[i, 10] * F(1 / 255)
     words = own.view(I)
@@ -235,7 +236,7 @@ def _pull(p, i, data, ox, oy, own, temporary, buf, out):  # type: ignore[no-unty
 
 
 @inline
-def _move(p, i, ox, oy, body, own, out):  # type: ignore[no-untyped-def]
+def _move(p, i, ox, oy, body, own, out):
     """Gradient of curve and size from that of the place in the texture, in rows X and Y."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
@@ -276,4 +277,4 @@ def _move(p, i, ox, oy, body, own, out):  # type: ignore[no-untyped-def]
     out[6], out[11] = F(0), g11
 
 
-KERNEL = tile_kernel(columns=12, rows=ROWS, cover=_cover, tint=_tint, paint=_paint, pull=_pull)
+KERNEL = tile_kernel(columns=12, rows=ROWS, cover=_cover, tint=_tint, shade=_shade, pull=_pull)

@@ -20,7 +20,7 @@ def coordinates_of(rows: int, columns: int) -> tuple[Tensor, Tensor, Tensor, Ten
     return across, (u / columns).clamp(0, 1), step * u.clamp_max(0), step * (u - columns).clamp_min(0)
 
 
-def distance_of(rows: int, columns: int) -> Tensor:
+def texel_distances(rows: int, columns: int) -> Tensor:
     """Half widths (rows + 2, rows + columns + 2) from the curve to each texel."""
     across, _, before, beyond = coordinates_of(rows, columns)
     return torch.hypot(across[:, None], before + beyond)
@@ -52,7 +52,7 @@ def _gaussian(n: int, sigma: float) -> Tensor:
 def extent_of(opacity: Tensor) -> Tensor:
     """Half widths (M,) from the curve, beyond which textures with this opacity (M, rows + 2, columns + 2) are empty."""
     rows = opacity.shape[1] - 2
-    distance = distance_of(rows, opacity.shape[2] - 2 - rows).to(opacity)
+    distance = texel_distances(rows, opacity.shape[2] - 2 - rows).to(opacity)
     farthest = torch.where(opacity > 0, distance, -1.0).amax((1, 2))
     margin = math.sqrt(2) * 2 * SPREAD / rows  # a texel is felt as far as the next one
     return torch.where(farthest < 0, 0.0, farthest + margin)

@@ -1,4 +1,5 @@
 """The compiled passes of a kind of layer, put together from its parts."""
+# mypy: allow-untyped-defs
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,14 +11,14 @@ from brushexp.system.compiled import Compiled, inline
 
 
 @inline
-def _seek_nearest(p, i, ox, oy, own, near, j, keep):  # type: ignore[no-untyped-def]
+def _seek_nearest(p, i, ox, oy, own, near, j, keep):
     find_nearest(p, i, ox, oy, own)
     if keep:
         keep_nearest(own, near[j])
 
 
 @inline
-def _recall_nearest(p, i, ox, oy, own, near, j):  # type: ignore[no-untyped-def]
+def _recall_nearest(p, i, ox, oy, own, near, j):
     recall_nearest(p, i, ox, oy, near[j], own)
 
 
@@ -48,7 +49,7 @@ def tile_kernel(
     rows: int,
     cover: Callable[..., Any],
     tint: Callable[..., Any],
-    paint: Callable[..., Any],
+    shade: Callable[..., Any],
     pull: Callable[..., Any],
     temporary: int = 1,
     curved: bool = True,
@@ -61,7 +62,7 @@ def tile_kernel(
         rows: of ``own``; row ABOVE is the skeleton's, and row NEAREST too if ``curved``.
         cover: see the function of that name, as for the next three.
         tint: constant numbers of a stroke.
-        paint: a pixel.
+        shade: a pixel.
         pull: gradient.
         temporary: rows for use within a part.
         curved: find nearest points first. The first six numbers of a stroke are then its control points in pixels,
@@ -69,7 +70,7 @@ def tile_kernel(
         gather: makes gradients of what `pull` wrote, called with pairs, there, row of the lists, order, gradient of the
             picture, strokes and data; None: they are summed by stroke and are the gradient of the strokes' numbers.
     """
-    parts: dict[str, Any] = {"cover": cover, "tint": tint, "paint": paint, "ROWS": rows, "TEMPORARY": temporary}
+    parts: dict[str, Any] = {"cover": cover, "tint": tint, "shade": shade, "ROWS": rows, "TEMPORARY": temporary}
     if curved:
         parts |= {"seek": _seek_nearest, "recall": _recall_nearest}
     back = backward_pass.having(**parts, pull=pull)

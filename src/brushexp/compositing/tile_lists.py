@@ -4,6 +4,7 @@ A list is built for strokes that are already sorted front to back, so that each 
 A (tile, stroke) pair has two numbers: its place in the tile's list, and its slot in the stroke's row of pairs, where
 the kernels leave gradients so that they can be summed per stroke without atomics and always in the same order.
 """
+# mypy: allow-untyped-defs
 
 from dataclasses import dataclass
 from typing import Any
@@ -77,7 +78,7 @@ def build_lists(curve: Array, reach: Array, size: tuple[int, int], *, boxes_only
 
 
 @kernel
-def _boxes(curve, reach, rows, columns, boxes):  # type: ignore[no-untyped-def]
+def _boxes(curve, reach, rows, columns, boxes):
     """Tile rectangle (top, bottom, left, right; inclusive) of each stroke; bottom < top where there is none."""
     for i in prange(len(curve)):
         sx, sy, cx, cy, ex, ey = curve[i]
@@ -94,7 +95,7 @@ def _boxes(curve, reach, rows, columns, boxes):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _touches(points, reach, x, y):  # type: ignore[no-untyped-def]
+def _touches(points, reach, x, y):
     """Whether a piecewise straight stroke of half thickness ``reach`` meets the square of pixel centres around (x, y).
 
     The square meets a piece where its middle is within reach of the hexagon that the square sweeps along the piece.
@@ -131,14 +132,14 @@ def _touches(points, reach, x, y):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _near_square(x, y, half, reach):  # type: ignore[no-untyped-def]
+def _near_square(x, y, half, reach):
     """Whether (x, y) is within ``reach`` of the square from -half to half."""
     dx, dy = max(abs(x) - half, 0.0), max(abs(y) - half, 0.0)
     return dx * dx + dy * dy <= reach * reach
 
 
 @inline
-def _flatten(curve, points):  # type: ignore[no-untyped-def]
+def _flatten(curve, points):
     """Write PIECES + 1 points of a curve and return how far it strays from the pieces between them."""
     sx, sy, cx, cy, ex, ey = curve
     for m in range(PIECES + 1):
@@ -151,7 +152,7 @@ def _flatten(curve, points):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _candidates(boxes, rows):  # type: ignore[no-untyped-def]
+def _candidates(boxes, rows):
     """Tiles (BANDS,) of each band that lie in the boxes of strokes."""
     space = np.zeros(BANDS, np.int64)
     for band in prange(BANDS):
@@ -165,7 +166,7 @@ def _candidates(boxes, rows):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _find(curve, reach, boxes, rows, columns, boxes_only, space, hits, per_tile, per_band):  # type: ignore[no-untyped-def]
+def _find(curve, reach, boxes, rows, columns, boxes_only, space, hits, per_tile, per_band):
     """Test the candidates of each band: write the tile of those that touch from ``space[band]`` on, and count."""
     for band in prange(BANDS):
         low, high = band * rows // BANDS, (band + 1) * rows // BANDS
@@ -188,7 +189,7 @@ def _find(curve, reach, boxes, rows, columns, boxes_only, space, hits, per_tile,
 
 
 @kernel
-def _fill(hits, space, place, row, per_band, stroke, slot):  # type: ignore[no-untyped-def]
+def _fill(hits, space, place, row, per_band, stroke, slot):
     """Put the hits of each band, which come by stroke, where their tile and their stroke want them."""
     for band in prange(BANDS):
         at = space[band]

@@ -5,6 +5,7 @@ columns and rows of a tile. Texels are weighted by alpha before they are mixed. 
 numbers for every pixel of a tile: the light that reaches it, and the derivative with respect to its alpha. Then each
 stroke gathers them from its tiles into its own picture.
 """
+# mypy: allow-untyped-defs
 
 from dataclasses import dataclass
 
@@ -106,7 +107,7 @@ class Windows(Layers):
 
 
 @inline
-def _axis(centre, scale, side, origin, index, weight, inside):  # type: ignore[no-untyped-def]
+def _axis(centre, scale, side, origin, index, weight, inside):
     """Of the eight pixels from ``origin`` on, along one axis, the texels before and after them.
 
     Written to (16,), first the eight before: their numbers, what each counts, and whether it is there at all.
@@ -124,7 +125,7 @@ def _axis(centre, scale, side, origin, index, weight, inside):  # type: ignore[n
 
 
 @inline
-def _axes(p, i, side, ox, oy, index, weight, inside):  # type: ignore[no-untyped-def]
+def _axes(p, i, side, ox, oy, index, weight, inside):
     """Both axes: (AXES,), x first."""
     half = 2 * TILE
     _axis(p[i, 0], p[i, 2], side, ox, index[:half], weight[:half], inside[:half])
@@ -132,7 +133,7 @@ def _axes(p, i, side, ox, oy, index, weight, inside):  # type: ignore[no-untyped
 
 
 @inline
-def _cover(p, i, data, ox, oy, own, temporary):  # type: ignore[no-untyped-def]
+def _cover(p, i, data, ox, oy, own, temporary):
     (images,) = data
     index, weight, inside = temporary[2 * AXES :].view(np.int32), temporary[:AXES], temporary[AXES : 2 * AXES]
     _axes(p, i, images.shape[-1], ox, oy, index, weight, inside)
@@ -158,12 +159,12 @@ def _cover(p, i, data, ox, oy, own, temporary):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _tint(p, i):  # type: ignore[no-untyped-def]
+def _tint(p, i):
     return p[i, 3]
 
 
 @inline
-def _paint(opacity, own, q):  # type: ignore[no-untyped-def]
+def _shade(opacity, own, q):
     return (
         opacity * own[ALPHA * AREA + q],
         opacity * own[PAINTED * AREA + q],
@@ -173,7 +174,7 @@ def _paint(opacity, own, q):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _pull(p, i, data, ox, oy, own, temporary, buf, out):  # type: ignore[no-untyped-def]
+def _pull(p, i, data, ox, oy, own, temporary, buf, out):
     for q in range(AREA):
         out[q] = own[ABOVE * AREA + q]
         out[AREA + q] = buf[PULL_ALPHA * AREA + q]
@@ -190,7 +191,7 @@ def _gather(
 
 
 @kernel
-def _over_strokes(places, images, order, row, there, left, grad_image, grad_places, grad_images):  # type: ignore[no-untyped-def]
+def _over_strokes(places, images, order, row, there, left, grad_image, grad_places, grad_images):
     """Gather each stroke's gradient from what `_pull` left behind in its tiles, always in the same order.
 
     Args:
@@ -232,7 +233,7 @@ def _over_strokes(places, images, order, row, there, left, grad_image, grad_plac
 
 
 @inline
-def _scatter(image, opacity, given, grad_image, top, left, y, x, index, weight, inside, out):  # type: ignore[no-untyped-def]
+def _scatter(image, opacity, given, grad_image, top, left, y, x, index, weight, inside, out):
     """Add one pixel's gradient to four texels of ``out`` (4, S, S).
 
     Returns:
@@ -262,6 +263,6 @@ def _scatter(image, opacity, given, grad_image, top, left, y, x, index, weight, 
 
 
 KERNEL = tile_kernel(
-    columns=COLUMNS, rows=ROWS, cover=_cover, tint=_tint, paint=_paint, pull=_pull, temporary=2, curved=False,
+    columns=COLUMNS, rows=ROWS, cover=_cover, tint=_tint, shade=_shade, pull=_pull, temporary=2, curved=False,
     gather=_gather,
 )  # fmt: skip

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from brushexp.compositing.layers import SPREAD
-from brushexp.compositing.textures import cells_of, coordinates_of, distance_of, extent_of, smoothed
+from brushexp.compositing.textures import cells_of, coordinates_of, extent_of, smoothed, texel_distances
 
 DENSE = 0.97  # coverage of a full film
 LIT = 0.8  # films by which paint is higher where it is white by light than where it has its own colour
@@ -62,7 +62,7 @@ def plain_brush(taper: float) -> Brush:
     film = BODY * (1 + 0.5 * SPENT - SPENT * t) + FINE * fine + COARSE * coarse + RIDGE * ridge
     shoulder = _smooth((EDGE[1] - from_curve) / SHOULDER)
     opacity = _smooth((EDGE[1] - from_curve) / (EDGE[1] - EDGE[0])).expand_as(film)
-    room = (distance_of(ROWS, COLUMNS) < SPREAD - 2 * SPREAD / ROWS).float()
+    room = (texel_distances(ROWS, COLUMNS) < SPREAD - 2 * SPREAD / ROWS).float()
     thickness = film.clamp(THINNEST, 1) * shoulder
     levels = [smoothed(opacity * room, thickness, room, level) for level in range(LEVELS)]
     return _packed(*torch.stack(levels, dim=1).flatten(0, 1).unbind(1))

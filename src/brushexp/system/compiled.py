@@ -18,7 +18,7 @@ prange = range  # becomes that of Numba, which shares the loop among threads
 # Rewriting allowed to the compiler: everything that keeps NaN and infinity what they are.
 MATHS = {"contract", "reassoc", "nsz", "arcp"}
 # Division as in numpy: a check for zero in a loop would keep it from becoming SIMD code.
-OPTIONS = {"error_model": "numpy", "fastmath": MATHS}
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": MATHS}
 
 
 class Compiled:

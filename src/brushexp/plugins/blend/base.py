@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -24,7 +25,29 @@ class Canvas:
 
 
 class Blend(ABC):
-    """Lays strokes over each other: out = sum_n a_n c_n prod_{i above n} (1 - a_i), plus the background."""
+    """Lays strokes over each other: out = sum_n a_n c_n prod_{i above n} (1 - a_i), plus the background.
+
+    >>> from brushexp.registry import build_named
+    >>> from brushexp.strokes.prior import sample_prior
+    >>> layers = build_named("renderer", "analytic", {})(sample_prior(2))
+    >>> blend = build_named("blend", "dense", {})
+    >>> blend(layers, torch.tensor([1, 0]), (16, 24), torch.ones(3)).image.shape  # stroke 1 lies on stroke 0
+    torch.Size([3, 16, 24])
+
+    Attributes:
+        cost: of a gradient step against that of ``tiled``, at 1024 pixels and 10,000 strokes.
+        exact: what it leaves out.
+        runs_on: devices and precisions.
+    """
+
+    cost: ClassVar[str] = "not measured"
+    exact: ClassVar[str] = "yes"
+    runs_on: ClassVar[str] = "any device, any precision"
+
+    @classmethod
+    def facts(cls) -> dict[str, str]:
+        """What one chooses a blend by."""
+        return {"cost": cls.cost, "exact": cls.exact, "runs on": cls.runs_on}
 
     @abstractmethod
     def __call__(

@@ -5,9 +5,9 @@ from enum import Enum
 import torch
 from torch import Tensor
 
-from brushexp.compositing.composition import Composition, Painted
 from brushexp.compositing.eager import paint_tiles
 from brushexp.compositing.layers import KernelInput, Layers
+from brushexp.compositing.rasterization import Painted, Rasterization
 from brushexp.compositing.tile_lists import tile_lists
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend, Canvas, accuracy_of, alike
@@ -16,7 +16,7 @@ from brushexp.registry import register
 from brushexp.system.process import share_threads
 
 
-class Kernel(Enum):
+class Backend(Enum):
     """Who does the arithmetic."""
 
     auto = "auto"
@@ -34,7 +34,7 @@ class Tiled(Blend):
         kernel: numba (compiled, float32, CPU), torch (anything, slower), or auto: numba where it can.
     """
 
-    def __init__(self, *, opaque: float = 5e-5, kernel: Kernel = Kernel.auto) -> None:
+    def __init__(self, *, opaque: float = 5e-5, kernel: Backend = Backend.auto) -> None:
         if not 0 <= opaque < 1:
             raise UserError(f"blend.opaque={opaque:g} is not a fraction below 1; try blend.opaque=5e-5")
         self.opaque = opaque
@@ -51,13 +51,13 @@ class Tiled(Blend):
         background, target = alike(layers, background, target)
         given = self._compiled(layers)
         if given is not None:
-            composition = self._composition(given, layers, front_to_back, size, background)
+            rasterization = self._rasterization(given, layers, front_to_back, size, background)
             goal = None if target is None else target.contiguous().numpy()
-            image = Painted.apply(composition, goal, given.strokes, *given.data[: given.learnt])
+            image = Painted.apply(rasterization, goal, given.strokes, *given.data[: given.learnt])
             if target is None:
                 return Canvas(image)
-            return Canvas(image, accuracy_of(*torch.from_numpy(composition.errors).unbind(1)))
-        if self.kernel is Kernel.numba:
+            return Canvas(image, accuracy_of(*torch.from_numpy(rasterization.errors).unbind(1)))
+        if self.kernel is Backend.numba:
             raise UserError(
                 "blend.kernel=numba draws in float32 on the CPU, no layers of other kinds; use blend.kernel=auto"
             )
@@ -75,18 +75,18 @@ class Tiled(Blend):
         given = self._compiled(layers)
         if given is None:
             return None
-        composition = self._composition(given, layers, front_to_back, size, background)
-        return torch.from_numpy(composition.importance(target.numpy(), weight.contiguous().numpy()))
+        rasterization = self._rasterization(given, layers, front_to_back, size, background)
+        return torch.from_numpy(rasterization.importance(target.numpy(), weight.contiguous().numpy()))
 
     def _compiled(self, layers: Layers) -> KernelInput | None:
         """The layers for a compiled kernel, if there is one that may draw them."""
         able = layers.color.dtype == torch.float32 and layers.color.device.type == "cpu"
-        return layers.compiled() if able and self.kernel is not Kernel.torch else None
+        return layers.compiled() if able and self.kernel is not Backend.torch else None
 
-    def _composition(
+    def _rasterization(
         self, given: KernelInput, layers: Layers, front_to_back: Tensor, size: tuple[int, int], background: Tensor
-    ) -> Composition:
+    ) -> Rasterization:
         share_threads()
         curve, reach = given.boxes or (layers.curve, layers.reach)
         lists = tile_lists(curve, reach, front_to_back, size, boxes_only=given.boxes is not None)
-        return Composition(given, lists, size, background.numpy(), self.opaque, front_to_back.numpy())
+        return Rasterization(given, lists, size, background.numpy(), self.opaque, front_to_back.numpy())

@@ -46,6 +46,19 @@ class TopK(Blend):
         background, target = alike(layers, background, target)
         return paint_tiles(layers, front_to_back, size, background, target, partial(_uppermost, self.k))
 
+    def importance(
+        self,
+        layers: Layers,
+        front_to_back: Tensor,
+        size: tuple[int, int],
+        background: Tensor,
+        target: Tensor,
+        weight: Tensor,
+    ) -> Tensor | None:
+        if self.k is None:
+            return self._exact.importance(layers, front_to_back, size, background, target, weight)
+        return None
+
 
 def _uppermost(k: int, alpha: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
     """What `over` makes of the k uppermost layers that are not empty, of K layers (T, K, P) and their colours."""

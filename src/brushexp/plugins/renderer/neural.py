@@ -10,7 +10,7 @@ from torch.nn import functional
 from brushexp.errors import UserError
 from brushexp.plugins.renderer._fields import PLANES, stroke_planes
 from brushexp.plugins.renderer.base import PatchRenderer, Precision
-from brushexp.plugins.renderer.weights_file import checkpoint_path, read_recipe, restore, shipped
+from brushexp.plugins.renderer.weights_file import checkpoint_path, read_recipe, shipped
 from brushexp.registry import register
 
 COARSEST = 4  # pixels on the side of the picture that the dense layers make
@@ -122,12 +122,8 @@ class Neural(PatchRenderer):
         checkpoint: str | None = shipped("neural"),
     ) -> None:
         super().__init__()
-        options = {key: value for key, value in locals().items() if key not in ("self", "__class__", "checkpoint")}
-        del options["precision"]  # the weights do not depend on it
         if channels is None and checkpoint is not None:
-            channels = options["channels"] = read_recipe(checkpoint_path(checkpoint))["options"].get("channels")
-        if channels is None:
-            del options["channels"]  # a checkpoint from before there were any is as good
+            channels = read_recipe(checkpoint_path(checkpoint))["options"].get("channels")
         _check(window, subpixel, {"width": width, "widest": widest}, dense)
         self.window = window
         self.precision = precision
@@ -160,7 +156,6 @@ class Neural(PatchRenderer):
             assert self.last.bias is not None
             self.last.bias[3 * subpixel**2 :] = EMPTY  # pixel_shuffle takes a channel's squares one after another
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # a fifth faster on a processor
-        self.weights_hash = restore(self, "neural", checkpoint, options)
 
     def draw(self, parameters: Tensor) -> Tensor:
         seen = parameters

@@ -9,10 +9,10 @@ from torch.nn import functional
 
 from brushexp.compositing.layers import SPREAD
 from brushexp.compositing.textured_profile import TexturedProfile
-from brushexp.compositing.textures import cells_of, coordinates_of, distance_of, extent_of, smoothed
+from brushexp.compositing.textures import cells_of, coordinates_of, extent_of, smoothed, texel_distances
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import Renderer
-from brushexp.plugins.renderer.weights_file import restore, shipped
+from brushexp.plugins.renderer.weights_file import shipped
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
@@ -67,10 +67,9 @@ class Textured(Renderer):
         self.variants, self.widths = variants, widths
         self.textures = nn.Parameter(bristles(variants, widths, rows, columns))
         self.register_buffer(
-            "room", (distance_of(rows, columns) < SPREAD - 2 * SPREAD / rows).float(), persistent=False
+            "room", (texel_distances(rows, columns) < SPREAD - 2 * SPREAD / rows).float(), persistent=False
         )
         self._ready: tuple[object, tuple[Tensor, Tensor, Tensor]] | None = None
-        self.weights_hash = restore(self, "textured", checkpoint, options)
 
     room: Tensor
 

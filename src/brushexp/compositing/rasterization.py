@@ -13,7 +13,7 @@ from brushexp.compositing.tile_lists import AREA, Array, F, TileLists
 NO_TARGET = np.zeros((3, 0, 0), F)
 
 
-class Composition:
+class Rasterization:
     """Settings and lists of one pass; `paint` leaves behind what `gradient` needs.
 
     Args:
@@ -84,13 +84,13 @@ class Painted(torch.autograd.Function):
     """The kernels as one differentiable operation from the tensors of N strokes to the picture (3, H, W)."""
 
     @staticmethod
-    def forward(ctx: Any, composition: Composition, target: Array | None, *tensors: Tensor) -> Tensor:
-        ctx.composition = composition
+    def forward(ctx: Any, rasterization: Rasterization, target: Array | None, *tensors: Tensor) -> Tensor:
+        ctx.rasterization = rasterization
         ctx.save_for_backward(*tensors)  # so that a change in place is noticed
-        return torch.from_numpy(composition.paint(target, keep=any(ctx.needs_input_grad)))
+        return torch.from_numpy(rasterization.paint(target, keep=any(ctx.needs_input_grad)))
 
     @staticmethod
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
         assert ctx.saved_tensors
-        gradients = ctx.composition.gradient(grad.contiguous().numpy())
+        gradients = ctx.rasterization.gradient(grad.contiguous().numpy())
         return None, None, *map(torch.from_numpy, gradients)
