@@ -11,7 +11,7 @@ from safetensors.torch import load_file, save_file
 
 from brushexp.compositing.windows import Windows
 from brushexp.errors import UserError
-from brushexp.plugins.renderer import checkpoint as files
+from brushexp.plugins.renderer import weights_file as files
 from brushexp.plugins.renderer._fields import stroke_planes
 from brushexp.plugins.renderer.base import FAINT, PatchRenderer, Precision, window_pictures
 from brushexp.plugins.renderer.neural import Activation, Coordinates, Neural, Normalisation, Upsampling
