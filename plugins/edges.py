@@ -2,15 +2,16 @@
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from brushexp.plugins.loss.base import Loss, Painting
 from brushexp.registry import register
 
 
 def slopes(image: Tensor) -> Tensor:
-    """Differences to the right and to the lower neighbour: (3, H, W) -> (2, 3, H-1, W-1)."""
-    corner = image[:, :-1, :-1]
-    return torch.stack([image[:, :-1, 1:] - corner, image[:, 1:, :-1] - corner])
+    """Differences to the right and to the lower neighbour, 0 at the border: (3, H, W) -> (2, 3, H, W)."""
+    padded = functional.pad(image[None], (0, 1, 0, 1), mode="replicate")[0]
+    return torch.stack([padded[:, :-1, 1:] - image, padded[:, 1:, :-1] - image])
 
 
 @register("loss", "edges")
@@ -18,15 +19,13 @@ class EdgeLoss(Loss):
     """Mean absolute difference of the slopes of the two pictures: rewards strokes that end where the target changes.
 
     Args:
-        weight: in the sum of losses.
+        weight: factor in the sum of losses.
     """
 
+    context = 1  # pixel: a part of the canvas is looked at with its neighbours
+
     def __init__(self, *, weight: float = 0.5) -> None:
-        super().__init__()
-        self.weight = weight
+        super().__init__(weight)
 
     def forward(self, painting: Painting) -> Tensor:
-        difference = (slopes(painting.image) - slopes(painting.target)).abs()
-        if painting.focus is not None:  # a slope counts as much as the pixel that it starts from
-            difference = difference * painting.focus[:-1, :-1]
-        return difference.sum() / max(1, difference.numel())  # a picture of one pixel has no slopes
+        return painting.mean((slopes(painting.image) - slopes(painting.target)).abs())

@@ -45,7 +45,7 @@ SHARED = {
     "strokes.text",
     "features",
     "features.base",
-    "features.sight",
+    "features.context",
 }
 
 

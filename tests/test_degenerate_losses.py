@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from brushexp.plugins.loss._kernels import EMBEDDINGS, POWERS, Kernel, discrepancy
 from networks import alexnet_state, saved, squeeze_state, vgg_state
 from scenes import random_strokes
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.plugins.loss._kernels import EMBEDDINGS, POWERS, Kernel, discrepancy
 from brushexp.plugins.loss.base import Loss, Painting
 from brushexp.plugins.loss.brushwork import BrushworkTransfer
 from brushexp.plugins.loss.discriminator import Discriminated

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from networks import alexnet_state, saved
 from PIL import Image
 from program import ROOT, run
 from torch import Tensor
@@ -23,11 +22,10 @@ from brushexp.painting.metrics import measure
 from brushexp.painting.painter import Painter
 from brushexp.pictures.focus import attention, faces, focus_map, focus_weights, resized
 from brushexp.pictures.load import load_picture
-from brushexp.pictures.region import Region
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.init.slic import Slic
-from brushexp.plugins.loss.base import Loss, Painting, Surroundings
+from brushexp.plugins.loss.base import Loss, Painting
 from brushexp.plugins.loss.lpips import Lpips
 from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
@@ -40,12 +38,6 @@ from brushexp.plugins.sampler.whole import Whole
 from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes
 
 SIZE = (53, 78)
-PLACES = {
-    "inside": Region(13, 21, 17, 26),
-    "one pixel": Region(28, 40, 1, 1),
-    "bottom right": Region(SIZE[0] - 21, SIZE[1] - 30, 21, 30),
-    "all": Region(0, 0, *SIZE),
-}
 LOSSES = {
     "mse": MeanSquaredError,
     "l1": MeanAbsoluteError,
@@ -299,56 +291,6 @@ def test_even_weights_change_nothing(name):
         assert_close(even, plain)
 
 
-@pytest.mark.parametrize("region", PLACES.values(), ids=PLACES)
-@pytest.mark.parametrize("name", LOSSES)
-def test_on_a_part_the_gradient_is_that_of_the_whole(name, region):
-    assert_like_the_whole(LOSSES[name]().double(), region)
-
-
-def test_other_networks_weigh_parts_as_the_whole(tmp_path):
-    loss = Lpips(backbone="alexnet", weights=str(saved(tmp_path, alexnet_state()))).double()
-    assert_like_the_whole(loss, Region(9, 130, 22, 17), (40, 367))
-
-
-def assert_like_the_whole(loss: Loss, region: Region, size: tuple[int, int] = SIZE) -> None:
-    image, target, focus = scene(size)
-    calls = getattr(loss, "calls", torch.zeros(()))
-    _, slope = slope_of(loss, image, target, focus)
-    part = region.of(image).detach().clone().requires_grad_()
-    around = Surroundings(region, image, target, focus)
-    painting = Painting(part, region.of(target), Strokes.none(), around, region.of(focus))
-    calls.zero_()
-    (found,) = torch.autograd.grad(loss(painting) * painting.share, part)
-    wanted = region.of(slope)
-    assert (found - wanted).norm() <= 1e-5 * wanted.norm()
-
-
-@pytest.mark.parametrize("name", ["mse", "l1"])
-def test_parts_add_up_to_the_whole(name):
-    image, target, focus = scene()
-    loss, total = LOSSES[name](), 0.0
-    for top in range(0, SIZE[0], 20):
-        for left in range(0, SIZE[1], 31):
-            region = Region(top, left, min(20, SIZE[0] - top), min(31, SIZE[1] - left))
-            around = Surroundings(region, image, target, focus)
-            part = Painting(region.of(image), region.of(target), Strokes.none(), around, region.of(focus))
-            total += part.share * float(loss(part))
-    assert total == pytest.approx(float(slope_of(loss, image, target, focus)[0]))
-
-
-def test_a_wider_view_has_the_wider_focus_and_keeps_it():
-    image, target, focus = scene()
-    region = PLACES["inside"]
-    around = Surroundings(region, image, target, focus)
-    painting = Painting(region.of(image), region.of(target), Strokes.none(), around, region.of(focus))
-    wide = painting.around(5, 4)
-    assert wide.focus.shape == wide.target.shape[1:]
-    assert_close(wide.focus, around.wide(5, 4).of(focus))
-    assert painting.around(5, 4).focus is wide.focus
-    assert painting.whole_focus is focus
-    assert Painting(image, target, Strokes.none()).whole_focus is None
-
-
 def test_the_example_of_a_loss_heeds_it():
     spec = importlib.util.spec_from_file_location("edges_again", ROOT / "plugins" / "edges.py")
     source = Path(spec.origin).read_text().replace('@register("loss", "edges")', "")
@@ -441,7 +383,7 @@ def test_a_painter_of_parts_shows_losses_their_part_of_the_focus():
 
     painted(painter_of(weights, sampler=Patches(n_active=9, patch=24, steps_per_patch=2), losses={"spy": Spy()}), 4)
     for painting in seen:
-        assert painting.whole_focus is weights or torch.equal(painting.whole_focus, weights)
+        assert painting.surroundings.focus is weights or torch.equal(painting.surroundings.focus, weights)
         assert_close(painting.focus, painting.surroundings.region.of(weights))
     assert seen[0].focus is seen[1].focus
     assert seen[1].focus is not seen[2].focus

@@ -1,20 +1,22 @@
-"""Losses on a part of a canvas: times its share, their gradient is that of the whole picture."""
-
-from collections.abc import Callable
+"""Losses on a part of a canvas: their weighted sum has the gradient of the whole picture there."""
 
 import pytest
 import torch
 from networks import alexnet_state, saved, squeeze_state
+from torch import Tensor
+from torch.testing import assert_close
 
+from brushexp.features import context, open_backbone
+from brushexp.features.context import tiled_activations
+from brushexp.pictures.focus import focus_weights
 from brushexp.pictures.region import Region
-from brushexp.plugins.loss.base import Loss, Painting, Surroundings
+from brushexp.plugins.loss.base import Loss, Painting, Surroundings, weighted_sum
 from brushexp.plugins.loss.lpips import Lpips
 from brushexp.plugins.loss.perceptual import Perceptual
-from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
-from brushexp.plugins.loss.ssim import StructuralSimilarity
+from brushexp.plugins.loss.pixel import MeanSquaredError
+from brushexp.registry import plugins
 from brushexp.strokes.catalogue import Strokes
 
-Size = tuple[int, int]
 STATES = {"alexnet": alexnet_state, "squeeze": squeeze_state}
 SIZE = (117, 175)
 PLACES = {
@@ -22,121 +24,119 @@ PLACES = {
     "one pixel": Region(58, 90, 1, 1),
     "top left": Region(0, 0, 20, 27),
     "bottom right": Region(SIZE[0] - 21, SIZE[1] - 30, 21, 30),
-    "all rows": Region(0, 75, SIZE[0], 22),
     "all": Region(0, 0, *SIZE),
 }
+OF_PIXELS = {plugin.name: plugin.cls for plugin in plugins("loss") if plugin.cls.looks_at == "pixels"}
 
 
-def assert_like_the_whole(loss: Loss, region: Region, size: Size, prepare: Callable[[], object] = lambda: None) -> None:
-    image, target = torch.rand(2, 3, *size, generator=torch.Generator().manual_seed(7), dtype=torch.float64)
-    image = (0.7 * target + 0.3 * image).requires_grad_()
-    prepare()
-    (slope,) = torch.autograd.grad(loss(Painting(image, target, Strokes.none())), image)
-    wanted = region.of(slope)
+def part_of(image: Tensor, target: Tensor, region: Region, focus: Tensor | None = None) -> Painting:
+    around = Surroundings(region, image.detach(), target, focus)
     part = region.of(image).detach().clone().requires_grad_()
-    around = Surroundings(region=region, picture=image.detach(), target=target)
-    painting = Painting(part, region.of(target), Strokes.none(), around)
-    prepare()
-    (found,) = torch.autograd.grad(loss(painting) * painting.share, part)
-    assert loss.over_pixels
-    assert (found - wanted).norm() <= 1e-5 * wanted.norm()  # alexnet sees nothing of some last rows: both are 0
+    return Painting(part, around.part, Strokes.none(), around, around.part_focus)
 
 
-def network_of(backbone: str, folder) -> dict[str, str]:
-    return {"backbone": backbone} | ({"weights": str(saved(folder, STATES[backbone]()))} if backbone in STATES else {})
+def slopes_of(loss: Loss, region: Region, size=SIZE, focus: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    """Gradient of the weighted loss in a region: of that part alone, and of the whole picture."""
+    noise, target = torch.rand(2, 3, *size, generator=torch.Generator().manual_seed(7), dtype=torch.float64)
+    image = (0.7 * target + 0.3 * noise).requires_grad_()
+    part = part_of(image, target, region, focus)
+    slopes = []
+    for painting in (part, Painting(image, target, Strokes.none(), focus=focus)):
+        if hasattr(loss, "calls"):
+            loss.calls.zero_()  # the same shift
+        total, terms = weighted_sum({"it": loss}, painting)
+        assert list(terms) == ["it"]
+        slopes += torch.autograd.grad(total, painting.image)
+    return slopes[0], region.of(slopes[1])
 
 
-@pytest.mark.parametrize("jitter", [0, 3])
+def assert_nearly(found: Tensor, wanted: Tensor, *, turned: float, longer: float) -> None:
+    assert (found * wanted).sum() > (1 - turned) * found.norm() * wanted.norm()
+    assert found.norm() == pytest.approx(float(wanted.norm()), rel=longer)
+
+
+@pytest.mark.parametrize("focused", [False, True])
 @pytest.mark.parametrize("region", PLACES.values(), ids=PLACES)
-def test_perceptual_on_a_part_is_that_of_the_whole_in_every_shift(region, jitter):
-    loss = Perceptual(jitter=jitter).double()
-    for number in range(len(loss.shifts)):
-        assert_like_the_whole(loss, region, SIZE, lambda number=number: loss.calls.fill_(number))
+@pytest.mark.parametrize("cls", OF_PIXELS.values(), ids=OF_PIXELS)
+def test_the_gradient_on_a_part_is_that_of_the_whole(cls, region, focused):
+    loss = cls().double()
+    found, wanted = slopes_of(loss, region, focus=focus_weights(torch.rand(SIZE) ** 3, 8) if focused else None)
+    if loss.exact_on_parts:
+        assert_close(found, wanted, rtol=1e-5, atol=1e-9)
+    assert_nearly(found, wanted, turned=0.05, longer=0.12)
 
 
-@pytest.mark.parametrize("taps", [["stem"], ["stem", "b4", "b1.expand"]])
-@pytest.mark.parametrize("size", [(97, 142), (64, 111)])
-def test_so_it_is_for_other_activations_and_sizes(taps, size):
-    loss = Perceptual(jitter=3, taps=taps).double()
-    for region in (Region(30, 41, 13, 26), Region(size[0] - 5, 0, 5, 9)):
-        assert_like_the_whole(loss, region, size, lambda: loss.calls.fill_(1))
+@pytest.mark.parametrize(("backbone", "tap"), [("alexnet", "relu3"), ("squeeze", "fire5"), ("squeeze", "relu1")])
+def test_other_networks_see_enough_around_a_part(tmp_path, backbone, tap):
+    weights = str(saved(tmp_path, STATES[backbone]()))
+    for loss in (Perceptual(backbone=backbone, weights=weights, taps=[tap]), Lpips(backbone=backbone, weights=weights)):
+        found, wanted = slopes_of(loss.double(), Region(40, 130, 72, 67), (180, 330))
+        assert_nearly(found, wanted, turned=0.05, longer=0.12)
 
 
-@pytest.mark.parametrize("region", PLACES.values(), ids=PLACES)
-def test_lpips_on_a_part_is_that_of_the_whole(region):
-    assert_like_the_whole(Lpips().double(), region, SIZE)
+def test_parts_of_pixels_add_up_to_the_whole():
+    loss, total = MeanSquaredError(), 0.0
+    image, target = torch.rand(2, 3, 53, 78, dtype=torch.float64)
+    focus = focus_weights(torch.rand(53, 78), 8)
+    for region in Region(0, 0, 53, 78).tiles(31):
+        total += float(weighted_sum({"mse": loss}, part_of(image, target, region, focus))[0].detach())
+    assert total == pytest.approx(float(loss(Painting(image, target, Strokes.none(), focus=focus))))
 
 
-def test_lpips_is_that_of_the_whole_where_the_canvas_is_larger_than_what_is_seen():
-    size = (43, 417)
-    loss = Lpips().double()
-    for region in (Region(11, 185, 20, 34), Region(0, 390, 43, 27)):
-        assert_like_the_whole(loss, region, size)
+def test_a_wider_view_stays_the_same_object_as_long_as_steps_look_at_the_same_place():
+    image, target = torch.rand(2, 3, 60, 70)
+    focus = focus_weights(torch.rand(60, 70), 8)
+    region = Region(10, 21, 15, 17)
+    painting = part_of(image, target, region, focus)
+    wide = painting.around(9, 4)
+    assert wide.surroundings.region == Region(0, 12, 36, 38)
+    for value, whole in ((wide.image, image), (wide.target, target), (wide.focus, focus)):
+        assert torch.equal(value, wide.surroundings.region.of(whole))
+    assert (wide.share, painting.share) == (36 * 38 / 4200, 15 * 17 / 4200)
+    wide.image.sum().backward()
+    assert (painting.image.grad == 1).all()
+    assert painting.around(9, 4).target is wide.target
+    assert painting.around(9, 4).surroundings is wide.surroundings
+    assert painting.around(9).target is not wide.target
+    assert painting.around(0) is painting
+    whole = Painting(image, target, Strokes.none())
+    assert whole.around(9) is whole
 
 
-@pytest.mark.parametrize("backbone", STATES)
-@pytest.mark.parametrize(
-    ("tap", "size"), [("relu1", (21, 90)), ("relu1", (91, 62)), ({"alexnet": "relu3", "squeeze": "fire5"}, (50, 333))]
-)
-def test_networks_that_widen_small_pictures_do_so_in_parts_as_in_the_whole(tmp_path, backbone, tap, size):
-    tap = tap if isinstance(tap, str) else tap[backbone]
-    loss = Perceptual(jitter=3, taps=[tap], **network_of(backbone, tmp_path)).double()
-    middle = size[1] // 2
-    for region in (Region(13, middle, 5, 7), Region(0, middle - 20, 12, 21), Region(size[0] - 3, size[1] - 11, 3, 11)):
-        for number in (0, 3):
-            assert_like_the_whole(loss, region, size, lambda number=number: loss.calls.fill_(number))
-
-
-@pytest.mark.parametrize("backbone", STATES)
-def test_published_distances_on_a_part_are_those_of_the_whole(tmp_path, backbone):
-    assert_like_the_whole(Lpips(**network_of(backbone, tmp_path)).double(), Region(9, 130, 22, 17), (40, 367))
-
-
-@pytest.mark.parametrize("cls", [MeanSquaredError, MeanAbsoluteError, StructuralSimilarity])
-@pytest.mark.parametrize("region", PLACES.values(), ids=PLACES)
-def test_pixels_and_windows_on_a_part_count_as_in_the_whole(cls, region):
-    assert_like_the_whole(cls().double(), region, SIZE)
-
-
-def test_the_target_of_a_place_is_looked_at_once():
+def test_features_of_the_target_are_computed_once_for_a_place():
     image, target = torch.rand(2, 3, 60, 70)
     loss, calls = Perceptual(jitter=0), []
-    region = Region(10, 21, 15, 17)
-    around = Surroundings(region=region, picture=image, target=target)
-    painting = Painting(region.of(image), region.of(target), Strokes.none(), around)
-    loss(painting)
+    painting = part_of(image, target, Region(10, 21, 15, 17))
     loss.network.register_forward_pre_hook(lambda _, inputs: calls.append(inputs[0].shape))
     for _ in range(3):
-        loss(painting)
-    assert len(calls) == 3
-    assert painting.around(9, 4).target is painting.around(9, 4).target
-    assert painting.around(9, 4).target is not painting.around(9).target
+        weighted_sum({"it": loss}, painting)
+    assert len(calls) == 4
 
 
-def test_what_is_seen_grows_with_what_activations_see():
-    image, target = torch.rand(2, 3, 200, 210)
-    region = Region(85, 90, 10, 12)
-    painting = Painting(
-        region.of(image), region.of(target), Strokes.none(), Surroundings(region=region, picture=image, target=target)
-    )
-    sides = []
-    for taps in (["stem"], ["b3.expand"], ["b4"]):
-        loss, shapes = Perceptual(jitter=0, taps=taps), []
-        loss(painting)
-        loss.network.register_forward_pre_hook(lambda _, inputs, to=shapes: to.append(inputs[0].shape[-1]))
-        loss(painting)
-        sides += shapes
-    assert sides == sorted(sides)
-    assert sides[0] < 24
-    assert sides[-1] < 210
+@pytest.mark.parametrize("grid", [1, 2, 16])
+def test_wider_regions_begin_on_the_grid_and_are_padded_as_the_whole(grid):
+    for size in ((37, 90), (64, 33), (5, 200)):
+        for region in (Region(0, 0, 3, 7), Region(2, 30, 3, 1), Region(size[0] - 2, size[1] - 5, 2, 5)):
+            for margin in (0, 3, 40):
+                wide = region.widened(margin, size, grid)
+                assert wide.top % grid == wide.left % grid == 0
+                assert (size[0] - wide.height) % grid == (size[1] - wide.width) % grid == 0
+                for begin, length, first, n, side in (
+                    (wide.top, wide.height, region.top, region.height, size[0]),
+                    (wide.left, wide.width, region.left, region.width, size[1]),
+                ):
+                    assert 0 <= begin <= max(first - margin, 0)
+                    assert min(first + n + margin, side) <= begin + length <= side
+                    assert length < n + 2 * margin + 2 * grid
 
 
-def test_one_value_is_the_mean_over_all_where_the_part_is_all() -> None:
-    image, target = torch.rand(2, 3, 33, 47, dtype=torch.float64)
-    region = Region(0, 0, 33, 47)
-    around = Surroundings(region=region, picture=torch.zeros_like(image), target=target)
-    for loss in (Lpips(), Perceptual(jitter=0), StructuralSimilarity(), MeanSquaredError()):
-        whole, part = (
-            loss.double()(Painting(image, target, Strokes.none(), surroundings)) for surroundings in (None, around)
-        )
-        assert float(part) == pytest.approx(float(whole), rel=1e-9)
+def test_tiles_hold_every_activation_once(monkeypatch):
+    monkeypatch.setattr(context, "TILE_PIXELS", 32)
+    network, taps = open_backbone("effl0"), ["stem", "b2", "b3.expand"]
+    picture = torch.rand(3, 77, 101)
+    wanted = network(picture[None], taps)
+    tiles = list(tiled_activations(network, taps, picture))
+    assert len(tiles) == 12
+    for tap, pieces in zip(taps, zip(*tiles, strict=True), strict=True):
+        found, everything = torch.cat(pieces, 1), wanted[tap][0].flatten(1)
+        assert_close(found.sort(1).values, everything.sort(1).values, rtol=1e-4, atol=1e-4)

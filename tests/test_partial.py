@@ -289,6 +289,7 @@ def test_features_of_a_part_see_what_surrounds_it():
     memory._turn_to(View(region, torch.zeros(0, dtype=torch.long)), random_strokes(0, SIZE))
     image = torch.rand(3, 24, 28, requires_grad=True)
     painting = Painting(image, region.of(target), random_strokes(1, SIZE), memory._surroundings)
+    assert torch.equal(painting.surroundings.part, painting.target)
     wide = painting.around(7)
     assert wide.image.shape == wide.target.shape == (3, 38, 42)
     assert torch.equal(wide.image[:, 7:-7, 7:-7], image)

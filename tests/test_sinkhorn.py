@@ -10,7 +10,7 @@ from brushexp.pictures.region import Region
 from brushexp.plugins.loss import sinkhorn
 from brushexp.plugins.loss.base import Painting, Surroundings
 from brushexp.plugins.loss.pixel import MeanSquaredError
-from brushexp.plugins.loss.sinkhorn import Sinkhorn, masses, shrunk
+from brushexp.plugins.loss.sinkhorn import Sinkhorn, downsampled, masses
 from brushexp.strokes.catalogue import Strokes
 
 
@@ -70,7 +70,7 @@ def test_transport_of_one_pixel_costs_the_squared_distance():
 def test_it_has_the_right_slope():
     image, target = torch.rand(2, 3, 4, 6, dtype=torch.float64) * 0.9 + 0.05
     assert torch.autograd.gradcheck(lambda x: judged(Sinkhorn(), x, target), image.requires_grad_(), fast_mode=True)
-    wide = torch.rand(3, 5, 30, dtype=torch.float64, requires_grad=True)  # shrunk
+    wide = torch.rand(3, 5, 30, dtype=torch.float64, requires_grad=True)  # downsampled
     other = torch.rand(3, 5, 30, dtype=torch.float64)
     assert torch.autograd.gradcheck(lambda x: judged(Sinkhorn(side=8), x, other), wide, fast_mode=True)
 
@@ -122,7 +122,7 @@ def test_colors_count_by_their_share_of_the_light():
     ("size", "small"), [((48, 96), (12, 24)), ((7, 5), (7, 5)), ((1, 100), (1, 24)), ((24, 25), (23, 24))]
 )
 def test_pictures_are_shrunk_to_the_side(size, small):
-    mass = masses(shrunk(torch.rand(3, *size), 24), 0.001)
+    mass = masses(downsampled(torch.rand(3, *size), 24), 0.001)
     assert mass.shape == (3, *small)
     assert_close(mass.sum((1, 2)), torch.ones(3, dtype=torch.float64))
 
@@ -151,7 +151,7 @@ def test_a_part_is_looked_at_in_the_whole_canvas(size, monkeypatch):
             slope = torch.autograd.grad(wanted, whole)[0]
             assert_close(torch.autograd.grad(found, part)[0], region.of(slope), rtol=1e-6, atol=1e-12)
     assert len(calls) == 1 + 6  # the loss's own, and one for each of the others
-    assert not loss.over_pixels
+    assert loss.looks_at == "canvas"
 
 
 def disc(row: Tensor, column: Tensor) -> Tensor:

@@ -14,13 +14,14 @@ from torch.testing import assert_close
 from brushexp.app.command_line import in_full
 from brushexp.app.composition import check
 from brushexp.errors import UserError
-from brushexp.features import sight
+from brushexp.features import context
 from brushexp.painting.assembly import losses_of
 from brushexp.pictures.color import recolored
 from brushexp.pictures.load import load_picture
 from brushexp.pictures.region import Region
-from brushexp.plugins.loss._kernels import EVEN, Kernel, gram
-from brushexp.plugins.loss.base import Painting, Surroundings
+from brushexp.plugins.loss._statistics import VARIANCE_OFFSET, gram
+from brushexp.plugins.loss._statistics import FeatureKernel as Kernel
+from brushexp.plugins.loss.base import Painting, Surroundings, weighted_sum
 from brushexp.plugins.loss.style import Colors, Style
 from brushexp.strokes.catalogue import Strokes
 
@@ -52,7 +53,7 @@ def value_by_numpy(kernel: Kernel, ours: np.ndarray, style: np.ndarray) -> float
     power = np.einsum("ip,ip->", style, style) / style.shape[1]
     parts = [(ours.mean(1) - style.mean(1)) ** 2]
     if kernel is Kernel.meanstd:
-        a, b = (np.sqrt(f.var(1) + EVEN * power) for f in (ours, style))
+        a, b = (np.sqrt(f.var(1) + VARIANCE_OFFSET * power) for f in (ours, style))
         parts.append((a - b) ** 2)
     return float(np.sum(parts) / power)
 
@@ -132,8 +133,8 @@ def test_a_single_channel_has_a_gram_matrix_too():
     [(Kernel.poly, (96, 123)), (Kernel.linear, (101, 90)), (Kernel.gaussian, (83, 80)), (Kernel.meanstd, (77, 98))],
 )
 def test_a_part_counts_as_in_the_whole(kernel, size, monkeypatch):
-    """Value to 1e-5 and slope to 1e-4, relatively: the parts see the same pixels, sums differ by rounding alone."""
-    monkeypatch.setattr(sight, "TILE", 64)
+    """But for what the network sees beyond its context, part after part on a canvas that changes below them."""
+    monkeypatch.setattr(context, "TILE_PIXELS", 64)
     image, target = pictures(*size)
     loss, whole = Style(kernel=kernel), Style(kernel=kernel)
     picture = image.clone()
@@ -144,42 +145,49 @@ def test_a_part_counts_as_in_the_whole(kernel, size, monkeypatch):
         for _ in range(2):
             patch = torch.rand(3, region.height, region.width, generator=generator).requires_grad_()
             region.of(picture).copy_(patch.detach())  # as the painter does, before the losses look
-            found = loss(Painting(patch, region.of(target), NONE, around))
+            found, _ = weighted_sum({"style": loss}, Painting(patch, region.of(target), NONE, around))
             found.backward()
             full = picture.clone().requires_grad_()
             wanted = whole(Painting(full, target, NONE))
             wanted.backward()
-            assert_close(found, wanted, rtol=1e-5, atol=1e-7)
+            assert_close(found, wanted, rtol=5e-2, atol=1e-5)
             slope = region.of(full.grad)
-            assert (patch.grad - slope).norm() < 1e-4 * slope.norm()
+            assert (patch.grad - slope).norm() < 0.1 * slope.norm()
 
 
-def test_what_changed_elsewhere_is_noticed():
+def test_another_picture_or_a_step_on_the_whole_canvas_is_noticed():
     image, target = pictures(80, 90)
-    loss, picture = Style(taps=TAPS), image.clone()
-    region = Region(10, 20, 30, 30)
-    loss(Painting(region.of(picture), region.of(target), NONE, Surroundings(region, picture, target)))
-    picture = image * 0.5
-    found = loss(Painting(region.of(picture), region.of(target), NONE, Surroundings(region, picture, target)))
-    assert_close(found, Style(taps=TAPS)(Painting(picture, target, NONE)), rtol=1e-5, atol=1e-8)
+    loss, region = Style(taps=TAPS), Region(10, 20, 30, 30)
+
+    def value(picture: Tensor) -> Tensor:
+        around = Surroundings(region, picture, target)
+        return weighted_sum({"style": loss}, Painting(region.of(picture), region.of(target), NONE, around))[0]
+
+    value(image)
+    found = value(image * 0.5)
+    assert_close(found, Style(taps=TAPS)(Painting(image * 0.5, target, NONE)), rtol=1e-4, atol=1e-7)
+    changing = image.clone()
+    value(changing)
+    changing *= 0.3
+    loss(Painting(changing, target, NONE))
+    assert_close(value(changing), Style(taps=TAPS)(Painting(changing, target, NONE)), rtol=1e-4, atol=1e-7)
 
 
 def test_a_part_is_looked_at_with_memory_for_a_part(monkeypatch):
-    monkeypatch.setattr(sight, "TILE", 64)
+    monkeypatch.setattr(context, "TILE_PIXELS", 64)
     image, target = pictures(300, 310)
     loss, seen = Style(), []
-    assert loss.sight.margin == 73  # found out with rows of its own
     loss.network.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0].shape[-2:]))
     for region in (Region(100, 90, 40, 50), Region(200, 200, 40, 50)):
         around = Surroundings(region, image, target)
-        loss(Painting(region.of(image), region.of(target), NONE, around))
-    assert max(max(shape) for shape in seen) <= 64 + loss.sight.margin + 2 * 64
+        weighted_sum({"style": loss}, Painting(region.of(image), region.of(target), NONE, around))
+    assert max(max(shape) for shape in seen) <= 64 + 2 * loss.context + 2 * loss.grid
 
 
 def test_the_style_picture_follows_the_canvas(tmp_path):
     style = saved(tmp_path, torch.rand(3, 50, 100))
     _, target = pictures(80, 120)
-    for scale, size in ((1.0, (60, 120)), (0.5, (30, 60)), (2.0, (120, 240))):
+    for scale, size in ((1.0, (60, 120)), (0.6, (36, 72)), (2.0, (120, 240))):
         assert Style(image=style, scale=scale, taps=TAPS).picture(target).shape[1:] == size
 
 
@@ -191,9 +199,9 @@ def test_what_cannot_serve_as_a_style_is_refused(tmp_path):
     with pytest.raises(UserError, match="choose from stem"):
         Style(taps=["relu1_1"])
     small = Style(image=saved(tmp_path, torch.rand(3, 20, 80)))
-    with pytest.raises(UserError, match=r"80 x 20 pixels at the scale 1 .* 67 x 67; set style\.loss\.scale=3\.4 or"):
+    with pytest.raises(UserError, match=r"80 x 20 pixels at the scale 1 .* 32 x 32; set style\.loss\.scale=1\.6 or"):
         small(Painting(*pictures(60, 80), NONE))
-    enough = Style(image=small.image, scale=3.4)
+    enough = Style(image=small.image, scale=1.6)
     assert enough(Painting(*pictures(60, 80), NONE)).isfinite()
 
 
@@ -298,7 +306,7 @@ def test_a_picture_is_painted_in_the_style_and_the_colours_of_another(tmp_path):
 
 
 def test_a_finished_picture_is_measured_by_every_kernel(monkeypatch):
-    monkeypatch.setattr(sight, "TILE", 32)
+    monkeypatch.setattr(context, "TILE_PIXELS", 32)
     image, target = pictures()
     loss = Style(kernel=Kernel.linear)
     before = loss(Painting(image, target, NONE))

@@ -35,6 +35,7 @@ class AlexNet(Backbone):
     taps = tuple(f"relu{i}" for i in range(1, 6))
     default_taps = ("relu3",)
     least = 31  # leaves one position at the end
+    context = 64
 
     def __init__(self, layers: Layers) -> None:
         super().__init__()

@@ -21,11 +21,16 @@ class Backbone(nn.Module, ABC):
         taps: names of all activations, shallow to deep.
         default_taps: those that serve best as a content loss.
         least: pixels of the shortest sides that it takes as they are; shorter ones are widened, see `widened`.
+        context: pixels on every side of a part of a picture that its activations are looked at with. They see farther
+            (up to twice as far), but hardly: what a margin costs is measured in docs/performance.md.
+        grid: pixels; a part that begins at multiples of it has its activations where the whole picture has them.
     """
 
     taps: tuple[str, ...]
     default_taps: tuple[str, ...]
     least: int = 1
+    context: int = 32
+    grid: int = 16
 
     @abstractmethod
     def walk(self, pictures: Tensor) -> Iterator[tuple[str, Tensor]]:

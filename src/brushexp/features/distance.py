@@ -34,7 +34,7 @@ def apart(
     ours: Sequence[Tensor],
     theirs: Sequence[Tensor],
     weights: Sequence[Tensor],
-    places: Sequence[Tensor | None] | None = None,
+    focus: Sequence[Tensor | None] | None = None,
 ) -> Tensor:
     """Weighted squared difference of unit vectors: mean over positions, sum over channels and taps.
 
@@ -42,9 +42,9 @@ def apart(
         ours: unit vectors (1, C, h, w) of each tap.
         theirs: the same of the other picture.
         weights: of each tap, (C,) or (1,) for all of its channels.
-        places: of each tap, how much each position counts (h, w); None for all alike.
+        focus: of each tap, how much each position counts (h, w); None for all alike.
     """
-    taps = zip(ours, theirs, weights, places or [None] * len(ours), strict=True)
+    taps = zip(ours, theirs, weights, focus or [None] * len(ours), strict=True)
     return torch.stack([(mean_squares(a, b, at) * weight).sum() for a, b, weight, at in taps]).sum()
 
 
@@ -76,17 +76,10 @@ class Distance(nn.Module):
         self,
         ours: Sequence[Tensor],
         theirs: Sequence[Tensor],
-        factors: Sequence[float] = (),
-        places: Sequence[Tensor | None] | None = None,
+        focus: Sequence[Tensor | None] | None = None,
     ) -> Tensor:
-        """Distance of two pictures that were looked at; with ``factors``, each tap counts as many times.
-
-        With ``places``, each position of a tap counts as much as its own value (h, w) says.
-        """
-        weights = list(self.buffers(recurse=False))
-        if factors:
-            weights = [weight * factor for weight, factor in zip(weights, factors, strict=True)]
-        return apart(ours, theirs, weights, places)
+        """Distance of two pictures that were looked at; each position of a tap counts as ``focus`` (h, w) says."""
+        return apart(ours, theirs, list(self.buffers(recurse=False)), focus)
 
     def forward(self, image: Tensor, target: Tensor) -> Tensor:
         """Distance of two pictures (3, H, W), sRGB in [0, 1]."""

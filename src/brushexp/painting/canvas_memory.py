@@ -109,9 +109,9 @@ class CanvasMemory:
         region = view.region
         if self._view is None or self._view.region != region:
             whole = region == Region(0, 0, *self.target.shape[1:])
-            self._part = self.target if whole else region.of(self.target).contiguous()
-            self._focus = self.focus if whole or self.focus is None else region.of(self.focus)
-            self._surroundings = None if whole else Surroundings(region, self.picture, self.target, self.focus)
+            around = None if whole else Surroundings(region, self.picture, self.target, self.focus)
+            self._part, self._focus = (around.part, around.part_focus) if around else (self.target, self.focus)
+            self._surroundings = around
         unknown = torch.ones(len(strokes), dtype=torch.bool, device=self.target.device)
         for number in (view.active, view.ring):
             if number is not None:

@@ -26,7 +26,7 @@ from brushexp.painting.pyramid import Aim, enlarged
 from brushexp.pictures.region import Region
 from brushexp.plugins.blend.base import Canvas
 from brushexp.plugins.density.base import DensificationState, DensificationUpdate
-from brushexp.plugins.loss.base import Painting
+from brushexp.plugins.loss.base import Painting, weighted_sum
 from brushexp.plugins.order.base import front_to_back
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.base import View
@@ -394,11 +394,7 @@ class Painter(L.LightningModule):
         self.evaluations += 1
         with torch.enable_grad():
             canvas, painting = self._paint(part(), view, judge=judge)
-            terms = {name: loss(painting) for name, loss in self.losses.items()}
-            # A mean over a part of the pixels counts by its share of them, so that the sum stays balanced.
-            shares = {name: painting.share if loss.over_pixels else 1 for name, loss in self.parts.losses.items()}
-            weighted = [self.parts.losses[name].weight * shares[name] * term for name, term in terms.items()]
-            total = torch.stack(weighted).sum()
+            total, terms = weighted_sum(self.parts.losses, painting)
             if total.requires_grad:
                 total.backward()
         self.terms = {name: term.detach() for name, term in terms.items()}

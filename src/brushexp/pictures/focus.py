@@ -44,14 +44,16 @@ def focus_weights(attended: Tensor, strength: float) -> Tensor:
     """
     if not 1 <= strength <= MOST:
         raise UserError(f"focus_strength={strength:g} is not a factor from 1 to {MOST:g}; try focus_strength=8")
-    return _of_mean_one(1 + (strength - 1) * attended.double())
+    weights = 1 + (strength - 1) * attended.double()
+    return (weights / weights.mean()).to(torch.float32)
 
 
 def resized(weights: Tensor, size: tuple[int, int]) -> Tensor:
-    """Weights (H, W) of the pixels of a smaller picture, or of positions of features: means over areas, of mean 1."""
+    """Weights (H, W) at another resolution, of a smaller picture or of features: means over areas, of the same mean."""
     if weights.shape == size:
         return weights
-    return _of_mean_one(functional.adaptive_avg_pool2d(weights[None].double(), size)[0])
+    found = functional.adaptive_avg_pool2d(weights[None].double(), size)[0]
+    return (found * (weights.double().mean() / found.mean())).to(weights.dtype)
 
 
 def attention(picture: Tensor) -> Tensor:
@@ -127,10 +129,6 @@ def faces(picture: Tensor) -> list[tuple[tuple[float, float], float]]:
         for y, x, side in look(small)
         if any(max(abs(y - other_y), abs(x - other_x)) < side / 2 for other_y, other_x in mirrored)
     ]
-
-
-def _of_mean_one(weights: Tensor) -> Tensor:
-    return (weights / weights.mean()).to(torch.float32)
 
 
 def _shrunk(picture: Tensor, side: int) -> np.ndarray:

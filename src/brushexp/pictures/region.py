@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from torch import Tensor
@@ -16,15 +17,37 @@ class Region:
     height: int
     width: int
 
+    @staticmethod
+    def whole(picture: Tensor) -> Region:
+        """All of a picture (..., H, W)."""
+        return Region(0, 0, picture.shape[-2], picture.shape[-1])
+
     def of(self, picture: Tensor) -> Tensor:
         """This part (..., height, width) of a picture (..., H, W), not copied."""
         return picture[..., self.top : self.top + self.height, self.left : self.left + self.width]
 
-    def widened(self, margin: int, size: tuple[int, int]) -> Region:
-        """With ``margin`` more pixels on every side, as far as a canvas of ``size`` (H, W) reaches."""
-        top, left = max(self.top - margin, 0), max(self.left - margin, 0)
-        bottom, right = (
-            min(self.top + self.height + margin, size[0]),
-            min(self.left + self.width + margin, size[1]),
+    def widened(self, margin: int, size: tuple[int, int], grid: int = 1) -> Region:
+        """With ``margin`` more pixels on every side, as far as a canvas of ``size`` (H, W) reaches.
+
+        It begins at multiples of ``grid``, and its sides leave the same remainder as those of the canvas: a network
+        whose positions are so many pixels apart then pads both alike, and looks at the same places in both.
+        """
+        rows, columns = (
+            _widened(first, length, margin, side, grid)
+            for first, length, side in ((self.top, self.height, size[0]), (self.left, self.width, size[1]))
         )
-        return Region(top, left, bottom - top, right - left)
+        return Region(rows[0], columns[0], rows[1] - rows[0], columns[1] - columns[0])
+
+    def tiles(self, side: int) -> Iterator[Region]:
+        """The region in parts of at most ``side`` x ``side`` pixels."""
+        for top in range(self.top, self.top + self.height, side):
+            for left in range(self.left, self.left + self.width, side):
+                height, width = self.top + self.height - top, self.left + self.width - left
+                yield Region(top, left, min(side, height), min(side, width))
+
+
+def _widened(first: int, length: int, margin: int, side: int, grid: int) -> tuple[int, int]:
+    """Begin and end of a span with a margin, on a grid, as far as the ``side`` of the canvas reaches."""
+    begin = max(first - margin, 0) // grid * grid
+    end = first + length + margin
+    return begin, min(end + (side - end) % grid, side)

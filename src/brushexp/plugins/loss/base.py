@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import ClassVar, Literal
 
 import torch
 from torch import Tensor, nn
 
-from brushexp.features.sight import aligned
+from brushexp.pictures.focus import resized
 from brushexp.pictures.region import Region
 from brushexp.strokes.catalogue import Strokes
 
@@ -24,7 +26,7 @@ class Painting:
         strokes: all N strokes of the painting; those that this step does not move have no gradient.
         surroundings: the canvas around it; None if ``image`` is all of the canvas.
         focus: (h, w) how much each pixel of ``image`` counts, with a mean of 1 over the whole canvas; None if all count
-            alike. The same object as long as steps look at the same place. See `mean` and `weighted`.
+            alike. `mean` takes it into account.
     """
 
     image: Tensor
@@ -39,45 +41,35 @@ class Painting:
         return self.target if self.surroundings is None else self.surroundings.target
 
     @property
-    def whole_focus(self) -> Tensor | None:
-        """(H, W) how much each pixel of the whole canvas counts; the same object at every step."""
-        return self.focus if self.surroundings is None else self.surroundings.focus
-
-    @property
     def share(self) -> float:
-        """Of the canvas's pixels, those that ``image`` shows: 1 for all."""
+        """``image``'s share of the pixels of the canvas: 1 for all of it."""
         return self.image[0].numel() / self.whole_target[0].numel()
 
-    def weighted(self, values: Tensor) -> Tensor:
-        """Values (..., h, w) of the pixels of ``image``, each times how much its pixel counts."""
-        return values if self.focus is None else values * self.focus
+    def weights(self, size: tuple[int, int]) -> Tensor | None:
+        """``focus`` at another resolution (h, w), that of features for instance; None if all pixels count alike."""
+        return None if self.focus is None else resized(self.focus, size)
 
     def mean(self, values: Tensor) -> Tensor:
-        """Mean of values (..., h, w) of the pixels of ``image``, each pixel as much as it counts.
+        """Mean of values (..., h, w) of the pixels, or of features at any resolution, weighted by ``focus``.
 
-        Times ``share``, those of the parts of a canvas add up to that of the whole.
+        It is 0 where there are no values.
         """
-        return self.weighted(values).mean()
+        weights = self.weights((values.shape[-2], values.shape[-1])) if values.numel() else None
+        return (values if weights is None else values * weights).sum() / max(values.numel(), 1)
 
-    def around(self, margin: int, grid: int = 1) -> Painting:
-        """The same with ``margin`` more pixels on every side, as far as there is canvas; those have no gradient.
+    def around(self, context: int, grid: int = 1) -> Painting:
+        """The same with ``context`` more pixels on every side, as far as there is canvas; those have no gradient.
 
-        What a loss makes of a pixel may depend on others, as features do. Of each pixel of a part, everything that
-        depends on it is seen as in the whole picture if the margin is twice as wide as such a thing sees to one side.
-        To count as there, what is summed over the wider picture is divided by the pixels of the part.
-
-        Args:
-            margin: pixels.
-            grid: of a network that looks in steps of so many pixels: a little more is shown, so that its steps fall on
-                the same pixels as in the whole picture. See `features.sight`, which tells margin and grid.
+        `weighted_sum` calls it with what a loss declares (`Loss.context`, `Loss.grid`).
         """
-        if self.surroundings is None:
+        if self.surroundings is None or not context:
             return self
-        image, target, focus = self.surroundings.frame(self.image, margin, grid)
-        return replace(self, image=image, target=target, focus=focus)
+        wide = self.surroundings.widened(context, grid)
+        image = wide.pasted(self.image, self.surroundings.region)
+        return replace(self, image=image, target=wide.part, focus=wide.part_focus, surroundings=wide)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Surroundings:
     """The canvas around the region that a step looks at; one object for all steps that look at the same place.
 
@@ -86,49 +78,109 @@ class Surroundings:
         picture: (3, H, W) the whole picture as it was last seen, without gradient.
         target: (3, H, W) the whole target.
         focus: (H, W) how much each of its pixels counts; None if all count alike.
+        core: the part of the region in which steps change the picture, the region without its context; None for all.
+        part: (3, h, w) the target in the region.
+        part_focus: (h, w) the focus there.
     """
 
     region: Region
     picture: Tensor
     target: Tensor
     focus: Tensor | None = None
-    # Target and focus by margin and grid, so that a loss meets the same objects again.
-    _wanted: dict[tuple[int, int], tuple[Tensor, Tensor | None]] = field(default_factory=dict)
+    core: Region | None = None
+    part: Tensor = field(init=False)
+    part_focus: Tensor | None = field(init=False)
+    _wider: dict[tuple[int, int], Surroundings] = field(default_factory=dict)
 
-    def wide(self, margin: int, grid: int = 1) -> Region:
-        """The region that `Painting.around` shows."""
-        return aligned(self.region, (self.picture.shape[1], self.picture.shape[2]), margin, margin, grid)
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "part", self.region.of(self.target).contiguous())
+        object.__setattr__(self, "part_focus", None if self.focus is None else self.region.of(self.focus))
 
-    def frame(self, image: Tensor, margin: int, grid: int = 1) -> tuple[Tensor, Tensor, Tensor | None]:
-        """Picture, target and focus of the wider region, with ``image`` (3, h, w) in the region itself."""
-        region, wide = self.region, self.wide(margin, grid)
-        if (margin, grid) not in self._wanted:
-            focus = None if self.focus is None else wide.of(self.focus)
-            self._wanted[margin, grid] = (wide.of(self.target).contiguous(), focus)
-        top, left = region.top - wide.top, region.left - wide.left
-        rows, columns = slice(top, top + region.height), slice(left, left + region.width)
-        mask = torch.zeros(wide.height, wide.width, dtype=torch.bool, device=image.device)
-        mask[rows, columns] = True
-        padding = (left, wide.width - left - region.width, top, wide.height - top - region.height)
-        seen = nn.functional.pad(image, padding)
-        return torch.where(mask, seen, wide.of(self.picture)), *self._wanted[margin, grid]
+    def widened(self, context: int, grid: int) -> Surroundings:
+        """Those of the region with ``context`` pixels around it; the same object whenever it is asked for."""
+        if (context, grid) not in self._wider:
+            height, width = self.picture.shape[1:]
+            region = self.region.widened(context, (height, width), grid)
+            self._wider[context, grid] = Surroundings(
+                region, self.picture, self.target, self.focus, self.core or self.region
+            )
+        return self._wider[context, grid]
+
+    def pasted(self, image: Tensor, place: Region) -> Tensor:
+        """The region as it was last seen, with ``image`` (3, h, w) at a ``place`` of the canvas inside it."""
+        found = self.region.of(self.picture).to(image.dtype, copy=True)
+        Region(place.top - self.region.top, place.left - self.region.left, place.height, place.width).of(found).copy_(
+            image
+        )
+        return found
 
 
 class Loss(nn.Module, ABC):
-    """One term of the objective. ``weight`` scales it in the sum; logs show it unweighted.
+    """One term of the objective.
+
+    A subclass states what a user chooses by, in class attributes; `facts` puts them into words.
+
+    >>> import torch
+    >>> from brushexp.strokes.catalogue import Strokes
+    >>> class MeanColour(Loss):
+    ...     '''Squared difference of the mean colours.'''
+    ...     looks_at = "canvas"
+    ...     def forward(self, painting):
+    ...         return (painting.image - painting.whole_target).mean((1, 2)).square().sum()
+    >>> painting = Painting(torch.ones(3, 4, 6), torch.zeros(3, 4, 6), Strokes.none())
+    >>> total, terms = weighted_sum({"mean_colour": MeanColour(weight=0.5)}, painting)
+    >>> float(total), float(terms["mean_colour"])
+    (1.5, 3.0)
+    >>> MeanColour.facts()["gradient"]
+    'picture'
 
     Attributes:
-        weight: factor in the sum.
+        weight: factor in the sum of losses; logs show the loss without it.
         label: what logs call it; "" for the name it was chosen by.
-        over_pixels: whether the value is a mean over the pixels that it is shown; the painter then counts a part of the
-            canvas by its share of it, and pixels count as the painting's focus says. False for what looks at all
-            strokes or at the whole canvas; that leaves the focus aside.
+        looks_at: pixels: the value is a mean over the pixels of ``painting.image``, weighted by the focus, and
+            `weighted_sum` counts a part of the canvas by its share of the pixels. canvas: the value is one of the whole
+            canvas, which the loss looks at through ``painting.surroundings``. strokes: it has no gradient in the
+            picture. The last two leave the focus aside.
+        cost: time of a step with this loss alone, in steps of ``mse`` (benchmarks/losses.py); "" if not measured.
+        exact_on_parts: whether the gradient on a part of the canvas is that of the whole canvas there.
+        context: pixels around a part of the canvas that the loss looks at too; it then receives the wider picture.
+        grid: the wider picture begins at multiples of so many pixels: those that a network's positions are apart.
     """
 
-    weight: float
     label: str = ""
-    over_pixels: bool = True
+    looks_at: ClassVar[Literal["pixels", "canvas", "strokes"]] = "pixels"
+    cost: ClassVar[str] = ""
+    exact_on_parts: ClassVar[bool] = True
+    context: int = 0
+    grid: int = 1
+
+    def __init__(self, weight: float = 1.0) -> None:
+        super().__init__()
+        self.weight = weight
 
     @abstractmethod
     def forward(self, painting: Painting) -> Tensor:
         """Return a scalar, 0 for a perfect painting."""
+
+    @classmethod
+    def facts(cls) -> dict[str, str]:
+        """What to choose by, in words: cost, what it has a gradient in, whether parts are exact, focus."""
+        return {
+            "cost": cls.cost or "not measured",
+            "gradient": "strokes only" if cls.looks_at == "strokes" else "picture",
+            "on parts of the canvas": "exact" if cls.exact_on_parts else "approximate",
+            "focus": "honoured" if cls.looks_at == "pixels" else "ignored",
+        }
+
+
+def weighted_sum(losses: Mapping[str, Loss], painting: Painting) -> tuple[Tensor, dict[str, Tensor]]:
+    """The objective: the sum of the losses times their weights, and each of them unweighted.
+
+    A mean over the pixels of a part of the canvas counts by its share of the canvas, so that losses stay balanced.
+    """
+    terms, weighted = {}, []
+    for name, loss in losses.items():
+        view = painting.around(loss.context, loss.grid)
+        terms[name] = loss(view)
+        weighted.append(loss.weight * (view.share if loss.looks_at == "pixels" else 1) * terms[name])
+    return torch.stack(weighted).sum(), terms

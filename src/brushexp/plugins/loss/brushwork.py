@@ -29,7 +29,7 @@ class BrushworkTransfer(Loss):
         catalogue: catalogue.h5 of the painting whose brushwork is wanted; null: none is, and the loss is 0.
     """
 
-    over_pixels = False
+    looks_at = "strokes"
 
     def __init__(
         self, option: str = "loss.brushwork.catalogue", *, weight: float = 0.001, catalogue: str | None = None

@@ -30,7 +30,7 @@ class Curvature(Loss):
             0.0001 left 0.5 (0.1 dB), 0.001 left 0.1 (0.2 dB).
     """
 
-    over_pixels = False
+    looks_at = "strokes"
 
     def __init__(self, *, weight: float = 0.0002) -> None:
         super().__init__()
@@ -59,7 +59,7 @@ class Direction(Loss):
         every: the neighbours are found anew at every so many calls, and whenever the number of strokes has changed.
     """
 
-    over_pixels = False
+    looks_at = "strokes"
 
     def __init__(self, *, weight: float = 0.0001, k: int = NEIGHBOURS, every: int = 20) -> None:
         super().__init__()

@@ -7,8 +7,7 @@ from torch.nn import functional
 from brushexp.errors import UserError
 from brushexp.features import open_backbone
 from brushexp.features.base import mean_squares
-from brushexp.plugins.loss._part import factors, framed, places
-from brushexp.plugins.loss._target import OfTarget
+from brushexp.plugins.loss._cache import TargetCache
 from brushexp.plugins.loss.base import Loss, Painting
 from brushexp.registry import register
 
@@ -18,15 +17,12 @@ SHIFTS = ((0, 0), (1, 2), (2, 1), (3, 3))
 
 @register("loss", "perceptual")
 class Perceptual(Loss):
-    """Mean squared difference of deep features: content rather than pixels.
+    """Perceptual loss (Johnson et al.): mean squared difference of the features of a network.
 
     Source: thesis 2020, eq. 6.23, which takes the fourth block of VGG16. Differs from it: the default network is the
     small one that is always there (``effl0``); several taps count alike; and the picture is jittered, because a
     network whose first step is two pixels wide lets errors of that period pass unseen (alone, 3 pixels of jitter gave
     a PSNR 1.5 dB higher than none, on two pictures).
-
-    On a part of the canvas, all features that see something of it count, with what surrounds them (by default 21 to 25
-    pixels of it): times the part's share of the canvas, its gradient is that of the whole picture.
 
     Args:
         weight: factor in the sum of losses. With the default, the gradient in the picture is as long as that of ``mse``
@@ -40,6 +36,7 @@ class Perceptual(Loss):
             value then depends on the call: set 0 for an optimiser with a line search.
     """
 
+    exact_on_parts = False
     calls: Tensor
 
     def __init__(
@@ -51,32 +48,27 @@ class Perceptual(Loss):
         taps: list[str] | None = None,
         jitter: int = 3,
     ) -> None:
-        super().__init__()
+        super().__init__(weight)
         if not 0 <= jitter <= 3:
             raise UserError(f"loss.perceptual.jitter={jitter} is outside 0 to 3; try loss.perceptual.jitter=3")
-        self.weight = weight
         self.network = open_backbone(backbone, weights)
         self.taps = list(taps or self.network.default_taps)
         self.network.check(self.taps)
         self.jitter = jitter
         self.shifts = sorted({(x % (jitter + 1), y % (jitter + 1)) for x, y in SHIFTS})
         self.register_buffer("calls", torch.zeros((), dtype=torch.long))  # which shift is next, also after a restart
-        self._wanted: OfTarget[list[Tensor]] = OfTarget()  # features, by shift
-        self._places: OfTarget[Tensor] = OfTarget()  # focus of their positions
+        self.context, self.grid = self.network.context, self.network.grid
+        self._wanted: TargetCache[list[Tensor]] = TargetCache()  # features, by shift
 
     def forward(self, painting: Painting) -> Tensor:
         shift = self.shifts[int(self.calls) % len(self.shifts)]
         self.calls += 1
-        frame = framed(painting, self.network, self.taps)
-        wanted = self._wanted.get(frame.target, lambda target: self._features(target, shift), key=shift)
-        seen = self._features(frame.image, shift)
-        weights = factors(painting, frame, seen, self.network, self.taps)
-        at = places(painting, frame, seen, self.network, self.taps, self._places)
-        apart = [
-            weight * mean_squares(a, b, place).mean()
-            for weight, a, b, place in zip(weights, seen, wanted, at, strict=True)
+        wanted = self._wanted.get(painting.target, lambda target: self._features(target, shift), key=shift)
+        terms = [
+            mean_squares(ours, theirs, painting.weights((ours.shape[2], ours.shape[3]))).mean()
+            for ours, theirs in zip(self._features(painting.image, shift), wanted, strict=True)
         ]
-        return torch.stack(apart).mean()
+        return torch.stack(terms).mean()
 
     def _features(self, picture: Tensor, shift: tuple[int, int]) -> list[Tensor]:
         """Features of a picture (3, H, W) moved by ``shift``; its border is repeated, its size the same for all."""

@@ -14,9 +14,10 @@ class MeanSquaredError(Loss):
         weight: factor in the sum of losses.
     """
 
+    cost = "1.0 x mse"
+
     def __init__(self, *, weight: float = 1.0) -> None:
-        super().__init__()
-        self.weight = weight
+        super().__init__(weight)
 
     def forward(self, painting: Painting) -> Tensor:
         return painting.mean((painting.image - painting.target).square())
@@ -24,15 +25,16 @@ class MeanSquaredError(Loss):
 
 @register("loss", "l1")
 class MeanAbsoluteError(Loss):
-    """Mean absolute difference over pixels and channels; forgives outliers more than ``mse``.
+    """Mean absolute difference over pixels and channels (L1); less sensitive to outliers than ``mse``.
 
     Args:
         weight: factor in the sum of losses.
     """
 
+    cost = "1.0 x mse"
+
     def __init__(self, *, weight: float = 1.0) -> None:
-        super().__init__()
-        self.weight = weight
+        super().__init__(weight)
 
     def forward(self, painting: Painting) -> Tensor:
         return painting.mean((painting.image - painting.target).abs())

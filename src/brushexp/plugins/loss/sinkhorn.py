@@ -1,4 +1,4 @@
-"""Transport of colour as a loss."""
+"""Optimal transport of colour as a loss."""
 
 from collections.abc import Sequence
 
@@ -7,8 +7,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from brushexp.errors import UserError
+from brushexp.plugins.loss._cache import TargetCache
 from brushexp.plugins.loss._precision import at_least_single
-from brushexp.plugins.loss._target import OfTarget
 from brushexp.plugins.loss.base import Loss, Painting, Surroundings
 from brushexp.registry import register
 
@@ -18,7 +18,7 @@ LEAST = 0.01  # of epsilon, so that exp(-4 / epsilon) is no zero in double preci
 
 @register("loss", "sinkhorn")
 class Sinkhorn(Loss):
-    """How far colour must be carried: draws strokes to where they are missing, even from afar.
+    """Sinkhorn divergence (optimal transport) of the colours to the target's; pulls strokes over large distances.
 
     Each channel of the shrunk pictures is mass on the pixel grid; moving it costs the squared distance, in longer sides
     of the picture. The value is the debiased Sinkhorn divergence (Feydy et al., 2019, arXiv:1810.08278), mean over
@@ -42,7 +42,7 @@ class Sinkhorn(Loss):
         floor: mass that every pixel has beside its colour, so that black pictures have some.
     """
 
-    over_pixels = False
+    looks_at = "canvas"
 
     def __init__(
         self,
@@ -53,7 +53,7 @@ class Sinkhorn(Loss):
         iterations: int = 5,
         floor: float = 0.001,
     ) -> None:
-        super().__init__()
+        super().__init__(weight)
         for name, value, least in (
             ("side", side, 1),
             ("epsilon", epsilon, LEAST),
@@ -62,37 +62,37 @@ class Sinkhorn(Loss):
         ):
             if not value >= least:
                 raise UserError(f"loss.sinkhorn.{name}={value} is too small; set it to {least} or more")
-        self.weight, self.side, self.epsilon, self.iterations, self.floor = weight, side, epsilon, iterations, floor
-        self._wanted: OfTarget[tuple[Tensor, Tensor]] = OfTarget()
+        self.side, self.epsilon, self.iterations, self.floor = side, epsilon, iterations, floor
+        self._wanted: TargetCache[tuple[Tensor, Tensor]] = TargetCache()
         self._surroundings: Surroundings | None = None  # the canvas of the last step, to which the following belongs
         self._rest = torch.empty(0)  # (3, h, w) what its pixels outside the part give to the shrunk picture
-        self._shares: tuple[Tensor, Tensor] = (self._rest, self._rest)  # of the part's rows and columns, `shares_of`
+        self._shares: tuple[Tensor, Tensor] = (self._rest, self._rest)  # `pooling_weights` of its rows and columns
 
     def forward(self, painting: Painting) -> Tensor:
         theirs, rest = self._wanted.get(painting.whole_target, self._look)
-        ours = masses(self._shrunk(painting), self.floor)
+        ours = masses(self._downsampled(painting), self.floor)
         return divergence(ours, theirs, self._blurs(), rest).mean().to(at_least_single(painting.image))
 
     def _look(self, target: Tensor) -> tuple[Tensor, Tensor]:
-        theirs = masses(shrunk(target, self.side), self.floor)
+        theirs = masses(downsampled(target, self.side), self.floor)
         return theirs, own_potential(theirs, self._blurs())
 
-    def _shrunk(self, painting: Painting) -> Tensor:
+    def _downsampled(self, painting: Painting) -> Tensor:
         """The whole canvas (3, h, w), shrunk; differentiable in the part that the step looks at."""
         around = painting.surroundings
         if around is None:
-            return shrunk(painting.image, self.side)
+            return downsampled(painting.image, self.side)
         if around is not self._surroundings:
             self._surroundings = around
-            region, small = around.region, shrunk(around.picture, self.side)
+            region, small = around.region, downsampled(around.picture, self.side)
             self._shares = (
-                shares_of(region.top, region.height, around.picture.shape[1], small.shape[1]).to(small),
-                shares_of(region.left, region.width, around.picture.shape[2], small.shape[2]).to(small),
+                pooling_weights(region.top, region.height, around.picture.shape[1], small.shape[1]).to(small),
+                pooling_weights(region.left, region.width, around.picture.shape[2], small.shape[2]).to(small),
             )
-            self._rest = small - self._shrunk_part(region.of(around.picture))
-        return self._rest + self._shrunk_part(painting.image)
+            self._rest = small - self._downsampled_part(region.of(around.picture))
+        return self._rest + self._downsampled_part(painting.image)
 
-    def _shrunk_part(self, part: Tensor) -> Tensor:
+    def _downsampled_part(self, part: Tensor) -> Tensor:
         rows, columns = self._shares
         return rows.T @ at_least_single(part) @ columns
 
@@ -104,7 +104,7 @@ class Sinkhorn(Loss):
         return [*found, *[self.epsilon] * self.iterations]
 
 
-def shrunk(picture: Tensor, side: int) -> Tensor:
+def downsampled(picture: Tensor, side: int) -> Tensor:
     """A picture (3, H, W) of at most ``side`` pixels a side (3, h, w)."""
     height, width = picture.shape[1:]
     zoom = min(side / max(height, width), 1)
@@ -112,7 +112,7 @@ def shrunk(picture: Tensor, side: int) -> Tensor:
     return functional.adaptive_avg_pool2d(at_least_single(picture), small)
 
 
-def shares_of(first: int, count: int, side: int, small: int) -> Tensor:
+def pooling_weights(first: int, count: int, side: int, small: int) -> Tensor:
     """How much of each of ``small`` means over a side a pixel gives to it (count, small), from pixel ``first`` on."""
     pixels = functional.pad(torch.eye(count, dtype=torch.float64), (first, side - first - count))
     return functional.adaptive_avg_pool1d(pixels, small)

@@ -25,7 +25,7 @@ class Width(Loss):
             this loss 0.0004 at a cost of less than 0.1 dB; 0.1 cost 0.1 dB.
     """
 
-    over_pixels = False
+    looks_at = "strokes"
 
     def __init__(self, *, weight: float = 0.01) -> None:
         super().__init__()
@@ -50,7 +50,7 @@ class KullbackLeibler(Loss):
             this loss at 0.2 at a cost of less than 0.1 dB, and with 0.001 at 0.001 at a cost of 0.1 dB.
     """
 
-    over_pixels = False
+    looks_at = "strokes"
 
     def __init__(self, *, weight: float = 0.0001) -> None:
         super().__init__()

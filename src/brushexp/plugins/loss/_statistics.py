@@ -7,14 +7,15 @@ from enum import Enum
 import torch
 from torch import Tensor
 
-WAVES, SAMPLE = 256, 512  # random Fourier features of a tap; positions whose distances give the bandwidth
-EVEN = 1e-5  # share of the style's mean square that is added to variances: the root has a slope where there are none
-FLOOR = 1e-8  # least mean square of the style's features
+FOURIER_FEATURES = 256  # of each tap
+BANDWIDTH_POSITIONS = 512  # positions whose distances give the bandwidth of the gaussian kernel
+VARIANCE_OFFSET = 1e-5  # of the style's mean square, added to variances: the root of 0 has no slope
+MIN_FEATURE_POWER = 1e-8  # mean square of the style's features that is divided by, at least
 
 Embedding = Callable[[Tensor], Tensor]  # features (C, P) of P positions -> sum over them of what the kernel compares
 
 
-class Kernel(Enum):
+class FeatureKernel(Enum):
     """Which statistic of the features is compared."""
 
     poly = "poly"
@@ -44,38 +45,38 @@ def waves_for(sample: Tensor) -> Embedding:
     The bandwidth s is the median distance in a sample (C, P) of the style, at least a thousandth of its features'
     length where they are all alike. The waves come from a seed of their own: they are the same in every run.
     """
-    sample = sample[:, :: max(1, sample.shape[1] // SAMPLE)].double()
-    width = float(
-        torch.cdist(sample.T, sample.T).median().clamp_min(1e-3 * sample.square().sum(0).mean().sqrt() + FLOOR)
-    )
+    sample = sample[:, :: max(1, sample.shape[1] // BANDWIDTH_POSITIONS)].double()
+    least = 1e-3 * sample.square().sum(0).mean().sqrt() + MIN_FEATURE_POWER
+    width = float(torch.cdist(sample.T, sample.T).median().clamp_min(least))
     generator = torch.Generator().manual_seed(0)
-    directions = torch.randn(WAVES, len(sample), generator=generator, dtype=torch.float64) / width
-    phases = 2 * math.pi * torch.rand(WAVES, 1, generator=generator, dtype=torch.float64)
+    directions = torch.randn(FOURIER_FEATURES, len(sample), generator=generator, dtype=torch.float64) / width
+    phases = 2 * math.pi * torch.rand(FOURIER_FEATURES, 1, generator=generator, dtype=torch.float64)
 
     def embed(features: Tensor) -> Tensor:
-        return math.sqrt(2 / WAVES) * torch.cos(directions.to(features) @ features + phases.to(features)).sum(1)
+        waves = torch.cos(directions.to(features) @ features + phases.to(features))
+        return math.sqrt(2 / FOURIER_FEATURES) * waves.sum(1)
 
     return embed
 
 
-EMBEDDINGS: dict[Kernel, Callable[[Tensor], Embedding]] = {
-    Kernel.poly: lambda sample: gram,
-    Kernel.linear: lambda sample: sum_of,
-    Kernel.gaussian: waves_for,
-    Kernel.meanstd: lambda sample: powers_of,
+EMBEDDINGS: dict[FeatureKernel, Callable[[Tensor], Embedding]] = {
+    FeatureKernel.poly: lambda sample: gram,
+    FeatureKernel.linear: lambda sample: sum_of,
+    FeatureKernel.gaussian: waves_for,
+    FeatureKernel.meanstd: lambda sample: powers_of,
 }
-POWERS: dict[Kernel, Callable[[Tensor], Tensor]] = {  # sum of k(f, f) over positions
-    Kernel.poly: lambda features: features.square().sum(0).square().sum(),
-    Kernel.linear: lambda features: features.square().sum(),
-    Kernel.gaussian: lambda features: features.new_tensor(features.shape[1]),
-    Kernel.meanstd: lambda features: features.square().sum(),
+POWERS: dict[FeatureKernel, Callable[[Tensor], Tensor]] = {  # sum of k(f, f) over positions
+    FeatureKernel.poly: lambda features: features.square().sum(0).square().sum(),
+    FeatureKernel.linear: lambda features: features.square().sum(),
+    FeatureKernel.gaussian: lambda features: features.new_tensor(features.shape[1]),
+    FeatureKernel.meanstd: lambda features: features.square().sum(),
 }
 
 
-def discrepancy(found: Tensor, wanted: Tensor, unit: float, kernel: Kernel) -> Tensor:
+def discrepancy(found: Tensor, wanted: Tensor, unit: float, kernel: FeatureKernel) -> Tensor:
     """Squared difference of two mean embeddings in units of k(f, f)."""
-    if kernel is Kernel.meanstd:
-        found, wanted = (mean_and_deviation(mean, EVEN * unit) for mean in (found, wanted))
+    if kernel is FeatureKernel.meanstd:
+        found, wanted = (mean_and_deviation(mean, VARIANCE_OFFSET * unit) for mean in (found, wanted))
     return (found - wanted).square().sum() / unit
 
 
