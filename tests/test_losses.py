@@ -13,7 +13,7 @@ from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
 from brushexp.plugins.loss.stroke import SHRINK, KullbackLeibler, Width
 from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.prior import sample_prior, strokes_of
+from brushexp.strokes.prior import INSET, clamp_to_prior, sample_prior, strokes_of
 
 POINTS = ("start", "control", "end")
 WANTED = torch.diag(torch.tensor([1 / 200, 1 / 25], dtype=torch.float64))
@@ -81,7 +81,7 @@ def test_l1_of_a_perfect_painting_has_no_slope():
 
 def test_width_compares_length_and_thickness_in_sides_of_the_window():
     apart = [0.4, 0.0, 0, 0, -0.4, 0.0]  # 0.8 half-windows: 0.4 of the side
-    for width, wanted in ((0.1, 0.0), (0.2, 0.0), (0.25, 0.1), (1.0, 1.6)):
+    for width, wanted in ((0.1, 0.0), (0.28, 0.0), (0.5, 0.3), (1.0, 1.0)):
         assert float(judged(Width(), strokes([apart], [width]))) == pytest.approx(wanted, abs=1e-12)
 
 
@@ -90,17 +90,22 @@ def test_width_agrees_with_the_loop():
     total = 0.0
     for start, end, width in zip(made.start.numpy(), made.end.numpy(), made.width.numpy(), strict=True):
         s, e = (start + 1) / 2, (end + 1) / 2  # as the thesis has them: 0 to 1 within the window
-        total += max(0.0, 2 * width - np.hypot(*(s - e)))
+        total += max(0.0, 2 * INSET * width - np.hypot(*(s - e)))
     assert float(judged(Width(), made)) == pytest.approx(total / 50)
 
 
 def test_width_leaves_the_ends_of_a_point_alone_and_thins_it():
     value, (start, control, end, width) = slopes(Width(), strokes([[0.1, 0.2, 0, 0, 0.1, 0.2]], [0.1]))
-    assert float(value) == pytest.approx(0.2)
+    assert float(value) == pytest.approx(0.14)
     assert (start == 0).all()
     assert (end == 0).all()
     assert (control == 0).all()
-    assert width.tolist() == [2.0]
+    assert width.tolist() == pytest.approx([1.4])
+
+
+def test_width_penalises_no_valid_stroke():
+    for made in (sample_prior(5000), clamp_to_prior(random_strokes(500).map(Tensor.float))):
+        assert float(judged(Width(), made)) < 1e-8
 
 
 def textbook_divergence(made: Strokes) -> float:

@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from scenes import random_strokes
 
-from brushexp.analysis.measures import measures_of
+from brushexp.analysis.columns import measure_strokes
 from brushexp.app.tasks import paint
 from brushexp.errors import UserError
 from brushexp.painting.outputs import renderer_of, work_of
@@ -260,7 +260,7 @@ def test_a_missing_name_is_an_error():
 
 def test_packed_strokes_are_the_strokes():
     saved = saved_with(200)
-    measures = measures_of(saved.strokes, saved.depth, saved.size)
+    measures = measure_strokes(saved.strokes, saved.depth, saved.size)
     packed = replay_of(saved, measures)
     data = base64.b64decode(packed["data"])
     assert len(data) == 34 * 200
@@ -283,7 +283,7 @@ def test_strokes_far_away_do_not_coarsen_the_others():
     width = saved.strokes.width.clone()
     width[1] = 1e3
     saved = replace(saved, strokes=replace(saved.strokes, position=position, width=width))
-    packed = replay_of(saved, measures_of(saved.strokes, saved.depth, saved.size))
+    packed = replay_of(saved, measure_strokes(saved.strokes, saved.depth, saved.size))
     highest = {name: high for name, _, _, high in packed["columns"]}
     assert highest["points"] <= (1 + FARTHEST) * max(SIZE)
     assert highest["half"] <= FARTHEST * max(SIZE)
@@ -447,7 +447,7 @@ def test_pointing_tells_the_uppermost_stroke(shown):
         (point, stroke) for point, stroke in zip(points, oracle(saved, points), strict=True) if stroke is not None
     ]
     assert len(wanted) > 15
-    measures = measures_of(saved.strokes, saved.depth, saved.size)
+    measures = measure_strokes(saved.strokes, saved.depth, saved.size)
     for (x, y), stroke in wanted[:15]:
         hover(shown, x, y)
         assert field_of(shown, "number") == str(stroke)

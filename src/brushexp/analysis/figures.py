@@ -10,31 +10,40 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from brushexp.analysis.columns import MEASURES, Array
 from brushexp.analysis.maps import coherence_map, direction_colors, stroke_map
-from brushexp.analysis.measures import MEASURES, Array
-from brushexp.analysis.summary import BINS, OVERALL, Analysis, overall_of, shares_of
-from brushexp.analysis.tables import relative_unit, shown, strokes_in, with_unit
+from brushexp.analysis.statistics import DIRECTION_BINS, direction_shares
+from brushexp.analysis.summary import OVERALL, Analysis, overall_of
+from brushexp.analysis.tables import relative_unit, strokes_in, three_digits, with_unit
 from brushexp.results.plotting import COLORS, FAINT, INK, SIZE, new_figure, save_figure, tidy, without_math
+from brushexp.strokes.measures import NEIGHBOURS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PRINT = 200  # dots per inch: sharp on paper
+PRINT_DPI = 200  # dots per inch: sharp on paper
 LEFT, PICTURE, GAP = 0.75, (4.25, 5.0), 0.35  # inches: margin, room for a picture, and between two
 HEAD, TITLE = 0.55, 0.3  # inches: of the heading of a painting, and of the title of a picture
 ROSE, LINE = 2.7, 0.19  # inches: of the rose, and of a line of numbers below it
 PANEL, ROW = (2.7, 1.7), 2.75  # inches: of a histogram, and from one row of them to the next
-CELLS = 160  # places along the longer side where coherence is looked at
+MAP_CELLS = 160  # places along the longer side where coherence is looked at
 DASHES = 26  # lines of flow along the longer side
-PALE = 0.6  # share of the colours of a scale: on darker ones lines are not seen
+SCALE_SHARE = 0.6  # share of the colours of a scale: on darker ones lines are not seen
 PANELS = ("length", "width", "straightness", "curvature", "elongatedness", "visible", "coherence", "homogeneity")
-HIGHEST = {"straightness": 1.0, "curvature": 180.0, "visible": 1.0, "coherence": 1.0, "homogeneity": 1.0}
-WHOLE = ("curvature", "visible", "coherence")  # shown from 0 to their highest value
-TAIL = 0.02  # share of strokes that a panel may leave out at its long end
-BARS = 32
-BESIDE = ("direction", "agreement", "coherence", "disorder", "entropy", "layers", "hidden")  # numbers below the rose
-QUIET = "#6a6a6a"
+FULL_RANGE = ("curvature", "visible", "coherence")  # shown from 0 to their highest value
+TAIL_SHARE = 0.02  # share of strokes that a panel may leave out at its long end
+HISTOGRAM_BINS = 32
+ROSE_NUMBERS = (
+    "direction",
+    "agreement",
+    "coherence",
+    "disorder",
+    "entropy",
+    "layers",
+    "hidden",
+)  # numbers below the rose
+MUTED = "#6a6a6a"
 
 
 @dataclass(frozen=True)
@@ -57,13 +66,13 @@ class Page:
 def write_figure(path: Path, found: Sequence[Analysis]) -> Path:
     """Write the sheet as PNG: for each painting its strokes by direction, coherence and rose; histograms below."""
     sizes = [_fitted(one.size) for one in found]
-    rows = [max(height, ROSE + 0.3 + LINE * len(BESIDE)) + HEAD + TITLE + 0.25 for _, height in sizes]
+    rows = [max(height, ROSE + 0.3 + LINE * len(ROSE_NUMBERS)) + HEAD + TITLE + 0.25 for _, height in sizes]
     height = sum(rows) + 2 * ROW + 0.35
     figure = new_figure(height)
     figure.set_layout_engine("none")
-    figure.set_dpi(PRINT)
+    figure.set_dpi(PRINT_DPI)
     page = Page(figure, height)
-    largest = max(shares_of(_angles(one)).max() for one in found)
+    largest = max(direction_shares(_angles(one)).max() for one in found)
     top = 0.2
     for k, (one, size) in enumerate(zip(found, sizes, strict=True)):
         _painting(page, top, one, size, COLORS[k] if len(found) > 1 else INK, largest)
@@ -73,7 +82,7 @@ def write_figure(path: Path, found: Sequence[Analysis]) -> Path:
         axes = page.axes(left, top + 0.45 + (k // 4) * ROW, *PANEL)
         _histogram(axes, key, found)
         if k % 4 == 0:
-            axes.set_ylabel("share of strokes", fontsize=9, color=QUIET)
+            axes.set_ylabel("share of strokes", fontsize=9, color=MUTED)
             axes.yaxis.set_label_coords(-0.2, 0.5)
     save_figure(figure, path)
     return path
@@ -98,21 +107,22 @@ def _painting(page: Page, top: float, found: Analysis, size: tuple[float, float]
     page.write(LEFT, top, without_math(found.name)[:60], fontsize=14, color=ink, weight="bold")
     page.write(
         LEFT, top + 0.27, f"{strokes_in(found)} on {found.size[1]} x {found.size[0]} px; "
-        f"one pitch, the distance between neighbouring strokes, is {shown(found.pitch)} px", fontsize=9, color=QUIET,
+        f"one pitch, the distance between neighbouring strokes, is {three_digits(found.pitch)} px",
+        fontsize=9, color=MUTED,
     )  # fmt: skip
     top += HEAD
     second = LEFT + PICTURE[0] + GAP
     third = second + PICTURE[0] + 1.05
     page.write(LEFT, top, "strokes in the colours of their directions", fontsize=10)
     _strokes(page.axes(LEFT, top + TITLE, *size), found, ink)
-    page.write(second, top, f"coherence of directions within {shown(found.measures.radius)} px", fontsize=10)
+    page.write(second, top, f"coherence of the directions of the {NEIGHBOURS} nearest strokes", fontsize=10)
     axes = page.axes(second, top + TITLE, *size)
     _coherence(axes, page.axes(second + size[0] + 0.1, top + TITLE, 0.12, min(size[1], 2.4)), found, ink)
     page.write(third, top, "directions as they lie; dotted: all equal", fontsize=10)
     _rose(page.axes(third + 0.1, top + TITLE + 0.2, ROSE, ROSE, projection="polar"), found, largest)
     numbers, top = overall_of(found), top + TITLE + ROSE + 0.45
-    for k, key in enumerate(BESIDE):
-        page.write(third, top + k * LINE, OVERALL[key].name, fontsize=8.5, color=QUIET)
+    for k, key in enumerate(ROSE_NUMBERS):
+        page.write(third, top + k * LINE, OVERALL[key].name, fontsize=8.5, color=MUTED)
         page.write(third + 2.2, top + k * LINE, with_unit(numbers[key], OVERALL[key].unit), fontsize=8.5, color=INK)
 
 
@@ -135,15 +145,17 @@ def _coherence(axes: Axes, scale: Axes, found: Analysis, ink: str) -> None:
     from matplotlib.colors import ListedColormap  # noqa: PLC0415
 
     height, width = found.size
-    _, mean = coherence_map(found, CELLS)
-    colors = ListedColormap(colormaps["YlGnBu"](np.linspace(0, PALE, 256)))
+    _, mean = coherence_map(found, MAP_CELLS)
+    colors = ListedColormap(colormaps["YlGnBu"](np.linspace(0, SCALE_SHARE, 256)))
+    coherence = np.linalg.norm(mean, axis=-1)
     image = axes.imshow(
-        np.abs(mean), extent=(0, width, height, 0), cmap=colors, vmin=0, vmax=1, interpolation="bilinear", aspect="auto"
+        coherence, extent=(0, width, height, 0), cmap=colors, vmin=0, vmax=1, interpolation="bilinear", aspect="auto"
     )
     axes.set_facecolor(FAINT)  # where there are too few strokes
     points, mean = coherence_map(found, DASHES)
-    known = np.isfinite(mean)
-    length, way = 0.47 * max(found.size) / DASHES * np.abs(mean[known]), 0.5 * np.angle(mean[known])
+    known = np.isfinite(mean[..., 0])
+    cos, sin = mean[known].T
+    length, way = 0.47 * max(found.size) / DASHES * np.hypot(cos, sin), 0.5 * np.arctan2(sin, cos)
     ends = length[:, None] * np.stack([np.cos(way), np.sin(way)], axis=1)
     lines = np.stack([points[known] - ends, points[known] + ends], axis=1)
     axes.add_collection(LineCollection(list(lines), colors=INK, linewidths=1.0, capstyle="round"), autolim=False)
@@ -158,13 +170,15 @@ def _rose(axes: Any, found: Analysis, largest: float) -> None:
     """Shares of directions as areas, each drawn both ways."""
     from matplotlib.patheffects import withStroke  # noqa: PLC0415
 
-    share = shares_of(_angles(found))
-    middle = np.arange(BINS) * math.pi / BINS
+    share = direction_shares(_angles(found))
+    middle = np.arange(DIRECTION_BINS) * math.pi / DIRECTION_BINS
     both, colors = np.concatenate([middle, middle + math.pi]), np.tile(direction_colors(middle), (2, 1))
     axes.set_theta_direction(-1)
-    axes.bar(both, np.sqrt(np.tile(share, 2)), math.pi / BINS, color=colors, edgecolor="white", linewidth=0.6)
-    axes.plot(np.linspace(0, 2 * math.pi, 200), np.full(200, math.sqrt(1 / BINS)), ":", color=INK, linewidth=1.0)
-    top = max(largest, 1.3 / BINS)
+    axes.bar(both, np.sqrt(np.tile(share, 2)), math.pi / DIRECTION_BINS, color=colors, edgecolor="white", linewidth=0.6)
+    axes.plot(
+        np.linspace(0, 2 * math.pi, 200), np.full(200, math.sqrt(1 / DIRECTION_BINS)), ":", color=INK, linewidth=1.0
+    )
+    top = max(largest, 1.3 / DIRECTION_BINS)
     ring = next(step for step in (0.02, 0.05, 0.1, 0.2, 0.5, 1.0) if 3 * step >= top)
     rings = [ring * k for k in range(1, 4) if ring * k <= top]
     axes.set_ylim(0, math.sqrt(top) * 1.03)
@@ -194,9 +208,9 @@ def _histogram(axes: Axes, key: str, found: Sequence[Analysis]) -> None:
     filled = [values for values in samples if len(values)]
     if not filled:
         axes.set(xticks=[], yticks=[])
-        axes.text(0.5, 0.5, "not defined", transform=axes.transAxes, ha="center", color=QUIET)
+        axes.text(0.5, 0.5, "not defined", transform=axes.transAxes, ha="center", color=MUTED)
         return
-    edges = np.linspace(*_range(key, filled), BARS + 1)
+    edges = np.linspace(*_range(key, filled), HISTOGRAM_BINS + 1)
     for values, color, dash in zip(samples, COLORS, ("-", "--"), strict=False):
         if len(values):
             count = 100 * np.histogram(values, edges)[0] / len(values)
@@ -212,12 +226,12 @@ def _histogram(axes: Axes, key: str, found: Sequence[Analysis]) -> None:
 
 def _caption(axes: Axes, samples: Sequence[Array], edges: Array) -> None:
     """Above a histogram: medians, and how much of it lies beyond the axis."""
-    medians = [shown(float(np.median(values))) if len(values) else "not defined" for values in samples]
+    medians = [three_digits(float(np.median(values))) if len(values) else "not defined" for values in samples]
     colors = COLORS if len(samples) > 1 else (INK,)
-    words = [("median", QUIET), *zip(medians, colors, strict=False)]
+    words = [("median", MUTED), *zip(medians, colors, strict=False)]
     beyond = max(float(((values < edges[0]) | (values > edges[-1])).mean()) for values in samples if len(values))
     if beyond >= 0.0005:
-        words.append((f"  {100 * beyond:.1f} % lie beyond", QUIET))
+        words.append((f"  {100 * beyond:.1f} % lie beyond", MUTED))
     place: Any = ((0, 1.0), "axes fraction")
     for text, color in words:
         written = axes.annotate(
@@ -229,8 +243,9 @@ def _caption(axes: Axes, samples: Sequence[Array], edges: Array) -> None:
 
 
 def _range(key: str, samples: Sequence[Array]) -> tuple[float, float]:
-    """Where an axis begins and ends: all strokes but the ``TAIL`` at the long end."""
-    if key in HIGHEST:
-        low = 0.0 if key in WHOLE else min(float(np.quantile(values, TAIL)) for values in samples)
-        return min(math.floor(20 * low) / 20, 0.95), HIGHEST[key]
-    return 0.0, max(float(np.quantile(values, 1 - TAIL)) for values in samples) or 1.0
+    """Where an axis begins and ends: all strokes but the ``TAIL_SHARE`` at the long end."""
+    high = MEASURES[key].high
+    if high < math.inf:
+        low = 0.0 if key in FULL_RANGE else min(float(np.quantile(values, TAIL_SHARE)) for values in samples)
+        return min(math.floor(20 * low) / 20, 0.95), high
+    return 0.0, max(float(np.quantile(values, 1 - TAIL_SHARE)) for values in samples) or 1.0

@@ -10,14 +10,15 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from brushexp.analysis.measures import Array
+from brushexp.analysis.columns import Array
 from brushexp.analysis.summary import Analysis
-from brushexp.analysis.surroundings import Doubled, mean_direction
+from brushexp.strokes.bezier import curve_of
+from brushexp.strokes.measures import centre_of, direction_of, mean_direction, nearest_strokes
 
-SIDE = 900  # pixels: longer side of the strokes as they are drawn
-FEWEST = 3  # strokes around a place below which nothing is said of it
-CHROMA, LIGHT, SHADE = 32.0, 64.0, 12.0  # of the colours of directions, in CIE LCh; more is not in sRGB
-LEVEL = math.radians(85)  # hue of level strokes, ochre; upright ones are blue
+STROKES_SIDE = 900  # pixels: longer side of the strokes as they are drawn
+LEAST_AROUND = 3  # strokes within the radius of a place below which nothing is said of it
+CHROMA, LIGHTNESS, LIGHTNESS_SPAN = 32.0, 64.0, 12.0  # of the colours of directions, CIE LCh; more is not in sRGB
+LEVEL_HUE = math.radians(85)  # of level strokes, ochre; upright ones are blue
 
 
 def direction_colors(angle: Array) -> Array:
@@ -31,8 +32,8 @@ def direction_colors(angle: Array) -> Array:
     known = np.isfinite(angle)
     turn = 2 * np.where(known, angle, 0.0)
     chroma = np.where(known, CHROMA, 0.0)
-    lightness = LIGHT + SHADE * np.where(known, np.cos(turn), 0.0)
-    lab = np.stack([lightness, chroma * np.cos(turn + LEVEL), chroma * np.sin(turn + LEVEL)], axis=-1)
+    lightness = LIGHTNESS + LIGHTNESS_SPAN * np.where(known, np.cos(turn), 0.0)
+    lab = np.stack([lightness, chroma * np.cos(turn + LEVEL_HUE), chroma * np.sin(turn + LEVEL_HUE)], axis=-1)
     colors: Array = np.clip(lab2rgb(lab[None])[0], 0, 1)
     return colors
 
@@ -43,7 +44,7 @@ def stroke_map(found: Analysis) -> NDArray[np.float32]:
     from brushexp.plugins.blend.tiled import Tiled  # noqa: PLC0415  (slow to import)
     from brushexp.plugins.renderer.analytic import Analytic  # noqa: PLC0415
 
-    zoom = SIDE / max(found.size)
+    zoom = STROKES_SIDE / max(found.size)
     size = (max(1, round(found.size[0] * zoom)), max(1, round(found.size[1] * zoom)))
     color = torch.from_numpy(direction_colors(found.measures.orientation)).float()
     strokes = replace(found.strokes.map(Tensor.float), color=color).moved(zoom=zoom)
@@ -52,18 +53,24 @@ def stroke_map(found: Analysis) -> NDArray[np.float32]:
     return picture.transpose(1, 2, 0).clip(0, 1)
 
 
-def coherence_map(found: Analysis, cells: int) -> tuple[Array, Doubled]:
-    """Mean doubled direction around places in a grid over the canvas, ``cells`` along its longer side.
+@torch.no_grad()
+def coherence_map(found: Analysis, cells: int) -> tuple[Array, Array]:
+    """Mean doubled direction of the nearest strokes to places in a grid over the canvas, ``cells`` on its longer side.
 
     Returns:
-        Places (h, w, 2) in pixels, and (h, w); NaN where fewer than ``FEWEST`` strokes are.
+        Places (h, w, 2) in pixels, and directions (h, w, 2), as long as the coherence; NaN where fewer than
+        ``LEAST_AROUND`` strokes are within the radius of the analysis.
     """
+    from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
+
     height, width = found.size
     step = max(height, width) / cells
     columns, rows = max(1, round(width / step)), max(1, round(height / step))
     x, y = (np.arange(columns) + 0.5) * width / columns, (np.arange(rows) + 0.5) * height / rows
     points = np.stack(np.meshgrid(x, y), axis=-1)
-    places = np.stack([found.measures.x, found.measures.y], axis=1)
-    mean, number = mean_direction(points.reshape(-1, 2), places, found.measures.orientation, found.measures.radius)
-    mean[number < FEWEST] = np.nan
-    return points, mean.reshape(rows, columns)
+    curve = curve_of(found.strokes.map(Tensor.double))
+    centre, places = centre_of(curve), torch.from_numpy(points.reshape(-1, 2))
+    mean = mean_direction(direction_of(curve), nearest_strokes(places, centre, exclude_self=False)).numpy()
+    near = cKDTree(centre.numpy()).query_ball_point(places.numpy(), found.radius, return_length=True)
+    mean[near < LEAST_AROUND] = np.nan
+    return points, mean.reshape(rows, columns, 2)

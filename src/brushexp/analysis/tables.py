@@ -2,32 +2,21 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from pandas import DataFrame
 
-from brushexp.analysis.measures import MEASURES
-from brushexp.analysis.summary import (
-    OVERALL,
-    Analysis,
-    comparison_of,
-    in_units,
-    overall_of,
-    statistics_of,
-    summary_of,
-    thinnest_of,
-)
-from brushexp.results.tables import MISSING, markdown_table
-from brushexp.strokes.brushwork import FAINTEST
+from brushexp.analysis.columns import MEASURES
+from brushexp.analysis.statistics import statistics_of
+from brushexp.analysis.summary import OVERALL, Analysis, comparison_of, in_units, overall_of, summary_of, thinnest_of
+from brushexp.results.tables import MISSING, csv_table, escaped, markdown_table
+from brushexp.strokes.brushwork import MIN_OPACITY
 from brushexp.system.files import write_json, write_text
 
-HEAD = ("n", "mean", "sd", "q25", "median", "q75")
-WORDS = {"n": "n", "mean": "mean", "sd": "standard deviation", "q25": "25 %", "median": "median", "q75": "75 %"}
-PLAIN = {"°": "deg"}  # units in a table that any program can read
+HEADINGS = {"n": "n", "mean": "mean", "sd": "standard deviation", "q25": "25 %", "median": "median", "q75": "75 %"}
+DIFFERENCES = {"difference": "difference", "in sd": "standardised", "Cliff's delta": "delta"}
 
 
 def write_tables(folder: Path, found: Sequence[Analysis]) -> list[Path]:
@@ -35,107 +24,89 @@ def write_tables(folder: Path, found: Sequence[Analysis]) -> list[Path]:
     paths = []
     for one, name in zip(found, ("brushwork.csv", "brushwork_against.csv"), strict=False):
         paths.append(folder / name)
-        write_text(paths[-1], as_csv(one))
+        write_text(paths[-1], strokes_csv(one))
     data = summary_of(found[0])
     if len(found) > 1:
         data |= {"against": summary_of(found[1]), "comparison": comparison_of(*found)}
     write_json(folder / "summary.json", data)
-    write_text(folder / "summary.md", as_markdown(found))
+    write_text(folder / "summary.md", brushwork_text(found))
     return [*paths, folder / "summary.json", folder / "summary.md"]
 
 
-def as_csv(found: Analysis) -> str:
+def strokes_csv(found: Analysis) -> str:
     """A row per stroke that counts, in the order of the catalogue; what is not defined is empty."""
-    columns: dict[str, Iterable[object]] = {"stroke": found.number, "depth": found.depth}
-    for key, values in found.measures.items():
+    columns: dict[str, Any] = {"stroke": found.number, "depth": found.depth}
+    for key, values in found.measures.columns().items():
         measure = MEASURES.get(key)
-        unit = "px" if measure is None else PLAIN.get(measure.unit, measure.unit)
-        shown = values if measure is None else in_units(values, measure)
-        columns[f"{key} [{unit}]" if unit else key] = map(_cell, shown.tolist())
-    file = io.StringIO()
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
-    return file.getvalue()
+        unit = "px" if measure is None else measure.unit.replace("°", "deg")
+        columns[f"{key} [{unit}]" if unit else key] = values if measure is None else in_units(values, measure)
+    return csv_table({name: values.tolist() for name, values in columns.items()}, significant=6)
 
 
-def _cell(value: float) -> str:
-    return f"{value:.6g}" if np.isfinite(value) else ""
-
-
-def as_markdown(found: Sequence[Analysis]) -> str:
-    """Tables with definitions."""
-    lines = [f"# Brushwork of {' and '.join(_title(one) for one in found)}", ""]
+def brushwork_text(found: Sequence[Analysis]) -> str:
+    """Markdown with all statistics and definitions."""
+    lines = [f"# Brushwork of {' and '.join(escaped(one.name) for one in found)}", ""]
     for one in found:
         lines += [*_counted(one), ""]
-    lines += [*_overall(found), ""]
+    overall: dict[str, list[str]] = {"": [meant.name for meant in OVERALL.values()]}
+    for one in found:
+        numbers = overall_of(one)
+        overall[one.name] = [with_unit(numbers[key], meant.unit) for key, meant in OVERALL.items()]
+    lines += ["## The whole", "", markdown_table(overall, align="l" + "r" * len(found)), ""]
     if len(found) > 1:
         lines += [*_comparison(found[0], found[1]), ""]
     for one in found:
-        lines += [f"## Strokes of {_title(one)}", "", *_statistics(one), ""]
+        lines += [f"## Strokes of {escaped(one.name)}", "", _statistics(one), ""]
     return "\n".join([*lines, *_definitions(), ""])
-
-
-def _title(found: Analysis) -> str:
-    """A name in which no letter means more to Markdown than itself."""
-    return "".join(f"\\{sign}" if sign in r"\`*_[]<>|~$&#" else sign for sign in " ".join(found.name.split()))
 
 
 def _counted(found: Analysis) -> list[str]:
     """What was measured, and what not."""
     left_out = found.total - len(found.number)
-    words = f"{_number(left_out)} {'is' if left_out == 1 else 'are'} left out" if left_out else "none is left out"
+    words = f"{_whole(left_out)} {'is' if left_out == 1 else 'are'} left out" if left_out else "none is left out"
     return [
-        f"**{_title(found)}**: {strokes_in(found)} on {found.size[1]} x {found.size[0]} px; {words} "
-        f"(fainter than {FAINTEST}, thinner than {shown(thinnest_of(found.total, found.size))} px, or hidden more "
-        "than was asked for). "
-        f"A pitch is {shown(found.pitch)} px. The neighbourhood reaches {shown(found.measures.radius)} px "
-        f"({shown(found.measures.radius / found.pitch)} pitches)."
+        f"**{escaped(found.name)}**: {strokes_in(found)} on {found.size[1]} x {found.size[0]} px; {words} "
+        f"(fainter than {MIN_OPACITY}, thinner than {three_digits(thinnest_of(found.total, found.size))} px, "
+        "or hidden more than was asked for). "
+        f"A pitch is {three_digits(found.pitch)} px. Neighbours are counted within {three_digits(found.radius)} px "
+        f"({three_digits(found.radius / found.pitch)} pitches)."
     ]
 
 
 def strokes_in(found: Analysis) -> str:
     """How many strokes were measured, in words."""
-    return f"{_number(len(found.number))} stroke{'s' * (len(found.number) != 1)}"
+    return f"{_whole(len(found.number))} stroke{'s' * (len(found.number) != 1)}"
 
 
-def _overall(found: Sequence[Analysis]) -> list[str]:
-    rows = [["", *(one.name for one in found)], ["---", *("---:" for _ in found)]]
-    numbers = [overall_of(one) for one in found]
-    for key, meant in OVERALL.items():
-        rows.append([meant.name, *(with_unit(each[key], meant.unit) for each in numbers)])
-    return ["## The whole", "", _markdown(rows)]
-
-
-def _statistics(found: Analysis) -> list[str]:
+def _statistics(found: Analysis) -> str:
     """Every measure in pixels, and lengths and areas in pitches too."""
-    rows = [["measure", "unit", *(WORDS[name] for name in HEAD)], ["---", "---", *("---:" for _ in HEAD)]]
+    rows = []
     for key, measure in MEASURES.items():
         units = [(measure.unit, found.values(key))]
         if measure.power:
             units.append((relative_unit(key), found.relative(key)))
         for unit, values in units:
             numbers = statistics_of(values, measure.axial)
-            rows.append([measure.name, unit, *(shown(numbers[name]) for name in HEAD)])
-    return [_markdown(rows)]
+            shown = {HEADINGS[name]: three_digits(value) for name, value in numbers.items()}
+            rows.append({"measure": measure.name, "unit": unit} | shown)
+    return markdown_table(rows, align="ll" + "r" * len(HEADINGS))
 
 
 def _comparison(one: Analysis, other: Analysis) -> list[str]:
-    head = ["measure", "unit", one.name, other.name, "difference", "in sd", "Cliff's delta", "effect", "distance"]
-    rows = [head, ["---", "---", *("---:" for _ in head[2:7]), "---", "---:"]]
+    rows = []
     for key, far in comparison_of(one, other).items():
         measure = MEASURES[key]
-        sides = [statistics_of(each.relative(key), measure.axial) for each in (one, other)]
-        cells = [" ± ".join([shown(side["mean"]), shown(side["sd"])]) for side in sides]
-        numbers = [shown(far[name]) for name in ("difference", "standardised", "delta")]
-        rows.append(
-            [measure.name, relative_unit(key), *cells, *numbers, str(far["effect"] or MISSING), shown(far["distance"])]
-        )
+        row = {"measure": measure.name, "unit": relative_unit(key)}
+        for each in (one, other):
+            side = statistics_of(each.relative(key), measure.axial)
+            row[each.name] = f"{three_digits(side['mean'])} ± {three_digits(side['sd'])}"
+        row |= {head: three_digits(far[name]) for head, name in DIFFERENCES.items()}
+        rows.append(row | {"effect": str(far["effect"] or MISSING), "distance": three_digits(far["distance"])})
     return [
         "## Side by side", "",
         "Mean ± standard deviation of the strokes, lengths in pitches of each painting; difference: "
-        f"{_title(one)} less {_title(other)}.", "",
-        _markdown(rows), "",
+        f"{escaped(one.name)} less {escaped(other.name)}.", "",
+        markdown_table(rows, align="llrrrrrlr"), "",
         "In sd: the difference in pooled standard deviations. Cliff's delta: how much more often a stroke of the first "
         "is larger than one of the second than the other way round, from -1 to 1; in words by the limits of Romano et "
         "al. (2006). Distance: Wasserstein-1, how far strokes must change on average to turn one distribution into the "
@@ -146,20 +117,17 @@ def _comparison(one: Analysis, other: Analysis) -> list[str]:
 
 def _definitions() -> list[str]:
     lines = ["## What is measured", ""]
-    lines += [f"- {measure.name}: {measure.meaning}." for measure in MEASURES.values()]
+    lines += [
+        f"- {measure.name}: {measure.meaning}{f' ({measure.source})' if measure.source else ''}."
+        for measure in MEASURES.values()
+    ]
     lines += [f"- {meant.name} (of the whole): {meant.meaning}." for meant in OVERALL.values()]
     return [
         *lines, "",
         "Directions grow clockwise as they are seen. A pitch is sqrt(area of the canvas / strokes): in pitches, "
-        "paintings of different sizes compare. The words are those of Li, Yao, Hendriks and Wang (2012), Rhythmic "
+        "paintings of different sizes compare. Most measures are those of Li, Yao, Hendriks and Wang (2012), Rhythmic "
         "brushstrokes distinguish van Gogh from his contemporaries, IEEE TPAMI 34(6), 1159-1176.",
     ]  # fmt: skip
-
-
-def _markdown(rows: list[list[str]]) -> str:
-    """A table from its head, its rules, and rows."""
-    head, rules, *cells = rows
-    return markdown_table(DataFrame(cells, columns=head), align="".join("lr"[rule.endswith(":")] for rule in rules))
 
 
 def relative_unit(key: str) -> str:
@@ -171,15 +139,15 @@ def with_unit(value: float | None, unit: str) -> str:
     """A number and its unit; a share in per cent."""
     if value is None:
         return MISSING
-    return f"{shown(100 * value)} %" if unit == "%" else f"{shown(value)}{unit}"
+    return f"{three_digits(100 * value)} %" if unit == "%" else f"{three_digits(value)}{unit}"
 
 
-def shown(value: object) -> str:
+def three_digits(value: object) -> str:
     """A number with three digits that tell something; a dash for none."""
     if not isinstance(value, int | float) or not np.isfinite(value):
         return MISSING
-    return _number(round(value)) if isinstance(value, int) or abs(value) >= 1000 else f"{value:.3g}"
+    return _whole(round(value)) if isinstance(value, int) or abs(value) >= 1000 else f"{value:.3g}"
 
 
-def _number(value: int) -> str:
+def _whole(value: int) -> str:
     return f"{value:,}"

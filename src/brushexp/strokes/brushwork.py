@@ -1,8 +1,8 @@
-"""Brushwork: the sizes, bends and directions of the strokes of a painting, as a sample that others can be drawn from.
+"""Brushwork: lengths, widths, curvatures and directions of the strokes of a painting, as a sample to draw from.
 
-Sizes are in pitches, sqrt(pixels of the canvas / number of strokes): strokes so transferred cover a picture as densely
-as they cover their own, whatever its size and their number. For strokes as large against the picture as the painting's,
-paint with as many strokes.
+What is measured is defined in `strokes.measures`. Sizes are in pitches, sqrt(pixels of the canvas / number of strokes):
+strokes so transferred cover a picture as densely as they cover their own, whatever its size and their number. For
+strokes as large against the picture as the painting's, paint with as many strokes.
 """
 
 from __future__ import annotations
@@ -15,33 +15,41 @@ import torch
 from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.strokes.bezier import curve_of, half_width_of, length_of
+from brushexp.strokes.bezier import half_width_of, length_of, shape_of
 from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.neighbours import NEIGHBOURS, nearest
-from brushexp.strokes.prior import bend_of
+from brushexp.strokes.measures import (
+    centre_of,
+    coherence_of,
+    curvature_of,
+    direction_of,
+    mean_direction,
+    nearest_strokes,
+    neighbours_of,
+)
+from brushexp.strokes.prior import control_offset
 
 OPTION = "style.brushwork"  # what an error tells a user to set, if nobody says otherwise
-FAINTEST = 0.1  # opacity below which a stroke does not count
-THINNEST = 0.02  # pitches: thickness below which a stroke does not count
-FEWEST = 30  # strokes that count, for a brushwork
-WINDOW = 6.4  # pitches: side of the window in which bends are measured, as of first strokes
-FLOOR = 0.1  # pitches, or chords of bend: differences well below it are not seen in logarithms
-NARROWEST = 0.1  # least spread of a measure that is taken for one: 10 % of size, 0.1 of agreement
-JITTER = 0.1  # of the logarithm of area, when the larger strokes are given to the larger cells
-MEASURES = ("length", "width", "curvature", "agreement")
+MIN_OPACITY = 0.1  # of a stroke that counts
+MIN_WIDTH_PITCHES = 0.02  # thickness of a stroke that counts, pitches
+MIN_STROKES = 30  # that count, for a brushwork
+SHORTEST_CHORD_PITCHES = 0.25  # a chord counts as at least so long when the place of the control point is measured
+LOG_OFFSET_PITCHES = 0.1  # differences of size well below it are not seen in logarithms
+MIN_SPREAD = 0.1  # least standard deviation of a measure: 10 % of size, 0.1 rad of curvature, 0.1 of coherence
+AREA_JITTER = 0.1  # of the logarithm of area, when the larger strokes are given to the larger cells
+MATCHED = ("length", "width", "curvature", "coherence")  # measures that `distances` compares
 
 
 @dataclass(frozen=True)
 class Brushwork:
-    """A sample of M strokes; row i of every tensor is one stroke.
+    """A sample of M strokes; row i of every tensor but the last is one stroke.
 
     Attributes:
         length: (M,) arc length, pitches.
         width: (M,) thickness, pitches.
-        bend: (M, 2) of the control point along and across the chord, as `bend_of`, not below 0 across (a stroke drawn
-            from its other end has both signs turned).
-        deviation: (M,) direction against the mean one of the neighbours, radians in [-pi/2, pi/2].
-        measures: (4, M) what `measures_of` finds, each row ascending.
+        bend: (M, 2) of the control point along and across the chord, as `prior.control_offset`, not below 0 across (a
+            stroke drawn from its other end has both signs turned).
+        deviation: (M,) direction of the chord against the mean one of the neighbours, radians in [-pi/2, pi/2].
+        measures: (4, M) what `matched_measures` finds, each row ascending.
     """
 
     length: Tensor
@@ -55,10 +63,7 @@ class Brushwork:
 
     def to(self, like: Tensor) -> Brushwork:
         """The same in the dtype and on the device of ``like``."""
-        length, width, bend, deviation, measures = (
-            value.to(like) for value in (self.length, self.width, self.bend, self.deviation, self.measures)
-        )
-        return Brushwork(length, width, bend, deviation, measures)
+        return Brushwork(**{name: value.to(like) for name, value in vars(self).items()})
 
 
 def load_brushwork(path: Path, option: str = OPTION) -> Brushwork:
@@ -82,29 +87,28 @@ def load_brushwork(path: Path, option: str = OPTION) -> Brushwork:
 
 @torch.no_grad()
 def brushwork_of(strokes: Strokes, size: tuple[int, int]) -> Brushwork:
-    """The brushwork of strokes on a canvas of ``size`` (height, width), of those that `counts`.
+    """The brushwork of strokes on a canvas of ``size`` (height, width), of those that can be seen (`is_visible`).
 
     Raises:
-        UserError: if those are fewer than ``FEWEST``.
+        UserError: if those are fewer than ``MIN_STROKES``.
     """
     pitch = pitch_of(strokes, size)
-    counted = strokes[counts(strokes, pitch)]
-    if len(counted) < FEWEST:
+    counted = strokes[is_visible(strokes, pitch)]
+    if len(counted) < MIN_STROKES:
         raise UserError(
             f"{len(counted)} of {len(strokes)} strokes can be seen, too few for a brushwork; "
-            f"give a painting of {FEWEST} strokes or more"
+            f"give a painting of {MIN_STROKES} strokes or more"
         )
-    bend = chord_bend(counted, pitch)
-    turned = torch.where(bend[:, 1:] < 0, -bend, bend)
-    heading = heading_of(counted)
-    around = mean_heading(counted.position, counted, exclude_self=True)
-    measures = measures_of(counted, pitch).sort(1).values
+    shape = shape_of(counted)
+    bend = control_offset(shape, SHORTEST_CHORD_PITCHES * pitch)
+    around = mean_direction(direction_of(shape), neighbours_of(counted, shape))
+    chord = torch.stack([shape[:, 0], 0.5 * (shape[:, 0] + shape[:, 2]), shape[:, 2]], dim=1)
     return Brushwork(
-        length=length_of(curve_of(counted)) / pitch,
+        length=length_of(shape) / pitch,
         width=2 * half_width_of(counted) / pitch,
-        bend=turned,
-        deviation=0.5 * _angle(_turned_back(heading, around)),
-        measures=measures,
+        bend=torch.where(bend[:, 1:] < 0, -bend, bend),
+        deviation=_angle(_relative_to(direction_of(chord), around)),
+        measures=matched_measures(counted, pitch).sort(1).values,
     )
 
 
@@ -113,57 +117,23 @@ def pitch_of(strokes: Strokes, size: tuple[int, int]) -> float:
     return math.sqrt(size[0] * size[1] / max(len(strokes), 1))
 
 
-def counts(strokes: Strokes, pitch: float) -> Tensor:
-    """Which strokes (N,) can be seen: opacity at least ``FAINTEST``, thickness at least ``THINNEST`` pitches.
+def is_visible(strokes: Strokes, pitch: float) -> Tensor:
+    """Which strokes (N,) are opaque and thick enough to be seen: ``MIN_OPACITY`` and ``MIN_WIDTH_PITCHES``.
 
     A stroke that others hide counts; which those are depends on the renderer.
     """
-    return (strokes.opacity >= FAINTEST) & (2 * half_width_of(strokes) >= THINNEST * pitch)
+    return (strokes.opacity >= MIN_OPACITY) & (2 * half_width_of(strokes) >= MIN_WIDTH_PITCHES * pitch)
 
 
-def measures_of(strokes: Strokes, pitch: float) -> Tensor:
-    """What is compared between paintings (4, N), differentiable and finite for any strokes.
+def matched_measures(strokes: Strokes, pitch: float) -> Tensor:
+    """What is compared between paintings (4, N), the rows of ``MATCHED``; differentiable and finite for any strokes.
 
-    log(length + 0.1) and log(width + 0.1) in pitches; log(curvature + 0.1), curvature being the distance of the control
-    point from the middle of the chord, in chords; and agreement: the mean of cos 2 (angle to a neighbour) over the
-    nearest ``NEIGHBOURS`` strokes, weighted by their lengths, which is 1 where all are parallel and 0 in disorder.
+    log(length + 0.1) and log(width + 0.1), lengths in pitches; curvature, radians; coherence.
     """
-    curvature = (chord_bend(strokes, pitch).square().sum(1) + (0.01 * FLOOR) ** 2).sqrt()  # with a slope at 0
-    sizes = torch.stack([length_of(curve_of(strokes)) / pitch, 2 * half_width_of(strokes) / pitch, curvature])
-    around = mean_heading(strokes.position, strokes, exclude_self=True)
-    agreement = (_unit(heading_of(strokes)) * around).sum(1)
-    return torch.cat([(sizes + FLOOR).log(), agreement[None]])
-
-
-def chord_bend(strokes: Strokes, pitch: float) -> Tensor:
-    """`bend_of` strokes (N, 2), whatever their windows; a chord below a quarter of a pitch is taken to be so long."""
-    side = (strokes.scale / (WINDOW * pitch))[:, None]
-    points = {name: getattr(strokes, name) * side for name in ("start", "control", "end")}
-    return bend_of(replace(strokes, **points))
-
-
-def heading_of(strokes: Strokes) -> Tensor:
-    """Doubled direction (N, 2) from end to end, as long as the chord in pixels: the same for both ways along it."""
-    x, y = ((strokes.end - strokes.start) * (0.5 * strokes.scale)[:, None]).unbind(1)
-    length = (x.square() + y.square() + torch.finfo(x.dtype).eps).sqrt()
-    return torch.stack([x.square() - y.square(), 2 * x * y], dim=1) / length[:, None]
-
-
-def mean_heading(points: Tensor, strokes: Strokes, *, exclude_self: bool = False) -> Tensor:
-    """Doubled mean direction (Q, 2) of the strokes nearest to points (Q, 2), weighted by length; at most 1 long.
-
-    With ``exclude_self`` the points are the strokes' own places, and none is a neighbour of itself.
-    """
-    heading = heading_of(strokes)
-    near = nearest(points, strokes.position, NEIGHBOURS, exclude_self=exclude_self)
-    if not near.shape[1]:
-        return heading.new_zeros(len(points), 2)
-    weight = (heading.square().sum(1, keepdim=True) + torch.finfo(heading.dtype).eps).sqrt()
-    table = torch.cat([heading, weight], dim=1)
-    total = (
-        table.index_select(0, near.flatten()).reshape(*near.shape, 3).sum(1)
-    )  # its slope is quicker than table[near]'s
-    return total[:, :2] / total[:, 2:]
+    shape = shape_of(strokes)
+    sizes = torch.stack([length_of(shape), 2 * half_width_of(strokes)]) / pitch
+    coherence = coherence_of(direction_of(shape), neighbours_of(strokes, shape))
+    return torch.cat([(sizes + LOG_OFFSET_PITCHES).log(), torch.stack([curvature_of(shape), coherence])])
 
 
 def transport_cost(values: Tensor, reference: Tensor) -> Tensor:
@@ -181,22 +151,18 @@ def transport_cost(values: Tensor, reference: Tensor) -> Tensor:
     return (gap.square() * (share / (n * m)).to(gap)).sum(1)
 
 
-def spread_of(reference: Brushwork) -> Tensor:
-    """Standard deviation (4,) of each measure, at least ``NARROWEST``."""
-    return reference.measures.std(1, correction=0).clamp_min(NARROWEST)
-
-
 def distances(strokes: Strokes, size: tuple[int, int], reference: Brushwork) -> Tensor:
-    """Squared 2-Wasserstein distance (4,) of each measure from the reference, in units of the reference's variance.
+    """Squared 2-Wasserstein distance (4,) of each of ``MATCHED`` from the reference, in units of its variance there.
 
-    0 if no stroke `counts`. Those that do not have no gradient.
+    0 if no stroke can be seen (`is_visible`). Those that cannot have no gradient.
     """
     pitch = pitch_of(strokes, size)
-    seen = counts(strokes, pitch)
+    seen = is_visible(strokes, pitch)
     counted = strokes if bool(seen.all()) else strokes[seen]
     if not len(counted):
-        return torch.zeros(len(MEASURES)).to(strokes.width) + strokes.width.sum() * 0
-    return transport_cost(measures_of(counted, pitch), reference.measures) / spread_of(reference).square()
+        return torch.zeros(len(MATCHED)).to(strokes.width) + strokes.width.sum() * 0
+    spread = reference.measures.std(1, correction=0).clamp_min(MIN_SPREAD)
+    return transport_cost(matched_measures(counted, pitch), reference.measures) / spread.square()
 
 
 @torch.no_grad()
@@ -222,8 +188,7 @@ def with_brushwork(
     pitch = pitch_of(strokes, size)
     row = _assigned(strokes, reference, generator)
     model = reference.to(strokes.width)
-    flow = mean_heading(strokes.position, strokes)
-    angle = 0.5 * _angle(flow) + model.deviation[row]
+    angle = _angle(_flow_at(strokes.position, strokes)) + model.deviation[row]
     along = torch.stack([angle.cos(), angle.sin()], dim=1)
     across = torch.stack([-along[:, 1], along[:, 0]], dim=1)
     bend = model.bend[row]
@@ -244,8 +209,8 @@ def _assigned(strokes: Strokes, reference: Brushwork, generator: torch.Generator
     rows = torch.cat([torch.arange(m).repeat(n // m), torch.randperm(m, generator=generator)[: n % m]])
     drawn = (reference.length + reference.width)[rows] * reference.width[rows]
     thickness = 2 * half_width_of(strokes)
-    area = (length_of(curve_of(strokes)) + thickness) * thickness
-    noise = torch.randn(2, n, generator=generator) * JITTER
+    area = (length_of(shape_of(strokes)) + thickness) * thickness
+    noise = torch.randn(2, n, generator=generator) * AREA_JITTER
     smallest_drawn = (drawn.double().cpu().clamp_min(1e-12).log() + noise[0]).argsort()
     smallest = (area.double().cpu().clamp_min(1e-12).log() + noise[1]).argsort()
     assigned = torch.empty(n, dtype=torch.long)
@@ -259,20 +224,24 @@ def _side_of(strokes: Strokes, half: Tensor, across: Tensor) -> Tensor:
     Seen along ``half``, half of the chord, a direction that turns towards ``across`` is followed by a curve whose
     control point lies on the other side.
     """
-    before, after = (mean_heading(strokes.position + way, strokes) for way in (-half, half))
+    before, after = (_flow_at(strokes.position + way, strokes) for way in (-half, half))
     turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     return torch.where(turn > 0, -torch.ones_like(turn), torch.ones_like(turn))
 
 
-def _turned_back(heading: Tensor, by: Tensor) -> Tensor:
+def _flow_at(points: Tensor, strokes: Strokes) -> Tensor:
+    """Mean doubled direction (Q, 2) of the strokes nearest to points (Q, 2)."""
+    shape = shape_of(strokes)
+    near = nearest_strokes(points, strokes.position + centre_of(shape), exclude_self=False)
+    return mean_direction(direction_of(shape), near)
+
+
+def _relative_to(direction: Tensor, other: Tensor) -> Tensor:
     """Doubled directions (N, 2) as seen from others (N, 2)."""
-    return torch.stack([(heading * by).sum(1), by[:, 0] * heading[:, 1] - by[:, 1] * heading[:, 0]], dim=1)
+    turned = other[:, 0] * direction[:, 1] - other[:, 1] * direction[:, 0]
+    return torch.stack([(direction * other).sum(1), turned], dim=1)
 
 
-def _angle(heading: Tensor) -> Tensor:
-    return torch.atan2(heading[:, 1], heading[:, 0])
-
-
-def _unit(heading: Tensor) -> Tensor:
-    eps = torch.finfo(heading.dtype).eps
-    return heading / (heading.square().sum(1, keepdim=True) + eps).sqrt()
+def _angle(direction: Tensor) -> Tensor:
+    """Angles (N,) of doubled directions, radians in [-pi/2, pi/2]."""
+    return 0.5 * torch.atan2(direction[:, 1], direction[:, 0])

@@ -129,13 +129,20 @@ def rewindow(strokes: Strokes) -> Strokes:
 def bend_of(strokes: Strokes) -> Tensor:
     """Control point (N, 2) along and across s - e, from the middle between s and e, in units of |s - e|.
 
-    A stroke shorter than ``SHORTEST`` is measured as if it had that length, so that value and gradient stay finite
-    where start and end coincide; no valid stroke is that short.
+    A stroke shorter than ``SHORTEST`` is measured as if it had that length; no valid stroke is that short.
     """
-    chord = strokes.start - strokes.end
-    offset = strokes.control - 0.5 * (strokes.start + strokes.end)
+    return control_offset(torch.stack([strokes.start, strokes.control, strokes.end], dim=1), SHORTEST)
+
+
+def control_offset(curve: Tensor, shortest: float) -> Tensor:
+    """Control points (N, 2) of curves (N, 3, 2) along and across s - e, from its middle, in units of |s - e|.
+
+    |s - e| counts as at least ``shortest``, so that value and gradient stay finite where start and end coincide.
+    """
+    start, control, end = curve.unbind(1)
+    chord, offset = start - end, control - 0.5 * (start + end)
     across = torch.stack([-chord[:, 1], chord[:, 0]], dim=1)
-    square = chord.square().sum(1, keepdim=True).clamp_min(SHORTEST**2)
+    square = chord.square().sum(1, keepdim=True).clamp_min(shortest**2)
     return torch.stack([(offset * chord).sum(1), (offset * across).sum(1)], dim=1) / square
 
 

@@ -11,7 +11,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from brushexp.analysis.figures import write_figure
-from brushexp.analysis.summary import analysis_of, means
+from brushexp.analysis.summary import analysis_of, mean_measures
 from brushexp.analysis.tables import write_tables
 from brushexp.results.runs import shortened
 from brushexp.strokes.storage import load_catalogue
@@ -33,7 +33,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     log.info("%s: %s", folder, ", ".join(path.name for path in paths))
     return {
         "n_strokes": len(found[0].number),
-        **{f"brushwork_{key}": value for key, value in means(found[0]).items()},
+        **{f"brushwork_{key}": value for key, value in mean_measures(found[0]).items()},
         "seconds_total": time.monotonic() - start,
         "status": "completed",
     }

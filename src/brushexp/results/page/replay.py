@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import yaml  # type: ignore[import-untyped,unused-ignore]
 
-from brushexp.analysis.measures import Measures
+from brushexp.analysis.columns import StrokeTable
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.storage import Saved
 
@@ -21,7 +21,7 @@ CANVAS_RENDERER = "analytic"  # whose strokes a canvas can draw
 DEFAULT_SOFT = 2.0  # pixels: edge of strokes whose renderer has no such option
 
 
-def replay_of(saved: Saved, measures: Measures) -> dict[str, Any] | None:
+def replay_of(saved: Saved, measures: StrokeTable) -> dict[str, Any] | None:
     """What ``strokes.js`` needs; None without strokes, and for more than ``MAX_STROKES``.
 
     ``data`` holds, for the strokes from the bottom to the top, one array after the other, little-endian, in base64

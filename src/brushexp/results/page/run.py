@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from brushexp.analysis.measures import Measures, measures_of
+from brushexp.analysis.columns import StrokeTable, measure_strokes
 from brushexp.errors import UserError
 from brushexp.registry import plugins
 from brushexp.results.page.charts import Chart, histogram_chart, line_chart, rose_chart
@@ -100,7 +100,7 @@ def run_page(
     metrics = metrics or {}
     pixels = {key: _pixels(value) for key, value in (pictures or {}).items()}
     shown = {key: _for_template(value, pixels[key]) for key, value in (pictures or {}).items()}
-    measures = measures_of(saved.strokes, saved.depth, saved.size) if len(saved.strokes) else None
+    measures = measure_strokes(saved.strokes, saved.depth, saved.size) if len(saved.strokes) else None
     return page(
         "run.html.j2",
         name=name,
@@ -187,7 +187,7 @@ def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -
     return [chart for chart in charts if chart is not None]
 
 
-def _strokes(saved: Saved, measures: Measures) -> dict[str, Any]:
+def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
     """How long, wide, bent and turned the strokes are, and in which colours."""
     charts = [
         histogram_chart("Length", measures.length, "pixels"),

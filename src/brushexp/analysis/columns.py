@@ -1,0 +1,164 @@
+"""A painting's strokes as columns of numbers: the measures of `strokes.measures`, what others hide, who is around."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from brushexp.strokes import measures as ruler
+from brushexp.strokes.bezier import curve_of, half_width_of, length_of
+from brushexp.strokes.brushwork import pitch_of
+from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.measures import LI, NEIGHBOURS, Measure
+
+Array = NDArray[np.float64]
+
+RADIUS_PITCHES = 4.0  # within which neighbours are counted: some 50 strokes
+ALIGNED_WITHIN = math.radians(20)  # directions of aligned strokes differ by less
+LARGEST_CANVAS = 2**20  # pixels: what hides what is looked at on a larger canvas reduced to so many
+THIN_FILM = 1e-4  # share of their opacity with which strokes are laid when none is to hide another
+LEAST_PAINT = 1e-6  # pixels of paint on the canvas: less is none
+
+MEASURES = ruler.MEASURES | {
+    "deviation": Measure(
+        "spread of directions", "angular deviation sqrt((1 - coherence) / 2) around a stroke", LI, "°"
+    ),
+    "visible": Measure("visible share", "of the stroke's paint on the canvas, what no later stroke hides", high=1.0),
+    "neighbours": Measure("neighbours", "strokes whose centres are within the radius", LI),
+    "aligned": Measure(
+        "aligned neighbours",
+        f"of the {NEIGHBOURS} nearest, those that differ by {math.degrees(ALIGNED_WITHIN):.0f}° or less", LI,
+    ),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class StrokeTable:
+    """``MEASURES`` of N strokes in the order of the catalogue, (N,) float64; NaN where one is not defined.
+
+    Angles are in radians, lengths and areas in pixels. A stroke shorter than `ruler.POINT_LENGTH` is a dot, of length
+    and curvature 0, without straightness and orientation.
+
+    Attributes:
+        x: centre of the curve, pixels from the left.
+        y: centre of the curve, pixels from the top.
+        elongatedness: NaN for a stroke of no width.
+        orientation: [0, pi), from the x axis towards y, which points down: clockwise as it is seen.
+        coherence: NaN without neighbours, as deviation and homogeneity.
+        visible: 0 for a stroke that lies beyond the canvas.
+    """
+
+    x: Array
+    y: Array
+    length: Array
+    width: Array
+    area: Array
+    elongatedness: Array
+    straightness: Array
+    curvature: Array
+    orientation: Array
+    visible: Array
+    neighbours: Array
+    aligned: Array
+    deviation: Array
+    coherence: Array
+    homogeneity: Array
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    def columns(self) -> dict[str, Array]:
+        """Arrays by name, x and y among them."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+@torch.no_grad()
+def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radius: float | None = None) -> StrokeTable:
+    """Measure every stroke.
+
+    Args:
+        strokes: N strokes, all of which count as neighbours of each other; see `strokes.brushwork.is_visible`.
+        depth: (N,) ranks, 0 is the bottom stroke.
+        size: height and width of the canvas, pixels.
+        radius: within which neighbours are counted, pixels; None means ``RADIUS_PITCHES`` pitches.
+    """
+    fine = strokes.map(Tensor.double)
+    curve, width = curve_of(fine), 2 * half_width_of(fine)
+    length, centre, direction = length_of(curve), ruler.centre_of(curve), ruler.direction_of(curve)
+    near = ruler.nearest_strokes(centre, centre, exclude_self=True)
+    dot, alone = length < ruler.POINT_LENGTH, torch.tensor(near.shape[1] == 0)
+    coherence = ruler.coherence_of(direction, near).clamp_max(1).masked_fill(alone, torch.nan)
+    likeness = (direction[:, None] * direction[near]).sum(-1)  # cos 2 (angle between)
+    aligned = (likeness >= math.cos(2 * ALIGNED_WITHIN)).sum(1)
+    length = length.masked_fill(dot, 0)
+    found = {
+        "x": centre[:, 0],
+        "y": centre[:, 1],
+        "length": length,
+        "width": width,
+        "area": ruler.area_of(length, width),
+        "elongatedness": torch.where(width > 0, length / width, torch.nan),
+        "straightness": ruler.straightness_of(curve, length).masked_fill(dot, torch.nan),
+        "curvature": ruler.curvature_of(curve).masked_fill(dot, 0),
+        "orientation": (0.5 * torch.atan2(direction[:, 1], direction[:, 0])).masked_fill(dot, torch.nan),
+        "visible": visible_share(strokes, depth, size),
+        "neighbours": counted_within(centre, RADIUS_PITCHES * pitch_of(strokes, size) if radius is None else radius),
+        "aligned": aligned,
+        "deviation": (0.5 * (1 - coherence)).sqrt(),
+        "coherence": coherence,
+        "homogeneity": ruler.homogeneity_of(width, near).masked_fill(alone, torch.nan),
+    }
+    table = {name: value.double().numpy() for name, value in found.items()}
+    table["orientation"] = table["orientation"] % math.pi % math.pi  # of a tiny negative angle rounding makes pi
+    return StrokeTable(**table)
+
+
+def counted_within(centre: Tensor, radius: float) -> Tensor:
+    """How many others (N,) of the centres (N, 2) are within a radius of each."""
+    from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
+
+    if not len(centre):
+        return centre.new_zeros(0)
+    return torch.from_numpy(cKDTree(centre.numpy()).query_ball_point(centre.numpy(), radius, return_length=True)) - 1
+
+
+def visible_share(strokes: Strokes, depth: Tensor, size: tuple[int, int]) -> Tensor:
+    """Share (N,) of the paint of each stroke on the canvas that later strokes let through, in [0, 1].
+
+    That is sum(alpha T) / sum(alpha) over the pixels of the canvas, T being the share of light that the strokes above
+    let through, with every stroke as ``renderer=analytic`` draws it, whatever it was painted with, so that paintings
+    of different renderers compare. The picture is linear in the colour of each stroke, so both sums are the slope of
+    its brightness in that colour, for all strokes at once; the second with strokes that are almost transparent.
+
+    Args:
+        strokes: N strokes.
+        depth: (N,) ranks, 0 is the bottom stroke.
+        size: height and width of the canvas, pixels.
+    """
+    if not len(strokes):
+        return torch.zeros(0)
+    zoom = min(1.0, math.sqrt(LARGEST_CANVAS / (size[0] * size[1])))
+    small = (max(1, round(size[0] * zoom)), max(1, round(size[1] * zoom)))
+    laid = strokes.map(Tensor.float).moved(zoom=zoom)
+    above = depth.argsort(descending=True)
+    seen = _paint_of(laid, above, small)
+    whole = _paint_of(replace(laid, opacity=THIN_FILM * laid.opacity), above, small) / THIN_FILM
+    return torch.where(whole > LEAST_PAINT, seen / whole.clamp_min(LEAST_PAINT), 0.0).clamp(0, 1)
+
+
+def _paint_of(strokes: Strokes, above: Tensor, size: tuple[int, int]) -> Tensor:
+    """Sum (N,) over the canvas of what each stroke adds to the picture per unit of its colour."""
+    from brushexp.plugins.blend.tiled import Tiled  # noqa: PLC0415  (slow to import)
+    from brushexp.plugins.renderer.analytic import Analytic  # noqa: PLC0415
+
+    color = torch.zeros_like(strokes.color).requires_grad_()
+    with torch.enable_grad():
+        layers = Analytic()(replace(strokes, color=color))
+        picture = Tiled()(layers, above, size, torch.zeros(3)).image
+        (slope,) = torch.autograd.grad(picture[0].sum(), color, allow_unused=True, materialize_grads=True)
+    return slope[:, 0]

@@ -1,0 +1,118 @@
+"""Statistics of samples of numbers and of directions, and how far two samples are apart."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+DIRECTION_BINS = 18  # of 10 degrees each
+EFFECT_SIZES = ((0.147, "negligible"), (0.33, "small"), (0.474, "medium"), (1.0, "large"))  # Romano et al., 2006
+STATISTICS = ("n", "mean", "sd", "q25", "median", "q75")
+COMPARISONS = ("difference", "standardised", "delta", "effect", "distance")
+
+
+def statistics_of(values: Array, axial: bool = False) -> dict[str, float | int | None]:
+    """Number, mean, standard deviation, quartiles; None where there is none.
+
+    Of directions in degrees the mean is the mean direction, the standard deviation the angular deviation (Batschelet,
+    1981) about it, sqrt((1 - R) / 2) in radians; quartiles they have none.
+    """
+    found: dict[str, float | int | None] = dict.fromkeys(STATISTICS) | {"n": len(values)}
+    if not len(values):
+        return found
+    if axial:
+        mean = mean_of_directions(np.radians(values))
+        spread = math.degrees(math.sqrt(0.5 * max(1 - abs(mean), 0)))
+        return found | {"mean": degrees_of(mean), "sd": spread}
+    low, middle, high = np.quantile(values, (0.25, 0.5, 0.75)).tolist()
+    sd = float(values.std(ddof=1)) if len(values) > 1 else None
+    return found | {"mean": float(values.mean()), "sd": sd, "q25": low, "median": middle, "q75": high}
+
+
+def mean_of_directions(angle: Array) -> complex:
+    """Mean of e^{2 i angle}: its absolute value is the coherence, half of its argument the mean direction."""
+    return complex(np.exp(2j * angle).mean())
+
+
+def degrees_of(mean: complex) -> float:
+    """Direction in [0, 180) of a mean of doubled ones."""
+    return math.degrees(0.5 * math.atan2(mean.imag, mean.real)) % 180 % 180
+
+
+def direction_shares(angle: Array) -> Array:
+    """Shares (DIRECTION_BINS,) of directions in radians; the first bin is about 0, along the lower edge."""
+    step = math.pi / DIRECTION_BINS
+    number = np.floor((angle + 0.5 * step) / step).astype(np.intp) % DIRECTION_BINS
+    return np.bincount(number, minlength=DIRECTION_BINS) / max(len(angle), 1)
+
+
+def entropy_of(angle: Array) -> float:
+    """Entropy of the shares of directions, 1 where all are equally frequent."""
+    share = direction_shares(angle)
+    share = share[share > 0]
+    return max(0.0, float(-(share * np.log(share)).sum())) / math.log(DIRECTION_BINS)
+
+
+def compared(a: Array, b: Array, *, axial: bool) -> dict[str, float | str | None]:
+    """How far two samples are apart, the numbers of `summary.comparison_of`; None where one is not defined."""
+    found: dict[str, float | str | None] = dict.fromkeys(COMPARISONS)
+    if not len(a) or not len(b):
+        return found
+    if axial:
+        turn = mean_of_directions(np.radians(a)) * mean_of_directions(np.radians(b)).conjugate()
+        angle = math.degrees(0.5 * math.atan2(turn.imag, turn.real))
+        return found | {"difference": angle, "distance": transport_distance(a, b, period=180.0)}
+    delta = cliffs_delta(a, b)
+    return {
+        "difference": float(a.mean() - b.mean()),
+        "standardised": standardised(a, b),
+        "delta": delta,
+        "effect": effect_size(delta),
+        "distance": transport_distance(a, b),
+    }
+
+
+def standardised(a: Array, b: Array) -> float | None:
+    """Difference of means in pooled standard deviations (Cohen's d); None if both samples are of single values."""
+    freedom = len(a) + len(b) - 2
+    if freedom < 1:
+        return None
+    spread = math.sqrt((len(a) * a.var() + len(b) * b.var()) / freedom)
+    return float(a.mean() - b.mean()) / spread if spread > 0 else None
+
+
+def cliffs_delta(a: Array, b: Array) -> float:
+    """P(a > b) - P(a < b) over all pairs of two samples (Cliff, 1993)."""
+    ascending = np.sort(b)
+    below = int(np.searchsorted(ascending, a, side="left").sum())  # counts of pairs, so that a tie leaves no rounding
+    above = len(a) * len(b) - int(np.searchsorted(ascending, a, side="right").sum())
+    return (below - above) / (len(a) * len(b))
+
+
+def effect_size(delta: float) -> str:
+    """Cliff's delta in words, with the limits of Romano et al. (2006)."""
+    return next(word for limit, word in EFFECT_SIZES if abs(delta) <= limit)
+
+
+def transport_distance(a: Array, b: Array, period: float | None = None) -> float:
+    """Wasserstein-1 distance of two samples on the line, or on a circle of this ``period``.
+
+    The integral of |F - G|, the difference of both distribution functions; on a circle less its median, which is the
+    best place to cut it (Rabin, Delon and Gousseau, 2011).
+    """
+    places = np.concatenate([a, b])
+    order = places.argsort(kind="stable")
+    step = np.concatenate([np.full(len(a), 1 / len(a)), np.full(len(b), -1 / len(b))])[order]
+    gap = np.cumsum(step)
+    gap[-1] = 0.0
+    places = places[order]
+    if period is None:
+        return float((np.abs(gap[:-1]) * np.diff(places)).sum())
+    width = np.diff(places, append=places[0] + period)
+    rising = gap.argsort()
+    half = min(int(np.searchsorted(np.cumsum(width[rising]), 0.5 * period)), len(gap) - 1)
+    return float((np.abs(gap - gap[rising[half]]) * width).sum())

@@ -1,0 +1,188 @@
+"""The ruler against slow, obvious references; its slopes, and the strokes that have hardly any size."""
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+from scenes import leaves, random_strokes
+from torch import Tensor
+from torch.testing import assert_close
+
+from brushexp.strokes.bezier import curve_of, half_width_of, length_of, point_at, shape_of
+from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.measures import (
+    MEASURES,
+    NEIGHBOURS,
+    area_of,
+    centre_of,
+    coherence_of,
+    curvature_of,
+    direction_of,
+    homogeneity_of,
+    mean_direction,
+    nearest_strokes,
+    neighbours_of,
+    straightness_of,
+)
+
+SIZE = (60, 90)
+
+
+def measure(strokes: Strokes) -> dict[str, Tensor]:
+    """Every measure of the ruler."""
+    shape, width = shape_of(strokes), 2 * half_width_of(strokes)
+    length, direction, near = length_of(shape), direction_of(shape), neighbours_of(strokes, shape)
+    return {
+        "length": length,
+        "width": width,
+        "area": area_of(length, width),
+        "elongatedness": length / width.clamp_min(1e-3),
+        "straightness": straightness_of(shape, length),
+        "curvature": curvature_of(shape),
+        "orientation": direction,
+        "coherence": coherence_of(direction, near),
+        "homogeneity": homogeneity_of(width, near),
+    }
+
+
+def polylines(strokes: Strokes, pieces: int = 4000) -> Tensor:
+    """Curves as (N, pieces + 1, 2) points in pixels."""
+    t = torch.linspace(0, 1, pieces + 1, dtype=torch.float64)
+    return point_at(curve_of(strokes)[:, None], t.expand(len(strokes), -1))
+
+
+def test_shapes_agree_with_fine_polylines():
+    made = random_strokes(60, SIZE, bend=0.4, dtype=torch.float64)
+    found, points = measure(made), polylines(made)
+    step = points.diff(dim=1)
+    length = step.norm(dim=-1).sum(1)
+    assert_close(found["length"], length, rtol=2e-3, atol=0)
+    assert_close(found["straightness"], step.sum(1).norm(dim=-1) / length, rtol=3e-3, atol=1e-4)
+    heading = torch.atan2(step[..., 1], step[..., 0]).diff(dim=1)
+    assert_close(found["curvature"], ((heading + math.pi) % (2 * math.pi) - math.pi).abs().sum(1), rtol=0, atol=5e-3)
+    assert_close(centre_of(curve_of(made)), points.mean(1), rtol=0, atol=0.01)
+    for doubled, line in zip(found["orientation"], points, strict=True):
+        values, axes = torch.linalg.eigh(line.T.cov())
+        x, y = axes[:, values.argmax()].tolist()
+        if values.max() > 1.2 * values.min():
+            assert_close(doubled, doubled.new_tensor([x * x - y * y, 2 * x * y]), rtol=0, atol=0.03)
+
+
+def test_neighbourhoods_agree_with_the_double_loop():
+    made = random_strokes(40, SIZE, dtype=torch.float64)
+    found, centres = measure(made), centre_of(curve_of(made))
+    angle = 0.5 * torch.atan2(found["orientation"][:, 1], found["orientation"][:, 0])
+    for i in range(40):
+        near = (centres - centres[i]).norm(dim=1).argsort()[: NEIGHBOURS + 1]
+        coherence = math.hypot(float((2 * angle[near]).cos().mean()), float((2 * angle[near]).sin().mean()))
+        mean, spread = found["width"][near].mean(), found["width"][near].std(correction=0)
+        assert float(found["coherence"][i]) == pytest.approx(coherence, abs=2e-3)
+        assert float(found["homogeneity"][i]) == pytest.approx(float(mean / (mean + spread)))
+
+
+@pytest.mark.parametrize("name", [name for name in MEASURES if name != "elongatedness"])
+def test_measures_have_the_right_slope(name):
+    made = random_strokes(12, SIZE, dtype=torch.float64)
+    fields = ("start", "control", "end", "width")
+
+    def value(*inputs: Tensor) -> Tensor:
+        return measure(replace(made, **dict(zip(fields, inputs, strict=True))))[name]
+
+    inputs = [getattr(made, field).clone().requires_grad_() for field in fields]
+    assert torch.autograd.gradcheck(value, inputs, atol=1e-4, rtol=1e-3)
+
+
+def changed(shape: str, n: int) -> Strokes:
+    made = random_strokes(n, SIZE, dtype=torch.float64)
+    return replace(
+        made,
+        **{
+            "random": {},
+            "points": {"control": made.start, "end": made.start},
+            "almost points": {"control": made.start + 1e-20, "end": made.start - 1e-20},
+            "no width": {"width": 0 * made.width},
+            "one leg": {"control": made.start},
+            "hairpins": {"end": made.start},
+            "straight": {"control": 0.5 * (made.start + made.end)},
+            "equal": {name: value[:1].expand_as(value) for name, value in made.items()} if n else {},
+            "huge": {"start": 1e3 * made.start, "width": 1e3 * made.width, "scale": 1e6 + 0 * made.scale},
+            "far": {"position": 1e6 + made.position},
+        }[shape],
+    )
+
+
+SHAPES = ("random", "points", "almost points", "no width", "one leg", "hairpins", "straight", "equal", "huge", "far")
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("n", [0, 1, 2, 15])
+def test_measures_are_finite_and_in_range_for_any_strokes(shape, n):
+    exact = measure(changed(shape, n))
+    for dtype in (torch.float32, torch.float64, torch.float16):
+        made = changed(shape, n)
+        if dtype is torch.float16:  # what 16 bits can hold is measured in 32
+            made = made.map(lambda value: value.clamp(-1e4, 1e4).half().float())
+        made = leaves(made, made.width.dtype if dtype is torch.float16 else dtype)
+        found = measure(made)
+        sum(value.sum() for value in found.values()).backward()
+        for name, value in found.items():
+            assert value.isfinite().all(), name
+            assert name == "orientation" or (value >= 0).all(), name
+            high = math.pi if MEASURES[name].unit == "°" else MEASURES[name].high
+            assert (value <= high + 1e-5).all(), name
+            if dtype is torch.float32 and shape not in ("far", "hairpins", "huge"):
+                assert_close(value.double(), exact[name], rtol=1e-3, atol=1e-3)
+        assert all(value.grad is None or value.grad.isfinite().all() for _, value in made.items())
+
+
+def test_known_shapes_have_known_measures():
+    curve = torch.tensor([
+        [[0, 0], [3, 4], [6, 8]], [[0, 0], [5, 1e4], [10, 0]], [[0, 0], [10, 0], [0, 0]], [[4, 4], [4, 4], [4, 4]],
+    ], dtype=torch.float64)  # fmt: skip
+    length, turn = length_of(curve), curvature_of(curve)
+    assert_close(length[[0, 2, 3]], length.new_tensor([10, 10, 0]), rtol=2e-3, atol=1e-6)
+    assert_close(turn, turn.new_tensor([0, math.pi, math.pi, 0]), rtol=0, atol=2e-3)
+    assert_close(straightness_of(curve, length), length.new_tensor([1, 0, 0, 0]), rtol=0, atol=1e-3)
+    direction = direction_of(curve)
+    assert_close(direction[1], direction.new_tensor([-1, 0]), rtol=0, atol=0.01)  # although its ends lie side by side
+    assert direction[3].tolist() == [0, 0]
+
+
+def test_measures_do_not_depend_on_the_end_a_stroke_begins_at_nor_on_its_window():
+    made = random_strokes(50, SIZE, dtype=torch.float64)
+    wider = {name: getattr(made, name) / 2 for name in ("start", "control", "end", "width")}
+    for other in (replace(made, start=made.end, end=made.start), replace(made, scale=2 * made.scale, **wider)):
+        for name, value in measure(other).items():
+            assert_close(value, measure(made)[name], msg=name)
+
+
+def test_nearest_agrees_with_all_distances():
+    points = torch.rand(30, 2, dtype=torch.float64)
+    gaps = torch.cdist(points, points)
+    assert torch.equal(nearest_strokes(points, points, 4, exclude_self=False), gaps.argsort(1)[:, :4])
+    assert torch.equal(nearest_strokes(points, points, 4, exclude_self=True), gaps.argsort(1)[:, 1:5])
+
+
+def test_no_stroke_is_its_own_neighbour_even_where_all_share_a_place():
+    found = nearest_strokes(torch.zeros(20, 2), torch.zeros(20, 2), 5, exclude_self=True)
+    assert found.shape == (20, 5)
+    assert not (found == torch.arange(20)[:, None]).any()
+
+
+@pytest.mark.parametrize(("n", "k"), [(0, 3), (1, 3), (2, 3), (4, 3), (4, 10)])
+def test_of_few_strokes_all_others_are_near(n, k):
+    points = torch.rand(n, 2)
+    found = nearest_strokes(points, points, k, exclude_self=True)
+    assert found.shape == (n, min(k, max(n - 1, 0)))
+    assert nearest_strokes(torch.rand(5, 2), points, k, exclude_self=False).shape == (5, min(k, n))
+    for i, row in enumerate(found.tolist()):
+        assert i not in row
+        assert len(set(row)) == len(row)
+
+
+def test_points_do_not_count_in_a_mean_direction():
+    direction = torch.tensor([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    near = torch.tensor([[0, 1, 2], [1, 2, 1]])
+    assert_close(mean_direction(direction, near), torch.tensor([[1.0, 0.0], [0.0, 0.0]]), rtol=0, atol=1e-3)
+    assert mean_direction(direction, near[:, :0]).tolist() == [[0, 0], [0, 0]]
