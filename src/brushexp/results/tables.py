@@ -192,7 +192,7 @@ def markdown_table(
         escape: show every letter as it is, also those that mean something to Markdown.
     """
     shown = as_text(_frame(rows), digits or {})
-    quoted = _escaped if escape else str
+    quoted = escaped if escape else str
     rules = ["---:" if side == "r" else "---" for side in align or _alignment(shown)]
     lines = [map(quoted, shown), rules, *(map(quoted, line) for line in shown.to_numpy())]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
@@ -231,6 +231,6 @@ def _alignment(shown: DataFrame) -> str:
     return "".join("r" if all(map(NUMBER.fullmatch, column)) and any(column) else "l" for _, column in shown.items())
 
 
-def _escaped(text: str) -> str:
+def escaped(text: str) -> str:
     r"""Markdown that shows exactly this text: ``a|b_c`` becomes ``a\|b\_c``."""
     return re.sub(r"([\\`*_\[\]<>|~$&])", r"\\\1", " ".join(text.split()))
