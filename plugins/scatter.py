@@ -2,15 +2,16 @@
 
 The decorator makes the class a choice on the command line. The keyword-only parameters of ``__init__`` become its
 options (``init.detail=0.5``), typed, with these defaults. What ``__call__`` receives and has to return is written in
-``brushexp/init/base.py``.
+``brushexp/plugins/init/base.py``.
 """
 
 import math
+from typing import Annotated
 
 import torch
 from torch import Tensor
 
-from brushexp.errors import UserError
+from brushexp.bounds import above, between
 from brushexp.plugins.init.base import Initializer
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
@@ -25,15 +26,15 @@ class Scatter(Initializer):
         size: length and width of a stroke in mean distances between strokes.
     """
 
-    def __init__(self, *, detail: float = 0.7, size: float = 1.0) -> None:
-        if not 0 <= detail <= 1:  # what a user can mend is a UserError that says how
-            raise UserError(f"init.detail={detail:g} is outside 0 to 1; try init.detail=0.7")
-        if not 0 < size <= 100:
-            raise UserError(f"init.size={size:g} is not within 0 to 100; try init.size=1")
+    def __init__(
+        self, *, detail: Annotated[float, between(0, 1)] = 0.7, size: Annotated[float, above(0, 100)] = 1.0
+    ) -> None:
         self.detail = detail
         self.size = size
 
-    def __call__(self, target: Tensor, n_strokes: int, generator: torch.Generator) -> Strokes:
+    def __call__(
+        self, target: Tensor, n_strokes: int, generator: torch.Generator, focus: Tensor | None = None
+    ) -> Strokes:
         _, height, width = target.shape
         n = n_strokes
         padded = torch.nn.functional.pad(target[None], (0, 1, 0, 1), mode="replicate")[0]

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import torch
 
-from brushexp.errors import UserError
 from brushexp.plugins.engine import _bristles, _paint
 from brushexp.plugins.engine.fluid import Fluid
 from brushexp.strokes.prior import parameters_of, sample_prior, strokes_of
@@ -252,8 +251,3 @@ def test_the_centre_of_the_paint_is_the_centre_of_the_stroke():
     centre = torch.stack([(alpha.sum(1) * place).sum(1) / total, (alpha.sum(2) * place).sum(1) / total], 1)
     middle = (strokes.start + 2 * strokes.control + strokes.end) / 4
     assert (centre - middle).norm(dim=1).mean() < 0.06  # half-windows: two pixels
-
-
-def test_a_setting_out_of_range_is_refused():
-    with pytest.raises(UserError, match=r"engine\.bristles=3 is not within 10 to 200"):
-        Fluid(bristles=3)

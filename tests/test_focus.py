@@ -321,9 +321,7 @@ def painter_of(focus: Tensor | None, *, sampler=None, losses=None, init_focus: T
         sampler=sampler or Whole(),
         optimizer=TorchOptim(),
     )
-    init = Slic()
-    init.focus = init_focus
-    strokes = init(target, 80, torch.Generator().manual_seed(0))
+    strokes = Slic()(target, 80, torch.Generator().manual_seed(0), init_focus)
     return Painter(Catalogue(strokes, parts.optimizer.units), parts, target, target.mean((1, 2)), seed=0, focus=focus)
 
 

@@ -12,6 +12,7 @@ from brushexp.plugins.loss.base import Loss, Painting
 from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
 from brushexp.plugins.loss.stroke import SHRINK, KullbackLeibler, Width
+from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import INSET, clamp_to_prior, sample_prior, strokes_of
 
@@ -296,9 +297,21 @@ def test_the_target_gets_no_slope():
     assert image.grad.isfinite().all()
 
 
-def test_perceptual_refuses_what_it_cannot_do_before_work_starts():
-    with pytest.raises(UserError, match=r"loss\.perceptual\.jitter=4 is outside 0 to 3"):
-        Perceptual(jitter=4)
+def test_options_that_cannot_be_are_refused_before_work_starts():
+    for name, options in (
+        ("perceptual", {"jitter": 4}),
+        ("sinkhorn", {"side": 0}),
+        ("sinkhorn", {"epsilon": 0.001}),
+        ("sinkhorn", {"epsilon": float("nan")}),
+        ("sinkhorn", {"iterations": 0}),
+        ("sinkhorn", {"floor": 0.0}),
+        ("style", {"scale": 0.0}),
+    ):
+        ((option, value),) = options.items()
+        with pytest.raises(
+            UserError, match=rf"loss\.{name}\.{option}={value:g} is not .*; try loss\.{name}\.{option}="
+        ):
+            build_named("loss", name, options)
     with pytest.raises(UserError, match="choose from stem, b0"):
         Perceptual(taps=["relu4_3"])
     with pytest.raises(UserError, match="effl0, vgg16, vgg16-hed"):

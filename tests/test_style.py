@@ -194,8 +194,6 @@ def test_the_style_picture_follows_the_canvas(tmp_path):
 def test_what_cannot_serve_as_a_style_is_refused(tmp_path):
     with pytest.raises(UserError, match=r"style=nowhere\.jpg is not there"):
         Style(image="nowhere.jpg")
-    with pytest.raises(UserError, match=r"style\.loss\.scale"):
-        Style(scale=0)
     with pytest.raises(UserError, match="choose from stem"):
         Style(taps=["relu1_1"])
     small = Style(image=saved(tmp_path, torch.rand(3, 20, 80)))

@@ -70,6 +70,8 @@ def _plugin(plugin: Plugin) -> str:
     parsed = parse(inspect.getdoc(plugin.cls) or "", DocstringStyle.GOOGLE)
     said = {entry.arg_name: " ".join((entry.description or "").split()) for entry in parsed.params}
     parts = [f"### `{plugin.family}={plugin.name}`", parsed.description or ""]
+    if plugin.facts:
+        parts.append(" · ".join(f"{name}: *{value}*" for name, value in plugin.facts.items()))
     if ROOT / "plugins" in Path(inspect.getfile(plugin.cls)).parents:
         parts.append("*An example plugin, in `plugins/`.*")
     rows = []

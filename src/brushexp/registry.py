@@ -89,6 +89,12 @@ class Plugin:
         return {item.name: said.get(item.name, "") for item in fields(self.config) if item.name != "_target_"}
 
     @property
+    def facts(self) -> dict[str, str]:
+        """What to choose it by, as the contract of its family words it; empty if the contract states nothing."""
+        facts: Callable[[], dict[str, str]] = getattr(self.cls, "facts", dict)
+        return facts()
+
+    @property
     def path(self) -> str:
         """What is typed before one of its options, without the dot."""
         return f"{self.family}.{self.name}" if self.family in MULTI_SELECT else self.family

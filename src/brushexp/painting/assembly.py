@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import torch
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
 from brushexp.errors import UserError
@@ -42,10 +42,10 @@ def parts_of(cfg: DictConfig) -> Components:
 
 def losses_of(cfg: DictConfig) -> dict[str, Loss]:
     """The chosen losses, and those that ``style.image`` and ``style.brushwork`` add to them."""
-    losses: dict[str, Loss] = {name: build(node) for name, node in cfg.loss.items()}
-    if cfg.style.image is not None:
-        for loss in losses.values():
-            loss.weight *= cfg.style.content
+    content = 1.0 if cfg.style.image is None else cfg.style.content
+    losses: dict[str, Loss] = {
+        name: build(OmegaConf.merge(node, {"weight": content * node.weight})) for name, node in cfg.loss.items()
+    }
     for key, name in (("image", STYLE), ("brushwork", BRUSHWORK)):
         if cfg.style[key] is not None and name in losses:
             raise UserError(f"style.{key}={cfg.style[key]} brings the loss {name} with it; drop {name} from loss=...")
@@ -136,8 +136,7 @@ def first_strokes(
         )
     generator = torch.Generator().manual_seed(cfg.seed)
     initializer: Initializer = build(cfg.init)
-    initializer.focus = focus
-    strokes = initializer(target, density.first(n, cfg.steps), generator)
+    strokes = initializer(target, density.first(n, cfg.steps), generator, focus)
     if cfg.style.brushwork is not None:
         strokes = with_brushwork(strokes, load_brushwork(Path(cfg.style.brushwork)), (height, width), generator)
     return strokes, n

@@ -22,6 +22,19 @@ def _at(a):  # type: ignore[no-untyped-def]
     return np.uint64(a)
 
 
+@inline
+def _deposit(grid, side, ix, iy, fx, fy, paint, push_x, push_y):  # type: ignore[no-untyped-def]
+    """Share paint and momentum between the four cells around a point, (fx, fy) from the cell (ix, iy)."""
+    at = _at(iy * side + ix)
+    for corner in range(4):
+        wx = fx if corner & 1 else F(1) - fx
+        wy = fy if corner & 2 else F(1) - fy
+        place = at + _at((corner & 1) + (corner >> 1) * side)
+        grid[0, place] += wx * wy * paint
+        grid[1, place] += wx * wy * push_x
+        grid[2, place] += wx * wy * push_y
+
+
 @function
 def _splat(p, before, velocity, scale, opacity, drag, side, grid, area):  # type: ignore[no-untyped-def]
     """Add up the capsules that the touching parts of all bristles sweep in one frame.
@@ -44,7 +57,6 @@ def _splat(p, before, velocity, scale, opacity, drag, side, grid, area):  # type
     fine = cells / UNITS  # cells per unit
     radius, touch = F(0.05) * scale, TOUCH * scale
     limit = cells - F(0.001)
-    weight, flow_x, flow_y = grid[0], grid[1], grid[2]
     top, bottom, left, right = area[0], area[1], area[2], area[3]
     for v in range(VERTICES - 1):
         for i in range(p.shape[2]):
@@ -74,19 +86,10 @@ def _splat(p, before, velocity, scale, opacity, drag, side, grid, area):  # type
                 for k in range(steps):
                     s = (F(k) + F(0.5)) / F(steps)
                     gx, gy = fine * (ox + s * (x - ox)) + F(0.5), fine * (oy + s * (y - oy)) + F(0.5)
-                    if not (F(0) < gx < limit and F(0) < gy < limit):
-                        continue
-                    ix, iy = int(gx), int(gy)
-                    fx, fy = gx - F(ix), gy - F(iy)
-                    top, bottom, left, right = min(top, iy), max(bottom, iy + 1), min(left, ix), max(right, ix + 1)
-                    at = _at(iy * side + ix)
-                    for corner in range(4):
-                        wx = fx if corner & 1 else F(1) - fx
-                        wy = fy if corner & 2 else F(1) - fy
-                        place = at + _at((corner & 1) + (corner >> 1) * side)
-                        weight[place] += wx * wy * paint
-                        flow_x[place] += wx * wy * push * vx
-                        flow_y[place] += wx * wy * push * vy
+                    if F(0) < gx < limit and F(0) < gy < limit:
+                        ix, iy = int(gx), int(gy)
+                        top, bottom, left, right = min(top, iy), max(bottom, iy + 1), min(left, ix), max(right, ix + 1)
+                        _deposit(grid, side, ix, iy, gx - F(ix), gy - F(iy), paint, push * vx, push * vy)
     area[0], area[1], area[2], area[3] = top, bottom, left, right
 
 
@@ -166,9 +169,35 @@ def _advect(state, new, side, area, fluidity):  # type: ignore[no-untyped-def]
             new_height[q] = w0 * height[a] + w1 * height[b] + w2 * height[c] + w3 * height[d]
 
 
-@inline
-def _tangent(sx, sy, cx, cy, ex, ey, t):  # type: ignore[no-untyped-def]
+@function
+def _set_down(curve, scale, hind, pose, roots, p, turned):  # type: ignore[no-untyped-def]
+    """Set a resting brush down at the start of a curve, turned along it: ``p`` and ``turned`` roots are written."""
+    cosine, sine = _tangent(curve, F(0))
+    x, y = curve[0] + hind * cosine, curve[1] + hind * sine
+    for i in range(roots.shape[1]):
+        turned[0, i] = cosine * roots[0, i] - sine * roots[1, i]
+        turned[1, i] = sine * roots[0, i] + cosine * roots[1, i]
+        for v in range(VERTICES):
+            p[0, v, i] = x + scale * (cosine * pose[0, v, i] - sine * pose[1, v, i])
+            p[1, v, i] = y + scale * (sine * pose[0, v, i] + cosine * pose[1, v, i])
+            p[2, v, i] = scale * pose[2, v, i]
+
+
+@function
+def _handle(curve, t, hind, fore):  # type: ignore[no-untyped-def]
+    """Where the handle is at t: ahead of the curve by as much as the brush trails."""
+    w = F(1) - t
+    x = w * w * curve[0] + F(2) * t * w * curve[2] + t * t * curve[4]
+    y = w * w * curve[1] + F(2) * t * w * curve[3] + t * t * curve[5]
+    lead = hind + (fore - hind) * t
+    dx, dy = _tangent(curve, t)
+    return x + lead * dx, y + lead * dy
+
+
+@function
+def _tangent(curve, t):  # type: ignore[no-untyped-def]
     """Unit direction of the curve at t; that of its chord where the curve stands still, to the right without one."""
+    sx, sy, cx, cy, ex, ey = curve[0], curve[1], curve[2], curve[3], curve[4], curve[5]
     w = F(1) - t
     dx, dy = w * (cx - sx) + t * (ex - cx), w * (cy - sy) + t * (ey - cy)
     length = np.sqrt(dx * dx + dy * dy)
@@ -255,43 +284,18 @@ def paint(strokes, brush, first_pose, poses, reach, roots, stiffness, physics, c
     frames, iterations, rounds, fine, after = counts[0], counts[1], counts[2], counts[3], counts[4]
     side = images.shape[2] * fine + 2
     for m in prange(len(strokes)):
-        sx, sy, cx, cy, ex, ey = (
-            strokes[m, 0],
-            strokes[m, 1],
-            strokes[m, 2],
-            strokes[m, 3],
-            strokes[m, 4],
-            strokes[m, 5],
-        )
-        scale, color = strokes[m, 6], strokes[m, 7:10]
-        which = brush[m]
-        cosine, sine = _tangent(sx, sy, cx, cy, ex, ey, F(0))
+        curve, scale, color, which = strokes[m, :6], strokes[m, 6], strokes[m, 7:10], brush[m]
         hind, fore = reach[first_pose[m], 0] * scale, reach[first_pose[m], 1] * scale
-        n = roots.shape[2]
-        p = np.empty((3, VERTICES, n), F)
+        p, turned = np.empty((3, VERTICES, roots.shape[2]), F), np.empty((2, roots.shape[2]), F)
         velocity, before, q = np.zeros_like(p), np.empty_like(p), np.empty_like(p)
-        turned = np.empty((2, n), F)
-        pose = poses[first_pose[m]]
-        for i in range(n):
-            turned[0, i] = cosine * roots[which, 0, i] - sine * roots[which, 1, i]
-            turned[1, i] = sine * roots[which, 0, i] + cosine * roots[which, 1, i]
-            for v in range(VERTICES):
-                p[0, v, i] = sx + hind * cosine + scale * (cosine * pose[0, v, i] - sine * pose[1, v, i])
-                p[1, v, i] = sy + hind * sine + scale * (sine * pose[0, v, i] + cosine * pose[1, v, i])
-                p[2, v, i] = scale * pose[2, v, i]
+        _set_down(curve, scale, hind, poses[first_pose[m]], roots[which], p, turned)
         state, new = np.zeros((4, side * side), F), np.zeros((4, side * side), F)
         grid, pressure = np.zeros((3, side * side), F), np.zeros((3, side * side), F)
         wet = np.empty(4, np.int64)  # where there is or will be paint
         wet[0], wet[1], wet[2], wet[3] = side, -1, side, -1
         for k in range(frames + after):
             if k < frames:
-                t = F(k + 1) / F(frames) * (F(1) + LAG / F(frames))
-                w = F(1) - t
-                x = w * w * sx + F(2) * t * w * cx + t * t * ex
-                y = w * w * sy + F(2) * t * w * cy + t * t * ey
-                lead = hind + (fore - hind) * t
-                dx, dy = _tangent(sx, sy, cx, cy, ex, ey, t)
-                x, y = x + lead * dx, y + lead * dy
+                x, y = _handle(curve, F(k + 1) / F(frames) * (F(1) + LAG / F(frames)), hind, fore)
                 move(p, velocity, before, q, turned, x, y, scale, stiffness[which], gravity, damping, iterations)
                 _splat(p, before, velocity, scale, opacity, drag, side, grid, wet)
             if wet[1] < 0:
@@ -304,9 +308,8 @@ def paint(strokes, brush, first_pose, poses, reach, roots, stiffness, physics, c
             if projection:
                 _project(state, pressure, side, wet, rounds)
             _advect(state, new, side, wet, fluidity)
-            for c in range(4):
-                for row in range(wet[0], wet[1] + 1):
-                    state[c, row * side + wet[2] : row * side + wet[3] + 1] = new[
-                        c, row * side + wet[2] : row * side + wet[3] + 1
-                    ]
+            for row in range(wet[0], wet[1] + 1):
+                begin, end = row * side + wet[2], row * side + wet[3] + 1
+                for c in range(4):
+                    state[c, begin:end] = new[c, begin:end]
         _picture(state, side, fine, color, relief, images[m], heights[m])

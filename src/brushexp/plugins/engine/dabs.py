@@ -1,10 +1,12 @@
 """A dry brush: soft dabs, scattered about the curve."""
 
+from typing import Annotated
+
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from brushexp.errors import check_range
+from brushexp.bounds import between
 from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import register
 from brushexp.strokes.prior import strokes_of
@@ -53,37 +55,21 @@ class Dabs(Engine):
     def __init__(
         self,
         *,
-        window: int = 64,
-        supersample: int = 2,
-        dabs_per_radius: float = 12.0,
-        hardness: float = 0.2,
-        opaque: float = 0.8,
-        opaque_by_pressure: float = 0.2,
-        opaque_linearize: float = 0.0,
-        offset_by_random: float = 1.4,
-        radius_by_random: float = 0.1,
-        pressure: float = 0.8,
-        end_pressure: float = 0.4,
-        head: float = 0.25,
-        tail: float = 0.75,
+        window: Annotated[int, between(8, 512)] = 64,
+        supersample: Annotated[int, between(1, 8)] = 2,
+        dabs_per_radius: Annotated[float, between(0.5, 100)] = 12.0,
+        hardness: Annotated[float, between(0, 1)] = 0.2,
+        opaque: Annotated[float, between(0, 1)] = 0.8,
+        opaque_by_pressure: Annotated[float, between(0, 1)] = 0.2,
+        opaque_linearize: Annotated[float, between(0, 1)] = 0.0,
+        offset_by_random: Annotated[float, between(0, 10)] = 1.4,
+        radius_by_random: Annotated[float, between(0, 1)] = 0.1,
+        pressure: Annotated[float, between(0.01, 1)] = 0.8,
+        end_pressure: Annotated[float, between(0, 1)] = 0.4,
+        head: Annotated[float, between(0, 1)] = 0.25,
+        tail: Annotated[float, between(0, 1)] = 0.75,
     ) -> None:
-        ranges = {
-            "window": (window, 8, 512),
-            "supersample": (supersample, 1, 8),
-            "dabs_per_radius": (dabs_per_radius, 0.5, 100),
-            "hardness": (hardness, 0, 1),
-            "opaque": (opaque, 0, 1),
-            "opaque_by_pressure": (opaque_by_pressure, 0, 1),
-            "opaque_linearize": (opaque_linearize, 0, 1),
-            "offset_by_random": (offset_by_random, 0, 10),
-            "radius_by_random": (radius_by_random, 0, 1),
-            "pressure": (pressure, 0.01, 1),
-            "end_pressure": (end_pressure, 0, 1),
-            "head": (head, 0, tail),
-            "tail": (tail, 0, 1),
-        }
-        for key, (value, low, high) in ranges.items():
-            check_range(f"engine.{key}", value, low, high)
+        between(0, tail).check("engine.head", head)
         from brushexp.plugins.engine import _stamps  # noqa: PLC0415  (Numba takes a second; --help should not)
 
         self._stamps = _stamps

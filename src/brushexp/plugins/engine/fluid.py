@@ -1,12 +1,13 @@
 """Wet oil paint under a brush of bristles."""
 
 import math
+from typing import Annotated
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.errors import check_range
+from brushexp.bounds import between
 from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import register
 from brushexp.strokes.prior import strokes_of
@@ -60,46 +61,25 @@ class Fluid(Engine):
     def __init__(
         self,
         *,
-        window: int = 64,
-        supersample: int = 2,
-        frames: int = 20,
-        after: int = 0,
-        bristles: int = 100,
-        brushes: int = 1,
-        load: float = 0.8,
+        window: Annotated[int, between(8, 1024)] = 64,
+        supersample: Annotated[int, between(1, 8)] = 2,
+        frames: Annotated[int, between(1, 1000)] = 20,
+        after: Annotated[int, between(0, 1000)] = 0,
+        bristles: Annotated[int, between(10, 200)] = 100,
+        brushes: Annotated[int, between(1, 1000)] = 1,
+        load: Annotated[float, between(0, 1)] = 0.8,
         projection: bool = True,
-        jacobi: int = 2,
-        fluidity: float = 0.8,
-        gravity: float = 30.0,
-        damping: float = 0.75,
-        stiffness: float = 0.3,
-        jitter: float = 0.5,
-        iterations: int = 20,
-        rest: int = 45,
-        approach: float = 0.5,
-        relief: float = 1.0,
+        jacobi: Annotated[int, between(0, 100)] = 2,
+        fluidity: Annotated[float, between(0, 1)] = 0.8,
+        gravity: Annotated[float, between(0, 1000)] = 30.0,
+        damping: Annotated[float, between(0, 1)] = 0.75,
+        stiffness: Annotated[float, between(0, 1)] = 0.3,
+        jitter: Annotated[float, between(0, 1)] = 0.5,
+        iterations: Annotated[int, between(1, 1000)] = 20,
+        rest: Annotated[int, between(0, 1000)] = 45,
+        approach: Annotated[float, between(0, 10)] = 0.5,
+        relief: Annotated[float, between(0, 100)] = 1.0,
     ) -> None:
-        ranges = {
-            "window": (window, 8, 1024),
-            "supersample": (supersample, 1, 8),
-            "frames": (frames, 1, 1000),
-            "after": (after, 0, 1000),
-            "bristles": (bristles, THIN, 200),
-            "brushes": (brushes, 1, 1000),
-            "load": (load, 0, 1),
-            "jacobi": (jacobi, 0, 100),
-            "fluidity": (fluidity, 0, 1),
-            "gravity": (gravity, 0, 1000),
-            "damping": (damping, 0, 1),
-            "stiffness": (stiffness, 0, 1),
-            "jitter": (jitter, 0, 1),
-            "iterations": (iterations, 1, 1000),
-            "rest": (rest, 0, 1000),
-            "approach": (approach, 0, 10),
-            "relief": (relief, 0, 100),
-        }
-        for key, (value, low, high) in ranges.items():
-            check_range(f"engine.{key}", value, low, high)
         from brushexp.plugins.engine import _bristles, _deposition  # noqa: PLC0415  (Numba takes a second; --help should not)
 
         self._bristles, self._deposition = _bristles, _deposition

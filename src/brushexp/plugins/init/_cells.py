@@ -8,15 +8,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.errors import UserError
 from brushexp.pictures.structure import structure_tensor
 from brushexp.strokes.catalogue import Strokes
 
-WINDOW = 6.4  # side of a stroke's window in pitches: the thesis's 64 px at 100 px per stroke
-SMALLEST_WINDOW = 4.0  # pixels
-SPREAD, THINNEST = 0.1, 0.03  # of the thesis's random start: points in half-windows, width in windows
-CELL_WEIGHT = 0.25  # of the cell's own elongation beside the picture's structure
-FLAT = 1e-4  # squared grey levels per pixel: gradients weaker than 1 % of the range say little about direction
+WINDOW_PITCHES = 6.4  # side of a stroke's window: the thesis's 64 px at 100 px per stroke
+MIN_WINDOW_PIXELS = 4.0
+RANDOM_SPREAD, RANDOM_WIDTH = 0.1, 0.03  # the thesis's random start: points in half-windows, width in windows
+ELONGATION_WEIGHT = 0.25  # of the cell's own elongation beside the picture's structure
+MIN_GRADIENT_POWER = 1e-4  # squared grey levels per pixel: gradients below 1 % of the range say little of direction
 
 Array = np.ndarray
 
@@ -48,15 +47,6 @@ class Look:
     opacity: float
     jitter: float
 
-    def __post_init__(self) -> None:
-        for key in ("length", "width"):
-            if not 0 < getattr(self, key) <= 10:
-                raise UserError(f"init.{key}={getattr(self, key):g} is not within 0 to 10 cells; try init.{key}=1")
-        if not 0 <= self.opacity <= 1:
-            raise UserError(f"init.opacity={self.opacity:g} is outside 0 to 1; try init.opacity=0.95")
-        if not 0 <= self.jitter <= 10:
-            raise UserError(f"init.jitter={self.jitter:g} is not within 0 to 10 pitches; try init.jitter=0.02")
-
 
 def strokes_of_cells(target: Tensor, labels: Array, n: int, look: Look, generator: torch.Generator) -> Strokes:
     """One stroke per cell: at its centre of mass, in its mean colour, of its size.
@@ -71,12 +61,12 @@ def strokes_of_cells(target: Tensor, labels: Array, n: int, look: Look, generato
     _, height, width = target.shape
     picture = target.numpy().astype(np.float64)
     centre, covariance, area = _moments(labels.ravel(), n, height, width)
-    color = means(picture.reshape(3, -1), labels.ravel(), n)
+    color = cell_means(picture.reshape(3, -1), labels.ravel(), n)
     pitch = math.sqrt(height * width / n)
-    scale = max(WINDOW * pitch, SMALLEST_WINDOW)
+    scale = max(WINDOW_PITCHES * pitch, MIN_WINDOW_PIXELS)
     if look.orient is Orient.random:
-        start, control, end = (SPREAD * torch.randn(3, n, 2, generator=generator)).clamp(-1, 1)
-        thickness = torch.full((n,), THINNEST)
+        start, control, end = (RANDOM_SPREAD * torch.randn(3, n, 2, generator=generator)).clamp(-1, 1)
+        thickness = torch.full((n,), RANDOM_WIDTH)
     else:
         side = np.sqrt(area).clip(0.4 * pitch, 2.5 * pitch)
         angle = _direction(picture, labels.ravel(), n, covariance)
@@ -143,7 +133,7 @@ def _coordinates(height: int, width: int) -> tuple[Array, Array]:
     return x.ravel(), y.ravel()
 
 
-def means(values: Array, flat: Array, n: int) -> Array:
+def cell_means(values: Array, flat: Array, n: int) -> Array:
     """Mean (n, C) of values (C, H * W) over each cell."""
     count = np.bincount(flat, minlength=n)
     return np.stack([np.bincount(flat, weights=value, minlength=n) / count for value in values], 1)
@@ -152,9 +142,9 @@ def means(values: Array, flat: Array, n: int) -> Array:
 def _moments(flat: Array, n: int, height: int, width: int) -> tuple[Array, Array, Array]:
     """Centre (n, 2), covariance (n, 3: xx, xy, yy) and area (n,) of each cell, pixels."""
     x, y = _coordinates(height, width)
-    centre = means(np.stack([x, y]), flat, n)
+    centre = cell_means(np.stack([x, y]), flat, n)
     dx, dy = x - centre[flat, 0], y - centre[flat, 1]
-    return centre, means(np.stack([dx * dx, dx * dy, dy * dy]), flat, n), np.bincount(flat, minlength=n)
+    return centre, cell_means(np.stack([dx * dx, dx * dy, dy * dy]), flat, n), np.bincount(flat, minlength=n)
 
 
 def _major_axis(covariance: Array) -> Array:
@@ -168,9 +158,11 @@ def _direction(picture: Array, flat: Array, n: int, covariance: Array) -> Array:
     The structure tensor (Bigun and Granlund, 1987), averaged over the cell and divided by its trace, plus a little of
     the cell's own elongation, which decides where the picture is flat; summed as double angles.
     """
-    tensor = means(structure_tensor(picture, 1.0).reshape(3, -1), flat, n)
-    strength = tensor[:, 0] + tensor[:, 2] + FLAT
+    tensor = cell_means(structure_tensor(picture, 1.0).reshape(3, -1), flat, n)
+    strength = tensor[:, 0] + tensor[:, 2] + MIN_GRADIENT_POWER
     extent = covariance[:, 0] + covariance[:, 2] + 1e-9  # of a cell of one pixel it is 0
-    cosine = (tensor[:, 2] - tensor[:, 0]) / strength + CELL_WEIGHT * (covariance[:, 0] - covariance[:, 2]) / extent
-    sine = -2 * tensor[:, 1] / strength + CELL_WEIGHT * 2 * covariance[:, 1] / extent
+    cosine = (tensor[:, 2] - tensor[:, 0]) / strength + ELONGATION_WEIGHT * (
+        covariance[:, 0] - covariance[:, 2]
+    ) / extent
+    sine = -2 * tensor[:, 1] / strength + ELONGATION_WEIGHT * 2 * covariance[:, 1] / extent
     return 0.5 * np.arctan2(sine, cosine)

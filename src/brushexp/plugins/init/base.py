@@ -11,16 +11,18 @@ from brushexp.strokes.catalogue import Strokes
 class Initializer(ABC):
     """Places the first strokes.
 
-    Attributes:
-        focus: (H, W) how much each pixel of the target counts, of mean 1; None for all alike. It is set before a call;
-            an initialiser may leave it aside.
+    >>> from brushexp.plugins.init.grid import Grid
+    >>> strokes = Grid()(torch.rand(3, 20, 30), 6, torch.Generator().manual_seed(0))
+    >>> len(strokes), strokes.color.shape
+    (6, torch.Size([6, 3]))
     """
 
-    focus: Tensor | None = None
-
     @abstractmethod
-    def __call__(self, target: Tensor, n_strokes: int, generator: torch.Generator) -> Strokes:
+    def __call__(
+        self, target: Tensor, n_strokes: int, generator: torch.Generator, focus: Tensor | None = None
+    ) -> Strokes:
         """Map a target (3, H, W) in [0, 1] to exactly ``n_strokes`` (1 to H * W) strokes, float32 on the CPU.
 
-        All randomness comes from ``generator``.
+        All randomness comes from ``generator``. ``focus`` (H, W) says how much each pixel counts, with a mean of 1;
+        None for all alike. An initialiser may leave it aside.
         """

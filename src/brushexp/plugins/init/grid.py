@@ -1,11 +1,13 @@
 """Strokes on a lattice."""
 
 import math
+from typing import Annotated
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from brushexp.bounds import above, between
 from brushexp.plugins.init._cells import Look, Orient, strokes_of_cells
 from brushexp.plugins.init.base import Initializer
 from brushexp.registry import register
@@ -14,9 +16,10 @@ from brushexp.strokes.catalogue import Strokes
 
 @register("init", "grid")
 class Grid(Initializer):
-    """A lattice: every stroke in a cell of its own, side by side.
+    """A lattice of equal cells, with a stroke in each; preset ``overlapping_grid``.
 
     Args:
+        shift: move every other row by half a cell.
         orient: structure (along the picture's edges) or random (the thesis's).
         length: of a stroke, in sides of its cell (structure only).
         width: of a stroke, in sides of its cell (structure only).
@@ -27,44 +30,20 @@ class Grid(Initializer):
     def __init__(
         self,
         *,
+        shift: bool = False,
         orient: Orient = Orient.structure,
-        length: float = 1.0,
-        width: float = 1.0,
-        opacity: float = 0.95,
-        jitter: float = 0.02,
+        length: Annotated[float, above(0, 10)] = 1.0,
+        width: Annotated[float, above(0, 10)] = 1.0,
+        opacity: Annotated[float, between(0, 1)] = 0.95,
+        jitter: Annotated[float, between(0, 10)] = 0.02,
     ) -> None:
+        self.shift = shift
         self.look = Look(orient, length, width, opacity, jitter)
 
-    def __call__(self, target: Tensor, n_strokes: int, generator: torch.Generator) -> Strokes:
-        labels = lattice(target.shape[1], target.shape[2], n_strokes)
-        return strokes_of_cells(target, labels, n_strokes, self.look, generator)
-
-
-@register("init", "overlapping_grid")
-class OverlappingGrid(Initializer):
-    """A lattice in which every stroke overlaps its neighbours, every other row shifted by half a cell.
-
-    Args:
-        orient: structure (along the picture's edges) or random (the thesis's).
-        length: of a stroke, in sides of its cell (structure only).
-        width: of a stroke, in sides of its cell (structure only).
-        opacity: 0 to 1.
-        jitter: random shift of each stroke in mean distances between strokes, so that seeds differ.
-    """
-
-    def __init__(
-        self,
-        *,
-        orient: Orient = Orient.structure,
-        length: float = 1.8,
-        width: float = 1.4,
-        opacity: float = 0.95,
-        jitter: float = 0.02,
-    ) -> None:
-        self.look = Look(orient, length, width, opacity, jitter)
-
-    def __call__(self, target: Tensor, n_strokes: int, generator: torch.Generator) -> Strokes:
-        labels = lattice(target.shape[1], target.shape[2], n_strokes, shift=True)
+    def __call__(
+        self, target: Tensor, n_strokes: int, generator: torch.Generator, focus: Tensor | None = None
+    ) -> Strokes:
+        labels = lattice(target.shape[1], target.shape[2], n_strokes, shift=self.shift)
         return strokes_of_cells(target, labels, n_strokes, self.look, generator)
 
 

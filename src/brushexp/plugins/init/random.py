@@ -1,9 +1,12 @@
 """Strokes at random places."""
 
+from typing import Annotated
+
 import numpy as np
 import torch
 from torch import Tensor
 
+from brushexp.bounds import above, between
 from brushexp.plugins.init._cells import Look, Orient, strokes_of_cells
 from brushexp.plugins.init.base import Initializer
 from brushexp.registry import register
@@ -12,7 +15,7 @@ from brushexp.strokes.catalogue import Strokes
 
 @register("init", "random")
 class Random(Initializer):
-    """Random places, evenly spread: every stroke in the cell of what lies nearest to it (Voronoi).
+    """Random places, evenly distributed: each stroke in its Voronoi cell.
 
     Args:
         orient: structure (along the picture's edges) or random (the thesis's).
@@ -22,11 +25,18 @@ class Random(Initializer):
     """
 
     def __init__(
-        self, *, orient: Orient = Orient.structure, length: float = 1.4, width: float = 1.0, opacity: float = 0.95
+        self,
+        *,
+        orient: Orient = Orient.structure,
+        length: Annotated[float, above(0, 10)] = 1.4,
+        width: Annotated[float, above(0, 10)] = 1.0,
+        opacity: Annotated[float, between(0, 1)] = 0.95,
     ) -> None:
         self.look = Look(orient, length, width, opacity, jitter=0.0)
 
-    def __call__(self, target: Tensor, n_strokes: int, generator: torch.Generator) -> Strokes:
+    def __call__(
+        self, target: Tensor, n_strokes: int, generator: torch.Generator, focus: Tensor | None = None
+    ) -> Strokes:
         _, height, width = target.shape
         pixel = torch.randperm(height * width, generator=generator)[:n_strokes].numpy()
         labels = nearest_of(pixel, height, width)

@@ -1,26 +1,27 @@
 """Strokes on superpixels."""
 
 import heapq
+from typing import Annotated
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.errors import UserError
-from brushexp.plugins.init._cells import Look, Orient, cut, joined, means, strokes_of_cells
+from brushexp.bounds import above, between
+from brushexp.plugins.init._cells import Look, Orient, cell_means, cut, joined, strokes_of_cells
 from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.init.grid import lattice
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
-ITERATIONS = 5  # of SLIC; ten take twice as long and paint no better
-ROUNDS = 3  # of refinement, each of which looks at the cells of the one before
+SLIC_ITERATIONS = 5  # ten take twice as long and paint no better
+REFINEMENT_ROUNDS = 3  # each of which looks at the cells of the one before
 GREY_LEVEL = 1 / 255  # deviations below it are none: the area of a cell decides
 
 
 @register("init", "slic")
 class Slic(Initializer):
-    """SLIC superpixels (Achanta et al., 2012), finer where the picture has detail.
+    """SLIC superpixels (Achanta et al., 2012), smaller where the picture has detail (and where the focus is).
 
     A stroke at each centre of mass, in the mean colour. Differs from the source in that there are exactly as many as
     asked, and that a share of them comes from cutting the superpixels in which the picture varies most; with a focus,
@@ -28,7 +29,7 @@ class Slic(Initializer):
 
     Args:
         compactness: of a superpixel; higher makes them squarer, lower lets them follow the colours.
-        detail: share of the strokes that goes where the picture varies, 0 to below 1; the rest is spread evenly.
+        detail: share of the strokes that goes where the picture varies, 0 to 1; the rest is spread evenly.
         orient: structure (along the picture's edges) or random (the thesis's).
         length: of a stroke, in sides of its superpixel (structure only).
         width: of a stroke, in sides of its superpixel (structure only).
@@ -39,27 +40,24 @@ class Slic(Initializer):
     def __init__(
         self,
         *,
-        compactness: float = 10.0,
-        detail: float = 0.5,
+        compactness: Annotated[float, above(0, 1e4)] = 10.0,
+        detail: Annotated[float, between(0, 1)] = 0.5,
         orient: Orient = Orient.structure,
-        length: float = 1.4,
-        width: float = 0.8,
-        opacity: float = 0.95,
-        jitter: float = 0.02,
+        length: Annotated[float, above(0, 10)] = 1.4,
+        width: Annotated[float, above(0, 10)] = 0.8,
+        opacity: Annotated[float, between(0, 1)] = 0.95,
+        jitter: Annotated[float, between(0, 10)] = 0.02,
     ) -> None:
-        if not 0 < compactness <= 1e4:
-            raise UserError(f"init.compactness={compactness:g} is not within 0 to 10000; try init.compactness=10")
-        if not 0 <= detail < 1:
-            raise UserError(f"init.detail={detail:g} is not within 0 to below 1; try init.detail=0.5")
         self.compactness = compactness
         self.detail = detail
         self.look = Look(orient, length, width, opacity, jitter)
 
-    def __call__(self, target: Tensor, n_strokes: int, generator: torch.Generator) -> Strokes:
+    def __call__(
+        self, target: Tensor, n_strokes: int, generator: torch.Generator, focus: Tensor | None = None
+    ) -> Strokes:
         even = max(1, round((1 - self.detail) * n_strokes))
         labels = superpixels(target, even, self.compactness)
-        focus = None if self.focus is None else self.focus.numpy()
-        labels = refined(labels, n_strokes, target.numpy(), focus)
+        labels = refined(labels, n_strokes, target.numpy(), None if focus is None else focus.numpy())
         return strokes_of_cells(target, labels, n_strokes, self.look, generator)
 
 
@@ -74,7 +72,7 @@ def superpixels(target: Tensor, n: int, compactness: float) -> np.ndarray:
         target.permute(1, 2, 0).numpy(),
         n_segments=n,
         compactness=compactness,
-        max_num_iter=ITERATIONS,
+        max_num_iter=SLIC_ITERATIONS,
         min_size_factor=0.1,  # small ones are wanted: a stroke for each detail
         start_label=0,
         channel_axis=-1,
@@ -97,10 +95,10 @@ def refined(labels: np.ndarray, n: int, picture: np.ndarray, focus: np.ndarray |
     if labels.max() >= n:
         return joined(labels, n)
     flat, channels = labels.ravel(), picture.reshape(3, -1).astype(np.float64)
-    for left in range(ROUNDS, 0, -1):
+    for left in range(REFINEMENT_ROUNDS, 0, -1):
         k = int(flat.max()) + 1
         area = np.bincount(flat, minlength=k)
-        variance = (means(channels**2, flat, k) - means(channels, flat, k) ** 2).sum(1).clip(0)
+        variance = (cell_means(channels**2, flat, k) - cell_means(channels, flat, k) ** 2).sum(1).clip(0)
         weight = area * np.sqrt(variance + GREY_LEVEL**2)
         if focus is not None:
             weight *= np.bincount(flat, focus.ravel(), minlength=k) / area

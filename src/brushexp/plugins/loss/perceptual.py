@@ -1,10 +1,12 @@
 """Losses that compare what a feature network sees."""
 
+from typing import Annotated
+
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from brushexp.errors import UserError
+from brushexp.bounds import between
 from brushexp.features import open_backbone
 from brushexp.features.base import mean_squares
 from brushexp.plugins.loss._cache import TargetCache
@@ -46,11 +48,9 @@ class Perceptual(Loss):
         backbone: str = "effl0",
         weights: str | None = None,
         taps: list[str] | None = None,
-        jitter: int = 3,
+        jitter: Annotated[int, between(0, 3)] = 3,
     ) -> None:
         super().__init__(weight)
-        if not 0 <= jitter <= 3:
-            raise UserError(f"loss.perceptual.jitter={jitter} is outside 0 to 3; try loss.perceptual.jitter=3")
         self.network = open_backbone(backbone, weights)
         self.taps = list(taps or self.network.default_taps)
         self.network.check(self.taps)

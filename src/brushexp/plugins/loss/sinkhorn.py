@@ -1,19 +1,20 @@
 """Optimal transport of colour as a loss."""
 
 from collections.abc import Sequence
+from typing import Annotated
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from brushexp.errors import UserError
+from brushexp.bounds import at_least
 from brushexp.plugins.loss._cache import TargetCache
 from brushexp.plugins.loss._precision import at_least_single
 from brushexp.plugins.loss.base import Loss, Painting, Surroundings
 from brushexp.registry import register
 
-COARSEST = 2.0  # blur with which the potentials begin: the largest cost on a square
-LEAST = 0.01  # of epsilon, so that exp(-4 / epsilon) is no zero in double precision
+FIRST_BLUR = 2.0  # with which the potentials begin: the largest cost on a square
+MIN_EPSILON = 0.01  # exp(-4 / epsilon) is then no zero in double precision
 
 
 @register("loss", "sinkhorn")
@@ -48,20 +49,12 @@ class Sinkhorn(Loss):
         self,
         *,
         weight: float = 2.0,
-        side: int = 24,
-        epsilon: float = 0.01,
-        iterations: int = 5,
-        floor: float = 0.001,
+        side: Annotated[int, at_least(1)] = 24,
+        epsilon: Annotated[float, at_least(MIN_EPSILON)] = 0.01,
+        iterations: Annotated[int, at_least(1)] = 5,
+        floor: Annotated[float, at_least(1e-4)] = 0.001,
     ) -> None:
         super().__init__(weight)
-        for name, value, least in (
-            ("side", side, 1),
-            ("epsilon", epsilon, LEAST),
-            ("iterations", iterations, 1),
-            ("floor", floor, 1e-4),
-        ):
-            if not value >= least:
-                raise UserError(f"loss.sinkhorn.{name}={value} is too small; set it to {least} or more")
         self.side, self.epsilon, self.iterations, self.floor = side, epsilon, iterations, floor
         self._wanted: TargetCache[tuple[Tensor, Tensor]] = TargetCache()
         self._surroundings: Surroundings | None = None  # the canvas of the last step, to which the following belongs
@@ -98,7 +91,7 @@ class Sinkhorn(Loss):
 
     def _blurs(self) -> list[float]:
         """From coarse to fine, then so many steps with ``epsilon``."""
-        found = [COARSEST]
+        found = [FIRST_BLUR]
         while found[-1] > self.epsilon:
             found.append(max(found[-1] / 2, self.epsilon))
         return [*found, *[self.epsilon] * self.iterations]

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from enum import Enum
+from typing import Annotated
 
 import torch
 from torch import Tensor
 
+from brushexp.bounds import above
 from brushexp.errors import UserError
 from brushexp.features import open_backbone
 from brushexp.features.context import tiled_activations
@@ -93,12 +95,10 @@ class Style(Loss):
         backbone: str = "effl0",
         weights: str | None = None,
         taps: list[str] | None = None,
-        scale: float = 1.0,
+        scale: Annotated[float, above(0)] = 1.0,
         colors: Colors = Colors.style,
     ) -> None:
         super().__init__(weight)
-        if not (math.isfinite(scale) and scale > 0):
-            raise UserError(f"the scale {scale:g} of the style is not a positive number; try style.loss.scale=1")
         if image is not None:
             load_picture(image, 1, key="style")  # a wrong path is told before work starts
         self.image = image
