@@ -18,9 +18,9 @@ HERE = Path(__file__).parent
 def main(cfg: DictConfig) -> dict[str, object]:
     """Run the task that the config names and return its numbers."""
     prepare(HERE)  # again: in a parallel sweep this is another process
-    from brushexp.app.runner import run  # noqa: PLC0415  (Lightning takes seconds to import; --help should not)
+    from brushexp.app.runner import run_task  # noqa: PLC0415  (Lightning takes seconds to import; --help should not)
 
-    return run(cfg, START)
+    return run_task(cfg, START)
 
 
 if __name__ == "__main__":

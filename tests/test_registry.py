@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 
 from brushexp import registry
 from brushexp.errors import UserError
-from brushexp.registry import build, build_named, config_of, load_plugins, plugins, register
+from brushexp.registry import build, build_named, load_plugins, plugins, register, structured_config
 
 ROOT = Path(__file__).parents[1]
 
@@ -52,7 +52,7 @@ def test_run_time_arguments_are_no_config():
     class Thing:
         def __init__(self, target, *, rows: int = 8, rate: float) -> None: ...
 
-    assert list(config_of(Thing).__dataclass_fields__) == ["_target_", "rows", "rate"]
+    assert list(structured_config(Thing).__dataclass_fields__) == ["_target_", "rows", "rate"]
 
 
 def test_an_option_without_a_type_is_refused():
@@ -60,7 +60,7 @@ def test_an_option_without_a_type_is_refused():
         def __init__(self, *, rows=8) -> None: ...
 
     with pytest.raises(TypeError, match="give 'rows' a type"):
-        config_of(Thing)
+        structured_config(Thing)
 
 
 def test_defaults_are_not_shared(config):

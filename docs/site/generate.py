@@ -1,20 +1,18 @@
-"""Pages that are made of the program itself, for mkdocs: every plugin from the registry, every task from its config."""
+"""Pages that are made of the program itself, for mkdocs: every plugin from the registry, every task from its schema."""
 
 from __future__ import annotations
 
 import enum
 import inspect
-import types
-import typing
 from pathlib import Path
 
-from docstring_parser import DocstringStyle, parse
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from omegaconf import MISSING
 
 from brushexp.app.command_line import prepare
-from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, plugins
+from brushexp.app.schema import TASKS, Key, Task, groups_of, keys_of, kind_of
+from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, options_of, plain_type, plugins
 
 ROOT = Path(__file__).parents[2]
 HEAD = "# @package _global_\n"  # first line of a config whose keys belong to the task
@@ -48,61 +46,52 @@ def plugins_page() -> str:
 
 
 def tasks_page() -> str:
-    """Every task: what it does, and its keys with their defaults, as the config says them."""
-    shared = (ROOT / "conf" / "config.yaml").read_text(encoding="utf-8")
+    """Every task: what it does, the plugins that it takes, and its keys with types, defaults and meaning."""
     parts = [
         "# Tasks",
-        "Made from `conf/task/` when this site is built. `python run.py task=name key=value ...`; "
+        "Made from `src/brushexp/app/schema.py` when this site is built. `python run.py task=name key=value ...`; "
         "`task=paint` is the default and need not be typed. Add `--help` for the same on the terminal.",
         "## Keys of every task",
-        _yaml(shared.partition("\nhydra:")[0].partition("\n\n")[2]),
+        _keys(keys_of(Task)),
     ]
-    names = [path.stem for path in sorted((ROOT / "conf" / "task").glob("*.yaml"))]
-    for name in ["paint", *(name for name in names if name != "paint")]:
-        text = (ROOT / "conf" / "task" / f"{name}.yaml").read_text(encoding="utf-8").removeprefix(HEAD)
-        summary, _, keys = text.partition("\n")
-        parts += [f"## {name}", summary.lstrip("# "), _yaml(keys)]
+    for name, schema in TASKS.items():
+        own = {key: value for key, value in keys_of(schema).items() if key not in keys_of(Task)}
+        families = ", ".join(f"`{group}`" for group in groups_of(schema))
+        parts += [f"## {name}", inspect.getdoc(schema) or "", _keys(own)]
+        parts += [f"Chosen with `family=name`: {families}."] if families else []
     return "\n\n".join(parts) + "\n"
+
+
+def _keys(keys: dict[str, Key]) -> str:
+    """A table of keys."""
+    rows = [f"| `{key.name}` | {key.type} | `{_value(key.default)}` | {_cell(key.meaning)} |" for key in keys.values()]
+    return "\n".join(["| key | type | default | |", "|---|---|---|---|", *rows])
 
 
 def _plugin(plugin: Plugin) -> str:
     """Name, docstring and options of one plugin."""
-    parsed = parse(inspect.getdoc(plugin.cls) or "", DocstringStyle.GOOGLE)
-    said = {entry.arg_name: " ".join((entry.description or "").split()) for entry in parsed.params}
-    parts = [f"### `{plugin.family}={plugin.name}`", parsed.description or ""]
+    parts = [
+        f"### `{plugin.family}={plugin.name}`",
+        (inspect.getdoc(plugin.cls) or "").partition("\nArgs:\n")[0].strip(),
+    ]
     if plugin.facts:
         parts.append(" · ".join(f"{name}: *{value}*" for name, value in plugin.facts.items()))
     if ROOT / "plugins" in Path(inspect.getfile(plugin.cls)).parents:
         parts.append("*An example plugin, in `plugins/`.*")
     rows = []
-    for parameter in inspect.signature(plugin.cls, eval_str=True).parameters.values():
-        if parameter.kind is parameter.KEYWORD_ONLY:
-            default = "must be given" if parameter.default is parameter.empty else f"`{_value(parameter.default)}`"
-            about = said.get(parameter.name, "")
-            rows.append(f"| `{parameter.name}` | {_type(parameter.annotation)} | {default} | {_cell(about)} |")
+    for name, annotation, value in options_of(plugin.cls):
+        limits = f", {plugin.bounds[name]}" if name in plugin.bounds else ""
+        default = "must be given" if value == MISSING else f"`{_value(value)}`"
+        kind = kind_of(plain_type(annotation)) + limits
+        rows.append(f"| `{name}` | {_cell(kind)} | {default} | {_cell(plugin.meanings[name])} |")
     if rows:
         parts.append("\n".join(["| option | type | default | |", "|---|---|---|---|", *rows]))
     return "\n\n".join(part for part in parts if part)
 
 
-def _type(annotation: object) -> str:
-    """A type as people read it."""
-    origin, parts = typing.get_origin(annotation), typing.get_args(annotation)
-    if origin in (types.UnionType, typing.Union):
-        return " or ".join(_type(part) for part in parts)
-    if annotation is type(None):
-        return "null"
-    if isinstance(annotation, type) and issubclass(annotation, enum.Enum):
-        return ", ".join(f"`{member.name}`" for member in annotation)
-    if origin is not None:
-        return f"{getattr(origin, '__name__', origin)} of {', '.join(_type(part) for part in parts)}"
-    name = getattr(annotation, "__name__", str(annotation))
-    return {"str": "text", "bool": "true, false"}.get(name, name)
-
-
 def _value(default: object) -> str:
     """A default as it would be typed."""
-    if default is None or default == MISSING:
+    if default is None:
         return "null"
     if isinstance(default, bool):
         return str(default).lower()
@@ -120,7 +109,3 @@ def _sentence(text: str) -> str:
 
 def _cell(text: str) -> str:
     return text.replace("|", "\\|")
-
-
-def _yaml(text: str) -> str:
-    return f"```yaml\n{text.strip()}\n```"

@@ -134,7 +134,7 @@ def register(family: str, name: str) -> Callable[[C], C]:
             )
         found = {name: bounds_of(annotation) for name, annotation, _ in options_of(cls)}
         bounds = {name: limits for name, limits in found.items() if limits is not None}
-        plugin = _plugins[family, name] = Plugin(family, name, cls, config_of(cls), bounds)
+        plugin = _plugins[family, name] = Plugin(family, name, cls, structured_config(cls), bounds)
         # A worker process of a sweep inherits a filled store and stores the same node again: no clash.
         ConfigStore.instance().store(
             group=family, name=name, node=plugin.config, package=plugin.path, provider=cls.__module__
@@ -161,7 +161,7 @@ def options_of(cls: type) -> list[tuple[str, Any, Any]]:
     return found
 
 
-def config_of(cls: type) -> type:
+def structured_config(cls: type) -> type:
     """Derive a structured config: one field per option of a class, without bounds, which OmegaConf does not know."""
     options: list[tuple[str, Any, Any]] = [("_target_", str, f"{cls.__module__}.{cls.__qualname__}")]
     for name, annotation, default in options_of(cls):

@@ -28,14 +28,14 @@ def help_text(cfg: DictConfig, folders: Sequence[Path]) -> str:
     lines = [f"task={cfg.task}: {schema.__doc__}", "", "Its keys and their values now, key=value:"]
     for name, key in keys_of(schema).items():
         raw = OmegaConf.to_container(cfg, resolve=False)
-        lines += row(f"{name}={shown(_at(raw, name))}", key.meaning)
+        lines += two_columns(f"{name}={as_typed(_at(raw, name))}", key.meaning)
     typed = {word.lstrip("+~").partition("=")[0] for word in cfg.hydra.overrides.task}
     lines += ["", "Its plugins, family=name; a family that you type shows the options: renderer=neural --help"]
     for group in groups_of(schema):
         lines += group_lines(group, cfg, folders, group in typed)
     lines += ["", "Other tasks; their keys: task=name --help"]
     for name, other in TASKS.items():
-        lines += row(name, (other.__doc__ or "").partition("\n")[0])
+        lines += two_columns(name, (other.__doc__ or "").partition("\n")[0])
     return "\n".join(lines)
 
 
@@ -46,14 +46,14 @@ def group_lines(group: str, cfg: DictConfig, folders: Sequence[Path], with_optio
         rows |= presets_of(folder / group)
     lines = [f"{group}: {FAMILIES.get(group, 'presets of the keys above')}"]
     for name, summary in sorted(rows.items()):
-        lines += row(name, summary)
+        lines += two_columns(name, summary)
     node = cfg.get(group)
     chosen = [] if not with_options or node is None else [node] if "_target_" in node else list(node.values())
     for plugin in plugins():
         for options in [options for options in chosen if options.get("_target_") == plugin.target]:
             lines.append(f"  options of {group}={plugin.name}:")
             for option, about in plugin.meanings.items():
-                lines += row(f"{plugin.path}.{option}={shown(options[option])}", about)
+                lines += two_columns(f"{plugin.path}.{option}={as_typed(options[option])}", about)
     return lines
 
 
@@ -63,7 +63,7 @@ def presets_of(folder: Path) -> dict[str, str]:
     return {name: text.removeprefix(GLOBAL).partition("\n")[0].lstrip("# ") for name, text in texts.items()}
 
 
-def row(name: str, meaning: str) -> list[str]:
+def two_columns(name: str, meaning: str) -> list[str]:
     """A name and what is said about it, in two columns; in two lines if the name is long."""
     head = f"  {name:<{COLUMN - 3}} "
     if len(head) > COLUMN:
@@ -71,12 +71,12 @@ def row(name: str, meaning: str) -> list[str]:
     return fill(head + meaning, WIDTH, subsequent_indent=" " * COLUMN).splitlines()
 
 
-def shown(value: Any) -> str:
+def as_typed(value: Any) -> str:
     """A value as it is typed."""
     plain = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
     if plain is None or isinstance(plain, bool):
         return {None: "null", True: "true", False: "false"}[plain]
-    return str(plain) if not isinstance(plain, list) else f"[{','.join(map(shown, plain))}]"
+    return str(plain) if not isinstance(plain, list) else f"[{','.join(map(as_typed, plain))}]"
 
 
 def _at(values: Any, path: str) -> Any:

@@ -59,7 +59,7 @@ def choices(group: str, conf: Path) -> list[str]:
     return names + [path.stem for path in (conf / group).glob("*.yaml")] + (list(TASKS) if group == "task" else [])
 
 
-def nearest(word: str, names: list[str]) -> str:
+def nearest_first(word: str, names: list[str]) -> str:
     """The names as a list, those most like the word first."""
     likeness = {name: SequenceMatcher(None, word, name.rpartition(".")[2]).ratio() for name in names}
     return ", ".join(sorted(likeness, key=lambda name: (-likeness[name], name)))
@@ -77,7 +77,11 @@ def unknown_choice(text: str, conf: Path) -> str | None:
     """A member that its group does not have."""
     found = re.search(r"Could not (?:find|load) '(\w+)/([^']+)'", text)
     names = [] if found is None else choices(found[1], conf)
-    return f"{found[1]}={found[2]} is not there; choose one of {nearest(found[2], names)}" if found and names else None
+    return (
+        f"{found[1]}={found[2]} is not there; choose one of {nearest_first(found[2], names)}"
+        if found and names
+        else None
+    )
 
 
 def unknown_group(text: str, task: str) -> str | None:
@@ -96,7 +100,7 @@ def unknown_option(text: str) -> str | None:
     option, family = found[1], plugin.family
     names = option_names(plugin)
     text = f"{plugin.path}.{option} is no option of {family}={plugin.name}; "
-    text += f"its options, nearest first: {nearest(option, names)}" if names else "it has none"
+    text += f"its options, nearest first: {nearest_first(option, names)}" if names else "it has none"
     owners = [other.name for other in plugins(family) if option in option_names(other)]
     if owners and family not in MULTI_SELECT:
         text += f". It is one of {', '.join(f'{family}={name}' for name in owners)}; a sweep over both: "
@@ -119,12 +123,12 @@ def unknown_key(text: str, task: str) -> str | None:
     if family in MULTI_SELECT and rest:
         name, names = rest.partition(".")[0], [plugin.name for plugin in plugins(family)]
         mend = f"add {name} to the list, '{family}=[{name},...]', or drop the keys below it"
-        mend = mend if name in names else f"there are: {nearest(name, names)}"
+        mend = mend if name in names else f"there are: {nearest_first(name, names)}"
         return f"{family}.{name} is tuned but not chosen; {mend}"
     keys, groups = keys_of(TASKS[task]), groups_of(TASKS[task])
     inner = [key for key in keys if "." in typed and key.startswith(f"{family}.")]
     text = f"{typed} is no key of task={task}; nearest first: "
-    text += nearest(typed.rpartition(".")[2], inner or [*keys, *groups])
+    text += nearest_first(typed.rpartition(".")[2], inner or [*keys, *groups])
     others = [name for name, schema in TASKS.items() if typed in keys_of(schema) or typed in groups_of(schema)]
     return text + (f". It is one of {', '.join(f'task={name}' for name in others)}" if others else "")
 
@@ -144,7 +148,7 @@ def wrong_type(text: str, task: str) -> str | None:
     if re.search(r"is not Optional|Incompatible value 'None'", text):
         return f"{path}=null, but {path} must have a value; try {path}={proposal}{meaning}"
     if found := re.search(r"Invalid value '(.*?)', expected one of \[(.*?)\]", text):
-        return f"{path}={found[1]} is not there; choose one of {nearest(found[1], found[2].split(', '))}"
+        return f"{path}={found[1]} is not there; choose one of {nearest_first(found[1], found[2].split(', '))}"
     if found := re.search(r"override [\w.@/]+=(.*?): Invalid value assigned: \w+ is not a ListConfig", text):
         return f"{path} takes a list; write '{path}=[{found[1]}]'"
     return None

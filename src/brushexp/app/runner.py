@@ -20,7 +20,7 @@ from brushexp.errors import UserError
 log = logging.getLogger(__name__)
 
 
-def run(cfg: DictConfig, start: float) -> dict[str, object]:
+def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
     """Run ``cfg.task`` and return its numbers.
 
     Args:

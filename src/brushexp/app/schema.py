@@ -9,12 +9,13 @@ from __future__ import annotations
 import types
 from dataclasses import MISSING as NO_DEFAULT
 from dataclasses import dataclass, field, fields
+from enum import Enum
 from typing import Any, ClassVar, Union, get_args, get_origin, get_type_hints
 
 from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, OmegaConf
 
-from brushexp.bounds import Bounds, above, at_least, between, one_of
+from brushexp.bounds import Bounds, at_least, between, more_than, one_of
 from brushexp.registry import MULTI_SELECT
 
 LARGEST_SEED = 2**32 - 1  # of NumPy's generator
@@ -58,7 +59,7 @@ class StyleTransfer:
 
 
 @dataclass
-class Paint(Task):
+class PaintTask(Task):
     """Optimise a catalogue of strokes until it looks like the picture."""
 
     defaults: ClassVar[list[Any]] = [
@@ -70,6 +71,8 @@ class Paint(Task):
         {"/density": "fixed"},
         {"/sampler": "whole"},
         {"/optimizer": "adam"},
+        {"/callbacks": []},
+        {"/trainer": "default"},
         {"/logger": ["csv"]},
         {"/loss@style.loss": "style"},
         {"/loss@style.strokes": "brushwork"},
@@ -115,7 +118,7 @@ class Paint(Task):
     frame_side: int = key(720, "their longer side in pixels", at_least(2))
     timelapse: str = key("mp4", "format of the timelapse: mp4, gif, or both", one_of("mp4", "gif", "both"))
     timelapse_seconds: float | None = key(
-        None, "how long its pictures take; null = 15 a second; the painting then stays for 1.5 s", above(0)
+        None, "how long its pictures take; null = 15 a second; the painting then stays for 1.5 s", more_than(0)
     )
     report: bool = key(True, "report.html: the run on one page, with a replay of the painting")
     focus: str | None = key(None, "what matters most: auto (found in the picture) or a mask, the brighter the more")
@@ -128,7 +131,7 @@ class Paint(Task):
 
 
 @dataclass
-class Export(Task):
+class ExportTask(Task):
     """Write a saved painting as pictures of any size, vectors, tables and more: to=png,svg,json,csv."""
 
     defaults: ClassVar[list[Any]] = [{"/to": ["png"]}, {"/renderer": None}, {"/blend": "tiled"}, "_self_"]
@@ -138,7 +141,7 @@ class Export(Task):
 
 
 @dataclass
-class Simulate(Task):
+class SimulateTask(Task):
     """Simulate strokes of a brush on an empty canvas: what renderers are trained on."""
 
     defaults: ClassVar[list[Any]] = [{"/engine": "fluid"}, "_self_"]
@@ -151,7 +154,7 @@ class Simulate(Task):
 
 
 @dataclass
-class Train(Task):
+class TrainTask(Task):
     """Train a renderer on simulated strokes, or what tells valid strokes from others: model=discriminator."""
 
     defaults: ClassVar[list[Any]] = [
@@ -195,7 +198,7 @@ class Train(Task):
 
 
 @dataclass
-class Evaluate(Task):
+class EvaluateTask(Task):
     """Judge a renderer on simulated strokes that it was not trained on; -m renderer=analytic,neural compares some."""
 
     defaults: ClassVar[list[Any]] = [{"/renderer": "neural"}, {"/blend": "tiled"}, {"/engine": "fluid"}, "_self_"]
@@ -208,7 +211,7 @@ class Evaluate(Task):
 
 
 @dataclass
-class Prune(Task):
+class PruneTask(Task):
     """Remove channels of a trained renderer, train what is left a little further, and compare."""
 
     defaults: ClassVar[list[Any]] = [
@@ -237,14 +240,14 @@ class Prune(Task):
 
 
 @dataclass
-class Compare(Task):
+class CompareTask(Task):
     """Compare finished runs: which are worth their time, and which was ahead when."""
 
     runs: list[str] = key(MISSING, "folder of a run, of a sweep, or above many of them; several with commas")
 
 
 @dataclass
-class Analyse(Task):
+class AnalyseTask(Task):
     """Measure the brushwork of a saved painting, or of two side by side: table, summary, figures."""
 
     catalogue: str = key(MISSING, "catalogue.h5 of a run")
@@ -260,7 +263,7 @@ class Analyse(Task):
 
 
 @dataclass
-class View(Task):
+class ViewTask(Task):
     """Look at a saved painting, a run or a sweep in the browser: one page, served on this machine until Ctrl-C."""
 
     defaults: ClassVar[list[Any]] = [{"/renderer": None}, {"/blend": "tiled"}, "_self_"]
@@ -271,7 +274,7 @@ class View(Task):
 
 
 @dataclass
-class Extremes(Task):
+class ExtremesTask(Task):
     """Draw and optimise extreme scenes with every renderer, blend and precision, and judge each as exact or broken."""
 
     renderers: list[str] | None = key(None, "names; null = all that are registered, plugins too")
@@ -281,7 +284,9 @@ class Extremes(Task):
     patience: float = key(30, "seconds that the 10,000 steps of a cell may take, or fewer are taken", at_least(0))
 
 
-TASKS: dict[str, type[Task]] = {schema.__name__.lower(): schema for schema in Task.__subclasses__()}
+TASKS: dict[str, type[Task]] = {
+    schema.__name__.removesuffix("Task").lower(): schema for schema in Task.__subclasses__()
+}
 
 
 @dataclass(frozen=True)
@@ -296,8 +301,10 @@ class Key:
 
     @property
     def type(self) -> str:
-        """What it takes, in words; of a key that may be null without that."""
-        return self.bounds.names and " or ".join(self.bounds.names) if self.bounds else kind_of(self.annotation)
+        """What it takes, in words."""
+        if self.bounds is not None and self.bounds.names:
+            return str(self.bounds)
+        return kind_of(self.annotation) + (f", {self.bounds}" if self.bounds else "")
 
     @property
     def is_list(self) -> bool:
@@ -326,6 +333,8 @@ def kind_of(annotation: Any) -> str:
         return " or ".join(kind_of(part) for part in get_args(annotation) if part is not type(None)) + " or null"
     if get_origin(annotation) is list:
         return f"list of {kind_of(get_args(annotation)[0])}"
+    if isinstance(annotation, type) and issubclass(annotation, Enum):
+        return f"one of {', '.join(annotation.__members__)}"
     words = {int: "whole number", float: "number", bool: "true or false", str: "text"}
     return words.get(annotation, getattr(annotation, "__name__", str(annotation)))
 

@@ -1,4 +1,4 @@
-"""The trackers of a run (family ``logger``): opened, fed, told of its end, and dropped when they fail."""
+"""The loggers of a run: opened when it begins, told of its end, and dropped when they fail."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from brushexp.plugins.logger.base import Logger, Run
 from brushexp.registry import build, plugins
 
 log = logging.getLogger(__name__)
-LONGEST = 200  # letters of an error message
-SAYS_NOTHING = ("output", "logger")  # keys that do not tell how a run was made
+MESSAGE_LETTERS = 200  # of an error at most
+NO_SETTINGS = ("output", "logger")  # keys that do not tell how a run was made
 
 
-class Guarded(LightningLogger):
-    """One tracker, as Lightning takes it; what it raises is logged once and goes no further.
+class FailSafeLogger(LightningLogger):
+    """A logger as Lightning takes it: its first exception is logged, it then gets no more curves, and the run goes on.
 
     Args:
         choice: its name on the command line.
@@ -48,12 +48,12 @@ class Guarded(LightningLogger):
 
     def open(self, run: Run) -> None:
         """Begin."""
-        with self._forgiving():
+        with self._caught():
             self.curves = self.tracker.open(run)
 
     def log_metrics(self, metrics: dict[str, float], step: int | None = None) -> None:
         if self.curves is not None and not self.stopped:
-            with self._forgiving():
+            with self._caught():
                 self.curves.log_metrics(metrics, step)
 
     def log_hyperparams(self, *_: Any, **__: Any) -> None:
@@ -61,23 +61,23 @@ class Guarded(LightningLogger):
 
     def save(self) -> None:
         if self.curves is not None and not self.stopped:
-            with self._forgiving():
+            with self._caught():
                 self.curves.save()
 
     def finish(self, run: Run) -> None:
         """End."""
-        with self._forgiving():
+        with self._caught():
             self.tracker.finish(run)
         if self.curves is not None:
-            with self._forgiving():
+            with self._caught():
                 self.curves.finalize("success" if run.status == "completed" else run.status)
 
     @contextmanager
-    def _forgiving(self) -> Iterator[None]:
+    def _caught(self) -> Iterator[None]:
         try:
             yield
         except Exception as error:
-            reason = f"{type(error).__name__}: {' '.join(str(error).split())[:LONGEST]}"
+            reason = f"{type(error).__name__}: {' '.join(str(error).split())[:MESSAGE_LETTERS]}"
             if not self.stopped:
                 log.warning("logger=%s stopped: %s; the run goes on without it", self.choice, reason)
             log.debug("logger=%s", self.choice, exc_info=True)
@@ -94,7 +94,7 @@ class Trackers:
 
     def __init__(self, chosen: Mapping[str, Logger], run: Run) -> None:
         self.run = run
-        self.loggers = [Guarded(name, tracker) for name, tracker in chosen.items()]
+        self.loggers = [FailSafeLogger(name, tracker) for name, tracker in chosen.items()]
 
     def __enter__(self) -> Trackers:
         for logger in self.loggers:
@@ -153,7 +153,7 @@ def run_of(cfg: DictConfig, folder: Path) -> Run:
         folder,
         name=folder.name if folder == whole else f"{whole.name}/{folder.name}",
         group=whole.parent.name if hydra.mode is RunMode.MULTIRUN else "",
-        chosen={key: value for key, _, value in words if key.partition(".")[0] not in SAYS_NOTHING},
+        chosen={key: value for key, _, value in words if key.partition(".")[0] not in NO_SETTINGS},
         settings=settings,
     )
 

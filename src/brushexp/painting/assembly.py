@@ -44,7 +44,7 @@ def losses_of(cfg: DictConfig) -> dict[str, Loss]:
     """The chosen losses, and those that ``style.image`` and ``style.brushwork`` add to them."""
     content = 1.0 if cfg.style.image is None else cfg.style.content
     losses: dict[str, Loss] = {
-        name: build(OmegaConf.merge(node, {"weight": content * node.weight})) for name, node in cfg.loss.items()
+        name: build(OmegaConf.create({**node, "weight": content * node.weight})) for name, node in cfg.loss.items()
     }
     for key, name in (("image", STYLE), ("brushwork", BRUSHWORK)):
         if cfg.style[key] is not None and name in losses:

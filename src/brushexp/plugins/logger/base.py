@@ -5,11 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-from brushexp.errors import UserError
 
 if TYPE_CHECKING:  # Lightning takes seconds to import; --help should not
     from lightning.pytorch.loggers import Logger as LightningLogger
@@ -66,16 +63,3 @@ class Logger(ABC):
 
     def finish(self, run: Run) -> None:  # noqa: B027
         """Take what else there is of the run. Called once, however it ended, also when `open` or a curve failed."""
-
-
-def check_installed(package: str) -> None:
-    """Refuse a logger before the work begins if its package is missing.
-
-    Args:
-        package: name of the package, of the extra that installs it, and of the logger.
-
-    Raises:
-        UserError: says what to install.
-    """
-    if find_spec(package) is None:
-        raise UserError(f"logger={package} needs the package {package}; pip install -e '.[{package}]'")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,8 @@ import numpy as np
 import yaml  # type: ignore[import-untyped,unused-ignore]
 from PIL import Image
 
-from brushexp.plugins.logger.base import Logger, Run, check_installed
+from brushexp.errors import UserError
+from brushexp.plugins.logger.base import Logger, Run
 from brushexp.registry import register
 
 if TYPE_CHECKING:
@@ -30,7 +32,8 @@ class TensorBoard(Logger):
     """
 
     def __init__(self) -> None:
-        check_installed("tensorboard")
+        if find_spec("tensorboard") is None:
+            raise UserError("logger=tensorboard needs the package tensorboard; pip install -e '.[tensorboard]'")
         self._curves: TensorBoardLogger | None = None
 
     def open(self, run: Run) -> LightningLogger:
@@ -46,9 +49,9 @@ class TensorBoard(Logger):
             return
         writer = self._curves.experiment
         for step, jpeg in run.frames.items():
-            writer.add_image("frames", pixels(io.BytesIO(jpeg)), step, dataformats="HWC")
+            writer.add_image("frames", picture_bytes(io.BytesIO(jpeg)), step, dataformats="HWC")
         for name, path in run.pictures.items():
-            writer.add_image(name, pixels(path), run.step, dataformats="HWC")
+            writer.add_image(name, picture_bytes(path), run.step, dataformats="HWC")
         if run.metrics:
             writer.add_text("metrics", as_table(run.metrics), run.step)
             final = {f"final/{name}": value for name, value in run.numbers.items()}
@@ -57,7 +60,7 @@ class TensorBoard(Logger):
             writer.add_text("files", as_table(run.files), run.step)
 
 
-def pixels(picture: Path | io.BytesIO) -> np.ndarray:
+def picture_bytes(picture: Path | io.BytesIO) -> np.ndarray:
     """Bytes (H, W, 3) of a picture file."""
     with Image.open(picture) as image:
         return np.asarray(image.convert("RGB"))

@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 from PIL import Image
 
 from brushexp.errors import UserError
-from brushexp.plugins.logger.base import Logger, Run, check_installed
+from brushexp.plugins.logger.base import Logger, Run
 from brushexp.registry import register
 
 if TYPE_CHECKING:
@@ -71,7 +71,6 @@ class WeightsAndBiases(Logger):
         group: str | None = None,
         tags: list[str] = [],  # noqa: B006
     ) -> None:
-        check_installed("wandb")
         for key, value in HABITS.items():
             os.environ.setdefault(key, value)
         if mode is Mode.online and not is_logged_in():

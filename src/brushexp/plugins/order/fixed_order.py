@@ -9,7 +9,7 @@ from brushexp.strokes.catalogue import Strokes
 
 
 @register("order", "fixed")
-class Fixed(Order):
+class FixedOrder(Order):
     """As the strokes come: the last one of the catalogue on top."""
 
     def __init__(self) -> None:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 @register("logger", "csv")
-class Csv(Logger):
+class CsvCurves(Logger):
     """``curves/metrics.csv`` in the run's folder: losses and PSNR by step."""
 
     def __init__(self) -> None: ...
