@@ -259,34 +259,25 @@ def test_help_lists_every_plugin_in_one_line(tmp_path):
         assert any(line.strip().startswith(f"{name} ") for line in result.stdout.splitlines()), name
 
 
-REFUSED = {
+REFUSED = {  # by each part of the program in turn; tests/test_mistakes.py has the others
+    "nothing.png": "image=nothing.png",
+    "image=chelsea stepz=3": "nearest first: steps",
+    "image=chelsea steps=-1": "try steps=0",
     "image=nothing.png": "image=nothing.png",
-    "strokes=0": "set strokes to 1 or more",
-    "strokes=-3": "set strokes to 1 or more",
-    "strokes=99999": "is more than the 32 x 48 picture has pixels",
-    "steps=-1": "set steps to 0 or more",
-    "steps=many": "steps=many is not of type int",
-    "warm_start=nope": "choose auto, null or one of analytic",
-    "finish_steps=-1": "set finish_steps to 0 or more",
-    "loss=[]": "try loss=mse",
-    "loss=[mse] +loss=kl": "name them all",
-    "loss=[mse] ++loss.kl.weight=3": r"loss.kl is tuned but not chosen",
-    "loss=[nope]": "choose from: brushwork, curvature, direction",
-    "init=nope": "Available options in 'init'",
-    "renderer.sof=2": "its options: soft, taper",
-    "renderer.soft=wide": "could not be converted to Float",
-    "nonsense=1": "the keys are",
-    "device=cuda:7": "CUDA devices; use device=cpu",
-    "catalogue=nothing.h5": "nothing.h5",
-    "background=pinkish": "background=pinkish",
+    "image=chelsea strokes=999999": "picture has pixels",
+    "image=chelsea device=cuda:7": "CUDA devices; use device=cpu",
+    "image=chelsea catalogue=nothing.h5": "nothing.h5",
+    "image=chelsea background=pinkish": "background=pinkish",
     "resume=nowhere": "give the folder of an interrupted run",
+    "-m image=chelsea steps=5,abc": "steps=abc is not a whole number",
+    "-m image=chelsea steps=5,-3": "job 1 of the sweep",
 }
 
 
 @pytest.mark.parametrize("overrides", REFUSED)
 def test_bad_input_ends_in_one_clear_line(overrides, tmp_path):
     # With a request that cannot be met nothing may be left but the log and the settings.
-    result = run(*SMALL[:2], *overrides.split(), f"output={tmp_path}/a", cwd=tmp_path)
+    result = run(*overrides.split(), f"output={tmp_path}/a", cwd=tmp_path)
     assert result.returncode == 1
     lines = [line for line in (result.stdout + result.stderr).splitlines() if line.strip()]
     assert len(lines) == 1, lines

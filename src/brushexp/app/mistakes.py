@@ -15,7 +15,7 @@ from omegaconf.errors import OmegaConfBaseException
 from brushexp.app.schema import TASKS, groups_of, keys_of
 from brushexp.registry import MULTI_SELECT, Plugin, plugins
 
-KINDS = {"Integer": "a whole number", "Float": "a number", "Boolean": "true or false"}
+KINDS = {"Integer": "a whole number", "Float": "a number", "bool": "true or false"}
 
 
 def explanation(error: BaseException, conf: Path, arguments: list[str]) -> str:
@@ -142,7 +142,7 @@ def wrong_type(text: str, task: str) -> str | None:
     default = key.default if key else default_of(path)
     meaning = f" ({key.meaning})" if key else ""
     proposal = "null" if default is None else str(default).lower() if isinstance(default, bool) else default
-    if found := re.search(r"Value '(.*?)' of type '\w+' could not be converted to (\w+)", text):
+    if found := re.search(r"Value '(.*?)' (?:of type '\w+' could not be converted to|is not a valid) (\w+)", text):
         kind = KINDS.get(found[2], found[2])
         return f"{path}={found[1]} is not {kind}; try {path}={proposal}{meaning}"
     if re.search(r"is not Optional|Incompatible value 'None'", text):

@@ -1,0 +1,154 @@
+"""Every mistake on the command line ends in one line: what is wrong, and what to type instead."""
+
+from pathlib import Path
+
+import pytest
+from hydra.errors import CompactHydraException
+from omegaconf.errors import OmegaConfBaseException
+
+from brushexp.app.command_line import in_full
+from brushexp.app.composition import check
+from brushexp.app.help import help_text
+from brushexp.app.mistakes import explanation
+from brushexp.app.schema import TASKS, keys_of, kind_of
+from brushexp.bounds import Bounds, at_least, between, bounds_of, more_than, multiple_of, one_of
+from brushexp.errors import UserError
+
+ROOT = Path(__file__).parents[1]
+MISTAKES = {
+    # words, keys and choices
+    "photo.jpg": "photo.jpg is no key=value; to paint a picture: image=photo.jpg",
+    "outputs/x/catalogue.h5": "to look at a painting: task=view catalogue=outputs/x/catalogue.h5",
+    "tests": "to look at a run or sweep: task=view catalogue=tests",
+    "export": "export is no key=value; type task=export",
+    "nonsense": "--help lists the keys",
+    "stepz=3": "stepz is no key of task=paint; nearest first: steps, ",
+    "n=3": "It is one of task=simulate, task=evaluate, task=prune",
+    "task=export catalogue=a.h5 steps=3": "steps is no key of task=export; nearest first: ",
+    "experiment=renderer_noise steps=3": "steps is no key of task=train",
+    "style.imag=a.jpg": "style.imag is no key of task=paint; nearest first: style.image, ",
+    "+foo=1": "foo is not a key of task=paint",
+    "task=pant": "task=pant is not there; choose one of paint, ",
+    "init=grd": "init=grd is not there; choose one of grid, ",
+    "loss=[ms]": "loss=ms is not there; choose one of mse, ",
+    "task=train init=slic": "task=train has no init; it takes renderer, engine, ",
+    # options of plugins
+    "renderer.sof=2": "renderer.sof is no option of renderer=analytic; its options, nearest first: soft, taper",
+    "order=fixed order.every=2": "order.every is no option of order=fixed; it has none",
+    "renderer.checkpoint=a": "'renderer=analytic','renderer=dual renderer.checkpoint=...'",
+    "loss.kl.weight=3": "loss.kl is tuned but not chosen; add kl to the list, 'loss=[kl,...]'",
+    "loss.ms.weight=3": "loss.ms is tuned but not chosen; there are: mse, ",
+    "loss=[mse] ++loss.kl.weight=3": "loss.kl is tuned but not chosen (chosen: mse); add it with 'loss=[mse,kl]'",
+    "loss=[mse] +loss=kl": "name them all: 'loss=[mse,...]'",
+    "loss=[]": "no loss is chosen, so there is nothing to optimise; try loss=mse",
+    "task=export catalogue=a.h5 to=[]": "to=[] writes nothing; choose one or more of ",
+    # types and bounds
+    "steps=many": "steps=many is not a whole number; try steps=500 (gradient steps",
+    "steps=null": "steps=null, but steps must have a value; try steps=500",
+    "report=perhaps": "report=perhaps is not true or false; try report=true",
+    "renderer.soft=wide": "renderer.soft=wide is not a number; try renderer.soft=2.0",
+    "blend.kernel=fast": "blend.kernel=fast is not there; choose one of ",
+    "optimizer.options=3": "optimizer.options",
+    "steps=-1": "steps=-1 is not at least 0; try steps=0",
+    "strokes=0": "strokes=0 is not at least 1; try strokes=1",
+    "seconds=inf": "seconds=inf is not at least 0",
+    "timelapse=mp5": "timelapse=mp5 is not one of mp4, gif, both; try timelapse=mp4",
+    "task=prune ratios=0,2": "ratios=2 is not 0 to 1; try ratios=1",
+    "task=analyse catalogue=a.h5 visible=2": "visible=2 is not 0 to 1; try visible=1",
+    "loss.mse.weight=-1": "loss.mse.weight=-1 is not at least 0; try loss.mse.weight=0",
+    "style.content=-1": "style.content=-1 is not at least 0",
+    "warm_start=nope": "warm_start=nope is not a renderer; choose auto, null or one of analytic",
+    "task=export": "task=export needs catalogue: catalogue.h5 of a run",
+    "image=a'b.jpg strokes='": "must stand in quotes",
+}
+
+
+def explained(config, overrides: str) -> str:
+    """What the program would print."""
+    words = overrides.split(" ")
+    with pytest.raises((UserError, CompactHydraException, OmegaConfBaseException)) as caught:
+        check(config(*words), words)
+    return explanation(caught.value, ROOT / "conf", words)
+
+
+@pytest.mark.parametrize("overrides", MISTAKES)
+def test_a_mistake_is_told_with_what_to_type_instead(config, overrides, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    said = explained(config, overrides)
+    assert MISTAKES[overrides] in said
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("to=svg,json", "to=[svg,json]"),
+        ("logger=csv", "logger=[csv]"),
+        ("ratios=0,0.5", "ratios=[0,0.5]"),
+        ("data=a b.h5", "data=[a b.h5]"),
+        ("data=a&b.h5,c.h5", 'data=["a&b.h5",c.h5]'),
+        ("data=[a.h5]", "data=[a.h5]"),
+        ("data=null", "data=null"),
+        ("-m data=a,b", "-m data=[a],[b]"),
+        ("-m to=svg,json", "-m to=svg,json"),
+        ("light=315,45", "to.relief.light=[315,45]"),
+        ("image=grün.jpg", 'image="grün.jpg"'),
+        ("--config-dir mine steps=3", "--config-dir mine steps=3"),
+    ],
+)
+def test_short_forms_are_written_out(typed, meant):
+    assert in_full(typed.split(" ") if typed.startswith("-") else [typed]) == (
+        meant.split(" ") if typed.startswith("-") else [meant]
+    )
+
+
+@pytest.mark.parametrize(
+    ("bounds", "fine", "wrong", "message"),
+    [
+        (at_least(1), [1, 7], 0, "x=0 is not at least 1; try x=1"),
+        (between(0, 1), [0, 0.5, 1.0, None], 1.5, "x=1.5 is not 0 to 1; try x=1"),
+        (more_than(0), [1e-9, 5], 0.0, "x=0 is not above 0; try x=3"),
+        (more_than(0, 10), [10], 11, "x=11 is not above 0 and at most 10; try x=10"),
+        (Bounds(high=5), [-3, 5], 6, "x=6 is not at most 5; try x=5"),
+        (multiple_of(16, 64), [16, 64], 40, "x=40 is not a multiple of 16, 16 to 64; try x=32"),
+        (multiple_of(16), [16, 640], 3, "x=3 is not a multiple of 16, at least 16; try x=16"),
+        (one_of("red", "green"), ["red"], "gren", "x=gren is not one of red, green; try x=green"),
+        (at_least(0), [0.0], float("nan"), "x=nan is not at least 0; try x=3"),
+        (between(0, 9), [[], [0, 9], {"a": 3}], [3, -1], "x=-1 is not 0 to 9; try x=0"),
+        (between(0, 9), [], {"a": 10}, "x=10 is not 0 to 9; try x=9"),
+        (between(0, 9), [], float("inf"), "x=inf is not 0 to 9; try x=3"),
+    ],
+)
+def test_bounds_hold_and_propose_the_nearest_value(bounds, fine, wrong, message):
+    for value in fine:
+        bounds.check("x", value)
+    with pytest.raises(UserError) as caught:
+        bounds.check("x", wrong, 3)
+    assert str(caught.value).startswith(message)
+
+
+def test_a_type_without_bounds_has_none():
+    assert bounds_of(dict[str, int | None]) is None
+    assert kind_of(dict[str, float]) == "dict"
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_every_key_is_documented_and_its_default_is_within_its_bounds(task):
+    for name, key in keys_of(TASKS[task]).items():
+        assert 3 <= len(key.meaning) <= 110, name
+        assert key.type, name
+        if key.bounds is not None and key.default != "???":
+            key.bounds.check(name, key.default)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_help_has_every_key_with_its_value_and_meaning(task):
+    from hydra import compose, initialize_config_dir  # noqa: PLC0415
+
+    with initialize_config_dir(version_base="1.3", config_dir=str(ROOT / "conf")):
+        cfg = compose("config", overrides=[f"task={task}", "seed=77"], return_hydra_config=True)
+    text = help_text(cfg, [ROOT / "conf"])
+    assert "  seed=77 " in text
+    for name, key in keys_of(TASKS[task]).items():
+        assert f"  {name}=" in text
+        assert " ".join(key.meaning.split()) in " ".join(text.split())
