@@ -13,7 +13,6 @@ ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "brushexp"
 LIBRARIES = {"pictures", "strokes", "features", "compositing", "shading", "system"}  # what plugins are made of
 TOOLS = {"registry", "errors", "bounds"}
-WEIGHTS = "plugins.renderer.weights_file"  # what a network as a renderer saves and loads its weights with
 # Public names and file stems that still stand twice; both must become empty.
 NAMES_TWICE: set[str] = {
     "Cell", "Checkpoints", "Grid", "Kernel", "Patches", "Plan",
@@ -73,7 +72,7 @@ def plugin_files() -> list[Path]:
 
 @pytest.mark.parametrize("path", plugin_files(), ids=lambda path: f"{path.parent.name}/{path.stem}")
 def test_plugins_know_libraries_and_contracts_only(path):
-    contracts = {f"plugins.{PACKAGES.get(family, family)}.base" for family in FAMILIES} | {WEIGHTS}
+    contracts = {f"plugins.{PACKAGES.get(family, family)}.base" for family in FAMILIES}
     for module in imports(path):
         package = module.partition(".")[0]
         own = module.startswith(f"plugins.{path.parent.name}.")
