@@ -15,18 +15,14 @@ LIBRARIES = {"pictures", "strokes", "features", "compositing", "shading", "syste
 TOOLS = {"registry", "errors", "bounds"}
 # Public names and file stems that still stand twice; both must become empty.
 NAMES_TWICE: set[str] = {
-    "Cell", "Checkpoints", "Grid", "Kernel", "Patches", "Plan",
-    "ProgressBar", "Run", "Scene", "Training", "as_csv", "as_markdown",
-    "backward", "counts", "curve_of", "curves_of", "distance_of", "draw",
-    "effl0_distance", "finish", "first_strokes", "fit", "forward", "frozen",
-    "in_words", "judge", "largest_side", "lines", "means", "measures_of",
-    "nearest", "number", "palette", "places", "plain", "save",
-    "settings_of", "shares_of", "shown", "shrunk", "summary", "training_of",
-    "write_sheet",
+    "Checkpoints", "Plan", "ProgressBar", "Run", "Training", "as_csv", "as_markdown",
+    "counted", "direction_of", "draw", "effl0_distance", "finish", "first_strokes", "fit",
+    "frozen", "in_words", "judge", "lines", "shown", "training_of", "write_tables",
 }  # fmt: skip
-STEMS_TWICE: set[str] = set(
-    ["anytime", "brushwork", "curves", "discriminator", "drawing", "palette", "process", "progress", "relief", "tables"]
-)
+STEMS_TWICE: set[str] = {
+    "anytime", "brushwork", "discriminator", "drawing", "process", "progress", "statistics",
+    "tables",
+}  # fmt: skip
 TASKS_IMPORTED = {"app.tasks.evaluate", "app.tasks.train", "app.tasks.export"}  # by other tasks; to become empty too
 
 

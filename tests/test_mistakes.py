@@ -11,7 +11,7 @@ from brushexp.app.composition import check
 from brushexp.app.help import help_text
 from brushexp.app.mistakes import explanation
 from brushexp.app.schema import TASKS, keys_of, kind_of
-from brushexp.bounds import Bounds, at_least, between, bounds_of, more_than, multiple_of, one_of
+from brushexp.bounds import Bounds, above, at_least, between, bounds_of, multiple_of, one_of
 from brushexp.errors import UserError
 
 ROOT = Path(__file__).parents[1]
@@ -107,8 +107,8 @@ def test_short_forms_are_written_out(typed, meant):
     [
         (at_least(1), [1, 7], 0, "x=0 is not at least 1; try x=1"),
         (between(0, 1), [0, 0.5, 1.0, None], 1.5, "x=1.5 is not 0 to 1; try x=1"),
-        (more_than(0), [1e-9, 5], 0.0, "x=0 is not above 0; try x=3"),
-        (more_than(0, 10), [10], 11, "x=11 is not above 0 and at most 10; try x=10"),
+        (above(0), [1e-9, 5], 0.0, "x=0 is not above 0; try x=3"),
+        (above(0, 10), [10], 11, "x=11 is not above 0 and at most 10; try x=10"),
         (Bounds(high=5), [-3, 5], 6, "x=6 is not at most 5; try x=5"),
         (multiple_of(16, 64), [16, 64], 40, "x=40 is not a multiple of 16, 16 to 64; try x=32"),
         (multiple_of(16), [16, 640], 3, "x=3 is not a multiple of 16, at least 16; try x=16"),

@@ -85,7 +85,7 @@ def at_least(low: float) -> Bounds:
     return Bounds(low)
 
 
-def more_than(low: float, high: float = math.inf) -> Bounds:
+def above(low: float, high: float = math.inf) -> Bounds:
     """More than ``low``, at most ``high``."""
     return Bounds(low, high, above=True)
 

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Union, get_args, get_origin, get_type_hints
 from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, OmegaConf
 
-from brushexp.bounds import Bounds, at_least, between, more_than, one_of
+from brushexp.bounds import Bounds, above, at_least, between, one_of
 from brushexp.registry import MULTI_SELECT
 
 LARGEST_SEED = 2**32 - 1  # of NumPy's generator
@@ -118,7 +118,7 @@ class PaintTask(Task):
     frame_side: int = key(720, "their longer side in pixels", at_least(2))
     timelapse: str = key("mp4", "format of the timelapse: mp4, gif, or both", one_of("mp4", "gif", "both"))
     timelapse_seconds: float | None = key(
-        None, "how long its pictures take; null = 15 a second; the painting then stays for 1.5 s", more_than(0)
+        None, "how long its pictures take; null = 15 a second; the painting then stays for 1.5 s", above(0)
     )
     report: bool = key(True, "report.html: the run on one page, with a replay of the painting")
     focus: str | None = key(None, "what matters most: auto (found in the picture) or a mask, the brighter the more")

@@ -60,7 +60,7 @@ class Relief(Exporter):
         relief, heights, normals = (folder / name for name in names)
         write_picture(relief, self.lit(work, height))  # one after the other: large pictures are large in memory
         white = self.depth * float(height.max())
-        log.info("%s: white is %s", heights, above(white, work.size))
+        log.info("%s: white is %s", heights, height_of_white(white, work.size))
         write_bytes(heights, encoded(levels_of(height), white, work.size))
         write_picture(normals, normal_map(height, self.depth))
         return [relief, heights, normals]
@@ -97,7 +97,7 @@ def levels_of(height: np.ndarray) -> np.ndarray:
     return levels
 
 
-def above(white: float, size: tuple[int, int]) -> str:
+def height_of_white(white: float, size: tuple[int, int]) -> str:
     """How high ``white`` pixels are, in words."""
     share = 100 * white / max(size)
     return f"{white:.6g} pixels above the bare canvas, {share:.4g} % of the longer side ({size[1]} x {size[0]} pixels)"
@@ -106,7 +106,9 @@ def above(white: float, size: tuple[int, int]) -> str:
 def encoded(levels: np.ndarray, white: float, size: tuple[int, int]) -> bytes:
     """A PNG of levels (H, W) in 16 bits, with their scale in its texts."""
     texts = PngInfo()
-    texts.add_text("Description", f"height of the paint: 0 is the bare canvas, {WHITE} is {above(white, size)}")
+    texts.add_text(
+        "Description", f"height of the paint: 0 is the bare canvas, {WHITE} is {height_of_white(white, size)}"
+    )
     texts.add_text("HeightOfWhite", f"{white:.9g}")
     file = io.BytesIO()
     Image.fromarray(levels).save(file, format="PNG", pnginfo=texts)
