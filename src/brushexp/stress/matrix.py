@@ -2,32 +2,26 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build_named, plugins
-from brushexp.stress.drawing import Reference, draw_cell, most_for
-from brushexp.stress.painting import exercises, paint_cell
+from brushexp.stress.check import DTYPES, Check
+from brushexp.stress.painting import check_painting, exercises
+from brushexp.stress.reference import Reference, check_drawing, most_strokes
 from brushexp.stress.scenes import SCENES
-from brushexp.stress.verdict import DTYPES, Judgement
 
-DRAWN, PAINTED = "one picture", "many steps"
+ONE_PICTURE, MANY_STEPS = "one picture", "many steps"
 KINDS = {
-    DRAWN: "A picture and the gradient of its mean squared error, against float64.",
-    PAINTED: "Strokes after steps of Adam: whether they are finite and in range, and their picture against float64.",
+    ONE_PICTURE: "A picture and the gradient of its mean squared error, against float64.",
+    MANY_STEPS: "Strokes after steps of Adam: whether they are finite and in range, and their picture against float64.",
 }
 
 
 @dataclass(frozen=True)
-class Choice:
-    """What is examined.
-
-    Attributes:
-        renderers: names.
-        blends: names.
-        dtypes: names of `verdict.DTYPES`.
-        scenes: names of scenes and exercises.
-    """
+class MatrixAxes:
+    """What is examined, by name; ``dtypes`` are those of `check.DTYPES`, ``scenes`` scenes and exercises."""
 
     renderers: Sequence[str]
     blends: Sequence[str]
@@ -36,24 +30,15 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Cell:
-    """One of the matrix.
-
-    Attributes:
-        kind: of `KINDS`.
-        scene: name.
-        renderer: name.
-        blend: name.
-        dtype: name.
-        judgement: what became of it.
-    """
+class MatrixCell:
+    """A renderer, a blend and a precision on a scene, and what became of it; ``kind`` is one of `KINDS`."""
 
     kind: str
     scene: str
     renderer: str
     blend: str
     dtype: str
-    judgement: Judgement
+    check: Check
 
     @property
     def name(self) -> str:
@@ -61,18 +46,18 @@ class Cell:
         return f"{self.scene} ({self.kind}, renderer={self.renderer}, blend={self.blend}, {self.dtype})"
 
 
-def choice_of(
+def axes_of(
     renderers: Sequence[str] | None,
     blends: Sequence[str] | None,
     dtypes: Sequence[str] | None,
     scenes: Sequence[str] | None,
-) -> Choice:
+) -> MatrixAxes:
     """What these names choose; None means all that there are, plugins of the user among them.
 
     Raises:
         UserError: if there is nothing of a name.
     """
-    return Choice(
+    return MatrixAxes(
         _known("renderers", renderers, [plugin.name for plugin in plugins("renderer")]),
         _known("blends", blends, [plugin.name for plugin in plugins("blend")]),
         _known("dtypes", dtypes, list(DTYPES)),
@@ -80,31 +65,30 @@ def choice_of(
     )
 
 
-def count(choice: Choice) -> int:
-    """Cells of the matrix."""
-    scenes = sum((name in SCENES) + (name in exercises()) for name in choice.scenes)
-    return scenes * len(choice.renderers) * len(choice.blends) * len(choice.dtypes)
+def cells_in(axes: MatrixAxes) -> int:
+    """How many cells the matrix has."""
+    scenes = sum((name in SCENES) + (name in exercises()) for name in axes.scenes)
+    return scenes * len(axes.renderers) * len(axes.blends) * len(axes.dtypes)
 
 
-def examine(choice: Choice, patience: float) -> Iterator[Cell]:
-    """Go through the matrix; ``patience`` is what `paint_cell` takes."""
-    blends = {name: build_named("blend", name, {}) for name in choice.blends}
-    for name in choice.renderers:
-        renderer = frozen(name)
-        for scene in choice.scenes:
-            if scene in SCENES:
-                reference = Reference(renderer, SCENES[scene](most_for(renderer)))
-                for blend, dtype in ((b, d) for b in blends for d in choice.dtypes):
-                    found = draw_cell(renderer, blends[blend], reference, dtype)
-                    yield Cell(DRAWN, scene, name, blend, dtype, found)
+def examine(axes: MatrixAxes, patience: float) -> Iterator[MatrixCell]:
+    """Go through the matrix; ``patience`` is what `check_painting` takes."""
+    blends = {name: build_named("blend", name, {}) for name in axes.blends}
+    pairs = list(product(axes.blends, axes.dtypes))
+    for name in axes.renderers:
+        renderer = frozen_renderer(name)
+        for scene in (scene for scene in axes.scenes if scene in SCENES):
+            reference = Reference(renderer, SCENES[scene].scene(most_strokes(renderer)))
+            for blend, dtype in pairs:
+                found = check_drawing(renderer, blends[blend], reference, dtype)
+                yield MatrixCell(ONE_PICTURE, scene, name, blend, dtype, found)
         for scene, exercise in exercises().items():
-            if scene in choice.scenes:
-                for blend, dtype in ((b, d) for b in blends for d in choice.dtypes):
-                    found = paint_cell(name, renderer, blends[blend], dtype, exercise, patience)
-                    yield Cell(PAINTED, scene, name, blend, dtype, found)
+            for blend, dtype in pairs if scene in axes.scenes else ():
+                found = check_painting(name, renderer, blends[blend], dtype, exercise, patience)
+                yield MatrixCell(MANY_STEPS, scene, name, blend, dtype, found)
 
 
-def frozen(name: str) -> Renderer:
+def frozen_renderer(name: str) -> Renderer:
     """A renderer as painting uses it, with its default options."""
     renderer: Renderer = build_named("renderer", name, {})
     return renderer.eval().requires_grad_(False)

@@ -18,9 +18,9 @@ from brushexp.plugins.optimizer.torch_optim import TorchOptim
 from brushexp.plugins.order.area import Area
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.whole import Whole
-from brushexp.stress.drawing import CRASHES, Reference, broken_by
-from brushexp.stress.scenes import BACKGROUND, TARGETS, Scene, random_strokes, random_target
-from brushexp.stress.verdict import DTYPES, Judgement, Verdict, fault_of, judge
+from brushexp.stress.check import DTYPES, Check, Drawing, compare, range_fault
+from brushexp.stress.reference import CRASHES, Reference, check_of_error
+from brushexp.stress.scenes import BACKGROUND, TARGETS, StressScene, random_strokes, random_target
 from brushexp.strokes.catalogue import Catalogue
 
 CANVAS, STROKES, FEW = (16, 25), 8, 3  # strokes; and of a renderer that is slow
@@ -46,21 +46,17 @@ class Exercise:
 
 def exercises() -> dict[str, Exercise]:
     """All of them."""
-    rows, columns = CANVAS
-    targets = {name: scene(0).target[:, :rows, :columns] for name, scene in TARGETS.items()}
-    targets["target: one bright pixel"] = torch.zeros(3, rows, columns)
-    targets["target: one bright pixel"][:, rows // 2, columns // 2] = 1
     return {
         "learning rate x 100": Exercise(random_target(CANVAS), 2 * SHORT, 100 * USUAL),
         "10,000 steps": Exercise(random_target(CANVAS), LONG),
-        **{name: Exercise(target) for name, target in targets.items()},
+        **{name: Exercise(target(CANVAS)) for name, target in TARGETS.items()},
     }
 
 
-def paint_cell(
+def check_painting(
     name: str, renderer: Renderer, blend: Blend, dtype: str, exercise: Exercise, patience: float
-) -> Judgement:
-    """Optimise a few strokes, and judge what they are in the end: finite, in range, and painted as in float64.
+) -> Check:
+    """Optimise a few strokes, and check what they are in the end: finite, in range, and painted as in float64.
 
     Args:
         name: of the renderer.
@@ -73,25 +69,21 @@ def paint_cell(
     """
     kind = DTYPES[dtype]
     if kind is torch.float64:
-        renderer = Reference(renderer, Scene(random_strokes(0, CANVAS), exercise.target, 0)).renderer
+        renderer = Reference(renderer, StressScene(random_strokes(0, CANVAS), exercise.target, 0)).renderer
     try:
         painter = painter_of(name, renderer, blend, kind, exercise)
         before = psnr_of(float((painter.picture() - painter.target).square().mean()))
         take_steps(painter, patience if exercise.steps >= LONG else 0.1 * patience)
         picture = painter.picture()
         strokes = painter.catalogue().map(Tensor.detach)
-        reference = Reference(renderer, Scene(strokes, exercise.target, len(strokes), painter.front_to_back))
+        reference = Reference(renderer, StressScene(strokes, exercise.target, len(strokes), painter.front_to_back))
         exact = reference.by(blend, dtype)
-    except UserError as error:
-        return Judgement(Verdict.refused, note=str(error))
-    except CRASHES as error:
-        return broken_by(error)
+    except (UserError, *CRASHES) as error:
+        return check_of_error(error)
     after = psnr_of(float((picture - painter.target).square().mean()))
     fewer = f"{painter.step} of {exercise.steps:,} steps, " if painter.step < exercise.steps else ""
-    return judge(
-        dtype, picture, exact.image, {}, {}, strokes=strokes, pull=0.0, faults=fault_of(strokes),
-        note=f"{fewer}{before:.1f} to {after:.1f} dB",
-    )  # fmt: skip
+    drawn = Drawing(picture, {}, fault=range_fault(strokes))
+    return compare(dtype, drawn, exact, strokes, f"{fewer}{before:.1f} to {after:.1f} dB")
 
 
 def painter_of(name: str, renderer: Renderer, blend: Blend, dtype: torch.dtype, exercise: Exercise) -> Painter:

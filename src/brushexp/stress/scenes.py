@@ -1,7 +1,6 @@
 """Extreme scenes: strokes, a canvas and a target each, from empty to absurd.
 
-A scene is a plain function of the most strokes that are worth waiting for, because a network draws a thousand times
-more slowly than a formula. Everything is random with a fixed seed, in float32, and within `strokes.catalogue.FIELDS`.
+Everything is random with a fixed seed, in float32, and within `strokes.catalogue.FIELDS`.
 """
 
 import math
@@ -10,16 +9,19 @@ from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
+from torch.nn.functional import normalize
 
 from brushexp.strokes.catalogue import FAR, Strokes
 
 CANVAS = (24, 37)  # height and width, unless a scene is about them; not a multiple of a tile, and not square
-MANY, SEVERAL = 50_000, 16  # strokes
+SEVERAL = 16  # strokes of most scenes
 BACKGROUND = (0.2, 0.5, 0.9)
+
+Changes = dict[str, Tensor]  # field of strokes -> values
 
 
 @dataclass(frozen=True)
-class Scene:
+class StressScene:
     """What is drawn and compared.
 
     Attributes:
@@ -67,172 +69,113 @@ def random_target(size: tuple[int, int]) -> Tensor:
     return _uniform(1)(3, *size)
 
 
-def ordinary(most: int) -> Scene:
-    """Nothing extreme, for comparison."""
-    return _scene(random_strokes(min(most, SEVERAL), CANVAS), SEVERAL)
+def checkerboard(size: tuple[int, int]) -> Tensor:
+    """Black and white pixels by turns (3, H, W)."""
+    rows, columns = torch.arange(size[0])[:, None], torch.arange(size[1])
+    return ((rows + columns) % 2).float().expand(3, *size).clone()
 
 
-def no_strokes(most: int) -> Scene:
-    """A bare canvas."""
-    return _scene(random_strokes(0, CANVAS), 0)
+def one_bright_pixel(size: tuple[int, int]) -> Tensor:
+    """Black but for one white pixel in the middle (3, H, W)."""
+    target = torch.zeros(3, *size)
+    target[:, size[0] // 2, size[1] // 2] = 1
+    return target
 
 
-def one_stroke(most: int) -> Scene:
-    """A single one in the middle."""
-    strokes = random_strokes(1, CANVAS, scale=(20.0, 24.0))
-    return _scene(replace(strokes, position=torch.tensor([[18.0, 12.0]])), 1)
+@dataclass(frozen=True)
+class Recipe:
+    """Random strokes, and what is extreme about them.
+
+    Attributes:
+        change: strokes -> fields that are replaced.
+        wanted: how many strokes.
+        canvas: height and width.
+        spread: height and width over which strokes are spread; None means the canvas.
+        scale: smallest and largest window, pixels.
+        target: size -> picture.
+    """
+
+    change: Callable[[Strokes], Changes] = lambda strokes: {}
+    wanted: int = SEVERAL
+    canvas: tuple[int, int] = CANVAS
+    spread: tuple[int, int] | None = None
+    scale: tuple[float, float] = (8.0, 24.0)
+    target: Callable[[tuple[int, int]], Tensor] = random_target
+
+    def scene(self, most: int) -> StressScene:
+        """The scene with at most so many strokes: a network draws a thousand times more slowly than a formula."""
+        strokes = random_strokes(min(most, self.wanted), self.spread or self.canvas, scale=self.scale)
+        return StressScene(replace(strokes, **self.change(strokes)), self.target(self.canvas), self.wanted)
 
 
-def many_on_one_pixel(most: int) -> Scene:
-    """50,000 small strokes within a pixel of a canvas of 2 x 3, so faint that the lowest is still seen."""
-    n = min(most, MANY)
-    strokes, draw = random_strokes(n, (1, 1), scale=(2.0, 6.0)), _uniform(2)
-    place = torch.tensor([1.0, 0.0]) + draw(n, 2)
-    return _scene(replace(strokes, position=place, opacity=min(1, 10 / n) * draw(n)), MANY, (2, 3))
+def _on_one_pixel(strokes: Strokes) -> Changes:
+    """Within a pixel of a canvas of 2 x 3, so faint that the lowest stroke is still seen."""
+    n, draw = len(strokes), _uniform(2)
+    return {"position": torch.tensor([1.0, 0.0]) + draw(n, 2), "opacity": min(1, 10 / n) * draw(n)}
 
 
-def coincident(most: int) -> Scene:
-    """200 times the same stroke, in other colours."""
-    n = min(most, 200)
-    strokes = random_strokes(n, CANVAS)
-    one = random_strokes(1, CANVAS, scale=(20.0, 24.0)).map(lambda value: value.expand(n, *value.shape[1:]).clone())
-    one = replace(one, position=torch.tensor([18.0, 12.0]).expand(n, 2).clone())
-    return _scene(replace(one, color=strokes.color, opacity=0.1 * strokes.opacity), 200)
+def _coincident(strokes: Strokes) -> Changes:
+    """The same stroke again and again, in other colours."""
+    n, one = len(strokes), random_strokes(1, CANVAS, scale=(20.0, 24.0))
+    same = {name: value.expand(n, *value.shape[1:]).clone() for name, value in one.items()}
+    middle = torch.tensor([18.0, 12.0]).expand(n, 2).clone()
+    return same | {"position": middle, "color": strokes.color, "opacity": 0.1 * strokes.opacity}
 
 
-def transparent(most: int) -> Scene:
-    """All of opacity 0."""
-    strokes = random_strokes(min(most, SEVERAL), CANVAS)
-    return _scene(replace(strokes, opacity=torch.zeros_like(strokes.opacity)), SEVERAL)
-
-
-def opaque(most: int) -> Scene:
-    """All of opacity 1."""
-    strokes = random_strokes(min(most, SEVERAL), CANVAS)
-    return _scene(replace(strokes, opacity=torch.ones_like(strokes.opacity)), SEVERAL)
-
-
-def length_0(most: int) -> Scene:
-    """Curves that are points."""
-    strokes = random_strokes(min(most, SEVERAL), CANVAS)
-    return _scene(replace(strokes, control=strokes.start, end=strokes.start), SEVERAL)
-
-
-def length_10000(most: int) -> Scene:
+def _long(strokes: Strokes) -> Changes:
     """10,000 px long and as thick as usual, across the canvas."""
-    strokes, side = random_strokes(min(most, SEVERAL), CANVAS), 1e4 / 1.4
-    way = 0.7 * torch.nn.functional.normalize(strokes.end)
-    return _scene(
-        replace(
-            strokes, scale=torch.full_like(strokes.scale, side), start=-way, end=way,
-            control=1e-2 * strokes.control, width=3 / side * (1 + strokes.opacity),
-        ),
-        SEVERAL,
-    )  # fmt: skip
+    way, side = 0.7 * normalize(strokes.end), 1e4 / 1.4
+    return {
+        "scale": torch.full_like(strokes.scale, side), "start": -way, "end": way,
+        "control": 1e-2 * strokes.control, "width": 3 / side * (1 + strokes.opacity),
+    }  # fmt: skip
 
 
-def width_0(most: int) -> Scene:
-    """Of no thickness."""
-    strokes = random_strokes(min(most, SEVERAL), CANVAS)
-    return _scene(replace(strokes, width=torch.zeros_like(strokes.width)), SEVERAL)
-
-
-def width_1000(most: int) -> Scene:
+def _thick(strokes: Strokes) -> Changes:
     """1,000 px thick, with their edges across the canvas."""
-    strokes = random_strokes(min(most, SEVERAL), CANVAS, scale=(8000.0, 8000.0))
     aside = torch.tensor([0.0, 500.0]) * torch.where(strokes.opacity > 0.5, 1.0, -1.0)[:, None]
     ends = torch.tensor([0.5, 0.0]).expand_as(strokes.start)
-    return _scene(
-        replace(
-            strokes, position=strokes.position + aside, start=-ends, control=0 * ends, end=ends.clone(),
-            width=torch.full_like(strokes.width, 1000 / 8000),
-        ),
-        SEVERAL,
-    )  # fmt: skip
+    return {
+        "position": strokes.position + aside, "start": -ends, "control": 0 * ends, "end": ends.clone(),
+        "width": torch.full_like(strokes.width, 1000 / 8000),
+    }  # fmt: skip
 
 
-def far_away(most: int) -> Scene:
-    """1e6 px beside the canvas."""
-    strokes = random_strokes(min(most, SEVERAL), CANVAS)
-    return _scene(replace(strokes, position=torch.where(strokes.start > 0, FAR, -FAR)), SEVERAL)
-
-
-def far_centre(most: int) -> Scene:
+def _far_windows(strokes: Strokes) -> Changes:
     """On the canvas, but with the middle of their windows 1e6 px away, where float32 has steps of 1/16 px."""
-    strokes = random_strokes(min(most, SEVERAL), CANVAS)
-    start, control, end = (
-        (8 + 0.7 * strokes.position + 8 * value - FAR) / 1000 for value in (strokes.start, strokes.control, strokes.end)
-    )
-    return _scene(
-        replace(
-            strokes, position=torch.full_like(start, FAR), scale=torch.full_like(strokes.scale, 2000.0),
-            start=start, control=control, end=end, width=16 / 2000 * strokes.width,
-        ),
-        SEVERAL,
-    )  # fmt: skip
+    points = {
+        name: (8 + 0.7 * strokes.position + 8 * getattr(strokes, name) - FAR) / 1000
+        for name in ("start", "control", "end")
+    }
+    place, side = torch.full_like(strokes.start, FAR), torch.full_like(strokes.scale, 2000.0)
+    return points | {"position": place, "scale": side, "width": 16 / 2000 * strokes.width}
 
 
-def canvas_1(most: int) -> Scene:
-    """A canvas of one pixel."""
-    return _scene(random_strokes(min(most, SEVERAL), (1, 1)), SEVERAL, (1, 1))
-
-
-def canvas_wide(most: int) -> Scene:
-    """A canvas 8192 px wide and 64 px high."""
-    return _scene(random_strokes(min(most, 2), (64, 8192), scale=(100.0, 4000.0)), 2, (64, 8192))
-
-
-def target_black(most: int) -> Scene:
-    """Target 0 everywhere."""
-    return replace(ordinary(most), target=torch.zeros(3, *CANVAS))
-
-
-def target_white(most: int) -> Scene:
-    """Target 1 everywhere."""
-    return replace(ordinary(most), target=torch.ones(3, *CANVAS))
-
-
-def target_checkerboard(most: int) -> Scene:
-    """Black and white pixels by turns."""
-    rows, columns = torch.arange(CANVAS[0])[:, None], torch.arange(CANVAS[1])
-    return replace(ordinary(most), target=((rows + columns) % 2).float().expand(3, *CANVAS).clone())
-
-
-def target_one_pixel(most: int) -> Scene:
-    """Black but for one white pixel."""
-    target = torch.zeros(3, *CANVAS)
-    target[:, CANVAS[0] // 2, CANVAS[1] // 2] = 1
-    return replace(ordinary(most), target=target)
-
-
-TARGETS: dict[str, Callable[[int], Scene]] = {
-    "target 0": target_black,
-    "target 1": target_white,
-    "target: checkerboard of pixels": target_checkerboard,
-    "target: one bright pixel": target_one_pixel,
+TARGETS: dict[str, Callable[[tuple[int, int]], Tensor]] = {
+    "target 0": lambda size: torch.zeros(3, *size),
+    "target 1": lambda size: torch.ones(3, *size),
+    "target: checkerboard of pixels": checkerboard,
+    "target: one bright pixel": one_bright_pixel,
 }
-SCENES: dict[str, Callable[[int], Scene]] = {
-    "ordinary": ordinary,
-    "no strokes": no_strokes,
-    "one stroke": one_stroke,
-    "50,000 on one pixel": many_on_one_pixel,
-    "200 coincident": coincident,
-    "all transparent": transparent,
-    "all opaque": opaque,
-    "length 0": length_0,
-    "length 10,000 px": length_10000,
-    "width 0": width_0,
-    "width 1,000 px": width_1000,
-    "1e6 px off the canvas": far_away,
-    "windows 1e6 px away": far_centre,
-    "canvas 1 x 1": canvas_1,
-    "canvas 8192 x 64": canvas_wide,
-    **TARGETS,
-}
-
-
-def _scene(strokes: Strokes, wanted: int, size: tuple[int, int] = CANVAS) -> Scene:
-    return Scene(strokes, random_target(size), wanted)
+SCENES: dict[str, Recipe] = {
+    "ordinary": Recipe(),
+    "no strokes": Recipe(wanted=0),
+    "one stroke": Recipe(lambda strokes: {"position": 0 * strokes.position + torch.tensor([18.0, 12.0])}, 1,
+                         scale=(20.0, 24.0)),
+    "50,000 on one pixel": Recipe(_on_one_pixel, 50_000, (2, 3), (1, 1), (2.0, 6.0)),
+    "200 coincident": Recipe(_coincident, 200),
+    "all transparent": Recipe(lambda strokes: {"opacity": 0 * strokes.opacity}),
+    "all opaque": Recipe(lambda strokes: {"opacity": torch.ones_like(strokes.opacity)}),
+    "length 0": Recipe(lambda strokes: {"control": strokes.start, "end": strokes.start}),
+    "length 10,000 px": Recipe(_long),
+    "width 0": Recipe(lambda strokes: {"width": 0 * strokes.width}),
+    "width 1,000 px": Recipe(_thick, scale=(8000.0, 8000.0)),
+    "1e6 px off the canvas": Recipe(lambda strokes: {"position": torch.where(strokes.start > 0, FAR, -FAR)}),
+    "windows 1e6 px away": Recipe(_far_windows),
+    "canvas 1 x 1": Recipe(canvas=(1, 1)),
+    "canvas 8192 x 64": Recipe(wanted=2, canvas=(64, 8192), scale=(100.0, 4000.0)),
+    **{name: Recipe(target=target) for name, target in TARGETS.items()},
+}  # fmt: skip
 
 
 def _uniform(seed: int) -> Callable[..., Tensor]:
