@@ -133,8 +133,8 @@ def test_a_few_steps_bring_the_textures_nearer_to_a_brush():
 
 @pytest.mark.parametrize("options", [{"rows": 7}, {"variants": 0}, {"columns": 1000}, {"widths": -1}])
 def test_textures_of_impossible_size_are_refused(options):
-    with pytest.raises(UserError, match=r"renderer\.(rows|variants|columns|widths)=.*; (try|leave)"):
-        Textured(checkpoint=None, **options)
+    with pytest.raises(UserError, match=r"renderer\.(rows|variants|columns|widths)=.*; try"):
+        build_named("renderer", "textured", options)
 
 
 def test_distilled_strokes_look_like_those_of_the_engine():
