@@ -55,11 +55,9 @@ def sweep(tmp_path_factory) -> Path:
     return write_sweep_page(folder, collect(folder))
 
 
-def order(page) -> list[str]:
+def order(watched) -> list[str]:
     """The names of the shown runs, from the top."""
-    return page.evaluate(
-        "[...document.querySelectorAll('#table tbody tr:not([hidden]) .name')].map(e => e.dataset.sort)"
-    )
+    return watched.evaluate("[...document.querySelectorAll('#table tr:not([hidden]) .name')].map(e => e.dataset.sort)")
 
 
 def data_in(html: str) -> dict:
@@ -122,13 +120,9 @@ def test_two_runs_stand_side_by_side_under_the_wipe(sweep, opened):  # noqa: F81
     assert shape["width"] / shape["height"] == pytest.approx(SIZE[1] / SIZE[0], rel=0.02)
     page.keyboard.press("Escape")
     assert not page.locator("#beside").is_visible()
-
-
-def test_a_picture_is_enlarged_beside_its_target(sweep, opened):  # noqa: F811
-    watched = opened(sweep)
-    watched.page.locator("tr[data-row='3'] .picture").click()
+    page.locator("tr[data-row='3'] .picture").click()  # beside its target
     assert watched.evaluate("[left.value, right.value]") == ["target 0", "run 3"]
-    assert watched.page.locator("#beside .wipe-label").nth(1).text_content() == "run 3: steps=100 loss=ssim"
+    assert page.locator("#beside .wipe-label").nth(1).text_content() == "run 3: steps=100 loss=ssim"
 
 
 def test_points_are_walked_with_the_keyboard_and_tell_their_command(sweep, opened):  # noqa: F811
@@ -155,47 +149,49 @@ def test_points_are_walked_with_the_keyboard_and_tell_their_command(sweep, opene
     assert page.get_by_label("Search in runs").input_value() == "python run.py steps=1500 loss=mse"
 
 
-def test_the_front_is_that_of_the_table(sweep, opened):  # noqa: F811
+def test_the_front_is_that_of_the_table_and_any_setting_can_be_plotted_against(sweep, opened):  # noqa: F811
     table = front_table(collect(sweep.parent))
-    expected = set(table["overrides"][table["front_psnr"]])
-    labels = opened(sweep).evaluate(
-        "[...document.querySelectorAll('.point.on')].map(e => e.getAttribute('aria-label'))"
-    )
-    assert {label.partition(":")[0] for label in labels} == expected
-    assert all(label.endswith("on the front") for label in labels)
-
-
-def test_any_setting_can_be_plotted_against(sweep, opened):  # noqa: F811
     page = opened(sweep).page
+    labels = page.locator(".point.on").evaluate_all("found => found.map(e => e.getAttribute('aria-label'))")
+    assert {label.partition(":")[0] for label in labels} == set(table["overrides"][table["front_psnr"]])
+    assert all(label.endswith("on the front") for label in labels)
     page.locator("#along").select_option("axis:loss")
     page.locator("#up").select_option("ssim")
-    ticks = page.locator("#points .axes text").all_text_contents()
-    assert {"mse", "ssim", "SSIM"} <= set(ticks)
+    assert {"mse", "ssim", "SSIM"} <= set(page.locator("#points .axes text").all_text_contents())
     assert page.locator("#points .front.mean").count() == 1
 
 
-@pytest.mark.parametrize("size", [WIDE, NARROW], ids=["wide", "narrow"])
-@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-def test_the_page_fits_asks_nothing_and_complains_of_nothing(sweep, opened, size, dark):  # noqa: F811
-    watched = opened(sweep, size, dark=dark)
-    watched.page.locator("summary", has_text="steps").click()
-    watched.page.locator("tr[data-row='0'] .picture").scroll_into_view_if_needed()
-    assert not watched.is_too_wide()
-    watched.page.locator("tr[data-row='0'] .picture").click()
-    assert not watched.evaluate(
-        "document.getElementById('beside').scrollWidth > document.getElementById('beside').clientWidth"
-    )
-    assert not watched.errors
-    assert not watched.foreign
+def test_of_many_settings_those_that_led_are_coloured(tmp_path, opened):  # noqa: F811
+    for k in range(12):
+        curve = [[0.1, 10], [1 + k, 20 + k]] if k in (0, 11) else [[0.1, 5], [2, 9]]
+        make_run(tmp_path, str(k), {"steps": str(k)}, 0, psnr=float(curve[1][1]), seconds=1.0 + k, anytime=curve)
+    watched = opened(write_sweep_page(tmp_path, collect(tmp_path)))
+    assert watched.page.locator("#curves .curve").count() == 12
+    assert watched.page.locator("#curves .curve.other").count() == 12 - watched.page.locator("#legend li").count() > 5
+    assert "steps=11" in watched.page.locator("#legend").text_content()
+    assert "ahead at some time" in watched.page.locator("#curves-say").text_content()
 
 
-def test_narrow_pages_show_cards_that_sort(sweep, opened):  # noqa: F811
-    watched = opened(sweep, NARROW)
-    watched.page.locator("#table th", has_text="PSNR").get_by_role("button").click()
+def test_the_page_fits_asks_nothing_and_complains_of_nothing(sweep, opened):  # noqa: F811
+    watched = opened(sweep, touch=True)
+    page = watched.page
+    too_wide = "document.getElementById('beside').scrollWidth > document.getElementById('beside').clientWidth"
+    for size, dark in ((WIDE, "light"), (WIDE, "dark"), (NARROW, "dark"), (NARROW, "light")):
+        page.set_viewport_size({"width": size[0], "height": size[1]})
+        page.emulate_media(color_scheme=dark)
+        page.locator("summary", has_text="steps").click()
+        assert not watched.is_too_wide()
+        page.keyboard.press("Escape")
+        page.locator("tr[data-row='0'] .picture").click()
+        assert not watched.evaluate(too_wide)
+        page.keyboard.press("Escape")
+    page.locator("#table th", has_text="PSNR").get_by_role("button").click()  # narrow pages show cards that sort
     assert order(watched)[:2] == ["2", "5"]
-    boxes = [watched.page.locator(f"tr[data-row='{k}']").bounding_box() for k in (2, 5)]
+    boxes = [page.locator(f"tr[data-row='{k}']").bounding_box() for k in (2, 5)]
     assert boxes[0]["x"] == boxes[1]["x"]
     assert boxes[0]["y"] + boxes[0]["height"] < boxes[1]["y"]
+    assert not watched.errors
+    assert not watched.foreign
 
 
 def test_what_users_typed_stays_text(sweep, opened):  # noqa: F811

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 import torch
 from omegaconf import DictConfig, OmegaConf
+from scenes import random_strokes
 
 from brushexp.app.tasks.view import pages_of
 from brushexp.errors import UserError
 from brushexp.results.page.serving import HOST, served
-from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, save_catalogue
 from brushexp.system.files import write_json, write_picture
 
@@ -25,19 +25,8 @@ ROOT = Path(__file__).parents[1]
 
 
 def make_catalogue(path: Path, renderer: str = "analytic", config: str = "renderer: {taper: 0.5}\n") -> Path:
-    n = 3
-    strokes = Strokes(
-        position=torch.tensor([[10.0, 8.0], [20.0, 12.0], [30.0, 20.0]]),
-        scale=torch.full((n,), 20.0),
-        start=torch.tensor([[-0.5, 0.0]]).expand(n, 2).clone(),
-        control=torch.tensor([[0.0, 0.3]]).expand(n, 2).clone(),
-        end=torch.tensor([[0.5, 0.0]]).expand(n, 2).clone(),
-        width=torch.full((n,), 0.2),
-        color=torch.eye(3),
-        opacity=torch.ones(n),
-    )
-    white = torch.ones(3)
-    saved = Saved(strokes, torch.arange(n, dtype=torch.int32), (32, 48), white, renderer, "", 0, config)
+    depth = torch.arange(3, dtype=torch.int32)
+    saved = Saved(random_strokes(3, (32, 48)), depth, (32, 48), torch.ones(3), renderer, "", 0, config)
     save_catalogue(path, saved)
     return path
 
@@ -98,8 +87,6 @@ def test_a_port_that_cannot_be_had_is_named(tmp_path):
         port = urlsplit(address).port
         with pytest.raises(UserError, match=rf"port={port} is taken .*port=0"), served({}, port):
             pass
-    with pytest.raises(UserError, match="port=70000 is no port"), served({}, 70_000):
-        pass
 
 
 def test_a_catalogue_is_drawn_by_its_own_renderer(tmp_path, config):

@@ -17,8 +17,13 @@ from brushexp.errors import UserError
 
 log = logging.getLogger(__name__)
 HOST = "127.0.0.1"  # nobody else can connect
-LARGEST_PORT = 65_535
 TIMEOUT_SECONDS = 10  # that a silent connection may take
+HEADERS = {
+    "Cache-Control": "no-store",  # the page may be made anew
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+}
 PORT_CURES = {
     errno.EADDRINUSE: "is taken by another program; choose another port, or port=0 for any that is free",
     errno.EACCES: "may not be used by you; choose a port from 1024, or port=0 for any that is free",
@@ -31,7 +36,7 @@ def served(pages: Mapping[str, Path], port: int = 0) -> Iterator[str]:
 
     Args:
         pages: path of the address, ``/`` for the first page -> file, read whenever it is asked for.
-        port: of this machine; 0 for any that is free.
+        port: of this machine, up to 65535; 0 for any that is free.
 
     Yields:
         the address of the first page.
@@ -39,8 +44,6 @@ def served(pages: Mapping[str, Path], port: int = 0) -> Iterator[str]:
     Raises:
         UserError: if the port cannot be had.
     """
-    if not 0 <= port <= LARGEST_PORT:
-        raise UserError(f"port={port} is no port; set port to 1 to {LARGEST_PORT}, or to 0 for any that is free")
     try:
         server = _Server((HOST, port), _Handler)
     except OSError as error:
@@ -88,15 +91,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _answer(self, status: HTTPStatus, body: bytes, kind: str) -> None:
         self.send_response(status)
-        headers = {
-            "Content-Type": f"{kind}; charset=utf-8",
-            "Content-Length": str(len(body)),
-            "Cache-Control": "no-store",  # the page may be made anew
-            "X-Content-Type-Options": "nosniff",
-            "X-Frame-Options": "DENY",
-            "Referrer-Policy": "no-referrer",
-        }
-        for name, value in headers.items():
+        headers = {"Content-Type": f"{kind}; charset=utf-8", "Content-Length": str(len(body))}
+        for name, value in (headers | HEADERS).items():
             self.send_header(name, value)
         self.end_headers()
         if self.command != "HEAD":
