@@ -8,19 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brushexp.results.plotting import (
-    COLORS,
-    DASHES,
-    FAINT,
-    INK,
-    SIZE,
-    fit_scale,
-    label_lines,
-    new_figure,
-    save_figure,
-    tidy,
-    without_math,
-)
+from brushexp.results import plotting
+from brushexp.results.plotting import COLORS, DASHES, FAINT, INK, SIZE
 from brushexp.results.tables import MISSING, markdown_table, run_count
 from brushexp.system.files import write_text
 
@@ -163,17 +152,16 @@ def write_curves(folder: Path, frame: DataFrame) -> Path | None:
     if not found:
         return None
     shown = list(found.items())[:MOST_IMAGES]
-    figure = new_figure(SIZE[1] * len(shown))
+    figure = plotting.new_figure(SIZE[1] * len(shown))
     for axes, (image, curves) in zip(figure.subplots(len(shown), squeeze=False)[:, 0], shown, strict=True):
         _draw_curves(axes, curves)
-        axes.set_title(without_math(image) if len(shown) > 1 else "", fontsize=11, loc="left", color=INK)
-    title = f"{without_math(folder.resolve().name)[:60]}: {run_count(frame)}"
-    figure.suptitle(title, fontsize=11, x=0.01, ha="left", color=INK)
-    return save_figure(figure, folder / "curves.png")
+        axes.set_title(plotting.without_math(image) if len(shown) > 1 else "", fontsize=11, loc="left", color=INK)
+    plotting.entitle(figure, folder, run_count(frame))
+    return plotting.save_figure(figure, folder / "curves.png")
 
 
 def _draw_curves(axes: Axes, curves: Mapping[str, list[Curve]]) -> None:
-    tidy(axes)
+    plotting.tidy(axes)
     shown = list(curves)
     means = {label: mean_curve(alike) for label, alike in curves.items()}
     if len(shown) > MOST_CURVES:
@@ -181,11 +169,14 @@ def _draw_curves(axes: Axes, curves: Mapping[str, list[Curve]]) -> None:
     for label in curves.keys() - set(shown):
         axes.plot(*means[label], linewidth=0.8, color=FAINT)
     for k, label in enumerate(shown):
-        look: dict[str, Any] = {"color": COLORS[k % len(COLORS)], "linestyle": DASHES[k // len(COLORS)]}
+        look: dict[str, Any] = {
+            "color": COLORS[k % len(COLORS)],
+            "linestyle": DASHES[k // len(COLORS)],
+        }
         for curve in curves[label] if len(curves[label]) > 1 else ():
             axes.plot(*curve, linewidth=0.7, alpha=0.4, **look)
-        axes.plot(*means[label], linewidth=1.8, label=label_lines(label, 40), **look)
-    fit_scale(axes, "x", [float(seconds[-1]) for alike in curves.values() for seconds, _ in alike])
+        axes.plot(*means[label], linewidth=1.8, label=plotting.label_lines(label, 40), **look)
+    plotting.fit_scale(axes, "x", [float(seconds[-1]) for alike in curves.values() for seconds, _ in alike])
     axes.set_xlabel("wall time of the optimisation, s", fontsize=10)
     axes.set_ylabel("PSNR, dB", fontsize=10)
     heading = None if len(shown) == len(curves) else "ahead at some time; the others are grey"

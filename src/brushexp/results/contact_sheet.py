@@ -8,6 +8,7 @@ import unicodedata
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,13 +28,11 @@ LIMIT = 8000  # pixels: side of a sheet
 AREA = 24_000_000  # pixels: of a sheet, which is drawn anew after every run
 LABEL_LINES, HEAD_LINES, WORD_LINES = 4, 4, 6  # at most
 PAPER, INK, FAINT, BOX, RULE, ALARM = "white", "#202020", "#6a6a6a", "#ededed", "#d4d4d4", "#b00020"
-WIDE_SPACE = "   "
+FAILED = "failed"  # above the words
 COLUMNS = 6  # up to 48 pictures; larger sheets are about square
 MATRIX_COLUMNS = 12  # a wider matrix is laid out row by row instead
 LEGIBLE = 160  # pixels: and so is a matrix with smaller pictures
 UNITS = {"psnr": "dB", "psnr_alpha": "dB in alpha", "seconds": "s"}  # of the metrics below a picture
-
-Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
 
 @dataclass(frozen=True)
@@ -43,8 +42,8 @@ class SheetCell:
     picture: Path | Image.Image | None
     label: tuple[str, ...] = ()  # pieces between which a line may end
     note: tuple[str, ...] = ()  # below the label, fainter
-    alarm: str = ""  # first line in the box
-    words: str = ""
+    words: str = ""  # in the box
+    failed: bool = False
 
 
 def write_contact_sheet(folder: Path, frame: DataFrame) -> Path | None:
@@ -94,23 +93,22 @@ def _matrix(frame: DataFrame, title: str, side: int) -> Image.Image | None:
         return None
     wide_first = sorted(axes, key=lambda key: (len(axes[key]) > COLUMNS, -len(axes[key])))
     for across, down in (wide_first, wide_first[::-1]):
-        names = settings.reset_index(names="name").pivot(index=down, columns=across, values="name")
-        names = names.loc[axes[down], axes[across]].to_numpy()  # of the runs
-        targets = [_target_of(frame.loc[row, "run"]) for row in names]
-        kept = any(targets)
+        table = settings.reset_index(names="run").pivot(index=down, columns=across, values="run")
+        names = table.loc[axes[down], axes[across]].to_numpy()
+        targets = [_targets_of(frame.loc[row, "run"]) for row in names]
         rows = [
             [*(SheetCell(path) for path in found), *(_cell(name, frame.loc[name]) for name in row)]
             for found, row in zip(targets, names, strict=True)
         ]
-        columns = ["target"] * kept + [f"{across}={name}" for name in shortened(axes[across]).values()]
-        heads = [f"{down}={name}" for name in shortened(axes[down]).values()]
-        fits = len(axes[across]) <= MATRIX_COLUMNS and fitting_side(rows, bool(heads), side) >= LEGIBLE
-        if fits and all(len(found) == kept for found in targets):
-            return draw_sheet(rows, title, heads, columns, side)
+        fits = len(axes[across]) <= MATRIX_COLUMNS and fitting_side(rows, True, side) >= LEGIBLE
+        if fits and all(len(found) == any(targets) for found in targets):
+            columns = [f"{across}={name}" for name in shortened(axes[across]).values()]
+            heads = [f"{down}={name}" for name in shortened(axes[down]).values()]
+            return draw_sheet(rows, title, heads, ["target"] * any(targets) + columns, side)
     return None
 
 
-def _target_of(runs: DataFrame) -> list[Path]:
+def _targets_of(runs: DataFrame) -> list[Path]:
     """The pictures that these runs have painted, each once."""
     paths = {run["target"]: run["folder"] / "target.png" for _, run in runs.iterrows()}
     return [path for path in paths.values() if path.is_file()]
@@ -119,7 +117,7 @@ def _target_of(runs: DataFrame) -> list[Path]:
 def _cell(name: str, run: Series, label: tuple[str, ...] = ()) -> SheetCell:
     told = run["run"]
     if told["status"] == "failed":
-        return SheetCell(None, label, (f"run {name}",), alarm="failed", words=str(told["error"]))
+        return SheetCell(None, label, (f"run {name}",), words=str(told["error"]), failed=True)
     state = () if told["status"] == "completed" else (told["status"],)
     numbers = run["metric"].reindex(list(UNITS)).dropna().to_frame().T
     shown = as_text(numbers, DIGITS).iloc[0] if len(numbers.columns) else {}
@@ -141,51 +139,73 @@ def draw_sheet(
         side: pixels of the longer side of a picture, at most; less where the sheet would be too large.
     """
     side = fitting_side(rows, bool(row_heads), side)
-    size, line, gap = _lettering(side)
-    font, large = ImageFont.load_default(size), ImageFont.load_default(round(size * 1.25))
-    sizes = [[_scaled_size(cell.picture, side) for cell in row] for row in rows]
-    known = [[size for size in row if size] for row in sizes]
-    box = next((row[0] for row in known if row), (side, side * 3 // 4))
-    boxes = [row[0] if row else box for row in known]  # of places without a picture
-    width = max(side * 2 // 3, *(size[0] for row in [boxes, *known] for size in row))
-    heads = [_lines((head,), font, side * 3 // 5, HEAD_LINES) for head in row_heads]
-    tops = [_lines((head,), font, width, HEAD_LINES) for head in column_heads]
-    gutter = max((round(font.getlength(text)) for head in heads for text in head), default=-gap)
-    labels = [[_label(cell, font, width) for cell in row] for row in rows]
-    left = 2 * gap + gutter
-    ys = [gap + round((2.2 + max(map(len, tops), default=0)) * line)]
-    heights = [max(size[1] for size in [empty, *row]) for empty, row in zip(boxes, known, strict=True)]
-    for height, told in zip(heights, labels, strict=True):
-        ys.append(ys[-1] + height + round((max(len(text) + len(note) for text, note in told) + 0.3) * line) + gap)
-    right = max(left + max(map(len, rows)) * (width + gap), round(2 * gap + large.getlength(plain_letters(title))))
-
-    sheet = Image.new("RGB", (right, ys[-1]), PAPER)
-    pen = ImageDraw.Draw(sheet)
-    pen.text((gap, gap), plain_letters(title), INK, large)
-    for k, top in enumerate(tops):
-        _write(pen, font, line, top, left + k * (width + gap) + width // 2, ys[0] - round((len(top) + 0.3) * line))
-    for head, y, height in zip(heads, ys, heights, strict=False):
-        _write(pen, font, line, head, gap + gutter // 2, y + (height - len(head) * line) // 2)
-    for row, row_labels, y, height, empty in zip(rows, labels, ys, heights, boxes, strict=False):
-        for k, (cell, (text, note)) in enumerate(zip(row, row_labels, strict=True)):
-            picture = _scaled(cell.picture, side) or _in_words(cell, empty, font, line)
-            middle = left + k * (width + gap) + width // 2
-            x = middle - picture.width // 2
-            sheet.paste(picture, (x, y))
-            pen.rectangle((x, y, x + picture.width - 1, y + picture.height - 1), outline=RULE)
-            below = y + height + round(0.3 * line)
-            _write(pen, font, line, text, middle, below)
-            _write(pen, font, line, note, middle, below + len(text) * line, FAINT)
+    type_ = Lettering.beside(side)
+    pictures = [[_scaled(cell.picture, side) for cell in row] for row in rows]
+    sizes = [picture.size for row in pictures for picture in row if picture] or [(side, side * 3 // 4)]
+    width = max(side * 2 // 3, *(size[0] for size in sizes))
+    heads = [type_.lines((head,), side * 3 // 5, HEAD_LINES) for head in row_heads]
+    gutter = max((math.ceil(type_.font.getlength(text)) for head in heads for text in head), default=0)
+    bands = [[type_.drawn(type_.lines((head,), width, HEAD_LINES), width) for head in column_heads]]
+    for row, found in zip(rows, pictures, strict=True):
+        pairs = zip(row, found, strict=True)
+        bands.append(
+            [_tile(cell, picture or _in_words(cell, sizes[0], type_), width, type_) for cell, picture in pairs]
+        )
+    for band, lines in zip(bands, [[], *heads], strict=True) if heads else ():
+        band.insert(0, type_.drawn(lines, gutter, max((image.height for image in band), default=0)))
+    large, title = ImageFont.load_default(round(type_.size * 1.25)), plain_letters(title)
+    grid = _stacked([_stacked(band, type_.gap, down=False) for band in bands if band], type_.gap, down=True)
+    width = 2 * type_.gap + math.ceil(max(grid.width, large.getlength(title)))
+    sheet = Image.new("RGB", (width, grid.height + 2 * type_.gap + 2 * type_.line), PAPER)
+    sheet.paste(grid, (type_.gap, type_.gap + 2 * type_.line))
+    ImageDraw.Draw(sheet).text((type_.gap, type_.gap), title, INK, large)
     return sheet
 
 
-def fitting_side(rows: Sequence[Sequence[SheetCell]], with_heads: bool, side: int) -> int:
+@dataclass(frozen=True)
+class Lettering:
+    """Letters in proportion to the pictures: their height, that of a line, and the gap between pictures, in pixels."""
+
+    size: int
+    line: int
+    gap: int
+
+    @staticmethod
+    def beside(side: int) -> Lettering:
+        """Lettering for pictures of this size."""
+        size = max(11, round(side * 0.048))
+        return Lettering(size, round(size * 1.35), max(8, round(side * 0.06)))
+
+    @property
+    def font(self) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+        """Pillow's own, which has the letters of ASCII."""
+        return ImageFont.load_default(self.size)
+
+    def lines(self, words: Sequence[str], width: int, most: int, space: str = "   ") -> list[str]:
+        """Words in at most so many lines of this width."""
+        font = self.font
+        found = wrapped(map(plain_letters, words), lambda text: font.getlength(text) <= width, most, space)
+        return [text for text in found if text]
+
+    def drawn(
+        self, lines: Sequence[str], width: int, height: int = 0, *, faint: int = 0, paper: str = PAPER
+    ) -> Image.Image:
+        """Lines in the middle of a box; the last ones faint."""
+        box = Image.new("RGB", (max(width, 1), max(height, len(lines) * self.line, 1)), paper)
+        top = (box.height - len(lines) * self.line) // 2
+        for k, text in enumerate(lines):
+            color = ALARM if text == FAILED else INK if k < len(lines) - faint else FAINT
+            ImageDraw.Draw(box).text((width // 2, top + k * self.line), text, color, self.font, anchor="ma")
+        return box
+
+
+def fitting_side(rows: Sequence[Sequence[SheetCell]], heads: bool, side: int) -> int:
     """Longer side of the pictures, so that the sheet stays below its limit whatever the labels say."""
-    columns = max(map(len, rows)) + with_heads
+    columns = max(map(len, rows)) + heads
     for smaller in range(side, SMALLEST_SIDE, -10):
-        _, line, gap = _lettering(smaller)
-        width = columns * (smaller + gap) + 2 * gap
-        height = len(rows) * (smaller + LABEL_LINES * line + gap) + (HEAD_LINES + 4) * line
+        type_ = Lettering.beside(smaller)
+        width = columns * (smaller + type_.gap) + 2 * type_.gap
+        height = len(rows) * (smaller + LABEL_LINES * type_.line + type_.gap) + (HEAD_LINES + 4) * type_.line
         if max(width, height) <= LIMIT and width * height <= AREA:
             return smaller
     return SMALLEST_SIDE
@@ -197,63 +217,46 @@ def plain_letters(text: str) -> str:
     return "".join(part for part in parts if not unicodedata.combining(part)).encode("ascii", "replace").decode()
 
 
-def _lettering(side: int) -> tuple[int, int, int]:
-    """Height of letters, of a line, and the gap between pictures, all in pixels."""
-    size = max(11, round(side * 0.048))
-    return size, round(size * 1.35), max(8, round(side * 0.06))
+def _tile(cell: SheetCell, picture: Image.Image, width: int, type_: Lettering) -> Image.Image:
+    """A picture with a frame, and its label and note below it."""
+    ImageDraw.Draw(picture).rectangle((0, 0, picture.width - 1, picture.height - 1), outline=RULE)
+    note = type_.lines(cell.note, width, 2)
+    lines = type_.lines(cell.label, width, LABEL_LINES - len(note)) + note
+    text = [type_.drawn(lines, width, faint=len(note))] if lines else []
+    column = Image.new("RGB", (width, picture.height), PAPER)
+    column.paste(picture, ((width - picture.width) // 2, 0))
+    return _stacked([column, *text], round(0.3 * type_.line), down=True)
 
 
-def _lines(words: Sequence[str], font: Font, width: int, most: int, space: str = WIDE_SPACE) -> list[str]:
-    """Words in at most so many lines of this width in pixels."""
-    lines = wrapped(map(plain_letters, words), lambda text: font.getlength(text) <= width, most, space)
-    return [text for text in lines if text]
-
-
-def _label(cell: SheetCell, font: Font, width: int) -> tuple[list[str], list[str]]:
-    note = _lines(cell.note, font, width, 2)
-    return _lines(cell.label, font, width, LABEL_LINES - len(note)), note
-
-
-def _write(
-    pen: ImageDraw.ImageDraw, font: Font, line: int, texts: Sequence[str], middle: int, top: int, color: str = INK
-) -> None:
-    for k, text in enumerate(texts):
-        pen.text((middle, top + k * line), text, color, font, anchor="ma")
-
-
-def _in_words(cell: SheetCell, size: tuple[int, int], font: Font, line: int) -> Image.Image:
+def _in_words(cell: SheetCell, size: tuple[int, int], type_: Lettering) -> Image.Image:
     """A grey box that says why there is no picture."""
-    box = Image.new("RGB", size, BOX)
-    most = max(0, min(WORD_LINES, size[1] // line - 2))
+    most = max(0, min(WORD_LINES, size[1] // type_.line - 2))
     words = (cell.words or "the picture cannot be read").split()
-    texts = _lines(words, font, size[0] - line, most, " ") if most else []
-    pen, top = ImageDraw.Draw(box), (size[1] - (len(texts) + bool(cell.alarm)) * line) // 2
-    _write(pen, font, line, [cell.alarm] * bool(cell.alarm), size[0] // 2, top, ALARM)
-    _write(pen, font, line, texts, size[0] // 2, top + bool(cell.alarm) * line)
-    return box
+    lines = type_.lines(words, size[0] - type_.line, most, " ") if most else []
+    return type_.drawn([FAILED] * cell.failed + lines, *size, paper=BOX).crop((0, 0, *size))
 
 
-def _scaled_size(source: Path | Image.Image | None, side: int) -> tuple[int, int] | None:
-    """Size on the sheet, from the head of the file; None if there is none or it cannot be read."""
+def _stacked(images: Sequence[Image.Image], gap: int, *, down: bool) -> Image.Image:
+    """Pictures below or beside each other on white."""
+    along = [image.height if down else image.width for image in images]
+    across = max(image.width if down else image.height for image in images)
+    total = sum(along) + gap * (len(images) - 1)
+    sheet = Image.new("RGB", (across, total) if down else (total, across), PAPER)
+    for image, place in zip(images, accumulate([0, *(length + gap for length in along)]), strict=False):
+        sheet.paste(image, (0, place) if down else (place, 0))
+    return sheet
+
+
+def _scaled(source: Path | Image.Image | None, side: int) -> Image.Image | None:
+    """A picture whose longer side has so many pixels; None if there is none or it cannot be read."""
     if source is None:
         return None
     try:
         with nullcontext(source) if isinstance(source, Image.Image) else Image.open(source) as picture:
-            width, height = picture.size
-    except UNREADABLE:
-        return None
-    zoom = side / max(width, height)
-    zoom = int(zoom) if zoom > 1 else zoom  # small pictures show their pixels
-    return max(1, round(width * zoom)), max(1, round(height * zoom))
-
-
-def _scaled(source: Path | Image.Image | None, side: int) -> Image.Image | None:
-    size = _scaled_size(source, side)
-    if source is None or size is None:
-        return None
-    try:
-        with nullcontext(source) if isinstance(source, Image.Image) else Image.open(source) as picture:
-            method = Image.Resampling.NEAREST if size[0] > picture.width else Image.Resampling.BICUBIC
+            zoom = side / max(picture.size)
+            zoom = int(zoom) if zoom > 1 else zoom  # small pictures show their pixels
+            size = max(1, round(picture.width * zoom)), max(1, round(picture.height * zoom))
+            method = Image.Resampling.NEAREST if zoom > 1 else Image.Resampling.BICUBIC
             return picture.convert("RGB").resize(size, method, reducing_gap=2.0)
     except UNREADABLE:
         return None

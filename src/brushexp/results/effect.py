@@ -2,24 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from brushexp.results.plotting import (
-    BAND,
-    COLORS,
-    MARKERS,
-    SIZE,
-    fit_scale,
-    label_lines,
-    metric_label,
-    new_figure,
-    save_figure,
-    tidy,
-    without_math,
-)
+import numpy as np
+
+from brushexp.results import plotting
+from brushexp.results.plotting import BAND, COLORS, MARKERS, SIZE
 from brushexp.results.runs import differences, shortened
 from brushexp.results.tables import over_seeds, run_count, varying
 
@@ -64,6 +54,8 @@ def effects(frame: DataFrame) -> Effects | None:
 
     Nor if hardly any combination of values was run: a list of settings has its front, see `brushexp.results.pareto`.
     """
+    import pandas as pd  # noqa: PLC0415
+
     axes = {k: values for k, values in varying(frame[frame["run", "label"].notna()]).items() if k != "seed"}
     if not axes:
         return None
@@ -80,12 +72,12 @@ def effects(frame: DataFrame) -> Effects | None:
     most = found["mean"].notna().sum().max() if len(found.columns) else 0
     if most < 2 or most < SPARSE * len(set(names)) * len(axes[across]):
         return None
-    places = [_as_number(value) for value in axes[across]]
-    numeric = None not in places
-    pairs: list[tuple[Any, str]] = list(zip(places if numeric else range(len(places)), axes[across], strict=True))
-    pairs.sort()
+    places = np.asarray(pd.to_numeric(axes[across], errors="coerce"), float)
+    numeric = bool(np.isfinite(places).all())
+    places = places if numeric else np.arange(len(places), dtype=float)
+    values = [axes[across][k] for k in places.argsort(kind="stable")]
     series = {name: one for name, one in found.groupby(names, sort=False)}
-    return Effects(across, [value for _, value in pairs], [float(place) for place, _ in pairs], numeric, series)
+    return Effects(across, values, sorted(places.tolist()), numeric, series)
 
 
 def write_effect(folder: Path, frame: DataFrame) -> Path | None:
@@ -102,25 +94,25 @@ def write_effect(folder: Path, frame: DataFrame) -> Path | None:
         (folder / "effect.png").unlink(missing_ok=True)  # the first jobs of a list may have looked like a grid
         return None
     metrics = list(next(iter(shown.series.values()))["mean"])
-    labels = [label_lines(v or "not set", LABEL) for v in shortened(shown.values, 3 * LABEL).values()]
+    labels = [plotting.label_lines(v or "not set", LABEL) for v in shortened(shown.values, 3 * LABEL).values()]
     row = max(VALUE_HEIGHT + 0.15 * max(label.count("\n") for label in labels), SERIES_HEIGHT * (len(shown.series) + 1))
-    figure = new_figure(SIZE[1] if shown.numeric else min(TALLEST, max(SIZE[1], 1.6 + row * len(labels))))
+    figure = plotting.new_figure(SIZE[1] if shown.numeric else min(TALLEST, max(SIZE[1], 1.6 + row * len(labels))))
     panels = figure.subplots(1, len(metrics), squeeze=False, sharey=not shown.numeric)[0]
     for axes, metric in zip(panels, metrics, strict=True):
-        tidy(axes)
+        plotting.tidy(axes)
         _draw_series(axes, shown, metric)
         values = [value for one in shown.series.values() for value in one["mean"][metric]]
-        fit_scale(axes, "y" if shown.numeric else "x", values)
-        (axes.set_ylabel if shown.numeric else axes.set_xlabel)(metric_label(metric), fontsize=10)
+        plotting.fit_scale(axes, "y" if shown.numeric else "x", values)
+        (axes.set_ylabel if shown.numeric else axes.set_xlabel)(plotting.metric_label(metric), fontsize=10)
         if shown.numeric:
-            fit_scale(axes, "x", shown.places)
-            axes.set_xlabel(label_lines(shown.across, 50), fontsize=10)
+            plotting.fit_scale(axes, "x", shown.places)
+            axes.set_xlabel(plotting.label_lines(shown.across, 50), fontsize=10)
     if not shown.numeric:
         panels[0].set_yticks(range(len(labels)), labels)
         panels[0].set_ylim(len(labels) - 0.5, -0.5)
-        panels[0].set_ylabel(label_lines(shown.across, 40), fontsize=10)
-    _finish(figure, shown, _title(folder, frame, shown))
-    return save_figure(figure, folder / "effect.png")
+        panels[0].set_ylabel(plotting.label_lines(shown.across, 40), fontsize=10)
+    _entitle(figure, folder, frame, shown)
+    return plotting.save_figure(figure, folder / "effect.png")
 
 
 def _draw_series(axes: Axes, shown: Effects, metric: str) -> None:
@@ -132,7 +124,7 @@ def _draw_series(axes: Axes, shown: Effects, metric: str) -> None:
         means, spreads = one["mean"][metric], one["std"][metric].where(one["std"][metric] > 0)
         at = [places[value] for value in one.index]
         look: dict[str, Any] = {
-            "label": without_math(name), "color": COLORS[k % len(COLORS)], "markersize": 5.5, "capsize": 3,
+            "label": plotting.without_math(name), "color": COLORS[k % len(COLORS)], "markersize": 5.5, "capsize": 3,
             "elinewidth": 1.2, "linewidth": 1.5, "marker": MARKERS[(k + k // len(COLORS)) % len(MARKERS)],
         }  # fmt: skip
         if shown.numeric:
@@ -144,29 +136,14 @@ def _draw_series(axes: Axes, shown: Effects, metric: str) -> None:
         axes.axhspan(y - 0.5, y + 0.5, color=BAND, zorder=0)
 
 
-def _title(folder: Path, frame: DataFrame, shown: Effects) -> str:
-    interrupted = (frame["run", "status"] == "interrupted").sum()
-    seeds = any(one["std"].notna().any(axis=None) for one in shown.series.values())
-    return (
-        f"{without_math(folder.resolve().name)[:60]}: {run_count(frame)}"
-        + f", {interrupted} interrupted" * bool(interrupted)
-        + "; mean and standard deviation over seeds" * bool(seeds)
-    )
-
-
-def _finish(figure: Figure, shown: Effects, title: str) -> None:
+def _entitle(figure: Figure, folder: Path, frame: DataFrame, shown: Effects) -> None:
     """Title, and a legend below where there are several series."""
-    figure.suptitle(title, fontsize=11, x=0.01, ha="left")
+    interrupted = (frame["run", "status"] == "interrupted").sum()
+    title = run_count(frame) + f", {interrupted} interrupted" * bool(interrupted)
+    if any(one["std"].notna().any(axis=None) for one in shown.series.values()):
+        title += "; mean and standard deviation over seeds"
+    plotting.entitle(figure, folder, title)
     if len(shown.series) > 1:
-        handles, labels = figure.axes[0].get_legend_handles_labels()
-        columns = max(1, min(len(labels), 180 // (max(map(len, labels)) + 6)))
-        figure.legend(handles, labels, loc="outside lower center", fontsize=9, frameon=False, ncols=columns)
-
-
-def _as_number(text: str) -> float | None:
-    """The number that a text says; None if it says none."""
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None
+        handles, names = figure.axes[0].get_legend_handles_labels()
+        columns = max(1, min(len(names), 180 // (max(map(len, names)) + 6)))
+        figure.legend(handles, names, loc="outside lower center", fontsize=9, frameon=False, ncols=columns)

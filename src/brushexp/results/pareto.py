@@ -9,18 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brushexp.results.plotting import (
-    COLORS,
-    GREY,
-    INK,
-    fit_scale,
-    label_lines,
-    metric_label,
-    new_figure,
-    save_figure,
-    tidy,
-    without_math,
-)
+from brushexp.results import plotting
+from brushexp.results.plotting import COLORS, GREY, INK
 from brushexp.results.tables import csv_table, markdown_table, over_seeds
 from brushexp.system.files import write_text
 
@@ -30,6 +20,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame, Series
 
 FRONTS = ("psnr", "perceptual")  # metrics that have a front
+FLAGS = ["front_psnr", "front_perceptual"]
+COLUMNS = ["picture", "number", "seconds", *FRONTS, "runs", *FLAGS, "overrides", "command"]
 HEIGHT = 6.0  # inches: of the panels of an image
 MOST_IMAGES = 6  # in a plot; the tables have all
 SHORTEST = 0.01  # seconds: a logarithmic axis has no 0
@@ -67,18 +59,7 @@ def front_table(frame: DataFrame) -> DataFrame:
             distance = one["perceptual"].fillna(math.inf)
             one["front_perceptual"] = front(np.stack([one["seconds"], distance], 1)) & (distance < math.inf)
             found.append(one)
-    columns = [
-        "picture",
-        "number",
-        "seconds",
-        *FRONTS,
-        "runs",
-        "front_psnr",
-        "front_perceptual",
-        "overrides",
-        "command",
-    ]
-    return pd.concat(found)[columns] if found else table.iloc[:0].reindex(columns=columns)
+    return (pd.concat(found) if found else table.iloc[:0]).reindex(columns=COLUMNS)
 
 
 def write_front(folder: Path, frame: DataFrame) -> tuple[Path, Path, Path] | None:
@@ -96,27 +77,20 @@ def write_front(folder: Path, frame: DataFrame) -> tuple[Path, Path, Path] | Non
         return None
     lines = ["Seconds of optimisation, means over seeds. On a front: nothing else is as fast and as good."]
     for image, points in table.groupby("picture", sort=False):
-        lines += ["", f"## {image}", "", markdown_table(_rows(points), DIGITS), "", *_commands(points)]
+        rows = points[["number", "seconds", *FRONTS, "runs"]].rename(columns={"number": ""})
+        rows["front"] = [", ".join(np.compress(flags, FRONTS)) for flags in points[FLAGS].to_numpy(bool)]
+        rows["overrides"] = points["overrides"]
+        lines += ["", f"## {image}", "", markdown_table(rows, DIGITS), "", *_commands(points)]
     paths = folder / "pareto.md", folder / "pareto.csv", folder / "pareto.png"
     write_text(paths[0], "\n".join([*lines, ""]))
     write_text(paths[1], csv_table(table))
-    save_figure(_plot(table, folder.resolve().name), paths[2])
+    plotting.save_figure(_plot(table, folder), paths[2])
     return paths
-
-
-def _rows(points: DataFrame) -> DataFrame:
-    """What the Markdown tells of the settings of an image."""
-    fronts = [
-        ", ".join(metric for metric in FRONTS if flag[metric])
-        for flag in points[["front_psnr", "front_perceptual"]].set_axis(FRONTS, axis=1).to_dict("records")
-    ]
-    rows = points[["number", "seconds", *FRONTS, "runs"]].assign(front=fronts, overrides=points["overrides"])
-    return rows.rename(columns={"number": ""})
 
 
 def _commands(points: DataFrame) -> list[str]:
     """What repeats those on a front; first what all of them begin with."""
-    first = points[points["front_psnr"] | points["front_perceptual"]]
+    first = points[points[FLAGS].any(axis=1)]
     commands = {number: shlex.split(command) for number, command in zip(first["number"], first["command"], strict=True)}
     every = [word for word in next(iter(commands.values())) if all(word in words for words in commands.values())]
     rest = {number: [word for word in words if word not in every] for number, words in commands.items()}
@@ -124,33 +98,32 @@ def _commands(points: DataFrame) -> list[str]:
     return ["Those on a front are repeated by", "", "```", shlex.join(every), *lines, "```"]
 
 
-def _plot(table: DataFrame, title: str) -> Figure:
+def _plot(table: DataFrame, folder: Path) -> Figure:
     """A row of two panels for each image, and beside it what stands on their fronts."""
     images = list(table.groupby("picture", sort=False))
     shown = images[:MOST_IMAGES]
-    figure = new_figure(HEIGHT * len(shown))
+    figure = plotting.new_figure(HEIGHT * len(shown))
     grid = figure.subplots(len(shown), 3, squeeze=False, width_ratios=(5, 5, 3))
     for panels, (image, points) in zip(grid, shown, strict=True):
         for axes, metric in zip(panels[:2], FRONTS, strict=True):
             _panel(axes, points, metric)
-        panels[0].set_title(without_math(image), fontsize=11, loc="left", color=INK)
-        first = points[points["front_psnr"] | points["front_perceptual"]]
+        panels[0].set_title(plotting.without_math(image), fontsize=11, loc="left", color=INK)
+        first = points[points[FLAGS].any(axis=1)]
         lines = [f"{n:>2}  {text}" for n, text in zip(first["number"], first["overrides"], strict=True)]
         lines[MOST_LINES:] = ["more in pareto.md"] * (len(lines) > MOST_LINES)
-        text = "\n".join(label_lines(line, LINE, most=1) for line in lines)
+        text = "\n".join(plotting.label_lines(line, LINE, most=1) for line in lines)
         panels[2].text(0, 1, text, va="top", fontsize=8.5, linespacing=1.3, color=INK, in_layout=False)
         panels[2].axis("off")
     more = f"; {len(images) - len(shown)} more in the table" * (len(images) > len(shown))
-    heading = f"{without_math(title)[:60]}: what is worth its time; grey numbers are explained in pareto.md{more}"
-    figure.suptitle(heading, fontsize=11, x=0.01, ha="left")
+    plotting.entitle(figure, folder, f"what is worth its time; grey numbers are explained in pareto.md{more}")
     return figure
 
 
 def _panel(axes: Axes, points: DataFrame, metric: str) -> None:
     """Numbered points and the front of one metric; far outliers are triangles at the edge."""
-    tidy(axes)
+    plotting.tidy(axes)
     axes.set_xlabel("optimisation, s", fontsize=10)
-    axes.set_ylabel(metric_label(metric), fontsize=10)
+    axes.set_ylabel(plotting.metric_label(metric), fontsize=10)
     points = points.dropna(subset=[metric])
     if points.empty:
         axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", color=GREY)
@@ -165,13 +138,16 @@ def _panel(axes: Axes, points: DataFrame, metric: str) -> None:
         (~first & ~cut, "o", GREY, 4), (~first & cut, "v" if up else "^", GREY, 5), (first, "o", COLORS[0], 6),
     ):  # fmt: skip
         axes.plot(seconds[chosen], values[chosen], marker, color=color, markersize=size, zorder=3)
-    fit_scale(axes, "x", seconds)
+    plotting.fit_scale(axes, "x", seconds)
     axes.margins(0.06)
     limits = axes.get_xlim()
     steps = [*seconds[first], limits[1]], [*values[first], values[first].iloc[-1]]
     axes.step(*steps, where="post", color=COLORS[0], linewidth=1.3, zorder=2)
     axes.set_xlim(limits)
-    for chosen, look in ((first, {"fontsize": 9, "color": INK}), (~first, {"fontsize": 7, "color": "#707070"})):
+    for chosen, look in (
+        (first, {"fontsize": 9, "color": INK}),
+        (~first, {"fontsize": 7, "color": "#707070"}),
+    ):
         above = up == (chosen is first)  # the better side of a front is empty
         aside = {"ha": "right" if chosen is first else "left", "va": "bottom" if above else "top"}
         _write_numbers(axes, points["number"][chosen], seconds[chosen], values[chosen], aside | look)
