@@ -2,6 +2,7 @@
 
     python benchmarks/step.py            all of it (about four minutes on two idle cores, 10 GB of memory)
     python benchmarks/step.py --quick    without the eager blends
+    python benchmarks/step.py --lightning    only what Lightning adds
 
 Every table is one run: read the ratios, not the seconds.
 """
@@ -11,19 +12,24 @@ import math
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import brushexp  # noqa: F401  (before torch: it sets how threads wait)
 
 # isort: split
 import torch
 
+from brushexp.painting.components import Components, standard_components
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.blend.tiled import Backend, Tiled
 from brushexp.plugins.blend.topk import TopK
+from brushexp.plugins.loss.base import Painting, weighted_sum
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.catalogue import Catalogue, Strokes
 from brushexp.system.process import peak_memory
 
 BACKGROUND = torch.ones(3)
@@ -152,10 +158,80 @@ def memory_of_ten_steps() -> None:
     )
 
 
+def lightning_cost(blocks: int = 12, steps: int = 15) -> None:
+    """A painter's step through Lightning, with the callbacks of a run, against a bare loop over the same parts."""
+    import lightning as L  # noqa: PLC0415
+
+    from brushexp.painting.painter import Painter  # noqa: PLC0415
+    from brushexp.painting.timelapse import Frames, Timelapse  # noqa: PLC0415
+    from brushexp.system.callbacks import GracefulInterrupt, ProgressBar, TimedCheckpoint  # noqa: PLC0415
+
+    target, strokes = torch.rand(3, 512, 512), scene(2621, 512)
+    parts = standard_components(steps=10**6)
+    painter = Painter(Catalogue(strokes, parts.optimizer.units), parts, target, BACKGROUND, seed=0)
+    bare = bare_step(Catalogue(strokes, parts.optimizer.units), parts, target)
+    times: dict[str, list[float]] = {"lightning": [], "bare": []}
+
+    class Alternate(L.Callback):
+        """After each block of steps through Lightning, as many of the bare loop."""
+
+        begin = 0.0
+
+        def on_train_batch_end(self, trainer: L.Trainer, *_: object) -> None:
+            if trainer.global_step % steps == 0:
+                if self.begin:
+                    times["lightning"].append(time.process_time() - self.begin)
+                begin = time.process_time()
+                for _ in range(steps):
+                    bare()
+                times["bare"].append(time.process_time() - begin)
+                self.begin = time.process_time()
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder)
+        frames = Frames(Timelapse(60, 360))
+        callbacks = [Alternate(), GracefulInterrupt(""), frames, ProgressBar(), TimedCheckpoint(path / "it", 60)]
+        options: dict[str, Any] = {"enable_progress_bar": False, "enable_model_summary": False, "log_every_n_steps": 1}
+        logger = L.pytorch.loggers.CSVLogger(path)
+        L.Trainer(max_steps=blocks * steps, logger=logger, callbacks=callbacks, accelerator="cpu", **options).fit(
+            painter
+        )
+    each = {name: 1e3 * statistics.median(values) / steps for name, values in times.items()}
+    print("\n512 x 512 px, 2,621 strokes: time of the processor, medians of alternated blocks\n")
+    print("| loop | ms per step | times bare |\n|---|---|---|")
+    for name, milliseconds in each.items():
+        print(f"| {name} | {milliseconds:.2f} | {milliseconds / each['bare']:.3f} |", flush=True)
+
+
+def bare_step(catalogue: Catalogue, parts: Components, target: torch.Tensor) -> Callable[[], None]:
+    """View, render, blend, loss, backward, optimiser, clamp: nothing else."""
+    optimizer = parts.optimizer.over(catalogue.parameters())
+    renderer, size = parts.stages[0].renderer, (target.shape[1], target.shape[2])
+    order, generator = torch.arange(len(catalogue)), torch.Generator()
+
+    def step() -> None:
+        with torch.no_grad():
+            parts.sampler(catalogue(), size, 1, generator)
+        strokes = catalogue()
+        painting = Painting(parts.blend(renderer(strokes), order, size, BACKGROUND).image, target, strokes)
+        total, _ = weighted_sum(parts.losses, painting)
+        optimizer.zero_grad()
+        total.backward()
+        optimizer.step()
+        catalogue.keep_in_range()
+        renderer.clamp(catalogue())
+
+    return step
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="leave out the eager blends")
+    parser.add_argument("--lightning", action="store_true", help="only what Lightning adds to a step")
     quick = parser.parse_args().quick
+    lightning_cost()
+    if parser.parse_args().lightning:
+        sys.exit()
     switches()
     growth()
     memory()

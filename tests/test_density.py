@@ -5,22 +5,20 @@ from dataclasses import replace
 
 import pytest
 import torch
+from painters import painter_of as some_painter
+from painters import take
 from scenes import Windowed, random_strokes, straight
 
 from brushexp.errors import UserError
-from brushexp.painting.components import Components, Stage
 from brushexp.painting.importance import importance
 from brushexp.painting.metrics import psnr_of
-from brushexp.painting.painter import Painter
 from brushexp.plugins.blend.tiled import Backend, Tiled
 from brushexp.plugins.density._candidates import candidates, halves, straddling
 from brushexp.plugins.density.adaptive import Adaptive
 from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.init.slic import Slic
-from brushexp.plugins.loss.pixel import MeanSquaredError
 from brushexp.plugins.optimizer.torch_optim import TorchOptim
-from brushexp.plugins.order.area import Area
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
@@ -42,24 +40,16 @@ def picture(size=SIZE):
 def painter_of(density, *, n=60, steps=60, target=None, sampler=None, **options):
     """A painter of ``n`` strokes on the picture above."""
     target = picture() if target is None else target
-    parts = Components(
-        stages=[Stage("analytic", Analytic(), steps)],
-        blend=Tiled(),
-        order=Area(),
-        losses={"mse": MeanSquaredError()},
-        density=density,
-        sampler=sampler or Whole(),
-        optimizer=TorchOptim(options={"betas": [0.9, 0.99]}),
-    )
     strokes = Slic()(target, density.first(n, steps), torch.Generator().manual_seed(0))
-    catalogue = Catalogue(strokes, parts.optimizer.units)
-    return Painter(catalogue, parts, target, target.mean((1, 2)), seed=0, budget=n, **options)
+    optimizer = TorchOptim(options={"betas": [0.9, 0.99]})
+    chosen = {"density": density, "sampler": sampler or Whole(), "blend": Tiled(), "optimizer": optimizer}
+    return some_painter(strokes=strokes, target=target, steps=steps, options=options | {"budget": n}, **chosen)
 
 
 def painted(density, **options):
     """A painter after all of its steps."""
     painter = painter_of(density, **options)
-    painter.advance(painter.configure_optimizers(), 1e9)
+    take(painter, painter.schedule.steps)
     return painter
 
 
@@ -213,7 +203,7 @@ def test_all_strokes_that_were_asked_for_are_there_in_the_end(split):
 
 def test_adaptive_paints_better_than_fixed_with_as_many_strokes_and_steps():
     target = picture((72, 96))
-    psnr = [psnr_of(float((painted(d, target=target, n=150, steps=200).picture() - target).square().mean()))
+    psnr = [psnr_of(float((painted(d, target=target, n=150, steps=200).drawn() - target).square().mean()))
             for d in (Fixed(), Adaptive())]  # fmt: skip
     assert psnr[1] > psnr[0] + 0.3
 
@@ -264,7 +254,7 @@ def test_the_smallest_paintings_are_painted(n, size):
     n = min(n, size[0] * size[1])
     painter = painted(Adaptive(moved=0.5, split=0.5), n=n, target=torch.rand(3, *size), steps=40)
     assert 1 <= len(painter.catalogue) <= n
-    assert painter.picture().isfinite().all()
+    assert painter.drawn().isfinite().all()
 
 
 def test_parts_of_a_canvas_can_be_revised_too():
@@ -288,25 +278,14 @@ def test_a_catalogue_makes_room_for_what_is_loaded():
         assert torch.equal(getattr(small(), name), getattr(large(), name))
 
 
-def test_the_mean_share_is_the_mean_over_the_steps():
-    density, strokes = Adaptive(moved=0.0), 70
-    counts = []
-    image, target = torch.zeros(3, *SIZE), torch.rand(3, *SIZE)
-    for step in range(1, 1001):
-        update = density.revise(state_of(image, target, random_strokes(strokes, SIZE), step=step, steps=1000))
-        strokes += 0 if update is None else len(update.new) - int((~update.keep).sum())
-        counts.append(strokes)
-    assert sum(counts) / 1000 / 70 == pytest.approx(density.mean_share, rel=0.05)
-
-
 def test_coarse_steps_look_at_the_smaller_picture_and_the_rest_at_all_of_it():
     painter = painter_of(Fixed(), steps=20, coarse=0.5)
-    optimizer, sizes = painter.configure_optimizers(), []
-    while painter.step < painter.steps:
-        painter._take_step(optimizer)
-        sizes.append(tuple(painter._last.shape[1:]))
-        assert painter.latest().shape == painter.target.shape
-        assert math.isfinite(painter.error)
+    loop, sizes = take(painter, 0), []
+    while painter.schedule.step < painter.schedule.steps:
+        take(painter, 1, loop)
+        sizes.append(tuple(painter.picture._last.shape[1:]))
+        assert painter.latest().shape == painter.picture.target.shape
+        assert math.isfinite(painter.picture.error)
     assert sizes == [(20, 28)] * 10 + [SIZE] * 10
 
 
@@ -314,13 +293,13 @@ def test_coarse_steps_leave_the_strokes_in_place():
     """Where every stroke ends does not depend on the size at which the first steps look, but for detail."""
     target = torch.nn.functional.interpolate(torch.rand(1, 3, 5, 7), SIZE, mode="bicubic")[0].clamp(0, 1)
     coarse, full = (painted(Fixed(), steps=100, coarse=share, target=target) for share in (0.5, 0.0))
-    assert psnr_of(coarse.error) == pytest.approx(psnr_of(full.error), abs=1.5)
+    assert psnr_of(coarse.picture.error) == pytest.approx(psnr_of(full.picture.error), abs=1.5)
 
 
 def test_a_coarse_picture_with_focus_and_odd_sides():
     target = torch.rand(3, 7, 5)
     focus = replace(state_of(target, target, Strokes.none())).target[0] * 0 + 1
-    assert painted(Fixed(), n=4, target=target, coarse=0.5, focus=focus, steps=10).picture().isfinite().all()
+    assert painted(Fixed(), n=4, target=target, coarse=0.5, focus=focus, steps=10).drawn().isfinite().all()
 
 
 def test_no_more_strokes_are_cut_than_can_be_and_the_budget_holds():
@@ -346,14 +325,15 @@ def test_the_small_picture_is_not_taken_for_the_whole():
     """The error of coarse steps is that of what they saw, enlarged: never better than the painting looks."""
     target = torch.rand(3, *SIZE)
     painter = painter_of(Fixed(), steps=40, coarse=0.99, target=target)
-    painter.advance(painter.configure_optimizers(), 1e9)
-    assert psnr_of(painter.error) < psnr_of(float((painter.picture() - target).square().mean())) + 1
+    take(painter, painter.schedule.steps)
+    assert psnr_of(painter.picture.error) < psnr_of(float((painter.drawn() - target).square().mean())) + 1
 
 
 def test_strokes_are_as_large_as_the_picture_that_coarse_steps_look_at():
     painter, seen = painter_of(Fixed(), steps=4, coarse=0.5), []
+    loop = take(painter, 0)
     painter.losses["mse"].register_forward_hook(lambda module, args, out: seen.append(args[0]))
-    painter.advance(painter.configure_optimizers(), 1e9)
+    take(painter, 4, loop)
     assert float(seen[0].strokes.scale.mean() / seen[-1].strokes.scale.mean()) == pytest.approx(0.5)
 
 

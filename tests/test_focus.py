@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from painters import painter_of as some_painter
+from painters import take
 from PIL import Image
 from program import ROOT, run
 from torch import Tensor
@@ -17,25 +19,19 @@ from brushexp.app.composition import check
 from brushexp.errors import UserError
 from brushexp.features.base import mean_squares
 from brushexp.painting.assembly import focus_of
-from brushexp.painting.components import Components, Stage
 from brushexp.painting.metrics import measure
 from brushexp.painting.painter import Painter
 from brushexp.pictures.focus import attention, faces, focus_map, focus_weights, resized
 from brushexp.pictures.load import load_picture
-from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.init.slic import Slic
 from brushexp.plugins.loss.base import Loss, Painting
 from brushexp.plugins.loss.lpips import Lpips
 from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
 from brushexp.plugins.loss.ssim import StructuralSimilarity, dissimilarity, statistics
-from brushexp.plugins.optimizer.torch_optim import TorchOptim
-from brushexp.plugins.order.area import Area
-from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
-from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes
+from brushexp.strokes.catalogue import FIELDS, Strokes
 
 SIZE = (53, 78)
 LOSSES = {
@@ -312,24 +308,14 @@ CANVAS = (60, 90)
 
 def painter_of(focus: Tensor | None, *, sampler=None, losses=None, init_focus: Tensor | None = None) -> Painter:
     target = load_picture("chelsea", CANVAS[1])
-    parts = Components(
-        stages=[Stage("it", Analytic(), 200)],
-        blend=Tiled(opaque=0),
-        order=Area(),
-        losses=losses or {"mse": MeanSquaredError()},
-        density=Fixed(),
-        sampler=sampler or Whole(),
-        optimizer=TorchOptim(),
-    )
     strokes = Slic()(target, 80, torch.Generator().manual_seed(0), init_focus)
-    return Painter(Catalogue(strokes, parts.optimizer.units), parts, target, target.mean((1, 2)), seed=0, focus=focus)
+    chosen = {"sampler": sampler or Whole(), "losses": losses or {"mse": MeanSquaredError()}}
+    return some_painter(strokes=strokes, target=target, steps=200, options={"focus": focus}, **chosen)
 
 
 def painted(painter: Painter, steps: int) -> Tensor:
-    optimizer = painter.configure_optimizers()
-    for _ in range(steps):
-        painter._take_step(optimizer)
-    return painter.picture()
+    take(painter, steps)
+    return painter.drawn()
 
 
 def square() -> Tensor:
@@ -340,7 +326,7 @@ def square() -> Tensor:
 
 def errors(painter: Painter, picture: Tensor) -> tuple[float, float]:
     """Mean squared error inside the square and outside."""
-    squares, inside = (picture - painter.target).square().mean(0), square() == 1
+    squares, inside = (picture - painter.picture.target).square().mean(0), square() == 1
     return float(squares[inside].mean()), float(squares[~inside].mean())
 
 

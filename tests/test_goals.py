@@ -9,20 +9,29 @@ from types import SimpleNamespace
 
 import pytest
 import torch
+from painters import fit, painter_of
 from program import Program, run
-from test_painter import painter_of, take
 from torch.testing import assert_close
 
 from brushexp.app.composition import check
 from brushexp.errors import UserError
 from brushexp.painting.anytime import Anytime
 from brushexp.painting.components import Stage
-from brushexp.painting.cost import Cost
-from brushexp.painting.goals import INTERRUPTED, PSNR_REACHED, SECONDS_SPENT, STOPPED_EARLY, Budget, EarlyStop, Goals
-from brushexp.painting.metrics import psnr_of
-from brushexp.painting.painter import Painter
+from brushexp.painting.goals import (
+    PSNR_REACHED,
+    SECONDS_SPENT,
+    STOPPED_EARLY,
+    Goal,
+    NoMoreGain,
+    Quality,
+    TimeBudget,
+    goals_of,
+    step_seconds,
+)
+from brushexp.painting.schedule import Schedule
 from brushexp.plugins.optimizer.torch_optim import TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.system.callbacks import INTERRUPTED
 
 SMALL = ["image=chelsea", "resolution=48", "threads=1", "frames=0"]
 
@@ -30,32 +39,39 @@ SMALL = ["image=chelsea", "resolution=48", "threads=1", "frames=0"]
 class Work:
     """A painting without a picture, whose steps take as long as they are said to: ``cost(step)`` seconds."""
 
-    steps, stage, progress = Painter.steps, Painter.stage, Painter.progress
-    elapsed, end_stage = Painter.elapsed, Painter.end_stage
-
     def __init__(self, *steps: int, cost=lambda step: 0.1, seconds: float = 0.0, error: float = 0.1) -> None:
-        self.ends = list(itertools.accumulate(steps))
-        self.seconds, self.error, self.cost = seconds, error, cost
-        self.step = self.evaluations = 0
-        self.is_coarse = False
-        self.now, self.clock, self._looked, self.stop = 0.0, lambda: self.now, 0.0, ""
+        self.schedule = Schedule(steps)
+        self.schedule.load_state_dict(self.schedule.state_dict() | {"seconds": seconds})
+        self.now, self.schedule.clock = 0.0, lambda: self.now
+        self.cost, self.picture = cost, SimpleNamespace(error=error)
+        self.evaluations, self.is_coarse, self.stop = 0, False, ""
         self.rates: list[float] = []
 
-    def run(self, goals: Goals, most: int = 10**5) -> "Work":
+    def run(self, *goals: Goal, most: int = 10**5) -> "Work":
         """Take steps as a painter would."""
-        for goal in goals.goals.values():
-            goal.begin(self)
-        while self.step < min(self.steps, most) and not self.stop:
-            done, steps = self.progress
-            self.rates.append(TorchOptim().rate(done / steps))
-            self.now += self.cost(self.step)
-            self.step += 1
+        schedule = self.schedule
+        schedule.start()
+        for goal in goals:
+            if isinstance(goal, TimeBudget):
+                goal.begin(self)
+        while schedule.step < min(schedule.steps, most) and not self.stop:
+            done, steps = schedule.stage_progress
+            self.rates.append(0.02 * TorchOptim().share(done / steps))
+            self.now += self.cost(schedule.step)
+            schedule.step += 1
             self.evaluations += 1
-            goals.look(self)
-        for goal in goals.goals.values():
+            for goal in goals:
+                goal.look(self)
+        for goal in goals:
             goal.end(self)
-        self.seconds, self._looked = self.elapsed, None
+        schedule.pause()
         return self
+
+
+@pytest.fixture(autouse=True)
+def _step_of_a_later_stage(monkeypatch):
+    timed = lambda painter: painter.cost(10**5) if isinstance(painter, Work) else step_seconds(painter)  # noqa: E731
+    monkeypatch.setattr("brushexp.painting.goals.step_seconds", timed)
 
 
 COSTS = {
@@ -69,64 +85,48 @@ COSTS = {
 
 @pytest.mark.parametrize("cost", COSTS)
 @pytest.mark.parametrize("seconds", [0.9, 10.0, 30.0])
-@pytest.mark.parametrize("expected", [0.01, 0.1, 1.0])
-def test_the_steps_fit_the_seconds_and_the_rate_comes_down(cost, seconds, expected):
-    work = Work(500, cost=COSTS[cost])
-    painter = work.run(Goals(seconds=seconds, costs=[Cost(expected)]))
-    assert painter.stop == SECONDS_SPENT
-    assert painter.step == painter.steps
-    assert painter.seconds == pytest.approx(seconds, rel=0.02, abs=max(map(COSTS[cost], range(painter.step))))
+def test_the_steps_fit_the_seconds_and_the_rate_comes_down(cost, seconds):
+    work = Work(500, cost=COSTS[cost]).run(TimeBudget(seconds))
+    schedule = work.schedule
+    assert work.stop == SECONDS_SPENT
+    assert schedule.step == schedule.steps
+    assert schedule.seconds == pytest.approx(seconds, rel=0.02, abs=max(map(COSTS[cost], range(schedule.step))))
     if seconds > 5:
         assert work.rates[0] == pytest.approx(0.02)
         assert work.rates[-1] < 0.1 * 0.02
         assert all(a >= b - 0.15 * 0.02 for a, b in itertools.pairwise(work.rates)), "it never leaps up"
 
 
-def test_seconds_replace_steps():
-    assert Work(3).run(Goals(seconds=10.0, costs=[Cost(0.1)])).step == 100
-    assert Work(0).run(Goals(seconds=10.0, costs=[Cost(0.1)])).step == 100
-    assert Work(100).run(Goals(seconds=0.0, costs=[Cost(0.1)])).step == 0
+@pytest.mark.parametrize(("steps", "seconds", "taken"), [(3, 10.0, 100), (0, 10.0, 100), (100, 0.0, 0)])
+def test_seconds_replace_steps(steps, seconds, taken):
+    assert Work(steps).run(TimeBudget(seconds)).schedule.step == taken
 
 
-@pytest.mark.parametrize(("seconds", "last"), [(60.0, 40), (60.0, 10), (20.0, 40), (1.0, 40)])
+@pytest.mark.parametrize(("seconds", "last"), [(60.0, 40), (60.0, 10), (20.0, 40)])
 def test_the_last_stage_keeps_its_steps_if_they_fit_into_half_of_the_seconds(seconds, last):
     work = Work(100, last)
-    work.cost = lambda step: 0.01 if work.stage == 0 else 0.5
-    painter = work.run(Goals(seconds=seconds, costs=[Cost(0.01), Cost(0.5)]))
-    finish = painter.ends[1] - painter.ends[0]
-    assert finish == pytest.approx(min(last, 0.5 * seconds / 0.5), abs=1)
-    assert painter.seconds == pytest.approx(seconds, abs=0.5)
-    assert painter.stop == SECONDS_SPENT
-
-
-def test_what_a_stage_costs_before_its_first_step_is_left_for_it():
-    work = Work(100, 40)
-    work.cost = lambda step: 0.01 if step < work.ends[0] else 5.0 if step == work.ends[0] else 0.25
-    painter = work.run(Goals(seconds=60.0, costs=[Cost(0.01), Cost(0.25, begin=5.0)]))
-    assert painter.ends[1] - painter.ends[0] == pytest.approx(40, abs=1)
-    assert painter.seconds == pytest.approx(60, abs=0.5)
-
-
-def test_stages_before_the_last_share_as_they_would_have():
-    budget = Budget(100.0, [Cost(0.1), Cost(0.2), Cost(1.0)])
-    assert budget._divided([100, 100, 10]) == pytest.approx([30, 90, 100])
+    work.cost = lambda step: 0.01 if work.schedule.stage == 0 and step < 10**5 else 0.5
+    ends = work.run(TimeBudget(seconds)).schedule.ends
+    assert ends[1] - ends[0] == pytest.approx(min(last, 0.5 * seconds / 0.5), abs=1)
+    assert work.schedule.seconds == pytest.approx(seconds, abs=0.5)
+    assert work.stop == SECONDS_SPENT
 
 
 def test_time_before_an_interruption_counts():
-    goals, first = Goals(seconds=20.0, costs=[Cost(0.1)]), Work(500)
-    first.run(goals, most=50)
+    goal, first = TimeBudget(20.0), Work(500)
+    first.run(goal, most=50)
     assert first.stop == ""
-    again, second = Goals(seconds=20.0, costs=[Cost(9.0)]), Work(500, seconds=first.seconds)
-    again.load_state_dict(goals.state_dict())
-    second.step, second.ends = first.step, first.ends
-    painter = second.run(again)
-    assert painter.step == pytest.approx(200, abs=1)
-    assert painter.seconds == pytest.approx(20, abs=0.1)
+    again, second = TimeBudget(20.0), Work(500)
+    again.load_state_dict(goal.state_dict())
+    second.schedule.load_state_dict(first.schedule.state_dict())
+    second.run(again)
+    assert second.schedule.step == pytest.approx(200, abs=1)
+    assert second.schedule.seconds == pytest.approx(20, abs=0.1)
 
 
 def test_an_endless_time_is_refused():
     with pytest.raises(UserError, match="set seconds to a number"):
-        Budget(float("inf"), [])
+        TimeBudget(float("inf"))
 
 
 @pytest.mark.parametrize("override", ["seconds=-1", "psnr=-3"])
@@ -137,45 +137,45 @@ def test_goals_that_are_none_are_refused(config, override):
 
 def test_a_quality_ends_the_run(caplog):
     caplog.set_level("INFO")
-    assert Work(40, error=0.1).run(Goals(psnr=10.5)).stop == ""
+    assert Work(40, error=0.1).run(Quality(10.5)).stop == ""
     assert "psnr=10.5 was not reached: the picture has 10.00 dB" in caplog.text
-    work = Work(40, error=0.1).run(Goals(psnr=9.5))
+    work = Work(40, error=0.1).run(Quality(9.5))
     assert work.stop == PSNR_REACHED
-    assert work.step == 1
+    assert work.schedule.step == 1
     assert "psnr=9.5 is reached after" in caplog.text
 
 
 def test_only_the_last_stage_reaches_a_quality():
-    work = Work(5, 5).run(Goals(psnr=0.0))
+    work = Work(5, 5).run(Quality(0.0))
     assert work.stop == PSNR_REACHED
-    assert work.step == 6
+    assert work.schedule.step == 6
 
 
 def test_the_first_goal_ends_the_run():
-    assert Work(400).run(Goals(psnr=0.0, seconds=20.0, costs=[Cost(0.1)])).stop == PSNR_REACHED
-    assert Work(400).run(Goals(psnr=90.0, seconds=2.0, costs=[Cost(0.1)])).stop == SECONDS_SPENT
-    assert Work(400).run(Goals(early_stop=50.0, seconds=200.0, costs=[Cost(0.1)])).stop == STOPPED_EARLY
-    painter = Work(5).run(Goals(psnr=90.0, early_stop=0.0))
-    assert painter.stop == ""
-    assert painter.step == 5
+    assert Work(400).run(Quality(0.0), TimeBudget(20.0)).stop == PSNR_REACHED
+    assert Work(400).run(Quality(90.0), TimeBudget(2.0)).stop == SECONDS_SPENT
+    assert Work(400).run(NoMoreGain(50.0), TimeBudget(200.0)).stop == STOPPED_EARLY
+    work = Work(5).run(Quality(90.0), NoMoreGain(0.0))
+    assert (work.stop, work.schedule.step) == ("", 5)
 
 
-def test_an_early_stop_leaves_the_next_stage_its_share_of_the_seconds():
-    work = Work(100, 10)
-    painter = work.run(Goals(early_stop=50.0, seconds=100.0, costs=[Cost(0.1), Cost(0.1)]))
-    assert painter.ends[0] == 200, "200 evaluations have gained nothing"
-    assert painter.stop == STOPPED_EARLY
+def test_an_early_stop_goes_on_with_the_next_stage():
+    work = Work(1000, 3).run(NoMoreGain(50.0))
+    assert work.schedule.ends == [200, 203], "200 evaluations have gained nothing"
+    assert work.stop == ""
 
 
-def test_an_early_stop_remembers():
-    stop = EarlyStop(1.0)
-    painter = SimpleNamespace(stage=0, is_coarse=False, evaluations=150, error=0.1, stop="", end_stage=lambda: False)
-    stop.look(painter)
-    other = EarlyStop(1.0)
+def test_an_early_stop_counts_evaluations_and_remembers_them():
+    work, stop, other = Work(1000), NoMoreGain(1.0), NoMoreGain(1.0)
+    work.evaluations = 150
+    stop.look(work)
     other.load_state_dict(stop.state_dict())
-    painter.evaluations = 250
-    other.look(painter)
-    assert painter.stop == STOPPED_EARLY
+    work.evaluations = 249
+    other.look(work)
+    assert work.stop == ""
+    work.evaluations = 250
+    other.look(work)
+    assert work.stop == STOPPED_EARLY
 
 
 def test_a_curve_keeps_its_ends_and_its_bends():
@@ -206,20 +206,19 @@ def test_a_curve_has_one_pair_for_each_time_and_only_numbers():
     assert curve.pairs == [(0.0, 11.0), (1.0, 12.0)]
 
 
-def test_a_painter_records_its_curve_from_the_start():
-    painter = painter_of(Stage("s", Analytic(), 30))
-    first = float((painter.picture() - painter.target).square().mean())
-    painter.rehearse()
-    painter.on_fit_start()
-    assert painter.anytime.pairs == [(0.0, pytest.approx(psnr_of(first), rel=1e-5))]
-    take(painter, painter.configure_optimizers(), 3)
-    checkpoint = {"state_dict": {}}
-    painter.on_save_checkpoint(checkpoint)
-    other = painter_of(Stage("s", Analytic(), 30))
-    other.on_load_checkpoint(checkpoint)
-    other.rehearse()
-    other.on_fit_start()
-    assert other.anytime.pairs == painter.anytime.pairs
+def test_a_painter_records_its_curve_and_goals_end_its_fit():
+    painter = painter_of(steps=10**6)
+    trainer = fit(painter, goals_of(early_stop=None, psnr=0.0, seconds=60.0))
+    assert (painter.stop, trainer.global_step) == (PSNR_REACHED, 1)
+    assert painter.anytime.pairs[0][0] == 0.0
+
+
+def test_a_fit_takes_its_seconds_in_two_stages():
+    painter = painter_of(Stage("a", Analytic(), 100), Stage("b", Analytic(), 5))
+    fit(painter, goals_of(early_stop=None, psnr=None, seconds=2.0))
+    assert painter.stop == SECONDS_SPENT
+    assert painter.schedule.ends[0] > 1
+    assert painter.schedule.steps > painter.schedule.ends[0]
 
 
 def metrics_of(folder: Path) -> dict:
@@ -232,7 +231,6 @@ def test_a_run_tells_which_goal_ended_it(tmp_path):
     metrics = metrics_of(tmp_path / "a")
     assert metrics["status"] == PSNR_REACHED
     assert metrics["steps"] == 1
-    assert metrics["predicted_seconds"] is None
     assert metrics["anytime"][0][0] == 0
     assert metrics["anytime"][-1] == [round(metrics["seconds"], 3), round(metrics["psnr"], 3)]
     assert "psnr=5 is reached after" in (tmp_path / "a" / "run.log").read_text()

@@ -57,7 +57,7 @@ MISTAKES = {
     "task=analyse catalogue=a.h5 visible=2": "visible=2 is not 0 to 1; try visible=1",
     "loss.mse.weight=-1": "loss.mse.weight=-1 is not at least 0; try loss.mse.weight=0",
     "style.content=-1": "style.content=-1 is not at least 0",
-    "warm_start=nope": "warm_start=nope is not a renderer; choose auto, null or one of analytic",
+    "warm_up=nope": "warm_up=nope is not a renderer; choose auto, null or one of analytic",
     "task=export": "task=export needs catalogue: catalogue.h5 of a run",
     "image=a'b.jpg strokes='": "must stand in quotes",
 }

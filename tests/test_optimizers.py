@@ -31,7 +31,7 @@ class Scene:
     """Strokes before a grey target, and an optimiser that moves them."""
 
     def __init__(self, optimizer: Optimizer, n: int = 20) -> None:
-        self.rate = optimizer.rate
+        self.share, self.lr = optimizer.share, optimizer.lr
         self.catalogue = Catalogue(random_strokes(n, SIZE), optimizer.units)
         self.optimizer = optimizer.over(p for p in self.catalogue.parameters() if p.requires_grad)
         self.target = torch.rand(3, 4, 6, generator=torch.Generator().manual_seed(1)).repeat_interleave(6, 1)
@@ -51,7 +51,7 @@ class Scene:
 
         for step in range(steps):
             for group in self.optimizer.param_groups:
-                group["lr"] = self.rate(step / of)
+                group["lr"] = self.lr * self.share(step / of)
             self.optimizer.step(closure)
             self.catalogue.keep_in_range()
 

@@ -1,21 +1,20 @@
 """Partial updates: places, rings, what is kept, and that parts agree with the whole."""
 
-import copy
 from dataclasses import replace
 
 import pytest
 import torch
+from painters import error_of, gradient_of, take
+from painters import painter_of as some_painter
 from scenes import Windowed, random_strokes
 from torch.testing import assert_close
 
 from brushexp.errors import UserError
 from brushexp.painting.canvas_memory import CanvasMemory, touched
-from brushexp.painting.components import Components, Stage
 from brushexp.painting.painter import Painter
 from brushexp.painting.patch_cache import PatchCache
 from brushexp.pictures.region import Region
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.loss.base import Painting
 from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.loss.pixel import MeanSquaredError
@@ -29,7 +28,7 @@ from brushexp.plugins.renderer.textured import Textured
 from brushexp.plugins.sampler.base import View
 from brushexp.plugins.sampler.patches import Coverage, Patches, places
 from brushexp.plugins.sampler.whole import Whole
-from brushexp.strokes.catalogue import FIELDS, Catalogue
+from brushexp.strokes.catalogue import FIELDS
 from brushexp.strokes.prior import clamp_to_prior
 
 SIZE = (48, 70)
@@ -37,25 +36,8 @@ RENDERERS = {"analytic": Analytic, "textured": Textured, "windowed": Windowed}
 
 
 def painter_of(sampler, renderer=None, n: int = 60, losses=None, order=None, steps: int = 1000, **options) -> Painter:
-    torch.manual_seed(5)
-    parts = Components(
-        stages=[Stage("it", renderer or Analytic(), steps)],
-        blend=Tiled(opaque=0),
-        order=order or Area(),
-        losses=losses or {"mse": MeanSquaredError()},
-        density=Fixed(),
-        sampler=sampler,
-        optimizer=TorchOptim(**options),
-    )
-    catalogue = Catalogue(clamp_to_prior(random_strokes(n, SIZE)), parts.optimizer.units)
-    return Painter(catalogue, parts, torch.rand(3, *SIZE), torch.tensor([0.2, 0.5, 0.9]), seed=0)
-
-
-def take(painter: Painter, steps: int, optimizer=None) -> torch.optim.Optimizer:
-    optimizer = optimizer or painter.configure_optimizers()
-    for _ in range(steps):
-        painter._take_step(optimizer)
-    return optimizer
+    chosen = {"sampler": sampler, "order": order or Area(), "losses": losses or {"mse": MeanSquaredError()}}
+    return some_painter(n=n, renderer=renderer, steps=steps, optimizer=TorchOptim(**options), **chosen)
 
 
 def assert_equal_strokes(a, b, **tolerance) -> None:
@@ -75,8 +57,8 @@ def test_a_patch_that_covers_the_canvas_paints_the_same_picture_as_the_whole(ren
     part = painter_of(Patches(**EVERYTHING, coverage=coverage), make())
     take(whole, 12)
     take(part, 12)
-    assert_equal_strokes(whole.catalogue(), part.catalogue(), rtol=1e-4, atol=1e-3)
-    assert_close(whole.picture(), part.picture(), rtol=0, atol=1e-3)
+    assert_equal_strokes(whole.strokes(), part.strokes(), rtol=1e-4, atol=1e-3)
+    assert_close(whole.drawn(), part.drawn(), rtol=0, atol=1e-3)
 
 
 @pytest.mark.parametrize("renderer", RENDERERS)
@@ -85,14 +67,12 @@ def test_with_all_others_in_the_ring_active_strokes_feel_what_they_feel_in_the_w
     everything = painter.catalogue()
     active, ring = torch.arange(60).chunk(2)
     region = Region(0, 0, *SIZE)
-    painter._objective(painter.catalogue, View(region))
-    wanted = {name: value.grad[active] for name, value in painter.catalogue.named_parameters()}
+    wanted = gradient_of(painter, View(region))
     total = painter.terms["mse"]
-    part = painter.catalogue.part(active)
-    painter._objective(part, View(region, active, ring))
+    found = gradient_of(painter, View(region, active, ring), painter.catalogue.part(active))
     assert_close(painter.terms["mse"], total, rtol=1e-3, atol=1e-6)  # kept windows have 16 bits
-    for name, value in part.named_parameters():
-        assert_close(value.grad, wanted[name], rtol=2e-3, atol=2e-3 * float(wanted[name].abs().max()))
+    for name, value in found.items():
+        assert_close(value, wanted[name][active], rtol=2e-3, atol=2e-3 * float(wanted[name].abs().max()))
     assert_equal_strokes(painter.catalogue(), everything)
 
 
@@ -106,26 +86,24 @@ def test_a_ring_wide_enough_makes_a_part_feel_what_it_feels_in_the_whole():
     distance = torch.cdist(position, position[active]).amin(1)
     near = distance.topk(200, largest=False).indices
     ring = near[~torch.isin(near, active)]
-    painter._objective(painter.catalogue, View(Region(0, 0, *SIZE)))
-    wanted = {name: value.grad[active] for name, value in painter.catalogue.named_parameters()}
-    part = painter.catalogue.part(active)
-    painter._objective(part, View(region, active, ring))
-    for name, value in part.named_parameters():
-        error = (value.grad - wanted[name]).norm() / wanted[name].norm()
-        assert error < 0.25, name
-    alone = painter.catalogue.part(active)
-    painter._objective(alone, View(region, active, None))
-    worse = [(value.grad - wanted[name]).norm() for name, value in alone.named_parameters()]
-    better = [(value.grad - wanted[name]).norm() for name, value in part.named_parameters()]
-    assert sum(worse) > sum(better), "the ring brings something"
+    wanted = gradient_of(painter, View(Region(0, 0, *SIZE)))
+
+    def errors(ring: torch.Tensor | None) -> dict[str, torch.Tensor]:
+        found = gradient_of(painter, View(region, active, ring), painter.catalogue.part(active))
+        return {name: (value - wanted[name][active]).norm() for name, value in found.items()}
+
+    with_ring, alone = errors(ring), errors(None)
+    for name, error in with_ring.items():
+        assert error < 0.25 * wanted[name][active].norm(), name
+    assert sum(alone.values()) > sum(with_ring.values()), "the ring brings something"
 
 
 def test_only_active_strokes_move():
     painter = painter_of(Patches(n_active=7, n_ring=9, patch=20))
-    optimizer = painter.configure_optimizers()
+    loop = take(painter, 0)
     for _ in range(8):
         before = painter.catalogue().map(torch.clone)
-        painter._take_step(optimizer)
+        take(painter, 1, loop)
         moved = torch.zeros(60, dtype=torch.bool)
         for name, value in painter.catalogue().items():
             moved |= (value != getattr(before, name)).reshape(60, -1).any(1)
@@ -134,7 +112,7 @@ def test_only_active_strokes_move():
 
 def test_the_past_of_a_stroke_is_remembered_from_visit_to_visit():
     painter = painter_of(Patches(n_active=20, n_ring=20, patch=70, steps_per_patch=2))
-    optimizer = take(painter, 30)
+    optimizer = take(painter, 30)["optimizer"]
     for parameter in painter.catalogue.parameters():
         state = optimizer.state[parameter]
         assert state["exp_avg"].shape == parameter.shape
@@ -146,9 +124,9 @@ def test_the_past_of_a_stroke_is_remembered_from_visit_to_visit():
 def test_partial_steps_lower_the_error_with_any_optimiser(name):
     lr = {"SGD": 3.0, "LBFGS": 0.5}.get(name, 0.02)
     painter = painter_of(Patches(n_active=20, n_ring=20, patch=40), name=name, lr=lr)
-    before = float((painter.picture() - painter.target).square().mean())
+    before = error_of(painter)
     take(painter, 60)
-    after = float((painter.picture() - painter.target).square().mean())
+    after = error_of(painter)
     assert after < before
 
 
@@ -156,33 +134,9 @@ def test_partial_steps_lower_the_error_with_any_optimiser(name):
 def test_the_kept_picture_stays_near_the_truth(renderer):
     painter = painter_of(Patches(n_active=15, n_ring=15, patch=30), RENDERERS[renderer](), lr=0.005)
     take(painter, 40)
-    assert float((painter.latest() - painter.picture()).abs().mean()) < 0.01
-    error = float((painter.latest() - painter.target).square().mean())
-    assert painter.error == pytest.approx(error, rel=1e-5)
-
-
-@pytest.mark.parametrize(("renderer", "error"), [(Analytic, 0), (Windowed, 1e-5)])  # kept windows are drawn again
-@pytest.mark.parametrize("coverage", Coverage)
-def test_a_run_goes_on_from_its_checkpoint(coverage, renderer, error):
-    def fresh() -> Painter:
-        sampler = Patches(n_active=9, n_ring=5, patch=30, coverage=coverage)
-        return painter_of(sampler, renderer(), order=Accuracy(every=3))
-
-    one = fresh()
-    optimizer = take(one, 13)
-    checkpoint = {"state_dict": one.state_dict()}
-    one.on_save_checkpoint(checkpoint)
-    checkpoint, state = copy.deepcopy(checkpoint), copy.deepcopy(optimizer.state_dict())
-    take(one, 9, optimizer)
-    two = fresh()
-    two.rehearse()
-    second = two.configure_optimizers()
-    second.load_state_dict(state)
-    two.on_load_checkpoint(checkpoint)
-    two.load_state_dict(checkpoint["state_dict"], strict=False)
-    take(two, 9, second)
-    assert_equal_strokes(one.catalogue(), two.catalogue(), rtol=error, atol=error)
-    assert torch.equal(one.visits, two.visits)
+    assert float((painter.latest() - painter.drawn()).abs().mean()) < 0.01
+    error = float((painter.latest() - painter.picture.target).square().mean())
+    assert painter.picture.error == pytest.approx(error, rel=1e-5)
 
 
 def test_fair_coverage_visits_every_stroke_equally_often():
@@ -218,7 +172,7 @@ def test_random_coverage_takes_the_nearest_strokes_to_a_point():
 def test_odd_sizes_are_defined(n, options):
     painter = painter_of(Patches(**options), n=n)
     take(painter, 6)
-    assert painter.picture().isfinite().all()
+    assert painter.drawn().isfinite().all()
 
 
 def test_no_strokes_are_looked_at_whole():
@@ -304,18 +258,18 @@ def test_features_of_a_part_see_what_surrounds_it():
 def test_losses_of_strokes_and_features_work_on_parts():
     losses = {"perceptual": Perceptual(), "kl": KullbackLeibler(), "mse": MeanSquaredError()}
     painter = painter_of(Patches(n_active=15, n_ring=15, patch=32), losses=losses)
-    before = float((painter.picture() - painter.target).square().mean())
+    before = error_of(painter)
     take(painter, 20)
-    assert float((painter.picture() - painter.target).square().mean()) < before
+    assert error_of(painter) < before
     assert all(term.isfinite() for term in painter.terms.values())
 
 
 def test_the_order_of_accuracy_works_on_parts():
     painter = painter_of(Patches(n_active=15, n_ring=15, patch=32), order=Accuracy(every=1))
     take(painter, 40)
-    assert (painter._accuracy != 0).sum() > 40
-    assert sorted(painter.front_to_back.tolist()) == list(range(60))
-    assert torch.equal(front_to_back(painter._accuracy).sort().values, torch.arange(60))
+    assert (painter.depth.accuracy != 0).sum() > 40
+    assert sorted(painter.depth.front_to_back.tolist()) == list(range(60))
+    assert torch.equal(front_to_back(painter.depth.accuracy).sort().values, torch.arange(60))
 
 
 def test_random_coverage_finds_strokes_however_few_there_are():
@@ -335,15 +289,17 @@ def test_a_round_is_as_many_steps_as_move_each_stroke_once(coverage, patch):
 
 
 def test_losses_keep_their_balance_on_parts():
-    painter = painter_of(Whole(), losses={"mse": MeanSquaredError(weight=3.0), "kl": KullbackLeibler(weight=2.0)})
+    losses = {"mse": MeanSquaredError(weight=3.0), "kl": KullbackLeibler(weight=2.0)}
+    painter = painter_of(Whole(), losses=losses)
     active, ring = torch.arange(60).chunk(2)
-    total, _ = painter._objective(painter.catalogue.part(active), View(Region(7, 9, 24, 35), active, ring))
-    assert float(total) == pytest.approx(3 / 4 * float(painter.terms["mse"]) + 2 * float(painter.terms["kl"]))
+    gradient_of(painter, View(Region(7, 9, 24, 35), active, ring), painter.catalogue.part(active))
+    total = painter.training_step(None, 0)
+    assert float(total.detach()) == pytest.approx(3 / 4 * float(painter.terms["mse"]) + 2 * float(painter.terms["kl"]))
 
 
 def test_the_error_is_known_when_another_renderer_takes_over():
     painter = painter_of(Patches(n_active=15, n_ring=15, patch=30), steps=6)
     take(painter, 5)
-    before = painter.error
-    painter._drop_memory()
-    assert painter.error == before
+    before = painter.picture.error
+    painter.picture.forget()
+    assert painter.picture.error == before

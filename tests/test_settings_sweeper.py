@@ -61,7 +61,7 @@ def test_a_setting_that_is_no_override_is_refused():
         ("steps=5,-3", "job 1 of the sweep.*steps=-3 is not at least 0; try steps=0"),
         ("loss=[mse],[]", "no loss is chosen"),
         ("task=paint,export", "task=export needs catalogue"),
-        ("warm_start=auto,nope", "warm_start=nope is not a renderer"),
+        ("warm_up=auto,nope", "warm_up=nope is not a renderer"),
         ("loss.mse.weight=1,-1", "try loss.mse.weight=0"),
     ],
 )

@@ -186,9 +186,9 @@ def test_a_slow_renderer_takes_over_from_a_fast_one(windowed, tmp_path):
     assert np.abs(same - picture(tmp_path / "a" / "painting.png")).max() <= 1
 
 
-def test_an_interrupted_warm_start_continues_exactly(windowed, tmp_path):
+def test_an_interrupted_warm_up_continues_exactly(windowed, tmp_path):
     settings = ["image=chelsea", "resolution=48", "steps=400", "finish_steps=4", "threads=1", "frames=0"]
-    settings += ["renderer=windowed", "warm_start=analytic"]
+    settings += ["renderer=windowed", "warm_up=analytic"]
     process = Program(*settings, "checkpoint_every=0", f"output={tmp_path}/a", cwd=tmp_path, **windowed)
     while not (tmp_path / "a" / "checkpoint.ckpt").exists() and process.poll() is None:
         time.sleep(0.05)

@@ -94,10 +94,8 @@ def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
         if plugin.family == "loss":
             WEIGHT.check(f"{path}.weight", node.weight)
     names = [plugin.name for plugin in plugins("renderer")]
-    if cfg.get("warm_start") not in ("auto", None, *names):
-        raise UserError(
-            f"warm_start={cfg.warm_start} is not a renderer; choose auto, null or one of {', '.join(names)}"
-        )
+    if cfg.get("warm_up") not in ("auto", None, *names):
+        raise UserError(f"warm_up={cfg.warm_up} is not a renderer; choose auto, null or one of {', '.join(names)}")
 
 
 def check_chosen(cfg: DictConfig) -> None:

@@ -97,12 +97,10 @@ class PaintTask(Task):
     coarse: float = key(
         0, "share of the steps that come first, at half the resolution: pays where steps are few", between(0, 1)
     )
-    warm_start: str | None = key(
+    warm_up: str | None = key(
         "auto", "renderer that takes these steps first; auto = the fast one that a network names; null = none"
     )
-    finish_steps: int = key(
-        40, "gradient steps of each stroke with the chosen renderer after a warm start", at_least(0)
-    )
+    finish_steps: int = key(40, "gradient steps of each stroke with the chosen renderer after a warm-up", at_least(0))
     background: str = key("mean", "of the bare canvas: mean (of the picture), white, black, '#rrggbb'")
     catalogue: str | None = key(None, "start from the strokes of this catalogue.h5 instead of init")
     resume: str | None = key(None, "folder of an interrupted run: continue it exactly, with its own settings")

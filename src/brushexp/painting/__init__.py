@@ -1,7 +1,7 @@
 """From a target picture to a painting, in the order of the data.
 
 assembly (with init) -> components
--> painter (with pyramid, sampler, canvas_memory, patch_cache, renderer, order, blend, loss, partial,
-optimizer, density, importance)
--> anytime -> cost -> goals -> progress -> timelapse -> metrics -> outputs
+-> painter (with schedule, pyramid, sampler, picture, canvas_memory, patch_cache, renderer, order, depth, blend, loss,
+partial, optimizer, density, importance)
+-> anytime -> goals -> timelapse -> metrics -> outputs
 """

@@ -24,10 +24,10 @@ from brushexp.system.files import write_picture
 
 log = logging.getLogger(__name__)
 STYLE, BRUSHWORK = "style", "brushwork"  # names of the losses that the keys of ``style`` add
-AUTO = "auto"  # warm_start that leaves it to the renderer
+AUTO = "auto"  # warm_up that leaves it to the renderer
 
 
-def parts_of(cfg: DictConfig) -> Components:
+def components_of(cfg: DictConfig) -> Components:
     """Build what the config names."""
     return Components(
         stages=stages_of(cfg),
@@ -78,14 +78,14 @@ def focus_of(cfg: DictConfig, target: Tensor, folder: Path) -> Tensor | None:
 
 
 def stages_of(cfg: DictConfig) -> list[Stage]:
-    """The renderers and their steps: the chosen one, and before it the one that ``warm_start`` asks for, if any."""
+    """The renderers and their steps: the chosen one, and before it the one that ``warm_up`` asks for, if any."""
     name, renderer = plugin_of(cfg.renderer).name, build(cfg.renderer)
-    first = renderer.warm_up if cfg.warm_start == AUTO else cfg.warm_start
+    first = renderer.warm_up if cfg.warm_up == AUTO else cfg.warm_up
     if first is None or not (cfg.steps or cfg.seconds):
         return [Stage(name, renderer, cfg.steps)]
     names = [plugin.name for plugin in plugins("renderer")]
     if first not in names:
-        raise UserError(f"warm_start={first} is not a renderer; choose {AUTO}, null or one of {', '.join(names)}")
+        raise UserError(f"warm_up={first} is not a renderer; choose {AUTO}, null or one of {', '.join(names)}")
     return [Stage(first, build_named("renderer", first, {}), cfg.steps), Stage(name, renderer, cfg.finish_steps)]
 
 

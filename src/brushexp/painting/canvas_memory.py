@@ -50,7 +50,7 @@ class CanvasMemory:
         self.background = background
         self.renderer = renderer
         self.blend = blend
-        self.kept = PatchCache(renderer, n)
+        self.cache = PatchCache(renderer, n)
         self.n = n
         self._squares: float | None = None  # sum of squared errors; None if it has to be computed
         self._view: View | None = None
@@ -70,7 +70,7 @@ class CanvasMemory:
         """Take over a step that moved all strokes and looked at the whole canvas (3, H, W) without this view."""
         self.picture.copy_(image)
         self._squares = None
-        self.kept.forget(torch.arange(self.n, device=image.device))
+        self.cache.forget(torch.arange(self.n, device=image.device))
 
     def paint(
         self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, judge: bool
@@ -91,7 +91,7 @@ class CanvasMemory:
         shift = (-region.left, -region.top)
         layers, known = self.renderer(moving.moved(shift=shift), active), active
         if view.ring is not None and len(view.ring):
-            layers = layers.joined(self.kept.layers(strokes[view.ring].moved(shift=shift), view.ring))
+            layers = layers.joined(self.cache.layers(strokes[view.ring].moved(shift=shift), view.ring))
             known = torch.cat([active, view.ring])
         place = torch.empty_like(front_to_back)
         place[front_to_back] = torch.arange(len(place), device=place.device)

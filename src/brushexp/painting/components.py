@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.density.base import Density
@@ -38,3 +39,32 @@ class Components:
     density: Density
     sampler: Sampler
     optimizer: Optimizer
+
+
+def standard_components(renderer: Renderer | None = None, *, steps: int = 500, **chosen: Any) -> Components:
+    """The defaults of ``task=paint`` without a config, for use from Python.
+
+    Args:
+        renderer: analytic for None.
+        steps: gradient steps.
+        chosen: what else should differ, see `Components`.
+    """
+    from brushexp.plugins.blend.tiled import Tiled  # noqa: PLC0415  (the contracts above are all that others need)
+    from brushexp.plugins.density.fixed import Fixed  # noqa: PLC0415
+    from brushexp.plugins.loss.pixel import MeanSquaredError  # noqa: PLC0415
+    from brushexp.plugins.optimizer.torch_optim import TorchOptim  # noqa: PLC0415
+    from brushexp.plugins.order.area import Area  # noqa: PLC0415
+    from brushexp.plugins.renderer.analytic import Analytic  # noqa: PLC0415
+    from brushexp.plugins.sampler.whole import Whole  # noqa: PLC0415
+
+    renderer = renderer or Analytic()
+    defaults: dict[str, Any] = {
+        "stages": [Stage(type(renderer).__name__.lower(), renderer, steps)],
+        "blend": Tiled(),
+        "order": Area(),
+        "losses": {"mse": MeanSquaredError()},
+        "density": Fixed(),
+        "sampler": Whole(),
+        "optimizer": TorchOptim(),
+    }
+    return Components(**{**defaults, **chosen})

@@ -1,56 +1,74 @@
-"""A step over some of the strokes: rows of parameters and of optimiser state, lent and taken back."""
+"""A step over some of the strokes: rows of parameters and of the optimiser's state, sliced out and written back."""
 
+from __future__ import annotations
+
+import logging
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import torch
 from torch import Tensor, nn, optim
 
-from brushexp.plugins.optimizer.base import Optimizer
 from brushexp.strokes.catalogue import Catalogue
 
+log = logging.getLogger(__name__)
 STEP = "step"  # under this name optimisers count their steps, to correct the bias of their first averages
 
 
-def lend(
-    catalogue: Catalogue, optimizer: optim.Optimizer, make: Optimizer, rows: Tensor, steps: int
-) -> tuple[Catalogue, optim.Optimizer]:
-    """Strokes number ``rows`` (A,) as a catalogue of their own, with an optimiser that knows their past.
+@contextmanager
+def partial_update(
+    catalogue: Catalogue, optimizer: optim.Optimizer, rows: Tensor | None, visits: Tensor
+) -> Iterator[Catalogue]:
+    """Let an optimiser see only strokes number ``rows``, as a catalogue of their own; None for all of them.
 
     An optimiser that saw all strokes would move those too whose gradient is 0: their averages go on. What it remembers
-    of a stroke is lent if it is one number per parameter; what is not (the history of L-BFGS) starts afresh.
+    of a stroke goes with it if it is one number per parameter; what is not (the history of L-BFGS) starts afresh.
 
     Args:
-        catalogue: all strokes.
-        optimizer: of all strokes; it holds their state and takes no steps itself.
-        make: makes such optimisers.
-        rows: strokes, without repetition.
-        steps: how many each of them has taken (the median, if they differ).
+        catalogue: all N strokes; what becomes of some is written into it in the end.
+        optimizer: of all strokes.
+        rows: (A,) strokes that move, without repetition.
+        visits: (N,) steps that each stroke has taken; counted here. Optimisers know one number of steps for all
+            strokes of a step: the median.
     """
+    if rows is None:
+        yield catalogue
+        visits += 1
+        return
     part = catalogue.part(rows)
-    lent = make.over(p for p in part.parameters() if p.requires_grad)
-    for old, new in _pairs(optimizer, lent):
-        state = optimizer.state.get(old, {})
-        lent.state[new] = {key: _counted(key, value, steps, rows, old) for key, value in state.items()}
-    for group, wanted in zip(optimizer.param_groups, lent.param_groups, strict=True):
-        wanted |= {key: steps if key == STEP else value for key, value in group.items() if key != "params"}
-    return part, lent
+    names = {id(parameter): name for name, parameter in catalogue.named_parameters()}
+    before = [(group, group["params"]) for group in optimizer.param_groups]
+    pairs = [(old, getattr(part, names[id(old)])) for _, olds in before for old in olds]
+    whole, steps = optimizer.state, int(visits[rows].median())
+    sliced = {new: _sliced(whole.get(old, {}), steps, rows, old) for old, new in pairs}
+    optimizer.state = defaultdict(dict, {new: state for new, state in sliced.items() if state})
+    for group, olds in before:
+        group["params"] = [getattr(part, names[id(old)]) for old in olds]
+        if STEP in group:
+            group[STEP] = steps
+    try:
+        yield part
+    finally:
+        state, optimizer.state = optimizer.state, whole
+        for group, olds in before:
+            group["params"] = olds
+    catalogue.put(rows, part)
+    if not _written_back(whole, [(old, state.get(new, {})) for old, new in pairs], rows) and not visits.any():
+        log.info("%s cannot remember single strokes: each step begins afresh", type(optimizer).__name__)
+    visits[rows] += 1
 
 
 @torch.no_grad()
-def take_back(
-    catalogue: Catalogue, optimizer: optim.Optimizer, part: Catalogue, lent: optim.Optimizer, rows: Tensor
-) -> bool:
-    """Write what `lend` gave away, and what has become of it, into the whole.
-
-    Returns:
-        Whether the optimiser's state came back, too; if not it starts afresh with the next step.
-    """
-    catalogue.put(rows, part)
-    pairs = [(old, new, lent.state.get(new, {})) for old, new in _pairs(optimizer, lent)]
-    if not all(_is_by_row(value, new) for _, new, state in pairs for value in state.values()):
-        return False
-    for old, _, state in pairs:
-        kept = optimizer.state[old]
+def _written_back(whole: Any, states: list[tuple[nn.Parameter, dict[str, Any]]], rows: Tensor) -> bool:
+    """Write the state of some strokes into that of all, if all of it is one number per parameter."""
+    for old, state in states:
+        shape = (len(rows), *old.shape[1:])
+        if not all(torch.is_tensor(value) and value.shape in ((), shape) for value in state.values()):
+            return False
+    for old, state in states:
+        kept = whole[old]
         for key, value in state.items():
             if value.ndim == 0:
                 kept[key] = value
@@ -58,22 +76,14 @@ def take_back(
             if key not in kept:
                 kept[key] = value.new_zeros(old.shape)
             kept[key][rows] = value
-    for group, changed in zip(optimizer.param_groups, lent.param_groups, strict=True):
-        group |= {key: value for key, value in changed.items() if key != "params"}
     return True
 
 
-def _pairs(whole: optim.Optimizer, part: optim.Optimizer) -> list[tuple[nn.Parameter, nn.Parameter]]:
-    """Each parameter of all strokes, and the one of some of them."""
-    groups = zip(whole.param_groups, part.param_groups, strict=True)
-    return [pair for old, new in groups for pair in zip(old["params"], new["params"], strict=True)]
-
-
-def _is_by_row(value: Any, parameter: Tensor) -> bool:
-    return torch.is_tensor(value) and value.shape in ((), parameter.shape)
-
-
-def _counted(key: str, value: Any, steps: int, rows: Tensor, old: Tensor) -> Any:
-    if key == STEP:
-        return torch.full_like(value, steps) if torch.is_tensor(value) else steps
-    return value[rows] if value.shape == old.shape and value.ndim else value.clone()
+def _sliced(state: dict[str, Any], steps: int, rows: Tensor, old: Tensor) -> dict[str, Any]:
+    found = {}
+    for key, value in state.items():
+        if key == STEP:
+            found[key] = torch.full_like(value, steps) if torch.is_tensor(value) else steps
+        else:
+            found[key] = value[rows] if value.shape == old.shape and value.ndim else value.clone()
+    return found

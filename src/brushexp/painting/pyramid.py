@@ -1,4 +1,4 @@
-"""What a painting is compared with, at its own size or smaller."""
+"""The target at its own size, or at a smaller one for the first steps."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from brushexp.pictures.focus import resized
 
 
 @dataclass(frozen=True)
-class Aim:
+class PyramidLevel:
     """A target, and how much smaller it is than the canvas that the strokes are measured on.
 
     Attributes:
@@ -32,11 +32,13 @@ class Aim:
         """Mean squared error of a picture (3, H, W) of this size."""
         return float((image - self.target).square().mean())
 
-    def smaller(self, zoom: float) -> "Aim":
+    def smaller(self, zoom: float) -> "PyramidLevel":
         """The same at ``zoom`` times its size, by means over areas."""
         size = (max(1, round(self.size[0] * zoom)), max(1, round(self.size[1] * zoom)))
         target = functional.interpolate(self.target[None], size, mode="area")[0].contiguous()
-        return Aim(target, None if self.focus is None else resized(self.focus, size).contiguous(), self.zoom * zoom)
+        return PyramidLevel(
+            target, None if self.focus is None else resized(self.focus, size).contiguous(), self.zoom * zoom
+        )
 
 
 @torch.no_grad()

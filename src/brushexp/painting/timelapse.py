@@ -9,6 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import lightning as L
 import numpy as np
 import torch
 from PIL import Image
@@ -16,6 +17,7 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from brushexp.errors import UserError
+from brushexp.painting.painter import Painter
 from brushexp.pictures.video import LARGEST_SIDE, MOST_FPS, MOST_SECONDS, Format, filming
 from brushexp.system.files import to_bytes
 
@@ -90,6 +92,31 @@ class Timelapse:
         """Take over the frames of `state_dict`."""
         jpegs = [frame.numpy().tobytes() for frame in state["frames"]]
         self._frames = dict(zip(state["steps"], jpegs, strict=True))
+
+
+class Frames(L.Callback):
+    """Shows a timelapse the frames it wants, and keeps them in the checkpoint."""
+
+    def __init__(self, timelapse: Timelapse) -> None:
+        self.timelapse = timelapse
+
+    def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        self.look(pl_module)
+
+    def on_train_batch_end(self, trainer: L.Trainer, pl_module: L.LightningModule, *_: object) -> None:
+        self.look(pl_module)
+
+    def look(self, painter: L.LightningModule) -> None:
+        """Offer the picture as it is now."""
+        assert isinstance(painter, Painter)
+        if self.timelapse.due(painter.schedule.step, painter.schedule.steps):
+            self.timelapse.add(painter.latest(), painter.schedule.step)
+
+    def state_dict(self) -> dict[str, Any]:
+        return self.timelapse.state_dict()
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        self.timelapse.load_state_dict(state_dict)
 
 
 @lru_cache

@@ -1,6 +1,5 @@
 """Cells of many steps: strokes that are optimised under extreme conditions, and what becomes of them."""
 
-import time
 from dataclasses import dataclass
 
 import lightning as L
@@ -8,16 +7,12 @@ import torch
 from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.painting.components import Components, Stage
+from brushexp.painting.components import Stage, standard_components
 from brushexp.painting.metrics import psnr_of
 from brushexp.painting.painter import Painter
 from brushexp.plugins.blend.base import Blend
-from brushexp.plugins.density.fixed import Fixed
-from brushexp.plugins.loss.pixel import MeanSquaredError
 from brushexp.plugins.optimizer.torch_optim import TorchOptim
-from brushexp.plugins.order.area import Area
 from brushexp.plugins.renderer.base import Renderer
-from brushexp.plugins.sampler.whole import Whole
 from brushexp.stress.check import DTYPES, Check, Drawing, compare, range_fault
 from brushexp.stress.reference import CRASHES, Reference, check_of_error
 from brushexp.stress.scenes import BACKGROUND, TARGETS, StressScene, random_strokes, random_target
@@ -72,67 +67,54 @@ def check_painting(
         renderer = Reference(renderer, StressScene(random_strokes(0, CANVAS), exercise.target, 0)).renderer
     try:
         painter = painter_of(name, renderer, blend, kind, exercise)
-        before = psnr_of(float((painter.picture() - painter.target).square().mean()))
+        before = psnr_of(float((painter.drawn() - painter.picture.target).square().mean()))
         take_steps(painter, patience if exercise.steps >= LONG else 0.1 * patience)
-        picture = painter.picture()
+        picture = painter.drawn()
         strokes = painter.catalogue().map(Tensor.detach)
-        reference = Reference(renderer, StressScene(strokes, exercise.target, len(strokes), painter.front_to_back))
+        reference = Reference(
+            renderer, StressScene(strokes, exercise.target, len(strokes), painter.depth.front_to_back)
+        )
         exact = reference.by(blend, dtype)
     except (UserError, *CRASHES) as error:
         return check_of_error(error)
-    after = psnr_of(float((picture - painter.target).square().mean()))
-    fewer = f"{painter.step} of {exercise.steps:,} steps, " if painter.step < exercise.steps else ""
+    after = psnr_of(float((picture - painter.picture.target).square().mean()))
+    fewer = f"{painter.schedule.step} of {exercise.steps:,} steps, " if painter.schedule.step < exercise.steps else ""
     drawn = Drawing(picture, {}, fault=range_fault(strokes))
     return compare(dtype, drawn, exact, strokes, f"{fewer}{before:.1f} to {after:.1f} dB")
 
 
 def painter_of(name: str, renderer: Renderer, blend: Blend, dtype: torch.dtype, exercise: Exercise) -> Painter:
     """What optimises the strokes of an exercise."""
-    parts = Components(
-        stages=[Stage(name, renderer, exercise.steps)],
-        blend=blend,
-        order=Area(),
-        losses={"mse": MeanSquaredError()},
-        density=Fixed(),
-        sampler=Whole(),
-        optimizer=TorchOptim(lr=exercise.rate),
+    components = standard_components(
+        stages=[Stage(name, renderer, exercise.steps)], blend=blend, optimizer=TorchOptim(lr=exercise.rate)
     )
     strokes = random_strokes(STROKES if renderer.warm_up is None else FEW, CANVAS).map(lambda value: value.to(dtype))
-    catalogue = Catalogue(strokes, parts.optimizer.units)
-    return Painter(catalogue, parts, exercise.target.to(dtype), torch.tensor(BACKGROUND).to(dtype), seed=0)
+    catalogue = Catalogue(strokes, components.optimizer.units)
+    return Painter(catalogue, components, exercise.target.to(dtype), torch.tensor(BACKGROUND).to(dtype), seed=0)
 
 
 def take_steps(painter: Painter, patience: float) -> None:
     """Take all steps if they fit into ``patience`` seconds, else those that fit into a tenth of it."""
-    painter.rehearse()
-    begin = time.monotonic()
-    limit = patience
-
-    def watch(step: int) -> None:
-        nonlocal limit
-        passed = time.monotonic() - begin
-        if step == LEAST and passed / step * painter.steps > patience:
-            limit = 0.1 * patience
-        if step >= LEAST and passed > limit:
-            painter.stop = "patience"
-
-    painter.watch = watch
-    trainer = L.Trainer(
+    L.Trainer(
         accelerator="cpu",
-        devices=1,
-        max_epochs=-1,
         logger=False,
-        callbacks=[_End()],
+        callbacks=[Patience(patience)],
         enable_checkpointing=False,
         enable_progress_bar=False,
         enable_model_summary=False,
-    )
-    trainer.fit(painter, range(1))
+    ).fit(painter)
 
 
-class _End(L.Callback):
-    """Ends the fit after the last step."""
+class Patience(L.Callback):
+    """Ends the fit after ``limit`` seconds, or a tenth of them once it is clear that all steps will not fit."""
 
-    def on_train_epoch_end(self, trainer: L.Trainer, painter: L.LightningModule) -> None:
-        assert isinstance(painter, Painter)
-        trainer.should_stop = painter.step >= painter.steps or bool(painter.stop)
+    def __init__(self, limit: float) -> None:
+        self.limit = limit
+
+    def on_train_batch_end(self, trainer: L.Trainer, pl_module: L.LightningModule, *_: object) -> None:
+        assert isinstance(pl_module, Painter)
+        schedule = pl_module.schedule
+        if schedule.step == LEAST and schedule.seconds / schedule.step * schedule.steps > self.limit:
+            self.limit *= 0.1
+        if schedule.step >= LEAST and schedule.seconds > self.limit:
+            trainer.should_stop = True

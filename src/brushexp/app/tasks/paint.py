@@ -4,28 +4,24 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 import lightning as L
 import torch
 from hydra.core.hydra_config import HydraConfig
-from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.app.resuming import CHECKPOINT, interrupted_run
+from brushexp.app.fitting import trainer_of
+from brushexp.app.resuming import interrupted_run
 from brushexp.app.tracking import trackers_of
 from brushexp.errors import UserError
 from brushexp.features.distance import Distance, open_distance
-from brushexp.painting.assembly import STYLE, first_strokes, focus_of, in_colors, paced, parts_of
-from brushexp.painting.cost import calibrate, in_words, predict
-from brushexp.painting.goals import Goals
+from brushexp.painting.assembly import STYLE, components_of, first_strokes, focus_of, in_colors, paced
+from brushexp.painting.goals import goals_of
 from brushexp.painting.metrics import measure
 from brushexp.painting.outputs import renderer_of, summary_line, work_of
 from brushexp.painting.painter import Painter
-from brushexp.painting.progress import INTERRUPTED, Checkpoints, Frames, ProgressBar
-from brushexp.painting.timelapse import Timelapse
+from brushexp.painting.timelapse import Frames, Timelapse
 from brushexp.pictures.load import background_color, load_picture
 from brushexp.pictures.video import format_of
 from brushexp.plugins.export.svg import Svg
@@ -34,13 +30,13 @@ from brushexp.registry import plugin_of
 from brushexp.results.page.run import write_run_page
 from brushexp.strokes.catalogue import Catalogue
 from brushexp.strokes.storage import Saved, save_catalogue
+from brushexp.system.callbacks import INTERRUPTED
 from brushexp.system.device import device_of
 from brushexp.system.files import to_bytes, write_json, write_picture
-from brushexp.system.process import interruptible, peak_memory
+from brushexp.system.process import peak_memory
 
 log = logging.getLogger(__name__)
 ON_THE_WAY = 8  # frames of the timelapse that trackers get
-AFTER = 4.0  # seconds that metrics and timelapse take after the last step, roughly
 
 
 def run(cfg: DictConfig, start: float) -> dict[str, object]:
@@ -55,7 +51,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     L.seed_everything(cfg.seed, verbose=False)
     target = load_picture(cfg.image, cfg.resolution)
     focus = focus_of(cfg, target, folder)
-    parts = parts_of(cfg)
+    parts = components_of(cfg)
     if cfg.style.image is not None:
         target = in_colors(target, parts, folder)
     background = background_color(cfg.background, target)
@@ -68,11 +64,12 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     kind = format_of(cfg.timelapse, "timelapse")
     frames = Frames(Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds, kind=kind))
     write_picture(folder / "target.png", target)
-    predicted = None
     with trackers:
-        if painter.steps or cfg.seconds:
-            predicted = fit(painter, cfg, folder, checkpoint, frames, trackers.loggers, start)
-        metrics = finish(painter, cfg, folder, start, lpips, predicted)
+        if painter.schedule.steps or cfg.seconds:
+            goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
+            trainer = trainer_of(cfg, device, folder, trackers.loggers, [frames, *goals])
+            trainer.fit(painter, ckpt_path=None if checkpoint is None else str(checkpoint))
+        metrics = finish(painter, cfg, folder, start, lpips)
         frames.timelapse.write(folder)
         trackers.report(
             metrics,
@@ -84,55 +81,9 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         report(folder)
     log.info(summary_line(folder, metrics))
     if painter.stop == INTERRUPTED:
-        log.warning("interrupted at step %d; continue with: python run.py resume=%s", painter.step, folder)
+        log.warning("interrupted at step %d; continue with: python run.py resume=%s", painter.schedule.step, folder)
         raise KeyboardInterrupt
     return metrics
-
-
-def fit(
-    painter: Painter,
-    cfg: DictConfig,
-    folder: Path,
-    checkpoint: Path | None,
-    frames: Frames,
-    loggers: Sequence[Logger],
-    start: float,
-) -> float | None:
-    """Take the gradient steps; the seconds that were predicted for them, None for none."""
-    painter.rehearse()
-    costs = calibrate(painter) if cfg.seconds is not None else ()
-    predicted = predict(painter) if cfg.seconds is None and checkpoint is None else None
-    if predicted is not None:
-        most = "at most " * (cfg.psnr is not None or cfg.early_stop is not None)
-        everything = time.monotonic() - start + predicted + AFTER
-        log.info("%s%s of optimisation, %s in all", most, in_words(predicted), in_words(everything))
-    goals = Goals(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds, costs=costs)
-    checkpoints = Checkpoints(folder / CHECKPOINT, cfg.checkpoint_every)
-
-    def watch(step: int) -> None:
-        frames.look(painter)
-        goals.look(painter)
-
-    painter.watch = watch
-    if checkpoint is None:
-        frames.look(painter)
-    trainer = L.Trainer(
-        accelerator="gpu" if painter.device.type == "cuda" else "cpu",
-        devices=[painter.device.index or 0] if painter.device.type == "cuda" else 1,
-        max_epochs=-1,
-        logger=loggers,
-        callbacks=[ProgressBar(), frames, goals, checkpoints],
-        log_every_n_steps=1,
-        enable_checkpointing=False,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-    )
-    with interruptible(
-        partial(setattr, painter, "stop", INTERRUPTED),
-        "stopping after this step; what is painted so far will be written",
-    ):
-        trainer.fit(painter, range(1), ckpt_path=None if checkpoint is None else str(checkpoint))
-    return predicted
 
 
 def some_of(timelapse: Timelapse) -> dict[int, bytes]:
@@ -165,46 +116,43 @@ def style_of(painter: Painter, cfg: DictConfig) -> dict[str, float]:
         return {}
     style = painter.losses[STYLE]
     assert isinstance(style, Style)
-    return {f"style_{name}": value for name, value in style.measured(painter.picture(), painter.target).items()}
+    return {f"style_{name}": value for name, value in style.measured(painter.drawn(), painter.picture.target).items()}
 
 
-def finish(
-    painter: Painter, cfg: DictConfig, folder: Path, start: float, lpips: Distance | None, predicted: float | None
-) -> dict[str, object]:
+def finish(painter: Painter, cfg: DictConfig, folder: Path, start: float, lpips: Distance | None) -> dict[str, object]:
     """Write the painting, its catalogue and its numbers."""
-    painter.end_all_but_last()
-    picture = to_bytes(painter.picture())
+    painter.hand_over()
+    canvas, schedule = painter.picture, painter.schedule
+    picture = to_bytes(painter.drawn())
     write_picture(folder / "painting.png", picture)
-    with torch.no_grad():
-        strokes = painter.catalogue().map(lambda value: value.detach().cpu())
+    strokes = painter.strokes().map(torch.Tensor.cpu)
     depth = torch.empty(len(strokes), dtype=torch.int32)
-    depth[painter.front_to_back.cpu()] = torch.arange(len(strokes) - 1, -1, -1, dtype=torch.int32)
+    depth[painter.depth.front_to_back.cpu()] = torch.arange(len(strokes) - 1, -1, -1, dtype=torch.int32)
     saved = Saved(
         strokes=strokes,
         depth=depth,
-        size=painter.size,
-        background=painter.background.cpu(),
+        size=canvas.size,
+        background=canvas.background.cpu(),
         renderer=plugin_of(cfg.renderer).name,
         renderer_hash=painter.renderer.weights_hash,
         seed=cfg.seed,
         config=OmegaConf.to_yaml(cfg, resolve=True),
     )
     save_catalogue(folder / "catalogue.h5", saved)
-    blend = painter.parts.blend
+    blend = painter.components.blend
     Svg().write(work_of(saved, renderer_of(saved), blend, saved.renderer, source=cfg.image), folder)
-    measured = measure(picture, to_bytes(painter.target), lpips, painter.focus)
+    measured = measure(picture, to_bytes(canvas.target), lpips, canvas.focus)
     assert isinstance(measured["psnr"], float)
-    painter.anytime.add(painter.seconds, measured["psnr"])
+    painter.anytime.add(schedule.seconds, measured["psnr"])
     metrics: dict[str, object] = {
         **measured,
         **style_of(painter, cfg),
-        "seconds": painter.seconds,
-        "predicted_seconds": predicted,
+        "seconds": schedule.seconds,
         "seconds_total": time.monotonic() - start,
-        "seconds_per_step": painter.seconds / painter.step if painter.step else None,
+        "seconds_per_step": schedule.seconds / schedule.step if schedule.step else None,
         "peak_memory_mb": peak_memory(),
         "n_strokes": len(strokes),
-        "steps": painter.step,
+        "steps": schedule.step,
         "device": str(painter.device),
         "status": painter.stop or "completed",
         "anytime": [[round(seconds, 3), round(psnr, 3)] for seconds, psnr in painter.anytime.pairs],

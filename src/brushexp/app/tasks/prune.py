@@ -30,12 +30,12 @@ from brushexp.app.tasks.evaluate import (
 )
 from brushexp.app.tasks.train import PRECISIONS, fit
 from brushexp.errors import UserError
-from brushexp.painting.progress import INTERRUPTED
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.renderer.neural import Neural
 from brushexp.plugins.renderer.weights_file import checkpoint_path, read_recipe, save_checkpoint
 from brushexp.registry import build, plugin_of
+from brushexp.system.callbacks import INTERRUPTED
 from brushexp.system.checkpoint import plain_options
 from brushexp.system.device import device_of
 from brushexp.system.files import write_json, write_text

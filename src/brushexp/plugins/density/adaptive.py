@@ -43,6 +43,8 @@ class Adaptive(Density):
         psnr: dB from which no more strokes are added; null for none.
     """
 
+    uses_importance = True
+
     def __init__(
         self,
         *,
@@ -70,8 +72,6 @@ class Adaptive(Density):
         self.size = size
         self.tolerance = tolerance
         self.psnr = math.inf if psnr is None else psnr
-        self.judges = True
-        self.mean_share = (start + (1 - start) * (1 - until / 2)) / start
         self._round = 0  # of those that are over
         self._first = 0  # strokes at the beginning
 

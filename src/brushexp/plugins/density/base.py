@@ -50,21 +50,36 @@ class DensificationUpdate:
 
 
 class Density(ABC):
-    """Adds strokes where they are needed and removes those that are not.
+    """Adds strokes where they are needed and removes those that are not (densification and pruning).
 
     Attributes:
-        mean_share: strokes that there are on average over the steps, for each one that there is at the start; what a
-            run will take is predicted from it.
-        judges: whether `revise` asks for the importance of strokes; what computes it is then made ready before
-            the steps.
+        uses_importance: whether `revise` asks for the importance of strokes; what computes it is then compiled before
+            the first step.
+
+    >>> class Halve(Density):
+    ...     def revise(self, state):
+    ...         return DensificationUpdate(keep=state.importance() > 0, new=Strokes.none())
+    >>> state = DensificationState(
+    ...     torch.zeros(3, 4, 4), torch.ones(3, 4, 4), None, Strokes.none(), 9, 1, 10, lambda: torch.tensor([1.0, -1.0])
+    ... )
+    >>> Halve().revise(state).keep
+    tensor([ True, False])
     """
 
-    mean_share: float = 1.0
-    judges: bool = False
+    uses_importance: bool = False
+
+    @classmethod
+    def facts(cls) -> dict[str, str]:
+        """What one should know before choosing it."""
+        return {"cost": "five steps a round" if cls.uses_importance else "none", "needs": "the picture as last seen"}
 
     def first(self, budget: int, steps: int) -> int:
         """Strokes to begin with, 1 to ``budget``: the most that a painting of so many steps may have in the end."""
         return budget
+
+    def due(self, step: int, steps: int) -> bool:
+        """Whether `revise` is called after step number ``step`` (from 1) of ``steps``."""
+        return True
 
     @abstractmethod
     def revise(self, state: DensificationState) -> DensificationUpdate | None:

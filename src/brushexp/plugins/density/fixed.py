@@ -10,5 +10,8 @@ class Fixed(Density):
 
     def __init__(self) -> None: ...
 
+    def due(self, step: int, steps: int) -> bool:
+        return False
+
     def revise(self, state: DensificationState) -> DensificationUpdate | None:
         return None

@@ -20,5 +20,5 @@ class Optimizer(ABC):
         """The PyTorch optimiser of these parameters."""
 
     @abstractmethod
-    def rate(self, progress: float) -> float:
-        """Learning rate when ``progress`` (0 at the first step, below 1 at the last) of the steps are done."""
+    def share(self, progress: float) -> float:
+        """Share of the full learning rate when ``progress`` (0 to below 1) of a stage's steps is done."""

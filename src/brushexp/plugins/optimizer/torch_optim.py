@@ -65,5 +65,5 @@ class TorchOptim(Optimizer):
                 group.setdefault("step", 0)  # what it counts from, but missing until the first step
         return optimizer
 
-    def rate(self, progress: float) -> float:
-        return self.lr * share_of_rate(progress, self.schedule, self.hold, self.warmup)
+    def share(self, progress: float) -> float:
+        return share_of_rate(progress, self.schedule, self.hold, self.warmup)

@@ -1,9 +1,12 @@
 """The thesis's order: what matches the target lies on top."""
 
+from typing import Annotated
+
 import torch
 from torch import Tensor
 
-from brushexp.plugins.order.base import Order, every_or_refuse
+from brushexp.bounds import at_least, between
+from brushexp.plugins.order.base import UNTIL, Order
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
@@ -14,11 +17,16 @@ class Accuracy(Order):
 
     Args:
         every: steps between two computations, at least 1; the thesis renews the order after every step.
+        until: share of a stage's steps after which the order stays, 0 to 1; the thesis: 1.
     """
 
-    def __init__(self, *, every: int = 10) -> None:
-        self.every = every_or_refuse(every)
-        self.needs_accuracy = True
+    needs_accuracy = True
+
+    def __init__(
+        self, *, every: Annotated[int, at_least(1)] = 10, until: Annotated[float, between(0, 1)] = UNTIL
+    ) -> None:
+        self.every = every
+        self.until = until
 
     def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
         return torch.zeros_like(strokes.opacity) if accuracy is None else accuracy

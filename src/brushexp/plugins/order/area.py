@@ -1,8 +1,11 @@
 """Small strokes on top."""
 
+from typing import Annotated
+
 from torch import Tensor
 
-from brushexp.plugins.order.base import Order, every_or_refuse
+from brushexp.bounds import at_least, between
+from brushexp.plugins.order.base import UNTIL, Order
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of, length_of
 from brushexp.strokes.catalogue import Strokes
@@ -14,11 +17,14 @@ class Area(Order):
 
     Args:
         every: steps between two computations, at least 1.
+        until: share of a stage's steps after which the order stays, 0 to 1.
     """
 
-    def __init__(self, *, every: int = 50) -> None:
-        self.every = every_or_refuse(every)
-        self.needs_accuracy = False
+    def __init__(
+        self, *, every: Annotated[int, at_least(1)] = 50, until: Annotated[float, between(0, 1)] = UNTIL
+    ) -> None:
+        self.every = every
+        self.until = until
 
     def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
         width = 2 * half_width_of(strokes)

@@ -5,10 +5,9 @@ from abc import ABC, abstractmethod
 import torch
 from torch import Tensor
 
-from brushexp.errors import UserError
 from brushexp.strokes.catalogue import Strokes
 
-SETTLED = 0.5  # share of a stage's steps after which the order stays
+UNTIL = 0.5  # share of a stage's steps after which the order stays, by default
 
 
 class Order(ABC):
@@ -16,11 +15,27 @@ class Order(ABC):
 
     Attributes:
         every: steps between two computations, as long as `due` allows any.
+        until: share of a stage's steps after which the order stays, 0 to 1. Strokes that change places are wrong for a
+            while, and when the learning rate has begun to fall they no longer recover (up to 1.4 dB lost in a run of
+            60 steps).
         needs_accuracy: whether ``depth`` reads ``accuracy``; the blend then measures it in the same pass.
+
+    >>> class Brightest(Order):
+    ...     every, until = 10, 1.0
+    ...     def depth(self, strokes, accuracy):
+    ...         return strokes.color.mean(1)
+    >>> [step for step in range(25) if Brightest().due(step, 25)]
+    [0, 10, 20]
     """
 
     every: int
-    needs_accuracy: bool
+    until: float = UNTIL
+    needs_accuracy: bool = False
+
+    @classmethod
+    def facts(cls) -> dict[str, str]:
+        """What one should know before choosing it."""
+        return {"cost": "a tenth of a step" if cls.needs_accuracy else "none", "needs": "accuracy" * cls.needs_accuracy}
 
     @abstractmethod
     def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
@@ -33,20 +48,12 @@ class Order(ABC):
     def due(self, done: int, steps: int) -> bool:
         """Whether the depth is computed anew when ``done`` of a stage's ``steps`` have been taken.
 
-        Not in its second half: strokes that change places are wrong for a while, and when the learning rate has begun
-        to fall they no longer recover (up to 1.4 dB lost in a run of 60 steps). Steps that begin a stage count as due.
+        Steps that begin a stage count as due.
         """
-        return done % self.every == 0 and (done == 0 or done < SETTLED * steps)
+        return done % self.every == 0 and (done == 0 or done < self.until * steps)
 
 
 def front_to_back(depth: Tensor) -> Tensor:
     """Indices (N,) of strokes, the uppermost first; of two of equal depth the later lies on top."""
     last = len(depth) - 1
     return last - torch.argsort(depth.flip(0), descending=True, stable=True)
-
-
-def every_or_refuse(every: int) -> int:
-    """``every`` itself, if it is a number of steps."""
-    if every < 1:
-        raise UserError(f"order.every={every} is not a number of steps; use order.every=1 or more")
-    return every

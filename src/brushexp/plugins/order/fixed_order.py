@@ -14,7 +14,6 @@ class FixedOrder(Order):
 
     def __init__(self) -> None:
         self.every = 2**31  # never again
-        self.needs_accuracy = False
 
     def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
         return torch.zeros_like(strokes.opacity)

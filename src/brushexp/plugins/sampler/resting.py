@@ -1,5 +1,6 @@
 """Places that hardly change any more are visited less often."""
 
+from dataclasses import astuple
 from typing import Any
 
 import torch
@@ -79,13 +80,13 @@ class Resting(Sampler):
             "errors": self._errors,
             "falling": self._falling,
             "strokes": None if view is None else (view.active, view.ring),
-            "region": None if view is None else view.region,
+            "region": None if view is None else astuple(view.region),
             "n": self._n,
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         self._errors, self._falling, self._n = state["errors"], state["falling"], state["n"]
-        self._view = None if state["region"] is None else View(state["region"], *state["strokes"])
+        self._view = None if state["region"] is None else View(Region(*state["region"]), *state["strokes"])
 
     def _awake(self, strokes: Strokes, size: tuple[int, int]) -> View | None:
         """The strokes that move until the next look at all, and those around them; None for all."""

@@ -1,0 +1,134 @@
+"""The picture that the strokes make: all of it, a smaller one, or the part that a view shows."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor, nn
+
+from brushexp.compositing.bands import bands
+from brushexp.painting.canvas_memory import CanvasMemory
+from brushexp.painting.pyramid import PyramidLevel, enlarged
+from brushexp.plugins.blend.base import Blend, Canvas
+from brushexp.plugins.loss.base import Painting
+from brushexp.plugins.renderer.base import Renderer
+from brushexp.plugins.sampler.base import View
+from brushexp.strokes.catalogue import Strokes
+
+COARSE_ZOOM = 0.5  # sizes of the canvas: the picture of the coarse steps
+
+
+class Picture(nn.Module):
+    """Paints what a step looks at, and knows how far the whole picture, as last seen, is from its target.
+
+    Args:
+        target: (3, H, W) in [0, 1].
+        focus: (H, W) how much each pixel counts, of mean 1; None for all alike.
+        background: (3,) colour of the bare canvas.
+        blend: lays the strokes over each other.
+
+    Attributes:
+        renderer: draws the strokes; set before the first picture.
+    """
+
+    target: Tensor
+    focus: Tensor | None
+    background: Tensor
+
+    def __init__(self, target: Tensor, focus: Tensor | None, background: Tensor, blend: Blend) -> None:
+        super().__init__()
+        self.register_buffer("target", target, persistent=False)
+        self.register_buffer("focus", focus, persistent=False)
+        self.register_buffer("background", background, persistent=False)
+        self.blend = blend
+        self.renderer: Renderer
+        self.memory: CanvasMemory | None = None  # of the whole picture, while steps look at parts of it
+        self._last: Tensor | None = None  # the picture, maybe a small one, if the last step looked at all of it
+        self._small: PyramidLevel | None = None
+        self._error = math.inf  # before there was one, or of the last one
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of the canvas in pixels."""
+        return int(self.target.shape[1]), int(self.target.shape[2])
+
+    @property
+    def error(self) -> float:
+        """Mean squared error of the whole picture as it was last seen; a small one counts as it looks enlarged."""
+        if self.memory is not None:
+            return self.memory.error
+        if self._last is None:
+            return self._error
+        return self.level(coarse=False).error(enlarged(self._last, self.size))
+
+    @property
+    def last(self) -> Tensor | None:
+        """The whole picture (3, H, W) as steps last saw it; None before the first one."""
+        if self.memory is not None:
+            return self.memory.picture
+        return None if self._last is None else enlarged(self._last, self.size)
+
+    def level(self, *, coarse: bool) -> PyramidLevel:
+        """What the picture is compared with: the target, or one of half its size."""
+        if not coarse:
+            return PyramidLevel(self.target, self.focus)
+        if self._small is None:
+            self._small = PyramidLevel(self.target, self.focus).smaller(COARSE_ZOOM)
+        return self._small
+
+    @torch.no_grad()
+    def draw(self, strokes: Strokes, front_to_back: Tensor) -> Tensor:
+        """The whole picture (3, H, W) of strokes, without gradient."""
+        image = torch.empty_like(self.target)
+        for top, band in bands(strokes, front_to_back, self.size, self.background, self.renderer, self.blend):
+            image[:, top : top + band.shape[1]] = band
+        return image
+
+    def see(
+        self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, coarse: bool, accuracy: bool
+    ) -> tuple[Canvas, Painting]:
+        """What a view shows.
+
+        Args:
+            moving: the active strokes, with gradient.
+            strokes: all N, without.
+            view: where the step looks.
+            front_to_back: (N,) indices of all strokes, the uppermost first.
+            coarse: look at the smaller picture; only for views of the whole.
+            accuracy: measure the accuracy of the active strokes, too.
+        """
+        if view.active is None:
+            return self._see_whole(moving, front_to_back, self.level(coarse=coarse), accuracy)
+        if self.memory is None:
+            self.remember(self.draw(strokes, front_to_back), len(strokes))
+            assert self.memory is not None
+        self._last = None
+        return self.memory.paint(moving, strokes, view, front_to_back, judge=accuracy)
+
+    def _see_whole(
+        self, moving: Strokes, front_to_back: Tensor, level: PyramidLevel, accuracy: bool
+    ) -> tuple[Canvas, Painting]:
+        strokes = moving if level.zoom == 1 else moving.moved(zoom=level.zoom)
+        target = level.target if accuracy else None
+        canvas = self.blend(self.renderer(strokes), front_to_back, level.size, self.background, target)
+        self._last = canvas.image.detach()
+        if self.memory is not None and level.zoom == 1:
+            self.memory.saw(self._last)
+        return canvas, Painting(canvas.image, level.target, strokes, focus=level.focus)
+
+    def moved(self, rows: Tensor | None) -> None:
+        """Strokes number ``rows`` have changed; what was kept of them is out of date."""
+        if self.memory is not None and rows is not None:
+            self.memory.cache.forget(rows)
+
+    def remember(self, picture: Tensor, n: int) -> None:
+        """Keep a whole picture (3, H, W) of ``n`` strokes up to date from now on."""
+        self.memory = CanvasMemory(
+            picture, self.target, self.background, self.renderer, self.blend, n, focus=self.focus
+        )
+
+    def forget(self) -> None:
+        """The strokes are others now, or drawn by another renderer."""
+        if self.memory is not None:
+            self._error, self.memory = self.memory.error, None

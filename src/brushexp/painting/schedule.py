@@ -1,0 +1,84 @@
+"""Where a painting stands: which step of which stage, and how many seconds the steps have taken."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from itertools import accumulate
+from typing import Any
+
+
+class Schedule:
+    """Steps of stages that follow one another; goals move their ends.
+
+    Args:
+        steps: of each stage.
+
+    Attributes:
+        ends: step at which each stage is over.
+        step: steps that are done.
+        clock: seconds of wall time.
+
+    >>> schedule = Schedule([4, 3])
+    >>> schedule.step = 5
+    >>> schedule.stage, schedule.stage_progress, schedule.steps
+    (1, (1, 3), 7)
+    """
+
+    def __init__(self, steps: Sequence[int]) -> None:
+        self.ends = list(accumulate(steps))
+        self.step = 0
+        self.clock: Callable[[], float] = time.monotonic
+        self._seconds = 0.0  # of wall time in fits that are over
+        self._since: float | None = None  # beginning of the present fit
+
+    @property
+    def steps(self) -> int:
+        """Gradient steps in all."""
+        return self.ends[-1]
+
+    @property
+    def stage(self) -> int:
+        """Number of the present stage; after the last step, of the last one."""
+        return next((k for k, end in enumerate(self.ends) if self.step < end), len(self.ends) - 1)
+
+    @property
+    def is_last_stage(self) -> bool:
+        """Whether no stage follows."""
+        return self.stage == len(self.ends) - 1
+
+    @property
+    def stage_progress(self) -> tuple[int, int]:
+        """Steps of the present stage that are done, and all of them."""
+        begin = self.ends[self.stage - 1] if self.stage else 0
+        return self.step - begin, self.ends[self.stage] - begin
+
+    @property
+    def seconds(self) -> float:
+        """Wall time in the fits until now."""
+        return self._seconds + (0.0 if self._since is None else self.clock() - self._since)
+
+    def start(self) -> None:
+        """A fit begins."""
+        self._since = self.clock()
+
+    def pause(self) -> None:
+        """It ends."""
+        self._seconds, self._since = self.seconds, None
+
+    def end_stage(self) -> bool:
+        """Leave out what is left of the present stage; False if it is the last one."""
+        stage = self.stage
+        if stage == len(self.ends) - 1:
+            return False
+        left = self.ends[stage] - self.step
+        self.ends[stage:] = [end - left for end in self.ends[stage:]]
+        return True
+
+    def state_dict(self) -> dict[str, Any]:
+        """What an interrupted run needs to go on."""
+        return {"ends": list(self.ends), "step": self.step, "seconds": self.seconds}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take over what `state_dict` gave."""
+        self.ends, self.step, self._seconds = list(state["ends"]), state["step"], state["seconds"]

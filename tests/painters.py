@@ -1,0 +1,74 @@
+"""Painters for tests, and steps of one without a Trainer."""
+
+from typing import Any
+
+import lightning as L
+import torch
+from scenes import random_strokes
+
+from brushexp.painting.components import Stage, standard_components
+from brushexp.painting.painter import Painter
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.sampler.base import View
+from brushexp.strokes.catalogue import Catalogue
+from brushexp.strokes.prior import clamp_to_prior
+
+SIZE = (48, 70)
+BACKGROUND = torch.tensor([0.2, 0.5, 0.9])
+
+
+def painter_of(
+    *stages: Stage, n=60, target=None, size=SIZE, strokes=None, steps=1000, renderer=None, options=None, **parts
+):
+    """A painter of ``n`` random strokes in the prior; ``parts`` are components, ``options`` those of `Painter`."""
+    torch.manual_seed(5)
+    stages = list(stages) or [Stage("it", renderer or Analytic(), steps)]
+    components = standard_components(**{"stages": stages, "blend": Tiled(opaque=0), **parts})
+    strokes = clamp_to_prior(random_strokes(n, size)) if strokes is None else strokes
+    target = torch.rand(3, *size) if target is None else target
+    catalogue = Catalogue(strokes, components.optimizer.units)
+    return Painter(catalogue, components, target, BACKGROUND, seed=0, **(options or {}))
+
+
+def take(painter: Painter, steps: int, loop: Any = None) -> Any:
+    """Take steps in a bare loop; what it returns continues them."""
+    if loop is None:
+        loop = painter.configure_optimizers()
+        painter._rehearse()
+    optimizer, scheduler = loop["optimizer"], loop["lr_scheduler"]["scheduler"]
+
+    def closure() -> torch.Tensor:
+        with torch.enable_grad():
+            loss = painter.training_step(None, 0)
+            optimizer.zero_grad()
+            loss.backward()
+        return loss.detach()
+
+    for _ in range(steps):
+        painter.optimizer_step(0, 0, optimizer, closure)
+        scheduler.step()
+    return loop
+
+
+def fit(painter: Painter, callbacks=(), ckpt_path=None, **options: Any) -> L.Trainer:
+    """Fit as a user of Lightning would."""
+    quiet = {"logger": False, "enable_checkpointing": False, "enable_progress_bar": False}
+    quiet |= {"enable_model_summary": False, "accelerator": "cpu", "max_epochs": -1}
+    trainer = L.Trainer(**{**quiet, **options}, callbacks=list(callbacks))
+    trainer.fit(painter, ckpt_path=ckpt_path)
+    return trainer
+
+
+def error_of(painter: Painter) -> float:
+    """Mean squared error of the picture as it is now."""
+    return float((painter.drawn() - painter.picture.target).square().mean())
+
+
+def gradient_of(painter: Painter, view: View, part: Catalogue | None = None) -> dict[str, torch.Tensor]:
+    """Gradient of the loss of what a view shows, in the strokes of ``part`` (all for None)."""
+    painter._view, painter._still, painter._measure = view, painter.strokes(), False
+    painter._moving = painter.catalogue if part is None else part
+    painter._moving.zero_grad()
+    painter.training_step(None, 0).backward()
+    return {name: value.grad for name, value in painter._moving.named_parameters()}

@@ -1,0 +1,122 @@
+"""Painters are LightningModules: every option and callback of Lightning's Trainer does what its manual says."""
+
+import math
+from datetime import timedelta
+
+import pytest
+import torch
+from lightning.pytorch.callbacks import EarlyStopping, LearningRateMonitor, ModelCheckpoint, Timer
+from lightning.pytorch.loggers import CSVLogger
+from painters import error_of, fit, painter_of, take
+from torch.testing import assert_close
+
+from brushexp.painting.components import Stage
+from brushexp.plugins.density.adaptive import Adaptive
+from brushexp.plugins.optimizer.torch_optim import TorchOptim
+from brushexp.plugins.order.accuracy import Accuracy
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.sampler.patches import Patches
+from brushexp.plugins.sampler.resting import Resting
+from brushexp.plugins.sampler.whole import Whole
+from brushexp.strokes.catalogue import FIELDS
+
+
+def adam():
+    return TorchOptim()
+
+
+def lbfgs():
+    return TorchOptim(name="LBFGS", lr=0.5, options={"max_iter": 3})
+
+
+@pytest.mark.parametrize("optimizer", [adam, lbfgs])
+@pytest.mark.parametrize("sampler", [Whole, Patches])
+def test_max_steps_takes_exactly_as_many_steps(sampler, optimizer):
+    painter = painter_of(sampler=sampler(), optimizer=optimizer())
+    before = error_of(painter)
+    trainer = fit(painter, max_steps=7)
+    assert trainer.global_step == painter.schedule.step == 7
+    assert error_of(painter) < before
+
+
+@pytest.mark.parametrize("options", [{"max_epochs": 1}, {"max_epochs": 9}, {"max_steps": 99}, {"max_epochs": -1}])
+def test_a_fit_ends_with_the_plan_which_is_one_epoch(options):
+    trainer = fit(painter_of(steps=5), **options)
+    assert (trainer.global_step, trainer.current_epoch) == (5, 1)
+
+
+def test_the_fit_takes_the_steps_of_a_bare_loop():
+    one, two = painter_of(steps=12), painter_of(steps=12)
+    take(one, 12)
+    fit(two)
+    for name in FIELDS:
+        assert_close(getattr(one.strokes(), name), getattr(two.strokes(), name), rtol=0, atol=0)
+
+
+def test_max_time_ends_a_fit():
+    painter = painter_of(steps=10**6)
+    fit(painter, max_time=timedelta(seconds=0.3))
+    assert 0 < painter.schedule.step < 10**6
+
+
+def test_callbacks_and_loggers_of_lightning_work(tmp_path):
+    checkpoints = ModelCheckpoint(tmp_path / "models", monitor="psnr", mode="max", save_top_k=1, every_n_train_steps=5)
+    timer, rates = Timer(), LearningRateMonitor("step")
+    logger = CSVLogger(tmp_path, name="", version="curves")
+    painter = painter_of(Stage("a", Analytic(), 20), Stage("b", Analytic(), 10))
+    trainer = fit(
+        painter, [checkpoints, timer, rates], logger=logger, enable_checkpointing=True, log_every_n_steps=1,
+        profiler="simple",
+    )  # fmt: skip
+    assert trainer.global_step == 30
+    assert checkpoints.best_model_path
+    assert timer.time_elapsed("train") > 0
+    assert "[LightningModule]Painter.optimizer_step" in trainer.profiler.summary()
+    rows = (tmp_path / "curves" / "metrics.csv").read_text().splitlines()
+    columns = rows[0].split(",")
+    assert {"loss/mse", "psnr", "step", "seconds", "lr-Adam"} <= set(columns)
+    lr = [float(row.split(",")[columns.index("lr-Adam")] or "nan") for row in rows[1:]]
+    lr = [rate for rate in lr if not math.isnan(rate)]
+    assert lr[0] == pytest.approx(0.02)
+    assert min(lr[:20]) < 0.004
+    assert max(lr[20:]) == pytest.approx(0.02), "stages restart the schedule"
+
+
+def test_early_stopping_of_lightning_ends_the_fit():
+    painter = painter_of(steps=50)
+    stop = EarlyStopping("psnr", min_delta=99.0, patience=1, mode="max", check_on_train_epoch_end=False)
+    stop.on_train_batch_end = lambda trainer, *_: trainer.global_step > 2 and stop._run_early_stopping_check(trainer)
+    assert fit(painter, [stop]).global_step < 9
+
+
+@pytest.mark.parametrize("precision", ["bf16-mixed", "32-true", "64-true"])
+def test_precisions_of_lightning_work(precision):
+    painter = painter_of(steps=20)
+    before = error_of(painter)
+    fit(painter, precision=precision)
+    assert painter.drawn().dtype == (torch.float64 if precision == "64-true" else torch.float32)
+    assert error_of(painter) < before
+
+
+PLANS = {
+    "whole": lambda: painter_of(steps=24, order=Accuracy(every=3)),
+    "patches": lambda: painter_of(steps=24, sampler=Patches(n_active=9, n_ring=5, patch=30), order=Accuracy(every=3)),
+    "resting": lambda: painter_of(steps=24, sampler=Resting(share=0.5, fall=2.0, worth=1.0, block=16)),
+    "adaptive": lambda: painter_of(steps=24, n=40, density=Adaptive(), options={"budget": 60}),
+    "lbfgs": lambda: painter_of(steps=24, optimizer=lbfgs()),
+    "stages": lambda: painter_of(Stage("a", Analytic(), 11), Stage("b", Analytic(soft=2.0), 13)),
+    "coarse": lambda: painter_of(steps=24, options={"coarse": 0.5}),
+}
+
+
+@pytest.mark.parametrize("steps", [11, 14])
+@pytest.mark.parametrize("plan", PLANS)
+def test_a_resumed_fit_ends_as_an_uninterrupted_one(plan, steps, tmp_path):
+    straight, first, second = (PLANS[plan]() for _ in range(3))
+    fit(straight)
+    fit(first, max_steps=steps).save_checkpoint(tmp_path / "it.ckpt")
+    assert fit(second, ckpt_path=tmp_path / "it.ckpt").global_step == 24
+    for name in FIELDS:
+        assert torch.equal(getattr(straight.strokes(), name), getattr(second.strokes(), name)), name
+    assert torch.equal(straight.visits, second.visits)
+    assert straight.evaluations == second.evaluations
