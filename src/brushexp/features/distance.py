@@ -114,7 +114,7 @@ def open_distance(backbone: str = "effl0", weights: str | None = None, option: s
 
 
 @torch.no_grad()
-def effl0_distance(image: Tensor, target: Tensor) -> float:
+def perceptual_distance(image: Tensor, target: Tensor) -> float:
     """Perceptual distance of two pictures (3, H, W), sRGB in [0, 1], in the bundled network."""
     return float(_effl0(image.device)(image, target))
 

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.features.distance import Distance, effl0_distance
+from brushexp.features.distance import Distance, perceptual_distance
 
 WINDOW = 11  # pixels: SSIM compares windows of this size
 
@@ -43,7 +43,7 @@ def measure(
         "ssim": ssim,
         "l1": float((a - b).abs().mean()),
         "edges": edge_error(a, b),
-        "perceptual": effl0_distance(a[0], b[0]),
+        "perceptual": perceptual_distance(a[0], b[0]),
         "perceptual_backbone": "effl0",
         **({} if lpips is None else {lpips.label.replace("-", "_"): distance_of(lpips, a[0], b[0])}),
     }

@@ -1,5 +1,6 @@
 """Losses that compare what a feature network sees."""
 
+import math
 from typing import Annotated
 
 import torch
@@ -68,7 +69,11 @@ class Perceptual(Loss):
             mean_squares(ours, theirs, painting.weights((ours.shape[2], ours.shape[3]))).mean()
             for ours, theirs in zip(self._features(painting.image, shift), wanted, strict=True)
         ]
-        return torch.stack(terms).mean()
+        return torch.stack(terms).mean() * (self._enlarged(painting.image) / self._enlarged(painting.whole_target))
+
+    def _enlarged(self, picture: Tensor) -> float:
+        """By how much the margin for the shifts makes a picture larger, so that a part counts by its own pixels."""
+        return math.prod((side + self.jitter) / side for side in picture.shape[1:])
 
     def _features(self, picture: Tensor, shift: tuple[int, int]) -> list[Tensor]:
         """Features of a picture (3, H, W) moved by ``shift``; its border is repeated, its size the same for all."""

@@ -15,7 +15,7 @@ from brushexp.features import open_backbone
 from brushexp.features.context import tiled_activations
 from brushexp.pictures.color import recolored
 from brushexp.pictures.load import load_picture
-from brushexp.plugins.loss._statistics import (
+from brushexp.plugins.loss._feature_kernels import (
     BANDWIDTH_POSITIONS,
     EMBEDDINGS,
     MIN_FEATURE_POWER,
