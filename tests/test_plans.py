@@ -12,7 +12,7 @@ import torch
 from scenes import random_strokes, straight
 
 from brushexp.errors import UserError
-from brushexp.pictures.palette import nearest, palette
+from brushexp.pictures.palette import nearest_ink, palette
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export._curves import flattened, hatched
 from brushexp.plugins.export._drawing import Hidden
@@ -243,7 +243,7 @@ def test_more_inks_are_never_worse():
         inks = palette(lab, weight, count)
         assert inks.shape == (count, 3)
         np.testing.assert_array_equal(inks, palette(lab, weight, count))
-        errors.append(float((weight * np.square(lab - inks[nearest(lab, inks)]).sum(1)).sum()))
+        errors.append(float((weight * np.square(lab - inks[nearest_ink(lab, inks)]).sum(1)).sum()))
     assert errors == sorted(errors, reverse=True)
     assert len(palette(lab[:4], weight[:4], 9)) == 4
     assert palette(lab, 0 * weight, 9).shape == (0, 3)

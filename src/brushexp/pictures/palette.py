@@ -27,13 +27,13 @@ def palette(lab: Array, weight: Array, count: int) -> Array:
     inks = np.average(lab, axis=0, weights=weight)[None]
     while True:
         inks = _settled(lab, weight, inks)
-        error = weight * np.square(lab - inks[nearest(lab, inks)]).sum(1)
+        error = weight * np.square(lab - inks[nearest_ink(lab, inks)]).sum(1)
         if len(inks) == count or error.max() <= 1e-9 * weight.max():
             return inks
         inks = np.concatenate([inks, lab[[error.argmax()]]])
 
 
-def nearest(lab: Array, inks: Array) -> Array:
+def nearest_ink(lab: Array, inks: Array) -> Array:
     """Number (N,) of the ink (K, 3) that is most like each colour (N, 3)."""
     found: Array = (np.square(inks).sum(1) - 2 * lab @ inks.T).argmin(1)  # squared distances, but for |lab|^2
     return found
@@ -41,12 +41,12 @@ def nearest(lab: Array, inks: Array) -> Array:
 
 def _settled(lab: Array, weight: Array, inks: Array) -> Array:
     """Inks that are the mean of the colours drawn with them."""
-    chosen = nearest(lab, inks)
+    chosen = nearest_ink(lab, inks)
     for _ in range(ROUNDS):
         share = np.bincount(chosen, weight, len(inks))[:, None]
         total = np.stack([np.bincount(chosen, weight * channel, len(inks)) for channel in lab.T], axis=1)
         inks = np.where(share > 0, total / np.maximum(share, np.finfo(float).tiny), inks)
-        before, chosen = chosen, nearest(lab, inks)
+        before, chosen = chosen, nearest_ink(lab, inks)
         if np.array_equal(before, chosen):
             break
     return inks

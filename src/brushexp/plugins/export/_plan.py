@@ -12,7 +12,7 @@ from html import escape
 
 import numpy as np
 
-from brushexp.pictures.palette import nearest, palette, to_lab, to_rgb
+from brushexp.pictures.palette import nearest_ink, palette, to_lab, to_rgb
 from brushexp.plugins.export._curves import distance, flattened, hatched
 from brushexp.plugins.export._drawing import Drawing, Hidden
 from brushexp.plugins.export._library import the_library
@@ -201,7 +201,7 @@ def _inked(colors: Array, visible: Array, drawing: Drawing) -> tuple[Array, Arra
     lab = to_lab(colors)
     inks = palette(lab, visible, drawing.colors) if drawing.own_pens is None else to_lab(drawing.own_pens)
     inks = inks[np.argsort(-inks[:, 0], kind="stable")]
-    used, tool = np.unique(nearest(lab, inks), return_inverse=True)
+    used, tool = np.unique(nearest_ink(lab, inks), return_inverse=True)
     return to_rgb(inks[used]), tool
 
 

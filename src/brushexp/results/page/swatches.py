@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from brushexp.pictures.palette import nearest, palette, to_lab
+from brushexp.pictures.palette import nearest_ink, palette, to_lab
 from brushexp.results.page.replay import hex_of
 
 SWATCHES = 12
@@ -34,7 +34,7 @@ def swatches_of(colors: np.ndarray, weights: np.ndarray) -> list[Swatch]:
         return []
     coarse, place = np.unique((colors * COARSE_LEVELS).round(), axis=0, return_inverse=True)
     centers = palette(to_lab(coarse / COARSE_LEVELS), np.bincount(place.ravel(), weights), SWATCHES)
-    label = nearest(to_lab(colors), centers)
+    label = nearest_ink(to_lab(colors), centers)
     mass = np.bincount(label, weights, len(centers))
     sums = np.stack([np.bincount(label, weights * channel, len(centers)) for channel in colors.T], axis=1)
     kept = [k for k in centers[:, 0].argsort(kind="stable") if mass[k] >= SMALLEST_SHARE * mass.sum()]
