@@ -9,7 +9,7 @@ START = time.monotonic()  # before the slow imports, which count
 import hydra  # noqa: E402
 from omegaconf import DictConfig  # noqa: E402
 
-from brushexp.app.command_line import explained, in_full, prepare  # noqa: E402
+from brushexp.app.command_line import asks_for_help, explained, in_full, prepare  # noqa: E402
 
 HERE = Path(__file__).parent
 
@@ -27,4 +27,5 @@ if __name__ == "__main__":
     with explained(HERE):
         sys.argv[1:] = in_full(sys.argv[1:])
         prepare(HERE, sys.argv[1:])  # before main(): Hydra reads the choices when it composes
-        main()
+        if not asks_for_help(HERE, sys.argv[1:]):
+            main()

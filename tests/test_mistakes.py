@@ -146,8 +146,8 @@ def test_help_has_every_key_with_its_value_and_meaning(task):
     from hydra import compose, initialize_config_dir  # noqa: PLC0415
 
     with initialize_config_dir(version_base="1.3", config_dir=str(ROOT / "conf")):
-        cfg = compose("config", overrides=[f"task={task}", "seed=77"], return_hydra_config=True)
-    text = help_text(cfg, [ROOT / "conf"])
+        cfg = compose("config", overrides=[f"task={task}", "seed=77"])
+    text = help_text(cfg, [], [ROOT / "conf"])
     assert "  seed=77 " in text
     for name, key in keys_of(TASKS[task]).items():
         assert f"  {name}=" in text

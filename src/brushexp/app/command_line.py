@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from hydra import compose, initialize_config_dir
 from hydra._internal.utils import get_args_parser
 from hydra.errors import CompactHydraException
-from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.app.composition import offer
@@ -28,19 +28,33 @@ SUFFIXES = {"catalogue": (".h5", ".json"), "image": (".png", ".jpg", ".jpeg", ".
 
 
 def prepare(root: Path, arguments: list[str] = []) -> None:  # noqa: B006
-    """Load the plugins of the program and of ``root/plugins``, and offer tasks, presets and ``--help`` to Hydra.
+    """Load the plugins of the program and of ``root/plugins``, and offer tasks and presets to Hydra.
 
     Args:
         root: folder of run.py.
         arguments: words of the command line; ``--config-dir`` names one more folder with presets.
     """
     load_plugins(root / "plugins")
+    offer(folders_of(root, arguments))
+
+
+def folders_of(root: Path, arguments: list[str]) -> list[Path]:
+    """Where configs are: ``root/conf``, and the folder that ``--config-dir`` names."""
     own = get_args_parser().parse_known_args(arguments)[0].config_dir
-    folders = [root / "conf"] if own is None else [root / "conf", Path(own)]
-    offer(folders)
-    OmegaConf.register_new_resolver(
-        "help", lambda *, _root_: help_text(_root_, folders).replace("$", "$$"), replace=True
-    )
+    return [root / "conf"] if own is None else [root / "conf", Path(own)]
+
+
+def asks_for_help(root: Path, arguments: list[str]) -> bool:
+    """Print ``--help`` if the command line has it; Hydra's own takes seconds to list groups of configs."""
+    typed, _ = get_args_parser().parse_known_args(arguments)
+    if not typed.help:
+        return False
+    folders = folders_of(root, arguments)
+    with initialize_config_dir(version_base="1.3", config_dir=str(root / "conf")):
+        search = [f"hydra.searchpath=[{folder.resolve()}]" for folder in folders[1:]]
+        cfg = compose("config", overrides=[*typed.overrides, *search])
+    print(help_text(cfg, typed.overrides, folders))
+    return True
 
 
 def in_full(arguments: list[str]) -> list[str]:

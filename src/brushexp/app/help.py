@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import Enum
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -13,30 +14,41 @@ from brushexp.app.schema import TASKS, groups_of, keys_of
 from brushexp.registry import FAMILIES, plugins
 
 GLOBAL = "# @package _global_\n"  # first line of a config whose keys belong to the task
+INTRODUCTION = """Paint pictures out of brush strokes by gradient descent, and study how well that works.
+
+  python run.py                                         paint the default picture
+  python run.py image=photo.jpg strokes=8000 steps=500  another picture: a path or a sample
+  python run.py image=photo.jpg style=painting.jpg      in the style of a painting: its colours and its strokes
+  python run.py -m loss=mse,perceptual init=grid,slic   a sweep: one table, one sheet of pictures
+  python run.py experiment=loss_by_init                 a named study
+  python run.py task=export catalogue=outputs/x/catalogue.h5 resolution=4096
+"""
+MORE = "More: README.md and docs/ (a plugin is one file). The whole config: --cfg job. Hydra's own flags: --hydra-help."
 WIDTH = 120  # letters of a line
 COLUMN = 28  # letters up to a meaning
 
 
-def help_text(cfg: DictConfig, folders: Sequence[Path]) -> str:
+def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]) -> str:
     """What ``--help`` says for a composed config.
 
     Args:
-        cfg: with the key ``hydra``.
+        cfg: of the task.
+        overrides: what was typed.
         folders: where presets are.
     """
     schema = TASKS[cfg.task]
-    lines = [f"task={cfg.task}: {schema.__doc__}", "", "Its keys and their values now, key=value:"]
+    lines = [INTRODUCTION, f"task={cfg.task}: {schema.__doc__}", "", "Its keys and their values now, key=value:"]
     for name, key in keys_of(schema).items():
         raw = OmegaConf.to_container(cfg, resolve=False)
         lines += two_columns(f"{name}={as_typed(_at(raw, name))}", key.meaning)
-    typed = {word.lstrip("+~").partition("=")[0] for word in cfg.hydra.overrides.task}
+    typed = {word.lstrip("+~").partition("=")[0] for word in overrides}
     lines += ["", "Its plugins, family=name; a family that you type shows the options: renderer=neural --help"]
     for group in groups_of(schema):
         lines += group_lines(group, cfg, folders, group in typed)
     lines += ["", "Other tasks; their keys: task=name --help"]
     for name, other in TASKS.items():
         lines += two_columns(name, (other.__doc__ or "").partition("\n")[0])
-    return "\n".join(lines)
+    return "\n".join([*lines, "", MORE])
 
 
 def group_lines(group: str, cfg: DictConfig, folders: Sequence[Path], with_options: bool) -> list[str]:
@@ -76,6 +88,8 @@ def as_typed(value: Any) -> str:
     plain = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
     if plain is None or isinstance(plain, bool):
         return {None: "null", True: "true", False: "false"}[plain]
+    if isinstance(plain, Enum):
+        return plain.name
     return str(plain) if not isinstance(plain, list) else f"[{','.join(map(as_typed, plain))}]"
 
 

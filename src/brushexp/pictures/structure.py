@@ -1,7 +1,6 @@
 """The local structure of a picture: in which direction it changes least."""
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 Array = np.ndarray
 
@@ -11,6 +10,8 @@ def structure_tensor(picture: Array, sigma: float) -> Array:
 
     Products of the central differences per pixel, smoothed with a Gaussian of ``sigma`` pixels.
     """
+    from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
+
     padded = np.pad(picture, ((0, 0), (1, 1), (1, 1)), mode="edge")
     gx, gy = (padded[:, 1:-1, 2:] - padded[:, 1:-1, :-2]) / 2, (padded[:, 2:, 1:-1] - padded[:, :-2, 1:-1]) / 2
     return np.stack([gaussian_filter((a * b).sum(0), sigma) for a, b in ((gx, gx), (gx, gy), (gy, gy))])

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
 from brushexp.pictures.structure import along_edges, structure_tensor
@@ -73,6 +72,8 @@ def candidates(state: DensificationState, n: int, size: float, tolerance: float)
         size: of a new stroke, in pitches (mean distances between strokes).
         tolerance: root mean square of the error over a stroke below which a place is good enough.
     """
+    from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
+
     height, width = state.target.shape[1:]
     pixels = size * math.sqrt(height * width / max(state.budget, 1))
     error = (state.image - state.target).square().mean(0)
