@@ -17,10 +17,10 @@ TOOLS = {"registry", "errors", "bounds"}
 NAMES_TWICE: set[str] = {
     "Checkpoints", "Plan", "ProgressBar", "Run", "Training", "as_csv", "as_markdown",
     "counted", "direction_of", "draw", "effl0_distance", "finish", "first_strokes", "fit",
-    "frozen", "in_words", "judge", "lines", "shown", "training_of", "write_tables",
+    "frozen", "in_words", "judge", "lines", "shown", "training_of",
 }  # fmt: skip
 STEMS_TWICE: set[str] = {
-    "anytime", "brushwork", "discriminator", "drawing", "process", "progress", "statistics",
+    "brushwork", "discriminator", "drawing", "process", "progress", "statistics",
     "tables",
 }  # fmt: skip
 TASKS_IMPORTED = {"app.tasks.evaluate", "app.tasks.train", "app.tasks.export"}  # by other tasks; to become empty too

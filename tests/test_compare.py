@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from sweeps import make_run
 
 from brushexp.errors import UserError
-from brushexp.results.anytime import ahead, curve_from, mean_curve, quality_at, time_to, write_anytime
+from brushexp.results.anytime_curves import ahead, curve_from, mean_curve, quality_at, time_to, write_anytime
 from brushexp.results.runs import collect, gather
 from brushexp.system.files import write_json, write_picture, write_text
 

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 from sweeps import make_grid, make_run, note
 
-from brushexp.results.anytime import MOST_CURVES, write_curves
+from brushexp.results.anytime_curves import MOST_CURVES, write_curves
 from brushexp.results.effect import effects, write_effect
 from brushexp.results.plotting import label_lines, without_math
 from brushexp.results.runs import collect, shortened

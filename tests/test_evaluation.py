@@ -22,7 +22,7 @@ from brushexp.plugins.renderer.weights_file import save_checkpoint
 from brushexp.registry import build_named, plugins
 from brushexp.results.contact_sheet import write_contact_sheet
 from brushexp.results.runs import collect
-from brushexp.results.tables import write_tables
+from brushexp.results.tables import write_run_tables
 from brushexp.strokes.prior import INSET, WIDTH, clamp_to_prior, parameters_of, sample_prior
 from brushexp.system.files import write_json, write_picture
 from brushexp.training import benchmark
@@ -313,7 +313,7 @@ def test_a_sweep_has_their_metrics_and_their_pictures(tmp_path):
         result = {"status": "completed", "overrides": {"renderer": name}, "picture": "strokes.png", **metrics}
         write_json(folder / "result.json", result)
         write_picture(folder / "strokes.png", np.full((90, 900, 3), 100 + number, np.uint8))
-    text = write_tables(tmp_path, collect(tmp_path))[1].read_text().splitlines()
+    text = write_run_tables(tmp_path, collect(tmp_path))[1].read_text().splitlines()
     assert text[2] == r"| run | renderer | status | l2 | psnr\_alpha | fid\_effl0 | strokes\_per\_second |"
     assert text[4] == "| 0 | analytic | completed | 0.001234 | 24.32 | 12.35 | 512 |"
     assert "picture" not in (tmp_path / "table.csv").read_text().splitlines()[0]

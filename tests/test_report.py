@@ -22,7 +22,7 @@ from brushexp.results.contact_sheet import ALARM, LIMIT, SIDE, SheetCell, draw_s
 from brushexp.results.plotting import wrapped
 from brushexp.results.runs import collect, parse_overrides
 from brushexp.results.sweep import LOCK, SweepReport, first_line, renew
-from brushexp.results.tables import csv_table, latex_table, markdown_table, varying, write_tables
+from brushexp.results.tables import csv_table, latex_table, markdown_table, varying, write_run_tables
 from brushexp.system.files import write_picture
 
 METRICS = {
@@ -48,7 +48,7 @@ def painted(folder: Path, axes: dict[str, list[str]]) -> None:
 
 
 def tables(folder: Path) -> list[str]:
-    return [path.read_text() for path in write_tables(folder, collect(folder))]
+    return [path.read_text() for path in write_run_tables(folder, collect(folder))]
 
 
 def sheet(folder: Path) -> Path | None:

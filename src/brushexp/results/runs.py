@@ -132,12 +132,6 @@ def shortened(values: Sequence[str], longest: int = LONGEST_VALUE) -> dict[str, 
     return dict(zip(values, cut if len(set(cut)) == len(set(names)) else names, strict=True))
 
 
-def counted(frame: DataFrame) -> str:
-    """How many runs there are, and how many of them failed."""
-    failed = (frame["run", "status"] == "failed").sum()
-    return f"{len(frame)} run{'s' * (len(frame) != 1)}, {failed} failed"
-
-
 def parse_overrides(words: Iterable[str]) -> dict[str, str]:
     """``["loss=mse", "+a=1", "~b"]`` as a dictionary."""
     pairs = (word.partition("=") for word in words)

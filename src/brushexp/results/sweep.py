@@ -60,12 +60,12 @@ def renew(folder: Path) -> None:
 
 def write_comparison(folder: Path, frame: Any) -> Path | None:
     """Write tables, front, curves, quality at equal time and the page of some runs; return the table of the front."""
-    from brushexp.results.anytime import write_anytime, write_curves  # noqa: PLC0415
+    from brushexp.results.anytime_curves import write_anytime, write_curves  # noqa: PLC0415
     from brushexp.results.page.sweep_page import write_sweep_page  # noqa: PLC0415
     from brushexp.results.pareto import write_front  # noqa: PLC0415
-    from brushexp.results.tables import write_tables  # noqa: PLC0415
+    from brushexp.results.tables import write_run_tables  # noqa: PLC0415
 
-    write_tables(folder, frame)
+    write_run_tables(folder, frame)
     front = write_front(folder, frame)
     write_anytime(folder, frame)
     write_curves(folder, frame)

@@ -63,7 +63,7 @@ METRICS = {  # those that tables and plots show, in this order, if some run has 
 DIGITS = {key: metric.digits for key, metric in METRICS.items()}
 
 
-def write_tables(folder: Path, frame: DataFrame) -> tuple[Path, Path, Path]:
+def write_run_tables(folder: Path, frame: DataFrame) -> tuple[Path, Path, Path]:
     """Write ``table.csv`` (every column in full precision), ``table.md`` and, for papers, ``table.tex``.
 
     Args:

@@ -6,7 +6,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from brushexp.results.anytime import ahead, curve_from, curves_by_image, mean_curves
+from brushexp.results.anytime_curves import ahead, curve_from, curves_by_image, mean_curves
 from brushexp.results.page.html import page
 from brushexp.results.page.thumbnails import side_for, thumbnail
 from brushexp.results.runs import differences, shortened
@@ -68,7 +68,7 @@ def page_data(frame: DataFrame) -> dict[str, Any]:
 
     Returns:
         ``axes``, what varies: key -> value as typed -> value as it is shown; ``same``, settings that all runs share;
-        ``metrics``; ``rows``, see `_row`; ``groups``, runs that differ in the seed alone: ``label``, ``picture``
+        ``metrics``; ``rows``, see `_rows`; ``groups``, runs that differ in the seed alone: ``label``, ``picture``
         (number of what was painted: numbers of two are never compared) and ``ahead_from`` (seconds from which on it was
         ahead of the others for the last time; None if it never was); ``pictures``, names of what was painted;
         ``targets``, each with ``name`` and ``picture``; ``side``, largest of a picture in pixels; ``filters``, what
@@ -101,12 +101,24 @@ def page_data(frame: DataFrame) -> dict[str, Any]:
         "filters": axes | ({"status": ends} if len(ends) > 1 else {}),
         "in_columns": len(axes) <= MOST_COLUMNS,
     }
-    places = {key: k for k, key in enumerate(targets)}
     numbered = {(pictures[group["picture"]], group["label"]): k for k, group in enumerate(groups)}
-    texts, values = as_text(shown_metrics(frame), DIGITS), numbers(frame)
+    return shown | {"rows": _rows(frame, list(axes), list(targets), numbered, side)}
+
+
+def _rows(
+    frame: DataFrame, axes: list[str], targets: list[str], groups: dict[tuple[str, str], int], side: int
+) -> list[dict[str, Any]]:
+    """The runs.
+
+    Returns:
+        of each ``name``, its number or the end of the path to it; ``parts``, the overrides by which it differs from
+        the others, and ``label``, these on one line; ``chosen``, its values of the axes; ``cells``, each metric as
+        text, and ``numbers``; ``target`` and ``group``, their numbers on the page or None; and what `_row` tells.
+    """
+    settings, texts, values = frame["setting"].fillna(""), as_text(shown_metrics(frame), DIGITS), numbers(frame)
     called = shortened([PurePath(name).as_posix() for name in frame.index])
     parts = differences(list(frame["run", "overrides"]))
-    shown["rows"] = [
+    return [
         _row(name, run, side)
         | {
             "name": called[PurePath(name).as_posix()],
@@ -115,12 +127,11 @@ def page_data(frame: DataFrame) -> dict[str, Any]:
             "chosen": {key: settings.loc[name, key] for key in axes},
             "cells": texts.loc[name].to_dict(),
             "numbers": values.loc[name].dropna().to_dict(),
-            "target": places.get(run["target"]),
-            "group": numbered.get((run["image"], run["label"])),
+            "target": targets.index(run["target"]) if run["target"] in targets else None,
+            "group": groups.get((run["image"], run["label"])),
         }
         for (name, run), part in zip(frame["run"].iterrows(), parts, strict=True)
     ]
-    return shown
 
 
 def _row(name: str, run: Series, side: int) -> dict[str, Any]:
