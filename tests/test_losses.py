@@ -1,5 +1,7 @@
 """Losses against independent formulations, their gradients, and the extremes."""
 
+import doctest
+
 import numpy as np
 import pytest
 import torch
@@ -8,6 +10,8 @@ from torch.distributions import MultivariateNormal, kl_divergence
 from torch.testing import assert_close
 
 from brushexp.errors import UserError
+from brushexp.plugins.init import base as init_contract
+from brushexp.plugins.loss import base as loss_contract
 from brushexp.plugins.loss.base import Loss, Painting
 from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
@@ -327,3 +331,9 @@ def test_weights_scale_the_sum_and_not_the_value(cls):
     assert (light.weight, heavy.weight) == (0.5, 4.0)
     assert_close(light(painting), heavy(painting), rtol=0, atol=0)
     assert cls().weight > 0
+
+
+def test_the_examples_of_the_contracts_run():
+    for module in (loss_contract, init_contract):
+        assert doctest.testmod(module).attempted > 0
+        assert doctest.testmod(module).failed == 0
