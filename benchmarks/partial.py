@@ -10,21 +10,17 @@ import statistics
 import subprocess
 import sys
 import time
+from typing import Any
 
 import brushexp  # noqa: F401  (before torch: it sets how threads wait)
 
 # isort: split
+import lightning as L
 import torch
 from step import scene
 
-from brushexp.painting.components import Components, Stage
+from brushexp.painting.components import standard_components
 from brushexp.painting.painter import Painter
-from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.density.fixed import Fixed
-from brushexp.plugins.loss.pixel import MeanSquaredError
-from brushexp.plugins.optimizer.torch_optim import TorchOptim
-from brushexp.plugins.order.area import Area
-from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.strokes.catalogue import Catalogue
@@ -33,30 +29,32 @@ from brushexp.system.process import peak_memory
 STEPS = 30
 
 
+class StepTimes(L.Callback):
+    """Seconds of each step."""
+
+    def __init__(self) -> None:
+        self.seconds: list[float] = []
+
+    def on_train_batch_start(self, *_: object) -> None:
+        self.begin = time.perf_counter()
+
+    def on_train_batch_end(self, *_: object) -> None:
+        self.seconds.append(time.perf_counter() - self.begin)
+
+
 def row(side: int, sampler: str) -> None:
     """Print milliseconds and peak memory of steps on ``side`` x ``side`` pixels, one stroke per 105 of them."""
     target = torch.rand(3, side, side)
-    parts = Components(
-        stages=[Stage("analytic", Analytic(), 10**6)],
-        blend=Tiled(),
-        order=Area(),
-        losses={"mse": MeanSquaredError()},
-        density=Fixed(),
-        sampler=Whole() if sampler == "whole" else Patches(),
-        optimizer=TorchOptim(),
-    )
+    parts = standard_components(steps=10**6, sampler=Whole() if sampler == "whole" else Patches())
     strokes = scene(side * side // 105, side)
     before = peak_memory()
     painter = Painter(Catalogue(strokes, parts.optimizer.units), parts, target, torch.ones(3), seed=0)
-    optimizer, times = painter.configure_optimizers(), []
-    painter.rehearse()
-    for _ in range(STEPS):
-        start = time.perf_counter()
-        painter._take_step(optimizer)
-        times.append(time.perf_counter() - start)
+    times = StepTimes()
+    options: dict[str, Any] = {"enable_progress_bar": False, "enable_checkpointing": False, "logger": False}
+    L.Trainer(max_steps=STEPS, accelerator="cpu", enable_model_summary=False, callbacks=[times], **options).fit(painter)
     canvas = 2 * target.numel() * 4 / 2**20  # the target, and the picture as it was last seen
     print(
-        f"| {side * side / 1e6:.1f} | {len(strokes):,} | {sampler} | {1e3 * statistics.median(times):.1f} "
+        f"| {side * side / 1e6:.1f} | {len(strokes):,} | {sampler} | {1e3 * statistics.median(times.seconds):.1f} "
         f"| {peak_memory() - before:.0f} | {canvas:.0f} |",
         flush=True,
     )
