@@ -65,7 +65,8 @@ class Painter(L.LightningModule):
     >>> target, components = torch.rand(3, 24, 32), standard_components(steps=3)
     >>> strokes = Random()(target, 20, torch.Generator())
     >>> painter = Painter(Catalogue(strokes, components.optimizer.units), components, target, torch.ones(3), seed=0)
-    >>> trainer = L.Trainer(max_epochs=1, logger=False, enable_checkpointing=False, enable_progress_bar=False)
+    >>> quiet = {"logger": False, "enable_checkpointing": False, "enable_progress_bar": False}
+    >>> trainer = L.Trainer(max_epochs=1, enable_model_summary=False, **quiet)
     >>> trainer.fit(painter)
     >>> trainer.global_step, painter.drawn().shape
     (3, torch.Size([3, 24, 32]))
