@@ -20,7 +20,7 @@ from brushexp.analysis import figures
 from brushexp.analysis.columns import ALIGNED_WITHIN, MEASURES, RADIUS_PITCHES, measure_strokes
 from brushexp.analysis.figures import write_figure
 from brushexp.analysis.maps import coherence_map, direction_colors, stroke_map
-from brushexp.analysis.statistics import (
+from brushexp.analysis.samples import (
     DIRECTION_BINS,
     cliffs_delta,
     direction_shares,
@@ -31,7 +31,7 @@ from brushexp.analysis.statistics import (
     transport_distance,
 )
 from brushexp.analysis.summary import Analysis, analysis_of, comparison_of, overall_of, summary_of, thinnest_of
-from brushexp.analysis.tables import brushwork_text, strokes_csv, three_digits, write_tables
+from brushexp.analysis.summary_text import brushwork_text, strokes_csv, three_digits, write_summary
 from brushexp.app.tasks import analyse
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import pixel_centres
@@ -396,7 +396,7 @@ def test_the_table_can_be_read_back():
 
 def test_what_is_not_defined_is_empty_null_or_a_dash(tmp_path):
     one = analysis_of(saved(straight((20, 20), (40, 30))), "single", "single.h5")
-    write_tables(tmp_path, [one])
+    write_summary(tmp_path, [one])
     (row,) = csv.DictReader(io.StringIO((tmp_path / "brushwork.csv").read_text()))
     assert row["coherence"] == ""
     numbers = json.loads((tmp_path / "summary.json").read_text())

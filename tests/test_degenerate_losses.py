@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from brushexp.plugins.loss.base import Loss, Painting
-from brushexp.plugins.loss.brushwork import BrushworkTransfer
+from brushexp.plugins.loss.brushwork_transfer import BrushworkTransfer
 from brushexp.plugins.loss.discriminator import Discriminated
 from brushexp.plugins.loss.flow import Curvature, Direction
 from brushexp.plugins.loss.lpips import Lpips

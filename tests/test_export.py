@@ -39,7 +39,7 @@ from brushexp.registry import build_named, plugins
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
-from brushexp.strokes.text import lines, parse
+from brushexp.strokes.text import json_lines, parse
 from brushexp.system.files import to_bytes
 
 ROOT = Path(__file__).parents[1]
@@ -311,7 +311,7 @@ def test_a_catalogue_comes_back_from_json_as_it_was(n, tmp_path):
 def test_every_number_comes_back_to_the_last_bit(numbers):
     what = saved(1).strokes
     what.start[0], what.control[0], what.end[0] = torch.tensor(numbers).split(2)
-    read, *_ = parse("".join(lines(what, torch.tensor([0]), torch.zeros(3), "", ATTRIBUTES)))
+    read, *_ = parse("".join(json_lines(what, torch.tensor([0]), torch.zeros(3), "", ATTRIBUTES)))
     for name in FIELDS:
         assert getattr(read, name).numpy().tobytes() == getattr(what, name).numpy().tobytes()
 

@@ -10,7 +10,16 @@ from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import FAINT
 from brushexp.registry import build_named, plugins
-from brushexp.stress.check import DTYPES, GRADIENT_BOUNDS, PICTURE_BOUNDS, Check, Drawing, Outcome, compare, range_fault
+from brushexp.stress.check import (
+    DTYPES,
+    GRADIENT_BOUNDS,
+    PICTURE_BOUNDS,
+    Check,
+    DrawnScene,
+    Outcome,
+    compare,
+    range_fault,
+)
 from brushexp.stress.matrix import MANY_STEPS, ONE_PICTURE, MatrixCell, axes_of, cells_in, examine, frozen_renderer
 from brushexp.stress.painting import CANVAS, Exercise, check_painting, exercises
 from brushexp.stress.reference import Reference, check_drawing
@@ -109,7 +118,7 @@ def test_every_scene_has_strokes_in_range(scene):
 def outcome_of(image, exact, gradient=None, exact_gradient=None, fault=""):
     given, true = ({} if g is None else {"opacity": g} for g in (gradient, exact_gradient))
     return compare(
-        "float32", Drawing(image, given, 1.0, fault), Drawing(exact, true, 1.0), random_strokes(2, CANVAS)
+        "float32", DrawnScene(image, given, 1.0, fault), DrawnScene(exact, true, 1.0), random_strokes(2, CANVAS)
     ).outcome
 
 

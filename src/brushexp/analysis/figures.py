@@ -12,9 +12,9 @@ import numpy as np
 
 from brushexp.analysis.columns import MEASURES, Array
 from brushexp.analysis.maps import coherence_map, direction_colors, stroke_map
-from brushexp.analysis.statistics import DIRECTION_BINS, direction_shares
+from brushexp.analysis.samples import DIRECTION_BINS, direction_shares
 from brushexp.analysis.summary import OVERALL, Analysis, overall_of
-from brushexp.analysis.tables import relative_unit, strokes_in, three_digits, with_unit
+from brushexp.analysis.summary_text import relative_unit, strokes_in, three_digits, with_unit
 from brushexp.results.plotting import COLORS, FAINT, INK, SIZE, new_figure, save_figure, tidy, without_math
 from brushexp.strokes.measures import NEIGHBOURS
 

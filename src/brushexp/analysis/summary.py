@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from brushexp.analysis.columns import MEASURES, RADIUS_PITCHES, Array, StrokeTable, measure_strokes
-from brushexp.analysis.statistics import (
+from brushexp.analysis.samples import (
     DIRECTION_BINS,
     compared,
     degrees_of,
@@ -186,7 +186,7 @@ def comparison_of(one: Analysis, other: Analysis) -> dict[str, dict[str, float |
             (-90, 90].
         standardised: the difference in standard deviations (pooled; Cohen's d).
         delta: Cliff's (1993): P(a > b) - P(a < b) for a stroke a of the first and b of the other, in [-1, 1].
-        effect: delta in words, see `statistics.effect_size`.
+        effect: delta in words, see `samples.effect_size`.
         distance: Wasserstein-1, how far a stroke's value must move on average to turn one distribution into the other.
     """
     return {

@@ -40,7 +40,7 @@ def thickness_of(coverage: Tensor, light: Tensor) -> Tensor:
     return (bare * (1 + LIT * light)).clamp(0, 1)
 
 
-def raised(textures: Tensor) -> Brush:
+def height_textures(textures: Tensor) -> Brush:
     """Textures (M, 2, rows, columns) of opacity and light as textures of opacity and thickness."""
     opacity, light = textures.unbind(1)
     return _packed(opacity, thickness_of(opacity, light))

@@ -13,7 +13,7 @@ from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.windows import Windows
 from brushexp.plugins.export.base import Work
 from brushexp.plugins.renderer.base import Renderer
-from brushexp.shading._brush import LEVELS, Brush, level_of, plain_brush, raised, thickness_of
+from brushexp.shading._brush import LEVELS, Brush, height_textures, level_of, plain_brush, thickness_of
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
 
@@ -90,12 +90,12 @@ class Impasto(Renderer):
             TexturedProfile: self._textured,
             Windows: _windows,
         }
-        return kinds.get(type(layers), Raised)(layers, film, number)
+        return kinds.get(type(layers), HeightLayers)(layers, film, number)
 
     def _textured(self, layers: TexturedProfile, film: Tensor, number: Tensor) -> TexturedProfile:
         known, brush = self._raised
         if brush is None or known is not layers.textures:
-            brush = raised(layers.textures)
+            brush = height_textures(layers.textures)
             self._raised = (layers.textures, brush)
         textures, _, cells = brush
         return replace(
@@ -104,7 +104,7 @@ class Impasto(Renderer):
 
 
 @dataclass(frozen=True)
-class Raised(Layers):
+class HeightLayers(Layers):
     """Layers of a kind that is not known here, whose colour is the height of their paint.
 
     Attributes:

@@ -1,4 +1,4 @@
-"""What a lamp shows of a relief: normals from heights, diffuse and specular light.
+"""Shading of a height map: normals, diffuse and specular light.
 
 The formula, the same in the browser; x points to the right, y up, z to the viewer; rows y of a picture go down. A is
 the azimuth of the light, clockwise from the top (315: upper left), E its elevation above the canvas, c a colour in
@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-DIRECT = 0.7  # share of the diffuse light that comes from the lamp, the rest from everywhere
+DIRECT = 0.7  # share of the diffuse light that comes from the light, the rest from everywhere
 SHININESS = 24.0  # of oil paint: a highlight is seen where the surface is turned up to 14 degrees from it
 GAMMA = 2.2  # of displays: light is multiplied in physical units
 Array = np.ndarray
@@ -35,7 +35,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Light:
-    """Where the light comes from: a lamp far away.
+    """Where the light comes from, far away.
 
     Attributes:
         azimuth: degrees clockwise from the top of the picture; 315 is the upper left, 90 the right.
@@ -47,7 +47,7 @@ class Light:
 
     @property
     def direction(self) -> Array:
-        """Unit vector (3,) float32 to the lamp: right, up, to the viewer."""
+        """Unit vector (3,) float32 to the light: right, up, to the viewer."""
         azimuth, elevation = math.radians(self.azimuth), math.radians(self.elevation)
         flat = math.cos(elevation)
         return np.array([math.sin(azimuth) * flat, math.cos(azimuth) * flat, math.sin(elevation)], np.float32)
@@ -72,12 +72,12 @@ def normals_of(height: Array, scale: float = 1.0, first: int = 0, last: int | No
 
 
 def shaded(color: Array, normals: Array, light: Light, gloss: float) -> Array:
-    """A picture under a lamp; see the formula above.
+    """A picture under a light; see the formula above.
 
     Args:
         color: (3, H, W) float32 in [0, 1], display-referred.
         normals: (3, H, W) from `normals_of`.
-        light: the lamp.
+        light: where it comes from.
         gloss: strength of the highlights, 0 (matt) to 1.
 
     Returns:

@@ -49,7 +49,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Drawing:
+class DrawnScene:
     """A scene drawn forwards and backwards.
 
     Attributes:
@@ -65,7 +65,7 @@ class Drawing:
     fault: str = ""
 
 
-def compare(dtype: str, drawn: Drawing, exact: Drawing, strokes: Strokes, note: str = "") -> Check:
+def compare(dtype: str, drawn: DrawnScene, exact: DrawnScene, strokes: Strokes, note: str = "") -> Check:
     """Compare what was drawn of strokes that came in the precision ``dtype`` with the same in float64."""
     fault = drawn.fault or _fault_of(drawn, PICTURE_BOUNDS[dtype])
     if fault:
@@ -78,7 +78,7 @@ def compare(dtype: str, drawn: Drawing, exact: Drawing, strokes: Strokes, note: 
     return Check(outcome, picture, slope, note, only_gradient=moved and not seen)
 
 
-def _fault_of(drawn: Drawing, slack: float) -> str:
+def _fault_of(drawn: DrawnScene, slack: float) -> str:
     """What is broken about a picture or its gradient; "" if nothing is."""
     image = drawn.image
     if not image.isfinite().all():

@@ -13,7 +13,7 @@ from brushexp.painting.painter import Painter
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.optimizer.torch_optim import TorchOptim
 from brushexp.plugins.renderer.base import Renderer
-from brushexp.stress.check import DTYPES, Check, Drawing, compare, range_fault
+from brushexp.stress.check import DTYPES, Check, DrawnScene, compare, range_fault
 from brushexp.stress.reference import CRASHES, Reference, check_of_error
 from brushexp.stress.scenes import BACKGROUND, TARGETS, StressScene, random_strokes, random_target
 from brushexp.strokes.catalogue import Catalogue
@@ -79,7 +79,7 @@ def check_painting(
         return check_of_error(error)
     after = psnr_of(float((picture - painter.picture.target).square().mean()))
     fewer = f"{painter.schedule.step} of {exercise.steps:,} steps, " if painter.schedule.step < exercise.steps else ""
-    drawn = Drawing(picture, {}, fault=range_fault(strokes))
+    drawn = DrawnScene(picture, {}, fault=range_fault(strokes))
     return compare(dtype, drawn, exact, strokes, f"{fewer}{before:.1f} to {after:.1f} dB")
 
 

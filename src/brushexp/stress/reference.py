@@ -10,7 +10,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend, pixel_centres
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.renderer.base import Renderer
-from brushexp.stress.check import DTYPES, PICTURE_BOUNDS, Check, Drawing, Outcome, compare
+from brushexp.stress.check import DTYPES, PICTURE_BOUNDS, Check, DrawnScene, Outcome, compare
 from brushexp.stress.scenes import BACKGROUND, StressScene
 from brushexp.strokes.catalogue import PRECISE, Strokes
 
@@ -25,7 +25,7 @@ def most_strokes(renderer: Renderer) -> int:
     return MANY_STROKES if renderer.warm_up is None else FEW_STROKES
 
 
-def draw_scene(renderer: Renderer, blend: Blend, scene: StressScene, strokes: Strokes) -> Drawing:
+def draw_scene(renderer: Renderer, blend: Blend, scene: StressScene, strokes: Strokes) -> DrawnScene:
     """The picture of ``strokes`` on the canvas of a scene, and the gradient of its mean squared error."""
     strokes = strokes.map(lambda value: value.detach().clone().requires_grad_())
     layers = renderer(strokes)
@@ -35,7 +35,7 @@ def draw_scene(renderer: Renderer, blend: Blend, scene: StressScene, strokes: St
         error.square().mean().backward()
     gradient = {name: torch.zeros_like(v) if v.grad is None else v.grad for name, v in strokes.items()}
     pull = float(2 * error.detach().double().abs().mean())
-    return Drawing(image.detach(), gradient, pull, _alpha_fault(layers, scene.size))
+    return DrawnScene(image.detach(), gradient, pull, _alpha_fault(layers, scene.size))
 
 
 class Reference:
@@ -49,9 +49,9 @@ class Reference:
     def __init__(self, renderer: Renderer, scene: StressScene) -> None:
         self.renderer = deepcopy(renderer).double()
         self.scene = scene
-        self._drawn: dict[tuple[Blend | None, str], Drawing] = {}
+        self._drawn: dict[tuple[Blend | None, str], DrawnScene] = {}
 
-    def by(self, blend: Blend | None, dtype: str) -> Drawing:
+    def by(self, blend: Blend | None, dtype: str) -> DrawnScene:
         """The strokes as ``dtype`` holds them, drawn in float64; None for every stroke at every pixel."""
         kind = DTYPES[dtype]
         held = "" if kind in PRECISE else dtype

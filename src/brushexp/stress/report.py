@@ -27,7 +27,7 @@ def outcome_counts(cells: Sequence[MatrixCell]) -> dict[str, int]:
     return {f"n_{outcome.value}": found.count(outcome) for outcome in Outcome}
 
 
-def in_words(cells: Sequence[MatrixCell]) -> str:
+def outcomes_in_words(cells: Sequence[MatrixCell]) -> str:
     """How many cells are exact, degraded and so on."""
     return ", ".join(f"{value} {name.removeprefix('n_')}" for name, value in outcome_counts(cells).items())
 
@@ -53,7 +53,7 @@ def matrix_csv(cells: Sequence[MatrixCell]) -> str:
 
 def matrix_text(cells: Sequence[MatrixCell]) -> str:
     """A table for each kind and renderer: a row per scene, a column per precision and blend; messages below."""
-    lines = [f"{in_words(cells)}.", ""]
+    lines = [f"{outcomes_in_words(cells)}.", ""]
     lines += [
         "The number is the largest difference of a pixel from float64, or, marked *g*, the relative difference of a "
         "gradient where only that is out of bounds. float64 is compared with every stroke at every pixel "
@@ -116,7 +116,7 @@ def _draw_kind(cells: Sequence[MatrixCell], kind: str, axes: Axes) -> None:
             width = sum(column[:2] == (renderer, blend) for column in columns)
             axes.axvline(k, color=INK, linewidth=1.4 if k == 0 or columns[k - 1][0] != renderer else 0.6)
             axes.text(k + width / 2, -0.25, without_math(f"{renderer}\n{blend}"), ha="center", va="bottom", fontsize=8)
-    axes.set_title(f"{kind}: {in_words(cells)}", fontsize=11, loc="left", color=INK, pad=34)
+    axes.set_title(f"{kind}: {outcomes_in_words(cells)}", fontsize=11, loc="left", color=INK, pad=34)
 
 
 def _number(check: Check, *, short: bool) -> str:

@@ -26,7 +26,7 @@ class Field:
 
 
 PRECISE = (torch.float32, torch.float64)  # in which strokes can be optimised, and are drawn as they are
-FAR = 1e6  # beyond this a float32 pixel coordinate is coarser than a tenth of a pixel
+FAR = 1e6  # pixels: beyond this a float32 pixel coordinate is coarser than a tenth of a pixel
 FIELDS = {
     "position": Field(2, -FAR, FAR, "pixels of the canvas, x to the right, y down; the window's centre"),
     "scale": Field(0, 1e-3, FAR, "side of the stroke's window in pixels"),
@@ -42,6 +42,17 @@ FIELDS = {
 @dataclass(frozen=True)
 class Strokes:
     """N strokes as tensors of one dtype on one device; units and ranges in ``FIELDS``.
+
+    >>> import torch
+    >>> level = Strokes(
+    ...     position=torch.tensor([[20.0, 10.0]]), scale=torch.tensor([16.0]), start=torch.tensor([[-0.5, 0.0]]),
+    ...     control=torch.zeros(1, 2), end=torch.tensor([[0.5, 0.0]]), width=torch.tensor([0.25]),
+    ...     color=torch.tensor([[1.0, 0.0, 0.0]]), opacity=torch.ones(1),
+    ... )
+    >>> check_strokes(level)
+    >>> both = Strokes.join(level, level.moved(zoom=2.0))
+    >>> len(both), (both.width * both.scale).tolist()  # thickness in pixels
+    (2, [4.0, 8.0])
 
     Attributes:
         position: (N, 2) the window's centre, pixels; pixel centres lie at +0.5.

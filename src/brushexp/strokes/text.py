@@ -27,7 +27,7 @@ DIGITS = 18  # of whole numbers that fit into 64 bits
 SHOWN = 60  # characters of a wrong value, in messages
 
 
-def lines(
+def json_lines(
     strokes: Strokes, depth: Tensor, background: Tensor, config: str, attributes: Mapping[str, object]
 ) -> Iterator[str]:
     """The lines of the file.
@@ -63,7 +63,7 @@ def _form(field: Field) -> str:
 
 
 def parse(text: str) -> tuple[Strokes, Tensor, Tensor, str, dict[str, Any]]:
-    """What `lines` wrote: strokes, depth as int64, background, config and attributes; types and shapes are checked.
+    """Read what `json_lines` wrote: strokes, depth as int64, background, config and attributes; types are checked.
 
     Raises:
         UserError: says what is wrong with the text.

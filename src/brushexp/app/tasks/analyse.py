@@ -12,7 +12,7 @@ from omegaconf import DictConfig
 
 from brushexp.analysis.figures import write_figure
 from brushexp.analysis.summary import analysis_of, mean_measures
-from brushexp.analysis.tables import write_tables
+from brushexp.analysis.summary_text import write_summary
 from brushexp.results.runs import shortened
 from brushexp.strokes.storage import load_catalogue
 
@@ -29,7 +29,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         found.append(analysis_of(saved, name, cfg[option], cfg.radius, cfg.visible, option))
         left_out = found[-1].total - len(found[-1].number)
         log.info("%s: %d strokes measured, %d left out", cfg[option], len(found[-1].number), left_out)
-    paths = [write_figure(folder / "brushwork.png", found), *write_tables(folder, found)]
+    paths = [write_figure(folder / "brushwork.png", found), *write_summary(folder, found)]
     log.info("%s: %s", folder, ", ".join(path.name for path in paths))
     return {
         "n_strokes": len(found[0].number),

@@ -13,7 +13,7 @@ from omegaconf import DictConfig
 from brushexp.errors import UserError
 from brushexp.stress.check import Outcome
 from brushexp.stress.matrix import MatrixCell, axes_of, cells_in, examine
-from brushexp.stress.report import draw_matrix, in_words, matrix_csv, matrix_text, outcome_counts
+from brushexp.stress.report import draw_matrix, matrix_csv, matrix_text, outcome_counts, outcomes_in_words
 from brushexp.system.files import write_json, write_text
 from brushexp.system.process import peak_memory
 from brushexp.system.progress import counting
@@ -48,7 +48,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         "status": "completed",
     }
     write_json(folder / "metrics.json", metrics)
-    log.info("%s; %s", in_words(cells), folder)
+    log.info("%s; %s", outcomes_in_words(cells), folder)
     broken = [cell for cell in cells if cell.check.outcome is Outcome.broken]
     if broken:
         names = "; ".join(f"{cell.name}: {cell.check.note}" for cell in broken[:NAMED_CELLS])

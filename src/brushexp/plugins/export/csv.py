@@ -44,11 +44,11 @@ def lines(work: Work) -> Iterator[str]:
     numbers = [curve.flatten(1), (strokes.width * strokes.scale)[:, None], strokes.color, strokes.opacity[:, None]]
     rows = torch.cat([*numbers, length_of(curve)[:, None]], dim=1).tolist()
     form = "%d" + ",%.7g" * (len(COLUMNS) - 2) + ",%s\n"
-    for number, row, angle in zip(order.tolist(), rows, direction_of(curve).tolist(), strict=True):
+    for number, row, angle in zip(order.tolist(), rows, heading_degrees(curve).tolist(), strict=True):
         yield form % (number, *row, "" if angle != angle else f"{angle:.7g}")  # noqa: PLR0124  (NaN)
 
 
-def direction_of(curve: Tensor) -> Tensor:
+def heading_degrees(curve: Tensor) -> Tensor:
     """Angle (N,) in degrees, in (-180, 180], from start to end of curves (N, 3, 2), y down; NaN for a point."""
     x, y = (curve[:, 2] - curve[:, 0]).unbind(1)
     angle = torch.atan2(-y, x).rad2deg()

@@ -8,7 +8,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.export.base import Exporter, Work
 from brushexp.registry import register
 from brushexp.strokes.catalogue import check_strokes
-from brushexp.strokes.text import lines
+from brushexp.strokes.text import json_lines
 from brushexp.system.files import replacing
 
 
@@ -36,7 +36,7 @@ class Json(Exporter):
             check_strokes(strokes)
         except UserError as error:
             raise UserError(f"to=json cannot hold this size ({error}); choose another resolution") from error
-        text = lines(strokes, work.depth, work.background.float(), work.config, attributes)
+        text = json_lines(strokes, work.depth, work.background.float(), work.config, attributes)
         with (
             replacing(path) as temporary,
             temporary.open("w", encoding="utf-8", errors="backslashreplace", newline="\n") as file,

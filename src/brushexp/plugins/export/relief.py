@@ -1,4 +1,4 @@
-"""The painting as an object under a lamp, and its shape for printers and 3D programs."""
+"""The painting as an object under a light, and its shape for printers and 3D programs."""
 
 import io
 import logging
@@ -24,7 +24,7 @@ WHITE = 2**16 - 1
 
 @register("to", "relief")
 class Relief(Exporter):
-    """``relief.png``: thick paint under a lamp, ``light=315,45``; ``height.png`` and ``normals.png`` are its shape.
+    """``relief.png``: thick paint under a light, ``light=315,45``; ``height.png`` and ``normals.png`` are its shape.
 
     ``height.png`` has 16 bits: black is the bare canvas, white the highest point; how high that is stands in the log
     and in the texts of the file, ``Description`` and ``HeightOfWhite`` (pixels). ``normals.png`` is a tangent-space
@@ -66,7 +66,7 @@ class Relief(Exporter):
         return [relief, heights, normals]
 
     def lit(self, work: Work, height: np.ndarray) -> np.ndarray:
-        """The painting under the lamp (H, W, 3), 8 bits, from its heights (H, W)."""
+        """The painting under the light (H, W, 3), 8 bits, from its heights (H, W)."""
         picture = np.empty((*work.size, 3), np.uint8)
         for top, band in work.bands():
             bottom = top + band.shape[1]

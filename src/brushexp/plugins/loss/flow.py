@@ -23,7 +23,9 @@ class Curvature(Loss):
     no bound; a control point off the middle of a straight line does not count.
 
     Args:
-        weight: factor in the sum of losses.
+        weight: factor in the sum of losses; the source's 4 is for other units. On a portrait of 256 pixels, 655 strokes
+            and 150 steps, ``mse`` alone left a mean of 1.26 rad, with the default of this loss 0.48 at a cost of
+            0.1 dB; 0.0005 left 0.25 (0.3 dB).
     """
 
     looks_at = "strokes"
@@ -47,14 +49,16 @@ class Direction(Loss):
     over all pairs of a stroke and one of its nearest: 0 if all are parallel, 2 in disorder.
 
     Args:
-        weight: factor in the sum of losses.
+        weight: factor in the sum of losses; the source's 0.008 is for other units. On a portrait of 256 pixels, 655
+            strokes and 150 steps, ``mse`` alone left 1.32, with the default of this loss 0.79 at a cost of 0.1 dB;
+            0.0001 left 1.04 (less than 0.1 dB).
         k: neighbours of a stroke; of fewer strokes, all others.
         every: the neighbours are found anew at every so many calls, and whenever the number of strokes has changed.
     """
 
     looks_at = "strokes"
 
-    def __init__(self, *, weight: float = 0.0001, k: int = NEIGHBOURS, every: int = 20) -> None:
+    def __init__(self, *, weight: float = 0.0003, k: int = NEIGHBOURS, every: int = 20) -> None:
         super().__init__()
         for name, value in (("k", k), ("every", every)):
             if value < 1:

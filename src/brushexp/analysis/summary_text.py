@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from brushexp.analysis.columns import MEASURES
-from brushexp.analysis.statistics import statistics_of
+from brushexp.analysis.samples import statistics_of
 from brushexp.analysis.summary import OVERALL, Analysis, comparison_of, in_units, overall_of, summary_of, thinnest_of
 from brushexp.results.tables import MISSING, csv_table, escaped, markdown_table
 from brushexp.strokes.brushwork import MIN_OPACITY
@@ -19,7 +19,7 @@ HEADINGS = {"n": "n", "mean": "mean", "sd": "standard deviation", "q25": "25 %",
 DIFFERENCES = {"difference": "difference", "in sd": "standardised", "Cliff's delta": "delta"}
 
 
-def write_tables(folder: Path, found: Sequence[Analysis]) -> list[Path]:
+def write_summary(folder: Path, found: Sequence[Analysis]) -> list[Path]:
     """Write ``brushwork.csv``, ``summary.json`` and ``summary.md`` of one painting, or of two side by side."""
     paths = []
     for one, name in zip(found, ("brushwork.csv", "brushwork_against.csv"), strict=False):

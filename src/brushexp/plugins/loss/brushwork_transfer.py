@@ -12,13 +12,14 @@ from brushexp.strokes.brushwork import distances, load_brushwork
 
 @register("loss", "brushwork")
 class BrushworkTransfer(Loss):
-    """How far lengths, widths, curvatures and directions of the strokes are from those of a painting's catalogue.
+    """Optimal transport of lengths, widths, curvatures and directional coherence to those of a painting's catalogue.
 
-    The sum over these four measures (see ``strokes.brushwork``) of the squared 2-Wasserstein distance between their
-    distributions in both paintings, each in units of its variance in the reference: 0 for the same distributions, and
-    about 1 for a measure that is off by one standard deviation. The numbers of strokes need not be equal. It looks at
-    all strokes at every step, also where a step looks at a part of the canvas. Strokes too faint or too thin to be seen
-    do not count and have no gradient. ``style.brushwork`` adds this loss and starts from strokes drawn accordingly.
+    Brushwork transfer: the sum over these four measures, which `task=analyse` reports (``strokes.measures``), of the
+    squared 2-Wasserstein distance between their distributions in both paintings, each in units of its variance in the
+    reference: 0 for the same distributions, and about 1 for a measure that is off by one standard deviation. The
+    numbers of strokes need not be equal. It looks at all strokes at every step, also where a step looks at a part of
+    the canvas. Strokes too faint or too thin to be seen do not count and have no gradient. ``style.brushwork`` adds
+    this loss and starts from strokes drawn accordingly.
 
     Args:
         option: what sets the catalogue, for messages.
