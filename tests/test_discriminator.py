@@ -1,11 +1,13 @@
-"""The discriminator: how strokes are spoilt, what it learns, where its loss pushes, and its files."""
+"""The discriminator: how strokes are corrupted, what it learns, where its loss pushes, and its files."""
 
 import json
 from dataclasses import replace
 from pathlib import Path
 
+import lightning as L
 import pytest
 import torch
+from lightning.pytorch.callbacks import Checkpoint
 from program import run
 from torch import Tensor, optim
 
@@ -17,10 +19,21 @@ from brushexp.plugins.renderer.weights_file import RENDERERS
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, Strokes
 from brushexp.strokes.prior import INSET, SPREAD, WIDTH, bend_of, sample_prior, strokes_of
-from brushexp.training.corruption import WAYS, spoil
-from brushexp.training.discriminator import Plan, Training, area_under_curve, judge, save, valid_shapes
+from brushexp.system.callbacks import INTERRUPTED, TimedCheckpoint
+from brushexp.training.corruption import CORRUPTIONS, corrupt
+from brushexp.training.datamodule import HELD_OUT
+from brushexp.training.dataset import Split
+from brushexp.training.discriminator_module import (
+    DiscriminatorModule,
+    ShapeData,
+    area_under_curve,
+    discriminator_figures,
+    save_discriminator,
+    shape_batch,
+    valid_shapes,
+)
 
-QUICK = Plan(lr=5e-3, batch_size=64, epochs=1, minutes=None, seed=3)
+QUIET = dict.fromkeys(("logger", "enable_progress_bar", "enable_model_summary"), False)
 POINTS = ("start", "control", "end")
 
 
@@ -32,7 +45,7 @@ def strokes(shapes: Tensor) -> Strokes:
     return strokes_of(torch.cat([shapes, torch.zeros(len(shapes), 3)], dim=1))
 
 
-def judged(loss: Discriminated, made: Strokes) -> Tensor:
+def loss_of(loss: Discriminated, made: Strokes) -> Tensor:
     nothing = torch.zeros(3, 5, 8)
     return loss(Painting(nothing, nothing, made))
 
@@ -52,31 +65,53 @@ def wild(n: int, size: float) -> Strokes:
     return replace(made, start=start, control=control, end=end, width=size * torch.rand(n, generator=generator(5)))
 
 
-def test_valid_strokes_are_valid_and_spoilt_ones_are_not():
+def fit(module: DiscriminatorModule, batch_size: int, *callbacks, resume=None, **options) -> DiscriminatorModule:
+    keeps = any(isinstance(callback, Checkpoint) for callback in callbacks)
+    options = {"accelerator": "cpu", "enable_checkpointing": keeps, "num_sanity_val_steps": 0, **QUIET, **options}
+    data = ShapeData(batch_size=batch_size, seed=3)
+    L.Trainer(callbacks=list(callbacks), **options).fit(module, data, ckpt_path=resume)
+    return module
+
+
+def fresh(seed: int = 3) -> DiscriminatorModule:
+    torch.manual_seed(seed)
+    return DiscriminatorModule(Discriminator(), 5e-3)
+
+
+def test_valid_strokes_are_valid_and_corrupted_ones_are_not():
     known = valid_shapes(2000, 0)
     assert valid(strokes(known)).float().mean() > 0.99
-    mixed = spoil(known, generator())
-    for number, name in enumerate(WAYS):
-        share = float(valid(strokes(mixed.shapes[mixed.way == number])).float().mean())
+    mixed = corrupt(known, generator())
+    for number, name in enumerate(CORRUPTIONS):
+        share = float(valid(strokes(mixed.shapes[mixed.kind == number])).float().mean())
         assert share < (0.7 if name in ("mixed", "partly_noisy") else 0.25), f"{name}: {share}"
 
 
-def test_every_way_is_taken_and_the_seed_decides():
+def test_every_corruption_occurs_and_the_seed_decides():
     known = valid_shapes(500, 0)
-    first, again, other = (spoil(known, generator(seed)) for seed in (1, 1, 2))
-    assert set(first.way.tolist()) == set(range(len(WAYS)))
+    first, again, other = (corrupt(known, generator(seed)) for seed in (1, 1, 2))
+    assert set(first.kind.tolist()) == set(range(len(CORRUPTIONS)))
     assert all(torch.equal(a, b) for a, b in zip(first, again, strict=True))
     assert not torch.equal(first.shapes, other.shapes)
     assert first.shapes.isfinite().all()
 
 
-def test_milder_is_half_way_in_some_groups():
+def test_hard_negatives_are_half_way_in_some_groups():
     known = valid_shapes(300, 0)
-    spoilt = spoil(known, generator())
-    halfway = 0.5 * (known + spoilt.shapes)
-    moved = spoilt.milder != spoilt.shapes
-    torch.testing.assert_close(spoilt.milder[moved], halfway[moved])
+    corrupted = corrupt(known, generator())
+    halfway = 0.5 * (known + corrupted.shapes)
+    moved = corrupted.hard != corrupted.shapes
+    torch.testing.assert_close(corrupted.hard[moved], halfway[moved])
     assert moved.any(1).float().mean() > 0.5
+
+
+def test_every_step_gets_other_strokes_whatever_was_before():
+    batches = list(ShapeData(batch_size=4, seed=3).train_dataloader())
+    assert len(batches) == 500
+    assert len({batch.valid[0, 0].item() for batch in batches}) == 500
+    loader = ShapeData(batch_size=4, seed=3).train_dataloader()
+    loader.load_state_dict({"epoch": 0, "batch": 498})
+    assert all(torch.equal(*pair) for pair in zip(next(iter(loader)), batches[498], strict=True))
 
 
 def test_area_under_curve_counts_pairs():
@@ -87,62 +122,52 @@ def test_area_under_curve_counts_pairs():
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory) -> tuple[Training, Path, dict[str, object]]:
+def trained(tmp_path_factory) -> tuple[DiscriminatorModule, Path, dict[str, object]]:
     """A training cut down to seconds, and its file."""
-    torch.manual_seed(3)
-    training = Training(Discriminator(), QUICK)
-    training.run()
+    module = fit(fresh(), 64, max_epochs=1)
     path = tmp_path_factory.mktemp("trained") / "mine.safetensors"
-    return training, path, save(training, path)
+    return module, path, save_discriminator(module.network, path, 3, {"steps": module.global_step})
 
 
 def test_it_learns_in_a_few_hundred_steps(trained):
-    training, _, figures = trained
-    assert training.step == 500
+    module, _, figures = trained
+    assert module.global_step == 500
     assert figures["auc"] > 0.85
     assert figures["accuracy"] > 0.75
-    assert figures["hinge_spoilt"] > 50 * figures["hinge_valid"]
-    assert set(figures) >= {f"auc_{name}" for name in WAYS}
+    assert figures["hinge_corrupted"] > 50 * figures["hinge_valid"]
+    assert set(figures) >= {f"auc_{name}" for name in CORRUPTIONS}
+    assert float(module.trainer.callback_metrics["validation/auc"]) == pytest.approx(module.figures["auc"])
+    assert "held out AUC" in module.state_line()
 
 
-def test_the_seed_decides_the_training():
-    weights = []
-    for _ in range(2):
-        torch.manual_seed(3)
-        training = Training(Discriminator(), replace(QUICK, batch_size=8, minutes=None))
-        for _ in range(5):
-            training._take_step()
-        weights.append(torch.cat([value.flatten() for value in training.network.state_dict().values()]))
-    assert torch.equal(*weights)
+def test_a_resumed_training_ends_with_the_same_weights(tmp_path):
+    class Stop(L.Callback):
+        def on_train_batch_end(self, trainer, pl_module, *_):
+            if pl_module.global_step == 4:
+                pl_module.stop, trainer.should_stop = INTERRUPTED, True
+
+    path = tmp_path / "checkpoint.ckpt"
+    whole = fit(fresh(), 8, max_steps=9)
+    assert fit(fresh(), 8, Stop(), TimedCheckpoint(path, None), max_steps=9).global_step == 4
+    resumed = fit(fresh(99), 8, TimedCheckpoint(path, None), resume=path, max_steps=9)
+    assert resumed.global_step == 9
+    for name, value in whole.state_dict().items():
+        assert torch.equal(resumed.state_dict()[name], value)
 
 
-def test_training_stops_when_it_is_told_or_out_of_time():
-    training = Training(Discriminator(), replace(QUICK, epochs=None, minutes=0.005))
-    training.run()
-    assert 0.3 <= training.seconds < 5
-    training = Training(Discriminator(), QUICK)
-    training.stop = "interrupted"
-    training.run()
-    assert training.step == 0
-    training = Training(Discriminator(), replace(QUICK, epochs=0))
-    training.run()
-    assert training.step == 0
-
-
-@pytest.mark.parametrize(("wrong", "message"), [({"lr": 0.0}, "lr=0 "), ({"epochs": None}, "would never end")])
-def test_wrong_plans_are_refused(wrong, message):
-    with pytest.raises(UserError, match=message):
-        replace(QUICK, **wrong)
+def test_a_rate_of_zero_is_refused():
+    with pytest.raises(UserError, match="lr=0 "):
+        DiscriminatorModule(Discriminator(), 0.0)
 
 
 def test_a_checkpoint_brings_the_same_loss_back(trained):
-    training, path, figures = trained
+    module, path, figures = trained
     loss = Discriminated(checkpoint=str(path))
     assert not any(parameter.requires_grad for parameter in loss.parameters())
     made = wild(20, 2.0)
-    scores = training.network(shapes_of(made))
-    wanted = (training.network.threshold - scores).clamp_min(0).mean()
-    torch.testing.assert_close(judged(loss, made), wanted.detach())
+    scores = module.network(shapes_of(made))
+    wanted = (module.network.threshold - scores).clamp_min(0).mean()
+    torch.testing.assert_close(loss_of(loss, made), wanted.detach())
     recipe = DISCRIMINATORS.read_recipe(path)
     assert recipe["hash"] == figures["discriminator_hash"]
     assert recipe["figures"]["auc"] == figures["auc"]
@@ -167,19 +192,19 @@ def test_the_shipped_one_is_small_good_and_tells_nothing_of_its_maker():
     assert "/" not in text
     network = Discriminator()
     DISCRIMINATORS.restore(network, NAME, NAME, {})
-    figures = judge(network, seed=11)
+    figures = discriminator_figures(network, shape_batch(20_000, 11, HELD_OUT[Split.TEST]))
     assert figures["auc"] > 0.95
     assert figures["accuracy"] > 0.9
     assert figures["hinge_valid"] < 0.06
-    assert figures["hinge_spoilt"] > 50
+    assert figures["hinge_corrupted"] > 50
 
 
 def test_valid_strokes_cost_almost_nothing_and_worse_ones_more():
     loss, known = Discriminated(), sample_prior(2000, seed=8)
-    values = [float(judged(loss, known))]
+    values = [float(loss_of(loss, known))]
     for factor in (1.5, 3, 10, 100, 1000):
         large = {name: factor * getattr(known, name) for name in POINTS}
-        values.append(float(judged(loss, replace(known, **large))))
+        values.append(float(loss_of(loss, replace(known, **large))))
     assert values[0] < 0.06
     assert values == sorted(values)
     assert values[1] > 20 * values[0]
@@ -188,7 +213,7 @@ def test_valid_strokes_cost_almost_nothing_and_worse_ones_more():
 def test_place_size_and_colour_do_not_matter():
     made = wild(30, 1.0)
     other = replace(made.moved(zoom=3.0, shift=(7.0, -5.0)), color=1 - made.color, opacity=0.5 * made.opacity)
-    assert torch.equal(judged(Discriminated(), made), judged(Discriminated(), other))
+    assert torch.equal(loss_of(Discriminated(), made), loss_of(Discriminated(), other))
 
 
 def test_it_has_the_right_slope():
@@ -197,7 +222,7 @@ def test_it_has_the_right_slope():
     inputs = [getattr(made, name).clone().requires_grad_() for name in names]
 
     def value(*inputs: Tensor) -> Tensor:
-        return judged(loss, replace(made, **dict(zip(names, inputs, strict=True))))
+        return loss_of(loss, replace(made, **dict(zip(names, inputs, strict=True))))
 
     assert torch.autograd.gradcheck(value, inputs)
 
@@ -211,7 +236,7 @@ def test_value_and_slope_are_finite_at_the_extremes(n, size, width):
     made = replace(made, **dict(zip(POINTS, corners, strict=True)), width=torch.full((n,), width))
     assert size <= FIELDS["start"].high
     made = made.map(lambda value: value.clone().requires_grad_())
-    value = judged(Discriminated(), made)
+    value = loss_of(Discriminated(), made)
     value.backward()
     assert value.isfinite()
     for name in (*POINTS, "width"):
@@ -232,7 +257,7 @@ def test_following_the_slope_makes_wild_strokes_valid(size):
     assert valid(made).float().mean() < 0.02
     for _ in range(200):
         optimizer.zero_grad()
-        judged(loss, replace(made, **moving)).backward()
+        loss_of(loss, replace(made, **moving)).backward()
         optimizer.step()
         with torch.no_grad():
             moving["width"].clamp_(min=0)
@@ -240,7 +265,18 @@ def test_following_the_slope_makes_wild_strokes_valid(size):
 
 
 def test_what_a_discriminator_has_no_use_for_is_refused():
-    check_used(["task=train", "model=discriminator", "seed=1", "lr=0.1", "minutes=1", "~logger.csv", "output=a"])
+    check_used(
+        [
+            "task=train",
+            "model=discriminator",
+            "seed=1",
+            "lr=0.1",
+            "minutes=1",
+            "~logger.csv",
+            "output=a",
+            "trainer.profiler=simple",
+        ]
+    )
     for word in ("critic=true", "renderer=dual", "+engine.window=64", "data=a.h5"):
         with pytest.raises(UserError, match="means nothing to model=discriminator"):
             check_used(["task=train", word])

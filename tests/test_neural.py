@@ -11,11 +11,11 @@ from safetensors.torch import load_file, save_file
 
 from brushexp.compositing.windows import Windows
 from brushexp.errors import UserError
-from brushexp.plugins.renderer import weights_file as files
+from brushexp.plugins.renderer import base, neural
 from brushexp.plugins.renderer._fields import stroke_planes
 from brushexp.plugins.renderer.base import FAINT, PatchRenderer, Precision, window_pictures
 from brushexp.plugins.renderer.neural import Activation, Coordinates, Neural, Normalisation, Upsampling
-from brushexp.plugins.renderer.weights_file import read_recipe, restore, save_checkpoint
+from brushexp.plugins.renderer.weights_file import RENDERERS
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.prior import WIDTH, clamp_to_prior, parameters_of, sample_prior, strokes_of
 from brushexp.system.checkpoint import weights_hash
@@ -237,7 +237,7 @@ OPTIONS = {
 def kept(tmp_path) -> Path:
     """A checkpoint of a tiny renderer."""
     path = tmp_path / "mine.safetensors"
-    save_checkpoint(path, "neural", tiny(**OPTIONS), {"options": OPTIONS, "figures": {"l2": 1.0}})
+    RENDERERS.save(path, "neural", tiny(**OPTIONS), {"options": OPTIONS, "figures": {"l2": 1.0}})
     return path
 
 
@@ -248,11 +248,11 @@ def test_a_checkpoint_brings_the_same_pictures_and_hash_back(tmp_path, half, nor
     renderer = tiny(**options).train()
     renderer.draw(parameters())  # gives a batch norm something to keep
     path = tmp_path / "mine.safetensors"
-    digest = save_checkpoint(path, "neural", renderer.eval(), {"options": options}, half=half)
+    digest = RENDERERS.save(path, "neural", renderer.eval(), {"options": options}, half=half)
     again = tiny(**options, checkpoint=str(path))
     with torch.no_grad():
         assert torch.equal(again.draw(parameters()), renderer.draw(parameters()))
-    assert again.weights_hash == digest == weights_hash(renderer) == read_recipe(path)["hash"]
+    assert again.weights_hash == digest == weights_hash(renderer) == RENDERERS.read_recipe(path)["hash"]
     assert not again.training
     kinds = {value.dtype for value in load_file(path).values()} - {torch.int64}
     assert kinds == {torch.float16 if half else torch.float32}
@@ -263,7 +263,7 @@ def test_a_checkpoint_works_for_any_renderer(tmp_path):
     renderer = build_named("renderer", "dual", options)
     path = tmp_path / "a" / "dual.safetensors"
     path.parent.mkdir()
-    save_checkpoint(path, "dual", renderer, {"options": {**options, "checkpoint": None}})
+    RENDERERS.save(path, "dual", renderer, {"options": {**options, "checkpoint": None}})
     again = build_named("renderer", "dual", {**options, "checkpoint": str(path)})
     assert weights_hash(again) == weights_hash(renderer) != ""
     with pytest.raises(UserError, match=r"trained with renderer.shading=0.25, not 0.5; set renderer.shading=0.25"):
@@ -274,22 +274,24 @@ def test_a_checkpoint_works_for_any_renderer(tmp_path):
 
 def test_a_renderer_without_weights_has_no_hash():
     assert weights_hash(build_named("renderer", "analytic", {})) == ""
-    assert restore(torch.nn.Linear(1, 1), "mine", None, {}) == ""
+    assert RENDERERS.restore(torch.nn.Linear(1, 1), "mine", None, {}) == ""
 
 
 def test_numbers_too_large_for_16_bits_are_kept(tmp_path):
     module = torch.nn.Linear(2, 1)
     with torch.no_grad():
         module.weight.fill_(1e6)
-    save_checkpoint(tmp_path / "mine", "mine", module, {"options": {}})
+    RENDERERS.save(tmp_path / "mine", "mine", module, {"options": {}})
     assert load_file(tmp_path / "mine.safetensors")["weight"].dtype == torch.float32
 
 
 def test_a_plain_name_is_one_that_comes_with_the_program(kept, monkeypatch):
-    monkeypatch.setattr(files, "RENDERERS", replace(files.RENDERERS, shipped=kept.parent))
-    assert weights_hash(tiny(**{**OPTIONS, "checkpoint": "mine"})) == read_recipe(kept)["hash"]
-    assert files.shipped("mine") == "mine"
-    assert files.shipped("yours") is None
+    elsewhere = replace(RENDERERS, shipped=kept.parent)
+    for module in (base, neural):
+        monkeypatch.setattr(module, "RENDERERS", elsewhere)
+    assert weights_hash(tiny(**{**OPTIONS, "checkpoint": "mine"})) == RENDERERS.read_recipe(kept)["hash"]
+    assert elsewhere.shipped_name("mine") == "mine"
+    assert elsewhere.shipped_name("yours") is None
     with pytest.raises(UserError, match=r"yours does not come with the program \(there are: mine\)"):
         tiny(checkpoint="yours")
 
@@ -395,7 +397,7 @@ def test_a_bad_checkpoint_is_refused_in_one_clear_line(kept, damage):
 
 def test_a_checkpoint_that_cannot_be_written_is_named(tmp_path):
     with pytest.raises(UserError, match="cannot write"):
-        save_checkpoint(tmp_path / "nowhere" / "a.safetensors", "neural", tiny(), {"options": OPTIONS})
+        RENDERERS.save(tmp_path / "nowhere" / "a.safetensors", "neural", tiny(), {"options": OPTIONS})
 
 
 @pytest.mark.parametrize("name", NAMES)

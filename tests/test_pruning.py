@@ -16,7 +16,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import window_pictures
 from brushexp.plugins.renderer.neural import Activation, Coarsest, Coordinates, Neural, Normalisation, Upsampling
-from brushexp.plugins.renderer.weights_file import save_checkpoint
+from brushexp.plugins.renderer.weights_file import RENDERERS
 from brushexp.registry import build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.checkpoint import weights_hash
@@ -126,7 +126,7 @@ def test_the_coarsest_picture_is_a_transposed_convolution():
 def test_a_pruned_checkpoint_loads_by_its_name_alone(tmp_path):
     pruned = prune(tiny(), 0.5, [batch(2)]).eval()
     path = tmp_path / "pruned.safetensors"
-    save_checkpoint(path, "neural", pruned, {"options": {**OPTIONS, "channels": pruned.widths}})
+    RENDERERS.save(path, "neural", pruned, {"options": {**OPTIONS, "channels": pruned.widths}})
     again = tiny(checkpoint=str(path))
     assert again.widths == pruned.widths != tiny().widths
     with torch.no_grad():
@@ -184,7 +184,7 @@ def run(tmp_path, monkeypatch, config):
         writer.fill(engine)
     trained = tmp_path / "trained.safetensors"
     origin = {"engine": "disc", "engine_config": {"window": 64}, "window": 64}
-    save_checkpoint(trained, "neural", tiny(), {"options": deepcopy(OPTIONS), "data": origin})
+    RENDERERS.save(trained, "neural", tiny(), {"options": deepcopy(OPTIONS), "data": origin})
     monkeypatch.setattr(benchmark, "ACROSS", 2)
     monkeypatch.setattr(benchmark, "REPETITIONS", 1)
     hydra = SimpleNamespace(runtime=SimpleNamespace(output_dir=str(tmp_path)))
@@ -192,7 +192,15 @@ def run(tmp_path, monkeypatch, config):
     chosen = {"width": 16, "widest": 32, "dense": "[32,16]", "subpixel": 4, "checkpoint": trained}
 
     def run_with(*overrides: str) -> dict[str, object]:
-        common = ["task=prune", "device=cpu", f"data={strokes}", "epochs=1", "limit=64", "n=8", "precision=float32"]
+        common = [
+            "task=prune",
+            "device=cpu",
+            f"data={strokes}",
+            "epochs=1",
+            "limit=64",
+            "n=8",
+            "trainer.precision=32-true",
+        ]
         options = [f"renderer.{key}={value}" for key, value in chosen.items()]
         return task.run(config(*common, *options, *overrides), time.monotonic())
 
@@ -227,7 +235,6 @@ def test_a_run_leaves_a_table_and_renderers_that_paint(run, tmp_path):
         (["ratios=[1.0]"], r"ratios=\[1.0\] are not shares"),
         (["renderer.checkpoint=null"], "there are no trained weights to prune; give those of task=train"),
         (["epochs=null", "minutes=null"], "neither epochs nor minutes is set"),
-        (["precision=half"], "precision=half is not one of float32, bfloat16"),
     ],
 )
 def test_wrong_keys_are_refused(run, overrides, message):

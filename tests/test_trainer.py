@@ -1,36 +1,46 @@
-"""Training renderers: it learns, it averages, it resumes exactly, and it says what it measures."""
+"""Training renderers: Lightning's Trainer does with it what its manual says; it learns, averages, resumes exactly."""
 
+import csv
 import json
 import math
 import signal
 import time
-from copy import deepcopy
+from datetime import timedelta
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import lightning as L
 import pytest
 import torch
+from lightning.pytorch.callbacks import Checkpoint, EarlyStopping, LearningRateMonitor, ModelCheckpoint, Timer
+from lightning.pytorch.loggers import CSVLogger
 from program import Program, run
 from test_dataset import write
 from torch import nn
 from torch.utils.data import DataLoader
 
+from brushexp.app import stroke_data
+from brushexp.app.network_fitting import fit_network, renderer_settings
 from brushexp.app.tasks import train
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import PatchRenderer, window_pictures
-from brushexp.plugins.renderer.weights_file import read_recipe
+from brushexp.plugins.renderer.weights_file import RENDERERS
 from brushexp.registry import build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
+from brushexp.system.callbacks import INTERRUPTED, MovingAverage, TimedCheckpoint
 from brushexp.system.checkpoint import weights_hash
 from brushexp.training.datamodule import StrokeBatch, StrokeLoader
 from brushexp.training.evaluation import Errors, decibels, errors_of, premultiplied, squared_error
-from brushexp.training.progress import Checkpoints, sheet_of_pairs
-from brushexp.training.trainer import RendererTrainer, Training, balanced
+from brushexp.training.monitoring import FrechetDistance, HeldOutSheet
+from brushexp.training.network_module import WARMUP_STEPS
+from brushexp.training.renderer_module import RendererModule, RendererSettings, balanced
 
 SIDE = 16
 TINY = ("renderer.width=4", "renderer.widest=8", "renderer.dense=[16]")
+QUIET = dict.fromkeys(("enable_progress_bar", "enable_model_summary"), False)
+CRITIC = RendererSettings(critic=True, critic_width=4)
 
 
 class Small(PatchRenderer):
@@ -74,26 +84,27 @@ class Strokes(L.LightningDataModule):
         return DataLoader([strokes(5, first=100)], batch_size=None)
 
 
-def fit(module, data, *callbacks, resume=None, epochs=-1):
-    trainer = L.Trainer(
-        accelerator="cpu",
-        max_epochs=epochs,
-        logger=False,
-        callbacks=list(callbacks),
-        enable_checkpointing=False,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-        num_sanity_val_steps=0,
-    )
-    trainer.fit(module, data, ckpt_path=resume)
+def module_of(settings: RendererSettings | None = None, seed: int = 3) -> RendererModule:
+    torch.manual_seed(seed)
+    return RendererModule(Small(), SIDE, settings or RendererSettings())
+
+
+def fit(module, data=None, *callbacks, resume=None, **options):
+    quiet = QUIET | {"enable_checkpointing": any(isinstance(found, Checkpoint) for found in callbacks)}
+    options = {"accelerator": "cpu", "logger": False, "num_sanity_val_steps": 0, **quiet, **options}
+    trainer = L.Trainer(callbacks=list(callbacks), **options)
+    trainer.fit(module, data or Strokes(), ckpt_path=resume)
     return trainer
 
 
-@torch.no_grad()
-def error(module: RendererTrainer, data: Strokes) -> float:
-    """L2 of the averaged weights on the training strokes."""
-    renderer = deepcopy(module.averaged).eval()
-    return float(squared_error(window_pictures(renderer, data.known.parameters, SIDE), data.known.images))
+class Rates(L.Callback):
+    """Notes the learning rates that steps are taken with."""
+
+    def __init__(self):
+        self.taken = []
+
+    def on_before_optimizer_step(self, trainer, pl_module, optimizer):
+        self.taken.append(optimizer.param_groups[0]["lr"])
 
 
 class StopAt(L.Callback):
@@ -102,138 +113,191 @@ class StopAt(L.Callback):
     def __init__(self, step):
         self.step = step
 
-    def on_train_batch_end(self, trainer, module, *_):
-        if module.step == self.step:
-            module.stop = "interrupted"
+    def on_train_batch_end(self, trainer, pl_module, *_):
+        if pl_module.global_step >= self.step and not trainer.is_last_batch and not pl_module.stop:
+            pl_module.stop, trainer.should_stop = INTERRUPTED, True
 
 
 def test_a_few_strokes_are_learned_and_validated():
-    module = RendererTrainer(Small(), SIDE, Training(lr=0.01, epochs=60, ema=0.9))
-    data = Strokes(8)
-    before = error(module, data)
-    fit(module, data, epochs=60)
-    assert error(module, data) < 0.2 * before
-    assert module.step == module.judged == 60
+    module, data = module_of(RendererSettings(lr=0.01)), Strokes(8)
+
+    @torch.no_grad()
+    def error() -> float:
+        drawn = window_pictures(module.renderer.eval(), data.known.parameters, SIDE)
+        module.renderer.train()
+        return float(squared_error(drawn, data.known.images))
+
+    before = error()
+    fit(module, data, MovingAverage(0.9), max_epochs=60)
+    assert error() < 0.2 * before
+    assert module.global_step == module.validated == 60
     assert set(module.figures) == {"l2", "psnr_alpha", "psnr_color"}
-    assert module.examples[0].shape == (5, 4, SIDE, SIDE)
+
+
+# what Lightning's manual says
+
+
+@pytest.mark.parametrize("settings", [RendererSettings(), CRITIC], ids=["plain", "critic"])
+def test_so_many_steps_are_taken_and_counted(settings):
+    module, rates = module_of(settings), Rates()
+    assert fit(module, None, rates, max_steps=7).global_step == 7
+    assert module.progress == 1
+    assert len(rates.taken) == 7
+    assert module.critic is None or float(module.critic.layers[-1].weight.grad.abs().sum()) > 0
+
+
+def test_time_ends_a_training(tmp_path):
+    trainer = fit(module_of(), max_time=timedelta(seconds=0.3), max_epochs=-1)
+    assert trainer.global_step > 0
+    timer, module = Timer(timedelta(seconds=0.3)), module_of()
+    fit(module, None, timer, max_epochs=-1)
+    assert 0.3 <= module.seconds == timer.time_elapsed() < 20
+    assert module.progress == 1
+    assert module.figures, "what it has is validated"
+
+
+def test_callbacks_loggers_and_profilers_of_lightning_work(tmp_path):
+    kept = ModelCheckpoint(tmp_path / "kept", monitor="validation/psnr_alpha", mode="max", save_last=True)
+    monitor = LearningRateMonitor(logging_interval="step")
+    options = {"profiler": "simple", "default_root_dir": tmp_path}
+    options |= {"logger": CSVLogger(tmp_path), "log_every_n_steps": 2}
+    trainer = fit(module_of(CRITIC), None, kept, monitor, max_epochs=3, **options)
+    assert Path(kept.best_model_path).is_file()
+    assert (tmp_path / "kept" / "last.ckpt").is_file()
+    assert trainer.profiler.summary()
+    with (Path(trainer.logger.log_dir) / "metrics.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    trained = [row for row in rows if row["loss/l2"]]
+    assert [int(row["step"]) for row in trained] == [1, 3, 5, 7, 9, 11]
+    assert all(float(row["loss/critic"]) and float(row["loss/adversarial"]) for row in trained)
+    assert len([row for row in rows if row["validation/psnr_alpha"]]) == 3
+    assert [row for row in rows if row["lr-AdamW"]]
+
+
+def test_early_stopping_ends_a_training():
+    trainer = fit(module_of(), None, EarlyStopping("validation/l2", patience=1, min_delta=10.0), max_epochs=50)
+    assert trainer.current_epoch == 2
+
+
+@pytest.mark.parametrize("settings", [RendererSettings(), CRITIC], ids=["plain", "critic"])
+def test_half_precision_trains_and_validates_in_32_bit_weights(settings):
+    seen = []
+
+    class Watch(L.Callback):
+        def on_validation_batch_end(self, trainer, pl_module, outputs, *_):
+            seen.append(outputs.dtype)
+
+    module = module_of(settings)
+    fit(module, None, Watch(), max_epochs=1, precision="bf16-mixed")
+    assert {value.dtype for value in module.parameters()} == {torch.float32}
+    assert seen == [torch.float32]
+    assert math.isfinite(module.figures["l2"])
+
+
+def test_the_rate_rises_and_falls_to_its_end():
+    rates = Rates()
+    fit(module_of(RendererSettings(lr=1.0)), Strokes(8), rates, max_epochs=250)
+    taken = rates.taken
+    peak = taken.index(max(taken))
+    assert taken[0] < 0.01
+    assert 0.9 < max(taken) <= 1
+    assert taken[: peak + 1] == sorted(taken[: peak + 1])
+    assert taken[peak:] == sorted(taken[peak:], reverse=True)
+    assert taken[-1] < 0.011
+
+
+def test_the_critic_has_the_same_schedule_on_a_faster_scale(config):
+    module = module_of(RendererSettings(critic=True, critic_width=2))
+    trainer = fit(module, None, max_epochs=2)
+    own, critic = trainer.optimizers[0].param_groups[0]["lr"], module.critic_optimizer.param_groups[0]["lr"]
+    assert critic == pytest.approx(4 * own)
+    cfg = config("task=train")
+    assert cfg.critic_lr == pytest.approx(4 * cfg.lr)
+    assert renderer_settings(cfg) == RendererSettings()
+
+
+def test_without_a_limit_the_rate_stays_up():
+    rates = Rates()
+    module = module_of(RendererSettings(lr=1.0))
+    fit(module, None, rates, StopAt(WARMUP_STEPS + 3), max_epochs=-1)
+    assert rates.taken[-1] == 1
+
+
+# what is ours
 
 
 @pytest.mark.parametrize("step", [1, 5, 8, 11])
-@pytest.mark.parametrize("critic", [False, True])
-def test_a_resumed_training_ends_with_the_same_weights(tmp_path, step, critic):
+@pytest.mark.parametrize("settings", [RendererSettings(), CRITIC], ids=["plain", "critic"])
+def test_a_resumed_training_ends_with_the_same_weights(tmp_path, step, settings):
     # Four steps an epoch: in the middle of the first one, right after one, and at the end of one.
-    plan = Training(epochs=3, critic=critic, critic_width=4)
+    def beside():
+        return [MovingAverage(0.99), FrechetDistance(5), TimedCheckpoint(path, None)]
 
-    def fresh():
-        torch.manual_seed(3)
-        return RendererTrainer(Small(), SIDE, plan)
-
-    whole = fresh()
-    fit(whole, Strokes(), epochs=3)
-    halved = fresh()
     path = tmp_path / "checkpoint.ckpt"
-    fit(halved, Strokes(), StopAt(step), Checkpoints(path, None), epochs=3)
-    assert step <= halved.step < 12
-    torch.manual_seed(99)
-    resumed = RendererTrainer(Small(), SIDE, plan)
-    fit(resumed, Strokes(), Checkpoints(path, None), resume=str(path), epochs=3)
-    assert resumed.step == whole.step == 12
+    whole, halved = module_of(settings), module_of(settings)
+    fit(whole, None, *beside(), max_epochs=3)
+    fit(halved, None, StopAt(step), *beside(), max_epochs=3)
+    assert step <= halved.global_step < 12
+    resumed = module_of(settings, seed=99)
+    fit(resumed, None, *beside(), resume=str(path), max_epochs=3)
+    assert resumed.global_step == whole.global_step == 12
     expected, found = whole.state_dict(), resumed.state_dict()
     assert expected.keys() == found.keys()
     assert all(torch.equal(expected[name], found[name]) for name in expected)
     assert resumed.figures == whole.figures
 
 
-def test_training_ends_when_its_minutes_are_over_and_validates_what_it_has():
-    module = RendererTrainer(Small(), SIDE, Training(minutes=0.01))
-    begin = time.monotonic()
-    fit(module, Strokes())
-    assert time.monotonic() - begin < 20
-    assert module.seconds >= 0.6
-    assert module.figures
-
-
-def test_the_rate_rises_and_falls_to_its_end():
-    module = RendererTrainer(Small(), SIDE, Training(lr=1.0, epochs=250))
-    rates = []
-
-    class Watch(L.Callback):
-        def on_train_batch_end(self, trainer, module, *_):
-            rates.append(module.optimizers(use_pl_optimizer=False).param_groups[0]["lr"])
-
-    fit(module, Strokes(8), Watch(), epochs=250)
-    peak = rates.index(max(rates))
-    assert rates[0] < 0.01
-    assert 0.9 < max(rates) <= 1
-    assert rates[: peak + 1] == sorted(rates[: peak + 1])
-    assert rates[peak:] == sorted(rates[peak:], reverse=True)
-    assert rates[-1] < 0.011
-
-
-def test_averaged_weights_are_the_moving_average_of_all_steps():
-    module = RendererTrainer(Small(), SIDE, Training(epochs=1, ema=0.5))
-    name = "layers.0.weight"
-    seen = []
-    for _ in range(4):
-        with torch.no_grad():
-            for parameter in module.renderer.parameters():
-                parameter.add_(torch.randn_like(parameter))
-        module.average.update_parameters(module.renderer)
-        seen.append(module.renderer.state_dict()[name].clone())
-    expected = seen[0]
-    for count, value in enumerate(seen[1:], 1):
-        kept = min(0.5, (1 + count) / (10 + count))
-        expected = kept * expected + (1 - kept) * value
-    torch.testing.assert_close(module.averaged.state_dict()[name], expected)
-
-
 def test_a_critic_without_weight_changes_nothing():
     weights = []
     for critic in (False, True):
-        torch.manual_seed(5)
-        renderer = Small()
-        module = RendererTrainer(renderer, SIDE, Training(epochs=2, critic=critic, critic_weight=0.0, critic_width=2))
-        module.configure_optimizers = partial(_same_optimizers, module)
-        fit(module, Strokes(), epochs=2)
-        weights.append(renderer.state_dict())
+        module = module_of(RendererSettings(critic=critic, critic_weight=0.0, critic_width=2), seed=5)
+        module.configure_optimizers = partial(_same_optimizer, module)
+        fit(module, None, max_epochs=2)
+        weights.append(module.renderer.state_dict())
     for name, value in weights[0].items():
         torch.testing.assert_close(weights[1][name], value, msg=name)
 
 
-def _same_optimizers(module: RendererTrainer) -> list[torch.optim.Optimizer]:
-    """Plain ones, because beside a critic the renderer's has another momentum."""
-    parts = [module.renderer, *([] if module.critic is None else [module.critic])]
-    return [torch.optim.SGD(part.parameters(), 1e-3) for part in parts]
+def _same_optimizer(module: RendererModule) -> torch.optim.Optimizer:
+    """A plain one, because beside a critic the renderer's has another momentum."""
+    if module.critic is not None:
+        module.critic_optimizer = torch.optim.SGD(module.critic.parameters(), 1e-3)
+    return torch.optim.SGD(module.renderer.parameters(), 1e-3)
 
 
 def test_the_critic_pulls_as_hard_as_its_weight_says():
     push, pull = torch.randn(3, 4, 5, 7), 1e5 * torch.randn(3, 4, 5, 7)
     added = balanced(push, pull, 0.25) - push
     torch.testing.assert_close(added.norm(), 0.25 * push.norm())
-    torch.testing.assert_close(
-        torch.nn.functional.cosine_similarity(added.flatten(), pull.flatten(), 0), torch.tensor(1.0)
-    )
+    torch.testing.assert_close(torch.cosine_similarity(added.flatten(), pull.flatten(), 0), torch.tensor(1.0))
     assert torch.equal(balanced(push, torch.zeros_like(pull), 0.25), push)
 
 
-def test_half_precision_trains_in_32_bit_weights():
-    module = RendererTrainer(Small(), SIDE, Training(epochs=2, bfloat16=True))
-    fit(module, Strokes(8), epochs=2)
-    assert {value.dtype for value in module.renderer.parameters()} == {torch.float32}
-    assert math.isfinite(module.figures["l2"])
+def test_held_out_strokes_are_shown_and_compared_at_every_validation(tmp_path):
+    module, seen = module_of(), []
+
+    class Watch(L.Callback):
+        def on_validation_end(self, trainer, pl_module):
+            seen.append(float(trainer.callback_metrics["validation/fid_effl0"]))
+
+    few = FrechetDistance(3)
+    fit(module, None, HeldOutSheet(tmp_path), few, Watch(), max_epochs=2)
+    assert int(few.distance.fid.fake_features_num_samples) == int(few.distance.fid.real_features_num_samples) == 3
+    assert len(seen) == 2
+    assert seen[0] != seen[1]
+    assert min(seen) > 0
+    names = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.png")}
+    assert names == {"pictures/epoch_000.png", "pictures/epoch_001.png", "validation.png"}
 
 
 def test_a_renderer_that_cannot_be_trained_is_refused():
     with pytest.raises(UserError, match="try renderer=neural"):
-        RendererTrainer(Analytic(), SIDE, Training(epochs=1))
+        RendererModule(Analytic(), SIDE, RendererSettings())
     with pytest.raises(UserError, match=r"set renderer.window=64"):
-        RendererTrainer(Small(), 64, Training(epochs=1))
-    with pytest.raises(UserError, match="set minutes=60"):
-        Training()
-    with pytest.raises(UserError, match=r"ema=1 "):
-        Training(epochs=1, ema=1.0)
-    with pytest.raises(UserError, match=r"lr=-1 "):
-        Training(epochs=1, lr=-1.0)
+        RendererModule(Small(), 64, RendererSettings())
+    for name in ("lr", "critic_lr"):
+        with pytest.raises(UserError, match=rf"{name}=-1 "):
+            RendererSettings(**{name: -1.0})
 
 
 def test_errors_are_those_of_the_formulas():
@@ -261,86 +325,75 @@ def test_a_colour_without_paint_counts_nothing():
         Errors().figures()
 
 
-def test_the_sheet_shows_pairs_over_white():
-    drawn, truth = torch.zeros(7, 4, 64, 64), torch.ones(7, 4, 64, 64)
-    picture = sheet_of_pairs(drawn, truth)
-    assert picture.shape == (3, 2 * 136, 6 * 264)
-    assert picture.min() >= 0.5
-    truth[:, :3] = 0
-    assert bool((sheet_of_pairs(drawn, truth)[:, :128, 128:256] == 0).all()), "truth on the right"
-    assert bool((sheet_of_pairs(drawn, truth)[:, :128, :128] == 1).all())
-
-
 @pytest.fixture(scope="module")
-def file(tmp_path_factory) -> Path:
-    """A file of 96 strokes, of which 64 are for training."""
+def stored(tmp_path_factory) -> Path:
+    """A set of 96 strokes, of which 64 are for training."""
     return write(tmp_path_factory.mktemp("strokes") / "strokes", n=96, window=64)
 
 
-def test_the_task_leaves_a_renderer_that_can_be_loaded(config, file, tmp_path):
-    cfg = config("task=train", f"data=[{file}]", "epochs=2", "minutes=null", "batch_size=32", *TINY)
-    assert cfg.renderer.checkpoint is None, "a renderer is trained from the start unless one says otherwise"
-    data = train.stroke_data(cfg)
-    module = RendererTrainer(train.build(cfg.renderer), data.origin.window, train.training_of(cfg))
-    train.fit(module, data, cfg, tmp_path, torch.device("cpu"), None)
-    metrics = train.finish(module, data, cfg, tmp_path, time.monotonic(), torch.device("cpu"))
+@pytest.fixture
+def trained(config, stored, tmp_path, monkeypatch):
+    """Run the task in this process."""
+
+    def run_with(*overrides: str) -> dict[str, object]:
+        hydra = SimpleNamespace(runtime=SimpleNamespace(output_dir=str(tmp_path)))
+        monkeypatch.setattr(train, "HydraConfig", SimpleNamespace(get=lambda: hydra))
+        common = ["task=train", f"data=[{stored}]", "minutes=null", "batch_size=32", "device=cpu"]
+        return train.run(config(*common, *overrides), time.monotonic())
+
+    return run_with
+
+
+def test_the_task_leaves_a_renderer_that_can_be_loaded(trained, stored, tmp_path):
+    metrics = trained("epochs=2", "trainer.log_every_n_steps=2", *TINY)
     names = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()}
     pictures = {"pictures/epoch_000.png", "pictures/epoch_001.png", "validation.png"}
     assert names == {"neural.safetensors", "neural.json", "metrics.json", "curves/metrics.csv"} | pictures
-    assert metrics["status"] == "completed"
-    assert metrics["steps"] == 4
-    assert (tmp_path / "curves" / "metrics.csv").read_text().count("\n") == 3, "a header and two validations"
+    assert (metrics["status"], metrics["steps"], metrics["strokes_seen"]) == ("completed", 4, 128)
+    with (tmp_path / "curves" / "metrics.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert all(row["validation/psnr_alpha"] and row["validation/fid_effl0"] for row in rows if not row["loss/l2"])
     path = tmp_path / "neural.safetensors"
-    recipe = read_recipe(path)
-    assert recipe["figures"]["validation"] == module.figures
+    recipe = RENDERERS.read_recipe(path)
     kept = json.loads((tmp_path / "metrics.json").read_text())
     assert kept["psnr_alpha"] == recipe["figures"]["test"]["psnr_alpha"]
     assert kept["fid_effl0"] > 0
-    assert recipe["data"]["engine"] == "spot"
-    assert recipe["data"]["strokes"] == [96]
-    assert recipe["training"]["steps"] == 4
-    options = {"width": 4, "widest": 8, "dense": [16], "checkpoint": str(path)}
-    loaded = build_named("renderer", "neural", options)
+    assert (recipe["data"]["engine"], recipe["data"]["strokes"]) == ("spot", [96])
+    assert (recipe["training"]["steps"], recipe["training"]["precision"]) == (4, "bf16-mixed")
+    loaded = build_named("renderer", "neural", {"width": 4, "widest": 8, "dense": [16], "checkpoint": str(path)})
     assert weights_hash(loaded) == metrics["renderer_hash"]
-    with torch.no_grad():
-        drawn = window_pictures(loaded, data.sets[0].parameters[:4], 64)
-        torch.testing.assert_close(drawn, window_pictures(module.averaged.eval(), data.sets[0].parameters[:4], 64))
+
+
+def test_training_goes_on_from_a_checkpoint_and_zero_epochs_only_measure(trained, tmp_path):
+    first = trained("epochs=1", "renderer=dual", "fid=0")
+    again = trained("epochs=0", "renderer=dual", f"renderer.checkpoint={tmp_path / 'dual.safetensors'}", "fid=0")
+    assert again["renderer_hash"] == first["renderer_hash"]
+    assert (again["steps"], again["seconds"]) == (0, 0)
+    assert again["psnr_alpha"] == pytest.approx(first["psnr_alpha"], rel=1e-3), "weights are kept in 16 bits"
 
 
 def test_a_set_is_simulated_once_and_kept(config, tmp_path):
     def paths(*more: str) -> list[Path]:
         cfg = config("task=train", "engine=disc", "simulate=40", "epochs=1", f"sets={tmp_path}", *more)
-        return [file.path for file in train.stroke_data(cfg).sets]
+        return [found.path for found in stroke_data.stroke_data(cfg).sets]
 
     (path,) = paths()
-    before = path.stat().st_mtime_ns
+    before = {file: file.stat().st_mtime_ns for file in path.glob("*.h5")}
     assert paths() == [path]
-    assert path.stat().st_mtime_ns == before
+    assert {file: file.stat().st_mtime_ns for file in path.glob("*.h5")} == before
     assert paths("seed=1") != [path]
     assert paths("engine.window=128") != [path]
 
 
-def test_training_goes_on_from_a_checkpoint(config, file, tmp_path):
-    cfg = config("task=train", f"data=[{file}]", "epochs=1", "minutes=null", "batch_size=32", "renderer=dual")
-    data = train.stroke_data(cfg)
-    module = RendererTrainer(train.build(cfg.renderer), 64, train.training_of(cfg))
-    train.fit(module, data, cfg, tmp_path, torch.device("cpu"), None)
-    train.finish(module, data, cfg, tmp_path, time.monotonic(), torch.device("cpu"))
-    cfg.renderer.checkpoint = str(tmp_path / "dual.safetensors")
-    again = RendererTrainer(train.build(cfg.renderer), 64, train.training_of(cfg))
-    assert weights_hash(again.renderer) == weights_hash(module.averaged)
-    assert again.renderer.training
-
-
-@pytest.mark.parametrize("wrong", ["precision=half", "epochs=null", "lr=0"])
-def test_wrong_settings_are_refused(config, wrong):
-    with pytest.raises(UserError, match=wrong.partition("=")[0]):
-        train.training_of(config("task=train", "minutes=null", "epochs=1", wrong))
+def test_a_training_without_an_end_is_refused(config):
+    cfg = config("task=train", "minutes=null")
+    with pytest.raises(UserError, match="set minutes=60"):
+        fit_network(module_of(), Strokes(), cfg, Path(), torch.device("cpu"), [])
 
 
 @pytest.mark.slow
-def test_an_interrupted_training_is_kept_and_goes_on(file, tmp_path):
-    settings = ["epochs=12", "minutes=null", "batch_size=8", "threads=1", "checkpoint_every=0", f"data={file}", *TINY]
+def test_an_interrupted_training_is_kept_and_goes_on(stored, tmp_path):
+    settings = ["epochs=12", "minutes=null", "batch_size=8", "threads=1", "checkpoint_every=0", f"data={stored}", *TINY]
     process = Program("task=train", *settings, f"output={tmp_path}/a", cwd=tmp_path)
     while not (tmp_path / "a" / "checkpoint.ckpt").exists() and process.poll() is None:
         time.sleep(0.02)

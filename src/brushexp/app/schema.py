@@ -153,11 +153,13 @@ class SimulateTask(Task):
 
 @dataclass
 class TrainTask(Task):
-    """Train a renderer on simulated strokes, or what tells valid strokes from others: model=discriminator."""
+    """Train a renderer on simulated strokes, or with model=discriminator a network that recognises valid strokes."""
 
     defaults: ClassVar[list[Any]] = [
         {"/renderer": "neural"},
         {"/engine": "fluid"},
+        {"/trainer": "network"},
+        {"/callbacks": []},
         {"/logger": ["csv"]},
         "_self_",
         {"/model": "renderer"},
@@ -181,30 +183,32 @@ class TrainTask(Task):
         "of wall time; null = no limit. The learning rate falls to its end with the first limit reached",
         at_least(0),
     )
-    lr: float = key(5.0e-4, "highest learning rate; from 1e-3 on some starts end in blank pictures", at_least(0))
+    lr: float = key(5.0e-4, "highest learning rate; from 1e-3 on some starts end in blank pictures", above(0))
     ema: float = key(
         0.999, "share of the old weights in the averaged ones at each step; 0 = no averaging", between(0, 1)
     )
-    precision: str = key("bfloat16", "of pictures and activations in training", one_of("bfloat16", "float32"))
     limit: int | None = key(None, "use only the first so many training strokes; null = all", at_least(1))
-    critic: bool = key(False, "RaSGAN beside L2: a critic judges the pictures")
-    critic_lr: float = key(4.0e-4, "its learning rate (two time scales)", at_least(0))
+    critic: bool = key(False, "RaSGAN beside L2: a critic scores the pictures")
+    critic_lr: float = key(2.0e-3, "its highest learning rate, four times lr: the critic is the faster one", above(0))
     critic_weight: float = key(0.1, "how hard it pulls at the pictures, as a share of how hard L2 does", at_least(0))
     critic_width: int = key(16, "its channels at full size", at_least(1))
+    fid: int = key(
+        256, "held-out strokes whose FID (effl0) is among the curves, at each validation; 0 = none", at_least(0)
+    )
     checkpoint_every: float | None = key(120, "seconds between checkpoints; null = only when interrupted", at_least(0))
     resume: str | None = key(None, "folder of an interrupted run: continue it exactly, with its own settings")
 
 
 @dataclass
 class EvaluateTask(Task):
-    """Judge a renderer on simulated strokes that it was not trained on; -m renderer=analytic,neural compares some."""
+    """Measure a renderer on simulated strokes that it was not trained on; -m renderer=analytic,neural compares some."""
 
     defaults: ClassVar[list[Any]] = [{"/renderer": "neural"}, {"/blend": "tiled"}, {"/engine": "fluid"}, "_self_"]
 
     data: list[str] | None = key(None, "folder of task=simulate or a file in it, several with commas; null = simulate")
     split: str = key("test", "which strokes of it", one_of("test", "validation"))
     n: int | None = key(None, "the first so many of them; null = all, or 1000 simulated ones", at_least(1))
-    other_data: bool = key(False, "also judge a renderer on strokes of another brush than it was trained on")
+    other_data: bool = key(False, "also measure a renderer on strokes of another brush than it was trained on")
     inception: str | None = key(None, "inception-2015-12-05.pt (TorchScript), for the published FID")
 
 
@@ -216,6 +220,8 @@ class PruneTask(Task):
         {"/renderer": "neural"},
         {"/blend": "tiled"},
         {"/engine": "fluid"},
+        {"/trainer": "network"},
+        {"/callbacks": []},
         {"/logger": ["csv"]},
         "_self_",
     ]
@@ -224,16 +230,15 @@ class PruneTask(Task):
         [0, 0.25, 0.5], "shares of the channels of every layer that go; 0 is only trained further", between(0, 1)
     )
     data: list[str] | None = key(None, "folder of task=simulate or a file in it, several with commas; null = simulate")
-    n: int | None = key(None, "judged on the first so many test strokes; null = all", at_least(1))
+    n: int | None = key(None, "measured on the first so many test strokes; null = all", at_least(1))
     other_data: bool = key(False, "also fine-tune a renderer on strokes of another brush than it was trained on")
     batch_size: int = key(64, "strokes of a step", at_least(1))
     epochs: int | None = key(None, "of fine-tuning each network, passes through the data; null = no limit", at_least(0))
     minutes: float | None = key(10, "of wall time for each network; null = no limit", at_least(0))
-    lr: float = key(3.0e-4, "highest learning rate", at_least(0))
+    lr: float = key(3.0e-4, "highest learning rate", above(0))
     ema: float = key(
         0.999, "share of the old weights in the averaged ones at each step; 0 = no averaging", between(0, 1)
     )
-    precision: str = key("bfloat16", "of pictures and activations in training", one_of("bfloat16", "float32"))
     limit: int | None = key(None, "use only the first so many training strokes; null = all", at_least(1))
 
 

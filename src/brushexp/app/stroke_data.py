@@ -9,10 +9,12 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
+from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine
+from brushexp.plugins.renderer.weights_file import RENDERERS
 from brushexp.registry import build
 from brushexp.training.datamodule import EngineSource, StrokeData
-from brushexp.training.dataset import Origin, origin_of
+from brushexp.training.dataset import Origin, origin_of, require_same_origin
 from brushexp.training.writer import StrokeWriter
 
 log = logging.getLogger(__name__)
@@ -56,3 +58,21 @@ def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:
         "seed": [strokes.seed for strokes in data.sets] or cfg.seed,
         "limit": cfg.limit,
     }
+
+
+def check_origin(cfg: DictConfig, found: Origin) -> None:
+    """Stop if a trained renderer knows another brush than that of the strokes, unless that is wanted.
+
+    Raises:
+        UserError: says what differs, and how to use the strokes all the same.
+    """
+    checkpoint = cfg.renderer.get("checkpoint")
+    recipe = {} if checkpoint is None else RENDERERS.read_recipe(RENDERERS.path_of(checkpoint)).get("data", {})
+    if cfg.other_data or not isinstance(recipe, dict) or not {"engine", "engine_config", "window"} <= recipe.keys():
+        return
+    trained = Origin(recipe["engine"], recipe["engine_config"], recipe["window"])
+    name = f"engine={found.engine}" if cfg.data is None else cfg.data[0]
+    try:
+        require_same_origin(trained, found, name)
+    except UserError as error:
+        raise UserError(f"{error}; other_data=true takes it all the same") from error

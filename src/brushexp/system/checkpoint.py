@@ -26,7 +26,7 @@ PROGRAM = "brushexp "  # how every format begins
 
 
 @dataclass(frozen=True)
-class Kind:
+class CheckpointFormat:
     """What a checkpoint is of, and how users speak of it.
 
     Attributes:
@@ -134,6 +134,10 @@ class Kind:
                 f"give the path of a .safetensors file, or null for {self.without}"
             )
         raise UserError(f"{where}: there is no such file; give the .safetensors of {self.task}")
+
+    def shipped_name(self, name: str) -> str | None:
+        """The name again if a checkpoint of that name comes with the program, else None."""
+        return name if (self.shipped / f"{name}.safetensors").is_file() else None
 
     def read_recipe(self, path: Path) -> dict[str, Any]:
         """The recipe of the checkpoint at ``path`` (.safetensors).

@@ -1,10 +1,11 @@
-"""Judging a renderer: its errors on held-out strokes, its speed, and what it does outside the range of training."""
+"""A renderer measured: its errors on held-out strokes, its speed, and what it does outside the range of training."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections.abc import Iterable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 import torch
@@ -15,11 +16,12 @@ from brushexp.plugins.engine.base import Engine
 from brushexp.plugins.renderer.base import PatchRenderer, Renderer, window_pictures
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, sample_prior, strokes_of
+from brushexp.system.progress import counting
 from brushexp.training.datamodule import StrokeBatch
 from brushexp.training.evaluation import Errors, FeatureDistance, errors_of, squared_error
 
 ACROSS, DOWN = 16, 8  # strokes that are painted at once when time is taken
-REPETITIONS, PATIENCE = 7, 6.0  # at most so many, and no further one after so many seconds
+REPETITIONS, TIMING_SECONDS = 7, 6.0  # at most so many, and no further one after so many seconds
 ORDINARY = {  # a stroke in the middle of the range of training, of which the others differ in one thing
     "start": (-0.5, 0.25),
     "control": (0.05, 0.0),
@@ -47,8 +49,12 @@ EXTREMES: dict[str, dict[str, object]] = {
 }  # lengths and places in half-windows, widths in sides of the window
 
 
-def judge(
-    renderer: Renderer, batches: Iterable[StrokeBatch], window: int, distances: Sequence[FeatureDistance]
+def evaluate(
+    renderer: Renderer,
+    batches: Iterable[StrokeBatch],
+    window: int,
+    distances: Sequence[FeatureDistance],
+    total: int | None = None,
 ) -> dict[str, float]:
     """Errors of a renderer on strokes that it has not seen.
 
@@ -57,16 +63,20 @@ def judge(
         batches: strokes with their true pictures.
         window: pixels on the side of those.
         distances: fresh ones; they take to the strokes' device what they need.
+        total: how many strokes there are, for a progress bar; None shows none.
 
     Returns:
         ``l2``, ``psnr_alpha``, ``psnr_color`` (see `Errors.figures`), then the figures of the distances.
     """
-    errors = Errors()
-    for batch in batches:
-        drawn, truth = drawn_and_true(renderer, batch, window)
-        errors += errors_of(drawn, truth)
-        for distance in distances:
-            distance.add(drawn, truth)
+    errors, done = Errors(), 0
+    with nullcontext(lambda done: None) if total is None else counting("evaluating strokes", total) as show:
+        for batch in batches:
+            drawn, truth = drawn_and_true(renderer, batch, window)
+            errors += errors_of(drawn, truth)
+            for distance in distances:
+                distance.add(drawn, truth)
+            done += len(drawn)
+            show(done)
     figures = errors.figures()
     for distance in distances:
         figures |= distance.figures()
@@ -113,13 +123,13 @@ def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backwar
         seconds = time.perf_counter() - before
         best = min(best, seconds) if repetition else best
         spent += seconds
-        if repetition and spent > PATIENCE:
+        if repetition and spent > TIMING_SECONDS:
             break
     return ACROSS * DOWN / best
 
 
 @dataclass(frozen=True)
-class Outside:
+class ExtremeDrawings:
     """What became of the strokes `EXTREMES`.
 
     Attributes:
@@ -141,7 +151,7 @@ class Outside:
 
 
 @torch.no_grad()
-def draw_extremes(renderer: Renderer, engine: Engine) -> Outside:
+def draw_extremes(renderer: Renderer, engine: Engine) -> ExtremeDrawings:
     """Draw the strokes `EXTREMES` beside those that the engine paints nearest to them."""
     device, side = device_of_weights(renderer), engine.window
     strokes = extreme_strokes()
@@ -163,7 +173,7 @@ def draw_extremes(renderer: Renderer, engine: Engine) -> Outside:
         for kind, images in pictures.items()
         for name, image, truth in zip(EXTREMES, images, nearest, strict=True)
     ]
-    return Outside(nearest, pictures, rows)
+    return ExtremeDrawings(nearest, pictures, rows)
 
 
 def extreme_strokes() -> Strokes:
@@ -171,6 +181,20 @@ def extreme_strokes() -> Strokes:
     chosen = [{**ORDINARY, **changes} for changes in EXTREMES.values()]
     values = {name: torch.tensor([stroke[name] for stroke in chosen]) for name in ORDINARY}
     return replace(strokes_of(torch.zeros(len(chosen), 10)), **values)
+
+
+def for_painting(renderer: Renderer, device: torch.device) -> Renderer:
+    """The renderer as painting uses it: on the device, in ``eval`` mode, its weights frozen."""
+    return renderer.to(device).eval().requires_grad_(False)
+
+
+def speed_and_size(renderer: Renderer, blend: Blend, window: int) -> dict[str, float]:
+    """Speed forward and backward (`strokes_per_second`), and the number of weights."""
+    return {
+        "strokes_per_second": strokes_per_second(renderer, blend, window, backward=False),
+        "strokes_per_second_backward": strokes_per_second(renderer, blend, window, backward=True),
+        "parameters": sum(parameter.numel() for parameter in renderer.parameters()),
+    }
 
 
 def device_of_weights(renderer: Renderer) -> torch.device:

@@ -1,4 +1,4 @@
-"""Spoiling valid strokes: what a discriminator learns to tell from them."""
+"""Corruption of valid strokes: the negatives that a discriminator learns to tell from them."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ FARTHEST = 3e3  # half-windows: no invalid stroke is meant to be farther off (`s
 THICKEST = 1e3  # sides of the window, as in FIELDS
 
 
-class Spoilt(NamedTuple):
-    """Spoilt strokes.
+class Corrupted(NamedTuple):
+    """Corrupted strokes.
 
     Attributes:
         shapes: (n, 7).
-        milder: (n, 7) the same with some of their groups of numbers half as spoilt.
-        way: (n,) int64 how each was spoilt, index into `WAYS`.
+        hard: (n, 7) hard negatives: the same strokes with some of their groups of numbers half as corrupted.
+        kind: (n,) int64 how each was corrupted, index into `CORRUPTIONS`.
     """
 
     shapes: Tensor
-    milder: Tensor
-    way: Tensor
+    hard: Tensor
+    kind: Tensor
 
 
-def spoil(valid: Tensor, generator: torch.Generator) -> Spoilt:
-    """Spoil valid strokes (n, 7), each in one of the `WAYS`, drawn at random."""
-    way = torch.randint(len(WAYS), (len(valid),), generator=generator)
+def corrupt(valid: Tensor, generator: torch.Generator) -> Corrupted:
+    """Corrupt valid strokes (n, 7), each by one of the `CORRUPTIONS`, drawn at random."""
+    kind = torch.randint(len(CORRUPTIONS), (len(valid),), generator=generator)
     shapes = valid.clone()
-    for number, function in enumerate(WAYS.values()):
-        chosen = way == number
+    for number, function in enumerate(CORRUPTIONS.values()):
+        chosen = kind == number
         shapes[chosen] = function(valid[chosen], generator)
     mask = _some_groups(len(valid), generator)
-    return Spoilt(shapes, torch.where(mask, 0.5 * (shapes + valid), shapes), way)
+    return Corrupted(shapes, torch.where(mask, 0.5 * (shapes + valid), shapes), kind)
 
 
 def _boxed(valid: Tensor, generator: torch.Generator) -> Tensor:
@@ -114,11 +114,11 @@ def _bent(valid: Tensor, generator: torch.Generator) -> Tensor:
     start, _, end, width = valid.split([2, 2, 2, 1], dim=1)
     length = torch.linalg.vector_norm(end - start, dim=1, keepdim=True)
     angle = 2 * math.pi * _uniform(len(valid), 1, generator)
-    way = torch.cat([angle.cos(), angle.sin()], dim=1) * _log_uniform(len(valid), 0.5, FARTHEST, generator)
-    return torch.cat([start, 0.5 * (start + end) + length * way, end, width], dim=1)
+    offset = torch.cat([angle.cos(), angle.sin()], dim=1) * _log_uniform(len(valid), 0.5, FARTHEST, generator)
+    return torch.cat([start, 0.5 * (start + end) + length * offset, end, width], dim=1)
 
 
-WAYS: dict[str, Callable[[Tensor, torch.Generator], Tensor]] = {
+CORRUPTIONS: dict[str, Callable[[Tensor, torch.Generator], Tensor]] = {
     "boxed": _boxed,
     "enlarged": _enlarged,
     "shifted": _shifted,

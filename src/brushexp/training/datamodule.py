@@ -165,6 +165,23 @@ class StrokeData(L.LightningDataModule):
     def test_dataloader(self) -> StrokeLoader:
         return self._held_out(Split.TEST)
 
+    def count(self, split: Split, wanted: int | None) -> int:
+        """Held-out strokes of a split: as many as wanted, and there."""
+        there = self.source.held_out if isinstance(self.source, EngineSource) else len(self._places[split])
+        return min(there, wanted or there)
+
+    def first(self, split: Split, n: int) -> Iterator[StrokeBatch]:
+        """The first n held-out strokes of a split."""
+        for batch in self._held_out(split):
+            if n <= 0:
+                break
+            yield StrokeBatch(*(values[:n] for values in batch))
+            n -= len(batch.number)
+
+    def first_batch(self, split: Split, n: int) -> StrokeBatch:
+        """The same in one batch."""
+        return StrokeBatch(*map(torch.cat, zip(*self.first(split, n), strict=True)))
+
     def _held_out(self, split: Split) -> StrokeLoader:
         if isinstance(self.source, EngineSource):
             batches, n, prefetch = partial(self._kept, self.source, split), self.source.held_out, 0

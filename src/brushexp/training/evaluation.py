@@ -1,4 +1,4 @@
-"""How good the pictures of a renderer are, in numbers: single strokes, and crowds of them."""
+"""How good the pictures of a renderer are, in numbers: errors of single strokes, distances of sample sets."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from brushexp.features import open_backbone
 TAP, TAP_CHANNELS = "b10", 112  # of effl0: with more features than pictures, an FID says little
 INCEPTION_FEATURES = 2048
 SEEN_SIDE = 128  # pixels: smaller pictures are enlarged for effl0, whose tap is 16 times coarser
-KID_MOST = 5000  # pictures that are compared with each other; memory grows with the square
+KID_PICTURES = 5000  # pictures at most that are compared with each other; memory grows with the square
 
 Features = Callable[[Tensor], Tensor]  # pictures (n, 3, H, W) in [0, 1] -> (n, F)
 
@@ -101,7 +101,7 @@ def decibels(mean_squared_error: float) -> float:
 
 
 class FeatureDistance:
-    """How different two crowds of strokes look, those drawn and the true ones: FID and KID over white.
+    """How different two sample sets look, drawn strokes and the true ones: FID and KID over white.
 
     FID is the Frechet distance of two normal distributions of features (Heusel et al., 2017, arXiv:1706.08500), here
     in double precision; KID the squared maximum mean discrepancy with the cubic kernel (Binkowski et al., 2018,
@@ -113,27 +113,35 @@ class FeatureDistance:
         name: of the features, which the figures bear.
         features: makes them.
         count: how many there are of a picture.
-        n: strokes that will be compared, of each kind.
     """
 
-    def __init__(self, name: str, features: Features, count: int, n: int) -> None:
+    def __init__(self, name: str, features: Features, count: int) -> None:
         self.name, self.features = name, features
         ready = _Ready(count)
-        self.fid = FrechetInceptionDistance(feature=ready)
+        self.known = False  # whether the true pictures need no look any more
+        self.fid = FrechetInceptionDistance(feature=ready, reset_real_features=False)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # it keeps all features: they are few
-            self.kid = KernelInceptionDistance(feature=ready, subsets=1, subset_size=max(1, min(n, KID_MOST)))
+            self.kid = KernelInceptionDistance(feature=ready, subsets=1, reset_real_features=False)
 
     def add(self, images: Tensor, truth: Tensor) -> None:
         """Look at pictures (n, 4, S, S), RGBA in [0, 1], straight alpha."""
-        for pictures, true in ((images, False), (truth, True)):
+        for pictures, true in ((images, False), (truth, True))[: 1 + (not self.known)]:
             found = self.features(over_white(pictures)).double().cpu()
             self.fid.update(found, real=true)
             self.kid.update(found, real=true)
 
+    def restart(self) -> None:
+        """Compare other drawn strokes with the same true ones, whose features are kept."""
+        self.fid.reset()
+        self.kid.reset()
+        self.known = True
+
     def figures(self) -> dict[str, float]:
         """``fid_<name>`` and ``kid_<name>``; not a number where there are fewer than two strokes."""
-        if int(self.fid.real_features_num_samples) < 2:
+        seen = min(int(self.fid.real_features_num_samples), int(self.fid.fake_features_num_samples))
+        self.kid.subset_size = min(seen, KID_PICTURES)
+        if seen < 2:
             return {f"fid_{self.name}": math.nan, f"kid_{self.name}": math.nan}
         return {f"fid_{self.name}": float(self.fid.compute()), f"kid_{self.name}": float(self.kid.compute()[0])}
 
@@ -149,7 +157,7 @@ class _Ready(nn.Module):
         return features
 
 
-def effl0_distance(n: int, device: torch.device) -> FeatureDistance:
+def effl0_distance(device: torch.device) -> FeatureDistance:
     """`FeatureDistance` "effl0": 112 channels of a network that comes with a package, averaged over a picture."""
     network = open_backbone("effl0").to(device)
 
@@ -158,16 +166,16 @@ def effl0_distance(n: int, device: torch.device) -> FeatureDistance:
         large = functional.interpolate(pictures, scale_factor=zoom, mode="bilinear") if zoom > 1 else pictures
         return network(large, (TAP,))[TAP].mean((2, 3))
 
-    return FeatureDistance("effl0", features, TAP_CHANNELS, n)
+    return FeatureDistance("effl0", features, TAP_CHANNELS)
 
 
-def inception_distance(path: Path, n: int, device: torch.device) -> FeatureDistance:
+def inception_distance(path: Path, device: torch.device) -> FeatureDistance:
     """`FeatureDistance` "inception": the published FID and KID, in the 2048 features of Inception v3.
 
     Args:
         path: of the network as TorchScript, which takes bytes (n, 3, H, W) and ``return_features=True`` and enlarges
-            the pictures itself; such a one was published as inception-2015-12-05.pt beside StyleGAN2-ADA.
-        n: strokes that will be compared; an FID of fewer than 2048 is too low.
+            the pictures itself; such a one was published as inception-2015-12-05.pt beside StyleGAN2-ADA. An
+            FID of fewer than 2048 strokes is too low.
         device: where to compute it.
 
     Raises:
@@ -192,7 +200,7 @@ def inception_distance(path: Path, n: int, device: torch.device) -> FeatureDista
         ) from error
     if shape != (1, INCEPTION_FEATURES):
         raise UserError(f"inception={path} makes features {shape}; a network that makes (1, 2048) is needed")
-    return FeatureDistance("inception", features, INCEPTION_FEATURES, n)
+    return FeatureDistance("inception", features, INCEPTION_FEATURES)
 
 
 def over_white(images: Tensor) -> Tensor:

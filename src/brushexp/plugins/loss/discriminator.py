@@ -1,4 +1,4 @@
-"""The loss of a network that knows what valid strokes look like; `train.discriminator` teaches it."""
+"""The loss of a network that knows what valid strokes look like; `training.discriminator_module` trains it."""
 
 from pathlib import Path
 
@@ -11,10 +11,10 @@ from brushexp.plugins.loss.base import Loss, Painting
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import SHORTEST, bend_of, parameters_of, strokes_of
-from brushexp.system.checkpoint import Kind
+from brushexp.system.checkpoint import CheckpointFormat
 
 NAME = "discriminator"
-DISCRIMINATORS = Kind(
+DISCRIMINATORS = CheckpointFormat(
     noun="discriminator",
     family="loss",
     node=f"loss.{NAME}",
@@ -31,7 +31,7 @@ STRETCH = 4.0  # before the inverse hyperbolic sine: linear well within a window
 class Discriminator(nn.Module):
     """Three hidden layers: the shape of a stroke -> how valid it looks.
 
-    The score is a logit: above 0, the stroke is more likely one of `strokes.prior` than a spoilt one. As mirroring
+    The score is a logit: above 0, the stroke is more likely one of `strokes.prior` than a corrupted one. As mirroring
     changes no stroke's validity, only the magnitudes of coordinates and bend are looked at; all inputs go through
     asinh, so that the network has something to say, and a slope, a thousand windows away.
 
@@ -67,12 +67,12 @@ class Discriminator(nn.Module):
 
 @register("loss", NAME)
 class Discriminated(Loss):
-    """How far strokes are from valid ones, says a network trained beforehand: max(0, threshold - score), mean.
+    """Hinge loss max(0, threshold - score) of a discriminator that was trained to recognise valid strokes.
 
     Source: thesis 2020, 6.3 (only named there). The network, a few dense layers, has learned to tell strokes of
-    `strokes.prior` from spoilt ones and is frozen here. Where it looks is the window: start, control, end and width;
+    `strokes.prior` from corrupted ones and is frozen here. Where it looks is the window: start, control, end and width;
     neither the place nor the colour. The threshold is the score that one valid stroke in twenty stays below, so
-    valid strokes cost almost nothing (0.04, spoilt ones 160); what is invalid is pulled back wherever it is in
+    valid strokes cost almost nothing (0.04, corrupted ones 160); what is invalid is pulled back wherever it is in
     ``strokes.catalogue.FIELDS``.
 
     Args:

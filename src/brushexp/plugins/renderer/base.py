@@ -19,7 +19,7 @@ from torch.utils.checkpoint import checkpoint
 
 from brushexp.compositing.layers import Layers
 from brushexp.compositing.windows import Windows
-from brushexp.plugins.renderer.weights_file import restore
+from brushexp.plugins.renderer.weights_file import RENDERERS
 from brushexp.registry import plugins
 from brushexp.strokes.catalogue import Strokes, drawable
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, rewindow, strokes_of
@@ -83,7 +83,7 @@ class Renderer(nn.Module, ABC):
             chosen = {key: value for key, value in list(known.arguments.items())[1:] if value is not None}
             chosen.pop("precision", None)  # the weights do not depend on it
             name = next((plugin.name for plugin in plugins("renderer") if plugin.cls is cls), cls.__name__)
-            self.weights_hash = restore(self, name, chosen.pop("checkpoint", None), chosen)
+            self.weights_hash = RENDERERS.restore(self, name, chosen.pop("checkpoint", None), chosen)
 
         cls.__init__ = make_and_restore  # type: ignore[method-assign, assignment]
 

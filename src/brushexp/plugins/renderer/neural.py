@@ -10,7 +10,7 @@ from torch.nn import functional
 from brushexp.errors import UserError
 from brushexp.plugins.renderer._fields import PLANES, stroke_planes
 from brushexp.plugins.renderer.base import PatchRenderer, Precision
-from brushexp.plugins.renderer.weights_file import checkpoint_path, read_recipe, shipped
+from brushexp.plugins.renderer.weights_file import RENDERERS
 from brushexp.registry import register
 
 COARSEST = 4  # pixels on the side of the picture that the dense layers make
@@ -119,11 +119,11 @@ class Neural(PatchRenderer):
         upsampling: Upsampling = Upsampling.nearest,
         channels: list[int] | None = None,
         precision: Precision = Precision.float32,
-        checkpoint: str | None = shipped("neural"),
+        checkpoint: str | None = RENDERERS.shipped_name("neural"),
     ) -> None:
         super().__init__()
         if channels is None and checkpoint is not None:
-            channels = read_recipe(checkpoint_path(checkpoint))["options"].get("channels")
+            channels = RENDERERS.read_recipe(RENDERERS.path_of(checkpoint))["options"].get("channels")
         _check(window, subpixel, {"width": width, "widest": widest}, dense)
         self.window = window
         self.precision = precision

@@ -12,7 +12,7 @@ from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.textures import cells_of, coordinates_of, extent_of, smoothed, texel_distances
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import Renderer
-from brushexp.plugins.renderer.weights_file import shipped
+from brushexp.plugins.renderer.weights_file import RENDERERS
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
@@ -55,7 +55,7 @@ class Textured(Renderer):
         widths: int = 4,
         rows: int = 24,
         columns: int = 32,
-        checkpoint: str | None = shipped("textured"),
+        checkpoint: str | None = RENDERERS.shipped_name("textured"),
     ) -> None:
         super().__init__()
         options = {"variants": variants, "widths": widths, "rows": rows, "columns": columns}

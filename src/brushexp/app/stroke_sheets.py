@@ -1,0 +1,47 @@
+"""Sheets of strokes with labels: what renderers draw above what the engine painted."""
+
+from __future__ import annotations
+
+from PIL import Image
+from torch import Tensor
+
+from brushexp.plugins.renderer.base import Renderer
+from brushexp.results.contact_sheet import SheetCell, draw_sheet
+from brushexp.system.files import to_bytes
+from brushexp.training.benchmark import EXTREMES, ExtremeDrawings, drawn_and_true
+from brushexp.training.datamodule import StrokeBatch
+from brushexp.training.dataset import Origin
+from brushexp.training.evaluation import over_white
+
+COLUMNS = 8  # strokes in a row
+ZOOM = 2  # pixels on the sheets per pixel of a window
+
+
+def sheet_of_strokes(renderers: dict[str, Renderer], batch: StrokeBatch, origin: Origin) -> Image.Image:
+    """Some strokes, the true ones above those that each of the renderers draws."""
+    kinds = {origin.engine: batch.images}
+    for name, renderer in renderers.items():
+        kinds[name] = drawn_and_true(renderer, batch, origin.window)[0]
+    title = f"{', '.join(renderers)} on held-out strokes of {origin.engine}"
+    return _sheet(kinds, [()] * len(batch.number), ZOOM * origin.window, title)
+
+
+def sheet_of_extremes(name: str, engine: str, drawings: ExtremeDrawings) -> Image.Image:
+    """The strokes at and beyond the edge of the range: the nearest ones in it, painted, and drawn as they are."""
+    kinds = {f"{engine}, nearest": drawings.nearest} | {f"{name}, {kind}": p for kind, p in drawings.pictures.items()}
+    labels = [(label,) for label in EXTREMES]
+    side = ZOOM * drawings.nearest.shape[-1]
+    return _sheet(kinds, labels, side, f"{name} outside the range of training")
+
+
+def _sheet(kinds: dict[str, Tensor], labels: list[tuple[str, ...]], side: int, title: str) -> Image.Image:
+    """Pictures (n, 4, S, S) over white, of each kind a row; the labels are below those of the last kind."""
+    rows, heads = [], []
+    for k in range(0, len(labels), COLUMNS):
+        here = slice(k, k + COLUMNS)
+        for kind, images in kinds.items():
+            pictures = [Image.fromarray(to_bytes(picture)) for picture in over_white(images[here].float().cpu())]
+            below = labels[here] if kind == list(kinds)[-1] else [()] * len(pictures)
+            rows.append([SheetCell(*pair) for pair in zip(pictures, below, strict=True)])
+            heads.append(kind)
+    return draw_sheet(rows, title, heads, side=side)

@@ -1,0 +1,192 @@
+"""Teaching a network to tell valid strokes from corrupted ones, and measuring how well it does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import lightning as L
+import numpy as np
+import torch
+from lightning.pytorch.utilities.types import OptimizerLRScheduler
+from torch import Tensor, optim
+from torch.nn import functional
+
+from brushexp.errors import UserError
+from brushexp.plugins.loss.discriminator import DISCRIMINATORS, NAME, Discriminator, shapes_of
+from brushexp.strokes.prior import sample_prior
+from brushexp.training.corruption import CORRUPTIONS, corrupt
+from brushexp.training.datamodule import HELD_OUT, StrokeLoader
+from brushexp.training.dataset import Split
+from brushexp.training.network_module import NetworkModule, each_step
+
+EPOCH_STEPS = 500  # batches that are called an epoch
+THRESHOLD_QUANTILE = 0.05  # share of valid strokes whose score is below the threshold: a lower one lies well outside
+HELD_OUT_STROKES = 20_000  # of either sort
+BETAS = (0.9, 0.99)  # of Adam
+
+
+class ShapeBatch(NamedTuple):
+    """Valid and corrupted strokes as shapes (n, 7), see `plugins.loss.discriminator.shapes_of`.
+
+    Attributes:
+        valid: of the prior.
+        corrupted: others of it, corrupted.
+        hard: the same, some of their numbers half as corrupted.
+        kind: (n,) how they were corrupted, see `Corrupted`.
+    """
+
+    valid: Tensor
+    corrupted: Tensor
+    hard: Tensor
+    kind: Tensor
+
+
+class ShapeData(L.LightningDataModule):
+    """New strokes of the prior at every step, half of them corrupted; what a step gets depends on its number alone.
+
+    Args:
+        batch_size: valid strokes of a step, and as many corrupted ones.
+        seed: decides the strokes and what becomes of them.
+    """
+
+    def __init__(self, *, batch_size: int, seed: int) -> None:
+        super().__init__()
+        self.batch_size, self.seed = batch_size, seed
+
+    def train_dataloader(self) -> StrokeLoader:
+        return StrokeLoader(self._batches, EPOCH_STEPS, 0)  # type: ignore[arg-type]
+
+    def val_dataloader(self) -> StrokeLoader:
+        return StrokeLoader(partial(self._held_out, Split.VALIDATION), 1, 0)  # type: ignore[arg-type]
+
+    def _batches(self, epoch: int, first: int) -> Iterator[ShapeBatch]:
+        for step in range(epoch * EPOCH_STEPS + first, (epoch + 1) * EPOCH_STEPS):
+            yield shape_batch(self.batch_size, self.seed, 2 * self.batch_size * step)
+
+    def _held_out(self, split: Split, _epoch: int, _first: int) -> Iterator[ShapeBatch]:
+        yield shape_batch(HELD_OUT_STROKES, self.seed, HELD_OUT[split])
+
+
+class DiscriminatorModule(NetworkModule):
+    """Moves the weights of a discriminator until it tells valid strokes from corrupted ones.
+
+    The loss is -log sigma(D(valid)) - log(1 - sigma(D(corrupted))) (Goodfellow et al., 2014), and, so that the slope
+    leads back from anywhere and not only at the border, -log sigma(D(hard) - D(corrupted)): a stroke that is half as
+    corrupted scores higher.
+
+    Args:
+        network: trained in place.
+        lr: highest learning rate.
+
+    Attributes:
+        figures: of the last validation, `discriminator_figures`; empty before the first.
+    """
+
+    def __init__(self, network: Discriminator, lr: float) -> None:
+        super().__init__()
+        if not (math.isfinite(lr) and lr > 0):
+            raise UserError(f"lr={lr:g} is not a positive number; give lr another value")
+        self.network, self.lr = network.train(), lr
+        self.loss = math.nan  # as last noted
+        self.figures: dict[str, float] = {}
+
+    def configure_optimizers(self) -> OptimizerLRScheduler:
+        optimizer = optim.Adam(self.network.parameters(), self.lr, betas=BETAS)
+        return {"optimizer": optimizer, "lr_scheduler": each_step(self.schedule(optimizer))}
+
+    def training_step(self, batch: ShapeBatch, batch_idx: int) -> Tensor:
+        batch = ShapeBatch(*batch)
+        valid, corrupted, hard = self.network(torch.cat(batch[:3])).split(len(batch.valid))
+        logistic = functional.softplus(-valid).mean() + functional.softplus(corrupted).mean()
+        order = functional.softplus(corrupted - hard).mean()
+        if self.note({"loss/logistic": logistic.detach(), "loss/order": order.detach()}):
+            self.loss = float(logistic.detach())
+        total: Tensor = logistic + order
+        return total
+
+    def validation_step(self, batch: ShapeBatch, batch_idx: int) -> None:
+        self.figures = discriminator_figures(self.network, ShapeBatch(*batch))
+        self.log_dict({f"validation/{name}": self.figures[name] for name in ("accuracy", "auc")})
+
+    def state_line(self) -> str:
+        quality = f"  held out AUC {self.figures['auc']:.4f}" if self.figures else ""
+        return f"loss {self.loss:.4f}{quality}"
+
+
+def valid_shapes(n: int, seed: int, first: int = 0) -> Tensor:
+    """Shapes (n, 7) of strokes number ``first`` and on of the prior."""
+    return shapes_of(sample_prior(n, seed, first))
+
+
+def shape_batch(n: int, seed: int, first: int) -> ShapeBatch:
+    """``n`` valid strokes, number ``first`` and on of the prior, and the ``n`` after them corrupted."""
+    known = valid_shapes(2 * n, seed, first)
+    state = np.random.SeedSequence([seed, first]).generate_state(1, np.uint64)
+    return ShapeBatch(known[:n], *corrupt(known[n:], torch.Generator().manual_seed(int(state[0]))))
+
+
+@torch.no_grad()
+def set_threshold(network: Discriminator, seed: int) -> None:
+    """Let the threshold be the score that `THRESHOLD_QUANTILE` of held-out valid strokes stay below."""
+    valid = valid_shapes(HELD_OUT_STROKES, seed, HELD_OUT[Split.VALIDATION])
+    scores = network(valid.to(network.threshold.device))
+    network.threshold.copy_(scores.quantile(THRESHOLD_QUANTILE))
+
+
+@torch.no_grad()
+def discriminator_figures(network: Discriminator, batch: ShapeBatch) -> dict[str, float]:
+    """How well valid and corrupted strokes are told apart.
+
+    Returns:
+        ``accuracy`` at a score of 0, ``auc`` (a corrupted stroke scores below a valid one so often) of all and by the
+        kind of corruption, ``threshold``, and the ``hinge`` max(0, threshold - score) of valid and of corrupted
+        strokes. Some that are called corrupted are valid, so neither accuracy nor AUC can reach 1.
+    """
+    device, threshold = network.threshold.device, float(network.threshold)
+    valid, bad = (network(shapes.to(device)).cpu() for shapes in (batch.valid, batch.corrupted))
+    kind = batch.kind.cpu()
+    return {
+        "accuracy": float(torch.cat([valid > 0, bad <= 0]).double().mean()),
+        "auc": area_under_curve(valid, bad),
+        **{f"auc_{name}": area_under_curve(valid, bad[kind == k]) for k, name in enumerate(CORRUPTIONS)},
+        "threshold": threshold,
+        "hinge_valid": float((threshold - valid).clamp_min(0).mean()),
+        "hinge_corrupted": float((threshold - bad).clamp_min(0).mean()),
+    }
+
+
+def save_discriminator(network: Discriminator, path: Path, seed: int, training: dict[str, Any]) -> dict[str, object]:
+    """Set the threshold, measure on test strokes, and write the discriminator with its recipe.
+
+    Args:
+        network: a trained one.
+        path: of the .safetensors.
+        seed: of the data.
+        training: settings, for the recipe.
+
+    Returns:
+        the `discriminator_figures`, and what the files are.
+    """
+    network.eval()
+    set_threshold(network, seed)
+    figures = discriminator_figures(network, shape_batch(HELD_OUT_STROKES, seed, HELD_OUT[Split.TEST]))
+    recipe = {
+        "options": {},
+        "data": {"valid": "strokes.prior", "corrupted": list(CORRUPTIONS), "seed": seed},
+        "training": training,
+        "figures": figures,
+    }
+    digest = DISCRIMINATORS.save(path, NAME, network.cpu(), recipe, half=False)
+    parameters = sum(parameter.numel() for parameter in network.parameters())
+    return {**figures, "discriminator_hash": digest, "parameters": parameters, "bytes": path.stat().st_size}
+
+
+def area_under_curve(above: Tensor, below: Tensor) -> float:
+    """Share of pairs in which the first scores higher, ties half: the area under the ROC curve (Mann and Whitney)."""
+    order = below.sort().values
+    less, not_more = (torch.searchsorted(order, above, right=right).double().mean() for right in (False, True))
+    return float((less + not_more) / (2 * len(below)))

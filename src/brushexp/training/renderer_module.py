@@ -1,0 +1,194 @@
+"""Training a renderer on pictures of strokes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from lightning.pytorch.utilities.types import OptimizerLRScheduler
+from torch import Tensor, nn, optim
+
+from brushexp.errors import UserError
+from brushexp.plugins.renderer.base import Renderer, window_pictures
+from brushexp.training.adversarial import Critic, relativistic_loss
+from brushexp.training.datamodule import StrokeBatch
+from brushexp.training.evaluation import Errors, decibels, errors_of, premultiplied
+from brushexp.training.network_module import NetworkModule, each_step
+
+BETAS = (0.9, 0.99)  # of Adam, for the renderer
+CRITIC_BETAS = (0.5, 0.99)  # for the critic, and for the renderer beside one: their aims move
+WEIGHT_DECAY = 1e-4
+CLIP_NORM = 1.0  # longest gradient
+
+
+@dataclass(frozen=True)
+class RendererSettings:
+    """How a renderer is trained; for how long, and in which precision, says the Trainer.
+
+    Attributes:
+        lr: highest learning rate.
+        critic: whether a critic judges the pictures beside L2.
+        critic_lr: its learning rate, four times the renderer's or so: the two-time-scale rule has the critic on the
+            faster scale (Heusel et al., 2017, arXiv:1706.08500).
+        critic_weight: how hard the critic pulls at the pictures, as a share of how hard L2 does (`balanced`).
+        critic_width: its channels at full size.
+    """
+
+    lr: float = 5e-4
+    critic: bool = False
+    critic_lr: float = 2e-3
+    critic_weight: float = 0.1
+    critic_width: int = 16
+
+    def __post_init__(self) -> None:
+        for name in ("lr", "critic_lr"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise UserError(f"{name}={value:g} is not a positive number; give {name} another value")
+
+
+class RendererModule(NetworkModule):
+    """Moves the weights of a renderer until its pictures are those of the strokes.
+
+    The loss is `evaluation.squared_error`. Lightning sees one optimiser, that of the renderer, so one step of it is one
+    ``global_step``. The critic takes its own step within ``training_step``, as part of computing the renderer's loss;
+    its optimiser is in the checkpoints, too.
+
+    Args:
+        renderer: any with weights; it is trained in place.
+        window: pixels on the side of the pictures.
+        settings: how.
+
+    Attributes:
+        figures: of the last validation, `Errors.figures`; empty before the first.
+        validated: the step at which they were measured; -1 before.
+
+    Raises:
+        UserError: if the renderer has nothing to train, or its windows are of another size.
+    """
+
+    def __init__(self, renderer: Renderer, window: int, settings: RendererSettings) -> None:
+        super().__init__()
+        if not any(parameter.requires_grad for parameter in renderer.parameters()):
+            raise UserError("this renderer has no weights to train; try renderer=neural")
+        own = getattr(renderer, "window", window)
+        if own != window:
+            raise UserError(
+                f"renderer.window={own}, but the strokes have {window} pixels; set renderer.window={window}"
+            )
+        self.renderer, self.window, self.settings = renderer.train(), window, settings
+        self.critic = Critic(window, settings.critic_width) if settings.critic else None
+        self.loss = math.nan  # L2, as last noted
+        self.figures: dict[str, float] = {}
+        self.validated = -1
+        self._strokes = 0  # of a step
+        self._errors = Errors()
+        self._restored: dict[str, Any] = {}  # of a checkpoint, until it can be used
+
+    def configure_optimizers(self) -> OptimizerLRScheduler:
+        settings = self.settings
+        found = [parameter for parameter in self.renderer.parameters() if parameter.requires_grad]
+        betas = BETAS if self.critic is None else CRITIC_BETAS
+        optimizer = optim.AdamW(found, settings.lr, betas, weight_decay=WEIGHT_DECAY)
+        if self.critic is not None:
+            weights = self.critic.parameters()
+            self.critic_optimizer = optim.AdamW(weights, settings.critic_lr, CRITIC_BETAS, weight_decay=0.0)
+            self.critic_schedule = self.schedule(self.critic_optimizer)
+            if "critic" in self._restored:
+                self.critic_optimizer.load_state_dict(self._restored["critic"]["optimizer"])
+                self.critic_schedule.load_state_dict(self._restored["critic"]["schedule"])
+        return {"optimizer": optimizer, "lr_scheduler": each_step(self.schedule(optimizer))}
+
+    def lr_scheduler_step(self, scheduler: Any, metric: Any) -> None:
+        scheduler.step()
+        if self.critic is not None:
+            self.critic_schedule.step()
+
+    def configure_gradient_clipping(
+        self, optimizer: Any, gradient_clip_val: float | None = None, gradient_clip_algorithm: str | None = None
+    ) -> None:
+        self.clip_gradients(optimizer, gradient_clip_val or CLIP_NORM, gradient_clip_algorithm or "norm")
+
+    def training_step(self, batch: StrokeBatch, batch_idx: int) -> Tensor:
+        batch = StrokeBatch(*batch)
+        drawn = window_pictures(self.renderer, batch.parameters, self.window, batch.number).float()
+        drawn, truth = premultiplied(drawn), premultiplied(batch.images)
+        loss = (drawn - truth).square().mean()
+        curves = {"loss/l2": loss.detach()}
+        if self.critic is not None:
+            curves["loss/critic"] = self._step_critic(self.critic, drawn.detach(), truth)
+            curves["loss/adversarial"], slope = self._ask_critic(self.critic, drawn, truth)
+            pulled = (drawn * slope).sum()  # its gradient in the pictures is the slope
+            loss = pulled + (loss - pulled).detach()  # and its value L2
+        self._strokes = len(drawn)
+        if self.note(curves):
+            self.loss = float(curves["loss/l2"])
+        return loss
+
+    def on_validation_epoch_start(self) -> None:
+        self._errors = Errors()
+
+    def validation_step(self, batch: StrokeBatch, batch_idx: int) -> Tensor:
+        """The pictures (B, 4, S, S) of a batch, for callbacks; in 32 bits, as in painting."""
+        batch = StrokeBatch(*batch)
+        with torch.autocast(self.device.type, enabled=False):
+            drawn = window_pictures(self.renderer, batch.parameters, self.window, batch.number)
+        self._errors += errors_of(drawn, batch.images)
+        return drawn
+
+    def on_validation_epoch_end(self) -> None:
+        self.figures, self.validated = self._errors.figures(), self.global_step
+        self.log_dict({f"validation/{name}": value for name, value in self.figures.items()})
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        state: dict[str, Any] = {"torch": torch.get_rng_state()}  # networks may draw noise
+        if self.device.type == "cuda":
+            state["cuda"] = torch.cuda.get_rng_state(self.device)
+        if self.critic is not None:
+            schedule, optimizer = self.critic_schedule.state_dict(), self.critic_optimizer.state_dict()
+            state["critic"] = {"optimizer": optimizer, "schedule": schedule}
+        checkpoint["renderer_module"] = state
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        self._restored = checkpoint["renderer_module"]
+
+    def on_train_start(self) -> None:
+        state, self._restored = self._restored, {}
+        if state:  # now, because Lightning itself draws numbers before
+            torch.set_rng_state(state["torch"].cpu())
+            if "cuda" in state and self.device.type == "cuda":
+                torch.cuda.set_rng_state(state["cuda"].cpu(), self.device)
+
+    def state_line(self) -> str:
+        quality = f"  held out {self.figures['psnr_alpha']:.2f} dB" if self.figures else ""
+        speed = self.global_step * self._strokes / max(self.seconds, 1e-9)
+        return f"L2 {self.loss:.5f} ({decibels(self.loss):.2f} dB){quality}  {speed:.0f} strokes/s"
+
+    def _step_critic(self, critic: Critic, drawn: Tensor, truth: Tensor) -> Tensor:
+        """One step of the critic, true pictures above drawn ones; its loss."""
+        critic.requires_grad_(True)
+        loss = relativistic_loss(critic(truth), critic(drawn))
+        self.critic_optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        nn.utils.clip_grad_norm_(critic.parameters(), CLIP_NORM)
+        self.critic_optimizer.step()
+        return loss.detach()
+
+    def _ask_critic(self, critic: Critic, drawn: Tensor, truth: Tensor) -> tuple[Tensor, Tensor]:
+        """The renderer's side, drawn pictures above true ones: its loss, and where L2 and critic push the pictures."""
+        critic.requires_grad_(False)
+        loss = relativistic_loss(critic(drawn), critic(truth))
+        (pull,) = torch.autograd.grad(loss, drawn)
+        push = (2 / drawn.numel()) * (drawn.detach() - truth)
+        return loss.detach(), balanced(push, pull, self.settings.critic_weight)
+
+
+def balanced(push: Tensor, pull: Tensor, weight: float) -> Tensor:
+    """``push``, and ``weight`` times a vector of the same length in the direction of ``pull``.
+
+    The scores of a critic have no scale: in 80 steps their gradients grew a thousandfold against those of L2, so no
+    fixed weight of the losses would do (Esser et al., 2021, arXiv:2012.09841, balance them at the last layer).
+    """
+    return push + weight * torch.linalg.vector_norm(push) / torch.linalg.vector_norm(pull).clamp_min(1e-30) * pull
