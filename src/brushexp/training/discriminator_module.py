@@ -81,9 +81,6 @@ class DiscriminatorModule(NetworkModule):
     Args:
         network: trained in place.
         lr: highest learning rate.
-
-    Attributes:
-        figures: of the last validation, `discriminator_figures`; empty before the first.
     """
 
     def __init__(self, network: Discriminator, lr: float) -> None:
@@ -92,7 +89,6 @@ class DiscriminatorModule(NetworkModule):
             raise UserError(f"lr={lr:g} is not a positive number; give lr another value")
         self.network, self.lr = network.train(), lr
         self.loss = math.nan  # as last noted
-        self.figures: dict[str, float] = {}
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         optimizer = optim.Adam(self.network.parameters(), self.lr, betas=BETAS)
@@ -109,7 +105,7 @@ class DiscriminatorModule(NetworkModule):
         return total
 
     def validation_step(self, batch: ShapeBatch, batch_idx: int) -> None:
-        self.figures = discriminator_figures(self.network, ShapeBatch(*batch))
+        self.figures, self.validated = discriminator_figures(self.network, ShapeBatch(*batch)), self.global_step
         self.log_dict({f"validation/{name}": self.figures[name] for name in ("accuracy", "auc")})
 
     def state_line(self) -> str:

@@ -22,6 +22,8 @@ class NetworkModule(L.LightningModule):
     Attributes:
         stop: why training ends before its limit; "" while it goes on (`system.callbacks`).
         title: for the progress bar.
+        figures: of the last validation; empty before the first.
+        validated: the step at which they were measured; -1 before.
     """
 
     title = "training"
@@ -29,6 +31,8 @@ class NetworkModule(L.LightningModule):
     def __init__(self) -> None:
         super().__init__()
         self.stop = ""
+        self.figures: dict[str, float] = {}
+        self.validated = -1
 
     @property
     def progress(self) -> float:

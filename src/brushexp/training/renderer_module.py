@@ -61,10 +61,6 @@ class RendererModule(NetworkModule):
         window: pixels on the side of the pictures.
         settings: how.
 
-    Attributes:
-        figures: of the last validation, `Errors.figures`; empty before the first.
-        validated: the step at which they were measured; -1 before.
-
     Raises:
         UserError: if the renderer has nothing to train, or its windows are of another size.
     """
@@ -81,8 +77,6 @@ class RendererModule(NetworkModule):
         self.renderer, self.window, self.settings = renderer.train(), window, settings
         self.critic = Critic(window, settings.critic_width) if settings.critic else None
         self.loss = math.nan  # L2, as last noted
-        self.figures: dict[str, float] = {}
-        self.validated = -1
         self._strokes = 0  # of a step
         self._errors = Errors()
         self._restored: dict[str, Any] = {}  # of a checkpoint, until it can be used
