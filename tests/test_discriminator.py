@@ -291,7 +291,7 @@ def test_the_config_of_a_discriminator_is_its_own_and_that_of_a_renderer_unchang
 
 @pytest.mark.slow
 def test_a_sweep_leaves_a_discriminator_with_its_numbers(tmp_path):
-    words = ["model=discriminator", "seed=7", "minutes=0.005", "epochs=null", "threads=1", f"output={tmp_path}/a"]
+    words = ["model=discriminator", "seed=7", "epochs=1", "batch_size=16", "threads=1", f"output={tmp_path}/a"]
     done = run("-m", "task=train", *words, cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     folder = tmp_path / "a" / "0"
