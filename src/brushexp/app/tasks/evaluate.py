@@ -51,7 +51,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     before = time.monotonic()
     costs = {"threads": torch.get_num_threads(), **speed_and_size(renderer, build(cfg.blend), window)}
     n = data.count(split, cfg.n)
-    figures = evaluate(renderer, data.first(split, n), window, distances(cfg.inception, device), n)
+    figures = evaluate(renderer, data.first(split, n), window, feature_distances(cfg.inception, device), n)
     examples = data.first_batch(split, min(SHOWN_STROKES, n))
     write_picture(folder / "strokes.png", np.asarray(sheet_of_strokes({name: renderer}, examples, data.origin)))
     extremes = draw_extremes(renderer, engine)
@@ -110,7 +110,7 @@ def split_of(name: str) -> Split:
     return names[name]
 
 
-def distances(inception: str | None, device: torch.device) -> list[FeatureDistance]:
+def feature_distances(inception: str | None, device: torch.device) -> list[FeatureDistance]:
     """What compares all pictures together."""
     found = [effl0_distance(device)]
     return found if inception is None else [*found, inception_distance(Path(inception), device)]
