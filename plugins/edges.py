@@ -22,6 +22,7 @@ class EdgeLoss(Loss):
         weight: factor in the sum of losses.
     """
 
+    cost = "1.3 x mse"
     context = 1  # pixel: a part of the canvas is looked at with its neighbours
 
     def __init__(self, *, weight: float = 0.5) -> None:

@@ -82,6 +82,7 @@ class Discriminated(Loss):
         checkpoint: .safetensors of ``task=train model=discriminator``; null takes the one that comes with the program.
     """
 
+    cost = "0.8 x mse"
     looks_at = "strokes"
 
     def __init__(self, *, weight: float = 0.0001, checkpoint: str | None = None) -> None:

@@ -28,6 +28,7 @@ class Curvature(Loss):
             0.1 dB; 0.0005 left 0.25 (0.3 dB).
     """
 
+    cost = "0.5 x mse"
     looks_at = "strokes"
 
     def __init__(self, *, weight: float = 0.0002) -> None:
@@ -56,6 +57,7 @@ class Direction(Loss):
         every: the neighbours are found anew at every so many calls, and whenever the number of strokes has changed.
     """
 
+    cost = "0.6 x mse"
     looks_at = "strokes"
 
     def __init__(self, *, weight: float = 0.0003, k: int = NEIGHBOURS, every: int = 20) -> None:

@@ -26,6 +26,7 @@ class Width(Loss):
             this loss 0.0004 at a cost of less than 0.1 dB; 0.1 cost 0.1 dB.
     """
 
+    cost = "0.5 x mse"
     looks_at = "strokes"
 
     def __init__(self, *, weight: float = 0.01) -> None:
@@ -51,6 +52,7 @@ class KullbackLeibler(Loss):
             this loss at 0.2 at a cost of less than 0.1 dB, and with 0.001 at 0.001 at a cost of 0.1 dB.
     """
 
+    cost = "0.6 x mse"
     looks_at = "strokes"
 
     def __init__(self, *, weight: float = 0.0001) -> None:

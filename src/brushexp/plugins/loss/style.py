@@ -83,6 +83,7 @@ class Style(Loss):
             `recolored`), so that only its texture is taken over.
     """
 
+    cost = "5.4 x mse"
     looks_at = "canvas"
     exact_on_parts = False
 
