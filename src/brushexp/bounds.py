@@ -15,6 +15,11 @@ from brushexp.errors import UserError
 class Bounds:
     """Limits of a number, or the names that a text may be.
 
+    >>> between(0, 1).check("blend.opaque", 1.5)
+    Traceback (most recent call last):
+    ...
+    brushexp.errors.UserError: blend.opaque=1.5 is not 0 to 1; try blend.opaque=1
+
     Attributes:
         low: the least number.
         high: the greatest.

@@ -120,6 +120,11 @@ _plugins: dict[tuple[str, str], Plugin] = {}
 def register(family: str, name: str) -> Callable[[C], C]:
     """Publish the decorated class as the Hydra choice ``family=name``.
 
+    >>> [plugin.name for plugin in plugins("order")]  # what the decorator has published
+    ['accuracy', 'area', 'fixed']
+    >>> build_named("order", "area", {"every": 5}).every
+    5
+
     Raises:
         UserError: if the family is unknown, or another class already owns the name.
     """
