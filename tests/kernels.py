@@ -38,18 +38,15 @@ def paint_with_gradient(
     return image.detach().double(), {n: (zero[n] if v.grad is None else v.grad).double() for n, v in leaves.items()}
 
 
-def assert_agree(renderer, blend, strokes, size, fields=tuple(FIELDS), *, order=None):
-    """Value to 1e-4, gradient to 1e-3 of its size, against the reference in float64.
-
-    Beside the edge of a texel the derivative of a bilinear lookup jumps: a pixel may fall on either side. On random
-    scenes such a pixel is one of very many, and the criterion holds all the same.
-    """
-    weight = torch.randn(3, *size)
+def assert_agree(renderer, blend, strokes, size, fields=tuple(FIELDS), *, order=None, slack=1e-3):
+    """Value to 1e-4, gradient to ``slack`` of its size, against the reference in float64."""
+    weight = torch.randn(3, *size, generator=torch.Generator().manual_seed(0))
     image, gradient = paint_with_gradient(renderer, blend, strokes, size, weight, order=order)
     exact, slope = paint_with_gradient(renderer, DENSE, strokes.map(lambda v: v.double()), size, weight, order=order)
     torch.testing.assert_close(image, exact, atol=1e-4, rtol=0)
     for name in fields:
         error, scale = (gradient[name] - slope[name]).norm(), slope[name].norm()
+<<<<<<< HEAD
         assert error <= 1e-3 * scale + 1e-5 * weight.norm(), f"{name}: off by {error:.2g}, its gradient is {scale:.2g}"
 
 
@@ -61,3 +58,6 @@ def assert_same_bits_on_threads(step):
         results.append(step())
     torch.set_num_threads(1)
     assert all(torch.equal(a, b) for a, b in zip(*results, strict=True))
+=======
+        assert error <= slack * scale + 1e-5 * weight.norm(), f"{name}: off by {error:.2g}, its gradient is {scale:.2g}"
+>>>>>>> 9a445bf (Textured strokes: the edge of a texel counts in the agreement of gradients; changelog)

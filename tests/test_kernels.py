@@ -1,0 +1,314 @@
+"""Blends and compiled kernels agree with painting every stroke at every pixel, in value, gradient and importance."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from importlib import import_module
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from kernels import BACKGROUND, DEGENERATE, DENSE, assert_agree, paint, paint_with_gradient
+from scenes import leaves, random_strokes, straight
+from torch import nn
+
+from brushexp import registry
+from brushexp.compositing.tile_lists import tile_lists
+from brushexp.compositing.windows import Windows
+from brushexp.errors import UserError
+from brushexp.plugins.blend.tiled import Backend, Tiled
+from brushexp.plugins.blend.topk import TopK
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.renderer.base import Renderer
+from brushexp.plugins.renderer.textured import Textured
+from brushexp.strokes.catalogue import FIELDS, Strokes
+from brushexp.system.compiled import function, inline
+
+BLENDS = {
+    "tiled": Tiled(opaque=0.0, kernel=Backend.numba),
+    "tiled in torch": Tiled(opaque=0.0, kernel=Backend.torch),
+    "topk": TopK(k=10_000),
+    "topk_all": TopK(k=None),
+}
+TILED = BLENDS["tiled"]
+
+
+class Noise(Renderer):
+    """Windows of noise, as a network may draw them: a stroke's number decides which."""
+
+    def __init__(self, side: int = 16) -> None:
+        super().__init__()
+        images = torch.rand(40, 4, side, side, generator=torch.Generator().manual_seed(0))
+        self.images = nn.Parameter(images, requires_grad=False)
+
+    def forward(self, strokes, number=None):
+        images = self.images[torch.arange(len(strokes)) % 40].to(strokes.position)
+        return Windows(images, strokes.position, strokes.scale, strokes.opacity, strokes.color)
+
+
+@pytest.fixture(scope="module")
+def kinds():
+    """A renderer for every kind of layer; the plugin of dabs.py is known to these tests alone."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(registry, "_plugins", dict(registry._plugins))
+        import_module("dabs")
+        dabs = registry.build_named("renderer", "dabs", {})
+    textured = Textured(checkpoint=None).requires_grad_(False)  # as in painting: textures of 8 bits
+    plain, tapered = Analytic(soft=1.5), Analytic(soft=1.5, taper=0.5)
+    return {"plain": plain, "tapered": tapered, "textured": textured, "windows": Noise(), "dabs": dabs}
+
+
+KINDS = ("plain", "tapered", "textured", "windows", "dabs")
+# The first has every blend; the others show that a blend takes any kind of layer.
+PAIRS = (
+    [("plain", blend) for blend in BLENDS] + [(kind, "tiled") for kind in KINDS[1:]] + [("windows", "tiled in torch")]
+)
+SCENES = {
+    "n": st.integers(0, 40),
+    "height": st.integers(1, 30),
+    "width": st.integers(1, 45),
+    "seed": st.integers(0, 10_000),
+    "thick": st.sampled_from([0.0, 0.05, 0.3, 1.0]),
+}
+
+
+@pytest.mark.parametrize(("kind", "blend"), PAIRS)
+@settings(max_examples=20, deadline=None)
+@given(bend=st.sampled_from([0.0, 0.05, 0.15, 1.0, 3.0]), **SCENES)
+def test_blends_agree_on_random_scenes(kinds, kind, blend, n, height, width, seed, bend, thick):
+    # Where two points of a curve are equally near, a taper or a texture jumps; only gently bent ones have none nearby.
+    bend = bend if kind in ("plain", "windows", "dabs") else min(bend, 0.15)
+    strokes = random_strokes(n, (height, width), seed=seed, bend=bend, width=(0.0, thick))
+    order = torch.randperm(n, generator=torch.Generator().manual_seed(seed))
+    fields = FIELDS if blend != "topk" or thick > 0 else ()  # topk drops empty layers, and with them their gradient
+    # Beside the edge of a texel the slope of a bilinear lookup jumps, and a pixel may fall on either side.
+    slack = 3e-3 if kind == "textured" else 1e-3
+    assert_agree(kinds[kind], BLENDS[blend], strokes, (height, width), fields, order=order, slack=slack)
+
+
+@pytest.mark.parametrize("soft", [0.5, 6.0])
+def test_edges_of_any_width_agree(soft):
+    assert_agree(Analytic(soft=soft), TILED, random_strokes(30, (20, 33)), (20, 33))
+
+
+@pytest.mark.parametrize("taper", [0.0, 0.6])
+def test_the_reference_has_the_right_gradient(taper):
+    strokes = leaves(random_strokes(3, (5, 7), bend=0.1, dtype=torch.float64), torch.float64)
+
+    def image(*values):
+        return paint(Analytic(soft=1.5, taper=taper), DENSE, Strokes(*values), (5, 7)).image
+
+    assert torch.autograd.gradcheck(image, tuple(value for _, value in strokes.items()), atol=1e-5)
+
+
+@pytest.mark.parametrize(("kind", "blend"), PAIRS)
+def test_accuracy_is_measured_in_the_same_pass(kinds, kind, blend):
+    strokes, target, order = random_strokes(30, (20, 33)), torch.rand(3, 20, 33), torch.randperm(30)
+    strokes.position[3] = 500
+    accuracy = paint(kinds[kind], BLENDS[blend], strokes, (20, 33), order=order, target=target).accuracy
+    exact = paint(kinds[kind], DENSE, strokes.map(lambda v: v.double()), (20, 33), order=order, target=target).accuracy
+    assert exact[3].isnan(), "nothing of this stroke is on the canvas"
+    torch.testing.assert_close(accuracy.double(), exact, atol=1e-4, rtol=0, equal_nan=True)
+
+
+def test_accuracy_is_what_the_formula_says():
+    stroke = straight((4, 4), (12, 4), color=(1.0, 0.5, 0.0))
+    accuracy = paint(Analytic(), DENSE, stroke, (8, 16), target=torch.zeros(3, 8, 16)).accuracy
+    torch.testing.assert_close(accuracy, torch.tensor([1 - (1.0 + 0.25)]))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_importance_is_what_the_error_grows_by_without_a_stroke(kinds, kind):
+    size, strokes = (20, 29), random_strokes(25, (20, 29), bend=0.05)
+    order, target, weight = torch.randperm(25), torch.rand(3, *size), torch.rand(size)
+    with torch.no_grad():
+        layers = kinds[kind](strokes)
+        found = TILED.importance(layers, order, size, BACKGROUND, target, weight)
+
+        def error(chosen):
+            image = DENSE(layers, chosen, size, BACKGROUND).image
+            return (weight * (image - target).square()).double().sum()
+
+        grown = torch.stack([error(order[order != i]) for i in range(25)]) - error(order)
+    torch.testing.assert_close(found.double(), grown, atol=2e-3, rtol=1e-3)
+    assert found.abs().max() > 0.1
+
+
+def test_a_blend_without_a_kernel_leaves_importance_to_others():
+    size, layers = (9, 12), Analytic()(random_strokes(3, (9, 12)))
+    given = torch.arange(3), size, BACKGROUND, torch.rand(3, *size), torch.ones(size)
+    for blend in (BLENDS["tiled in torch"], DENSE, TopK(k=4)):
+        assert blend.importance(layers, *given) is None
+    torch.testing.assert_close(TopK(k=None).importance(layers, *given), TILED.importance(layers, *given))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("opaque", [1e-4, 0.1])
+def test_what_is_skipped_cannot_be_seen(kinds, kind, opaque):
+    strokes = random_strokes(300, (40, 40))
+    exact = paint(kinds[kind], DENSE, strokes, (40, 40)).image
+    image = paint(kinds[kind], Tiled(opaque=opaque), strokes, (40, 40)).image
+    assert (image - exact).abs().max() <= opaque + 1e-4
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_one_thread_and_two_give_the_same_bits(kinds, kind):
+    strokes, weight, results = random_strokes(200, (60, 70)), torch.randn(3, 60, 70), []
+    for threads in (1, 2):
+        torch.set_num_threads(threads)
+        image, gradient = paint_with_gradient(kinds[kind], Tiled(), strokes, (60, 70), weight)
+        results.append([image, *gradient.values()])
+    torch.set_num_threads(1)
+    assert all(torch.equal(a, b) for a, b in zip(*results, strict=True))
+
+
+def test_topk_keeps_the_uppermost_strokes_that_are_there():
+    top = straight((0, 4), (16, 4), color=(1.0, 0.0, 0.0), opacity=0.5)
+    elsewhere = straight((0, 40), (16, 40), color=(0.0, 0.0, 1.0))
+    under = straight((0, 4), (16, 4), color=(0.0, 1.0, 0.0))
+    strokes = Strokes.join(top, elsewhere, under)
+    one, two = (paint(Analytic(), TopK(k=k), strokes, (8, 16)).image[:, 4, 8] for k in (1, 2))
+    torch.testing.assert_close(one, 0.5 * top.color[0] + 0.5 * BACKGROUND)
+    torch.testing.assert_close(two, 0.5 * top.color[0] + 0.5 * under.color[0])
+
+
+@pytest.mark.parametrize(("kind", "blend"), PAIRS)
+@pytest.mark.parametrize("size", [(1, 1), (8, 8), (9, 17)])
+def test_small_and_bare_canvases_work(kinds, kind, blend, size):
+    assert_agree(kinds[kind], BLENDS[blend], random_strokes(12, size, bend=0.05), size)
+    image = paint(kinds[kind], BLENDS[blend], Strokes.none(), size).image
+    torch.testing.assert_close(image, BACKGROUND.view(3, 1, 1).expand(3, *size))
+
+
+@pytest.mark.parametrize("blend", ["tiled", "tiled in torch", "topk"])
+@pytest.mark.parametrize("kind", ["plain", "textured"])
+@pytest.mark.parametrize("name", DEGENERATE)
+def test_degenerate_strokes_have_a_picture_and_a_finite_gradient(kinds, blend, kind, name):
+    size, stroke, weight = (16, 19), DEGENERATE[name], torch.randn(3, 16, 19)
+    image, gradient = paint_with_gradient(kinds[kind], BLENDS[blend], stroke, size, weight)
+    exact, slope = paint_with_gradient(kinds[kind], DENSE, stroke.map(lambda v: v.double()), size, weight)
+    # At the tip of a fold the curve all but stands still: where on it the nearest point lies is not known so well.
+    assert ((image - exact).abs() > 1e-4).float().mean() <= (0.05 if name == "almost folded" else 0)
+    for found in (gradient, slope):
+        assert all(value.isfinite().all() and value.abs().max() < 1e4 for value in found.values())
+    if name in ("zero width", "transparent", "off the canvas", "far off the canvas"):
+        torch.testing.assert_close(image, BACKGROUND.double().view(3, 1, 1).expand(3, *size))
+    elif kind == "plain" and "folded" not in name:
+        assert_agree(kinds[kind], BLENDS[blend], stroke, size)
+
+
+def test_a_point_is_a_disc_with_a_soft_edge():
+    image = paint(Analytic(soft=1.0), Tiled(), straight((8, 8), (8, 8), width=6.0), (16, 16)).image[1]
+    y, x = torch.meshgrid(torch.arange(16) + 0.5, torch.arange(16) + 0.5, indexing="ij")
+    z = (3 - ((x - 8) ** 2 + (y - 8) ** 2).sqrt() + 0.5).clamp(0, 1)
+    torch.testing.assert_close(image, 0.5 * (1 - z * z * (3 - 2 * z)), atol=1e-5, rtol=0)
+
+
+def test_fifty_thousand_strokes_on_one_spot():
+    n, opacity, plain = 50_000, 1e-4, Analytic(soft=1.5)
+    one = straight((2, 3), (14, 9), opacity=opacity)
+    many = one.map(lambda v: v.expand(n, *v.shape[1:]).clone())
+    image, gradient = paint_with_gradient(plain, Tiled(), many, (16, 16), torch.randn(3, 16, 16))
+    painted = paint(plain, DENSE, one.map(lambda v: v.double()), (16, 16)).image
+    alpha = (painted[1] - BACKGROUND[1]) / -BACKGROUND[1]  # the stroke has no green
+    light = torch.exp(n * torch.log1p(-alpha))
+    exact = one.color[0].double().view(3, 1, 1) * (1 - light) + BACKGROUND.double().view(3, 1, 1) * light
+    torch.testing.assert_close(image, exact, atol=1e-3, rtol=0)  # 50,000 roundings of the transmittance
+    assert all(value.isfinite().all() for value in gradient.values())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_kernels_refuse_other_precisions(kinds, kind):
+    with pytest.raises(UserError, match=r"use blend\.kernel=auto"):
+        paint(kinds[kind], TILED, random_strokes(2, (8, 8), dtype=torch.float64), (8, 8))
+
+
+def test_dense_refuses_what_would_not_fit_into_memory():
+    with pytest.raises(UserError, match="use blend=tiled"):
+        paint(Analytic(), DENSE, random_strokes(10_000, (1000, 1000)), (1000, 1000))
+
+
+ONE_WINDOW = {
+    "pixel by pixel": ((16.001, 12.001), 16.0),  # not quite: at a kink the slope is a matter of taste
+    "half as large": ((16.0, 12.0), 8.0),
+    "between pixels": ((13.3, 7.9), 21.7),
+    "over the edge": ((-3.0, 24.0), 20.0),
+    "far off the canvas": ((-1e5, 12.0), 20.0),
+    "larger than the canvas": ((15.0, 11.0), 300.0),
+    "less than a pixel": ((15.2, 11.4), 0.3),
+}
+
+
+@pytest.mark.parametrize("side", [1, 7, 16])
+@pytest.mark.parametrize("where", ONE_WINDOW)
+def test_the_gradient_reaches_the_pictures_of_windows(where, side):
+    centre, scale = ONE_WINDOW[where]
+    drawn = torch.rand(2, 4, side, side)
+    drawn[1, 3] = 0  # below lies one that shows almost nothing
+    drawn[1, 3, -1, 0] = 1
+    weight, found = torch.randn(3, 24, 33), []
+    for blend, dtype in ((TILED, torch.float32), (DENSE, torch.float64)):
+        images = drawn.to(dtype).requires_grad_()
+        position, size = torch.tensor([centre, (15.3, 9.1)]).to(dtype), torch.tensor([scale, 30.0]).to(dtype)
+        layers = Windows(images, position, size, torch.full((2,), 0.7, dtype=dtype), torch.zeros(2, 3, dtype=dtype))
+        image = blend(layers, torch.arange(2), (24, 33), BACKGROUND.to(dtype)).image
+        (image * weight.to(dtype)).sum().backward()
+        shows = drawn[:, 3:] > 0
+        found += [image.detach().double(), torch.where(shows, images.grad, 0).double()]
+    torch.testing.assert_close(found[0], found[2], atol=1e-4, rtol=0)
+    torch.testing.assert_close(found[1], found[3], atol=1e-3, rtol=1e-3)
+
+
+def test_tiles_where_a_window_shows_nothing_are_not_listed():
+    images = torch.rand(1, 4, 16, 16)
+    images[0, 3, :, 4:] = 0
+    layers = Windows(images, torch.full((1, 2), 32.0), torch.tensor([63.5]), torch.ones(1), torch.zeros(1, 3))
+    order = torch.zeros(1, dtype=torch.long)
+    assert 0 < len(tile_lists(*layers.compiled().boxes, order, (64, 64), boxes_only=True).stroke) <= 3 * 8
+    assert len(tile_lists(layers.curve, layers.reach, order, (64, 64)).stroke) == 64
+
+
+def test_pictures_of_windows_may_lie_in_memory_as_they_like():
+    layers = Noise()(random_strokes(10, (20, 30)))
+    turned = layers.images.to(memory_format=torch.channels_last)
+    assert not turned.is_contiguous()
+    both = (layers, replace(layers, images=turned))
+    assert torch.equal(*(Tiled()(kind, torch.arange(10), (20, 30), BACKGROUND).image for kind in both))
+
+
+@inline
+def twice(x):
+    return 2 * x
+
+
+@inline
+def thrice(x):
+    return 3 * x
+
+
+@inline
+def part(x):
+    """Stands for another."""
+
+
+@function
+def apply(values):
+    for k in range(len(values)):
+        values[k] = part(values[k])
+
+
+def test_parts_make_kernels_of_their_own():
+    values, names = np.ones(3), set()
+    for choice in (twice, thrice, twice):
+        chosen = apply.having(part=choice)
+        chosen(values)
+        names.add(chosen.dispatcher.py_func.__qualname__)
+    assert values.tolist() == [12.0] * 3
+    assert len(names) == 2, "machine code is kept under a name for each choice of parts"
+
+
+def test_numba_is_not_imported_before_a_kernel_is_called():
+    code = "import sys; from brushexp.plugins.blend.tiled import Tiled; Tiled(); sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
