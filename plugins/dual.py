@@ -10,12 +10,13 @@ windows on the canvas, saves memory and loads the weights of ``checkpoint``;
 """
 
 from itertools import pairwise
+from typing import Annotated
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from brushexp.errors import UserError
+from brushexp.bounds import between, multiple_of
 from brushexp.plugins.renderer.base import PatchRenderer, Precision
 from brushexp.registry import register
 
@@ -35,17 +36,13 @@ class Dual(PatchRenderer):
     def __init__(
         self,
         *,
-        window: int = 64,
-        width: int = 32,
-        shading: float = 0.5,
+        window: Annotated[int, multiple_of(16)] = 64,  # a bound: what else is typed is refused with the nearest one
+        width: Annotated[int, between(1, 1024)] = 32,
+        shading: Annotated[float, between(0, 1)] = 0.5,
         precision: Precision = Precision.float32,
         checkpoint: str | None = None,
     ) -> None:
         super().__init__()
-        if window < 16 or window % 16:  # what a user can mend is a UserError that says how
-            raise UserError(f"renderer.window={window} is not a multiple of 16; try renderer.window=64")
-        if not 1 <= width <= 1024:
-            raise UserError(f"renderer.width={width} is not a number of channels, 1 to 1024; try renderer.width=32")
         self.window = window  # the contract: draw() makes pictures of this side
         self.shading = shading
         self.precision = precision

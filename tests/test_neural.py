@@ -209,13 +209,13 @@ def test_the_default_is_as_small_as_promised():
     [
         ({"window": 100}, "renderer.window=100 is not 64, 128 or 256"),
         ({"subpixel": 3}, "try renderer.subpixel=2"),
-        ({"width": 0}, "renderer.width=0 is not a number of channels"),
+        ({"width": 0}, "renderer.width=0 is not 1 to 4096"),
         ({"dense": []}, "renderer.dense"),
     ],
 )
 def test_wrong_options_are_refused(options, message):
     with pytest.raises(UserError, match=message):
-        tiny(**options)
+        build_named("renderer", "neural", options)
 
 
 OPTIONS = {

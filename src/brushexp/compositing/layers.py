@@ -9,6 +9,7 @@ from torch import Tensor
 
 from brushexp.compositing.tile_kernel import TileKernel
 
+Size = tuple[int, int]  # height and width of a canvas, pixels
 SPREAD = 1.5  # half widths that textures reach to either side of the curve, and beyond its ends
 EDGE = 2.0  # pixels that a soft edge may add to a stroke
 

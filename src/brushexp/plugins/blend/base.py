@@ -7,7 +7,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from brushexp.compositing.layers import Layers
+from brushexp.compositing.layers import Layers, Size
 
 
 @dataclass(frozen=True)
@@ -51,12 +51,7 @@ class Blend(ABC):
 
     @abstractmethod
     def __call__(
-        self,
-        layers: Layers,
-        front_to_back: Tensor,
-        size: tuple[int, int],
-        background: Tensor,
-        target: Tensor | None = None,
+        self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None
     ) -> Canvas:
         """Paint ``layers`` on a canvas of ``size`` (H, W), differentiable in every tensor of ``layers``.
 
@@ -69,13 +64,7 @@ class Blend(ABC):
         """
 
     def importance(
-        self,
-        layers: Layers,
-        front_to_back: Tensor,
-        size: tuple[int, int],
-        background: Tensor,
-        target: Tensor,
-        weight: Tensor,
+        self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor, weight: Tensor
     ) -> Tensor | None:
         """By how much the squared error would grow without each of the N strokes; None if it has no quick way to tell.
 

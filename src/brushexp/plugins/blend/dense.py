@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from brushexp.compositing.layers import Layers
+from brushexp.compositing.layers import Layers, Size
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend, Canvas, accuracy_of, alike, pixel_centres
 from brushexp.registry import register
@@ -15,15 +15,12 @@ LIMIT = 4e8  # stroke-pixel pairs: above this the intermediate tensors take tens
 class Dense(Blend):
     """All strokes at all pixels in plain PyTorch, any dtype: slow, obvious, what the others are tested against."""
 
+    cost = "grows with strokes times pixels"
+
     def __init__(self) -> None: ...
 
     def __call__(
-        self,
-        layers: Layers,
-        front_to_back: Tensor,
-        size: tuple[int, int],
-        background: Tensor,
-        target: Tensor | None = None,
+        self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None
     ) -> Canvas:
         height, width = size
         background, target = alike(layers, background, target)

@@ -1,12 +1,14 @@
 """The default blend: per tile of pixels, only the strokes that touch it and can be seen."""
 
 from enum import Enum
+from typing import Annotated
 
 import torch
 from torch import Tensor
 
+from brushexp.bounds import between
 from brushexp.compositing.eager import paint_tiles
-from brushexp.compositing.layers import KernelInput, Layers
+from brushexp.compositing.layers import KernelInput, Layers, Size
 from brushexp.compositing.rasterization import Painted, Rasterization
 from brushexp.compositing.tile_lists import tile_lists
 from brushexp.errors import UserError
@@ -34,19 +36,16 @@ class Tiled(Blend):
         kernel: numba (compiled, float32, CPU), torch (anything, slower), or auto: numba where it can.
     """
 
-    def __init__(self, *, opaque: float = 5e-5, kernel: Backend = Backend.auto) -> None:
-        if not 0 <= opaque < 1:
-            raise UserError(f"blend.opaque={opaque:g} is not a fraction below 1; try blend.opaque=5e-5")
+    cost = "1"
+    exact = "but for `opaque`"
+    runs_on = "CPU in float32; anything else in PyTorch, slower"
+
+    def __init__(self, *, opaque: Annotated[float, between(0, 0.99)] = 5e-5, kernel: Backend = Backend.auto) -> None:
         self.opaque = opaque
         self.kernel = kernel
 
     def __call__(
-        self,
-        layers: Layers,
-        front_to_back: Tensor,
-        size: tuple[int, int],
-        background: Tensor,
-        target: Tensor | None = None,
+        self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None
     ) -> Canvas:
         background, target = alike(layers, background, target)
         given = self._compiled(layers)
@@ -64,13 +63,7 @@ class Tiled(Blend):
         return paint_tiles(layers, front_to_back, size, background, target, over)
 
     def importance(
-        self,
-        layers: Layers,
-        front_to_back: Tensor,
-        size: tuple[int, int],
-        background: Tensor,
-        target: Tensor,
-        weight: Tensor,
+        self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor, weight: Tensor
     ) -> Tensor | None:
         given = self._compiled(layers)
         if given is None:
@@ -84,7 +77,7 @@ class Tiled(Blend):
         return layers.compiled() if able and self.kernel is not Backend.torch else None
 
     def _rasterization(
-        self, given: KernelInput, layers: Layers, front_to_back: Tensor, size: tuple[int, int], background: Tensor
+        self, given: KernelInput, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor
     ) -> Rasterization:
         share_threads()
         curve, reach = given.boxes or (layers.curve, layers.reach)

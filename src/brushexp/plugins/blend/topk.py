@@ -1,13 +1,14 @@
 """The thesis's blend: only the k uppermost strokes of each pixel."""
 
 from functools import partial
+from typing import Annotated
 
 import torch
 from torch import Tensor
 
+from brushexp.bounds import at_least
 from brushexp.compositing.eager import paint_tiles
-from brushexp.compositing.layers import Layers
-from brushexp.errors import UserError
+from brushexp.compositing.layers import Layers, Size
 from brushexp.plugins.blend.base import Blend, Canvas, alike
 from brushexp.plugins.blend.dense import over
 from brushexp.plugins.blend.tiled import Tiled
@@ -23,23 +24,19 @@ class TopK(Blend):
     background.
 
     Args:
-        k: strokes that are blended per pixel, at least 1; null: as many as the fullest pixel has, as in the thesis.
+        k: strokes that are blended per pixel; null: as many as the fullest pixel has, as in the thesis.
             Then none is left out, so ``tiled`` computes it.
     """
 
-    def __init__(self, *, k: int | None = 8) -> None:
-        if k is not None and k < 1:
-            raise UserError(f"blend.k={k} blends nothing; use blend.k=8 or another number from 1")
+    cost = "about 300"
+    exact = "the k uppermost strokes"
+
+    def __init__(self, *, k: Annotated[int, at_least(1)] | None = 8) -> None:
         self._exact = Tiled(opaque=0)
         self.k = k
 
     def __call__(
-        self,
-        layers: Layers,
-        front_to_back: Tensor,
-        size: tuple[int, int],
-        background: Tensor,
-        target: Tensor | None = None,
+        self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None
     ) -> Canvas:
         if self.k is None:
             return self._exact(layers, front_to_back, size, background, target)
@@ -47,13 +44,7 @@ class TopK(Blend):
         return paint_tiles(layers, front_to_back, size, background, target, partial(_uppermost, self.k))
 
     def importance(
-        self,
-        layers: Layers,
-        front_to_back: Tensor,
-        size: tuple[int, int],
-        background: Tensor,
-        target: Tensor,
-        weight: Tensor,
+        self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor, weight: Tensor
     ) -> Tensor | None:
         if self.k is None:
             return self._exact.importance(layers, front_to_back, size, background, target, weight)

@@ -1,9 +1,11 @@
 """The closed-form stroke: needs no training and is drawn by the compiled kernels."""
 
+from typing import Annotated
+
 from torch import Tensor
 
+from brushexp.bounds import between
 from brushexp.compositing.profile import Profile
-from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of
@@ -15,16 +17,16 @@ class Analytic(Renderer):
     """Quadratic Bezier stroke of one colour with round ends and a soft edge.
 
     Args:
-        soft: width of the edge in pixels of the picture, > 0; wider gives smoother gradients and a softer picture.
+        soft: width of the edge in pixels of the picture; wider gives smoother gradients and a softer picture.
         taper: how much thinner the two ends are than the middle, 0 (not at all) to 1 (pointed).
     """
 
-    def __init__(self, *, soft: float = 2.0, taper: float = 0.0) -> None:
+    cost, weights, strokes = "1", "none", "all"
+
+    def __init__(
+        self, *, soft: Annotated[float, between(0.1, 100)] = 2.0, taper: Annotated[float, between(0, 1)] = 0.0
+    ) -> None:
         super().__init__()
-        if not 0.1 <= soft <= 100:
-            raise UserError(f"renderer.soft={soft:g} is not a width of 0.1 to 100 pixels; try renderer.soft=2")
-        if not 0 <= taper <= 1:
-            raise UserError(f"renderer.taper={taper:g} is outside 0 to 1; try renderer.taper=0.5")
         self.soft = soft
         self.taper = taper
 

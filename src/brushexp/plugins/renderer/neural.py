@@ -2,11 +2,13 @@
 
 from collections.abc import Callable
 from enum import Enum
+from typing import Annotated
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from brushexp.bounds import between
 from brushexp.errors import UserError
 from brushexp.plugins.renderer._fields import PLANES, stroke_planes
 from brushexp.plugins.renderer.base import PatchRenderer, Precision
@@ -107,9 +109,9 @@ class Neural(PatchRenderer):
         self,
         *,
         window: int = 64,
-        width: int = 32,
-        widest: int = 96,
-        dense: list[int] = [256, 256],  # noqa: B006
+        width: Annotated[int, between(1, 4096)] = 32,
+        widest: Annotated[int, between(1, 4096)] = 96,
+        dense: Annotated[list[int], between(1, 65536)] = [256, 256],  # noqa: B006
         subpixel: int = 2,
         coordconv: Coordinates = Coordinates.stroke,
         tint: bool = True,
@@ -124,7 +126,7 @@ class Neural(PatchRenderer):
         super().__init__()
         if channels is None and checkpoint is not None:
             channels = RENDERERS.read_recipe(RENDERERS.path_of(checkpoint))["options"].get("channels")
-        _check(window, subpixel, {"width": width, "widest": widest}, dense)
+        _check(window, subpixel, dense)
         self.window = window
         self.precision = precision
         self.subpixel = subpixel
@@ -256,16 +258,13 @@ def _initialise(module: nn.Module) -> None:
             nn.init.zeros_(module.bias)
 
 
-def _check(window: int, subpixel: int, widths: dict[str, int], dense: list[int]) -> None:
+def _check(window: int, subpixel: int, dense: list[int]) -> None:
     if window not in (64, 128, 256):
         raise UserError(f"renderer.window={window} is not 64, 128 or 256; try renderer.window=64")
     if subpixel not in (1, 2, 4):
         raise UserError(f"renderer.subpixel={subpixel} is not 1, 2 or 4; try renderer.subpixel=2")
-    for key, value in widths.items():
-        if not 1 <= value <= 4096:
-            raise UserError(f"renderer.{key}={value} is not a number of channels, 1 to 4096; try renderer.{key}=32")
-    if not dense or not all(1 <= value <= 65536 for value in dense):
-        raise UserError(f"renderer.dense={dense} are not one or more widths; try 'renderer.dense=[256,256]'")
+    if not dense:
+        raise UserError("renderer.dense=[] has no width; try 'renderer.dense=[256,256]'")
 
 
 def _checked(channels: list[int], count: int) -> list[int]:

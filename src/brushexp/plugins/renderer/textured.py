@@ -2,11 +2,13 @@
 
 import math
 from collections.abc import Callable
+from typing import Annotated
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from brushexp.bounds import between
 from brushexp.compositing.layers import SPREAD
 from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.textures import cells_of, coordinates_of, extent_of, smoothed, texel_distances
@@ -51,19 +53,15 @@ class Textured(Renderer):
     def __init__(
         self,
         *,
-        variants: int = 8,
-        widths: int = 4,
-        rows: int = 24,
-        columns: int = 32,
+        variants: Annotated[int, between(1, 256)] = 8,
+        widths: Annotated[int, between(1, 256)] = 4,
+        rows: Annotated[int, between(4, 256)] = 24,
+        columns: Annotated[int, between(1, 256)] = 32,
         checkpoint: str | None = RENDERERS.shipped_name("textured"),
     ) -> None:
         super().__init__()
-        options = {"variants": variants, "widths": widths, "rows": rows, "columns": columns}
-        for key, value in options.items():
-            if not 1 <= value <= 256:
-                raise UserError(f"renderer.{key}={value} is not a number from 1 to 256; leave it at its default")
-        if rows % 2 or rows < 4:
-            raise UserError(f"renderer.rows={rows} is not an even number of at least 4; try renderer.rows=24")
+        if rows % 2:
+            raise UserError(f"renderer.rows={rows} is not even; try renderer.rows={rows + 1}")
         self.variants, self.widths = variants, widths
         self.textures = nn.Parameter(bristles(variants, widths, rows, columns))
         self.register_buffer(

@@ -1,0 +1,18 @@
+"""The examples in docstrings do what they show."""
+
+import doctest
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+SOURCE = Path(__file__).parents[1] / "src"
+MODULES = [path for path in SOURCE.rglob("*.py") if ">>> " in path.read_text()]
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(SOURCE)))
+def test_examples_in_docstrings_run(path):
+    module = import_module(".".join(path.relative_to(SOURCE).with_suffix("").parts))
+    result = doctest.testmod(module)
+    assert result.attempted > 0
+    assert result.failed == 0
