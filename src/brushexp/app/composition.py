@@ -44,12 +44,15 @@ def offer_presets(family: str, paths: dict[str, Path]) -> None:
         if name not in paths or paths[name].read_text(encoding="utf-8").startswith("# @package"):
             return None
         values = OmegaConf.load(paths[name])
+        assert isinstance(values, DictConfig)
         bases = [str(base).removesuffix("@_here_") for base in values.pop("defaults", []) if base != "_self_"]
         base = resolved(bases[0]) if len(bases) == 1 and bases[0] != name else None
         if base is None or (bases[0] in values and bases[0] not in base):
             return None
         try:
-            return OmegaConf.merge(base, values)
+            merged = OmegaConf.merge(base, values)
+            assert isinstance(merged, DictConfig)
+            return merged
         except OmegaConfBaseException as error:
             raise UserError(f"{paths[name]} does not fit {family}={bases[0]}: {error.msg}; correct it") from error
 
@@ -118,7 +121,7 @@ def check_chosen(cfg: DictConfig) -> None:
 
 def nodes_of(cfg: DictConfig, above: str = "") -> Iterator[tuple[str, DictConfig]]:
     """What is typed before the options of each chosen plugin, and its part of the config."""
-    for name, node in cfg.items():
+    for name, node in ((str(key), node) for key, node in cfg.items()):
         if isinstance(node, DictConfig) and (above or name in FAMILIES or name == "style"):
             if "_target_" in node:
                 yield f"{above}{name}", node

@@ -324,7 +324,7 @@ def keys_of(schema: type[Any], above: str = "") -> dict[str, Key]:
         if not item.metadata:
             found |= keys_of(hints[item.name], f"{above}{item.name}.")
             continue
-        default = item.default if item.default is not NO_DEFAULT else item.default_factory()  # type: ignore[misc]
+        default = item.default_factory() if item.default_factory is not NO_DEFAULT else item.default
         name = above + item.name
         found[name] = Key(name, hints[item.name], default, item.metadata["meaning"], item.metadata["bounds"])
     return found
@@ -351,7 +351,9 @@ def groups_of(schema: type[Task]) -> list[str]:
 def publish() -> None:
     """Make every task a choice of Hydra's group ``task``."""
     for name, schema in TASKS.items():
-        several = {family: {} for family in MULTI_SELECT if family in groups_of(schema)}  # keeps the key of loss=[]
+        several: dict[str, Any] = {
+            family: {} for family in MULTI_SELECT if family in groups_of(schema)
+        }  # keeps the key of loss=[]
         typed = _untied(OmegaConf.structured(schema))
         node = OmegaConf.merge({"task": name}, several, typed, schema.settings)
         node = OmegaConf.merge({"defaults": schema.defaults or ["_self_"]}, node)
