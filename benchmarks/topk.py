@@ -15,7 +15,7 @@ from PIL import Image
 
 from brushexp.app.command_line import prepare
 from brushexp.painting.metrics import psnr_of
-from brushexp.painting.outputs import renderer_of, work_of
+from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.blend.topk import TopK
@@ -26,7 +26,7 @@ from brushexp.strokes.storage import load_catalogue
 def psnr(folder: Path, blend: Blend) -> float:
     """PSNR of a run's catalogue, drawn anew, against the run's target."""
     saved = load_catalogue(folder / "catalogue.h5")
-    picture = pixels(work_of(saved, renderer_of(saved), blend, saved.renderer)).astype(np.float64)
+    picture = pixels(export_job(saved, renderer_of(saved), blend, saved.renderer)).astype(np.float64)
     with Image.open(folder / "target.png") as image:
         target = np.asarray(image).astype(np.float64)
     return psnr_of(float(((picture - target) ** 2).mean()) / 255**2)

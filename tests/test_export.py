@@ -26,10 +26,10 @@ from brushexp.app.tasks.export import with_renderer
 from brushexp.compositing.profile import smooth_rise
 from brushexp.errors import UserError
 from brushexp.painting.assembly import strokes_from
-from brushexp.painting.outputs import renderer_of, work_of
+from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.export.base import Exporter, Work, counted
+from brushexp.plugins.export.base import Exporter, ExportJob, counted
 from brushexp.plugins.export.csv import Csv
 from brushexp.plugins.export.json import Json
 from brushexp.plugins.export.png import Png, pixels
@@ -52,14 +52,14 @@ ATTRIBUTES = {"height": 3, "width": 4, "renderer": "analytic", "renderer_hash": 
 resvg = pytest.importorskip("resvg_py", reason="pip install resvg-py: it draws our SVG independently")
 
 
-def work(
+def job_of(
     strokes: Strokes, size: tuple[int, int] = SIZE, *, soft: float = 2.0, taper: float = 0.0, seed: int = 0
-) -> Work:
+) -> ExportJob:
     """Strokes in a random order on a coloured canvas."""
     depth = torch.randperm(len(strokes), generator=torch.Generator().manual_seed(seed)).int()
     renderer = Analytic(soft=soft, taper=taper)
     background = torch.tensor([0.9, 0.85, 0.7])
-    return Work(strokes, depth, size, background, renderer, Tiled(), "analytic", "run <1> & more.h5", 7, CONFIG)
+    return ExportJob(strokes, depth, size, background, renderer, Tiled(), "analytic", "run <1> & more.h5", 7, CONFIG)
 
 
 def some(n: int = 9, size: tuple[int, int] = SIZE, seed: int = 0) -> Strokes:
@@ -76,7 +76,7 @@ def exporter(name: str) -> Exporter:
     return made
 
 
-def written(name: str, what: Work, folder: Path) -> dict[str, bytes]:
+def written(name: str, what: ExportJob, folder: Path) -> dict[str, bytes]:
     """Names and contents of the files that an exporter wrote, after a look at what every one promises."""
     folder.mkdir(parents=True)
     paths = exporter(name).write(what, folder)
@@ -108,7 +108,7 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
 @pytest.mark.parametrize("name", EXPORTERS)
 def test_an_exporter_writes_the_same_files_again_and_leaves_the_work_as_it_was(name, tmp_path):
     strokes = some()
-    what = work(strokes.map(torch.clone))
+    what = job_of(strokes.map(torch.clone))
     depth = what.depth.clone()
     first = written(name, what, tmp_path / "a")
     assert all(first.values()), "no file is empty"
@@ -123,11 +123,11 @@ def test_an_exporter_writes_the_same_files_again_and_leaves_the_work_as_it_was(n
 @pytest.mark.parametrize("scene", ["no strokes", "one stroke", "one pixel", "a column", "nothing to see"])
 def test_an_exporter_writes_an_extreme_painting_or_says_why_not(name, scene, tmp_path):
     what = {
-        "no strokes": lambda: work(some(0)),
-        "one stroke": lambda: work(some(1)),
-        "one pixel": lambda: work(some(3, (1, 1)), (1, 1)),
-        "a column": lambda: work(some(3, (40, 1)), (40, 1)),
-        "nothing to see": lambda: work(degenerate()),
+        "no strokes": lambda: job_of(some(0)),
+        "one stroke": lambda: job_of(some(1)),
+        "one pixel": lambda: job_of(some(3, (1, 1)), (1, 1)),
+        "a column": lambda: job_of(some(3, (40, 1)), (40, 1)),
+        "nothing to see": lambda: job_of(degenerate()),
     }[scene]()
     why = ""
     try:
@@ -141,7 +141,7 @@ def test_an_exporter_writes_an_extreme_painting_or_says_why_not(name, scene, tmp
 @pytest.mark.parametrize("name", EXPORTERS)
 def test_an_exporter_that_may_not_write_says_so_in_one_line(name, tmp_path):
     with pytest.raises(UserError, match=r"cannot (write|use)") as caught:
-        exporter(name).write(work(some(3)), tmp_path / "missing")
+        exporter(name).write(job_of(some(3)), tmp_path / "missing")
     assert "\n" not in str(caught.value)
 
 
@@ -162,14 +162,14 @@ def degenerate() -> Strokes:
 )
 def test_another_renderer_draws_the_svg_like_the_painting(taper, outlines, least, tmp_path):
     strokes = random_strokes(150, (96, 128), width=(0.1, 0.4), bend=0.3)
-    what = work(strokes, (96, 128), taper=taper)
+    what = job_of(strokes, (96, 128), taper=taper)
     (path,) = Svg(outlines=outlines).write(what, tmp_path)
     assert psnr(drawn(path.read_bytes()), pixels(what)) > least
 
 
 @pytest.mark.parametrize("soft", [0.5, 2.0, 6.0])
 def test_several_outlines_make_a_soft_edge(soft, tmp_path):
-    what = work(straight((20, 18), (32, 20), width=14, opacity=0.8), soft=soft)
+    what = job_of(straight((20, 18), (32, 20), width=14, opacity=0.8), soft=soft)
     found = [psnr(drawn(Svg(outlines=k).write(what, tmp_path)[0].read_bytes()), pixels(what)) for k in (1, 6)]
     assert found[1] > found[0] - 0.5
     assert found[1] > 36
@@ -190,14 +190,14 @@ def test_curves_that_fold_and_strokes_without_length_are_drawn(taper, tmp_path):
         stroke = Strokes(
             there, torch.tensor([30.0]), start, control, end, torch.tensor([0.3]), torch.zeros(1, 3), torch.ones(1)
         )
-        what = replace(work(stroke, taper=taper), blend=Dense())
+        what = replace(job_of(stroke, taper=taper), blend=Dense())
         (path,) = Svg(outlines=2).write(what, tmp_path)
         assert psnr(drawn(path.read_bytes()), pixels(what)) > 30, name
 
 
 @pytest.mark.parametrize("width", [0.05, 0.3, 1.0, 1.9, 2.1, 5.0])
 def test_a_thin_stroke_fades_as_it_does_in_the_painting(width, tmp_path):
-    what = work(straight((8, 6.3), (44, 29.6), width=width, color=(0.0, 0.0, 0.0)))
+    what = job_of(straight((8, 6.3), (44, 29.6), width=width, color=(0.0, 0.0, 0.0)))
     ours, theirs = (
         255 - picture.astype(float) for picture in (pixels(what), drawn(Svg().write(what, tmp_path)[0].read_bytes()))
     )
@@ -219,7 +219,7 @@ def test_outlines_cover_what_a_soft_stroke_does():
 
 
 def test_the_svg_has_a_path_for_each_stroke_that_can_be_seen_bottom_first(tmp_path):
-    what = work(degenerate())
+    what = job_of(degenerate())
     (path,) = Svg(digits=3).write(what, tmp_path)
     name = "{http://www.w3.org/2000/svg}"
     root = ET.fromstring(path.read_text())
@@ -244,7 +244,7 @@ def test_the_svg_has_a_path_for_each_stroke_that_can_be_seen_bottom_first(tmp_pa
     "source", ["a\x00b\x1b\ud800.h5", "<script>alert(1)</script>", "--> ]]> &amp; \"'", "größe 画.h5"]
 )
 def test_no_name_of_a_file_breaks_the_svg(source, tmp_path):
-    (path,) = Svg().write(replace(work(some(2)), source=source), tmp_path)
+    (path,) = Svg().write(replace(job_of(some(2)), source=source), tmp_path)
     root = ET.fromstring(path.read_text(encoding="utf-8"))
     seen = re.sub("[\x00-\x1f\ud800]", "?", source)
     assert f"from {seen};" in root.find("{http://www.w3.org/2000/svg}desc").text
@@ -259,16 +259,16 @@ def test_no_name_of_a_file_breaks_the_svg(source, tmp_path):
 
 
 def test_the_svg_says_when_the_renderer_has_textures(tmp_path):
-    textured = replace(work(some(4)), renderer=build_named("renderer", "textured", {}).eval(), name="textured")
+    textured = replace(job_of(some(4)), renderer=build_named("renderer", "textured", {}).eval(), name="textured")
     (path,) = Svg().write(textured, tmp_path)
     assert "The renderer textured gives them a texture, which paths cannot hold." in path.read_text()
     assert path.read_text().count("<path") == 4 + 2
-    (plain,) = Svg().write(work(some(4)), tmp_path)
+    (plain,) = Svg().write(job_of(some(4)), tmp_path)
     assert "texture" not in plain.read_text()
 
 
 def test_coordinates_have_as_many_decimals_as_wanted(tmp_path):
-    what = work(some(200, (300, 400)), (300, 400))
+    what = job_of(some(200, (300, 400)), (300, 400))
     sizes = [Svg(digits=digits).write(what, tmp_path)[0].stat().st_size for digits in (0, 2, 6)]
     assert sizes == sorted(sizes)
     assert sizes[1] / 200 < 110, "10,000 strokes are about a megabyte"
@@ -288,7 +288,7 @@ def saved(n: int = 7, size: tuple[int, int] = (30, 50)) -> Saved:
 
 
 def exported(what: Saved, folder: Path) -> Path:
-    (path,) = Json().write(work_of(what, renderer_of(what), Tiled(), what.renderer), folder)
+    (path,) = Json().write(export_job(what, renderer_of(what), Tiled(), what.renderer), folder)
     return path
 
 
@@ -344,7 +344,7 @@ def test_edited_strokes_are_painted(tmp_path):
     read = load_catalogue(path)
     assert read.depth.tolist() == list(range(6)), "without depth, the first is at the bottom"
     assert read.strokes.color[0].tolist() == [1, 0, 0.5]
-    assert pixels(work_of(read, renderer_of(read), Tiled(), "", 100)).shape == (60, 100, 3)
+    assert pixels(export_job(read, renderer_of(read), Tiled(), "", 100)).shape == (60, 100, 3)
     assert len(strokes_from(path, (60, 100))) == 6, "and task=paint goes on from them"
 
 
@@ -392,9 +392,9 @@ def test_a_wrong_value_is_explained(change, message, tmp_path):
 
 def test_strokes_that_could_not_be_read_back_are_not_written(tmp_path):
     small = replace(saved(), strokes=replace(saved().strokes, scale=torch.full((7,), 0.01)))
-    work = work_of(small, renderer_of(small), Tiled(), small.renderer, resolution=1)
+    job = export_job(small, renderer_of(small), Tiled(), small.renderer, resolution=1)
     with pytest.raises(UserError, match=r"to=json .*scale is .*; choose another resolution"):
-        Json().write(work, tmp_path)
+        Json().write(job, tmp_path)
     assert not list(tmp_path.iterdir())
 
 
@@ -500,7 +500,7 @@ def test_the_table_has_the_strokes_in_pixels_bottom_first(tmp_path):
     strokes = Strokes.join(
         straight((10, 20), (30, 20), width=4), straight((5, 30), (5, 10), width=1, color=(0, 0.5, 1), opacity=0.25)
     )
-    what = replace(work(strokes), depth=torch.tensor([1, 0]).int())
+    what = replace(job_of(strokes), depth=torch.tensor([1, 0]).int())
     (path,) = Csv().write(what, tmp_path)
     first, second = csv.DictReader(path.read_text().splitlines())
     numbers = {key: float(value) for key, value in first.items()}
@@ -515,14 +515,14 @@ def test_the_table_has_the_strokes_in_pixels_bottom_first(tmp_path):
 
 
 def test_a_point_has_no_direction_in_the_table(tmp_path):
-    (path,) = Csv().write(work(degenerate()), tmp_path)
+    (path,) = Csv().write(job_of(degenerate()), tmp_path)
     rows = {row["stroke"]: row for row in csv.DictReader(path.read_text().splitlines())}
     assert rows["0"]["direction_deg"] == ""
     assert float(rows["0"]["length_px"]) < 1e-6
 
 
 def test_the_table_of_no_strokes_has_a_header(tmp_path):
-    (path,) = Csv().write(work(some(0)), tmp_path)
+    (path,) = Csv().write(job_of(some(0)), tmp_path)
     assert len(path.read_text().splitlines()) == 1
 
 
@@ -532,7 +532,7 @@ def test_the_table_of_no_strokes_has_a_header(tmp_path):
 @pytest.mark.parametrize("compression", [1, 9])
 def test_the_png_has_the_pixels_of_the_painting(compression, tmp_path, monkeypatch):
     monkeypatch.setattr("brushexp.compositing.bands.BAND", 52 * 7)
-    what = work(some(40))
+    what = job_of(some(40))
     (path,) = Png(compression=compression).write(what, tmp_path)
     assert np.array_equal(picture(path), pixels(what))
 
@@ -543,7 +543,7 @@ def test_a_level_of_compression_that_is_none_is_refused():
 
 
 def test_a_large_picture_has_a_bar_and_is_the_same(tmp_path, monkeypatch):
-    what = work(some(20))
+    what = job_of(some(20))
     small = pixels(what)
     monkeypatch.setattr("brushexp.plugins.export.base.LARGE", 1)
     assert np.array_equal(pixels(what), small)
@@ -555,7 +555,7 @@ def test_a_large_picture_has_a_bar_and_is_the_same(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", ["svg", "json", "csv", "png"])
 def test_fifty_thousand_strokes_are_written(name, tmp_path):
-    what = work(random_strokes(50_000, (120, 90), width=(0.05, 0.2)), (120, 90))
+    what = job_of(random_strokes(50_000, (120, 90), width=(0.05, 0.2)), (120, 90))
     assert written(name, what, tmp_path / "a")
 
 
@@ -563,7 +563,7 @@ def test_a_chosen_renderer_becomes_that_of_the_catalogue(tmp_path):
     chosen = OmegaConf.create({"_target_": "brushexp.plugins.renderer.analytic.Analytic", "soft": 5.0, "taper": 0.5})
     made, renderer = with_renderer(saved(), chosen, "a.h5")
     assert (renderer.soft, renderer.taper) == (5.0, 0.5)
-    (path,) = Json().write(work_of(made, renderer, Tiled(), made.renderer), tmp_path)
+    (path,) = Json().write(export_job(made, renderer, Tiled(), made.renderer), tmp_path)
     again = renderer_of(load_catalogue(path))
     assert (again.soft, again.taper) == (5.0, 0.5)
     assert OmegaConf.create(made.config).image == "größe.png"

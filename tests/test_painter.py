@@ -9,7 +9,7 @@ from scenes import Windowed, random_strokes
 
 from brushexp.compositing import bands as bands_module
 from brushexp.painting.components import Stage
-from brushexp.painting.outputs import work_of
+from brushexp.painting.outputs import export_job
 from brushexp.painting.painter import Painter
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export.png import pixels
@@ -77,9 +77,9 @@ def test_what_a_run_leaves_is_drawn_by_the_last_renderer():
 def test_bands_make_the_same_picture(renderer, monkeypatch):
     strokes = clamp_to_prior(random_strokes(60, SIZE))
     saved = Saved(strokes, torch.randperm(60).int(), SIZE, torch.rand(3), "", "", 0, "")
-    whole = pixels(work_of(saved, renderer, Tiled(opaque=0), "", 330))
+    whole = pixels(export_job(saved, renderer, Tiled(opaque=0), "", 330))
     monkeypatch.setattr(bands_module, "BAND", 330 * 16)
-    bands = pixels(work_of(saved, renderer, Tiled(opaque=0), "", 330))
+    bands = pixels(export_job(saved, renderer, Tiled(opaque=0), "", 330))
     assert whole.shape == (240, 330, 3)
     assert np.abs(whole.astype(int) - bands).max() <= 1
 
@@ -89,7 +89,7 @@ def test_bands_draw_only_the_strokes_that_touch_them(monkeypatch):
     saved = Saved(strokes, torch.randperm(60).int(), (1000, 33), torch.rand(3), "", "", 0, "")
     renderer = Windowed()
     monkeypatch.setattr(bands_module, "BAND", 33 * 50)
-    pixels(work_of(saved, renderer, Tiled(), ""))
+    pixels(export_job(saved, renderer, Tiled(), ""))
     assert renderer.drawn < 2 * 60
 
 
@@ -105,10 +105,10 @@ def test_bands_get_lower_where_strokes_are_many(monkeypatch):
             held.append(len(strokes))
             return super().forward(strokes, number)
 
-    picture = pixels(work_of(saved, Few(), Tiled(), ""))
+    picture = pixels(export_job(saved, Few(), Tiled(), ""))
     assert max(held) <= 10
     monkeypatch.setattr(Few, "at_once", None)
-    assert np.abs(picture - pixels(work_of(saved, Few(), Tiled(), "")).astype(int)).max() <= 1
+    assert np.abs(picture - pixels(export_job(saved, Few(), Tiled(), "")).astype(int)).max() <= 1
     assert held[-1] > 10
 
 

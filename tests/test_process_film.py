@@ -15,7 +15,7 @@ from brushexp.pictures.video import Format
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Backend, Tiled
 from brushexp.plugins.blend.topk import TopK
-from brushexp.plugins.export.base import Work
+from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.process import Pace, Process, fitted, layered, schedule, states, unfinished
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build_named
@@ -32,8 +32,8 @@ BLENDS = {
 }
 
 
-def work_of(n: int = 40, size: tuple[int, int] = (36, 52), renderer=None, blend=None) -> Work:
-    return Work(
+def export_job(n: int = 40, size: tuple[int, int] = (36, 52), renderer=None, blend=None) -> ExportJob:
+    return ExportJob(
         strokes=random_strokes(n, size),
         depth=torch.randperm(n).int(),
         size=size,
@@ -45,59 +45,59 @@ def work_of(n: int = 40, size: tuple[int, int] = (36, 52), renderer=None, blend=
     )
 
 
-def painted_at_once(work: Work, n: int) -> torch.Tensor:
+def painted_at_once(job: ExportJob, n: int) -> torch.Tensor:
     """The bottom ``n`` strokes, drawn directly."""
-    number = work.bottom_up[:n]
+    number = job.bottom_up[:n]
     with torch.no_grad():
-        layers = work.renderer(work.strokes[number], number)
-        return work.blend(layers, torch.arange(n).flip(0), work.size, work.background).image
+        layers = job.renderer(job.strokes[number], number)
+        return job.blend(layers, torch.arange(n).flip(0), job.size, job.background).image
 
 
-def whole(work: Work, counts: list[int]) -> list[np.ndarray]:
+def whole(job: ExportJob, counts: list[int]) -> list[np.ndarray]:
     """Shares of strokes that are there or not."""
-    return [(np.arange(len(work.strokes)) < count).astype(float) for count in counts]
+    return [(np.arange(len(job.strokes)) < count).astype(float) for count in counts]
 
 
-def painting(work: Work) -> np.ndarray:
-    return np.concatenate([to_bytes(band) for _, band in work.bands()])
+def painting(job: ExportJob) -> np.ndarray:
+    return np.concatenate([to_bytes(band) for _, band in job.bands()])
 
 
 @pytest.mark.parametrize("renderer", ["analytic", "textured", "neural"])
 def test_each_state_is_the_painting_of_its_strokes(renderer):
-    work = work_of(renderer=build_named("renderer", renderer, {}).eval())
-    for count, picture in zip([0, 1, 7, 7, 25, 40], states(work, whole(work, [0, 1, 7, 7, 25, 40])), strict=True):
-        torch.testing.assert_close(picture, painted_at_once(work, count), rtol=0, atol=2e-4)
+    job = export_job(renderer=build_named("renderer", renderer, {}).eval())
+    for count, picture in zip([0, 1, 7, 7, 25, 40], states(job, whole(job, [0, 1, 7, 7, 25, 40])), strict=True):
+        torch.testing.assert_close(picture, painted_at_once(job, count), rtol=0, atol=2e-4)
 
 
 @pytest.mark.parametrize("blend", BLENDS)
 def test_each_state_is_that_of_the_blend(blend):
-    work = work_of(60, (20, 28), blend=BLENDS[blend]())
-    for count, picture in zip([0, 3, 20, 60], states(work, whole(work, [0, 3, 20, 60])), strict=True):
-        torch.testing.assert_close(picture, painted_at_once(work, count), rtol=0, atol=2e-4)
+    job = export_job(60, (20, 28), blend=BLENDS[blend]())
+    for count, picture in zip([0, 3, 20, 60], states(job, whole(job, [0, 3, 20, 60])), strict=True):
+        torch.testing.assert_close(picture, painted_at_once(job, count), rtol=0, atol=2e-4)
 
 
 @pytest.mark.parametrize("blend", BLENDS)
 def test_a_blend_that_leaves_out_what_lies_deep_is_noticed(blend):
-    work = work_of(100, blend=BLENDS[blend]())
-    assert layered(work) == (blend != "topk 5")
+    job = export_job(100, blend=BLENDS[blend]())
+    assert layered(job) == (blend != "topk 5")
 
 
 def test_a_slow_blend_says_so(caplog):
-    list(states(work_of(30, (8, 8), blend=TopK(k=2)), [np.ones(30)]))
+    list(states(export_job(30, (8, 8), blend=TopK(k=2)), [np.ones(30)]))
     assert "try blend=tiled" in caplog.text
 
 
 def test_the_last_of_many_pictures_is_the_painting():
-    work = work_of(800, (70, 90))
-    *_, last = states(work, schedule(800, 250, 10.0, Pace.quickening, growing=True))
-    assert np.abs(to_bytes(last).astype(int) - painting(work)).max() <= 1
+    job = export_job(800, (70, 90))
+    *_, last = states(job, schedule(800, 250, 10.0, Pace.quickening, growing=True))
+    assert np.abs(to_bytes(last).astype(int) - painting(job)).max() <= 1
 
 
 def test_a_canvas_is_drawn_in_bands_like_any_other(monkeypatch):
-    work = work_of(50, (200, 40), renderer=Windowed())
-    unbanded = [picture.clone() for picture in states(work, whole(work, [10, 50]))]
+    job = export_job(50, (200, 40), renderer=Windowed())
+    unbanded = [picture.clone() for picture in states(job, whole(job, [10, 50]))]
     monkeypatch.setattr("brushexp.compositing.bands.BAND", 40 * 64)
-    for picture, expected in zip(states(work, whole(work, [10, 50])), unbanded, strict=True):
+    for picture, expected in zip(states(job, whole(job, [10, 50])), unbanded, strict=True):
         torch.testing.assert_close(picture, expected, rtol=0, atol=1e-5)
 
 
@@ -113,16 +113,16 @@ def test_a_growing_stroke_is_a_part_of_it():
 
 @pytest.mark.parametrize("blend", [Tiled(), TopK(k=5)])
 def test_strokes_that_grow_lie_on_those_that_are_finished(blend):
-    work = work_of(20, blend=blend)
+    job = export_job(20, blend=blend)
     share = np.concatenate([np.ones(15), [0.8, 0.5, 0.2], np.zeros(2)])
-    _, picture, last = (state.clone() for state in states(work, [np.zeros(20), share, np.ones(20)]))
-    number = work.bottom_up
-    strokes = unfinished(work.strokes[number[:18]], torch.from_numpy(share[:18]).float())
+    _, picture, last = (state.clone() for state in states(job, [np.zeros(20), share, np.ones(20)]))
+    number = job.bottom_up
+    strokes = unfinished(job.strokes[number[:18]], torch.from_numpy(share[:18]).float())
     with torch.no_grad():
-        layers = work.renderer(strokes, number[:18])
-        expected = work.blend(layers, torch.arange(18).flip(0), work.size, work.background).image
+        layers = job.renderer(strokes, number[:18])
+        expected = job.blend(layers, torch.arange(18).flip(0), job.size, job.background).image
     torch.testing.assert_close(picture, expected, rtol=0, atol=2e-4)
-    torch.testing.assert_close(last, painted_at_once(work, 20), rtol=0, atol=2e-4)
+    torch.testing.assert_close(last, painted_at_once(job, 20), rtol=0, atol=2e-4)
 
 
 @pytest.mark.parametrize("growing", [True, False])
@@ -154,7 +154,7 @@ def test_quickening_begins_slowly():
 @pytest.mark.parametrize(("seconds", "fps", "hold"), [(2.0, 25, 1.0), (1.0, 10, 0.0), (0.5, 50, 0.3), (0.1, 1, 2.0)])
 def test_films_are_as_long_as_was_asked(tmp_path, seconds, fps, hold):
     process = Process(seconds=seconds, fps=fps, hold=hold, format=Format.both)
-    video, gif = process.write(work_of(), tmp_path)
+    video, gif = process.write(export_job(), tmp_path)
     count = max(1, round(seconds * fps)) + round(hold * fps)
     frames, rate = decoded(video)
     assert (len(frames), rate) == (count, fps)
@@ -165,37 +165,37 @@ def test_films_are_as_long_as_was_asked(tmp_path, seconds, fps, hold):
 @pytest.mark.parametrize("size", [(36, 52), (33, 51), (1, 1), (1, 40)])
 @pytest.mark.parametrize("n", [0, 1, 30])
 def test_films_begin_with_the_canvas_and_end_with_the_painting(tmp_path, size, n):
-    work = work_of(n, size)
-    work = replace(work, strokes=replace(work.strokes, opacity=torch.ones(n)))
+    job = export_job(n, size)
+    job = replace(job, strokes=replace(job.strokes, opacity=torch.ones(n)))
     height, width = size
-    for path in Process(seconds=1.0, hold=0.2, format=Format.both).write(work, tmp_path):
+    for path in Process(seconds=1.0, hold=0.2, format=Format.both).write(job, tmp_path):
         frames = (decoded(path) if path.suffix == ".mp4" else unrolled(path))[0]
         assert max(frames[0].shape[0] - height, frames[0].shape[1] - width) <= 1
         first, last = (frames[k][:height, :width].astype(float) for k in (0, -1))
-        assert np.abs(first / 255 - work.background.numpy()).max() < 0.03
+        assert np.abs(first / 255 - job.background.numpy()).max() < 0.03
         rough = 12 if path.suffix == ".mp4" else 3  # a video has fewer colours than pixels
-        assert np.abs(last - painting(work)).mean() < rough
+        assert np.abs(last - painting(job)).mean() < rough
 
 
 def test_a_gif_is_drawn_at_its_own_size(tmp_path):
-    work = work_of(20, (60, 1200))
-    assert fitted(work, 4096) is work
-    small = fitted(work, 480)
+    job = export_job(20, (60, 1200))
+    assert fitted(job, 4096) is job
+    small = fitted(job, 480)
     assert small.size == (24, 480)
-    (gif,) = Process(seconds=0.5, hold=0.0, format=Format.gif).write(work, tmp_path)
+    (gif,) = Process(seconds=0.5, hold=0.0, format=Format.gif).write(job, tmp_path)
     last = unrolled(gif)[0][-1]
     assert np.abs(last.astype(float) - painting(small)).mean() < 3
 
 
 def test_without_av_the_process_is_a_gif(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "av", None)
-    assert Process(seconds=0.2).write(work_of(), tmp_path) == [tmp_path / "process.gif"]
+    assert Process(seconds=0.2).write(export_job(), tmp_path) == [tmp_path / "process.gif"]
 
 
 def test_strokes_of_nothing_are_laid_too(tmp_path):
-    work = replace(work_of(0), strokes=Strokes.none(), depth=torch.empty(0, dtype=torch.int32))
-    assert layered(work)
-    assert len(list(states(work, [np.ones(0)] * 2))) == 2
+    job = replace(export_job(0), strokes=Strokes.none(), depth=torch.empty(0, dtype=torch.int32))
+    assert layered(job)
+    assert len(list(states(job, [np.ones(0)] * 2))) == 2
 
 
 @pytest.mark.parametrize(
@@ -211,6 +211,8 @@ def test_impossible_films_are_refused(option, value):
 def test_a_slow_renderer_draws_each_stroke_once_unless_they_grow(tmp_path, growing, most):
     brush = Windowed()
     assert brush.warm_up is not None
-    work = replace(work_of(10, renderer=brush), strokes=random_strokes(200, (36, 52)), depth=torch.randperm(200).int())
-    Process(seconds=2.0, hold=0.0, growing=growing).write(work, tmp_path)
+    job = replace(
+        export_job(10, renderer=brush), strokes=random_strokes(200, (36, 52)), depth=torch.randperm(200).int()
+    )
+    Process(seconds=2.0, hold=0.0, growing=growing).write(job, tmp_path)
     assert (most - 1) * 200 / 2 < brush.drawn - 2 * 64 <= most * 200

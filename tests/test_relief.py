@@ -15,7 +15,7 @@ from brushexp.compositing.layers import Layers
 from brushexp.errors import UserError
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.export.base import Work
+from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.relief import Relief, levels_of
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer
@@ -29,11 +29,11 @@ from brushexp.strokes.catalogue import Strokes
 GREY = torch.tensor([0.5, 0.5, 0.5])
 
 
-def work_of(strokes, size, *, renderer=None, blend=None, depth=None):
+def export_job(strokes, size, *, renderer=None, blend=None, depth=None):
     depth = torch.arange(len(strokes), dtype=torch.int32) if depth is None else depth
     renderer = Analytic() if renderer is None else renderer
     blend = Tiled(opaque=0.0) if blend is None else blend
-    return Work(strokes, depth, size, GREY, renderer.eval(), blend, "analytic", "a test")
+    return ExportJob(strokes, depth, size, GREY, renderer.eval(), blend, "analytic", "a test")
 
 
 def thick(n, size, **options):
@@ -82,7 +82,7 @@ RENDERERS |= {"windows": Windowed(), "another kind": Other()}
 def test_heights_are_those_of_strokes_laid_one_after_another(name):
     size, strokes = (26, 39), thick(25, (26, 39))
     depth = torch.randperm(25).int()
-    work = work_of(strokes, size, renderer=RENDERERS[name], depth=depth)
+    job = export_job(strokes, size, renderer=RENDERERS[name], depth=depth)
     with torch.no_grad():  # textures as in painting
         layers = Impasto(RENDERERS[name], typical_width(strokes))(strokes)
     y, x = torch.meshgrid(torch.arange(size[0]), torch.arange(size[1]), indexing="ij")
@@ -94,7 +94,7 @@ def test_heights_are_those_of_strokes_laid_one_after_another(name):
             a = (alpha / CARRIED).reshape(size)  # of the stroke itself
             t = (color[..., 0] * CARRIED).expand(1, 1, -1).reshape(size)
             height = height * (1 - CARRIED * a) + a * t
-    found = height_of(work)
+    found = height_of(job)
     assert found.dtype == np.float32
     assert found.max() > 0
     np.testing.assert_allclose(found, height.numpy(), atol=2e-4)
@@ -105,7 +105,7 @@ def test_every_renderer_has_heights_between_the_canvas_and_the_thickest_paint(na
     renderer = build_named("renderer", name, {})
     strokes = renderer.clamp(thick(6, (20, 30)))
     with torch.no_grad():
-        height = height_of(work_of(strokes, (20, 30), renderer=renderer))
+        height = height_of(export_job(strokes, (20, 30), renderer=renderer))
     assert np.isfinite(height).all()
     assert height.min() >= 0
     thickest = 2 * float(half_width_of(strokes).max())
@@ -115,29 +115,29 @@ def test_every_renderer_has_heights_between_the_canvas_and_the_thickest_paint(na
 @pytest.mark.parametrize("name", [plugin.name for plugin in plugins("blend")])
 def test_every_blend_computes_them(name):
     size, strokes = (17, 30), thick(8, (17, 30))
-    exact = height_of(work_of(strokes, size, blend=Dense()))
+    exact = height_of(export_job(strokes, size, blend=Dense()))
     np.testing.assert_allclose(
-        height_of(work_of(strokes, size, blend=build_named("blend", name, {}))), exact, atol=2e-4
+        height_of(export_job(strokes, size, blend=build_named("blend", name, {}))), exact, atol=2e-4
     )
 
 
 def test_a_canvas_without_strokes_is_flat():
-    assert (height_of(work_of(Strokes.none(), (5, 9))) == 0).all()
+    assert (height_of(export_job(Strokes.none(), (5, 9))) == 0).all()
 
 
 def test_a_picture_of_one_pixel_has_a_height():
-    assert height_of(work_of(straight((-9, 0.5), (9, 0.5)), (1, 1))).shape == (1, 1)
+    assert height_of(export_job(straight((-9, 0.5), (9, 0.5)), (1, 1))).shape == (1, 1)
 
 
 @pytest.mark.parametrize("name", RENDERERS)
 def test_transparent_strokes_and_strokes_without_width_add_nothing(name):
     strokes = Strokes.join(straight((2, 3), (14, 9), opacity=0.0), straight((2, 9), (14, 3), width=0.0))
     strokes = strokes[:1] if name == "windows" else strokes  # a network draws no thinner ones than it knows
-    assert (height_of(work_of(strokes, (12, 17), renderer=RENDERERS[name])) == 0).all()
+    assert (height_of(export_job(strokes, (12, 17), renderer=RENDERERS[name])) == 0).all()
 
 
 def test_there_is_paint_where_the_stroke_is_and_nowhere_else():
-    height = height_of(work_of(straight((20, 15), (60, 15), width=12), (30, 80)))
+    height = height_of(export_job(straight((20, 15), (60, 15), width=12), (30, 80)))
     y, x = np.mgrid[:30, :80] + 0.5
     distance = np.hypot(y - 15, np.maximum(0, np.maximum(20 - x, x - 60)))
     assert (height[distance < 0.6 * 6] > 0.05 * FILM * 12).all()
@@ -147,7 +147,7 @@ def test_there_is_paint_where_the_stroke_is_and_nowhere_else():
 def test_paint_is_pushed_aside_and_stands_about_as_high_on_either_side():
     stroke, clear = (straight((20, 15), (60, 15), width=12, opacity=opacity) for opacity in (1.0, 0.0))
     brushes = [Strokes.join(*[clear] * number, stroke) for number in range(8)]
-    mean = np.mean([height_of(work_of(strokes, (30, 80)))[:, 25:55].mean(1) for strokes in brushes], axis=0)
+    mean = np.mean([height_of(export_job(strokes, (30, 80)))[:, 25:55].mean(1) for strokes in brushes], axis=0)
     middle, sides = mean[13:17].mean(), (mean[9:12].mean(), mean[18:21].mean())
     assert np.mean(sides) > 1.1 * middle
     assert sides[0] == pytest.approx(sides[1], rel=0.25)
@@ -156,7 +156,7 @@ def test_paint_is_pushed_aside_and_stands_about_as_high_on_either_side():
 
 def test_a_window_drawn_symmetrically_is_symmetrically_high():
     strokes = straight((8.5, 15.5), (42.5, 15.5), width=8)
-    height = height_of(work_of(strokes, (31, 51), renderer=Windowed()))
+    height = height_of(export_job(strokes, (31, 51), renderer=Windowed()))
     assert height.max() > 0
     np.testing.assert_allclose(height, height[::-1], atol=1e-5)
     assert np.unravel_index(height.argmax(), height.shape)[0] == pytest.approx(15, abs=2)
@@ -175,14 +175,14 @@ def test_turning_the_canvas_turns_the_paint():
         control=turned(strokes.control),
         end=turned(strokes.end),
     )
-    height, other = height_of(work_of(strokes, size)), height_of(work_of(around, size))
+    height, other = height_of(export_job(strokes, size)), height_of(export_job(around, size))
     np.testing.assert_allclose(np.rot90(height, -1), other, atol=2e-3)
 
 
 def test_a_stroke_on_top_leaves_some_of_the_paint_below():
     across, below = straight((0, 15), (80, 15), width=10), straight((40, 0), (40, 30), width=10)
-    alone = height_of(work_of(across, (30, 80)))
-    both = height_of(work_of(Strokes.join(across, below), (30, 80), depth=torch.tensor([1, 0])))
+    alone = height_of(export_job(across, (30, 80)))
+    both = height_of(export_job(Strokes.join(across, below), (30, 80), depth=torch.tensor([1, 0])))
     crossing = np.s_[13:17, 38:42]
     added = (both - alone)[crossing].mean()
     assert 0.2 * (1 - CARRIED) * FILM * 10 < added < (1 - CARRIED) * FILM * 10
@@ -192,8 +192,8 @@ def test_a_stroke_on_top_leaves_some_of_the_paint_below():
 @pytest.mark.parametrize("name", ["plain", "windows"])
 def test_a_picture_twice_as_large_has_the_same_slopes(name):
     size, strokes = (40, 56), thick(30, (40, 56))
-    small = height_of(work_of(strokes, size, renderer=RENDERERS[name]))
-    large = height_of(work_of(strokes.moved(zoom=2), (80, 112), renderer=RENDERERS[name]))
+    small = height_of(export_job(strokes, size, renderer=RENDERERS[name]))
+    large = height_of(export_job(strokes.moved(zoom=2), (80, 112), renderer=RENDERERS[name]))
     shrunk = large.reshape(40, 2, 56, 2).mean((1, 3)) / 2
     assert np.abs(shrunk - small).mean() < 0.05 * small.mean()
     slopes = [np.hypot(*np.gradient(picture)).mean() for picture in (small, shrunk)]
@@ -206,7 +206,7 @@ def test_where_bristles_are_large_enough_to_be_seen_slopes_do_not_depend_on_the_
     slopes = []
     for zoom in (2, 4):
         size = (100 * zoom, 120 * zoom)
-        height = height_of(work_of(strokes.moved(zoom=zoom), size, renderer=RENDERERS[name]))
+        height = height_of(export_job(strokes.moved(zoom=zoom), size, renderer=RENDERERS[name]))
         slopes.append(np.hypot(*np.gradient(height)).mean())
     assert slopes[0] > 0.01
     assert slopes[1] == pytest.approx(slopes[0], rel=0.05)
@@ -214,10 +214,10 @@ def test_where_bristles_are_large_enough_to_be_seen_slopes_do_not_depend_on_the_
 
 @pytest.mark.parametrize("name", RENDERERS)
 def test_bands_make_the_same_as_the_whole(name, monkeypatch):
-    work = work_of(thick(30, (70, 41)), (70, 41), renderer=RENDERERS[name])
-    whole = height_of(work)
+    job = export_job(thick(30, (70, 41)), (70, 41), renderer=RENDERERS[name])
+    whole = height_of(job)
     monkeypatch.setattr(banding, "BAND", 41 * 9)
-    np.testing.assert_allclose(height_of(work), whole, atol=1e-4)
+    np.testing.assert_allclose(height_of(job), whole, atol=1e-4)
 
 
 # Light
@@ -304,11 +304,11 @@ def test_gloss_brightens_what_mirrors_the_lamp():
 
 
 def test_the_three_files_agree_with_the_heights(tmp_path, caplog):
-    work = work_of(thick(20, (21, 34)), (21, 34))
+    job = export_job(thick(20, (21, 34)), (21, 34))
     with caplog.at_level(logging.INFO, logger="brushexp.plugins.export.relief"):
-        paths = Relief(light=[200, 30], depth=2.0).write(work, tmp_path)
+        paths = Relief(light=[200, 30], depth=2.0).write(job, tmp_path)
     assert [path.name for path in paths] == ["relief.png", "height.png", "normals.png"]
-    height = height_of(work)
+    height = height_of(job)
     with Image.open(tmp_path / "height.png") as image:
         levels, text = np.asarray(image), image.text
     assert levels.max() == 65535
@@ -321,7 +321,7 @@ def test_the_three_files_agree_with_the_heights(tmp_path, caplog):
         assert image.mode == "RGB"
         normals = np.asarray(image) / 127.5 - 1
     np.testing.assert_allclose(normals.transpose(2, 0, 1), normals_of(height, 2.0), atol=0.006)
-    picture = next(work.bands())[1].numpy()
+    picture = next(job.bands())[1].numpy()
     with Image.open(tmp_path / "relief.png") as image:
         lit = np.asarray(image) / 255
     expected = shaded(picture, normals_of(height, 2.0), Light(200, 30), 0.25)
@@ -329,12 +329,12 @@ def test_the_three_files_agree_with_the_heights(tmp_path, caplog):
 
 
 def test_files_are_the_same_in_bands(tmp_path, monkeypatch):
-    work = work_of(thick(20, (40, 23)), (40, 23))
+    job = export_job(thick(20, (40, 23)), (40, 23))
     for name, pixels in (("whole", 2**20), ("bands", 23 * 7)):
         monkeypatch.setattr(banding, "BAND", pixels)
         monkeypatch.setattr("brushexp.plugins.export.relief.PIXELS", pixels)
         (tmp_path / name).mkdir()
-        Relief().write(work, tmp_path / name)
+        Relief().write(job, tmp_path / name)
     for name, step in (("relief.png", 1), ("height.png", 8), ("normals.png", 1)):
         whole, parts = (np.asarray(Image.open(tmp_path / kind / name)).astype(int) for kind in ("whole", "bands"))
         assert np.abs(whole - parts).max() <= step
@@ -342,7 +342,7 @@ def test_files_are_the_same_in_bands(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 5)])
 def test_an_empty_canvas_is_written_as_it_is(tmp_path, size):
-    paths = Relief().write(work_of(Strokes.none(), size), tmp_path)
+    paths = Relief().write(export_job(Strokes.none(), size), tmp_path)
     relief, height, normals = (np.asarray(Image.open(path)) for path in paths)
     assert np.abs(relief.astype(int) - 127.5).max() < 1
     assert (height == 0).all()
@@ -350,9 +350,9 @@ def test_an_empty_canvas_is_written_as_it_is(tmp_path, size):
 
 
 def test_without_depth_nothing_is_seen_of_the_paint(tmp_path):
-    work = work_of(thick(10, (15, 22)), (15, 22))
-    relief = np.asarray(Image.open(Relief(depth=0.0).write(work, tmp_path)[0])) / 255
-    np.testing.assert_allclose(relief.transpose(2, 0, 1), next(work.bands())[1].numpy(), atol=0.003)
+    job = export_job(thick(10, (15, 22)), (15, 22))
+    relief = np.asarray(Image.open(Relief(depth=0.0).write(job, tmp_path)[0])) / 255
+    np.testing.assert_allclose(relief.transpose(2, 0, 1), next(job.bands())[1].numpy(), atol=0.003)
 
 
 def test_levels_use_all_of_sixteen_bits():

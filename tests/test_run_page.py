@@ -20,7 +20,7 @@ from scenes import random_strokes
 from brushexp.analysis.columns import measure_strokes
 from brushexp.app.tasks import paint
 from brushexp.errors import UserError
-from brushexp.painting.outputs import renderer_of, work_of
+from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import build_named
 from brushexp.results.page.charts import histogram_chart, line_chart, rose_chart
@@ -66,7 +66,7 @@ def saved_with(count: int, size: tuple[int, int] = SIZE, *, taper: float = 0.0, 
 
 
 def painting_of(saved: Saved) -> np.ndarray:
-    return pixels(work_of(saved, renderer_of(saved), build_named("blend", "tiled", {}), saved.renderer))
+    return pixels(export_job(saved, renderer_of(saved), build_named("blend", "tiled", {}), saved.renderer))
 
 
 def noisy(picture: np.ndarray) -> np.ndarray:

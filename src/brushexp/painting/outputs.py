@@ -13,7 +13,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend
-from brushexp.plugins.export.base import Work
+from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build_named
 from brushexp.strokes.storage import Saved
@@ -51,9 +51,9 @@ def _not_settings(error: Exception) -> UserError:
     return UserError(f"the config of the catalogue cannot be read ({reason}); mend it, or make it empty")
 
 
-def work_of(
+def export_job(
     saved: Saved, renderer: Renderer, blend: Blend, name: str, resolution: int | None = None, source: str = ""
-) -> Work:
+) -> ExportJob:
     """A catalogue as exporters take it, crisp at any size: the strokes are scaled, not the picture.
 
     Args:
@@ -75,7 +75,7 @@ def work_of(
     size = (max(1, round(height * zoom)), max(1, round(width * zoom)))
     strokes = saved.strokes.moved(zoom=zoom)
     made = (saved.seed, saved.config)
-    return Work(strokes, saved.depth, size, saved.background, renderer, blend, name, source, *made)
+    return ExportJob(strokes, saved.depth, size, saved.background, renderer, blend, name, source, *made)
 
 
 def summary_line(folder: Path, metrics: dict[str, object]) -> str:

@@ -11,7 +11,7 @@ from brushexp.compositing.layers import Layers
 from brushexp.compositing.profile import Profile
 from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.windows import Windows
-from brushexp.plugins.export.base import Work
+from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.shading._brush import LEVELS, Brush, height_textures, level_of, plain_brush, thickness_of
 from brushexp.strokes.bezier import half_width_of
@@ -23,7 +23,7 @@ THIN = 0.5  # pixels: a stroke thinner than about twice this is drawn so thick, 
 AT_ONCE = 256  # windows
 
 
-def height_of(work: Work) -> np.ndarray:
+def height_of(job: ExportJob) -> np.ndarray:
     """Height of the paint (H, W), float32, in pixels of the picture; the bare canvas is 0.
 
     Strokes are laid from the bottom to the top. Each carries away a share of the paint that it covers and adds its own,
@@ -47,9 +47,9 @@ def height_of(work: Work) -> np.ndarray:
 
     The picture is made in bands, so that memory is little more than that of the result.
     """
-    height = np.empty(work.size, np.float32)
-    renderer = Impasto(work.renderer, typical_width(work.strokes))
-    for top, band in replace(work, renderer=renderer, background=torch.zeros_like(work.background)).bands():
+    height = np.empty(job.size, np.float32)
+    renderer = Impasto(job.renderer, typical_width(job.strokes))
+    for top, band in replace(job, renderer=renderer, background=torch.zeros_like(job.background)).bands():
         height[top : top + band.shape[1]] = band[0].cpu().numpy()
     return height
 

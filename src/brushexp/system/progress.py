@@ -2,8 +2,9 @@
 
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from typing import TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -11,6 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 LOG_LINES = 10  # of a whole work, where there is no terminal for a bar
 
 log = logging.getLogger(__name__)
+Item = TypeVar("Item")
 
 
 @contextmanager
@@ -25,7 +27,7 @@ def counting(what: str, total: int, done: int = 0) -> Iterator[Callable[[int], N
     console = Console(stderr=True)
     columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[speed]:.0f}/s"))
     times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-    start, logged = time.monotonic(), done * LOG_LINES // total
+    start, logged = time.monotonic(), done * LOG_LINES // max(total, 1)
 
     def show(now: int) -> None:
         nonlocal logged
@@ -38,3 +40,22 @@ def counting(what: str, total: int, done: int = 0) -> Iterator[Callable[[int], N
     with Progress(*columns, *times, console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task(what, total=total, completed=done, speed=0.0)
         yield show
+
+
+def with_progress(
+    items: Iterable[Item], total: int, what: str, size: Callable[[Item], int] = lambda item: 1
+) -> Iterator[Item]:
+    """Pass items on and show how many have been taken.
+
+    Args:
+        items: what takes long.
+        total: their sizes together.
+        what: is being done.
+        size: of one of them.
+    """
+    done = 0
+    with counting(what, total) as show:
+        for item in items:
+            yield item
+            done += size(item)
+            show(done)

@@ -11,7 +11,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.errors import UserError
-from brushexp.painting.outputs import config_of, renderer_of, work_of
+from brushexp.painting.outputs import config_of, export_job, renderer_of
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build, plugin_of
 from brushexp.strokes.storage import Saved, load_catalogue
@@ -23,15 +23,15 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     """Write a catalogue in every form of ``cfg.to`` into the run's folder."""
     exporters = {name: build(node) for name, node in cfg.to.items()}
     saved, renderer = with_renderer(load_catalogue(Path(cfg.catalogue)), cfg.get("renderer"), cfg.catalogue)
-    work = work_of(saved, renderer, build(cfg.blend), saved.renderer, cfg.resolution, cfg.catalogue)
+    job = export_job(saved, renderer, build(cfg.blend), saved.renderer, cfg.resolution, cfg.catalogue)
     folder = Path(HydraConfig.get().runtime.output_dir)
     before = time.monotonic()
     for name, exporter in exporters.items():
         begin = time.monotonic()
         try:
-            paths = exporter.write(work, folder)
+            paths = exporter.write(job, folder)
         except MemoryError as error:
-            height, width = work.size
+            height, width = job.size
             raise UserError(
                 f"to={name}: no memory for {width} x {height} pixels; choose a smaller resolution"
             ) from error
@@ -39,9 +39,9 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         for path in paths:
             log.info("%s: %s (%.1f s)", path, in_bytes(path.stat().st_size), seconds)
     return {
-        "n_strokes": len(work.strokes),
-        "height": work.size[0],
-        "width": work.size[1],
+        "n_strokes": len(job.strokes),
+        "height": job.size[0],
+        "width": job.size[1],
         "seconds": time.monotonic() - before,
         "seconds_total": time.monotonic() - start,
         "status": "completed",

@@ -19,7 +19,7 @@ from brushexp.features.distance import Distance, open_distance
 from brushexp.painting.assembly import STYLE, components_of, first_strokes, focus_of, in_colors, paced
 from brushexp.painting.goals import goals_of
 from brushexp.painting.metrics import measure
-from brushexp.painting.outputs import renderer_of, summary_line, work_of
+from brushexp.painting.outputs import export_job, renderer_of, summary_line
 from brushexp.painting.painter import Painter
 from brushexp.painting.timelapse import Frames, Timelapse
 from brushexp.pictures.load import background_color, load_picture
@@ -140,7 +140,7 @@ def finish(painter: Painter, cfg: DictConfig, folder: Path, start: float, lpips:
     )
     save_catalogue(folder / "catalogue.h5", saved)
     blend = painter.components.blend
-    Svg().write(work_of(saved, renderer_of(saved), blend, saved.renderer, source=cfg.image), folder)
+    Svg().write(export_job(saved, renderer_of(saved), blend, saved.renderer, source=cfg.image), folder)
     measured = measure(picture, to_bytes(canvas.target), lpips, canvas.focus)
     assert isinstance(measured["psnr"], float)
     painter.anytime.add(schedule.seconds, measured["psnr"])

@@ -13,7 +13,7 @@ from omegaconf import DictConfig
 
 from brushexp.app.tasks.export import with_renderer
 from brushexp.errors import UserError
-from brushexp.painting.outputs import work_of
+from brushexp.painting.outputs import export_job
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import build
 from brushexp.results.page.html import LARGEST_SIDE
@@ -95,7 +95,7 @@ def page_of_catalogue(cfg: DictConfig) -> str:
             "or draw it with another one: renderer=analytic"
         ) from error
     resolution = min(LARGEST_SIDE, max(saved.size))  # more would not fit into the page
-    work = work_of(saved, renderer, build(cfg.blend), saved.renderer, resolution, cfg.catalogue)
+    job = export_job(saved, renderer, build(cfg.blend), saved.renderer, resolution, cfg.catalogue)
     path = Path(cfg.catalogue).resolve()
     name = path.parent.name if path.stem == "catalogue" else path.stem
-    return run_page(saved, name=name or path.stem, pictures={"painting": pixels(work)})
+    return run_page(saved, name=name or path.stem, pictures={"painting": pixels(job)})

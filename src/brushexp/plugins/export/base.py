@@ -1,10 +1,9 @@
 """What every exporter receives."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
 from torch import Tensor
 
@@ -12,13 +11,13 @@ from brushexp.compositing.bands import BAND, bands
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.catalogue import Strokes
+from brushexp.system.progress import with_progress
 
 LARGE = 8 * BAND  # pixels from which painting takes so long that a bar is shown
-Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
-class Work:
+class ExportJob:
     """A finished painting, at the size in which it is wanted.
 
     Attributes:
@@ -56,44 +55,19 @@ class Work:
         found = bands(self.strokes, above, self.size, self.background, self.renderer, self.blend)
         if self.size[0] * self.size[1] < LARGE:
             return found
-        return counted(found, self.size[0], "painting", lambda item: item[1].shape[1])
+        return with_progress(found, self.size[0], "painting", lambda item: item[1].shape[1])
 
 
 class Exporter(ABC):
     """Writes a painting in a form that other programs read."""
 
     @abstractmethod
-    def write(self, work: Work, folder: Path) -> list[Path]:
+    def write(self, job: ExportJob, folder: Path) -> list[Path]:
         """Write one or more files into ``folder`` and return their paths, the main one first.
 
-        Nothing else is written, the work stays as it is, and the same work gives the same bytes. A painting without
+        Nothing else is written, the job stays as it is, and the same job gives the same bytes. A painting without
         strokes is written, too, unless that has no meaning in this form.
 
         Raises:
             UserError: if this painting cannot be written in this form.
         """
-
-
-def counted(
-    items: Iterable[Item], total: int, what: str, size: Callable[[Item], int] = lambda item: 1
-) -> Iterator[Item]:
-    """Pass items on, with a bar on the terminal; nothing where there is none.
-
-    Args:
-        items: what takes long.
-        total: their sizes together.
-        what: is being done.
-        size: of one of them.
-    """
-    from rich.console import Console  # noqa: PLC0415  (--help should not wait for it)
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("left"))
-    with Progress(
-        *columns, TimeRemainingColumn(), console=console, disable=not console.is_terminal, transient=True
-    ) as bar:
-        task = bar.add_task(what, total=total)
-        for item in items:
-            yield item
-            bar.advance(task, size(item))

@@ -6,7 +6,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from brushexp.plugins.export.base import Exporter, Work
+from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, length_of
 from brushexp.system.files import replacing
@@ -28,18 +28,18 @@ class Csv(Exporter):
 
     def __init__(self) -> None: ...
 
-    def write(self, work: Work, folder: Path) -> list[Path]:
+    def write(self, job: ExportJob, folder: Path) -> list[Path]:
         path = folder / "strokes.csv"
         with replacing(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
             file.write(",".join(COLUMNS) + "\n")
-            file.writelines(lines(work))
+            file.writelines(lines(job))
         return [path]
 
 
-def lines(work: Work) -> Iterator[str]:
+def lines(job: ExportJob) -> Iterator[str]:
     """One line for each stroke."""
-    order = work.bottom_up.cpu()
-    strokes = work.strokes.map(lambda value: value.detach().cpu().double())[order]
+    order = job.bottom_up.cpu()
+    strokes = job.strokes.map(lambda value: value.detach().cpu().double())[order]
     curve = curve_of(strokes)
     numbers = [curve.flatten(1), (strokes.width * strokes.scale)[:, None], strokes.color, strokes.opacity[:, None]]
     rows = torch.cat([*numbers, length_of(curve)[:, None]], dim=1).tolist()

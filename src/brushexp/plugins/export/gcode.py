@@ -1,15 +1,13 @@
 """G-code, which most homemade machines speak."""
 
+import io
 import logging
-from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
-
 from brushexp.errors import UserError
-from brushexp.plugins.export._drawing import Drawing, Hidden
-from brushexp.plugins.export._plan import Plan, plain, plan_of, preview
-from brushexp.plugins.export.base import Exporter, Work
+from brushexp.plugins.export._pen_plan import PenPlan, pen_plan
+from brushexp.plugins.export._pens import Hidden, PenOptions, load_vpype
+from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.system.files import write_text
 
@@ -20,8 +18,7 @@ log = logging.getLogger(__name__)
 class Gcode(Exporter):
     """``painting.gcode``: a stroke plan for plotters and painting robots that speak G-code, and a picture of it.
 
-    Millimetres from the lower left corner of the paper, y up. It is written here and not with the plugin vpype-gcode,
-    whose templates know nothing of a tool that stays in the hand from one layer to the next. For a servo as on many
+    Millimetres from the lower left corner of the paper, y up; written by the plugin vpype-gcode. For a servo as on many
     plotters: ``'to.gcode.up=M5' 'to.gcode.down=M3 S90'``.
 
     Args:
@@ -66,7 +63,7 @@ class Gcode(Exporter):
         down: str = "G1 Z0 F600",
         change: str = "M6 T{tool}",
     ) -> None:
-        self.drawing = Drawing(
+        self.options = PenOptions(
             "gcode", paper, landscape, margin_mm, width_mm, colors, pens, layers, pen_mm, passes, hidden, tolerance_mm
         )
         for key, value in (("feed", feed), ("travel", travel)):
@@ -81,34 +78,40 @@ class Gcode(Exporter):
         self.down = down
         self.change = change
 
-    def write(self, work: Work, folder: Path) -> list[Path]:
-        plan = plan_of(work, self.drawing)
+    def write(self, job: ExportJob, folder: Path) -> list[Path]:
+        plan = pen_plan(job, self.options)
         report = plan.report(self.feed, self.travel)
         log.info("gcode: %s", "; ".join(report[2:5]))
         code, picture = folder / "painting.gcode", folder / "painting.gcode.svg"
-        write_text(code, "\n".join([*(f"; {plain(row)}" for row in report), *self.program(plan), ""]))
-        write_text(picture, preview(plan))
+        write_text(code, self.program(plan, report))
+        write_text(picture, plan.svg())
         return [code, picture]
 
-    def program(self, plan: Plan) -> list[str]:
-        """The blocks of the program."""
-        rows = ["; millimetres from the lower left corner of the paper, y up", "G21", "G90", self.up]
-        hand = 0
-        for run in plan.runs:
-            rows.append(f"; layer {run.layer}, tool {run.tool}, {plan.tools[run.tool - 1]}")
-            if run.tool != hand:
-                hand = run.tool
-                rows += [self.change.replace("{tool}", str(hand)).replace("{color}", plan.tools[hand - 1]), self.up]
-            for line in run.lines:
-                rows += self._drawn(line, plan.paper[1])
-        return [*rows, "G0 X0 Y0", "M2"]
+    def program(self, plan: PenPlan, report: list[str]) -> str:
+        """The program, with what ``report`` says at its head."""
+        vpype = load_vpype()
+        head = [*report, "millimetres from the lower left corner of the paper, y up"]
+        up, down = (text.replace("{", "{{").replace("}", "}}") for text in (self.up, self.down))
+        vpype.config_manager.config.setdefault("gwrite", {})["brushexp"] = {
+            "unit": "mm",
+            "vertical_flip": True,
+            "document_start": "".join(f"; {row}\n" for row in head) + f"G21\nG90\n{up}\n",
+            "layer_start": f"; {{vp_name}}\n{self.change}\n{up}\n",
+            "segment_first": f"G0 X{{x:.3f}} Y{{y:.3f}}\n{down}\nG1 F{self.feed:.10g}\n",
+            "segment": "G1 X{x:.3f} Y{y:.3f}\n",
+            "line_end": f"{up}\n",
+            "document_end": "G0 X0 Y0\nM2\n",
+        }
+        from click import BadParameter  # noqa: PLC0415  (slow to import, with vpype)
+        from vpype_cli.state import State  # noqa: PLC0415
+        from vpype_gcode.gwrite import gwrite  # noqa: PLC0415
 
-    def _drawn(self, line: np.ndarray, height: float) -> list[str]:
-        """One line: there, pen down, along, pen up. Points that are the same micrometre are one."""
-        places = [f"X{x + 0.0:.3f} Y{y + 0.0:.3f}" for x, y in zip(
-            line.real.round(3).tolist(), (height - line.imag).round(3).tolist(), strict=True
-        )]  # fmt: skip
-        goals = [place for before, place in pairwise(places) if place != before]
-        steps = [f"G1 {goal}" for goal in goals or places[:1]]
-        steps[0] += f" F{self.feed:.10g}"
-        return [f"G0 {places[0]}", self.down, *steps, self.up]
+        text = io.StringIO()
+        text.name = "painting.gcode"
+        try:
+            gwrite.callback(output=text, profile="brushexp", default=())(State(plan.document))
+        except BadParameter as error:
+            raise UserError(
+                f"to.gcode.change={self.change!r} names more than {{tool}} and {{color}}; write 'M6 T{{tool}}'"
+            ) from error
+        return text.getvalue()

@@ -6,18 +6,17 @@ from pathlib import Path
 from typing import Any
 
 from brushexp.errors import UserError
-from brushexp.plugins.export._drawing import Drawing, Hidden
-from brushexp.plugins.export._library import the_library
-from brushexp.plugins.export._plan import Plan, plain, plan_of, preview
-from brushexp.plugins.export.base import Exporter, Work
+from brushexp.plugins.export._pen_plan import PenPlan, millimetre, pen_plan
+from brushexp.plugins.export._pens import Hidden, PenOptions, load_vpype
+from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.system.files import write_text
 
 log = logging.getLogger(__name__)
 
 UNIT = "0.025mm"  # what HPGL counts in
-PLAIN = "brushexp"  # under which vpype knows our plotter
-SPEED, SWIFT = 20, 38  # cm/s while drawing and between: usual for plotters that were built when HPGL was
+UNKNOWN_PLOTTER = "brushexp"  # under which vpype knows one whose origin is the lower left corner of the paper
+DRAW_SPEED, MOVE_SPEED = 20, 38  # cm/s while drawing and between: usual for plotters that were built when HPGL was
 
 
 @register("to", "hpgl")
@@ -25,7 +24,7 @@ class Hpgl(Exporter):
     """``painting.hpgl``: a stroke plan for pen plotters, what it needs (``.txt``), and a picture of it (``.svg``).
 
     Written by vpype, which knows the papers and origins of many plotters. HPGL has no comments that old plotters take,
-    so that what `Plan.report` says is beside it. Tools are the pens of the carousel: ``SP1``, ``SP2``, ...
+    so that what `PenPlan.report` says is beside it. Tools are the pens of the carousel: ``SP1``, ``SP2``, ...
 
     Args:
         paper: a3, a4, letter, ... or a size such as 300x200mm.
@@ -64,58 +63,56 @@ class Hpgl(Exporter):
         speed: int | None = None,
     ) -> None:
         if speed is not None and not 1 <= speed <= 1000:
-            raise UserError(f"to.hpgl.speed={speed} is no speed in cm/s; try to.hpgl.speed={SPEED}")
+            raise UserError(f"to.hpgl.speed={speed} is no speed in cm/s; try to.hpgl.speed={DRAW_SPEED}")
         self.plotter = plotter
         self.speed = speed
         self.paper = paper.lower()
-        self.drawing = Drawing(
+        self.options = PenOptions(
             "hpgl", paper, landscape, margin_mm, width_mm, colors, pens, layers, pen_mm, passes, hidden, tolerance_mm,
             reach=0.0 if plotter is None else self._reach(*self._device(plotter)),
         )  # fmt: skip
 
-    def write(self, work: Work, folder: Path) -> list[Path]:
-        plan = plan_of(work, self.drawing)
-        report = plan.report(600 * (self.speed or SPEED), 600 * SWIFT)
+    def write(self, job: ExportJob, folder: Path) -> list[Path]:
+        plan = pen_plan(job, self.options)
+        report = plan.report(600 * (self.speed or DRAW_SPEED), 600 * MOVE_SPEED)
         log.info("hpgl: %s", "; ".join(report[2:5]))
         code, notes, picture = (folder / f"painting.hpgl{end}" for end in ("", ".txt", ".svg"))
         write_text(code, self.program(plan))
-        write_text(notes, "\n".join([*map(plain, report), ""]))
-        write_text(picture, preview(plan))
+        write_text(notes, "\n".join([*report, ""]))
+        write_text(picture, plan.svg())
         return [code, notes, picture]
 
-    def program(self, plan: Plan) -> str:
+    def program(self, plan: PenPlan) -> str:
         """The program, in one line."""
-        vpype = the_library()
-        device, count = PLAIN, max(1, len(plan.tools))
+        vpype = load_vpype()
+        device, page, count = UNKNOWN_PLOTTER, UNKNOWN_PLOTTER, max(1, len(plan.tools))
         if self.plotter is None:
-            vpype.config_manager.config.setdefault("device", {})[PLAIN] = _plain_plotter(plan, count)
+            vpype.config_manager.config.setdefault("device", {})[device] = _unknown_plotter(plan, count)
         else:
-            device, count = self.plotter, self._device(self.plotter)[0].pen_count
+            plotter, paper = self._device(self.plotter)
+            device, page, count = self.plotter, paper.name, plotter.pen_count
         if len(plan.tools) > count:
             raise UserError(
                 f"plotter {device} has {count} pens, fewer than {len(plan.tools)}; set to.hpgl.colors={count}"
             )
-        if not plan.runs:
+        document = plan.document.empty_copy()
+        for layer, tool, lines in plan.runs():  # vpype draws layers by number, with pen 1 + (number - 1) % pen_count
+            document.add(lines, (layer - 1) * count + tool)
+        if document.is_empty():
             return "IN;DF;PU;SP0;IN;\n"
-        document = vpype.Document(page_size=tuple(side * vpype.UNITS["mm"] for side in plan.paper))
-        for run in plan.runs:  # vpype draws layers in order of their numbers, with pen 1 + (number - 1) % pen_count
-            lines = [line * vpype.UNITS["mm"] for line in run.lines]
-            document.add(vpype.LineCollection(lines), (run.layer - 1) * count + run.tool)
         text = io.StringIO()
-        page = PLAIN if self.plotter is None else self._device(self.plotter)[1].name
-        across = plan.paper[0] > plan.paper[1]
-        vpype.write_hpgl(text, document, page, across, False, device, self.speed, quiet=True)
+        vpype.write_hpgl(text, document, page, plan.paper[0] > plan.paper[1], False, device, self.speed, quiet=True)
         return text.getvalue()
 
     def _device(self, name: str) -> tuple[Any, Any]:
         """What vpype knows of a plotter, and of the paper on it."""
-        vpype = the_library()
+        vpype = load_vpype()
         try:
             plotter = vpype.config_manager.get_plotter_config(name)
         except ValueError as error:  # vpype 1.15 has a slip of the pen in one of its own
             raise UserError(f"vpype cannot read what it knows of plotter {name} ({error}); choose another") from error
         if plotter is None:
-            names = ", ".join(known for known in vpype.config_manager.get_plotter_list() if known != PLAIN)
+            names = ", ".join(known for known in vpype.config_manager.get_plotter_list() if known != UNKNOWN_PLOTTER)
             raise UserError(f"to.hpgl.plotter={name} is not known to vpype; choose one of {names}")
         paper = plotter.paper_config(self.paper)
         if paper is not None:
@@ -133,12 +130,17 @@ class Hpgl(Exporter):
         ups = [y - unit * k if paper.y_axis_up else y + unit * k for k in paper.y_range]
         acrosses = [x + unit * k for k in paper.x_range]
         pixels = max(min(acrosses), width - max(acrosses), min(ups), height - max(ups))
-        return max(0.0, pixels / the_library().UNITS["mm"])
+        return max(0.0, pixels / millimetre())
 
 
-def _plain_plotter(plan: Plan, pens: int) -> dict[str, Any]:
+def _unknown_plotter(plan: PenPlan, pens: int) -> dict[str, Any]:
     """A plotter in the words of vpype's configuration, on the paper of a plan."""
     width, height = (f"{side}mm" for side in plan.paper)
-    page = {"name": PLAIN, "paper_size": [width, height], "y_axis_up": True, "origin_location": ["0mm", height]}
+    page = {
+        "name": UNKNOWN_PLOTTER,
+        "paper_size": [width, height],
+        "y_axis_up": True,
+        "origin_location": ["0mm", height],
+    }
     page["final_pu_params"] = "0,0"
-    return {"name": PLAIN, "plotter_unit_length": UNIT, "pen_count": pens, "paper": [page]}
+    return {"name": UNKNOWN_PLOTTER, "plotter_unit_length": UNIT, "pen_count": pens, "paper": [page]}

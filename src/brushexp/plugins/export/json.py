@@ -5,7 +5,7 @@ from pathlib import Path
 import torch
 
 from brushexp.errors import UserError
-from brushexp.plugins.export.base import Exporter, Work
+from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.text import json_lines
@@ -22,21 +22,21 @@ class Json(Exporter):
 
     def __init__(self) -> None: ...
 
-    def write(self, work: Work, folder: Path) -> list[Path]:
+    def write(self, job: ExportJob, folder: Path) -> list[Path]:
         path = folder / "strokes.json"
         attributes = {
-            "height": work.size[0],
-            "width": work.size[1],
-            "renderer": work.name,
-            "renderer_hash": work.renderer.weights_hash,
-            "seed": work.seed,
+            "height": job.size[0],
+            "width": job.size[1],
+            "renderer": job.name,
+            "renderer_hash": job.renderer.weights_hash,
+            "seed": job.seed,
         }
-        strokes = work.strokes.map(lambda value: value.detach().to("cpu", torch.float32))
+        strokes = job.strokes.map(lambda value: value.detach().to("cpu", torch.float32))
         try:
             check_strokes(strokes)
         except UserError as error:
             raise UserError(f"to=json cannot hold this size ({error}); choose another resolution") from error
-        text = json_lines(strokes, work.depth, work.background.float(), work.config, attributes)
+        text = json_lines(strokes, job.depth, job.background.float(), job.config, attributes)
         with (
             replacing(path) as temporary,
             temporary.open("w", encoding="utf-8", errors="backslashreplace", newline="\n") as file,

@@ -9,7 +9,7 @@ from typing import BinaryIO
 import numpy as np
 
 from brushexp.errors import UserError
-from brushexp.plugins.export.base import Exporter, Work
+from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.system.files import replacing, to_bytes
 
@@ -33,17 +33,17 @@ class Png(Exporter):
             raise UserError(f"to.png.compression={compression} is not a level from 1 to 9; try to.png.compression=6")
         self.compression = compression
 
-    def write(self, work: Work, folder: Path) -> list[Path]:
+    def write(self, job: ExportJob, folder: Path) -> list[Path]:
         path = folder / "painting.png"
         with replacing(path) as temporary, temporary.open("wb") as file:
-            write_png(file, (to_bytes(band) for _, band in work.bands()), work.size, self.compression)
+            write_png(file, (to_bytes(band) for _, band in job.bands()), job.size, self.compression)
         return [path]
 
 
-def pixels(work: Work) -> np.ndarray:
+def pixels(job: ExportJob) -> np.ndarray:
     """The picture (H, W, 3) in 8 bits, painted in bands, so that it takes little more memory than its pixels."""
-    picture = np.empty((*work.size, 3), dtype=np.uint8)
-    for top, band in work.bands():
+    picture = np.empty((*job.size, 3), dtype=np.uint8)
+    for top, band in job.bands():
         picture[top : top + band.shape[1]] = to_bytes(band)
     return picture
 

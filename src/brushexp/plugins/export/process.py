@@ -14,10 +14,11 @@ from torch import Tensor
 from brushexp.compositing.bands import cuts
 from brushexp.errors import check_range
 from brushexp.pictures.video import MOST_FPS, MOST_SECONDS, Format, filming, largest_side
-from brushexp.plugins.export.base import Exporter, Work, counted
+from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.files import to_bytes
+from brushexp.system.progress import with_progress
 
 log = logging.getLogger(__name__)
 GROWTH = 0.25  # seconds from the beginning of a stroke to its end
@@ -71,12 +72,12 @@ class Process(Exporter):
         self.pace = pace
         self.growing = growing
 
-    def write(self, work: Work, folder: Path) -> list[Path]:
-        work = fitted(work, largest_side(self.format))
-        growing = work.renderer.warm_up is None if self.growing is None else self.growing
-        shares = schedule(len(work.strokes), self.frames, self.seconds, self.pace, growing=growing)
-        pictures = counted(states(work, shares), self.frames, "pictures")
-        with filming(folder / "process", self.format, work.size, Fraction(self.fps)) as film:
+    def write(self, job: ExportJob, folder: Path) -> list[Path]:
+        job = fitted(job, largest_side(self.format))
+        growing = job.renderer.warm_up is None if self.growing is None else self.growing
+        shares = schedule(len(job.strokes), self.frames, self.seconds, self.pace, growing=growing)
+        pictures = with_progress(states(job, shares), self.frames, "pictures")
+        with filming(folder / "process", self.format, job.size, Fraction(self.fps)) as film:
             for k, picture in enumerate(pictures, start=1):
                 film.show(to_bytes(picture), 1 + (round(self.hold * self.fps) if k == self.frames else 0))
         return film.paths
@@ -95,45 +96,45 @@ def schedule(n: int, frames: int, seconds: float, pace: Pace, *, growing: bool) 
         yield drawn if growing else np.floor(drawn)
 
 
-def fitted(work: Work, side: int) -> Work:
+def fitted(job: ExportJob, side: int) -> ExportJob:
     """The same painting with at most ``side`` pixels on its longer side."""
-    zoom = side / max(work.size)
+    zoom = side / max(job.size)
     if zoom >= 1:
-        return work
-    size = (max(1, round(work.size[0] * zoom)), max(1, round(work.size[1] * zoom)))
+        return job
+    size = (max(1, round(job.size[0] * zoom)), max(1, round(job.size[1] * zoom)))
     log.info("the film is drawn with %d x %d pixels, the most that it can have", size[1], size[0])
-    return replace(work, strokes=work.strokes.moved(zoom=zoom), size=size)
+    return replace(job, strokes=job.strokes.moved(zoom=zoom), size=size)
 
 
 @torch.no_grad()
-def states(work: Work, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
+def states(job: ExportJob, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
     """The canvas (3, H, W), to be looked at before the next one is asked for, with so much of each stroke on it.
 
     Finished strokes are laid over what is there, so that each is drawn once. A blend that leaves out what lies deep
     does not work like that; with it every state is drawn from the beginning.
 
     Args:
-        work: the finished painting.
+        job: the finished painting.
         shares: (N,) of the strokes from the bottom up, falling from 1 to 0; none of them falls from state to state.
     """
-    bare = work.background[:, None, None].expand(3, *work.size)
-    canvas, order, done = bare.clone(), work.bottom_up, 0
-    adding = layered(work)
+    bare = job.background[:, None, None].expand(3, *job.size)
+    canvas, order, done = bare.clone(), job.bottom_up, 0
+    adding = layered(job)
     if not adding:
         log.warning("with this blend every picture is drawn from the beginning, which takes long; try blend=tiled")
     for share in shares:
         finished, begun = (int(some.sum()) for some in (share >= 1, share > 0))
         if adding:
-            lay(canvas, order[done:finished], work)
+            lay(canvas, order[done:finished], job)
             done = finished
         shown = canvas
         if begun > done:
             shown = canvas.clone()
-            lay(shown, order[done:begun], work, torch.from_numpy(share[done:begun]))
+            lay(shown, order[done:begun], job, torch.from_numpy(share[done:begun]))
         yield shown
 
 
-def lay(canvas: Tensor, number: Tensor, work: Work, share: Tensor | None = None) -> None:
+def lay(canvas: Tensor, number: Tensor, job: ExportJob, share: Tensor | None = None) -> None:
     """Lay strokes ``number`` (n,) of a painting, the bottom one first, over a canvas (3, H, W), in place.
 
     On black a blend shows what the strokes contribute, on white also what they let through: white light.
@@ -141,19 +142,19 @@ def lay(canvas: Tensor, number: Tensor, work: Work, share: Tensor | None = None)
     Args:
         canvas: what is there.
         number: which strokes.
-        work: the painting.
+        job: the painting.
         share: (n,) how much of each is drawn, in (0, 1]; None for all.
     """
     if not len(number):
         return
-    strokes, black, white = work.strokes[number], canvas.new_zeros(3), canvas.new_ones(3)
+    strokes, black, white = job.strokes[number], canvas.new_zeros(3), canvas.new_ones(3)
     if share is not None:
         strokes = unfinished(strokes, share.to(strokes.start))
-    for top, rows, part in cuts(strokes, work.size, work.renderer):
-        layers = work.renderer(strokes[part].moved(shift=(0, -top)), number[part])
-        above, size = torch.arange(len(part), device=part.device).flip(0), (rows, work.size[1])
-        painted = work.blend(layers, above, size, black).image
-        light = (work.blend(layers, above, size, white).image - painted).mean(0)
+    for top, rows, part in cuts(strokes, job.size, job.renderer):
+        layers = job.renderer(strokes[part].moved(shift=(0, -top)), number[part])
+        above, size = torch.arange(len(part), device=part.device).flip(0), (rows, job.size[1])
+        painted = job.blend(layers, above, size, black).image
+        light = (job.blend(layers, above, size, white).image - painted).mean(0)
         canvas[:, top : top + rows].mul_(light).add_(painted)
 
 
@@ -166,18 +167,18 @@ def unfinished(strokes: Strokes, share: Tensor) -> Strokes:
 
 
 @torch.no_grad()
-def layered(work: Work) -> bool:
+def layered(job: ExportJob) -> bool:
     """Whether strokes that are laid over others look as if both had been laid at once, with this renderer and blend.
 
     It is tried on some strokes of the painting, all at one place and thin as glazes.
     """
-    n = min(PROBES, len(work.strokes))
-    some, like = work.strokes[:n], work.strokes.scale.new_ones(n)
+    n = min(PROBES, len(job.strokes))
+    some, like = job.strokes[:n], job.strokes.scale.new_ones(n)
     place = (like * PROBE_SIDE / 2)[:, None].expand(n, 2)
     some = replace(some, position=place, scale=like * PROBE_SIDE, opacity=like * PROBE_OPACITY)
     size = (PROBE_SIDE, PROBE_SIDE)
-    probe, number = replace(work, strokes=some, size=size), torch.arange(n, device=like.device)
-    at_once, in_turn = (work.background.new_zeros(3, *size) for _ in range(2))
+    probe, number = replace(job, strokes=some, size=size), torch.arange(n, device=like.device)
+    at_once, in_turn = (job.background.new_zeros(3, *size) for _ in range(2))
     lay(at_once, number, probe)
     for part in number.chunk(2):
         lay(in_turn, part, probe)

@@ -11,7 +11,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from brushexp.errors import UserError, check_range
-from brushexp.plugins.export.base import Exporter, Work
+from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.shading.height import height_of
 from brushexp.shading.light import Light, normals_of, shaded
@@ -54,21 +54,21 @@ class Relief(Exporter):
         self.depth = depth
         self.gloss = gloss
 
-    def write(self, work: Work, folder: Path) -> list[Path]:
-        height = height_of(work)
+    def write(self, job: ExportJob, folder: Path) -> list[Path]:
+        height = height_of(job)
         names = ("relief.png", "height.png", "normals.png")
         relief, heights, normals = (folder / name for name in names)
-        write_picture(relief, self.lit(work, height))  # one after the other: large pictures are large in memory
+        write_picture(relief, self.lit(job, height))  # one after the other: large pictures are large in memory
         white = self.depth * float(height.max())
-        log.info("%s: white is %s", heights, height_of_white(white, work.size))
-        write_bytes(heights, encoded(levels_of(height), white, work.size))
+        log.info("%s: white is %s", heights, height_of_white(white, job.size))
+        write_bytes(heights, encoded(levels_of(height), white, job.size))
         write_picture(normals, normal_map(height, self.depth))
         return [relief, heights, normals]
 
-    def lit(self, work: Work, height: np.ndarray) -> np.ndarray:
+    def lit(self, job: ExportJob, height: np.ndarray) -> np.ndarray:
         """The painting under the light (H, W, 3), 8 bits, from its heights (H, W)."""
-        picture = np.empty((*work.size, 3), np.uint8)
-        for top, band in work.bands():
+        picture = np.empty((*job.size, 3), np.uint8)
+        for top, band in job.bands():
             bottom = top + band.shape[1]
             normals = normals_of(height, self.depth, top, bottom)
             lit = shaded(band.float().cpu().numpy(), normals, self.light, self.gloss)

@@ -11,7 +11,7 @@ from torch import Tensor
 from brushexp.compositing.profile import Profile, smooth_rise
 from brushexp.errors import check_range
 from brushexp.plugins.export._paths import line, number, tapered
-from brushexp.plugins.export.base import Exporter, Work
+from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.system.files import replacing
@@ -46,26 +46,26 @@ class Svg(Exporter):
         self.digits = digits
         self.outlines = outlines
 
-    def write(self, work: Work, folder: Path) -> list[Path]:
+    def write(self, job: ExportJob, folder: Path) -> list[Path]:
         path = folder / "strokes.svg"
         with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
-            file.writelines(self._lines(work))
+            file.writelines(self._lines(job))
         return [path]
 
-    def _lines(self, work: Work) -> Iterator[str]:
-        (height, width), count = work.size, len(work.strokes)
-        profile, bare = profile_of(work)
+    def _lines(self, job: ExportJob) -> Iterator[str]:
+        (height, width), count = job.size, len(job.strokes)
+        profile, bare = profile_of(job)
         about = f"{count} brush strokes on {width} x {height} pixels, the bottom one first"
-        about += f", from {work.source}" * bool(work.source) + "; written by brushexp."
-        about += f" The renderer {work.name} gives them a texture, which paths cannot hold." * bare
+        about += f", from {job.source}" * bool(job.source) + "; written by brushexp."
+        about += f" The renderer {job.name} gives them a texture, which paths cannot hold." * bare
         canvas = f'<path d="M0 0h{width}v{height}h-{width}z"'
         stroked = "" if profile.taper else ' fill="none" stroke-linecap="round" stroke-linejoin="round"'
         yield '<?xml version="1.0" encoding="UTF-8"?>\n<svg xmlns="http://www.w3.org/2000/svg" '
         yield f'width="{width}px" height="{height}px" viewBox="0 0 {width} {height}">\n'
         yield f"<title>{count} brush strokes</title>\n<desc>{escape(FORBIDDEN.sub('?', about), quote=False)}</desc>\n"
         yield f'<clipPath id="canvas">{canvas}/></clipPath>\n<g clip-path="url(#canvas)"{stroked}>\n'
-        yield f'{canvas} fill="{hexadecimal(work.background[None])[0]}"/>\n'
-        yield from self._paths(profile, work.bottom_up.cpu())
+        yield f'{canvas} fill="{hexadecimal(job.background[None])[0]}"/>\n'
+        yield from self._paths(profile, job.bottom_up.cpu())
         yield "</g>\n</svg>\n"
 
     def _paths(self, profile: Profile, bottom_up: Tensor) -> Iterator[str]:
@@ -92,11 +92,11 @@ class Svg(Exporter):
 
 
 @torch.no_grad()
-def profile_of(work: Work) -> tuple[Profile, bool]:
+def profile_of(job: ExportJob) -> tuple[Profile, bool]:
     """The strokes as profiles, and whether their renderer makes something else of them, which is left out."""
-    strokes = work.strokes
-    if isinstance(work.renderer(strokes[:0]), Profile):  # nothing large is drawn to find out
-        drawn = work.renderer(strokes)
+    strokes = job.strokes
+    if isinstance(job.renderer(strokes[:0]), Profile):  # nothing large is drawn to find out
+        drawn = job.renderer(strokes)
         assert isinstance(drawn, Profile)
         return drawn, False
     return Profile(curve_of(strokes), half_width_of(strokes), strokes.color, strokes.opacity, CRISP, 0.0), True

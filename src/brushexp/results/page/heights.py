@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from brushexp.painting.outputs import renderer_of, work_of
+from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.registry import build_named
 from brushexp.results.page.html import data_uri
 from brushexp.shading.height import height_of
@@ -28,8 +28,8 @@ def height_map(saved: Saved) -> dict[str, Any]:
     if drawn_as is not None:
         renderer = build_named("renderer", drawn_as, {})
     blend = build_named("blend", "tiled", {})
-    work = work_of(saved, renderer, blend, saved.renderer, min(MAP_SIDE, max(saved.size)))
-    height = height_of(work).clip(0)
+    job = export_job(saved, renderer, blend, saved.renderer, min(MAP_SIDE, max(saved.size)))
+    height = height_of(job).clip(0)
     top = float(height.max()) or 1.0
     levels = (height / top * 65_535).round().astype(np.uint16)
     packed = np.stack([levels >> 8, levels & 255, np.zeros_like(levels)], axis=2).astype(np.uint8)

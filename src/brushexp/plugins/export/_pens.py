@@ -1,16 +1,18 @@
-"""How a painting is to be drawn with pens: the options that the exporters share, and where it lies on the paper."""
+"""How a painting is drawn with pens: the options that the exporters share, and where it lies on the paper."""
 
 from __future__ import annotations
 
-import math
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from types import ModuleType
 
 import numpy as np
 
 from brushexp.errors import UserError, check_range
-from brushexp.plugins.export._library import the_library
 
 Array = np.ndarray
 
@@ -24,8 +26,8 @@ class Hidden(Enum):
 
 
 @dataclass(frozen=True)
-class Drawing:
-    """How a painting is drawn with pens. The options of the exporters, which say what they mean.
+class PenOptions:
+    """How a painting is drawn with pens. The exporters say what their options mean.
 
     Attributes:
         name: of the exporter, for messages.
@@ -52,12 +54,12 @@ class Drawing:
         for key, (low, high) in within.items():
             check_range(f"to.{self.name}.{key}", getattr(self, key), low, high)
         self.room((1, 1))
-        self.own_pens  # noqa: B018  (says what is wrong with it before anything is drawn)
+        self.own_pens  # noqa: B018  (refused before anything is drawn)
 
     @cached_property
     def page(self) -> tuple[float, float]:
-        """Shorter and longer side of the paper."""
-        vpype = the_library()
+        """Shorter and longer side of the paper, mm."""
+        vpype = load_vpype()
         names = sorted(name for name, (short, _) in vpype.PAGE_SIZES.items() if short > 0)
         text = self.paper.lower()
         try:
@@ -74,7 +76,7 @@ class Drawing:
 
     @cached_property
     def own_pens(self) -> Array | None:
-        """Colours (K, 3) in [0, 1] of the pens that there are, None if any can be had."""
+        """Colours (K, 3) in [0, 1] of the pens that the user has; None if any colour can be had."""
         from PIL import ImageColor  # noqa: PLC0415  (only where there are pens)
 
         if self.pens is None:
@@ -110,15 +112,45 @@ class Drawing:
             )
         return papers[best], rooms[best]
 
-    def frame(self, size: tuple[int, int]) -> tuple[tuple[float, float], complex, float]:
-        """Width and height of the paper, upper left corner of the picture in its middle, and mm per pixel."""
+    def frame(self, size: tuple[int, int]) -> tuple[tuple[float, float], Array, float]:
+        """Width and height of the paper, the picture's upper left corner (2,) in its middle, and mm per pixel."""
         paper, scale = self.room(size)
         if self.width_mm is not None:
-            most = scale * size[1]
-            if self.width_mm > most * (1 + 1e-9):
+            widest = scale * size[1]
+            if self.width_mm > widest * (1 + 1e-9):
                 raise UserError(
                     f"to.{self.name}.width_mm={self.width_mm:g} is too wide for {paper[0]:g} x {paper[1]:g} mm and its "
-                    f"margins; try to.{self.name}.width_mm={math.floor(10 * most) / 10:g}"
+                    f"margins; try to.{self.name}.width_mm={np.floor(10 * widest) / 10:g}"
                 )
             scale = self.width_mm / size[1]
-        return paper, complex(paper[0] - scale * size[1], paper[1] - scale * size[0]) / 2, scale
+        return paper, (np.array(paper) - scale * np.array(size[::-1])) / 2, scale
+
+
+def load_vpype() -> ModuleType:
+    """The library vpype, which is optional and slow to import.
+
+    Raises:
+        UserError: if it is not installed.
+    """
+    try:
+        with quiet_vpype():
+            import vpype  # noqa: PLC0415
+            import vpype_cli  # noqa: F401, PLC0415
+    except ImportError as error:
+        raise UserError("to=hpgl and to=gcode need vpype, which is not here; pip install -e '.[plot]'") from error
+    return vpype
+
+
+@contextmanager
+def quiet_vpype() -> Iterator[None]:
+    """Keep out of our log what vpype says to the root logger."""
+    root = logging.getLogger()
+
+    def not_of_vpype(record: logging.LogRecord) -> bool:
+        return "vpype" not in record.pathname
+
+    root.addFilter(not_of_vpype)
+    try:
+        yield
+    finally:
+        root.removeFilter(not_of_vpype)
