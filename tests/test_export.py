@@ -29,7 +29,7 @@ from brushexp.painting.assembly import strokes_from
 from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.export.base import Exporter, ExportJob, counted
+from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.plugins.export.csv import Csv
 from brushexp.plugins.export.json import Json
 from brushexp.plugins.export.png import Png, pixels
@@ -41,6 +41,7 @@ from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.strokes.text import json_lines, parse
 from brushexp.system.files import to_bytes
+from brushexp.system.progress import with_progress
 
 ROOT = Path(__file__).parents[1]
 SIZE = (36, 52)
@@ -547,7 +548,7 @@ def test_a_large_picture_has_a_bar_and_is_the_same(tmp_path, monkeypatch):
     small = pixels(what)
     monkeypatch.setattr("brushexp.plugins.export.base.LARGE", 1)
     assert np.array_equal(pixels(what), small)
-    assert list(counted(iter("abc"), 3, "writing")) == ["a", "b", "c"]
+    assert list(with_progress(iter("abc"), 3, "writing")) == ["a", "b", "c"]
 
 
 # All of them, and what is typed.
