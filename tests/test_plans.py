@@ -3,7 +3,6 @@
 import re
 import sys
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.gcode import Gcode
 from brushexp.plugins.export.hpgl import Hpgl
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.registry import build
+from brushexp.registry import build, build_named
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
 
@@ -340,27 +339,27 @@ def test_the_picture_lies_in_the_middle_of_the_paper(paper, landscape, width, ex
     assert 2 * corner == pytest.approx([page[0] - 90 * scale, page[1] - 60 * scale])
 
 
-@pytest.mark.parametrize(("make", "message"), [
-    (partial(Gcode, paper="a44"), "paper=a44 is not a paper; choose one of a0, a1"),
-    (partial(Gcode, paper="tight"), "is not a paper"),
-    (partial(Gcode, paper="300x200"), "such as to.gcode.paper=300x200mm"),
-    (partial(Hpgl, margin_mm=200.0), "leave nothing of 210 x 297 mm; choose a larger paper"),
-    (partial(Gcode, colors=0), "to.gcode.colors=0 is not within 1 to 64; try to.gcode.colors=1"),
-    (partial(Gcode, pen_mm=0.0), "to.gcode.pen_mm=0 is not within"),
-    (partial(Gcode, tolerance_mm=float("nan")), "to.gcode.tolerance_mm=nan is not within"),
-    (partial(Gcode, passes=0), "to.gcode.passes=0"),
-    (partial(Gcode, pens=["reddish"]), "'reddish', which is no colour"),
-    (partial(Gcode, pens=[]), "give at least one colour"),
-    (partial(Gcode, feed=0.0), "to.gcode.feed=0 is no speed"),
-    (partial(Gcode, up="G0 Z5\nM30"), "is not one line"),
-    (partial(Hpgl, speed=0), "to.hpgl.speed=0"),
-    (partial(Hpgl, plotter="axidraw"), "not known to vpype; choose one of hp7475a"),
-    (partial(Hpgl, plotter="hp7475a", paper="a2"), "does not take to.hpgl.paper=a2; it takes a4, a3"),
-    (partial(Hpgl, plotter="designmate"), "cannot read what it knows"),
+@pytest.mark.parametrize(("name", "options", "message"), [
+    ("gcode", {"paper": "a44"}, "paper=a44 is not a paper; choose one of a0, a1"),
+    ("gcode", {"paper": "tight"}, "is not a paper"),
+    ("gcode", {"paper": "300x200"}, "such as to.gcode.paper=300x200mm"),
+    ("hpgl", {"margin_mm": 200.0}, "leave nothing of 210 x 297 mm; choose a larger paper"),
+    ("gcode", {"colors": 0}, "to.gcode.colors=0 is not 1 to 64; try to.gcode.colors=1"),
+    ("gcode", {"pen_mm": 0.0}, "to.gcode.pen_mm=0"),
+    ("gcode", {"tolerance_mm": float("nan")}, "to.gcode.tolerance_mm=nan"),
+    ("gcode", {"passes": 0}, "to.gcode.passes=0"),
+    ("gcode", {"pens": ["reddish"]}, "'reddish', which is no colour"),
+    ("gcode", {"pens": []}, "give at least one colour"),
+    ("gcode", {"feed": 0.0}, "to.gcode.feed=0"),
+    ("gcode", {"up": "G0 Z5\nM30"}, "is not one line"),
+    ("hpgl", {"speed": 0}, "to.hpgl.speed=0"),
+    ("hpgl", {"plotter": "axidraw"}, "not known to vpype; choose one of hp7475a"),
+    ("hpgl", {"plotter": "hp7475a", "paper": "a2"}, "does not take to.hpgl.paper=a2; it takes a4, a3"),
+    ("hpgl", {"plotter": "designmate"}, "cannot read what it knows"),
 ])  # fmt: skip
-def test_options_that_make_no_sense_are_refused_in_words(make, message):
+def test_options_that_make_no_sense_are_refused_in_words(name, options, message):
     with pytest.raises(UserError, match=re.escape(message)):
-        make()
+        build_named("to", name, options)
 
 
 def test_what_does_not_fit_is_refused_when_it_is_known(tmp_path):

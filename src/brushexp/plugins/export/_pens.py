@@ -9,12 +9,21 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from types import ModuleType
+from typing import Annotated
 
 import numpy as np
 
-from brushexp.errors import UserError, check_range
+from brushexp.bounds import between
+from brushexp.errors import UserError
 
 Array = np.ndarray
+Colors = Annotated[int, between(1, 64)]
+Layers = Annotated[int, between(1, 10_000)]
+Margin = Annotated[float, between(0, 1000)]
+Passes = Annotated[int, between(1, 2000)]
+PenWidth = Annotated[float, between(0.05, 500)]
+PictureWidth = Annotated[float, between(0.1, 100_000)]
+Tolerance = Annotated[float, between(0.001, 10)]
 
 
 class Hidden(Enum):
@@ -49,10 +58,6 @@ class PenOptions:
     reach: float = 0.0
 
     def __post_init__(self) -> None:
-        within = {"colors": (1, 64), "layers": (1, 10_000), "pen_mm": (0.05, 500.0), "margin_mm": (0.0, 1000.0)}
-        within |= {"tolerance_mm": (0.001, 10.0), "passes": (1, 2000), "width_mm": (0.1, 100_000.0)}
-        for key, (low, high) in within.items():
-            check_range(f"to.{self.name}.{key}", getattr(self, key), low, high)
         self.room((1, 1))
         self.own_pens  # noqa: B018  (refused before anything is drawn)
 

@@ -3,10 +3,23 @@
 import io
 import logging
 from pathlib import Path
+from typing import Annotated
 
+from brushexp.bounds import between
 from brushexp.errors import UserError
 from brushexp.plugins.export._pen_plan import PenPlan, pen_plan
-from brushexp.plugins.export._pens import Hidden, PenOptions, load_vpype
+from brushexp.plugins.export._pens import (
+    Colors,
+    Hidden,
+    Layers,
+    Margin,
+    Passes,
+    PenOptions,
+    PenWidth,
+    PictureWidth,
+    Tolerance,
+    load_vpype,
+)
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.system.files import write_text
@@ -48,17 +61,17 @@ class Gcode(Exporter):
         *,
         paper: str = "a4",
         landscape: bool | None = None,
-        margin_mm: float = 10.0,
-        width_mm: float | None = None,
-        colors: int = 8,
+        margin_mm: Margin = 10.0,
+        width_mm: PictureWidth | None = None,
+        colors: Colors = 8,
         pens: list[str] | None = None,
-        layers: int = 1,
-        pen_mm: float = 0.5,
-        passes: int | None = None,
+        layers: Layers = 1,
+        pen_mm: PenWidth = 0.5,
+        passes: Passes | None = None,
         hidden: Hidden = Hidden.cut,
-        tolerance_mm: float = 0.05,
-        feed: float = 1500.0,
-        travel: float = 5000.0,
+        tolerance_mm: Tolerance = 0.05,
+        feed: Annotated[float, between(1, 1_000_000)] = 1500.0,
+        travel: Annotated[float, between(1, 1_000_000)] = 5000.0,
         up: str = "G0 Z5",
         down: str = "G1 Z0 F600",
         change: str = "M6 T{tool}",
@@ -66,9 +79,6 @@ class Gcode(Exporter):
         self.options = PenOptions(
             "gcode", paper, landscape, margin_mm, width_mm, colors, pens, layers, pen_mm, passes, hidden, tolerance_mm
         )
-        for key, value in (("feed", feed), ("travel", travel)):
-            if not 1 <= value <= 1_000_000:
-                raise UserError(f"to.gcode.{key}={value:g} is no speed in mm/min; try to.gcode.{key}=1500")
         for key, text in (("up", up), ("down", down), ("change", change)):
             if not text.isascii() or not text.isprintable():
                 raise UserError(f"to.gcode.{key}={text!r} is not one line of ASCII; write 'to.gcode.{key}=M3 S90'")

@@ -3,11 +3,23 @@
 import io
 import logging
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from brushexp.bounds import between
 from brushexp.errors import UserError
 from brushexp.plugins.export._pen_plan import PenPlan, millimetre, pen_plan
-from brushexp.plugins.export._pens import Hidden, PenOptions, load_vpype
+from brushexp.plugins.export._pens import (
+    Colors,
+    Hidden,
+    Layers,
+    Margin,
+    Passes,
+    PenOptions,
+    PenWidth,
+    PictureWidth,
+    Tolerance,
+    load_vpype,
+)
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.system.files import write_text
@@ -50,20 +62,18 @@ class Hpgl(Exporter):
         *,
         paper: str = "a4",
         landscape: bool | None = None,
-        margin_mm: float = 10.0,
-        width_mm: float | None = None,
-        colors: int = 8,
+        margin_mm: Margin = 10.0,
+        width_mm: PictureWidth | None = None,
+        colors: Colors = 8,
         pens: list[str] | None = None,
-        layers: int = 1,
-        pen_mm: float = 0.5,
-        passes: int | None = None,
+        layers: Layers = 1,
+        pen_mm: PenWidth = 0.5,
+        passes: Passes | None = None,
         hidden: Hidden = Hidden.cut,
-        tolerance_mm: float = 0.05,
+        tolerance_mm: Tolerance = 0.05,
         plotter: str | None = None,
-        speed: int | None = None,
+        speed: Annotated[int, between(1, 1000)] | None = None,
     ) -> None:
-        if speed is not None and not 1 <= speed <= 1000:
-            raise UserError(f"to.hpgl.speed={speed} is no speed in cm/s; try to.hpgl.speed={DRAW_SPEED}")
         self.plotter = plotter
         self.speed = speed
         self.paper = paper.lower()

@@ -4,11 +4,11 @@ import struct
 import zlib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import BinaryIO
+from typing import Annotated, BinaryIO
 
 import numpy as np
 
-from brushexp.errors import UserError
+from brushexp.bounds import between
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.system.files import replacing, to_bytes
@@ -28,9 +28,7 @@ class Png(Exporter):
         compression: 1 (fast) to 9 (small).
     """
 
-    def __init__(self, *, compression: int = 6) -> None:
-        if not 1 <= compression <= 9:
-            raise UserError(f"to.png.compression={compression} is not a level from 1 to 9; try to.png.compression=6")
+    def __init__(self, *, compression: Annotated[int, between(1, 9)] = 6) -> None:
         self.compression = compression
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:

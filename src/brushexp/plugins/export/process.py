@@ -6,14 +6,15 @@ from dataclasses import replace
 from enum import Enum
 from fractions import Fraction
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from brushexp.bounds import between
 from brushexp.compositing.bands import cuts
-from brushexp.errors import check_range
-from brushexp.pictures.video import MOST_FPS, MOST_SECONDS, Format, filming, largest_side
+from brushexp.pictures.video import Format, filming, largest_side
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
@@ -54,16 +55,13 @@ class Process(Exporter):
     def __init__(
         self,
         *,
-        seconds: float = 10.0,
-        fps: int = 25,
+        seconds: Annotated[float, between(0.1, 300)] = 10.0,
+        fps: Annotated[int, between(1, 50)] = 25,
         format: Format = Format.mp4,
-        hold: float = 1.5,
+        hold: Annotated[float, between(0, 300)] = 1.5,
         pace: Pace = Pace.quickening,
         growing: bool | None = None,
     ) -> None:
-        ranges = {"seconds": (seconds, 0.1, MOST_SECONDS), "fps": (fps, 1, MOST_FPS), "hold": (hold, 0, MOST_SECONDS)}
-        for name, (value, low, high) in ranges.items():
-            check_range(f"to.process.{name}", value, low, high)
         self.frames = max(1, round(seconds * fps))
         self.seconds = seconds
         self.fps = fps

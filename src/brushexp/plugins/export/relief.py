@@ -4,13 +4,15 @@ import io
 import logging
 import math
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import torch
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from brushexp.errors import UserError, check_range
+from brushexp.bounds import between
+from brushexp.errors import UserError
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.shading.height import height_of
@@ -36,7 +38,13 @@ class Relief(Exporter):
         gloss: of the paint, 0 (matt) to 1 (wet).
     """
 
-    def __init__(self, *, light: list[float] = [315.0, 45.0], depth: float = 1.0, gloss: float = 0.25) -> None:  # noqa: B006
+    def __init__(
+        self,
+        *,
+        light: list[float] = [315.0, 45.0],  # noqa: B006
+        depth: Annotated[float, between(0, 1000)] = 1.0,
+        gloss: Annotated[float, between(0, 1)] = 0.25,
+    ) -> None:
         typed = ",".join(f"{value:g}" for value in light)
         if len(light) != 2:
             raise UserError(f"light={typed} is not an azimuth and an elevation in degrees; try light=315,45")
@@ -47,9 +55,6 @@ class Relief(Exporter):
                 f"light={typed}: an elevation of {light[1]:g} is not above 0 and up to 90 degrees; "
                 f"try light={light[0]:g},45"
             )
-        if not 0 <= depth <= 1000:
-            raise UserError(f"to.relief.depth={depth:g} is not a factor from 0 to 1000; try to.relief.depth=1")
-        check_range("to.relief.gloss", gloss, 0, 1)
         self.light = Light(*light)
         self.depth = depth
         self.gloss = gloss

@@ -4,19 +4,19 @@ import re
 from collections.abc import Iterator
 from html import escape
 from pathlib import Path
+from typing import Annotated
 
 import torch
 from torch import Tensor
 
+from brushexp.bounds import between
 from brushexp.compositing.profile import Profile, smooth_rise
-from brushexp.errors import check_range
 from brushexp.plugins.export._paths import line, number, tapered
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.system.files import replacing
 
-MOST_DIGITS, MOST_OUTLINES = 6, 8
 CRISP = 1.0  # pixels: soft edge of strokes whose renderer is no profile
 PIXEL = 1 / 12  # square pixels: variance of an edge where a program fills pixels by the share that is covered
 BISECTIONS = 40
@@ -40,9 +40,9 @@ class Svg(Exporter):
         outlines: how many paths, one on another, make the soft edge of a stroke, 1 to 8.
     """
 
-    def __init__(self, *, digits: int = 2, outlines: int = 1) -> None:
-        check_range("to.svg.digits", digits, 0, MOST_DIGITS)
-        check_range("to.svg.outlines", outlines, 1, MOST_OUTLINES)
+    def __init__(
+        self, *, digits: Annotated[int, between(0, 6)] = 2, outlines: Annotated[int, between(1, 8)] = 1
+    ) -> None:
         self.digits = digits
         self.outlines = outlines
 
