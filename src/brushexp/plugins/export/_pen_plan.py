@@ -214,7 +214,8 @@ def _filled(middle: shapely.LineString, width: float, options: PenOptions, frame
     needed = int(np.ceil(2 * radius / options.pen_mm - 1e-9)) + 1
     count = min(needed, options.passes or needed)
     picture = shapely.box(*frame)
-    near, far = shapely.distance(middle, picture), shapely.hausdorff_distance(middle, picture)
+    corners = shapely.points(shapely.get_coordinates(picture))
+    near, far = shapely.distance(middle, picture), shapely.distance(middle, corners).max()
     step = 2 * radius / max(count - 1, 1)
     inner = max(0, int((radius - far) / max(step, 1e-9)))
     outer = min(count // 2, int((radius - near) / max(step, 1e-9)) + 1)
