@@ -203,8 +203,8 @@ def test_strokes_of_nothing_are_laid_too(tmp_path):
     [("seconds", 0.0), ("seconds", 1e4), ("seconds", float("nan")), ("fps", 0), ("fps", 60), ("hold", -1.0)],
 )
 def test_impossible_films_are_refused(option, value):
-    with pytest.raises(UserError, match=f"^to.process.{option}=.* is not within .* to .*; try to.process.{option}="):
-        Process(**{option: value})
+    with pytest.raises(UserError, match=f"^to.process.{option}=.* is not .* to .*; try to.process.{option}="):
+        build_named("to", "process", {option: value})
 
 
 @pytest.mark.parametrize(("growing", "most"), [(None, 1), (False, 1), (True, 8)])

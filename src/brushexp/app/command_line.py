@@ -68,10 +68,11 @@ def in_full(arguments: list[str]) -> list[str]:
     Raises:
         UserError: if a word is no ``key=value``.
     """
-    typed, _ = get_args_parser().parse_known_args(arguments)
+    typed, after_flags = get_args_parser().parse_known_args(arguments)
+    overrides = {*typed.overrides, *after_flags}
     found = []
     for argument in arguments:
-        if argument.startswith("-") or argument not in typed.overrides:
+        if argument.startswith("-") or argument not in overrides:
             found.append(argument)
             continue
         check_word(argument)

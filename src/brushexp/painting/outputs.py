@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +17,10 @@ from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.renderer.base import Renderer
-from brushexp.registry import build_named
+from brushexp.registry import build, build_named, plugin_of
 from brushexp.strokes.storage import Saved
 
+log = logging.getLogger(__name__)
 LARGEST = 65_536  # pixels of the longer side
 
 
@@ -49,6 +52,31 @@ def config_of(saved: Saved) -> DictConfig:
 def _not_settings(error: Exception) -> UserError:
     reason = " ".join(str(error).split())
     return UserError(f"the config of the catalogue cannot be read ({reason}); mend it, or make it empty")
+
+
+def with_renderer(saved: Saved, chosen: DictConfig | None, path: str) -> tuple[Saved, Renderer]:
+    """The renderer to draw with, and the catalogue as if it had been painted with it.
+
+    Args:
+        saved: the catalogue.
+        chosen: config of a renderer; None for the one that the catalogue was made with.
+        path: of the catalogue, for the log.
+    """
+    renderer: Renderer = renderer_of(saved) if chosen is None else build(chosen)
+    name = saved.renderer if chosen is None else plugin_of(chosen).name
+    if name == saved.renderer and renderer.weights_hash != saved.renderer_hash:
+        log.warning(
+            "%s was painted with other weights of renderer=%s, so the picture will differ; "
+            "give those with renderer=%s renderer.checkpoint=...",
+            path, saved.renderer, saved.renderer,
+        )  # fmt: skip
+    if chosen is None:
+        return saved, renderer
+    config = OmegaConf.merge(config_of(saved), {"renderer": None})
+    config.renderer = OmegaConf.to_container(chosen, resolve=True)
+    return replace(
+        saved, renderer=name, renderer_hash=renderer.weights_hash, config=OmegaConf.to_yaml(config)
+    ), renderer
 
 
 def export_job(

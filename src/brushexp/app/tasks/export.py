@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import logging
 import time
-from dataclasses import replace
 from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from brushexp.errors import UserError
-from brushexp.painting.outputs import config_of, export_job, renderer_of
-from brushexp.plugins.renderer.base import Renderer
-from brushexp.registry import build, plugin_of
-from brushexp.strokes.storage import Saved, load_catalogue
+from brushexp.painting.outputs import export_job, with_renderer
+from brushexp.registry import build
+from brushexp.strokes.storage import load_catalogue
 
 log = logging.getLogger(__name__)
 
@@ -46,31 +44,6 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         "seconds_total": time.monotonic() - start,
         "status": "completed",
     }
-
-
-def with_renderer(saved: Saved, chosen: DictConfig | None, path: str) -> tuple[Saved, Renderer]:
-    """The renderer to draw with, and the catalogue as if it had been painted with it.
-
-    Args:
-        saved: the catalogue.
-        chosen: config of a renderer; None for the one that the catalogue was made with.
-        path: of the catalogue, for the log.
-    """
-    renderer: Renderer = renderer_of(saved) if chosen is None else build(chosen)
-    name = saved.renderer if chosen is None else plugin_of(chosen).name
-    if name == saved.renderer and renderer.weights_hash != saved.renderer_hash:
-        log.warning(
-            "%s was painted with other weights of renderer=%s, so the picture will differ; "
-            "give those with renderer=%s renderer.checkpoint=...",
-            path, saved.renderer, saved.renderer,
-        )  # fmt: skip
-    if chosen is None:
-        return saved, renderer
-    config = OmegaConf.merge(config_of(saved), {"renderer": None})
-    config.renderer = OmegaConf.to_container(chosen, resolve=True)
-    return replace(
-        saved, renderer=name, renderer_hash=renderer.weights_hash, config=OmegaConf.to_yaml(config)
-    ), renderer
 
 
 def in_bytes(count: int) -> str:

@@ -11,9 +11,8 @@ from urllib.parse import quote, unquote, urljoin, urlsplit
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from brushexp.app.tasks.export import with_renderer
 from brushexp.errors import UserError
-from brushexp.painting.outputs import export_job
+from brushexp.painting.outputs import export_job, with_renderer
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import build
 from brushexp.results.page.html import LARGEST_SIDE
