@@ -32,7 +32,7 @@ from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.renderer.textured import Textured
 from brushexp.results.plotting import COLORS, MARKERS, new_figure, save_figure, tidy
 from brushexp.strokes.catalogue import Strokes
-from brushexp.system.process import peak_memory
+from brushexp.system.runtime import peak_memory
 
 BACKGROUND = torch.tensor([0.2, 0.5, 0.9])
 EXACT, SHIPPED = Tiled(opaque=0.0), Tiled()

@@ -24,7 +24,7 @@ from brushexp.painting.painter import Painter
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.strokes.catalogue import Catalogue
-from brushexp.system.process import peak_memory
+from brushexp.system.runtime import peak_memory
 
 STEPS = 30
 

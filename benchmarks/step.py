@@ -30,7 +30,7 @@ from brushexp.plugins.blend.topk import TopK
 from brushexp.plugins.loss.base import Painting, weighted_sum
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.catalogue import Catalogue, Strokes
-from brushexp.system.process import peak_memory
+from brushexp.system.runtime import peak_memory
 
 BACKGROUND = torch.ones(3)
 

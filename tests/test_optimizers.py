@@ -12,7 +12,7 @@ from scenes import random_strokes
 from brushexp.errors import UserError
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.optimizer._libraries import Library
-from brushexp.plugins.optimizer._schedule import Schedule, share_of_rate
+from brushexp.plugins.optimizer._rates import RateSchedule, share_of_rate
 from brushexp.plugins.optimizer.base import Optimizer
 from brushexp.plugins.optimizer.torch_optim import TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic
@@ -150,9 +150,9 @@ def test_options_that_the_library_does_not_take_are_refused(kind, options):
 @pytest.mark.parametrize(
     ("schedule", "shares"),
     [
-        (Schedule.constant, [0.0, 1.0, 1.0, 1.0, 1.0]),
-        (Schedule.linear, [0.0, 1.0, 1.0, 0.5, 0.0]),
-        (Schedule.cosine, [0.0, 1.0, 1.0, 0.5, 0.0]),
+        (RateSchedule.constant, [0.0, 1.0, 1.0, 1.0, 1.0]),
+        (RateSchedule.linear, [0.0, 1.0, 1.0, 0.5, 0.0]),
+        (RateSchedule.cosine, [0.0, 1.0, 1.0, 0.5, 0.0]),
     ],
 )
 def test_the_rate_rises_holds_and_falls(schedule, shares):

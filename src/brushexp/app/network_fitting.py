@@ -16,7 +16,7 @@ from omegaconf import DictConfig, OmegaConf
 from brushexp.app.fitting import trainer_of
 from brushexp.errors import UserError
 from brushexp.system.callbacks import MovingAverage
-from brushexp.system.process import peak_memory
+from brushexp.system.runtime import peak_memory
 from brushexp.training.network_module import NetworkModule
 from brushexp.training.renderer_module import RendererSettings
 

@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from brushexp.system.files import replacing
-from brushexp.system.process import interruptible
+from brushexp.system.runtime import interruptible
 
 log = logging.getLogger(__name__)
 INTERRUPTED = "interrupted"

@@ -26,8 +26,8 @@ from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.files import write_bytes
 from brushexp.system.hdf5 import HDF5, fixed
-from brushexp.system.process import interruptible
 from brushexp.system.progress import counting
+from brushexp.system.runtime import interruptible
 from brushexp.training.dataset import (
     BLOCK,
     FORMAT,

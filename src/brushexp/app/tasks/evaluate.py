@@ -23,7 +23,7 @@ from brushexp.results.tables import csv_table
 from brushexp.system.checkpoint import weights_hash
 from brushexp.system.device import device_of
 from brushexp.system.files import write_json, write_picture, write_text
-from brushexp.system.process import peak_memory
+from brushexp.system.runtime import peak_memory
 from brushexp.training.benchmark import draw_extremes, evaluate, for_painting, speed_and_size
 from brushexp.training.datamodule import EngineSource, StrokeData
 from brushexp.training.dataset import Split, origin_of

@@ -15,8 +15,8 @@ from brushexp.stress.check import Outcome
 from brushexp.stress.matrix import MatrixCell, axes_of, cells_in, examine
 from brushexp.stress.report import draw_matrix, matrix_csv, matrix_text, outcome_counts, outcomes_in_words
 from brushexp.system.files import write_json, write_text
-from brushexp.system.process import peak_memory
 from brushexp.system.progress import counting
+from brushexp.system.runtime import peak_memory
 
 NAMED_CELLS = 5  # broken ones that the last message names
 

@@ -33,7 +33,7 @@ from brushexp.strokes.storage import Saved, save_catalogue
 from brushexp.system.callbacks import INTERRUPTED
 from brushexp.system.device import device_of
 from brushexp.system.files import to_bytes, write_json, write_picture
-from brushexp.system.process import peak_memory
+from brushexp.system.runtime import peak_memory
 
 log = logging.getLogger(__name__)
 ON_THE_WAY = 8  # frames of the timelapse that trackers get

@@ -29,7 +29,7 @@ from brushexp.system.callbacks import INTERRUPTED
 from brushexp.system.checkpoint import plain_options
 from brushexp.system.device import device_of
 from brushexp.system.files import write_json, write_picture, write_text
-from brushexp.system.process import peak_memory
+from brushexp.system.runtime import peak_memory
 from brushexp.training.benchmark import evaluate, for_painting, speed_and_size
 from brushexp.training.datamodule import StrokeData
 from brushexp.training.dataset import Split

@@ -15,7 +15,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend, Canvas, accuracy_of, alike
 from brushexp.plugins.blend.dense import over
 from brushexp.registry import register
-from brushexp.system.process import share_threads
+from brushexp.system.runtime import share_threads
 
 
 class Backend(Enum):

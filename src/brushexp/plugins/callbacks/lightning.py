@@ -26,7 +26,7 @@ class LearningRate(Callback):
 
 
 @register("callbacks", "early_stopping")
-class NoMoreGain(Callback):
+class StopOnPlateau(Callback):
     """End the fit when a logged value no longer improves (Lightning's EarlyStopping).
 
     Args:

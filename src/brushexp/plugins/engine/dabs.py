@@ -10,7 +10,7 @@ from brushexp.bounds import between
 from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import register
 from brushexp.strokes.prior import strokes_of
-from brushexp.system.process import share_threads
+from brushexp.system.runtime import share_threads
 
 SMALLEST = 0.2 / 64  # least basic radius, windows: libmypaint's 0.2 pixels in a window of 64
 EDGE = 1e-4  # hardness 0 and 1 are drawn as this far from them

@@ -9,7 +9,7 @@ from brushexp.bounds import between
 from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import register
 from brushexp.strokes.prior import strokes_of
-from brushexp.system.process import share_threads
+from brushexp.system.runtime import share_threads
 
 DISCS = 100  # number i lies at t = i / DISCS
 SUPERSAMPLE = 2  # pixels of the canvas per pixel of the picture, in each direction

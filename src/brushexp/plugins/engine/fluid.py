@@ -11,7 +11,7 @@ from brushexp.bounds import between
 from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import register
 from brushexp.strokes.prior import strokes_of
-from brushexp.system.process import share_threads
+from brushexp.system.runtime import share_threads
 
 GOLDEN = (1 + 5**0.5) / 2
 BAND = 1.05  # radius of the brush that paints a band, in halves of the band: the outermost bristles leave little

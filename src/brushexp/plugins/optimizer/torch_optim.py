@@ -7,7 +7,7 @@ from torch import nn, optim
 
 from brushexp.errors import UserError
 from brushexp.plugins.optimizer._libraries import Library, class_of
-from brushexp.plugins.optimizer._schedule import UNITS, Schedule, check_rate, share_of_rate
+from brushexp.plugins.optimizer._rates import UNITS, RateSchedule, check_rate, share_of_rate
 from brushexp.plugins.optimizer.base import Optimizer
 from brushexp.registry import register
 
@@ -39,7 +39,7 @@ class TorchOptim(Optimizer):
         library: Library = Library.torch,
         lr: float = 0.02,
         units: dict[str, float] = UNITS,
-        schedule: Schedule = Schedule.linear,
+        schedule: RateSchedule = RateSchedule.linear,
         hold: float = 0.5,
         warmup: float = 0.0,
         options: dict[str, Any] = {},  # noqa: B006

@@ -9,7 +9,7 @@ from brushexp.errors import UserError
 UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3, "color": 1.0, "opacity": 1.0}
 
 
-class Schedule(Enum):
+class RateSchedule(Enum):
     """How the learning rate goes from ``lr`` to its end."""
 
     constant = "constant"
@@ -30,7 +30,7 @@ def check_rate(lr: float, hold: float, warmup: float) -> None:
             raise UserError(f"optimizer.{key}={value:g} is not a fraction below 1; try optimizer.{key}=0.1")
 
 
-def share_of_rate(progress: float, schedule: Schedule, hold: float, warmup: float) -> float:
+def share_of_rate(progress: float, schedule: RateSchedule, hold: float, warmup: float) -> float:
     """Share (0 to 1) of the full rate when ``progress`` (0 to 1) of the steps are done.
 
     Args:
@@ -42,8 +42,8 @@ def share_of_rate(progress: float, schedule: Schedule, hold: float, warmup: floa
     rise = min(1.0, (progress + 1e-9) / warmup) if warmup else 1.0
     falling = max(0.0, (progress - hold) / (1 - hold))
     fall = {
-        Schedule.constant: 1.0,
-        Schedule.linear: 1 - falling,
-        Schedule.cosine: 0.5 * (1 + math.cos(math.pi * falling)),
+        RateSchedule.constant: 1.0,
+        RateSchedule.linear: 1 - falling,
+        RateSchedule.cosine: 0.5 * (1 + math.cos(math.pi * falling)),
     }[schedule]
     return rise * fall
