@@ -56,6 +56,7 @@ class Density(ABC):
         uses_importance: whether `revise` asks for the importance of strokes; what computes it is then compiled before
             the first step.
 
+    >>> import torch
     >>> class Halve(Density):
     ...     def revise(self, state):
     ...         return DensificationUpdate(keep=state.importance() > 0, new=Strokes.none())
