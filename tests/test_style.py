@@ -150,9 +150,9 @@ def test_a_part_counts_as_in_the_whole(kernel, size, monkeypatch):
             full = picture.clone().requires_grad_()
             wanted = whole(Painting(full, target, NONE))
             wanted.backward()
-            assert_close(found, wanted, rtol=0.15, atol=1e-5)
+            assert_close(found, wanted, rtol=2e-2, atol=1e-5)
             slope = region.of(full.grad)
-            assert (patch.grad - slope).norm() < 0.2 * slope.norm()  # of linear kernels, whose sums nearly cancel
+            assert (patch.grad - slope).norm() < 5e-2 * slope.norm()
 
 
 def test_another_picture_or_a_step_on_the_whole_canvas_is_noticed():

@@ -1,5 +1,6 @@
 """Activations of large pictures, part by part, each part with the context that the network needs around it."""
 
+import math
 from collections.abc import Iterator, Sequence
 
 from torch import Tensor
@@ -24,11 +25,15 @@ def tiled_activations(network: Backbone, taps: Sequence[str], picture: Tensor) -
 
 def _cropped(features: Tensor, frame: Region, tile: Region) -> Tensor:
     """The positions of features (C, h, w) of a frame that lie in a tile of it."""
-    (top, bottom), (left, right) = (
-        (round((first - start) * n / side), round((first + length - start) * n / side))
-        for first, length, start, side, n in (
-            (tile.top, tile.height, frame.top, frame.height, features.shape[1]),
-            (tile.left, tile.width, frame.left, frame.width, features.shape[2]),
-        )
-    )
-    return features[:, top:bottom, left:right]
+    rows = _positions(tile.top - frame.top, tile.height, frame.height, features.shape[1])
+    columns = _positions(tile.left - frame.left, tile.width, frame.width, features.shape[2])
+    return features[:, rows, columns]
+
+
+def _positions(first: int, length: int, side: int, n: int) -> slice:
+    """Which of ``n`` positions over a ``side`` lie in a span of it.
+
+    Their stride is a power of two, which divides the span's begin, and its end unless that is the end of the side.
+    """
+    stride = 2 ** round(math.log2(side / n))
+    return slice(first // stride, n if first + length == side else (first + length) // stride)
