@@ -22,6 +22,20 @@ class Simulated:
 class Engine(ABC):
     """Simulates what one stroke leaves on an empty canvas.
 
+    Lengths in the parameters are relative to the window: points of the curve in half windows from its centre (-1 and 1
+    are its borders), the width in whole windows. So an engine with a larger window draws the same strokes, larger.
+
+    >>> import torch
+    >>> from brushexp.plugins.engine.disc import Disc
+    >>> from brushexp.strokes.prior import parameters_of, sample_prior, strokes_of
+    >>> parameters = parameters_of(sample_prior(3, seed=0))
+    >>> simulated = Disc(window=32)(parameters, seed=0)
+    >>> simulated.images.shape, simulated.heights.shape
+    (torch.Size([3, 4, 32, 32]), torch.Size([3, 32, 32]))
+    >>> strokes = strokes_of(parameters)  # and back, in units of the window
+    >>> bool((strokes.start.abs() <= 1).all() and (strokes.width < 1).all())
+    True
+
     Attributes:
         window: S, pixels on the side of a picture.
     """
