@@ -187,7 +187,8 @@ def test_no_stroke_makes_what_a_user_gets_other_than_a_number(name):
     renderer = build_named("renderer", name, {}).requires_grad_(False)
     outside = draw_extremes(renderer, build_named("engine", "disc", {}))
     assert outside.finite
-    assert list(outside.pictures) == ["painted", "bare"][: 1 + isinstance(renderer, PatchRenderer)]
+    bare = isinstance(renderer, PatchRenderer) and renderer.window == 64  # others are sampled at the engine's window
+    assert list(outside.pictures) == ["painted", "bare"][: 1 + bare]
     assert len(outside.rows) == len(EXTREMES) * len(outside.pictures)
     assert all(row["finite"] for row in outside.rows if row["drawn"] == "painted")
 

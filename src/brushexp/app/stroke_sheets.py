@@ -29,7 +29,7 @@ def sheet_of_strokes(renderers: dict[str, Renderer], batch: StrokeBatch, origin:
 def sheet_of_extremes(name: str, engine: str, drawings: ExtremeDrawings) -> Image.Image:
     """The strokes at and beyond the edge of the range: the nearest ones in it, painted, and drawn as they are."""
     kinds = {f"{engine}, nearest": drawings.nearest} | {f"{name}, {kind}": p for kind, p in drawings.pictures.items()}
-    labels = [(label,) for label in EXTREMES]
+    labels: list[tuple[str, ...]] = [(label,) for label in EXTREMES]
     side = ZOOM * drawings.nearest.shape[-1]
     return _sheet(kinds, labels, side, f"{name} outside the range of training")
 

@@ -70,14 +70,14 @@ class NetworkModule(L.LightningModule):
 
     def note(self, curves: Mapping[str, Tensor]) -> bool:
         """Log values of a training step and return True, if it is one at which the Trainer writes the curves."""
-        due = not self.global_step or (self.global_step + 1) % max(1, self.trainer.log_every_n_steps) == 0
+        due = not self.global_step or (self.global_step + 1) % max(1, self.trainer.log_every_n_steps) == 0  # type: ignore[attr-defined]
         if due:
             self.log_dict(dict(curves))
         return due
 
     def _timers(self) -> list[Timer]:
-        attached = self._trainer is not None
-        return [found for found in self.trainer.callbacks if isinstance(found, Timer)] if attached else []
+        callbacks = self.trainer.callbacks if self._trainer is not None else []  # type: ignore[attr-defined]
+        return [found for found in callbacks if isinstance(found, Timer)]
 
 
 def each_step(scheduler: LambdaLR) -> LRSchedulerPLType:

@@ -64,6 +64,9 @@ class Job(ABC):
     weights: Path
 
     @abstractmethod
+    def __init__(self, cfg: DictConfig, folder: Path, device: torch.device) -> None: ...
+
+    @abstractmethod
     def finish(self) -> dict[str, object]:
         """Measure the network, write it with its recipe, and return its numbers."""
 
