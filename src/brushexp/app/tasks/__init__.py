@@ -1,1 +1,1 @@
-"""What the program can do: one module and one file in conf/task/ for each. Pick one: ``task=paint``."""
+"""What the program can do: one module for each, whose keys are in app/schema.py. Pick one: ``task=paint``."""
