@@ -22,6 +22,7 @@ from brushexp.plugins.optimizer.torch_optim import TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
+from brushexp.registry import build_named
 from brushexp.strokes.bezier import curve_of, point_at
 from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes, check_strokes
 
@@ -65,7 +66,7 @@ def without(strokes, i):
 
 @pytest.mark.parametrize("focus", [False, True])
 @pytest.mark.parametrize("renderer", [Analytic(), Analytic(taper=0.5)], ids=["plain", "tapered"])
-def test_worth_is_what_the_error_grows_by_when_a_stroke_is_left_out(renderer, focus):
+def test_importance_is_what_the_error_grows_by_when_a_stroke_is_left_out(renderer, focus):
     strokes, target = random_strokes(25, SIZE), torch.rand(3, *SIZE)
     weight = 0.5 + torch.rand(SIZE) if focus else None
     order, blend = torch.randperm(25), Tiled(opaque=0)
@@ -82,7 +83,7 @@ def test_worth_is_what_the_error_grows_by_when_a_stroke_is_left_out(renderer, fo
         assert float(found[i]) == pytest.approx(grown, rel=2e-3, abs=2e-3)
 
 
-def test_worth_of_any_blend_is_the_same_on_average():
+def test_importance_of_any_blend_is_the_same_on_average():
     strokes, target, order = random_strokes(12, SIZE), torch.rand(3, *SIZE), torch.randperm(12)
     args = (strokes, order, target, None, BACKGROUND, Analytic())
     exact = importance(*args, Tiled(opaque=0), torch.Generator())
@@ -93,7 +94,7 @@ def test_worth_of_any_blend_is_the_same_on_average():
     assert ((mean - exact).abs() <= 5 * spread + 1e-3 * exact.abs().max()).all()
 
 
-def test_worth_of_what_cannot_be_seen_is_nothing():
+def test_importance_of_what_cannot_be_seen_is_nothing():
     hidden, cover = straight((8, 8), (20, 8), width=3), straight((0, 8), (30, 8), width=20)
     away = straight((-500, 0), (-480, 0))
     clear = straight((5, 5), (20, 20), opacity=0.0)
@@ -105,7 +106,7 @@ def test_worth_of_what_cannot_be_seen_is_nothing():
     assert found[:3].abs().max() < 1e-3 < found[3].abs()
 
 
-def test_worth_of_windows_and_of_no_strokes_is_finite():
+def test_importance_of_windows_and_of_no_strokes_is_finite():
     for strokes in (random_strokes(9, SIZE), Strokes.none()):
         n = len(strokes)
         found = importance(
@@ -115,7 +116,7 @@ def test_worth_of_windows_and_of_no_strokes_is_finite():
         assert found.isfinite().all()
 
 
-def test_a_stroke_that_does_harm_has_negative_worth():
+def test_a_stroke_that_does_harm_has_negative_importance():
     stroke = straight((4, 8), (28, 8), color=(1.0, 1.0, 1.0))
     found = importance(
         stroke, torch.arange(1), torch.zeros(3, 16, 32), None, torch.zeros(3), Analytic(), Tiled(), torch.Generator()
@@ -267,7 +268,7 @@ def test_parts_of_a_canvas_can_be_revised_too():
 def test_options_that_are_none_are_refused(option):
     name, value = option.split("=")
     with pytest.raises(UserError, match=f"density.{name}="):
-        Adaptive(**{name: type(Adaptive.__init__.__kwdefaults__[name])(float(value))})
+        build_named("density", "adaptive", {name: type(Adaptive.__init__.__kwdefaults__[name])(float(value))})
 
 
 def test_a_catalogue_makes_room_for_what_is_loaded():

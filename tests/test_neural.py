@@ -207,7 +207,7 @@ def test_the_default_is_as_small_as_promised():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"window": 100}, "renderer.window=100 is not 64, 128 or 256"),
+        ({"window": 100}, "renderer.window=100 is not one of 64, 128, 256; try renderer.window=128"),
         ({"subpixel": 3}, "try renderer.subpixel=2"),
         ({"width": 0}, "renderer.width=0 is not 1 to 4096"),
         ({"dense": []}, "renderer.dense"),

@@ -16,7 +16,7 @@ from brushexp.plugins.optimizer._rates import RateSchedule, share_of_rate
 from brushexp.plugins.optimizer.base import Optimizer
 from brushexp.plugins.optimizer.torch_optim import TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.registry import build
+from brushexp.registry import build, build_named
 from brushexp.strokes.catalogue import Catalogue
 
 SIZE = (24, 33)
@@ -125,19 +125,19 @@ def test_a_missing_library_is_named(monkeypatch):
         soap()
 
 
-@pytest.mark.parametrize("kind", [TorchOptim, soap])
+@pytest.mark.parametrize("library", list(Library))
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         ({"name": "Nonsense"}, r"has no optimiser 'Nonsense'; set optimizer.name to one of .*Adam"),
-        ({"lr": -1.0}, "optimizer.lr=-1 is not a positive number"),
-        ({"hold": 1.0}, "optimizer.hold=1 is not a fraction below 1"),
-        ({"warmup": -0.1}, "optimizer.warmup=-0.1 is not a fraction"),
+        ({"lr": -1.0}, "optimizer.lr=-1 is not above 0; try optimizer.lr=0.02"),
+        ({"hold": 1.5}, "optimizer.hold=1.5 is not 0 to 1; try optimizer.hold=1"),
+        ({"warmup": -0.1}, "optimizer.warmup=-0.1 is not 0 to 1; try optimizer.warmup=0"),
     ],
 )
-def test_options_that_make_no_sense_are_refused(kind, options, message):
+def test_options_that_make_no_sense_are_refused(library, options, message):
     with pytest.raises(UserError, match=message):
-        kind(**options)
+        build_named("optimizer", "torch", {"library": library, **options})
 
 
 @pytest.mark.parametrize("kind", [TorchOptim, soap])
@@ -158,3 +158,7 @@ def test_options_that_the_library_does_not_take_are_refused(kind, options):
 def test_the_rate_rises_holds_and_falls(schedule, shares):
     found = [share_of_rate(progress, schedule, hold=0.5, warmup=0.25) for progress in (0, 0.25, 0.5, 0.75, 1)]
     assert found == pytest.approx(shares, abs=1e-6)
+
+
+def test_a_rate_that_is_held_to_the_end_never_falls():
+    assert [share_of_rate(progress, RateSchedule.cosine, hold=1.0, warmup=0.0) for progress in (0, 0.5, 1)] == [1, 1, 1]

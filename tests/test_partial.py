@@ -28,6 +28,7 @@ from brushexp.plugins.renderer.textured import Textured
 from brushexp.plugins.sampler.base import View
 from brushexp.plugins.sampler.patches import Coverage, Patches, places
 from brushexp.plugins.sampler.whole import Whole
+from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS
 from brushexp.strokes.prior import clamp_to_prior
 
@@ -188,7 +189,7 @@ def test_all_strokes_at_one_point_still_make_places():
 @pytest.mark.parametrize("key", ["n_active", "n_ring", "patch", "steps_per_patch"])
 def test_impossible_options_are_refused_with_their_key(key):
     with pytest.raises(UserError, match=rf"sampler\.{key}=-1"):
-        Patches(**{key: -1})
+        build_named("sampler", "patches", {key: -1})
 
 
 def test_touched_pixels_are_those_in_the_boxes():

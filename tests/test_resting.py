@@ -18,10 +18,11 @@ from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.base import View
 from brushexp.plugins.sampler.resting import Resting
 from brushexp.plugins.sampler.whole import Whole
+from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, Strokes
 
 SIZE = (72, 110)
-SLEEPY = {"share": 0.5, "fall": 2.0, "worth": 1.0, "block": 16}  # the better blocks sleep whatever their error does
+SLEEPY = {"share": 0.5, "fall": 2.0, "max_awake": 1.0, "block": 16}  # the better blocks sleep whatever their error does
 
 
 def painter_of(sampler, n: int = 300, target=None, steps: int = 1000) -> Painter:
@@ -81,7 +82,7 @@ def test_nothing_rests_without_a_share_and_the_steps_are_those_of_the_whole():
 
 
 def test_the_picture_is_almost_that_of_the_whole():
-    whole, resting = painter_of(Whole(), steps=120), painter_of(Resting(worth=1.0, block=16), steps=120)
+    whole, resting = painter_of(Whole(), steps=120), painter_of(Resting(max_awake=1.0, block=16), steps=120)
     take(whole, 120)
     take(resting, 120)
     assert resting.visits.min() < 120, "something rested"
@@ -108,15 +109,15 @@ def test_a_few_strokes_or_a_perfect_picture_are_no_trouble(n):
 @pytest.mark.parametrize(
     ("options", "cure"),
     [
-        ({"every": 1}, "sampler.every=4"),
+        ({"every": 1}, "sampler.every=1 is not at least 2; try sampler.every=2"),
         ({"share": 1.5}, "sampler.share"),
-        ({"worth": -1.0}, "sampler.worth"),
-        ({"block": 0}, "sampler.block=32"),
+        ({"max_awake": -1.0}, "sampler.max_awake"),
+        ({"block": 0}, "sampler.block=1"),
     ],
 )
 def test_wrong_options_are_refused_with_the_cure(options, cure):
     with pytest.raises(UserError, match=cure):
-        Resting(**options)
+        build_named("sampler", "resting", options)
 
 
 def test_the_order_is_renewed_in_the_first_half_of_a_stage_only():

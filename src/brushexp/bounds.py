@@ -13,7 +13,7 @@ from brushexp.errors import UserError
 
 @dataclass(frozen=True)
 class Bounds:
-    """Limits of a number, or the names that a text may be.
+    """Limits of a number, or the only values that it or a text may have.
 
     >>> between(0, 1).check("blend.opaque", 1.5)
     Traceback (most recent call last):
@@ -25,18 +25,18 @@ class Bounds:
         high: the greatest.
         above: whether ``low`` itself is too small.
         step: whole numbers only in multiples of this.
-        names: of a text; empty if it is a number.
+        names: the only values, texts or whole numbers; empty if any number between will do.
     """
 
     low: float = -math.inf
     high: float = math.inf
     above: bool = False
     step: int = 1
-    names: tuple[str, ...] = ()
+    names: tuple[str | int, ...] = ()
 
     def __str__(self) -> str:
         if self.names:
-            return f"one of {', '.join(self.names)}"
+            return f"one of {', '.join(map(str, self.names))}"
         multiple = f"a multiple of {self.step}, " if self.step > 1 else ""
         if self.above:
             return f"{multiple}above {self.low:.12g}" + (
@@ -77,7 +77,9 @@ class Bounds:
     def _nearest(self, value: Any, default: Any) -> Any:
         """Something to type instead."""
         if self.names:
-            return (difflib.get_close_matches(str(value), self.names, 1) or self.names)[0]
+            if isinstance(value, int | float):
+                return min(self.names, key=lambda name: abs(float(name) - value))
+            return (difflib.get_close_matches(str(value), map(str, self.names), 1) or self.names)[0]
         if (self.above and value <= self.low) or not math.isfinite(value):
             fallback = self.high if math.isfinite(self.high) else self.low + 1
             return f"{default if isinstance(default, int | float) else fallback:.12g}"
@@ -105,8 +107,8 @@ def multiple_of(step: int, high: float = math.inf) -> Bounds:
     return Bounds(step, high, step=step)
 
 
-def one_of(*names: str) -> Bounds:
-    """One of these names."""
+def one_of(*names: str | int) -> Bounds:
+    """One of these names or whole numbers."""
     return Bounds(names=names)
 
 

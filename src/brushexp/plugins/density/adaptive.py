@@ -2,17 +2,18 @@
 
 import logging
 import math
-from typing import Any
+from typing import Annotated, Any
 
-from brushexp.errors import UserError, check_range
+from brushexp.bounds import at_least, between
 from brushexp.plugins.density._candidates import candidates, halves, straddling
 from brushexp.plugins.density.base import DensificationState, DensificationUpdate, Density
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
 CHANNELS = 3
-LEAST = 1e-3  # share of the strokes to begin with, and size of a new one: none would be nothing to begin with
-APART = 8  # steps between two rounds at least: strokes must have found their place before they are judged
+SMALLEST_SHARE = 1e-3  # of the strokes to begin with: none would be nothing to begin with
+SMALLEST_PITCHES = 1e-3  # size of a new stroke
+STEPS_BETWEEN_ROUNDS = 8  # at least: strokes must have found their place before they are judged
 
 log = logging.getLogger(__name__)
 
@@ -23,12 +24,12 @@ class Adaptive(Density):
 
     In each of some rounds the strokes without which the picture would lose least are taken away, and new ones are laid
     at the worst places, in the picture's colour and along its edges; a share of them comes from cutting strokes in two
-    that straddle an edge. Strokes that are worth nothing, hidden ones for instance, go in any case. So flat regions
+    that straddle an edge. Strokes of no importance, hidden ones for instance, go in any case. So flat regions
     keep few large strokes, and detail gets many small ones. Kept strokes keep what the optimiser knows of them.
 
     Like GaussianImage++ (2025) it adds at the worst pixels, and like the densification of 3D Gaussian splatting (Kerbl
-    et al., 2023) it adds and removes in turns. It differs from both in what it removes: what a stroke is worth is by
-    how much the squared error would grow without it, and not its opacity; and in that it goes on replacing strokes
+    et al., 2023) it adds and removes in turns. It differs from both in what it removes: the importance of a stroke
+    is how much the squared error would grow without it, and not its opacity; and in that it goes on replacing strokes
     when their full number is reached.
 
     Args:
@@ -48,22 +49,15 @@ class Adaptive(Density):
     def __init__(
         self,
         *,
-        start: float = 0.7,
-        rounds: int = 12,
-        until: float = 0.75,
-        moved: float = 0.1,
-        split: float = 0.0,
-        size: float = 0.25,
-        tolerance: float = 0.004,
+        start: Annotated[float, between(SMALLEST_SHARE, 1)] = 0.7,
+        rounds: Annotated[int, at_least(0)] = 12,
+        until: Annotated[float, between(0, 1)] = 0.75,
+        moved: Annotated[float, between(0, 0.5)] = 0.1,
+        split: Annotated[float, between(0, 1)] = 0.0,
+        size: Annotated[float, between(SMALLEST_PITCHES, 10)] = 0.25,
+        tolerance: Annotated[float, between(0, 1)] = 0.004,
         psnr: float | None = None,
     ) -> None:
-        for key, value, low, high in (
-            ("start", start, LEAST, 1.0), ("until", until, 0.0, 1.0), ("moved", moved, 0.0, 0.5),
-            ("split", split, 0.0, 1.0), ("size", size, LEAST, 10.0), ("tolerance", tolerance, 0.0, 1.0),
-        ):  # fmt: skip
-            check_range(f"density.{key}", value, low, high)
-        if rounds < 0:
-            raise UserError(f"density.rounds={rounds} is not a number of rounds; set density.rounds to 0 or more")
         self.start = start
         self.rounds = rounds
         self.until = until
@@ -79,7 +73,7 @@ class Adaptive(Density):
         return max(1, round(self.start * budget)) if self._rounds(steps) else budget
 
     def _rounds(self, steps: int) -> int:
-        return min(self.rounds, int(self.until * steps / APART))
+        return min(self.rounds, int(self.until * steps / STEPS_BETWEEN_ROUNDS))
 
     def revise(self, state: DensificationState) -> DensificationUpdate | None:
         n, rounds = len(state.strokes), self._rounds(state.steps)
@@ -92,7 +86,7 @@ class Adaptive(Density):
             return None
         wanted = self._first + max(0, state.budget - self._first) * current // rounds
         importance = state.importance()
-        keep = importance > CHANNELS * self.tolerance**2  # the others are worth less than a pixel that is good enough
+        keep = importance > CHANNELS * self.tolerance**2  # the others gain less than a pixel that is good enough
         if n:
             keep[importance.argmax()] = True
         more = max(0, wanted - int(keep.sum()))

@@ -3,8 +3,6 @@
 import math
 from enum import Enum
 
-from brushexp.errors import UserError
-
 # A learning rate of 0.01 moves a control point by a hundredth of a half-window per step of Adam: the thesis's rate.
 UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3, "color": 1.0, "opacity": 1.0}
 
@@ -17,19 +15,6 @@ class RateSchedule(Enum):
     cosine = "cosine"
 
 
-def check_rate(lr: float, hold: float, warmup: float) -> None:
-    """Refuse rates that are none.
-
-    Raises:
-        UserError: names the option.
-    """
-    if not (math.isfinite(lr) and lr > 0):
-        raise UserError(f"optimizer.lr={lr:g} is not a positive number; try optimizer.lr=0.02")
-    for key, value in (("warmup", warmup), ("hold", hold)):
-        if not 0 <= value < 1:
-            raise UserError(f"optimizer.{key}={value:g} is not a fraction below 1; try optimizer.{key}=0.1")
-
-
 def share_of_rate(progress: float, schedule: RateSchedule, hold: float, warmup: float) -> float:
     """Share (0 to 1) of the full rate when ``progress`` (0 to 1) of the steps are done.
 
@@ -40,7 +25,7 @@ def share_of_rate(progress: float, schedule: RateSchedule, hold: float, warmup: 
         warmup: fraction of the steps over which it first rises from 0.
     """
     rise = min(1.0, (progress + 1e-9) / warmup) if warmup else 1.0
-    falling = max(0.0, (progress - hold) / (1 - hold))
+    falling = max(0.0, (progress - hold) / (1 - hold)) if hold < 1 else 0.0
     fall = {
         RateSchedule.constant: 1.0,
         RateSchedule.linear: 1 - falling,

@@ -1,13 +1,14 @@
 """Any optimiser of torch.optim, or of the library pytorch-optimizer."""
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Annotated, Any
 
 from torch import nn, optim
 
+from brushexp.bounds import above, between
 from brushexp.errors import UserError
 from brushexp.plugins.optimizer._libraries import Library, class_of
-from brushexp.plugins.optimizer._rates import UNITS, RateSchedule, check_rate, share_of_rate
+from brushexp.plugins.optimizer._rates import UNITS, RateSchedule, share_of_rate
 from brushexp.plugins.optimizer.base import Optimizer
 from brushexp.registry import register
 
@@ -27,7 +28,7 @@ class TorchOptim(Optimizer):
         units: field -> unit. ``lr`` times the unit is about one step of Adam: half-windows for position and points,
             fractions of the window for width. 0 freezes a field.
         schedule: constant, linear (to 0) or cosine (to 0), after ``hold``.
-        hold: fraction of the steps at the full rate before it falls.
+        hold: fraction of the steps at the full rate before it falls; 1: it never falls.
         warmup: fraction of the steps over which the rate first rises from 0.
         options: further arguments of the class, e.g. ``{betas: [0.9, 0.99]}``.
     """
@@ -37,14 +38,13 @@ class TorchOptim(Optimizer):
         *,
         name: str = "Adam",
         library: Library = Library.torch,
-        lr: float = 0.02,
+        lr: Annotated[float, above(0)] = 0.02,
         units: dict[str, float] = UNITS,
         schedule: RateSchedule = RateSchedule.linear,
-        hold: float = 0.5,
-        warmup: float = 0.0,
+        hold: Annotated[float, between(0, 1)] = 0.5,
+        warmup: Annotated[float, between(0, 1)] = 0.0,
         options: dict[str, Any] = {},  # noqa: B006
     ) -> None:
-        check_rate(lr, hold, warmup)
         self.kind = class_of(library, name, options)
         self.name = name
         self.library = library

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from brushexp.bounds import between
+from brushexp.bounds import between, one_of
 from brushexp.errors import UserError
 from brushexp.plugins.renderer._fields import PLANES, stroke_planes
 from brushexp.plugins.renderer.base import PatchRenderer, Precision
@@ -108,11 +108,11 @@ class Neural(PatchRenderer):
     def __init__(
         self,
         *,
-        window: int = 64,
+        window: Annotated[int, one_of(64, 128, 256)] = 64,
         width: Annotated[int, between(1, 4096)] = 32,
         widest: Annotated[int, between(1, 4096)] = 96,
         dense: Annotated[list[int], between(1, 65536)] = [256, 256],  # noqa: B006
-        subpixel: int = 2,
+        subpixel: Annotated[int, one_of(1, 2, 4)] = 2,
         coordconv: Coordinates = Coordinates.stroke,
         tint: bool = True,
         noise: bool = False,
@@ -126,7 +126,8 @@ class Neural(PatchRenderer):
         super().__init__()
         if channels is None and checkpoint is not None:
             channels = RENDERERS.read_recipe(RENDERERS.path_of(checkpoint))["options"].get("channels")
-        _check(window, subpixel, dense)
+        if not dense:
+            raise UserError("renderer.dense=[] has no width; try 'renderer.dense=[256,256]'")
         self.window = window
         self.precision = precision
         self.subpixel = subpixel
@@ -256,15 +257,6 @@ def _initialise(module: nn.Module) -> None:
         nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
         if module.bias is not None:
             nn.init.zeros_(module.bias)
-
-
-def _check(window: int, subpixel: int, dense: list[int]) -> None:
-    if window not in (64, 128, 256):
-        raise UserError(f"renderer.window={window} is not 64, 128 or 256; try renderer.window=64")
-    if subpixel not in (1, 2, 4):
-        raise UserError(f"renderer.subpixel={subpixel} is not 1, 2 or 4; try renderer.subpixel=2")
-    if not dense:
-        raise UserError("renderer.dense=[] has no width; try 'renderer.dense=[256,256]'")
 
 
 def _checked(channels: list[int], count: int) -> list[int]:

@@ -8,11 +8,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from brushexp.bounds import between
+from brushexp.bounds import Bounds, between
 from brushexp.compositing.layers import SPREAD
 from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.textures import cells_of, coordinates_of, extent_of, smoothed, texel_distances
-from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.renderer.weights_file import RENDERERS
 from brushexp.registry import register
@@ -55,13 +54,11 @@ class Textured(Renderer):
         *,
         variants: Annotated[int, between(1, 256)] = 8,
         widths: Annotated[int, between(1, 256)] = 4,
-        rows: Annotated[int, between(4, 256)] = 24,
+        rows: Annotated[int, Bounds(4, 256, step=2)] = 24,
         columns: Annotated[int, between(1, 256)] = 32,
         checkpoint: str | None = RENDERERS.shipped_name("textured"),
     ) -> None:
         super().__init__()
-        if rows % 2:
-            raise UserError(f"renderer.rows={rows} is not even; try renderer.rows={rows + 1}")
         self.variants, self.widths = variants, widths
         self.textures = nn.Parameter(bristles(variants, widths, rows, columns))
         self.register_buffer(

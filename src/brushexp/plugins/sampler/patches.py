@@ -2,18 +2,18 @@
 
 import math
 from enum import Enum
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 from torch import Tensor
 
-from brushexp.errors import UserError
+from brushexp.bounds import at_least
 from brushexp.pictures.region import Region
 from brushexp.plugins.sampler.base import Sampler, View
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
-SAMPLE = 200  # random points by which it is estimated how many strokes are active at one
+SAMPLED_POINTS = 200  # random points by which it is estimated how many strokes are active at one
 
 
 class Coverage(Enum):
@@ -43,17 +43,12 @@ class Patches(Sampler):
     def __init__(
         self,
         *,
-        n_active: int = 256,
-        n_ring: int = 128,
-        patch: int = 320,
-        steps_per_patch: int = 5,
+        n_active: Annotated[int, at_least(1)] = 256,
+        n_ring: Annotated[int, at_least(0)] = 128,
+        patch: Annotated[int, at_least(1)] = 320,
+        steps_per_patch: Annotated[int, at_least(1)] = 5,
         coverage: Coverage = Coverage.fair,
     ) -> None:
-        least = {"n_active": 1, "n_ring": 0, "patch": 1, "steps_per_patch": 1}
-        values = {"n_active": n_active, "n_ring": n_ring, "patch": patch, "steps_per_patch": steps_per_patch}
-        for key, low in least.items():
-            if values[key] < low:
-                raise UserError(f"sampler.{key}={values[key]} is too small; set sampler.{key} to {low} or more")
         self.n_active = n_active
         self.n_ring = n_ring
         self.patch = patch
@@ -90,9 +85,9 @@ class Patches(Sampler):
         position, generator = on_canvas(strokes.position, size).cpu(), torch.Generator().manual_seed(0)
         if self.coverage is Coverage.fair:
             return int(places(position, self.n_active, self.patch, generator).max()) + 1
-        points = torch.rand(SAMPLE, 2, generator=generator) * torch.tensor([size[1], size[0]])
+        points = torch.rand(SAMPLED_POINTS, 2, generator=generator) * torch.tensor([size[1], size[0]])
         moved = [len(self._active_at(point, position, size)) for point in points]
-        return max(1, round(len(strokes) * SAMPLE / sum(moved)))
+        return max(1, round(len(strokes) * SAMPLED_POINTS / sum(moved)))
 
     def state_dict(self) -> dict[str, Any]:
         return {"round": self._round, "turn": self._turn, "point": self._point}

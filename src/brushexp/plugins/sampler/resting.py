@@ -1,21 +1,21 @@
 """Places that hardly change any more are visited less often."""
 
 from dataclasses import astuple
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 from torch import Tensor, nn
 
+from brushexp.bounds import at_least, between
 from brushexp.compositing.layers import EDGE, SPREAD
-from brushexp.errors import UserError, check_range
 from brushexp.pictures.region import Region
 from brushexp.plugins.sampler.base import Sampler, View
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
 
-CELL = 8  # pixels; the ring around the strokes that move is found on a grid as fine as the tiles of the blend
-LATELY = 0.5  # weight of the last visit in how fast a block's error falls
+CELL_PIXELS = 8  # side; the ring around the strokes that move is found on a grid as fine as the tiles of the blend
+LAST_VISIT_WEIGHT = 0.5  # in the moving average of how fast a block's error falls
 
 
 @register("sampler", "resting")
@@ -32,23 +32,23 @@ class Resting(Sampler):
         share: of the squared error that sleeping blocks may have together, 0 to 1; 0 lets nothing sleep.
         fall: a block falls asleep when its error falls by less than this fraction from one look to the next.
         block: side of the blocks in pixels.
-        worth: the whole canvas is looked at all the same while more than this fraction of the strokes is awake.
+        max_awake: while more than this fraction of the strokes is awake, every step looks at the whole canvas.
     """
 
     def __init__(
-        self, *, every: int = 4, share: float = 0.05, fall: float = 0.02, block: int = 32, worth: float = 0.75
+        self,
+        *,
+        every: Annotated[int, at_least(2)] = 4,
+        share: Annotated[float, between(0, 1)] = 0.05,
+        fall: Annotated[float, at_least(0)] = 0.02,
+        block: Annotated[int, at_least(1)] = 32,
+        max_awake: Annotated[float, between(0, 1)] = 0.75,
     ) -> None:
-        if every < 2:
-            raise UserError(f"sampler.every={every} leaves no step to rest; use sampler.every=4 or sampler=whole")
-        for key, value in (("share", share), ("worth", worth)):
-            check_range(f"sampler.{key}", value, 0, 1)
-        if block < 1:
-            raise UserError(f"sampler.block={block} is not a number of pixels; try sampler.block=32")
         self.every = every
         self.share = share
         self.fall = fall
         self.block = block
-        self.worth = worth
+        self.max_awake = max_awake
         self._errors = torch.empty(0, 0)  # (rows, columns) squared error of each block at the last look at all
         self._falling = torch.empty(0, 0)  # how fast they fall
         self._view: View | None = None  # until the next look at all
@@ -69,7 +69,7 @@ class Resting(Sampler):
         errors = _by_block((image - target).square().sum(0), self.block)
         if errors.shape == self._errors.shape:
             now = 1 - errors / self._errors.clamp_min(torch.finfo(errors.dtype).tiny)
-            self._falling = self._falling.lerp(now.clamp(-1, 1), LATELY)
+            self._falling = self._falling.lerp(now.clamp(-1, 1), LAST_VISIT_WEIGHT)
         else:
             self._falling = torch.ones_like(errors)
         self._errors = errors
@@ -96,7 +96,7 @@ class Resting(Sampler):
         last = torch.tensor([asleep.shape[1] - 1, asleep.shape[0] - 1], device=asleep.device)
         column, row = torch.minimum((strokes.position / self.block).long().clamp_min(0), last).unbind(1)
         active = ~asleep[row, column]
-        if not active.any() or active.float().mean() > self.worth:
+        if not active.any() or active.float().mean() > self.max_awake:
             return None
         ring = _overlapping(strokes, active, size) & ~active
         return View(Region(0, 0, *size), active.nonzero()[:, 0], ring.nonzero()[:, 0])
@@ -119,9 +119,9 @@ def _least(errors: Tensor, share: float) -> Tensor:
 def _overlapping(strokes: Strokes, active: Tensor, size: tuple[int, int]) -> Tensor:
     """Which strokes (N,), bool, lie in a cell with one that is active (N,); a stroke lies in all cells of its box."""
     curve, reach = curve_of(strokes), SPREAD * half_width_of(strokes)[:, None] + EDGE
-    cells = torch.tensor([-(-size[1] // CELL), -(-size[0] // CELL)], device=active.device)
-    low = torch.minimum(((curve.amin(1) - reach) / CELL).floor().long().clamp_min(0), cells)
-    high = torch.minimum(((curve.amax(1) + reach) / CELL).floor().long().clamp_min(-1) + 1, cells)
+    cells = torch.tensor([-(-size[1] // CELL_PIXELS), -(-size[0] // CELL_PIXELS)], device=active.device)
+    low = torch.minimum(((curve.amin(1) - reach) / CELL_PIXELS).floor().long().clamp_min(0), cells)
+    high = torch.minimum(((curve.amax(1) + reach) / CELL_PIXELS).floor().long().clamp_min(-1) + 1, cells)
     # Each box adds 1 at two of its corners and -1 at the others; sums over rows and columns count the boxes of a cell.
     counts = torch.zeros(int(cells[1]) + 1, int(cells[0]) + 1, dtype=torch.int32, device=active.device)
     some_low, some_high = low[active], high[active]
