@@ -339,12 +339,12 @@ def test_catalogues_that_will_not_do_are_refused_with_the_key(tmp_path):
 
 
 def test_style_brushwork_draws_the_first_strokes_and_adds_the_loss(config, tmp_path):
-    from brushexp.painting.assembly import first_strokes, parts_of  # noqa: PLC0415  (slow to import)
+    from brushexp.painting.assembly import components_of, first_strokes  # noqa: PLC0415  (slow to import)
 
     path = saved(tmp_path / "catalogue.h5", visible(60, dtype=torch.float32))
     cfg = config("strokes=60", f"style.brushwork={path}")
     target = torch.rand(3, 40, 56)
-    losses = parts_of(cfg).losses
+    losses = components_of(cfg).losses
     assert set(losses) == {"mse", "brushwork"}
     plain = first_strokes(config("strokes=60"), target, Fixed())[0]
     drawn = first_strokes(cfg, target, Fixed())[0]

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from brushexp.plugins.loss._kernels import EMBEDDINGS, POWERS, Kernel, discrepancy
 from networks import alexnet_state, saved, squeeze_state, vgg_state
 from scenes import random_strokes
 from torch import Tensor
 from torch.testing import assert_close
 
+from brushexp.plugins.loss._feature_kernels import EMBEDDINGS, POWERS, FeatureKernel, discrepancy
 from brushexp.plugins.loss.base import Loss, Painting
 from brushexp.plugins.loss.brushwork_transfer import BrushworkTransfer
 from brushexp.plugins.loss.discriminator import Discriminated
@@ -181,7 +181,7 @@ PICTURE_LOSSES: dict[str, Callable[[], Loss]] = {
     "perceptual": Perceptual,
     "lpips": Lpips,
     "sinkhorn": Sinkhorn,
-    **{f"style {kernel.name}": lambda kernel=kernel: Style(kernel=kernel) for kernel in Kernel},
+    **{f"style {kernel.name}": lambda kernel=kernel: Style(kernel=kernel) for kernel in FeatureKernel},
 }
 NETWORKS = {"alexnet": alexnet_state, "squeeze": squeeze_state, "vgg16": vgg_state}
 SIZES = [(1, 1), (3, 5), (10, 10)]
@@ -282,7 +282,7 @@ def test_mass_of_one_pixel_or_none_at_all_need_not_be_carried(size):
         assert slope.abs().max() < 1e-9
 
 
-@pytest.mark.parametrize("kernel", Kernel)
+@pytest.mark.parametrize("kernel", FeatureKernel)
 @pytest.mark.parametrize(("channels", "positions"), [(1, 1), (1, 9), (5, 1), (1, 2), (5, 9)])
 def test_statistics_of_one_channel_or_one_position_are_finite(kernel, channels, positions):
     torch.manual_seed(channels * positions)
@@ -301,8 +301,8 @@ def test_statistics_of_one_channel_or_one_position_are_finite(kernel, channels, 
 
 def test_the_gram_matrix_of_one_channel_at_one_position_is_its_square():
     seen, wanted = (torch.tensor([[x]], dtype=torch.float64) for x in (3.0, 2.0))
-    embed = EMBEDDINGS[Kernel.poly](wanted)
-    value = discrepancy(embed(seen), embed(wanted), float(POWERS[Kernel.poly](wanted)), Kernel.poly)
+    embed = EMBEDDINGS[FeatureKernel.poly](wanted)
+    value = discrepancy(embed(seen), embed(wanted), float(POWERS[FeatureKernel.poly](wanted)), FeatureKernel.poly)
     assert float(value) == pytest.approx((9 - 4) ** 2 / 2**4)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from brushexp.plugins.engine import _bristles, _paint
+from brushexp.plugins.engine import _bristles, _deposition
 from brushexp.plugins.engine.fluid import Fluid
 from brushexp.strokes.prior import parameters_of, sample_prior, strokes_of
 
@@ -87,7 +87,9 @@ def test_splats_keep_the_amount_of_paint_on_any_grid():
     radius, expected = 0.05 * scale, 0.0
     for side in (66, 258, 514):
         grid, area = np.zeros((3, side * side), np.float32), np.array([side, -1, side, -1])
-        _paint._splat(p, before, p - before, np.float32(scale), np.float32(opacity), np.float32(0), side, grid, area)
+        _deposition._splat(
+            p, before, p - before, np.float32(scale), np.float32(opacity), np.float32(0), side, grid, area
+        )
         total = grid[0].sum() * (256 / (side - 2)) ** 2
         for v in range(_bristles.VERTICES - 1):  # the integral of max(1 - d / R, 0) over a capsule
             for i in range(n):
@@ -107,7 +109,7 @@ def test_the_closed_form_of_a_frame_agrees_with_splat_after_splat():
     side = 4
     grid, state = np.zeros((3, side * side), np.float32), np.zeros((4, side * side), np.float32)
     grid[0, 5], state[2, 5] = splats.sum(), 0.3
-    _paint._lay(grid, state, side, np.array([1, 2, 1, 2]))
+    _deposition._lay(grid, state, side, np.array([1, 2, 1, 2]))
     assert state[2, 5] == pytest.approx(cover, abs=0.005)
     assert state[3, 5] == pytest.approx(splats.sum(), rel=1e-5)
     assert not grid.any(), "ready for the next frame"
@@ -131,7 +133,9 @@ def test_projection_agrees_with_whole_arrays(rounds):
     state = np.zeros((4, side * side), np.float32)
     state[:2] = flow(side).reshape(2, -1)
     before = state[:2].reshape(2, side, side).astype(float)
-    _paint._project(state, np.zeros((3, side * side), np.float32), side, np.array([1, side - 2, 1, side - 2]), rounds)
+    _deposition._project(
+        state, np.zeros((3, side * side), np.float32), side, np.array([1, side - 2, 1, side - 2]), rounds
+    )
     pressure = np.zeros((side, side))
     for _ in range(rounds):
         near = pressure[1:-1, :-2] + pressure[1:-1, 2:] + pressure[:-2, 1:-1] + pressure[2:, 1:-1]
@@ -147,7 +151,7 @@ def test_more_rounds_leave_less_divergence():
         state = np.zeros((4, side * side), np.float32)
         state[:2] = flow(side).reshape(2, -1)
         scratch = np.zeros((3, side * side), np.float32)
-        _paint._project(state, scratch, side, np.array([1, side - 2, 1, side - 2]), rounds)
+        _deposition._project(state, scratch, side, np.array([1, side - 2, 1, side - 2]), rounds)
         left.append(np.abs(divergence(state[:2].reshape(2, side, side))[4:-4, 4:-4]).mean())
     assert left[0] > left[1] > left[2]
 
@@ -166,7 +170,7 @@ def test_advection_agrees_with_cell_by_cell():
     state = RNG.uniform(0, 1, (4, side, side)).astype(np.float32)
     state[:2] = 5 * flow(side)
     new = np.zeros((4, side * side), np.float32)
-    _paint._advect(state.reshape(4, -1), new, side, np.array([1, side - 2, 1, side - 2]), np.float32(0.8))
+    _deposition._advect(state.reshape(4, -1), new, side, np.array([1, side - 2, 1, side - 2]), np.float32(0.8))
     dt = 100 / 60 * (side - 2) / 256
     decay = np.array([0.8, 0.8, 1, 1])
     for y in range(1, side - 1):

@@ -369,8 +369,8 @@ def test_a_painter_of_parts_shows_losses_their_part_of_the_focus():
     for painting in seen:
         assert painting.surroundings.focus is weights or torch.equal(painting.surroundings.focus, weights)
         assert_close(painting.focus, painting.surroundings.region.of(weights))
-    assert seen[0].focus is seen[1].focus
-    assert seen[1].focus is not seen[2].focus
+    assert seen[1].focus is seen[2].focus  # the first is the rehearsal
+    assert seen[2].focus is not seen[3].focus
 
 
 def test_without_a_focus_nothing_changes():

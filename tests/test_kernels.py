@@ -84,8 +84,9 @@ def test_blends_agree_on_random_scenes(kinds, kind, blend, n, height, width, see
     order = torch.randperm(n, generator=torch.Generator().manual_seed(seed))
     fields = FIELDS if blend != "topk" or thick > 0 else ()  # topk drops empty layers, and with them their gradient
     # Beside the edge of a texel the slope of a bilinear lookup jumps, and a pixel may fall on either side.
-    slack = 3e-3 if kind == "textured" else 1e-3
-    assert_agree(kinds[kind], BLENDS[blend], strokes, (height, width), fields, order=order, slack=slack)
+    # Across a narrow stroke the texture itself is steep: a thousandth of a pixel is a few ten-thousandths of alpha.
+    loose = {"slack": 3e-3, "exactness": 5e-4} if kind == "textured" else {}
+    assert_agree(kinds[kind], BLENDS[blend], strokes, (height, width), fields, order=order, **loose)
 
 
 @pytest.mark.parametrize("soft", [0.5, 6.0])
@@ -250,7 +251,7 @@ def test_the_gradient_reaches_the_pictures_of_windows(where, side):
     drawn[1, 3, -1, 0] = 1
     weight, found = torch.randn(3, 24, 33), []
     for blend, dtype in ((TILED, torch.float32), (DENSE, torch.float64)):
-        images = drawn.to(dtype).requires_grad_()
+        images = drawn.to(dtype, copy=True).requires_grad_()
         position, size = torch.tensor([centre, (15.3, 9.1)]).to(dtype), torch.tensor([scale, 30.0]).to(dtype)
         layers = Windows(images, position, size, torch.full((2,), 0.7, dtype=dtype), torch.zeros(2, 3, dtype=dtype))
         image = blend(layers, torch.arange(2), (24, 33), BACKGROUND.to(dtype)).image

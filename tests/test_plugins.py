@@ -173,11 +173,12 @@ def test_optimizer_lowers_a_loss(config, name):
         return loss
 
     before = float(closure().detach())
+    rates = [group["lr"] for group in torch_optimizer.param_groups]
     for step in range(10):
-        rate = optimizer.rate(step / 10)
-        assert rate >= 0
-        for group in torch_optimizer.param_groups:
-            group["lr"] = rate
+        share = optimizer.share(step / 10)
+        assert 0 <= share <= 1
+        for group, rate in zip(torch_optimizer.param_groups, rates, strict=True):
+            group["lr"] = share * rate
         torch_optimizer.step(closure)
     assert float(closure().detach()) < before
 

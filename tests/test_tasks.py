@@ -170,8 +170,8 @@ def test_a_slow_renderer_takes_over_from_a_fast_one(windowed, tmp_path):
     result = run(*settings, f"output={tmp_path}/a", cwd=tmp_path, **windowed)
     assert result.returncode == 0, result.stderr
     log = (tmp_path / "a" / "run.log").read_text()
-    assert "step 30: from here windowed draws" in log
-    assert "of 15 strokes were changed" in log
+    assert "step 30: switching to renderer windowed" in log
+    assert "of 15 strokes were converted" in log
     metrics = json.loads((tmp_path / "a" / "metrics.json").read_text())
     assert metrics["steps"] == 38
     assert metrics["psnr"] > 12

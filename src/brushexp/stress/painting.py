@@ -97,6 +97,7 @@ def take_steps(painter: Painter, patience: float) -> None:
     """Take all steps if they fit into ``patience`` seconds, else those that fit into a tenth of it."""
     L.Trainer(
         accelerator="cpu",
+        max_epochs=1,
         logger=False,
         callbacks=[Patience(patience)],
         enable_checkpointing=False,
