@@ -8,6 +8,7 @@ from scenes import random_strokes
 
 from brushexp.painting.components import Stage, standard_components
 from brushexp.painting.painter import Painter
+from brushexp.painting.rehearsal import rehearse
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.base import View
@@ -35,7 +36,7 @@ def take(painter: Painter, steps: int, loop: Any = None) -> Any:
     """Take steps in a bare loop; what it returns continues them."""
     if loop is None:
         loop = painter.configure_optimizers()
-        painter._rehearse()
+        rehearse(painter)
     optimizer, scheduler = loop["optimizer"], loop["lr_scheduler"]["scheduler"]
 
     def closure() -> torch.Tensor:
@@ -67,8 +68,8 @@ def error_of(painter: Painter) -> float:
 
 def gradient_of(painter: Painter, view: View, part: Catalogue | None = None) -> dict[str, torch.Tensor]:
     """Gradient of the loss of what a view shows, in the strokes of ``part`` (all for None)."""
-    painter._view, painter._still, painter._measure = view, painter.strokes(), False
-    painter._moving = painter.catalogue if part is None else part
-    painter._moving.zero_grad()
+    moving = painter.catalogue if part is None else part
+    painter.look_at(view, painter.strokes(), moving)
+    moving.zero_grad()
     painter.training_step(None, 0).backward()
-    return {name: value.grad for name, value in painter._moving.named_parameters()}
+    return {name: value.grad for name, value in moving.named_parameters()}

@@ -9,12 +9,13 @@ from contextlib import contextmanager
 from typing import Any
 
 import torch
+from lightning.pytorch.core.optimizer import LightningOptimizer
 from torch import Tensor, nn, optim
 
 from brushexp.strokes.catalogue import Catalogue
 
 log = logging.getLogger(__name__)
-STEP = "step"  # under this name optimisers count their steps, to correct the bias of their first averages
+STEP_COUNT = "step"  # under this name optimisers count their steps, to correct the bias of their first averages
 
 
 @contextmanager
@@ -46,8 +47,8 @@ def partial_update(
     optimizer.state = defaultdict(dict, {new: state for new, state in sliced.items() if state})
     for group, olds in before:
         group["params"] = [getattr(part, names[id(old)]) for old in olds]
-        if STEP in group:
-            group[STEP] = steps
+        if STEP_COUNT in group:
+            group[STEP_COUNT] = steps
     try:
         yield part
     finally:
@@ -82,8 +83,13 @@ def _written_back(whole: Any, states: list[tuple[nn.Parameter, dict[str, Any]]],
 def _sliced(state: dict[str, Any], steps: int, rows: Tensor, old: Tensor) -> dict[str, Any]:
     found = {}
     for key, value in state.items():
-        if key == STEP:
+        if key == STEP_COUNT:
             found[key] = torch.full_like(value, steps) if torch.is_tensor(value) else steps
         else:
             found[key] = value[rows] if value.shape == old.shape and value.ndim else value.clone()
     return found
+
+
+def unwrapped(optimizer: Any) -> optim.Optimizer:
+    """PyTorch's optimiser below the one that Lightning passes."""
+    return optimizer.optimizer if isinstance(optimizer, LightningOptimizer) else optimizer
