@@ -9,8 +9,9 @@ from omegaconf.errors import OmegaConfBaseException
 from brushexp.app.command_line import in_full
 from brushexp.app.composition import check
 from brushexp.app.help import help_text
+from brushexp.app.keys import keys_of, kind_of
 from brushexp.app.mistakes import explanation
-from brushexp.app.schema import TASKS, keys_of, kind_of
+from brushexp.app.schema import TASKS
 from brushexp.bounds import Bounds, above, at_least, between, bounds_of, multiple_of, one_of
 from brushexp.errors import UserError
 

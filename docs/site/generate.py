@@ -11,7 +11,8 @@ from mkdocs.structure.files import File, Files
 from omegaconf import MISSING
 
 from brushexp.app.command_line import prepare
-from brushexp.app.schema import TASKS, Key, Task, groups_of, keys_of, kind_of
+from brushexp.app.keys import Key, groups_of, keys_of, kind_of
+from brushexp.app.schema import TASKS, Task
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, options_of, plain_type, plugins
 
 ROOT = Path(__file__).parents[2]

@@ -17,8 +17,9 @@ from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.app.composition import offer
 from brushexp.app.help import help_text
+from brushexp.app.keys import keys_of
 from brushexp.app.mistakes import explanation
-from brushexp.app.schema import TASKS, keys_of
+from brushexp.app.schema import TASKS
 from brushexp.errors import UserError
 from brushexp.registry import MULTI_SELECT, load_plugins
 

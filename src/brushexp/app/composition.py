@@ -9,7 +9,8 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.app.schema import TASKS, groups_of, keys_of, publish
+from brushexp.app.keys import groups_of, keys_of, publish
+from brushexp.app.schema import TASKS
 from brushexp.bounds import at_least
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, MULTI_SELECT, plugin_of, plugins
@@ -20,7 +21,7 @@ WEIGHT = at_least(0)  # of a loss
 
 def offer(folders: Sequence[Path]) -> None:
     """Publish the tasks, and the presets in folders of configs for families of which several can be chosen."""
-    publish()
+    publish(TASKS)
     for folder in folders:
         for family in MULTI_SELECT:
             offer_presets(family, {path.stem: path for path in sorted((folder / family).glob("*.yaml"))})

@@ -10,7 +10,8 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.app.schema import TASKS, groups_of, keys_of
+from brushexp.app.keys import groups_of, keys_of
+from brushexp.app.schema import TASKS
 from brushexp.registry import FAMILIES, plugins
 
 GLOBAL = "# @package _global_\n"  # first line of a config whose keys belong to the task

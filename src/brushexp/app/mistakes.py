@@ -12,7 +12,8 @@ from hydra.errors import CompactHydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.app.schema import TASKS, groups_of, keys_of
+from brushexp.app.keys import groups_of, keys_of
+from brushexp.app.schema import TASKS
 from brushexp.registry import MULTI_SELECT, Plugin, plugins
 
 KINDS = {"Integer": "a whole number", "Float": "a number", "bool": "true or false"}

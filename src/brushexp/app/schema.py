@@ -1,33 +1,17 @@
-"""The keys of every task: type, default, bounds and meaning of each in one line, and the plugins that the task needs.
-
-`publish` puts them where Hydra looks for ``task=<name>``, so that a wrong key or type is refused when a config is
-composed; `--help`, the error messages and the documentation read the same lines.
-"""
+"""The tasks: type, default, bounds and meaning of each key in one line, and the plugins that the task needs."""
 
 from __future__ import annotations
 
-import types
-from dataclasses import MISSING as NO_DEFAULT
-from dataclasses import dataclass, field, fields
-from enum import Enum
-from typing import Any, ClassVar, Union, get_args, get_origin, get_type_hints
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
-from hydra.core.config_store import ConfigStore
-from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf import MISSING
 
-from brushexp.bounds import Bounds, above, at_least, between, one_of
-from brushexp.registry import MULTI_SELECT
+from brushexp.app.keys import key
+from brushexp.bounds import above, at_least, between, one_of
 
 LARGEST_SEED = 2**32 - 1  # of NumPy's generator
 LARGEST_SEED_SIMULATED = 2**64 - 1  # of the generator of strokes
-
-
-def key(default: Any, meaning: str, bounds: Bounds | None = None) -> Any:
-    """Declare a key; ``MISSING`` as its default makes it one that must be given."""
-    metadata = {"meaning": meaning, "bounds": bounds}
-    if isinstance(default, list):
-        return field(default_factory=lambda: list(default), metadata=metadata)
-    return field(default=default, metadata=metadata)
 
 
 @dataclass
@@ -290,79 +274,3 @@ class ExtremesTask(Task):
 TASKS: dict[str, type[Task]] = {
     schema.__name__.removesuffix("Task").lower(): schema for schema in Task.__subclasses__()
 }
-
-
-@dataclass(frozen=True)
-class Key:
-    """One key of a task, as it is typed."""
-
-    name: str
-    annotation: Any
-    default: Any
-    meaning: str
-    bounds: Bounds | None
-
-    @property
-    def type(self) -> str:
-        """What it takes, in words."""
-        if self.bounds is not None and self.bounds.names:
-            return str(self.bounds)
-        return kind_of(self.annotation) + (f", {self.bounds}" if self.bounds else "")
-
-    @property
-    def is_list(self) -> bool:
-        """Whether it takes several values."""
-        return any(get_origin(part) is list for part in (self.annotation, *get_args(self.annotation)))
-
-
-def keys_of(schema: type[Any], above: str = "") -> dict[str, Key]:
-    """All keys of a task, those below others too, by what is typed."""
-    hints = get_type_hints(schema)
-    found: dict[str, Key] = {}
-    own = [item for item in fields(schema) if item.name not in Task.__dataclass_fields__]
-    for item in own + [item for item in fields(schema) if item not in own]:
-        if not item.metadata:
-            found |= keys_of(hints[item.name], f"{above}{item.name}.")
-            continue
-        default = item.default_factory() if item.default_factory is not NO_DEFAULT else item.default
-        name = above + item.name
-        found[name] = Key(name, hints[item.name], default, item.metadata["meaning"], item.metadata["bounds"])
-    return found
-
-
-def kind_of(annotation: Any) -> str:
-    """A type in words."""
-    if get_origin(annotation) in (types.UnionType, Union):
-        return " or ".join(kind_of(part) for part in get_args(annotation) if part is not type(None)) + " or null"
-    if get_origin(annotation) is list:
-        return f"list of {kind_of(get_args(annotation)[0])}"
-    if isinstance(annotation, type) and issubclass(annotation, Enum):
-        return f"one of {', '.join(annotation.__members__)}"
-    words = {int: "whole number", float: "number", bool: "true or false", str: "text"}
-    return words.get(annotation, getattr(annotation, "__name__", str(annotation)))
-
-
-def groups_of(schema: type[Task]) -> list[str]:
-    """The plugin families and other groups that a task takes, in the order of its defaults list."""
-    named = [name.strip("/") for entry in schema.defaults if isinstance(entry, dict) for name in entry]
-    return [name for name in named if "@" not in name]
-
-
-def publish() -> None:
-    """Make every task a choice of Hydra's group ``task``."""
-    for name, schema in TASKS.items():
-        several: dict[str, Any] = {
-            family: {} for family in MULTI_SELECT if family in groups_of(schema)
-        }  # keeps the key of loss=[]
-        typed = _untied(OmegaConf.structured(schema))
-        node = OmegaConf.merge({"task": name}, several, typed, schema.settings)
-        node = OmegaConf.merge({"defaults": schema.defaults or ["_self_"]}, node)
-        ConfigStore.instance().store(group="task", name=name, node=node, package="_global_", provider="brushexp")
-
-
-def _untied(node: DictConfig) -> DictConfig:
-    """The same typed values in a mapping that belongs to no class, so that groups can stand beside them."""
-    children = {name: node._get_node(name) for name in node}
-    return DictConfig(
-        {name: _untied(child) if isinstance(child, DictConfig) else child for name, child in children.items()}
-    )
