@@ -11,7 +11,7 @@ from films import decoded, unrolled
 from torch.nn.functional import interpolate as resize
 
 from brushexp.errors import UserError
-from brushexp.painting.timelapse import FPS, HOLD, LEAST_FPS, Timelapse, moments, shrink, timing
+from brushexp.painting.timelapse import FPS, HOLD_SECONDS, MIN_FPS, Timelapse, moments, shrink, timing
 from brushexp.pictures.video import MOST_FPS, Format
 
 COLORS = [(0.85, 0.15, 0.1), (0.1, 0.7, 0.25), (0.1, 0.25, 0.8), (0.95, 0.85, 0.3)]
@@ -37,7 +37,7 @@ def test_the_video_shows_the_frames_and_holds_the_last(tmp_path):
     (path,) = filled().write(tmp_path)
     assert path == tmp_path / "timelapse.mp4"
     frames, rate = decoded(path)
-    assert len(frames) == len(COLORS) + round(HOLD * FPS)
+    assert len(frames) == len(COLORS) + round(HOLD_SECONDS * FPS)
     assert rate == FPS
     for frame, color in zip(frames, [*COLORS, COLORS[-1]], strict=False):
         assert frame.shape == (48, 64, 3)
@@ -65,7 +65,7 @@ def test_without_av_a_gif_is_written(tmp_path):
     pictures, durations = unrolled(path)
     for picture, color in zip(pictures, COLORS, strict=True):
         np.testing.assert_allclose(picture.mean((0, 1)) / 255, color, atol=0.03)
-    assert abs(sum(durations) - 1000 * (len(COLORS) + round(HOLD * FPS)) / FPS) <= 5
+    assert abs(sum(durations) - 1000 * (len(COLORS) + round(HOLD_SECONDS * FPS)) / FPS) <= 5
     assert max(durations[:-1]) < 100
 
 
@@ -91,7 +91,7 @@ def test_pictures_of_every_shape_become_a_timelapse(tmp_path, shape, video, monk
     (path,) = timelapse.write(tmp_path)
     assert path.suffix == (".mp4" if video else ".gif")
     if video:
-        assert len(decoded(path)[0]) == 3 + round(HOLD * FPS)
+        assert len(decoded(path)[0]) == 3 + round(HOLD_SECONDS * FPS)
 
 
 @pytest.mark.parametrize(
@@ -187,9 +187,9 @@ def test_a_chosen_length_is_kept(tmp_path, seconds):
         timelapse.add(plain(color, 8, 12), step)
     video, gif = timelapse.write(tmp_path)
     frames, rate = decoded(video)
-    assert abs(len(frames) / rate - seconds - HOLD) < 0.1
-    assert abs(sum(unrolled(gif)[1]) / 1000 - seconds - HOLD) < 0.1
-    ticks = (len(frames) - round(HOLD * rate)) // len(COLORS)
+    assert abs(len(frames) / rate - seconds - HOLD_SECONDS) < 0.1
+    assert abs(sum(unrolled(gif)[1]) / 1000 - seconds - HOLD_SECONDS) < 0.1
+    ticks = (len(frames) - round(HOLD_SECONDS * rate)) // len(COLORS)
     for k, color in enumerate(COLORS):  # each for the same time
         np.testing.assert_allclose(frames[k * ticks + ticks // 2].mean((0, 1)) / 255, color, atol=0.02)
 
@@ -198,7 +198,7 @@ def test_a_chosen_length_is_kept(tmp_path, seconds):
 @pytest.mark.parametrize("seconds", [0.1, 1.0, 4.0, 300.0])
 def test_players_can_follow(n_frames, seconds):
     rate, ticks = timing(n_frames, seconds)
-    assert LEAST_FPS <= rate <= MOST_FPS
+    assert MIN_FPS <= rate <= MOST_FPS
     if rate < MOST_FPS:
         assert abs(ticks * n_frames / rate - seconds) < 1e-3 * seconds
 

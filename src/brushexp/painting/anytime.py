@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable
 
-MOST = 200  # pairs that are kept
+MAX_PAIRS = 200  # (seconds, PSNR) that a run keeps
 
 
 class Anytime:
@@ -17,7 +17,7 @@ class Anytime:
         most: pairs that are kept, 3 or more.
     """
 
-    def __init__(self, pairs: Iterable[tuple[float, float]] = (), *, most: int = MOST) -> None:
+    def __init__(self, pairs: Iterable[tuple[float, float]] = (), *, most: int = MAX_PAIRS) -> None:
         self.pairs = list(pairs)
         self.most = most
 

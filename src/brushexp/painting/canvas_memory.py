@@ -13,7 +13,7 @@ from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
 
-ROWS = 256  # of the whole picture that are compared at once
+COMPARED_ROWS = 256  # pixels: so much of the whole picture is compared at once
 
 
 class CanvasMemory:
@@ -137,7 +137,9 @@ def squares(first: Tensor, second: Tensor) -> float:
 
 def _squares_by_rows(first: Tensor, second: Tensor) -> float:
     """The same of large pictures, without another one of their size."""
-    return sum(squares(a, b) for a, b in zip(first.split(ROWS, 1), second.split(ROWS, 1), strict=True))
+    return sum(
+        squares(a, b) for a, b in zip(first.split(COMPARED_ROWS, 1), second.split(COMPARED_ROWS, 1), strict=True)
+    )
 
 
 def _same(first: View, second: View) -> bool:

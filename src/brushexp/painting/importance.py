@@ -10,7 +10,9 @@ from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.catalogue import Strokes
 
-PROBES = 8  # random pictures that estimate a sum of squares: its relative standard deviation is sqrt(2 / PROBES)
+PROBE_COUNT = (
+    8  # random pictures that estimate a sum of squares: its relative standard deviation is sqrt(2 / PROBE_COUNT)
+)
 
 
 @torch.no_grad()
@@ -48,7 +50,7 @@ def importance(
     height, width = target.shape[1:]
     place = torch.empty_like(front_to_back)
     place[front_to_back] = torch.arange(len(place), device=place.device)
-    exact, probed = strokes.opacity.new_zeros(len(strokes)), strokes.opacity.new_zeros(PROBES, len(strokes))
+    exact, probed = strokes.opacity.new_zeros(len(strokes)), strokes.opacity.new_zeros(PROBE_COUNT, len(strokes))
     for top, rows, number in cuts(strokes, (height, width), renderer):
         part, order, size = strokes[number].moved(shift=(0, -top)), place[number].argsort(), (rows, width)
         aim = target[:, top : top + rows].contiguous()
@@ -62,7 +64,7 @@ def importance(
             image = blend(renderer(replace(part, opacity=opacity), number), order, size, background).image
         if not image.requires_grad:
             continue
-        signs = torch.randint(0, 2, (PROBES, *image.shape), generator=generator).to(image) * 2 - 1
+        signs = torch.randint(0, 2, (PROBE_COUNT, *image.shape), generator=generator).to(image) * 2 - 1
         for into, probe in zip(probed, weight.sqrt() * signs, strict=True):
             (slope,) = torch.autograd.grad(image, opacity, probe, retain_graph=True)
             into[number] += part.opacity * slope

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from brushexp.features.distance import Distance, perceptual_distance
 
-WINDOW = 11  # pixels: SSIM compares windows of this size
+SSIM_WINDOW = 11  # pixels, side of the windows that SSIM compares
 
 
 def measure(
@@ -34,7 +34,7 @@ def measure(
 
     a, b = _as_batch(painting), _as_batch(target)
     ssim = None
-    if min(painting.shape[:2]) >= WINDOW:
+    if min(painting.shape[:2]) >= SSIM_WINDOW:
         ssim = float(structural_similarity_index_measure(a, b, data_range=1.0))  # type: ignore[arg-type]
     psnr = float(peak_signal_noise_ratio(a, b, data_range=1.0)) if bool((a != b).any()) else math.inf
     return {

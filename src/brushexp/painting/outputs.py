@@ -21,7 +21,7 @@ from brushexp.registry import build, build_named, plugin_of
 from brushexp.strokes.storage import Saved
 
 log = logging.getLogger(__name__)
-LARGEST = 65_536  # pixels of the longer side
+LARGEST_SIDE_PIXELS = 65_536  # of the longer side of a picture that is written
 
 
 def renderer_of(saved: Saved) -> Renderer:
@@ -93,12 +93,12 @@ def export_job(
         source: where the catalogue came from.
 
     Raises:
-        UserError: if the picture would have more than ``LARGEST`` pixels on a side.
+        UserError: if the picture would have more than ``LARGEST_SIDE_PIXELS`` pixels on a side.
     """
     height, width = saved.size
     resolution = resolution or max(height, width)
-    if resolution > LARGEST:
-        raise UserError(f"resolution={resolution} is more than {LARGEST} pixels; choose a smaller one")
+    if resolution > LARGEST_SIDE_PIXELS:
+        raise UserError(f"resolution={resolution} is more than {LARGEST_SIDE_PIXELS} pixels; choose a smaller one")
     zoom = resolution / max(height, width)
     size = (max(1, round(height * zoom)), max(1, round(width * zoom)))
     strokes = saved.strokes.moved(zoom=zoom)

@@ -8,7 +8,7 @@ from brushexp.compositing.windows import Windows
 from brushexp.plugins.renderer.base import PatchRenderer, Renderer
 from brushexp.strokes.catalogue import Strokes
 
-MOST_BYTES = 2**29  # of pictures that are kept: 16,384 of 64 x 64 pixels
+MAX_CACHE_BYTES = 2**29  # of pictures that are kept: 16,384 of 64 x 64 pixels
 
 
 class PatchCache:
@@ -25,7 +25,7 @@ class PatchCache:
         most_bytes: of memory for pictures.
     """
 
-    def __init__(self, renderer: Renderer, n: int, most_bytes: int = MOST_BYTES) -> None:
+    def __init__(self, renderer: Renderer, n: int, most_bytes: int = MAX_CACHE_BYTES) -> None:
         self.renderer = renderer
         if isinstance(renderer, PatchRenderer):
             side = renderer.window

@@ -21,11 +21,11 @@ from brushexp.painting.painter import Painter
 from brushexp.pictures.video import LARGEST_SIDE, MOST_FPS, MOST_SECONDS, Format, filming
 from brushexp.system.files import to_bytes
 
-MOST_FRAMES = 2000  # each takes about 50 kB of memory
+MAX_FRAMES = 2000  # each takes about 50 kB of memory
 JPEG_QUALITY = 92
 FPS = 15  # frames per second where no length is chosen
-LEAST_FPS = 10  # ticks per second: frames that last longer are repeated, because players seek badly in slow videos
-HOLD = 1.5  # seconds that the finished painting stays
+MIN_FPS = 10  # ticks per second: frames that last longer are repeated, because players seek badly in slow videos
+HOLD_SECONDS = 1.5  # that the finished painting stays
 
 
 class Timelapse:
@@ -34,13 +34,14 @@ class Timelapse:
     Args:
         n_frames: about how many in all; 0 for no timelapse.
         side: longer side of a frame in pixels; smaller pictures are not enlarged.
-        seconds: how long they take in all; None for ``FPS`` frames per second. The last one stays for ``HOLD`` more.
+        seconds: how long they take in all; None for ``FPS`` frames per second. The last one stays for ``HOLD_SECONDS``
+            more.
         kind: which files.
     """
 
     def __init__(self, n_frames: int, side: int, *, seconds: float | None = None, kind: Format = Format.mp4) -> None:
-        if not 0 <= n_frames <= MOST_FRAMES:
-            raise UserError(f"frames is {n_frames}; choose 0 (no timelapse) to {MOST_FRAMES}")
+        if not 0 <= n_frames <= MAX_FRAMES:
+            raise UserError(f"frames is {n_frames}; choose 0 (no timelapse) to {MAX_FRAMES}")
         if not 2 <= side <= LARGEST_SIDE:
             raise UserError(f"frame_side is {side}; choose 2 to {LARGEST_SIDE} pixels")
         least = n_frames / MOST_FPS
@@ -74,7 +75,7 @@ class Timelapse:
         with filming(folder / "timelapse", self.kind, painting.shape[:2], rate) as film:
             for step in steps:
                 film.show(self._frame(step), ticks)
-            film.show(painting, ticks + round(HOLD * rate))
+            film.show(painting, ticks + round(HOLD_SECONDS * rate))
         return film.paths
 
     def _frame(self, step: int) -> np.ndarray:
@@ -135,7 +136,7 @@ def timing(n_frames: int, seconds: float | None) -> tuple[Fraction, int]:
     """Ticks per second of a film, and how many of them each of its frames lasts, so that all take ``seconds``."""
     if seconds is None:
         return Fraction(FPS), 1
-    ticks = math.ceil(LEAST_FPS * seconds / n_frames)
+    ticks = math.ceil(MIN_FPS * seconds / n_frames)
     rate = ticks * n_frames / Fraction(seconds).limit_denominator(1000)
     return min(rate, Fraction(MOST_FPS)), ticks  # runs of a given time may have some frames more than was asked for
 

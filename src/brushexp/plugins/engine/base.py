@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 from torch import Tensor
 
@@ -38,9 +39,21 @@ class Engine(ABC):
 
     Attributes:
         window: S, pixels on the side of a picture.
+        has_heights: whether ``heights`` says more than alpha does.
+        is_random: whether two strokes of the same parameters differ.
     """
 
     window: int
+    has_heights: ClassVar[bool] = False
+    is_random: ClassVar[bool] = True
+
+    @classmethod
+    def facts(cls) -> dict[str, str]:
+        """What one should know before choosing it."""
+        return {
+            "height of the paint": "simulated" if cls.has_heights else "alpha",
+            "strokes of the same parameters": "differ" if cls.is_random else "are alike",
+        }
 
     @abstractmethod
     def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:

@@ -31,6 +31,8 @@ class Disc(Engine):
         window: pixels on the side of a picture, 8 to 512.
     """
 
+    is_random = False
+
     def __init__(self, *, window: Annotated[int, between(8, 512)] = 64) -> None:
         from brushexp.plugins.engine import _stamps  # noqa: PLC0415  (Numba takes a second; --help should not)
 

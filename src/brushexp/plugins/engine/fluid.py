@@ -58,6 +58,8 @@ class Fluid(Engine):
         relief: height of the paint for the light; 0 is flat.
     """
 
+    has_heights = True
+
     def __init__(
         self,
         *,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -29,7 +29,31 @@ class View:
 
 
 class Sampler(ABC):
-    """Decides which strokes a gradient step moves, and which part of the canvas it renders and compares."""
+    """Decides which strokes a gradient step moves, and which part of the canvas it renders and compares.
+
+    Attributes:
+        cost: of a step, against one that looks at the whole canvas.
+        moves: which strokes a step moves.
+
+    >>> class UpperHalf(Sampler):
+    ...     cost, moves = "half", "those of the upper half"
+    ...     def __call__(self, strokes, size, step, generator):
+    ...         active = (strokes.position[:, 1] < size[0] / 2).nonzero()[:, 0]
+    ...         return View(Region(0, 0, size[0] // 2, size[1]), active)
+    >>> from brushexp.plugins.init.random import Random
+    >>> strokes = Random()(torch.rand(3, 24, 32), 20, torch.Generator())
+    >>> view = UpperHalf()(strokes, (24, 32), 0, torch.Generator())
+    >>> view.region, bool((strokes.position[view.active, 1] < 12).all())
+    (Region(top=0, left=0, height=12, width=32), True)
+    """
+
+    cost: ClassVar[str] = "not measured"
+    moves: ClassVar[str] = "some"
+
+    @classmethod
+    def facts(cls) -> dict[str, str]:
+        """What one should know before choosing it."""
+        return {"cost": cls.cost, "moves": cls.moves}
 
     @abstractmethod
     def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> View:

@@ -40,6 +40,8 @@ class Patches(Sampler):
             random point (the thesis's), which visits the strokes at the border less often.
     """
 
+    cost, moves = "that of one patch, however large the canvas is", "those of one place"
+
     def __init__(
         self,
         *,

@@ -35,6 +35,11 @@ class Resting(Sampler):
         max_awake: while more than this fraction of the strokes is awake, every step looks at the whole canvas.
     """
 
+    cost, moves = (
+        "1 every few steps, less between them",
+        "those of blocks whose error still falls, and all now and then",
+    )
+
     def __init__(
         self,
         *,

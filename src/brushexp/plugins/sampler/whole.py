@@ -12,6 +12,8 @@ from brushexp.strokes.catalogue import Strokes
 class Whole(Sampler):
     """The whole canvas and all strokes at every step."""
 
+    cost, moves = "1", "all strokes"
+
     def __init__(self) -> None: ...
 
     def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> View:
