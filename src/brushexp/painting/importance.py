@@ -10,9 +10,7 @@ from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.catalogue import Strokes
 
-PROBE_COUNT = (
-    8  # random pictures that estimate a sum of squares: its relative standard deviation is sqrt(2 / PROBE_COUNT)
-)
+PROBE_COUNT = 8  # random pictures that estimate a sum of squares: its relative deviation is sqrt(2 / PROBE_COUNT)
 
 
 @torch.no_grad()
