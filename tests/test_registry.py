@@ -153,3 +153,14 @@ def test_published_plugins_are_found(tmp_path):
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={"PYTHONPATH": str(tmp_path)}
     )
     assert "published" in result.stdout
+
+
+def test_all_plugins_load_without_the_extras():
+    extras = ["av", "joblib", "torch_pruning", "pytorch_optimizer", "vpype", "vpype_cli", "shapely", "tensorboard"]
+    code = f"""
+import sys
+sys.modules.update(dict.fromkeys({extras!r}))
+from pathlib import Path
+from brushexp.registry import load_plugins
+load_plugins(Path({str(ROOT / "plugins")!r}))"""
+    assert subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True).stderr == ""

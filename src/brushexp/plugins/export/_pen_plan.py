@@ -17,7 +17,7 @@ import shapely
 from PIL import Image, ImageDraw
 
 from brushexp.pictures.palette import nearest_ink, palette, to_lab, to_rgb
-from brushexp.plugins.export._pens import Hidden, PenOptions, load_vpype, quiet_vpype
+from brushexp.plugins.export._pens import Hidden, PenOptions, load_vpype, millimetre, quiet_vpype
 from brushexp.plugins.export.base import ExportJob
 from brushexp.strokes.bezier import curve_of, half_width_of
 
@@ -161,11 +161,6 @@ def pen_plan(job: ExportJob, options: PenOptions) -> PenPlan:
         document, paper, options.pen_mm, tools, np.bincount(tool[shown], minlength=len(inks)).tolist(),
         int((~shown).sum()), unordered, job.source,
     )  # fmt: skip
-
-
-def millimetre() -> float:
-    """A millimetre in vpype's unit."""
-    return float(load_vpype().UNITS["mm"])
 
 
 def safe_letters(text: str) -> str:

@@ -146,6 +146,11 @@ def load_vpype() -> ModuleType:
     return vpype
 
 
+def millimetre() -> float:
+    """A millimetre in vpype's unit."""
+    return float(load_vpype().UNITS["mm"])
+
+
 @contextmanager
 def quiet_vpype() -> Iterator[None]:
     """Keep out of our log what vpype says to the root logger."""

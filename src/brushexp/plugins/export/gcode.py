@@ -3,11 +3,10 @@
 import io
 import logging
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from brushexp.bounds import between
 from brushexp.errors import UserError
-from brushexp.plugins.export._pen_plan import PenPlan, pen_plan
 from brushexp.plugins.export._pens import (
     Colors,
     Hidden,
@@ -23,6 +22,9 @@ from brushexp.plugins.export._pens import (
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.system.files import write_text
+
+if TYPE_CHECKING:
+    from brushexp.plugins.export._pen_plan import PenPlan
 
 log = logging.getLogger(__name__)
 
@@ -89,6 +91,8 @@ class Gcode(Exporter):
         self.change = change
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
+        from brushexp.plugins.export._pen_plan import pen_plan  # noqa: PLC0415  (needs the extra plot)
+
         plan = pen_plan(job, self.options)
         report = plan.report(self.feed, self.travel)
         log.info("gcode: %s", "; ".join(report[2:5]))
@@ -97,7 +101,7 @@ class Gcode(Exporter):
         write_text(picture, plan.svg())
         return [code, picture]
 
-    def program(self, plan: PenPlan, report: list[str]) -> str:
+    def program(self, plan: "PenPlan", report: list[str]) -> str:
         """The program, with what ``report`` says at its head."""
         vpype = load_vpype()
         head = [*report, "millimetres from the lower left corner of the paper, y up"]

@@ -3,11 +3,10 @@
 import io
 import logging
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from brushexp.bounds import between
 from brushexp.errors import UserError
-from brushexp.plugins.export._pen_plan import PenPlan, millimetre, pen_plan
 from brushexp.plugins.export._pens import (
     Colors,
     Hidden,
@@ -19,10 +18,14 @@ from brushexp.plugins.export._pens import (
     PictureWidth,
     Tolerance,
     load_vpype,
+    millimetre,
 )
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.system.files import write_text
+
+if TYPE_CHECKING:
+    from brushexp.plugins.export._pen_plan import PenPlan
 
 log = logging.getLogger(__name__)
 
@@ -83,6 +86,8 @@ class Hpgl(Exporter):
         )  # fmt: skip
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
+        from brushexp.plugins.export._pen_plan import pen_plan  # noqa: PLC0415  (needs the extra plot)
+
         plan = pen_plan(job, self.options)
         report = plan.report(600 * (self.speed or DRAW_SPEED), 600 * MOVE_SPEED)
         log.info("hpgl: %s", "; ".join(report[2:5]))
@@ -92,7 +97,7 @@ class Hpgl(Exporter):
         write_text(picture, plan.svg())
         return [code, notes, picture]
 
-    def program(self, plan: PenPlan) -> str:
+    def program(self, plan: "PenPlan") -> str:
         """The program, in one line."""
         vpype = load_vpype()
         device, page, count = UNKNOWN_PLOTTER, UNKNOWN_PLOTTER, max(1, len(plan.tools))
@@ -143,7 +148,7 @@ class Hpgl(Exporter):
         return max(0.0, pixels / millimetre())
 
 
-def _unknown_plotter(plan: PenPlan, pens: int) -> dict[str, Any]:
+def _unknown_plotter(plan: "PenPlan", pens: int) -> dict[str, Any]:
     """A plotter in the words of vpype's configuration, on the paper of a plan."""
     width, height = (f"{side}mm" for side in plan.paper)
     page = {
