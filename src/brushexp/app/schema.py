@@ -79,7 +79,7 @@ class PaintTask(Task):
         None, "instead of steps: how often each stroke moves; partial updates need more steps for it", at_least(0)
     )
     coarse: float = key(
-        0, "share of the steps that come first, at half the resolution: pays where steps are few", between(0, 1)
+        0, "share of the steps that come first, at half the resolution: pays where steps are few", between(0, 0.99)
     )
     warm_up: str | None = key(
         "auto", "renderer that takes these steps first; auto = the fast one that a network names; null = none"
