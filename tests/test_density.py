@@ -13,8 +13,7 @@ from brushexp.errors import UserError
 from brushexp.painting.importance import importance
 from brushexp.painting.metrics import psnr_of
 from brushexp.plugins.blend.tiled import Backend, Tiled
-from brushexp.plugins.density._candidates import candidates, halves, straddling
-from brushexp.plugins.density.adaptive import Adaptive
+from brushexp.plugins.density.adaptive import Adaptive, new_strokes
 from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.init.slic import Slic
@@ -23,7 +22,6 @@ from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named
-from brushexp.strokes.bezier import curve_of, point_at
 from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes, check_strokes
 
 SIZE = (40, 56)
@@ -124,32 +122,10 @@ def test_a_stroke_that_does_harm_has_negative_importance():
     assert found[0] < -50
 
 
-def test_halves_together_are_the_curve():
-    strokes = random_strokes(20, SIZE, bend=1.0)
-    both = halves(strokes)
-    t = torch.linspace(0, 1, 9)
-    whole = point_at(curve_of(strokes)[:, None], t.expand(20, -1))
-    first, second = (point_at(curve_of(part)[:, None], t.expand(20, -1)) for part in (both[:20], both[20:]))
-    torch.testing.assert_close(first, point_at(curve_of(strokes)[:, None], (t / 2).expand(20, -1)), atol=1e-3, rtol=0)
-    torch.testing.assert_close(second[:, -1], whole[:, -1], atol=1e-3, rtol=0)
-    torch.testing.assert_close(first[:, -1], second[:, 0], atol=1e-3, rtol=0)
-    check_strokes(both)
-
-
-def test_a_stroke_across_an_edge_straddles_it():
-    target = torch.zeros(3, 20, 40)
-    target[:, :, 20:] = 1
-    strokes = Strokes.join(straight((5, 5), (35, 5)), straight((5, 12), (18, 12)), straight((20, 2), (20, 18)))
-    found = straddling(state_of(target, target, strokes))
-    assert found.argmax() == 0
-    assert found[0] > 10 * found[1:].max()
-
-
 def test_new_strokes_lie_where_the_error_is_in_its_colour_along_its_edge():
     target = torch.full((3, 40, 60), 0.5)
     target[:, 20:23, 30:50] = torch.tensor([0.9, 0.1, 0.2])[:, None, None]
-    found = candidates(state_of(torch.full((3, 40, 60), 0.5), target, random_strokes(5, (40, 60))), 8, 0.5, 0.01)
-    new = found.strokes(state_of(target, target, random_strokes(5, (40, 60))))
+    new = new_strokes(state_of(torch.full((3, 40, 60), 0.5), target, random_strokes(5, (40, 60))), 8, 0.5, 0.01)
     check_strokes(new)
     assert ((new.position[:, 1] > 18) & (new.position[:, 1] < 25)).all()
     assert ((new.position[:, 0] > 28) & (new.position[:, 0] < 52)).all()
@@ -162,17 +138,17 @@ def test_the_error_counts_by_the_focus():
     target, image = torch.ones(3, 20, 40), torch.zeros(3, 20, 40)
     focus = torch.full((20, 40), 0.1)
     focus[:, 30:] = 3.7
-    found = candidates(state_of(image, target, random_strokes(5, (20, 40)), focus=focus), 4, 0.5, 0.0)
-    assert (found.column >= 28).all()
+    new = new_strokes(state_of(image, target, random_strokes(5, (20, 40)), focus=focus), 4, 0.5, 0.0)
+    assert (new.position[:, 0] >= 28).all()
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 2), (5, 3), (40, 56)])
 def test_places_of_any_picture_lie_on_it(size):
-    found = candidates(state_of(torch.zeros(3, *size), torch.rand(3, *size), random_strokes(3, size)), 1000, 0.25, 0.0)
-    assert 0 < len(found) <= size[0] * size[1]
-    assert found.row.max() < size[0]
-    assert found.column.max() < size[1]
-    check_strokes(found.strokes(state_of(torch.zeros(3, *size), torch.rand(3, *size), Strokes.none())))
+    for strokes in (random_strokes(3, size), Strokes.none()):
+        new = new_strokes(state_of(torch.zeros(3, *size), torch.rand(3, *size), strokes), 1000, 0.25, 0.0)
+        assert 0 < len(new) <= size[0] * size[1]
+        assert (new.position < torch.tensor([size[1], size[0]])).all()
+        check_strokes(new)
 
 
 def test_a_perfect_painting_needs_no_more_strokes():
@@ -195,9 +171,8 @@ def test_a_flat_picture_ends_with_the_strokes_it_began_with():
     assert len(painter.catalogue) <= 35
 
 
-@pytest.mark.parametrize("split", [0.0, 0.5, 1.0])
-def test_all_strokes_that_were_asked_for_are_there_in_the_end(split):
-    painter = painted(Adaptive(split=split), n=77)
+def test_all_strokes_that_were_asked_for_are_there_in_the_end():
+    painter = painted(Adaptive(), n=77)
     assert len(painter.catalogue) == 77
     check_strokes(painter.catalogue().map(torch.Tensor.detach))
 
@@ -253,7 +228,7 @@ def test_rounds_have_steps_between_them():
 @pytest.mark.parametrize("size", [(1, 1), (3, 40), (20, 24)])
 def test_the_smallest_paintings_are_painted(n, size):
     n = min(n, size[0] * size[1])
-    painter = painted(Adaptive(moved=0.5, split=0.5), n=n, target=torch.rand(3, *size), steps=40)
+    painter = painted(Adaptive(moved=0.5), n=n, target=torch.rand(3, *size), steps=40)
     assert 1 <= len(painter.catalogue) <= n
     assert painter.drawn().isfinite().all()
 
@@ -264,7 +239,7 @@ def test_parts_of_a_canvas_can_be_revised_too():
     assert len(painter.visits) == 60
 
 
-@pytest.mark.parametrize("option", ["start=0", "start=1.5", "moved=0.7", "until=-1", "split=2", "size=0", "rounds=-1"])
+@pytest.mark.parametrize("option", ["start=0", "start=1.5", "moved=0.7", "until=-1", "size=0", "rounds=-1"])
 def test_options_that_are_none_are_refused(option):
     name, value = option.split("=")
     with pytest.raises(UserError, match=f"density.{name}="):
@@ -301,12 +276,6 @@ def test_a_coarse_picture_with_focus_and_odd_sides():
     target = torch.rand(3, 7, 5)
     focus = replace(state_of(target, target, Strokes.none())).target[0] * 0 + 1
     assert painted(Fixed(), n=4, target=target, coarse=0.5, focus=focus, steps=10).drawn().isfinite().all()
-
-
-def test_no_more_strokes_are_cut_than_can_be_and_the_budget_holds():
-    for options in ({"split": 1.0, "start": 0.05}, {"split": 0.9, "start": 0.5}):
-        painter = painted(Adaptive(rounds=1, **options), n=60, steps=40)
-        assert len(painter.catalogue) == 60
 
 
 def test_rounds_that_coarse_steps_left_out_are_made_up_for():

@@ -10,10 +10,10 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from brushexp.errors import UserError
-from brushexp.plugins.init._cells import Orient
+from brushexp.plugins.init._cells import Orient, nearest
 from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.init.grid import Grid, lattice
-from brushexp.plugins.init.random import Random, nearest_of
+from brushexp.plugins.init.random import Random
 from brushexp.plugins.init.slic import Slic, refined, superpixels
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
@@ -222,12 +222,7 @@ def test_jitter_makes_seeds_differ_and_nothing_else(cls):
     assert not same(one, other)
 
 
-def test_each_random_place_has_the_pixels_that_are_nearest_to_it():
-    pixel = torch.randperm(13 * 21, generator=torch.Generator().manual_seed(3))[:9].numpy()
-    labels = nearest_of(pixel, 13, 21)
-    y, x = np.divmod(pixel, 21)
-    for row in range(13):
-        for column in range(21):
-            distance = (x - column) ** 2 + (y - row) ** 2
-            assert distance[labels[row, column]] == distance.min()
-    assert labels[y, x].tolist() == list(range(9))
+def test_the_nearest_point_is_that_of_a_search_of_all():
+    points, others = np.random.default_rng(3).random((9, 2)), np.random.default_rng(4).random((200, 2))
+    distance = np.linalg.norm(points[:, None] - others, axis=2)
+    assert nearest(points, others).tolist() == distance.argmin(0).tolist()

@@ -16,7 +16,6 @@ from brushexp.plugins.optimizer.torch_optim import TorchOptim
 from brushexp.plugins.order.accuracy import Accuracy
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.patches import Patches
-from brushexp.plugins.sampler.resting import Resting
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.strokes.catalogue import FIELDS
 
@@ -101,7 +100,6 @@ def test_precisions_of_lightning_work(precision):
 PLANS = {
     "whole": lambda: painter_of(steps=24, order=Accuracy(every=3)),
     "patches": lambda: painter_of(steps=24, sampler=Patches(n_active=9, n_ring=5, patch=30), order=Accuracy(every=3)),
-    "resting": lambda: painter_of(steps=24, sampler=Resting(share=0.5, fall=2.0, max_awake=1.0, block=16)),
     "adaptive": lambda: painter_of(steps=24, n=40, density=Adaptive(), options={"budget": 60}),
     "lbfgs": lambda: painter_of(steps=24, optimizer=lbfgs()),
     "stages": lambda: painter_of(Stage("a", Analytic(), 11), Stage("b", Analytic(soft=2.0), 13)),

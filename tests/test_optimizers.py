@@ -11,10 +11,8 @@ from scenes import random_strokes
 
 from brushexp.errors import UserError
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.optimizer._libraries import Library
-from brushexp.plugins.optimizer._rates import RateSchedule, share_of_rate
 from brushexp.plugins.optimizer.base import Optimizer
-from brushexp.plugins.optimizer.torch_optim import TorchOptim
+from brushexp.plugins.optimizer.torch_optim import Library, RateSchedule, TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build, build_named
 from brushexp.strokes.catalogue import Catalogue
@@ -156,9 +154,6 @@ def test_options_that_the_library_does_not_take_are_refused(kind, options):
     ],
 )
 def test_the_rate_rises_holds_and_falls(schedule, shares):
-    found = [share_of_rate(progress, schedule, hold=0.5, warmup=0.25) for progress in (0, 0.25, 0.5, 0.75, 1)]
-    assert found == pytest.approx(shares, abs=1e-6)
-
-
-def test_a_rate_that_is_held_to_the_end_never_falls():
-    assert [share_of_rate(progress, RateSchedule.cosine, hold=1.0, warmup=0.0) for progress in (0, 0.5, 1)] == [1, 1, 1]
+    optimizer, held = TorchOptim(schedule=schedule, hold=0.5, warmup=0.25), TorchOptim(schedule=schedule, hold=1.0)
+    assert [optimizer.share(progress / 4) for progress in range(5)] == pytest.approx(shares, abs=1e-6)
+    assert [held.share(progress / 4) for progress in range(5)] == [1] * 5, "it never falls"

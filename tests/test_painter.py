@@ -13,6 +13,7 @@ from brushexp.painting.outputs import export_job
 from brushexp.painting.painter import Painter
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export.png import pixels
+from brushexp.plugins.order.area import Area
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.prior import clamp_to_prior
@@ -128,3 +129,9 @@ def test_a_line_search_may_look_anywhere():
     take(painter, 1)
     assert torch.stack(seen).isfinite().all()
     assert painter.drawn().isfinite().all()
+
+
+def test_the_order_is_renewed_in_the_first_half_of_a_stage_only():
+    order = Area(every=10)
+    assert [done for done in range(60) if order.due(done, 60)] == [0, 10, 20]
+    assert order.due(0, 1), "a stage of one step begins with an order, too"

@@ -14,6 +14,7 @@ from scenes import leaves, random_strokes, straight
 from torch import Tensor
 
 from brushexp.compositing import bands
+from brushexp.compositing.tile_lists import TILE, build_lists
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Backend, Tiled
@@ -260,3 +261,21 @@ def test_a_larger_picture_shows_the_same_at_the_centres_of_the_old_pixels(blend,
     found = large.paint(BLENDS[blend], Analytic(soft=1.5 * zoom, taper=taper))[:, zoom // 2 :: zoom, zoom // 2 :: zoom]
     atol = MOVED + 2 * getattr(BLENDS[blend], "opaque", 0.0)
     torch.testing.assert_close(found, wanted, atol=atol, rtol=0)
+
+
+def test_a_pair_is_listed_if_and_almost_only_if_the_stroke_reaches_a_pixel_of_the_tile():
+    size = (72, 110)
+    strokes = random_strokes(400, size, seed=3)
+    layers = Analytic()(strokes)
+    lists = build_lists(layers.curve.reshape(-1, 6).numpy(), layers.reach.numpy(), size)
+    rows, columns = lists.shape
+    listed = torch.zeros(rows * columns, 400, dtype=torch.bool)
+    for tile in range(rows * columns):
+        listed[tile, torch.from_numpy(lists.stroke[lists.first[tile] : lists.first[tile + 1]]).long()] = True
+    pixel, tile = torch.arange(TILE * TILE), torch.arange(rows * columns)[:, None]
+    points = torch.stack([tile % columns * TILE + pixel % TILE, tile // columns * TILE + pixel // TILE], -1) + 0.5
+    opaque = replace(layers, opacity=torch.ones(400))
+    alpha, _ = opaque.sample(torch.arange(400).expand(rows * columns, -1), points)
+    covers = (alpha > 1e-6).any(-1)
+    assert listed[covers].all(), "nothing that can be seen is left out"
+    assert covers.sum() > 0.9 * listed.sum()

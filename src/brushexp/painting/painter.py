@@ -168,18 +168,18 @@ class Painter(L.LightningModule):
         """The weighted sum of the losses of what the step looks at; L-BFGS asks several times in a step."""
         self.evaluations += 1
         self._moving.keep_in_range()  # a line search may look anywhere
-        canvas, self._painting = self.picture.see(
+        canvas, painting = self.picture.see(
             self._moving(), self._strokes, self._view, self.depth.front_to_back,
             coarse=self.is_coarse, accuracy=self._measure,
         )  # fmt: skip
         self.depth.measured(canvas.accuracy, self._view.active, len(self.catalogue))
-        total, terms = weighted_sum(self.components.losses, self._painting)
+        total, terms = weighted_sum(self.components.losses, painting)
         self.terms = {name: term.detach() for name, term in terms.items()}
         return total if total.requires_grad else total.requires_grad_()
 
     def optimizer_step(self, epoch: int, batch_idx: int, optimizer: Any, optimizer_closure: Any = None) -> None:
         """One gradient step: look, move strokes, keep them drawable, and then add and remove some."""
-        schedule, order, sampler = self.schedule, self.components.order, self.components.sampler
+        schedule, order = self.schedule, self.components.order
         if schedule.stage != self.stage:
             self._begin_stage(optimizer)
         if order.due(*schedule.stage_progress):
@@ -198,7 +198,6 @@ class Painter(L.LightningModule):
         self.picture.moved(view.active)
         schedule.step += 1
         if not coarse:
-            sampler.seen(view, self._painting.image.detach(), self._painting.target)
             self.visits = self.densification.update(self.catalogue, self.visits, unwrapped(optimizer))
 
     def on_fit_start(self) -> None:

@@ -4,8 +4,11 @@ import logging
 import math
 from typing import Annotated, Any
 
+import numpy as np
+import torch
+
 from brushexp.bounds import at_least, between
-from brushexp.plugins.density._candidates import candidates, halves, straddling
+from brushexp.pictures.structure import along_edges, structure_tensor
 from brushexp.plugins.density.base import DensificationState, DensificationUpdate, Density
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
@@ -14,6 +17,11 @@ CHANNELS = 3
 SMALLEST_SHARE = 1e-3  # of the strokes to begin with: none would be nothing to begin with
 SMALLEST_PITCHES = 1e-3  # size of a new stroke
 STEPS_BETWEEN_ROUNDS = 8  # at least: strokes must have found their place before they are judged
+BLUR = 0.45  # of the error, in sizes of a new stroke
+SPACING = 2.5  # sizes of a new stroke between two of them at least, roughly
+LENGTH, THICKNESS = 1.4, 0.8  # of a new stroke, in its size: as the initialisers lay them
+OPACITY = 0.95
+STRUCTURE = 1.5  # pixels over which the picture's direction is read
 
 log = logging.getLogger(__name__)
 
@@ -23,9 +31,8 @@ class Adaptive(Density):
     """Start with fewer strokes, add small ones where the error is, move there those that matter least.
 
     In each of some rounds the strokes without which the picture would lose least are taken away, and new ones are laid
-    at the worst places, in the picture's colour and along its edges; a share of them comes from cutting strokes in two
-    that straddle an edge. Strokes of no importance, hidden ones for instance, go in any case. So flat regions
-    keep few large strokes, and detail gets many small ones. Kept strokes keep what the optimiser knows of them.
+    at the worst places, in the picture's colour and along its edges. Strokes of no importance (hidden ones, for
+    instance) go in any case. So flat regions keep few large strokes, and detail gets many small ones.
 
     Like GaussianImage++ (2025) it adds at the worst pixels, and like the densification of 3D Gaussian splatting (Kerbl
     et al., 2023) it adds and removes in turns. It differs from both in what it removes: the importance of a stroke
@@ -37,7 +44,6 @@ class Adaptive(Density):
         rounds: times at which strokes are added and removed; fewer if there would be less than 8 steps between them.
         until: share of the steps after which the strokes stay.
         moved: share of the strokes that is taken away in each round and laid elsewhere, 0 to 0.5.
-        split: share of the new strokes that come from cutting one in two, 0 to 1.
         size: of new strokes, in pitches (mean distances between strokes).
         tolerance: places whose error (root mean square over a stroke, 0 to 1) is below this need no more strokes, so
             that a simple picture ends with fewer than it may have.
@@ -53,7 +59,6 @@ class Adaptive(Density):
         rounds: Annotated[int, at_least(0)] = 12,
         until: Annotated[float, between(0, 1)] = 0.75,
         moved: Annotated[float, between(0, 0.5)] = 0.1,
-        split: Annotated[float, between(0, 1)] = 0.0,
         size: Annotated[float, between(SMALLEST_PITCHES, 10)] = 0.25,
         tolerance: Annotated[float, between(0, 1)] = 0.004,
         psnr: float | None = None,
@@ -62,10 +67,9 @@ class Adaptive(Density):
         self.rounds = rounds
         self.until = until
         self.moved = moved
-        self.split = split
         self.size = size
         self.tolerance = tolerance
-        self.psnr = math.inf if psnr is None else psnr
+        self.good_enough = 0.0 if psnr is None else 10 ** (-psnr / 10)  # mean squared error
         self._round = 0  # of those that are over
         self._first = 0  # strokes at the beginning
 
@@ -82,23 +86,18 @@ class Adaptive(Density):
         if current <= self._round or state.step >= state.steps:
             return None
         self._round = current
-        if _psnr(state) >= self.psnr:
+        if (state.image - state.target).square().mean() <= self.good_enough:
             return None
-        wanted = self._first + max(0, state.budget - self._first) * current // rounds
         importance = state.importance()
         keep = importance > CHANNELS * self.tolerance**2  # the others gain less than a pixel that is good enough
         if n:
             keep[importance.argmax()] = True
-        more = max(0, wanted - int(keep.sum()))
-        weakest = importance.where(keep, math.inf).argsort(stable=True)[
-            : max(0, min(round(self.moved * n), int(keep.sum()) - 1))
-        ]
-        found = candidates(state, more + len(weakest), self.size, self.tolerance)
-        keep[weakest[: max(0, len(found) - more)]] = False
-        able = keep & (importance > importance.median()) if n else keep
-        cut = straddling(state).where(able, -1.0).topk(min(int(self.split * len(found)), int(able.sum()))).indices
-        keep[cut] = False
-        new = Strokes.join(halves(state.strokes[cut]), found[: len(found) - len(cut)].strokes(state))
+        kept = int(keep.sum())
+        wanted = self._first + max(0, state.budget - self._first) * current // rounds
+        missing, moved = max(0, wanted - kept), max(0, min(round(self.moved * n), kept - 1))
+        weakest = importance.where(keep, math.inf).argsort(stable=True)[:moved]
+        new = new_strokes(state, missing + moved, self.size, self.tolerance)
+        keep[weakest[: max(0, len(new) - missing)]] = False
         log.debug("step %d: %d strokes, %d added, %d dropped", state.step, n, len(new), n - int(keep.sum()))
         return DensificationUpdate(keep, new) if len(new) or not keep.all() else None
 
@@ -109,6 +108,47 @@ class Adaptive(Density):
         self._round, self._first = state["round"], state["first"]
 
 
-def _psnr(state: DensificationState) -> float:
-    error = float((state.image - state.target).square().mean())
-    return -10 * math.log10(error) if error else math.inf
+def new_strokes(state: DensificationState, n: int, size: float, tolerance: float) -> Strokes:
+    """Strokes at the ``n`` worst places, or fewer, the worst first: in the target's colour, along its edges.
+
+    Args:
+        state: the painting.
+        n: strokes that are wanted; there is at most one in each cell of a lattice, where its error is largest.
+        size: of a new stroke, in pitches (mean distances between strokes).
+        tolerance: root mean square of the error over a stroke below which a place is good enough.
+    """
+    from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
+
+    target, like = state.target.cpu().numpy(), state.strokes.position
+    pixels = size * math.sqrt(target[0].size / max(state.budget, 1))
+    error = (state.image - state.target).square().mean(0)
+    if state.focus is not None:
+        error = error * state.focus
+    blurred = gaussian_filter(error.cpu().numpy(), BLUR * pixels)
+    row, column, worst = _worst_of_cells(blurred, max(2, round(SPACING * pixels)))
+    order = np.argsort(-worst, kind="stable")[: min(n, int((worst > tolerance**2).sum()))]
+    row, column = row[order], column[order]
+    angle = like.new_tensor(along_edges(structure_tensor(target, STRUCTURE)[:, row, column]))
+    windows = state.strokes.scale if len(state.strokes) else like.new_ones(1)
+    scale = windows.median().clamp_min(LENGTH * pixels).repeat(len(order))
+    end = torch.stack([angle.cos(), angle.sin()], dim=1) * (LENGTH * pixels / scale)[:, None]
+    return Strokes(
+        position=like.new_tensor(np.stack([column, row], 1)) + 0.5,
+        scale=scale,
+        start=-end,
+        control=torch.zeros_like(end),
+        end=end,
+        width=THICKNESS * pixels / scale,
+        color=like.new_tensor(target[:, row, column].T).clamp(0, 1),
+        opacity=torch.full_like(scale, OPACITY),
+    )
+
+
+def _worst_of_cells(error: np.ndarray, cell: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Row, column and error of the worst pixel in each square of ``cell`` pixels."""
+    height, width = error.shape
+    rows, columns = -(-height // cell), -(-width // cell)
+    padded = np.pad(error, ((0, rows * cell - height), (0, columns * cell - width)), constant_values=-1)
+    cells = padded.reshape(rows, cell, columns, cell).transpose(0, 2, 1, 3).reshape(rows * columns, -1)
+    at, number = cells.argmax(1), np.arange(rows * columns)
+    return number // columns * cell + at // cell, number % columns * cell + at % cell, cells.max(1)

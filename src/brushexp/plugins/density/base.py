@@ -38,12 +38,7 @@ class DensificationState:
 
 @dataclass(frozen=True)
 class DensificationUpdate:
-    """A change of the set of strokes.
-
-    Attributes:
-        keep: (N,) bool, which of the present strokes stay.
-        new: strokes to add.
-    """
+    """A change of the set of strokes: which of the present ones stay (N,), bool, and strokes to add."""
 
     keep: Tensor
     new: Strokes
@@ -60,9 +55,8 @@ class Density(ABC):
     >>> class Halve(Density):
     ...     def revise(self, state):
     ...         return DensificationUpdate(keep=state.importance() > 0, new=Strokes.none())
-    >>> state = DensificationState(
-    ...     torch.zeros(3, 4, 4), torch.ones(3, 4, 4), None, Strokes.none(), 9, 1, 10, lambda: torch.tensor([1.0, -1.0])
-    ... )
+    >>> pictures = torch.zeros(3, 4, 4), torch.ones(3, 4, 4), None
+    >>> state = DensificationState(*pictures, Strokes.none(), 9, 1, 10, lambda: torch.tensor([1.0, -1.0]))
     >>> Halve().revise(state).keep
     tensor([ True, False])
     """

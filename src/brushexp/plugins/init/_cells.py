@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.pictures.structure import structure_tensor
+from brushexp.pictures.structure import along_edges, structure_tensor
 from brushexp.strokes.catalogue import Strokes
 
 WINDOW_PITCHES = 6.4  # side of a stroke's window: the thesis's 64 px at 100 px per stroke
@@ -34,9 +34,7 @@ class Look:
     Attributes:
         orient: structure: along the picture's edges, filling the cell; random: as in the thesis, points drawn from
             N(0, 0.1) half-windows, the least width, and the optimiser finds the rest.
-        length: of a stroke, in sides of its cell (structure only).
-        width: of a stroke, in sides of its cell (structure only).
-        opacity: 0 to 1.
+        length: of a stroke, in sides of its cell (structure only), as is ``width``.
         jitter: standard deviation of a random shift of each stroke, in pitches (mean distances between strokes). It is
             too small to see; without it runs with other seeds would be the same run, and tell nothing of the spread.
     """
@@ -59,9 +57,9 @@ def strokes_of_cells(target: Tensor, labels: Array, n: int, look: Look, generato
         generator: of everything random.
     """
     _, height, width = target.shape
-    picture = target.numpy().astype(np.float64)
-    centre, covariance, area = _moments(labels.ravel(), n, height, width)
-    color = cell_means(picture.reshape(3, -1), labels.ravel(), n)
+    picture, flat = target.numpy().astype(np.float64), labels.ravel()
+    centre, covariance, area = _moments(flat, n, height, width)
+    color = cell_means(picture.reshape(3, -1), flat, n)
     pitch = math.sqrt(height * width / n)
     scale = max(WINDOW_PITCHES * pitch, MIN_WINDOW_PIXELS)
     if look.orient is Orient.random:
@@ -69,12 +67,12 @@ def strokes_of_cells(target: Tensor, labels: Array, n: int, look: Look, generato
         thickness = torch.full((n,), RANDOM_WIDTH)
     else:
         side = np.sqrt(area).clip(0.4 * pitch, 2.5 * pitch)
-        angle = _direction(picture, labels.ravel(), n, covariance)
-        along = np.stack([np.cos(angle), np.sin(angle)], -1) * (look.length * side / scale)[:, None]
+        angle = _direction(picture, flat, n, covariance)
+        along = np.stack([np.cos(angle), np.sin(angle)], 1) * (look.length * side / scale)[:, None]
         end = torch.from_numpy(along).float()
         start, control = -end, torch.zeros(n, 2)
         thickness = torch.from_numpy(look.width * side / scale).float()
-    position = torch.from_numpy(centre).float()
+    position = torch.tensor(centre.T, dtype=torch.float32)
     if look.jitter:
         position = position + look.jitter * pitch * torch.randn(n, 2, generator=generator)
         position = torch.minimum(position.clamp_min(0.5), torch.tensor([width, height]) - 0.5)
@@ -85,23 +83,27 @@ def strokes_of_cells(target: Tensor, labels: Array, n: int, look: Look, generato
         control=control,
         end=end,
         width=thickness,
-        color=torch.from_numpy(color).float().clamp(0, 1),
+        color=torch.tensor(color.T, dtype=torch.float32).clamp(0, 1),
         opacity=torch.full((n,), look.opacity),
     )
 
 
 def joined(labels: Array, n: int) -> Array:
     """Keep the ``n`` largest cells of a partition (H, W); every other one joins the nearest of them."""
-    from scipy.spatial import cKDTree  # noqa: PLC0415
-
-    height, width = labels.shape
     flat = labels.ravel()
-    area = np.bincount(flat)
-    centre, _, _ = _moments(flat, len(area), height, width)
+    centre, _, area = _moments(flat, int(flat.max()) + 1, *labels.shape)
     kept = np.sort(np.argsort(-area, kind="stable")[:n])
-    heir: Array = cKDTree(centre[kept]).query(centre)[1]
+    heir = nearest(centre.T[kept], centre.T)
     heir[kept] = np.arange(n)
-    return heir[flat].reshape(height, width)
+    return heir[labels]
+
+
+def nearest(points: Array, to: Array) -> Array:
+    """Which of n points (n, 2) is nearest to each of others (m, 2)."""
+    from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
+
+    found: Array = cKDTree(points).query(to)[1]
+    return found
 
 
 def cut(flat: Array, pieces: Array, height: int, width: int) -> Array:
@@ -111,10 +113,10 @@ def cut(flat: Array, pieces: Array, height: int, width: int) -> Array:
     while (pieces > 1).any():
         n = len(pieces)
         centre, covariance, _ = _moments(flat, n, height, width)
-        angle = _major_axis(covariance)
+        angle = along_edges(-covariance)  # the longer axis
         pixel = np.flatnonzero((pieces > 1)[flat])
         cell = flat[pixel]
-        along = (x[pixel] - centre[cell, 0]) * np.cos(angle[cell]) + (y[pixel] - centre[cell, 1]) * np.sin(angle[cell])
+        along = (x[pixel] - centre[0, cell]) * np.cos(angle[cell]) + (y[pixel] - centre[1, cell]) * np.sin(angle[cell])
         order = np.lexsort((along, cell))
         pixel, cell = pixel[order], cell[order]
         count = np.bincount(cell, minlength=n)
@@ -127,29 +129,23 @@ def cut(flat: Array, pieces: Array, height: int, width: int) -> Array:
     return flat
 
 
-def _coordinates(height: int, width: int) -> tuple[Array, Array]:
-    """Positions x and y (H * W,) of the pixel centres."""
+def _coordinates(height: int, width: int) -> Array:
+    """Positions (2, H * W), x and y, of the pixel centres."""
     y, x = np.mgrid[:height, :width] + 0.5
-    return x.ravel(), y.ravel()
+    return np.stack([x.ravel(), y.ravel()])
 
 
 def cell_means(values: Array, flat: Array, n: int) -> Array:
-    """Mean (n, C) of values (C, H * W) over each cell."""
-    count = np.bincount(flat, minlength=n)
-    return np.stack([np.bincount(flat, weights=value, minlength=n) / count for value in values], 1)
+    """Mean (C, n) of values (C, H * W) over each cell."""
+    return np.stack([np.bincount(flat, value, n) for value in values]) / np.bincount(flat, minlength=n)
 
 
 def _moments(flat: Array, n: int, height: int, width: int) -> tuple[Array, Array, Array]:
-    """Centre (n, 2), covariance (n, 3: xx, xy, yy) and area (n,) of each cell, pixels."""
-    x, y = _coordinates(height, width)
-    centre = cell_means(np.stack([x, y]), flat, n)
-    dx, dy = x - centre[flat, 0], y - centre[flat, 1]
+    """Centre (2, n), covariance (3, n: xx, xy, yy) and area (n,) of each cell, pixels."""
+    points = _coordinates(height, width)
+    centre = cell_means(points, flat, n)
+    dx, dy = points - centre[:, flat]
     return centre, cell_means(np.stack([dx * dx, dx * dy, dy * dy]), flat, n), np.bincount(flat, minlength=n)
-
-
-def _major_axis(covariance: Array) -> Array:
-    """Direction (n,) of the longer axis, radians."""
-    return 0.5 * np.arctan2(2 * covariance[:, 1], covariance[:, 0] - covariance[:, 2])
 
 
 def _direction(picture: Array, flat: Array, n: int, covariance: Array) -> Array:
@@ -159,10 +155,6 @@ def _direction(picture: Array, flat: Array, n: int, covariance: Array) -> Array:
     the cell's own elongation, which decides where the picture is flat; summed as double angles.
     """
     tensor = cell_means(structure_tensor(picture, 1.0).reshape(3, -1), flat, n)
-    strength = tensor[:, 0] + tensor[:, 2] + MIN_GRADIENT_POWER
-    extent = covariance[:, 0] + covariance[:, 2] + 1e-9  # of a cell of one pixel it is 0
-    cosine = (tensor[:, 2] - tensor[:, 0]) / strength + ELONGATION_WEIGHT * (
-        covariance[:, 0] - covariance[:, 2]
-    ) / extent
-    sine = -2 * tensor[:, 1] / strength + ELONGATION_WEIGHT * 2 * covariance[:, 1] / extent
-    return 0.5 * np.arctan2(sine, cosine)
+    strength = tensor[0] + tensor[2] + MIN_GRADIENT_POWER
+    extent = covariance[0] + covariance[2] + 1e-9  # of a cell of one pixel it is 0
+    return along_edges(tensor / strength - ELONGATION_WEIGHT * covariance / extent)

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from brushexp.bounds import above, between
-from brushexp.plugins.init._cells import Look, Orient, strokes_of_cells
+from brushexp.plugins.init._cells import Look, Orient, nearest, strokes_of_cells
 from brushexp.plugins.init.base import Initializer
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
@@ -39,15 +39,7 @@ class Random(Initializer):
     ) -> Strokes:
         _, height, width = target.shape
         pixel = torch.randperm(height * width, generator=generator)[:n_strokes].numpy()
-        labels = nearest_of(pixel, height, width)
+        y, x = np.divmod(np.arange(height * width), width)
+        points = np.stack([x, y], 1)
+        labels = nearest(points[pixel], points).reshape(height, width)
         return strokes_of_cells(target, labels, n_strokes, self.look, generator)
-
-
-def nearest_of(pixel: np.ndarray, height: int, width: int) -> np.ndarray:
-    """Which of n different pixels, numbered row by row, is nearest to each pixel (H, W); each is nearest to itself."""
-    from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
-
-    y, x = np.divmod(np.arange(height * width), width)
-    points = np.stack([x, y], 1)
-    labels: np.ndarray = cKDTree(points[pixel]).query(points)[1]
-    return labels.reshape(height, width)

@@ -83,13 +83,8 @@ def superpixels(target: Tensor, n: int, compactness: float) -> np.ndarray:
 def refined(labels: np.ndarray, n: int, picture: np.ndarray, focus: np.ndarray | None = None) -> np.ndarray:
     """Cut cells (H, W) until there are exactly ``n``, first those with most area times standard deviation of colour.
 
-    Area times variance, the squared error, gains no more PSNR and leaves even regions too coarse for the eye.
-
-    Args:
-        labels: (H, W) cells from 0 on, none of them empty; where they are more than ``n``, the smallest join others.
-        n: 1 to H * W.
-        picture: (3, H, W).
-        focus: (H, W) how much each pixel counts: a cell's mean multiplies its area times deviation.
+    Area times variance, the squared error, gains no more PSNR and leaves even regions too coarse for the eye. Where
+    there are more than ``n`` cells, the smallest join others. A ``focus`` (H, W) multiplies weights by its mean.
     """
     height, width = labels.shape
     if labels.max() >= n:
@@ -98,7 +93,7 @@ def refined(labels: np.ndarray, n: int, picture: np.ndarray, focus: np.ndarray |
     for left in range(REFINEMENT_ROUNDS, 0, -1):
         k = int(flat.max()) + 1
         area = np.bincount(flat, minlength=k)
-        variance = (cell_means(channels**2, flat, k) - cell_means(channels, flat, k) ** 2).sum(1).clip(0)
+        variance = (cell_means(channels**2, flat, k) - cell_means(channels, flat, k) ** 2).sum(0).clip(0)
         weight = area * np.sqrt(variance + GREY_LEVEL**2)
         if focus is not None:
             weight *= np.bincount(flat, focus.ravel(), minlength=k) / area

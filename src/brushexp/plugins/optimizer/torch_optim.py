@@ -1,16 +1,36 @@
 """Any optimiser of torch.optim, or of the library pytorch-optimizer."""
 
-from collections.abc import Iterable
+import importlib
+import inspect
+import math
+from collections.abc import Callable, Iterable
+from enum import Enum
 from typing import Annotated, Any
 
 from torch import nn, optim
 
 from brushexp.bounds import above, between
 from brushexp.errors import UserError
-from brushexp.plugins.optimizer._libraries import Library, class_of
-from brushexp.plugins.optimizer._rates import UNITS, RateSchedule, share_of_rate
 from brushexp.plugins.optimizer.base import Optimizer
 from brushexp.registry import register
+
+# A learning rate of 0.01 moves a control point by a hundredth of a half-window per step of Adam: the thesis's rate.
+UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3, "color": 1.0, "opacity": 1.0}
+
+
+class Library(Enum):
+    """Who made an optimiser, and the module that has it."""
+
+    torch = "torch.optim"
+    pytorch_optimizer = "pytorch_optimizer"
+
+
+class RateSchedule(Enum):
+    """How the learning rate goes from ``lr`` to its end."""
+
+    constant = "constant"
+    linear = "linear"
+    cosine = "cosine"
 
 
 @register("optimizer", "torch")
@@ -66,4 +86,46 @@ class TorchOptim(Optimizer):
         return optimizer
 
     def share(self, progress: float) -> float:
-        return share_of_rate(progress, self.schedule, self.hold, self.warmup)
+        rise = min(1.0, (progress + 1e-9) / self.warmup) if self.warmup else 1.0
+        falling = max(0.0, (progress - self.hold) / (1 - self.hold)) if self.hold < 1 else 0.0
+        fall = {
+            RateSchedule.constant: 1.0,
+            RateSchedule.linear: 1 - falling,
+            RateSchedule.cosine: 0.5 * (1 + math.cos(math.pi * falling)),
+        }
+        return rise * fall[self.schedule]
+
+
+class Lbfgs(optim.LBFGS):
+    """That of PyTorch, which holds on to its first parameters, for strokes that come and go."""
+
+    def step(self, closure: Any = None) -> Any:
+        self._params = self.param_groups[0]["params"]
+        self._numel_cache = None
+        return super().step(closure)
+
+
+def class_of(library: Library, name: str, options: dict[str, Any]) -> Callable[..., optim.Optimizer]:
+    """The class ``name`` of a library, which takes these options.
+
+    Raises:
+        UserError: if the library is not installed, or has no such class, or would drop an option without a word.
+    """
+    try:
+        found = vars(importlib.import_module(library.value))
+    except ImportError as error:
+        cure = "pip install 'brushexp[optimizers]'"
+        raise UserError(f"this optimizer needs the library pytorch-optimizer; {cure}") from error
+    kinds = {key: kind for key, kind in found.items() if isinstance(kind, type) and issubclass(kind, optim.Optimizer)}
+    kinds.pop("Optimizer", None)  # the base class
+    if name not in kinds:
+        choices = ", ".join(sorted(kinds))
+        raise UserError(f"{library.value} has no optimiser {name!r}; set optimizer.name to one of {choices}")
+    kind = kinds[name]
+    if library is Library.pytorch_optimizer:  # it drops what it does not know
+        known = [key for key in inspect.signature(kind).parameters if key not in ("params", "lr", "kwargs")]
+        unknown = [key for key in options if key not in known]
+        if unknown:
+            choices = ", ".join(known)
+            raise UserError(f"optimizer.options has {unknown[0]!r}, which {name} does not take; it takes {choices}")
+    return Lbfgs if kind is optim.LBFGS else kind

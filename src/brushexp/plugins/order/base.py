@@ -46,14 +46,10 @@ class Order(ABC):
         """
 
     def due(self, done: int, steps: int) -> bool:
-        """Whether the depth is computed anew when ``done`` of a stage's ``steps`` have been taken.
-
-        Steps that begin a stage count as due.
-        """
+        """Whether the depth is computed anew when ``done`` of a stage's ``steps`` have been taken; always at none."""
         return done % self.every == 0 and (done == 0 or done < self.until * steps)
 
 
 def front_to_back(depth: Tensor) -> Tensor:
     """Indices (N,) of strokes, the uppermost first; of two of equal depth the later lies on top."""
-    last = len(depth) - 1
-    return last - torch.argsort(depth.flip(0), descending=True, stable=True)
+    return len(depth) - 1 - torch.argsort(depth.flip(0), descending=True, stable=True)

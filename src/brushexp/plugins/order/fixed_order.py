@@ -12,8 +12,9 @@ from brushexp.strokes.catalogue import Strokes
 class FixedOrder(Order):
     """As the strokes come: the last one of the catalogue on top."""
 
-    def __init__(self) -> None:
-        self.every = 2**31  # never again
+    every = 2**31  # never again
+
+    def __init__(self) -> None: ...
 
     def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
         return torch.zeros_like(strokes.opacity)

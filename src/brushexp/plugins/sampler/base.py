@@ -18,7 +18,7 @@ class View:
     """What one step looks at.
 
     Attributes:
-        region: the part of the canvas that it renders and compares.
+        region: the part of the canvas that it renders and compares; all of it if ``active`` is None.
         active: (A,) int64 numbers of the strokes that it moves, without repetition; None for all of them.
         ring: (R,) int64 numbers of strokes around those, which are drawn and stay as they are; None for none.
     """
@@ -59,25 +59,12 @@ class Sampler(ABC):
     def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> View:
         """Where ``step`` (from 0) looks on a canvas of ``size`` (H, W); the region lies wholly inside it.
 
-        Args:
-            strokes: the N strokes as they are now, without gradient.
-            size: of the canvas.
-            step: number of the step.
-            generator: of everything random.
+        ``strokes`` are as they are now, without gradient; ``generator`` is that of everything random.
         """
 
     def steps_per_round(self, strokes: Strokes, size: tuple[int, int]) -> int:
         """Steps in which each of the strokes, on a canvas of ``size`` (H, W), is moved about once."""
         return 1
-
-    def seen(self, view: View, image: Tensor, target: Tensor) -> None:  # noqa: B027
-        """Look at what a step saw; called after each one.
-
-        Args:
-            view: where it looked.
-            image: (3, h, w) the region before the step, without gradient.
-            target: (3, h, w) what it should look like.
-        """
 
     def state_dict(self) -> dict[str, Any]:
         """What an interrupted run needs to go on as if nothing had happened: tensors and numbers."""

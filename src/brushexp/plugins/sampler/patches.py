@@ -121,15 +121,9 @@ class Patches(Sampler):
 def places(position: Tensor, most: int, side: float, generator: torch.Generator) -> Tensor:
     """Number (N,) of each stroke's place: places of at most ``most`` strokes, not wider or higher than ``side`` pixels.
 
-    The strokes are cut in two across the longer side of their box, again and again, in proportion to the numbers of
-    places on either side; these are drawn, so that the borders differ from round to round. Places are numbered in
-    random order.
-
-    Args:
-        position: (N, 2) pixels.
-        most: strokes of a place, from 1.
-        side: pixels.
-        generator: of the cuts and the order.
+    The strokes, at ``position`` (N, 2), are cut in two across the longer side of their box, again and again, in
+    proportion to the numbers of places on either side; these are drawn, so that the borders differ from round to round.
+    Places are numbered in random order.
     """
     found, waiting = [], [(torch.arange(len(position)), math.ceil(len(position) / most))]
     while waiting:
@@ -154,12 +148,7 @@ def places(position: Tensor, most: int, side: float, generator: torch.Generator)
 def nearest_to_box(position: Tensor, among: Tensor, low: Tensor, high: Tensor, n: int) -> Tensor:
     """Numbers, ascending, of the ``n`` strokes nearest to a box, or fewer if ``among`` (N,) is true for fewer.
 
-    Args:
-        position: (N, 2) pixels.
-        among: (N,) bool, which ones count.
-        low: (2,) corner of the box; the same as ``high`` for a point.
-        high: (2,) opposite corner.
-        n: how many.
+    The corners ``low`` and ``high`` (2,) of the box may be the same point.
     """
     outside = (low - position).clamp_min(0) + (position - high).clamp_min(0)
     distance = torch.where(among, outside.square().sum(1), torch.inf)
