@@ -35,13 +35,12 @@ def sheet_of_extremes(name: str, engine: str, drawings: ExtremeDrawings) -> Imag
 
 
 def _sheet(kinds: dict[str, Tensor], labels: list[tuple[str, ...]], side: int, title: str) -> Image.Image:
-    """Pictures (n, 4, S, S) over white, of each kind a row; the labels are below those of the last kind."""
-    rows, heads = [], []
+    """Pictures (n, 4, S, S) over white, of each kind a row after its name; the labels are below those of the last."""
+    rows = []
     for k in range(0, len(labels), COLUMNS):
         here = slice(k, k + COLUMNS)
         for kind, images in kinds.items():
             pictures = [Image.fromarray(to_bytes(picture)) for picture in over_white(images[here].float().cpu())]
             below = labels[here] if kind == list(kinds)[-1] else [()] * len(pictures)
-            rows.append([SheetCell(*pair) for pair in zip(pictures, below, strict=True)])
-            heads.append(kind)
-    return draw_sheet(rows, title, heads, side=side)
+            rows.append([SheetCell(None, words=kind), *map(SheetCell, pictures, below)])
+    return draw_sheet(rows, title, side)

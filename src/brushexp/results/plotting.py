@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import io
-import re
-from collections.abc import Callable, Iterable
+import textwrap
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -84,30 +84,4 @@ def without_math(text: str) -> str:
 
 def label_lines(text: str, width: int, most: int = 3) -> str:
     """Text of a plot in at most so many lines of so many letters."""
-    return "\n".join(wrapped(without_math(text).split(), lambda line: len(line) <= width, most))
-
-
-def wrapped(words: Iterable[str], fits: Callable[[str], bool], most: int, space: str = " ") -> list[str]:
-    """Words set in at most so many lines; a long word is broken, after a sign if possible, and what is left is cut."""
-    lines = [""]
-    for word in words:
-        joined = f"{lines[-1]}{space}{word}" if lines[-1] else word
-        if fits(joined):
-            lines[-1] = joined
-            continue
-        lines += [""] * bool(lines[-1])
-        for piece in re.findall(r"[^+,/_=.-]*[+,/_=.-]|[^+,/_=.-]+", word):
-            if lines[-1] and not fits(lines[-1] + piece):
-                lines.append("")
-            for letter in piece:
-                if lines[-1] and not fits(lines[-1] + letter):
-                    lines.append("")
-                lines[-1] += letter
-        if len(lines) > most:
-            break
-    if len(lines) > most:
-        last = lines[most - 1]
-        while last and not fits(last + "..."):
-            last = last[:-1]
-        lines[most - 1 :] = [last + "..."]
-    return lines
+    return textwrap.fill(without_math(text), width, max_lines=most, placeholder="...")
