@@ -25,14 +25,14 @@ class Fire(nn.Module):
 
 @cache
 def torchvision_features(name: str) -> nn.Sequential:
-    """The convolution part of alexnet, squeezenet1_1 or vgg16; activations neither vanish nor grow."""
+    """The convolution part of alexnet, squeeze (squeezenet1_1) or vgg16; activations neither vanish nor grow."""
     torch.manual_seed(0)
     if name == "alexnet":
         first = [nn.Conv2d(3, 64, 11, 4, 2), nn.ReLU(), nn.MaxPool2d(3, 2)]
         second = [nn.Conv2d(64, 192, 5, padding=2), nn.ReLU(), nn.MaxPool2d(3, 2)]
         rest = [(nn.Conv2d(a, b, 3, padding=1), nn.ReLU()) for a, b in pairwise((192, 384, 256, 256))]
         network = nn.Sequential(*first, *second, *(layer for pair in rest for layer in pair))
-    elif name == "squeezenet1_1":
+    elif name.startswith("squeeze"):
         pool = nn.MaxPool2d(3, 2, ceil_mode=True)
         fires = [pool, Fire(64, 16, 64), Fire(128, 16, 64), pool, Fire(128, 32, 128), Fire(256, 32, 128), pool]
         last = [Fire(256, 48, 192), Fire(384, 48, 192), Fire(384, 64, 256), Fire(512, 64, 256)]
@@ -52,23 +52,12 @@ def torchvision_features(name: str) -> nn.Sequential:
 
 
 def state_of(name: str) -> dict[str, Tensor]:
+    """Its weights under torchvision's names."""
     return {f"features.{key}": value for key, value in torchvision_features(name).state_dict().items()}
 
 
-def alexnet_state() -> dict[str, Tensor]:
-    return state_of("alexnet")
-
-
-def squeeze_state() -> dict[str, Tensor]:
-    return state_of("squeezenet1_1")
-
-
-def vgg_state() -> dict[str, Tensor]:
-    return state_of("vgg16")
-
-
 def saved(folder: Path, state: dict[str, Tensor]) -> Path:
-    """The file with these tensors."""
+    """A file with these tensors."""
     path = folder / "features.safetensors"
     save_file(state, path)
     return path

@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from networks import alexnet_state, saved, squeeze_state, vgg_state
+from networks import saved, state_of
 from scenes import random_strokes
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.plugins.loss._feature_kernels import EMBEDDINGS, POWERS, FeatureKernel, discrepancy
 from brushexp.plugins.loss.base import Loss, Painting
 from brushexp.plugins.loss.brushwork_transfer import BrushworkTransfer
 from brushexp.plugins.loss.discriminator import Discriminated
@@ -23,7 +22,7 @@ from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
 from brushexp.plugins.loss.sinkhorn import Sinkhorn
 from brushexp.plugins.loss.ssim import StructuralSimilarity
 from brushexp.plugins.loss.stroke import SHRINK, KullbackLeibler, Width
-from brushexp.plugins.loss.style import Style
+from brushexp.plugins.loss.style import KERNELS, Style, TapStyle
 from brushexp.registry import build
 from brushexp.strokes.brushwork import Brushwork, brushwork_of, distances
 from brushexp.strokes.catalogue import Catalogue, Strokes
@@ -181,9 +180,8 @@ PICTURE_LOSSES: dict[str, Callable[[], Loss]] = {
     "perceptual": Perceptual,
     "lpips": Lpips,
     "sinkhorn": Sinkhorn,
-    **{f"style {kernel.name}": lambda kernel=kernel: Style(kernel=kernel) for kernel in FeatureKernel},
+    **{f"style {kernel}": lambda kernel=kernel: Style(kernel=kernel) for kernel in KERNELS},
 }
-NETWORKS = {"alexnet": alexnet_state, "squeeze": squeeze_state, "vgg16": vgg_state}
 SIZES = [(1, 1), (3, 5), (10, 10)]
 
 
@@ -248,9 +246,9 @@ def test_ssim_in_half_precision_is_that_of_the_rounded_pictures():
 
 
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("backbone", NETWORKS)
+@pytest.mark.parametrize("backbone", ["alexnet", "squeeze", "vgg16"])
 def test_networks_with_large_windows_judge_tiny_pictures(tmp_path: Path, backbone, size):
-    weights = str(saved(tmp_path, NETWORKS[backbone]()))
+    weights = str(saved(tmp_path, state_of(backbone)))
     for kind, (image, target) in pairs(*size).items():
         for loss in (Lpips(backbone=backbone, weights=weights), Perceptual(backbone=backbone, weights=weights)):
             for dtype in (torch.float32, torch.bfloat16):
@@ -282,27 +280,32 @@ def test_mass_of_one_pixel_or_none_at_all_need_not_be_carried(size):
         assert slope.abs().max() < 1e-9
 
 
-@pytest.mark.parametrize("kernel", FeatureKernel)
+def judge_of(kernel: str, style: Tensor) -> TapStyle:
+    unit = max(float(KERNELS[kernel].power(style)) / style.shape[1], 1e-8)
+    judge = TapStyle(kernel, KERNELS[kernel].embedding(style), unit)
+    return judge._replace(wanted=judge.sums(style)[1:] / style.shape[1])
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
 @pytest.mark.parametrize(("channels", "positions"), [(1, 1), (1, 9), (5, 1), (1, 2), (5, 9)])
 def test_statistics_of_one_channel_or_one_position_are_finite(kernel, channels, positions):
     torch.manual_seed(channels * positions)
     for style in (torch.rand(channels, positions), torch.zeros(channels, positions), torch.ones(channels, positions)):
         for dtype in PRECISIONS[:2]:
             wanted, seen = style.to(dtype), torch.rand(channels, positions).to(dtype).requires_grad_()
-            embed = EMBEDDINGS[kernel](wanted)
-            unit = max(float(POWERS[kernel](wanted)) / positions, 1e-8)
-            value = discrepancy(embed(seen) / positions, embed(wanted) / positions, unit, kernel)
+            judge = judge_of(kernel, wanted)
+            value = judge.discrepancy(judge.sums(seen))
             (slope,) = torch.autograd.grad(value, seen)
             assert value.isfinite()
             assert value >= 0
             assert slope.isfinite().all()
-            assert discrepancy(embed(wanted) / positions, embed(wanted) / positions, unit, kernel) == 0
+            assert judge.discrepancy(judge.sums(wanted)) == 0
 
 
 def test_the_gram_matrix_of_one_channel_at_one_position_is_its_square():
     seen, wanted = (torch.tensor([[x]], dtype=torch.float64) for x in (3.0, 2.0))
-    embed = EMBEDDINGS[FeatureKernel.poly](wanted)
-    value = discrepancy(embed(seen), embed(wanted), float(POWERS[FeatureKernel.poly](wanted)), FeatureKernel.poly)
+    judge = judge_of("poly", wanted)
+    value = judge.discrepancy(judge.sums(seen))
     assert float(value) == pytest.approx((9 - 4) ** 2 / 2**4)
 
 

@@ -10,6 +10,7 @@ from torch import Tensor
 from brushexp.errors import UserError
 from brushexp.plugins.loss.base import Loss, Painting
 from brushexp.plugins.loss.flow import Curvature, Direction
+from brushexp.registry import build_named
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import Strokes
 
@@ -191,4 +192,4 @@ def test_following_the_slope_lowers_them(loss):
 @pytest.mark.parametrize("option", ["k", "every"])
 def test_counts_below_one_are_refused(option):
     with pytest.raises(UserError, match=rf"loss\.direction\.{option}=0 is not"):
-        Direction(**{option: 0})
+        build_named("loss", "direction", {option: 0})

@@ -318,7 +318,7 @@ def test_options_that_cannot_be_are_refused_before_work_starts():
             build_named("loss", name, options)
     with pytest.raises(UserError, match="choose from stem, b0"):
         Perceptual(taps=["relu4_3"])
-    with pytest.raises(UserError, match="effl0, vgg16, vgg16-hed"):
+    with pytest.raises(UserError, match="effl0, vgg16-hed, alexnet"):
         Perceptual(backbone="resnet")
     with pytest.raises(UserError, match=r"loss\.perceptual\.weights=path"):
         Perceptual(backbone="vgg16")

@@ -2,12 +2,12 @@
 
 import pytest
 import torch
-from networks import alexnet_state, saved, squeeze_state
+from networks import saved, state_of
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.features import context, open_backbone
-from brushexp.features.context import tiled_activations
+from brushexp.features import base as features
+from brushexp.features import open_backbone
 from brushexp.pictures.focus import focus_weights
 from brushexp.pictures.region import Region
 from brushexp.plugins.loss.base import Loss, Painting, Surroundings, weighted_sum
@@ -17,7 +17,6 @@ from brushexp.plugins.loss.pixel import MeanSquaredError
 from brushexp.registry import plugins
 from brushexp.strokes.catalogue import Strokes
 
-STATES = {"alexnet": alexnet_state, "squeeze": squeeze_state}
 SIZE = (117, 175)
 PLACES = {
     "inside": Region(43, 61, 33, 38),
@@ -68,7 +67,7 @@ def test_the_gradient_on_a_part_is_that_of_the_whole(cls, region, focused):
 
 @pytest.mark.parametrize(("backbone", "tap"), [("alexnet", "relu3"), ("squeeze", "fire5"), ("squeeze", "relu1")])
 def test_other_networks_see_enough_around_a_part(tmp_path, backbone, tap):
-    weights = str(saved(tmp_path, STATES[backbone]()))
+    weights = str(saved(tmp_path, state_of(backbone)))
     for loss in (Perceptual(backbone=backbone, weights=weights, taps=[tap]), Lpips(backbone=backbone, weights=weights)):
         found, wanted = slopes_of(loss.double(), Region(40, 130, 72, 67), (180, 330))
         assert_nearly(found, wanted, turned=0.05, longer=0.12)
@@ -131,11 +130,11 @@ def test_wider_regions_begin_on_the_grid_and_are_padded_as_the_whole(grid):
 
 
 def test_tiles_hold_every_activation_once(monkeypatch):
-    monkeypatch.setattr(context, "TILE_PIXELS", 32)
+    monkeypatch.setattr(features, "TILE_PIXELS", 32)
     network, taps = open_backbone("effl0"), ["stem", "b2", "b3.expand"]
     picture = torch.rand(3, 77, 101)
     wanted = network(picture[None], taps)
-    tiles = list(tiled_activations(network, taps, picture))
+    tiles = list(network.tiled(picture, taps))
     assert len(tiles) == 12
     for tap, pieces in zip(taps, zip(*tiles, strict=True), strict=True):
         found, everything = torch.cat(pieces, 1), wanted[tap][0].flatten(1)

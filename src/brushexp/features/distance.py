@@ -25,29 +25,6 @@ OPTION = "loss.lpips.weights"  # what an error tells a user to set, if nobody sa
 FLOOR = 1e-8  # under the squared length of a feature vector: a position without any activation is the zero vector
 
 
-def unit(features: Tensor) -> Tensor:
-    """Feature vectors (B, C, h, w), each scaled to length 1; those not much longer than 1e-4 stay shorter."""
-    return features / (features.square().sum(1, keepdim=True) + FLOOR).sqrt()
-
-
-def apart(
-    ours: Sequence[Tensor],
-    theirs: Sequence[Tensor],
-    weights: Sequence[Tensor],
-    focus: Sequence[Tensor | None] | None = None,
-) -> Tensor:
-    """Weighted squared difference of unit vectors: mean over positions, sum over channels and taps.
-
-    Args:
-        ours: unit vectors (1, C, h, w) of each tap.
-        theirs: the same of the other picture.
-        weights: of each tap, (C,) or (1,) for all of its channels.
-        focus: of each tap, how much each position counts (h, w); None for all alike.
-    """
-    taps = zip(ours, theirs, weights, focus or [None] * len(ours), strict=True)
-    return torch.stack([(mean_squares(a, b, at) * weight).sum() for a, b, weight, at in taps]).sum()
-
-
 class Distance(nn.Module):
     """Perceptual distance of two pictures: 0 for equal ones, about 1 for unlike ones.
 
@@ -68,18 +45,19 @@ class Distance(nn.Module):
             self.register_buffer(f"weight{number}", weight, persistent=False)
 
     def look(self, picture: Tensor) -> list[Tensor]:
-        """Unit vectors (1, C, h, w) of each tap for a picture (3, H, W), sRGB in [0, 1]; differentiable."""
+        """Unit vectors (1, C, h, w) of each tap for a picture (3, H, W), sRGB in [0, 1]; differentiable.
+
+        Those of features not much longer than 1e-4 are shorter.
+        """
         found = self.network(picture[None], self.taps)
-        return [unit(found[tap]) for tap in self.taps]
+        return [found[tap] / (found[tap].square().sum(1, keepdim=True) + FLOOR).sqrt() for tap in self.taps]
 
     def compare(
-        self,
-        ours: Sequence[Tensor],
-        theirs: Sequence[Tensor],
-        focus: Sequence[Tensor | None] | None = None,
+        self, ours: Sequence[Tensor], theirs: Sequence[Tensor], focus: Sequence[Tensor | None] | None = None
     ) -> Tensor:
         """Distance of two pictures that were looked at; each position of a tap counts as ``focus`` (h, w) says."""
-        return apart(ours, theirs, list(self.buffers(recurse=False)), focus)
+        taps = zip(ours, theirs, self.buffers(recurse=False), focus or [None] * len(ours), strict=True)
+        return torch.stack([(mean_squares(a, b, at) * weight).sum() for a, b, weight, at in taps]).sum()
 
     def forward(self, image: Tensor, target: Tensor) -> Tensor:
         """Distance of two pictures (3, H, W), sRGB in [0, 1]."""
@@ -90,9 +68,9 @@ def open_distance(backbone: str = "effl0", weights: str | None = None, option: s
     """Distance in the network ``backbone``; LPIPS with its published weights for those networks that have them.
 
     Args:
-        backbone: effl0, or alexnet, squeeze or vgg16 from the file ``weights``.
+        backbone: effl0, or alexnet, squeeze or vgg16.
         weights: a file with the network's features.
-        option: what sets it, for messages.
+        option: what sets ``weights``, for messages.
 
     Raises:
         UserError: if the network cannot be opened, or has no weights to compare with.

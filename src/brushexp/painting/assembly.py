@@ -15,7 +15,7 @@ from brushexp.pictures.focus import focus_map, focus_weights
 from brushexp.plugins.density.base import Density
 from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.loss.base import Loss
-from brushexp.plugins.loss.style import Colors, Style
+from brushexp.plugins.loss.style import Style
 from brushexp.registry import build, build_named, plugin_of, plugins
 from brushexp.strokes.brushwork import load_brushwork, with_brushwork
 from brushexp.strokes.catalogue import Strokes
@@ -64,7 +64,7 @@ def in_colors(target: Tensor, parts: Components, folder: Path) -> Tensor:
     assert isinstance(style, Style)
     picture = style.picture(target)
     write_picture(folder / "style.png", picture)
-    return target if style.colors is Colors.content else recolored(target, like=picture)
+    return target if style.colors == "content" else recolored(target, like=picture)
 
 
 def focus_of(cfg: DictConfig, target: Tensor, folder: Path) -> Tensor | None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal, TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -14,6 +14,8 @@ from brushexp.pictures.focus import resized
 from brushexp.pictures.region import Region
 from brushexp.strokes.catalogue import Strokes
 
+T = TypeVar("T")
+
 
 @dataclass(frozen=True)
 class Painting:
@@ -21,12 +23,10 @@ class Painting:
 
     Attributes:
         image: (3, h, w) the painting where this step looks, display-referred RGB in [0, 1].
-        target: (3, h, w) what it should look like, same units; the same tensor object as long as steps look at the same
-            place.
+        target: (3, h, w) what it should look like; the same object as long as steps look at the same place.
         strokes: all N strokes of the painting; those that this step does not move have no gradient.
         surroundings: the canvas around it; None if ``image`` is all of the canvas.
-        focus: (h, w) how much each pixel of ``image`` counts, with a mean of 1 over the whole canvas; None if all count
-            alike. `mean` takes it into account.
+        focus: (h, w) how much each pixel of ``image`` counts, of mean 1 over the whole canvas; None if all count alike.
     """
 
     image: Tensor
@@ -45,23 +45,17 @@ class Painting:
         """``image``'s share of the pixels of the canvas: 1 for all of it."""
         return self.image[0].numel() / self.whole_target[0].numel()
 
-    def weights(self, size: tuple[int, int]) -> Tensor | None:
-        """``focus`` at another resolution (h, w), that of features for instance; None if all pixels count alike."""
-        return None if self.focus is None else resized(self.focus, size)
+    def weights(self, values: Tensor) -> Tensor | None:
+        """``focus`` (h, w) at the resolution of values (..., h, w), features for instance; None if all count alike."""
+        return None if self.focus is None else resized(self.focus, (values.shape[-2], values.shape[-1]))
 
     def mean(self, values: Tensor) -> Tensor:
-        """Mean of values (..., h, w) of the pixels, or of features at any resolution, weighted by ``focus``.
-
-        It is 0 where there are no values.
-        """
-        weights = self.weights((values.shape[-2], values.shape[-1])) if values.numel() else None
+        """Mean of values (..., h, w) of the pixels, or of features, weighted by ``focus``; 0 of no values."""
+        weights = self.weights(values) if values.numel() else None
         return (values if weights is None else values * weights).sum() / max(values.numel(), 1)
 
     def around(self, context: int, grid: int = 1) -> Painting:
-        """The same with ``context`` more pixels on every side, as far as there is canvas; those have no gradient.
-
-        `weighted_sum` calls it with what a loss declares (`Loss.context`, `Loss.grid`).
-        """
+        """The same with ``context`` more pixels on every side, as far as there is canvas; those have no gradient."""
         if self.surroundings is None or not context:
             return self
         wide = self.surroundings.widened(context, grid)
@@ -78,7 +72,7 @@ class Surroundings:
         picture: (3, H, W) the whole picture as it was last seen, without gradient.
         target: (3, H, W) the whole target.
         focus: (H, W) how much each of its pixels counts; None if all count alike.
-        core: the part of the region in which steps change the picture, the region without its context; None for all.
+        core: the part of the region in which steps change the picture; None for all of it.
         part: (3, h, w) the target in the region.
         part_focus: (h, w) the focus there.
     """
@@ -99,19 +93,15 @@ class Surroundings:
     def widened(self, context: int, grid: int) -> Surroundings:
         """Those of the region with ``context`` pixels around it; the same object whenever it is asked for."""
         if (context, grid) not in self._wider:
-            height, width = self.picture.shape[1:]
-            region = self.region.widened(context, (height, width), grid)
-            self._wider[context, grid] = Surroundings(
-                region, self.picture, self.target, self.focus, self.core or self.region
-            )
+            region = self.region.widened(context, (self.picture.shape[1], self.picture.shape[2]), grid)
+            self._wider[context, grid] = replace(self, region=region, core=self.core or self.region, _wider={})
         return self._wider[context, grid]
 
     def pasted(self, image: Tensor, place: Region) -> Tensor:
         """The region as it was last seen, with ``image`` (3, h, w) at a ``place`` of the canvas inside it."""
         found = self.region.of(self.picture).to(image.dtype, copy=True)
-        Region(place.top - self.region.top, place.left - self.region.left, place.height, place.width).of(found).copy_(
-            image
-        )
+        inside = replace(place, top=place.top - self.region.top, left=place.left - self.region.left)
+        inside.of(found).copy_(image)
         return found
 
 
@@ -137,10 +127,10 @@ class Loss(nn.Module, ABC):
     Attributes:
         weight: factor in the sum of losses; logs show the loss without it.
         label: what logs call it; "" for the name it was chosen by.
-        looks_at: pixels: the value is a mean over the pixels of ``painting.image``, weighted by the focus, and
-            `weighted_sum` counts a part of the canvas by its share of the pixels. canvas: the value is one of the whole
-            canvas, which the loss looks at through ``painting.surroundings``. strokes: it has no gradient in the
-            picture. The last two leave the focus aside.
+        looks_at: pixels: the value is a mean over the pixels of ``painting.image``, weighted by the focus, and a part
+            of the canvas counts by its share of the pixels. canvas: the value is one of the whole canvas, which the
+            loss looks at through ``painting.surroundings``. strokes: it has no gradient in the picture. The last two
+            leave the focus aside.
         cost: time of a step with this loss alone, in steps of ``mse`` (benchmarks/losses.py); "" if not measured.
         exact_on_parts: whether the gradient on a part of the canvas is that of the whole canvas there.
         context: pixels around a part of the canvas that the loss looks at too; it then receives the wider picture.
@@ -157,10 +147,25 @@ class Loss(nn.Module, ABC):
     def __init__(self, weight: float = 1.0) -> None:
         super().__init__()
         self.weight = weight
+        self._target: Tensor | None = None  # the last one that `of_target` was asked about
+        self._found: dict[Hashable, Any] = {}  # and what was computed from it
 
     @abstractmethod
     def forward(self, painting: Painting) -> Tensor:
         """Return a scalar, 0 for a perfect painting."""
+
+    def of_target(self, target: Tensor, compute: Callable[[Tensor], T], key: Hashable = None) -> T:
+        """``compute(target)`` without gradient, kept until another target object comes.
+
+        ``key`` tells apart what differs beside the target, if anything.
+        """
+        if target is not self._target:  # the object is kept, so that its identity cannot be reused
+            self._target, self._found = target, {}
+        if key not in self._found:
+            with torch.no_grad():
+                self._found[key] = compute(target)
+        found: T = self._found[key]
+        return found
 
     @classmethod
     def facts(cls) -> dict[str, str]:
@@ -173,11 +178,17 @@ class Loss(nn.Module, ABC):
         }
 
 
-def weighted_sum(losses: Mapping[str, Loss], painting: Painting) -> tuple[Tensor, dict[str, Tensor]]:
-    """The objective: the sum of the losses times their weights, and each of them unweighted.
+def at_least_single(value: Tensor) -> Tensor:
+    """The same in float32 if it is in half precision (bfloat16, float16); otherwise untouched.
 
-    A mean over the pixels of a part of the canvas counts by its share of the canvas, so that losses stay balanced.
+    A mean over a picture overflows in float16, and the difference of two squares (a variance, a determinant) has no
+    correct digit in bfloat16. The gradient goes back in the precision that the value came in.
     """
+    return value.to(torch.promote_types(value.dtype, torch.float32))
+
+
+def weighted_sum(losses: Mapping[str, Loss], painting: Painting) -> tuple[Tensor, dict[str, Tensor]]:
+    """The objective: the sum of the losses times their weights, and each of them unweighted."""
     terms, weighted = {}, []
     for name, loss in losses.items():
         view = painting.around(loss.context, loss.grid)

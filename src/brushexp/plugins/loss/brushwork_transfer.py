@@ -4,8 +4,7 @@ from pathlib import Path
 
 from torch import Tensor
 
-from brushexp.plugins.loss._precision import at_least_single
-from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.plugins.loss.base import Loss, Painting, at_least_single
 from brushexp.registry import register
 from brushexp.strokes.brushwork import distances, load_brushwork
 
@@ -34,8 +33,7 @@ class BrushworkTransfer(Loss):
     def __init__(
         self, option: str = "loss.brushwork.catalogue", *, weight: float = 0.001, catalogue: str | None = None
     ) -> None:
-        super().__init__()
-        self.weight = weight
+        super().__init__(weight)
         self.reference = None if catalogue is None else load_brushwork(Path(catalogue), option)
 
     def forward(self, painting: Painting) -> Tensor:

@@ -6,8 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from brushexp.plugins.loss._precision import at_least_single
-from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.plugins.loss.base import Loss, Painting, at_least_single
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import SHORTEST, bend_of, parameters_of, strokes_of
@@ -43,15 +42,8 @@ class Discriminator(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.layers = nn.Sequential(
-            nn.Linear(SEEN, WIDTH),
-            nn.SiLU(),
-            nn.Linear(WIDTH, WIDTH),
-            nn.SiLU(),
-            nn.Linear(WIDTH, WIDTH),
-            nn.SiLU(),
-            nn.Linear(WIDTH, 1),
-        )
+        hidden = (layer for before in (SEEN, WIDTH, WIDTH) for layer in (nn.Linear(before, WIDTH), nn.SiLU()))
+        self.layers = nn.Sequential(*hidden, nn.Linear(WIDTH, 1))
         self.register_buffer("threshold", torch.zeros(()))
 
     def forward(self, shapes: Tensor) -> Tensor:
@@ -86,8 +78,7 @@ class Discriminated(Loss):
     looks_at = "strokes"
 
     def __init__(self, *, weight: float = 0.0001, checkpoint: str | None = None) -> None:
-        super().__init__()
-        self.weight = weight
+        super().__init__(weight)
         self.network = Discriminator()
         DISCRIMINATORS.restore(self.network, NAME, checkpoint or NAME, {})
         self.network.requires_grad_(False)

@@ -1,13 +1,12 @@
 """Losses that keep strokes calm: hardly bent, and lying as their neighbours do."""
 
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 from torch import Tensor
 
-from brushexp.errors import UserError
-from brushexp.plugins.loss._precision import at_least_single
-from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.bounds import at_least
+from brushexp.plugins.loss.base import Loss, Painting, at_least_single
 from brushexp.registry import register
 from brushexp.strokes.bezier import shape_of
 from brushexp.strokes.measures import NEIGHBOURS, curvature_of, direction_of, neighbours_of
@@ -32,8 +31,7 @@ class Curvature(Loss):
     looks_at = "strokes"
 
     def __init__(self, *, weight: float = 0.0002) -> None:
-        super().__init__()
-        self.weight = weight
+        super().__init__(weight)
 
     def forward(self, painting: Painting) -> Tensor:
         shape = shape_of(painting.strokes.map(at_least_single))
@@ -60,14 +58,14 @@ class Direction(Loss):
     cost = "0.6 x mse"
     looks_at = "strokes"
 
-    def __init__(self, *, weight: float = 0.0003, k: int = NEIGHBOURS, every: int = 20) -> None:
-        super().__init__()
-        for name, value in (("k", k), ("every", every)):
-            if value < 1:
-                raise UserError(
-                    f"loss.direction.{name}={value} is not a number from 1; try loss.direction.{name}={NEIGHBOURS}"
-                )
-        self.weight = weight
+    def __init__(
+        self,
+        *,
+        weight: float = 0.0003,
+        k: Annotated[int, at_least(1)] = NEIGHBOURS,
+        every: Annotated[int, at_least(1)] = 20,
+    ) -> None:
+        super().__init__(weight)
         self.k, self.every = k, every
         self.calls = 0
         self.neighbours = torch.empty(0, 0, dtype=torch.long)  # (N, k) strokes nearest to each

@@ -3,7 +3,6 @@
 from torch import Tensor
 
 from brushexp.features import distance
-from brushexp.plugins.loss._cache import TargetCache
 from brushexp.plugins.loss.base import Loss, Painting
 from brushexp.registry import register
 
@@ -33,10 +32,8 @@ class Lpips(Loss):
         self.distance = distance.open_distance(backbone, weights)
         self.label = self.distance.label
         self.context, self.grid = self.distance.network.context, self.distance.network.grid
-        self._wanted: TargetCache[list[Tensor]] = TargetCache()
 
     def forward(self, painting: Painting) -> Tensor:
-        wanted = self._wanted.get(painting.target, self.distance.look)
+        wanted = self.of_target(painting.target, self.distance.look)
         seen = self.distance.look(painting.image)
-        focus = [painting.weights((value.shape[2], value.shape[3])) for value in seen]
-        return self.distance.compare(seen, wanted, focus)
+        return self.distance.compare(seen, wanted, [painting.weights(value) for value in seen])

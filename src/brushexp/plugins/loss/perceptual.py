@@ -10,7 +10,6 @@ from torch.nn import functional
 from brushexp.bounds import between
 from brushexp.features import open_backbone
 from brushexp.features.base import mean_squares
-from brushexp.plugins.loss._cache import TargetCache
 from brushexp.plugins.loss.base import Loss, Painting
 from brushexp.registry import register
 
@@ -60,14 +59,13 @@ class Perceptual(Loss):
         self.shifts = sorted({(x % (jitter + 1), y % (jitter + 1)) for x, y in SHIFTS})
         self.register_buffer("calls", torch.zeros((), dtype=torch.long))  # which shift is next, also after a restart
         self.context, self.grid = self.network.context, self.network.grid
-        self._wanted: TargetCache[list[Tensor]] = TargetCache()  # features, by shift
 
     def forward(self, painting: Painting) -> Tensor:
         shift = self.shifts[int(self.calls) % len(self.shifts)]
         self.calls += 1
-        wanted = self._wanted.get(painting.target, lambda target: self._features(target, shift), key=shift)
+        wanted = self.of_target(painting.target, lambda target: self._features(target, shift), key=shift)
         terms = [
-            mean_squares(ours, theirs, painting.weights((ours.shape[2], ours.shape[3]))).mean()
+            mean_squares(ours, theirs, painting.weights(ours)).mean()
             for ours, theirs in zip(self._features(painting.image, shift), wanted, strict=True)
         ]
         return torch.stack(terms).mean() * (self._enlarged(painting.image) / self._enlarged(painting.whole_target))
@@ -78,7 +76,6 @@ class Perceptual(Loss):
 
     def _features(self, picture: Tensor, shift: tuple[int, int]) -> list[Tensor]:
         """Features of a picture (3, H, W) moved by ``shift``; its border is repeated, its size the same for all."""
-        x, y = shift
-        padding = (x, self.jitter - x, y, self.jitter - y)
+        padding = (shift[0], self.jitter - shift[0], shift[1], self.jitter - shift[1])
         found = self.network(functional.pad(picture[None], padding, mode="replicate"), self.taps)
         return [found[tap] for tap in self.taps]

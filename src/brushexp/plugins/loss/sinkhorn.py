@@ -1,5 +1,6 @@
 """Optimal transport of colour as a loss."""
 
+import math
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -8,9 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from brushexp.bounds import at_least
-from brushexp.plugins.loss._cache import TargetCache
-from brushexp.plugins.loss._precision import at_least_single
-from brushexp.plugins.loss.base import Loss, Painting, Surroundings
+from brushexp.plugins.loss.base import Loss, Painting, Surroundings, at_least_single
 from brushexp.registry import register
 
 FIRST_BLUR = 2.0  # with which the potentials begin: the largest cost on a square
@@ -56,20 +55,27 @@ class Sinkhorn(Loss):
         floor: Annotated[float, at_least(1e-4)] = 0.001,
     ) -> None:
         super().__init__(weight)
-        self.side, self.epsilon, self.iterations, self.floor = side, epsilon, iterations, floor
-        self._wanted: TargetCache[tuple[Tensor, Tensor]] = TargetCache()
+        self.side, self.floor = side, floor
+        halvings = math.ceil(math.log2(FIRST_BLUR / epsilon))
+        coarse = [FIRST_BLUR / 2**i for i in range(halvings)]
+        self.blurs = [*coarse, *[epsilon] * (iterations + 1)]  # of each update, from coarse to fine
         self._surroundings: Surroundings | None = None  # the canvas of the last step, to which the following belongs
         self._rest = torch.empty(0)  # (3, h, w) what its pixels outside the part give to the shrunk picture
         self._shares: tuple[Tensor, Tensor] = (self._rest, self._rest)  # `pooling_weights` of its rows and columns
 
     def forward(self, painting: Painting) -> Tensor:
-        theirs, rest = self._wanted.get(painting.whole_target, self._look)
+        # Debiased: OT(a, b) - OT(a, a) / 2 - OT(b, b) / 2, each after as many updates, so that equal masses have 0.
+        theirs, rest = self.of_target(painting.whole_target, self._look)
         ours = masses(self._downsampled(painting), self.floor)
-        return divergence(ours, theirs, self._blurs(), rest).mean().to(at_least_single(painting.image))
+        a, b = ours.log(), theirs.log()
+        there, back, own = potentials(torch.stack([b, a, a]), [1, 0, 2], self.blurs)
+        found = (ours * (there - own) + theirs * (back - rest)).sum((1, 2))
+        return found.mean().to(at_least_single(painting.image))
 
     def _look(self, target: Tensor) -> tuple[Tensor, Tensor]:
+        """Masses b of the target, and the potential (C, h, w) of OT(b, b)."""
         theirs = masses(downsampled(target, self.side), self.floor)
-        return theirs, own_potential(theirs, self._blurs())
+        return theirs, potentials(theirs.log()[None], [0], self.blurs)[0]
 
     def _downsampled(self, painting: Painting) -> Tensor:
         """The whole canvas (3, h, w), shrunk; differentiable in the part that the step looks at."""
@@ -90,13 +96,6 @@ class Sinkhorn(Loss):
         rows, columns = self._shares
         return rows.T @ at_least_single(part) @ columns
 
-    def _blurs(self) -> list[float]:
-        """From coarse to fine, then so many steps with ``epsilon``."""
-        found = [FIRST_BLUR]
-        while found[-1] > self.epsilon:
-            found.append(max(found[-1] / 2, self.epsilon))
-        return [*found, *[self.epsilon] * self.iterations]
-
 
 def downsampled(picture: Tensor, side: int) -> Tensor:
     """A picture (3, H, W) of at most ``side`` pixels a side (3, h, w)."""
@@ -116,27 +115,6 @@ def masses(small: Tensor, floor: float) -> Tensor:
     """The channels of a picture (3, h, w) as mass, each of sum 1."""
     mass = small.double().clamp_min(0) + floor
     return mass / mass.sum((1, 2), keepdim=True)
-
-
-def divergence(ours: Tensor, theirs: Tensor, blurs: Sequence[float], rest: Tensor) -> Tensor:
-    """Debiased Sinkhorn divergence (C,) of masses (C, h, w), with costs of squared longer sides.
-
-    OT(a, b) - OT(a, a) / 2 - OT(b, b) / 2, each after as many updates, so that equal masses have 0.
-
-    Args:
-        ours: masses a.
-        theirs: masses b.
-        blurs: epsilon of each update.
-        rest: potential of OT(b, b), see ``own_potential``.
-    """
-    a, b = ours.log(), theirs.log()
-    there, back, own = potentials(torch.stack([b, a, a]), [1, 0, 2], blurs)
-    return (ours * (there - own) + theirs * (back - rest)).sum((1, 2))
-
-
-def own_potential(mass: Tensor, blurs: Sequence[float]) -> Tensor:
-    """Potential (C, h, w) of OT(b, b) for masses b (C, h, w)."""
-    return potentials(mass.log()[None], [0], blurs)[0]
 
 
 def potentials(scores: Tensor, partners: Sequence[int], blurs: Sequence[float]) -> Tensor:

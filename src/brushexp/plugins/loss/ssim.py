@@ -4,9 +4,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from brushexp.plugins.loss._cache import TargetCache
-from brushexp.plugins.loss._precision import at_least_single
-from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.plugins.loss.base import Loss, Painting, at_least_single
 from brushexp.registry import register
 
 RADIUS, SIGMA = 5, 1.5  # pixels: the window has 11 x 11
@@ -33,10 +31,9 @@ class StructuralSimilarity(Loss):
 
     def __init__(self, *, weight: float = 0.01) -> None:
         super().__init__(weight)
-        self._wanted: TargetCache[tuple[Tensor, Tensor]] = TargetCache()
 
     def forward(self, painting: Painting) -> Tensor:
-        mean, variance = self._wanted.get(painting.target, statistics)
+        mean, variance = self.of_target(painting.target, statistics)
         return painting.mean(dissimilarity(painting.image, painting.target, mean, variance))
 
 
@@ -65,10 +62,9 @@ def dissimilarity(image: Tensor, target: Tensor, mean: Tensor, variance: Tensor)
 
 def blurred(pictures: Tensor) -> Tensor:
     """Gaussian mean around each pixel of pictures (C, H, W), mirrored at the border."""
-    radii = [min(RADIUS, side - 1) for side in pictures.shape[1:]]
-    (down, across), count = radii, len(pictures)
-    windows = [torch.exp(-((torch.arange(-r, r + 1) / SIGMA) ** 2) / 2).to(pictures) for r in radii]
-    column, row = (window / window.sum() for window in windows)
+    count, (down, across) = len(pictures), (min(RADIUS, side - 1) for side in pictures.shape[1:])
+    steps = (torch.arange(-r, r + 1).to(pictures) for r in (down, across))
+    column, row = ((-((step / SIGMA) ** 2) / 2).softmax(0) for step in steps)
     mirrored = functional.pad(pictures[None], (across, across, down, down), mode="reflect")
     mirrored = mirrored.contiguous(memory_format=torch.channels_last)  # half the time or less
     narrower = functional.conv2d(mirrored, row.expand(count, 1, 1, -1), groups=count)

@@ -2,10 +2,8 @@
 
 from torch import Tensor
 
-from brushexp.plugins.loss._precision import at_least_single
-from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.plugins.loss.base import Loss, Painting, at_least_single
 from brushexp.registry import register
-from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import INSET, SPREAD, bend_of
 
 SHRINK = 1e-3  # share of the wanted covariance that is mixed into the measured one
@@ -30,11 +28,14 @@ class Width(Loss):
     looks_at = "strokes"
 
     def __init__(self, *, weight: float = 0.01) -> None:
-        super().__init__()
-        self.weight = weight
+        super().__init__(weight)
 
     def forward(self, painting: Painting) -> Tensor:
-        return shortfall(painting.strokes).sum() / max(len(painting.strokes), 1)
+        strokes = painting.strokes.map(at_least_single)
+        square = (strokes.start - strokes.end).square().sum(1)
+        nothing = (square == 0).to(square)
+        length = (square + nothing).sqrt() - nothing  # the slope at 0 is 0, not 0/0
+        return (2 * INSET * strokes.width - 0.5 * length).clamp_min(0).sum() / max(len(strokes), 1)
 
 
 @register("loss", "kl")
@@ -56,32 +57,17 @@ class KullbackLeibler(Loss):
     looks_at = "strokes"
 
     def __init__(self, *, weight: float = 0.0001) -> None:
-        super().__init__()
-        self.weight = weight
+        super().__init__(weight)
 
     def forward(self, painting: Painting) -> Tensor:
-        return bend_divergence(painting.strokes)
-
-
-def shortfall(strokes: Strokes) -> Tensor:
-    """By how much each stroke is shorter than a valid one of its thickness (N,), in sides of its window; 0 if not."""
-    strokes = strokes.map(at_least_single)
-    square = (strokes.start - strokes.end).square().sum(1)
-    nothing = (square == 0).to(square)
-    length = (square + nothing).sqrt() - nothing  # the slope at 0 is 0, not 0/0
-    return (2 * INSET * strokes.width - 0.5 * length).clamp_min(0)
-
-
-def bend_divergence(strokes: Strokes) -> Tensor:
-    """KL(N(mu, S) || N(0, T)) of the bends of N strokes, S shrunk towards T; 0 for no strokes."""
-    if not len(strokes):
-        return strokes.control.sum()  # 0, and differentiable
-    bend = bend_of(strokes.map(at_least_single))
-    x, y = (bend / bend.new_tensor(SPREAD).sqrt()).unbind(1)  # in these units T is the identity
-    mean_x, mean_y = x.mean(), y.mean()
-    x, y = x - mean_x, y - mean_y
-    s_xx, s_yy = (SHRINK + (1 - SHRINK) * z.square().mean() for z in (x, y))
-    slope = (1 - SHRINK) * (x * y).mean() / s_xx
-    # |S| / s_xx as a sum of squares: s_xx s_yy - s_xy^2 may round to a negative number.
-    rest = SHRINK * (1 + slope.square()) + (1 - SHRINK) * (y - slope * x).square().mean()
-    return 0.5 * (s_xx + s_yy - 2 - s_xx.log() - rest.log() + mean_x.square() + mean_y.square())
+        if not len(painting.strokes):
+            return painting.strokes.control.sum()  # 0, and differentiable
+        bend = bend_of(painting.strokes.map(at_least_single))
+        x, y = (bend / bend.new_tensor(SPREAD).sqrt()).unbind(1)  # in these units T is the identity
+        mean_x, mean_y = x.mean(), y.mean()
+        x, y = x - mean_x, y - mean_y
+        s_xx, s_yy = (SHRINK + (1 - SHRINK) * z.square().mean() for z in (x, y))
+        slope = (1 - SHRINK) * (x * y).mean() / s_xx
+        # |S| / s_xx as a sum of squares: s_xx s_yy - s_xy^2 may round to a negative number.
+        rest = SHRINK * (1 + slope.square()) + (1 - SHRINK) * (y - slope * x).square().mean()
+        return 0.5 * (s_xx + s_yy - 2 - s_xx.log() - rest.log() + mean_x.square() + mean_y.square())

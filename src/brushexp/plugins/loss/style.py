@@ -3,40 +3,89 @@
 from __future__ import annotations
 
 import math
-from enum import Enum
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, NamedTuple
 
 import torch
 from torch import Tensor
 
-from brushexp.bounds import above
+from brushexp.bounds import above, one_of
 from brushexp.errors import UserError
 from brushexp.features import open_backbone
-from brushexp.features.context import tiled_activations
 from brushexp.pictures.color import recolored
 from brushexp.pictures.load import load_picture
-from brushexp.plugins.loss._feature_kernels import (
-    BANDWIDTH_POSITIONS,
-    EMBEDDINGS,
-    MIN_FEATURE_POWER,
-    POWERS,
-    Embedding,
-    FeatureKernel,
-    discrepancy,
-)
 from brushexp.plugins.loss.base import Loss, Painting, Surroundings
 from brushexp.registry import register
 
 # Taps for style, the first row that a network has: of effl0 the linear outputs of blocks (its rectified insides lead to
 # wrong colours and grain), of VGG16 those of Gatys et al. (2016) whose receptive fields are of the size of a stroke.
 STYLE_TAPS = (("stem", "b0", "b2", "b4"), ("relu1_1", "relu2_1", "relu3_1", "relu4_1"))
+FOURIER_FEATURES = 256  # of each tap
+BANDWIDTH_POSITIONS = 512  # positions whose distances give the bandwidth of the gaussian kernel
+VARIANCE_OFFSET = 1e-5  # of the style's mean square, added to variances: the root of 0 has no slope
+MIN_FEATURE_POWER = 1e-8  # mean square of the style's features that is divided by, at least
+
+Embedding = Callable[[Tensor], Tensor]  # features (C, P) of P positions -> sum over them of what a kernel compares
 
 
-class Colors(Enum):
-    """Whose colours the painting gets."""
+def waves_for(sample: Tensor) -> Embedding:
+    """Random Fourier features (Rahimi and Recht, 2007) of the kernel exp(-|f - g|^2 / (2 s^2)).
 
-    style = "style"
-    content = "content"
+    The bandwidth s is the median distance in a sample (C, P) of the style, at least a thousandth of its features'
+    length where they are all alike. The waves come from a seed of their own: they are the same in every run.
+    """
+    sample = sample[:, :: max(1, sample.shape[1] // BANDWIDTH_POSITIONS)].double()
+    least = 1e-3 * sample.square().sum(0).mean().sqrt() + MIN_FEATURE_POWER
+    width = float(torch.cdist(sample.T, sample.T).median().clamp_min(least))
+    generator = torch.Generator().manual_seed(0)
+    directions = torch.randn(FOURIER_FEATURES, len(sample), generator=generator, dtype=torch.float64) / width
+    phases = 2 * math.pi * torch.rand(FOURIER_FEATURES, 1, generator=generator, dtype=torch.float64)
+
+    def embed(features: Tensor) -> Tensor:
+        waves = torch.cos(directions.to(features) @ features + phases.to(features))
+        return math.sqrt(2 / FOURIER_FEATURES) * waves.sum(1)
+
+    return embed
+
+
+class FeatureKernel(NamedTuple):
+    """A statistic of features (C, P): what is summed over positions, given a sample of the style, and sum k(f, f)."""
+
+    embedding: Callable[[Tensor], Embedding]
+    power: Callable[[Tensor], Tensor] = lambda features: features.square().sum()
+
+
+KERNELS = {
+    "poly": FeatureKernel(lambda sample: lambda f: (f @ f.T).flatten(), lambda f: f.square().sum(0).square().sum()),
+    "linear": FeatureKernel(lambda sample: lambda f: f.sum(1)),
+    "gaussian": FeatureKernel(waves_for, lambda f: f.new_tensor(f.shape[1])),
+    "meanstd": FeatureKernel(lambda sample: lambda f: torch.cat([f.sum(1), f.square().sum(1)])),
+}
+
+
+class TapStyle(NamedTuple):
+    """What a picture is compared with in one activation: the style's mean embedding, in units of its mean k(f, f)."""
+
+    kernel: str
+    embed: Embedding
+    unit: float
+    wanted: Tensor = torch.empty(0)
+
+    def sums(self, features: Tensor) -> Tensor:
+        """Number of positions and the sum of their embeddings (1 + E,), in double precision; features (C, P)."""
+        total = self.embed(features).double()
+        return torch.cat([total.new_full((1,), features.shape[1]), total])
+
+    def discrepancy(self, sums: Tensor) -> Tensor:
+        """Squared difference of the mean embedding of a picture with these ``sums`` from the style's."""
+        found, wanted = sums[1:] / sums[0], self.wanted
+        if self.kernel == "meanstd":
+            found, wanted = (self._mean_and_deviation(moments) for moments in (found, wanted))
+        return (found - wanted).square().sum() / self.unit
+
+    def _mean_and_deviation(self, moments: Tensor) -> Tensor:
+        mean, square = moments.chunk(2)
+        return torch.cat([mean, ((square - mean.square()).clamp_min(0) + VARIANCE_OFFSET * self.unit).sqrt()])
 
 
 @register("loss", "style")
@@ -92,30 +141,22 @@ class Style(Loss):
         *,
         weight: float = 1.0,
         image: str | None = None,
-        kernel: FeatureKernel = FeatureKernel.poly,
+        kernel: Annotated[str, one_of(*KERNELS)] = "poly",
         backbone: str = "effl0",
         weights: str | None = None,
         taps: list[str] | None = None,
         scale: Annotated[float, above(0)] = 1.0,
-        colors: Colors = Colors.style,
+        colors: Annotated[str, one_of("style", "content")] = "style",
     ) -> None:
         super().__init__(weight)
         if image is not None:
             load_picture(image, 1, key="style")  # a wrong path is told before work starts
-        self.image = image
-        self.kernel = kernel
-        self.scale = scale
-        self.colors = colors
+        self.image, self.kernel, self.scale, self.colors = image, kernel, scale, colors
         self.network = open_backbone(backbone, weights, "style.loss.weights")
-        self.taps = list(
-            taps or next((row for row in STYLE_TAPS if set(row) <= set(self.network.taps)), self.network.default_taps)
-        )
+        known = (row for row in STYLE_TAPS if set(row) <= set(self.network.taps))
+        self.taps = list(taps or next(known, self.network.default_taps))
         self.network.check(self.taps)
         self.context, self.grid = self.network.context, self.network.grid
-        self._target: Tensor | None = None  # the whole target to which the next three belong
-        self._embeddings: list[Embedding] = []  # of each tap
-        self._wanted: list[Tensor] = []  # their means over the style picture
-        self._units: list[float] = []  # mean of k(f, f) over it
         self._surroundings: Surroundings | None = None  # where the last step looked; None for the whole canvas
         self._seen = torch.empty(0)  # (3, H, W) the canvas to which the following belongs
         self._rest: list[Tensor] = []  # sums over the canvas without those over what the steps look at
@@ -139,84 +180,73 @@ class Style(Loss):
                 f"this canvas, but the network needs {field} x {field}; set style.loss.scale={least:g} "
                 "or more, or a larger resolution"
             )
-        return recolored(picture, like=target) if self.colors is Colors.content else picture
+        return recolored(picture, like=target) if self.colors == "content" else picture
 
     def forward(self, painting: Painting) -> Tensor:
-        if painting.whole_target is not self._target:
-            self._prepare(painting.whole_target)
-        sums = self._sums(painting.image)
+        styles = self._styles(painting.whole_target, self.kernel)
+        sums = self._sums(styles, painting.image)
         if painting.surroundings is None:
             self._surroundings = None
         else:
             if painting.surroundings is not self._surroundings:
-                self._turn_to(painting.surroundings)
+                self._turn_to(painting.surroundings, styles)
             sums = [rest + part for rest, part in zip(self._rest, sums, strict=True)]
-        return self._discrepancy(sums).to(painting.image.dtype)
+        return _distance(styles, sums).to(painting.image.dtype)
 
     @torch.no_grad()
     def measured(self, picture: Tensor, target: Tensor) -> dict[str, float]:
         """Distance of a finished picture (3, H, W) from the style by each kernel, whichever is minimised."""
-        own, found = self.kernel, {}
-        for kernel in FeatureKernel:
-            self.kernel = kernel
-            self._prepare(target)
-            found[kernel.name] = float(self._discrepancy(self._tiled_sums(picture)))
-        self.kernel, self._target = own, None
-        return found
+        every = {kernel: self._styles(target, kernel) for kernel in KERNELS}
+        return {kernel: float(_distance(styles, self._tiled_sums(styles, picture))) for kernel, styles in every.items()}
+
+    def _styles(self, target: Tensor, kernel: str) -> list[TapStyle]:
+        """Of each tap, what a picture of a whole target is compared with."""
+
+        def compute(target: Tensor) -> list[TapStyle]:
+            picture, styles = self.picture(target), []
+            tiles = self.network.tiled(picture, self.taps)
+            seen = ([_sample_and_power(features, kernel) for features in tile] for tile in tiles)
+            for samples, powers, counts in (zip(*parts, strict=True) for parts in zip(*seen, strict=True)):
+                unit = max(sum(powers) / sum(counts), MIN_FEATURE_POWER)
+                styles.append(TapStyle(kernel, KERNELS[kernel].embedding(torch.cat(samples, 1)), unit))
+            sums = self._tiled_sums(styles, picture)
+            return [style._replace(wanted=total[1:] / total[0]) for style, total in zip(styles, sums, strict=True)]
+
+        return self.of_target(target, compute, kernel)
 
     @torch.no_grad()
-    def _prepare(self, target: Tensor) -> None:
-        """Fix the embeddings and their means over the style picture."""
-        picture = self.picture(target)
-        samples: list[list[Tensor]] = [[] for _ in self.taps]
-        powers = [0.0 for _ in self.taps]
-        for tile in tiled_activations(self.network, self.taps, picture):
-            for i, features in enumerate(tile):
-                samples[i].append(features[:, :: max(1, features.shape[1] // BANDWIDTH_POSITIONS)])
-                powers[i] += float(POWERS[self.kernel](features.double()))
-        self._embeddings = [EMBEDDINGS[self.kernel](torch.cat(sample, 1)) for sample in samples]
-        sums = self._tiled_sums(picture)
-        self._wanted = [total[1:] / total[0] for total in sums]
-        self._units = [max(power / float(n), MIN_FEATURE_POWER) for power, (n, *_) in zip(powers, sums, strict=True)]
-        self._target, self._surroundings = target, None
-
-    @torch.no_grad()
-    def _turn_to(self, around: Surroundings) -> None:
+    def _turn_to(self, around: Surroundings, styles: list[TapStyle]) -> None:
         """Bring the sums over the canvas up to date, and subtract those over what the steps look at from now on."""
-        last, picture = self._surroundings, around.picture
-        if last is None or last.picture is not picture:
-            self._seen = picture.clone()
-            whole = self._tiled_sums(self._seen)
+        last = self._surroundings
+        if last is None or last.picture is not around.picture or last.target is not around.target:
+            self._seen = around.picture.clone()
+            whole = self._tiled_sums(styles, self._seen)
         else:  # it has changed where the last steps looked, and where the steps look now; the latter is in `forward`
             core = last.core or last.region
-            core.of(self._seen).copy_(core.of(picture))
-            changed = self._sums(last.region.of(self._seen))
+            core.of(self._seen).copy_(core.of(around.picture))
+            changed = self._sums(styles, last.region.of(self._seen))
             whole = [rest + part for rest, part in zip(self._rest, changed, strict=True)]
-        self._rest = [a - b for a, b in zip(whole, self._sums(around.region.of(self._seen)), strict=True)]
+        part = self._sums(styles, around.region.of(self._seen))
+        self._rest = [a - b for a, b in zip(whole, part, strict=True)]
         self._surroundings = around
 
-    def _discrepancy(self, sums: list[Tensor]) -> Tensor:
-        """The loss of a picture with these sums."""
-        found = [
-            discrepancy(total[1:] / total[0], wanted, unit, self.kernel)
-            for total, wanted, unit in zip(sums, self._wanted, self._units, strict=True)
-        ]
-        return torch.stack(found).mean()
-
-    def _sums(self, picture: Tensor) -> list[Tensor]:
-        """Number of positions and the sum of their embeddings (1 + E,) of each tap; differentiable."""
+    def _sums(self, styles: list[TapStyle], picture: Tensor) -> list[Tensor]:
+        """`TapStyle.sums` of each tap of a picture; differentiable."""
         found = self.network(picture[None], self.taps)
-        return self._embedded([found[tap][0].flatten(1) for tap in self.taps])
+        return [style.sums(found[tap][0].flatten(1)) for style, tap in zip(styles, self.taps, strict=True)]
 
-    def _tiled_sums(self, picture: Tensor) -> list[Tensor]:
+    def _tiled_sums(self, styles: list[TapStyle], picture: Tensor) -> list[Tensor]:
         """The same of a picture of any size, with the memory of a tile of it."""
-        sums = [self._embedded(tile) for tile in tiled_activations(self.network, self.taps, picture)]
+        tiles = self.network.tiled(picture, self.taps)
+        sums = ([style.sums(part) for style, part in zip(styles, tile, strict=True)] for tile in tiles)
         return [torch.stack(parts).sum(0) for parts in zip(*sums, strict=True)]
 
-    def _embedded(self, activations: list[Tensor]) -> list[Tensor]:
-        """Number of positions and the sum of their embeddings for activations (C, positions), in double precision."""
-        sums = []
-        for embed, features in zip(self._embeddings, activations, strict=True):
-            total = embed(features).double()
-            sums.append(torch.cat([total.new_full((1,), features.shape[1]), total]))
-        return sums
+
+def _distance(styles: list[TapStyle], sums: list[Tensor]) -> Tensor:
+    return torch.stack([style.discrepancy(total) for style, total in zip(styles, sums, strict=True)]).mean()
+
+
+def _sample_and_power(features: Tensor, kernel: str) -> tuple[Tensor, float, int]:
+    """Some of the positions of features (C, P), the sum of k(f, f) over all, and their number."""
+    step = max(1, features.shape[1] // BANDWIDTH_POSITIONS)
+    return features[:, ::step], float(KERNELS[kernel].power(features.double())), features.shape[1]
