@@ -82,10 +82,12 @@ class Plugin:
 
     @property
     def meanings(self) -> dict[str, str]:
-        """Option -> what the docstring says about it under ``Args:``."""
-        section = (inspect.getdoc(self.cls) or "").partition("\nArgs:\n")[2].partition("\n\n")[0]
-        entries = re.findall(r"^    (\w+): (.*(?:\n     .*)*)", section, re.MULTILINE)
-        said = {name: " ".join(text.split()) for name, text in entries}
+        """Option -> what the docstrings of the class and its bases say about it under ``Args:``."""
+        said: dict[str, str] = {}
+        for cls in reversed(self.cls.__mro__):
+            section = inspect.cleandoc(cls.__doc__ or "").partition("\nArgs:\n")[2].partition("\n\n")[0]
+            entries = re.findall(r"^    (\w+): (.*(?:\n     .*)*)", section, re.MULTILINE)
+            said |= {name: " ".join(text.split()) for name, text in entries}
         return {item.name: said.get(item.name, "") for item in fields(self.config) if item.name != "_target_"}
 
     @property

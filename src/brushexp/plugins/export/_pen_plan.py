@@ -2,13 +2,13 @@
 
 Outlines and fillings are shapely's, the order of lines and all file formats vpype's; which parts of a stroke are hidden
 is read from a grid on which the strokes are painted with their numbers. Lengths are millimetres, x to the right and y
-down from the paper's upper left corner.
+down from the paper's upper left corner; lines are complex numbers, as vpype has them.
 """
 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,8 +17,9 @@ import shapely
 from PIL import Image, ImageDraw
 
 from brushexp.pictures.palette import nearest_ink, palette, to_lab, to_rgb
-from brushexp.plugins.export._pens import Hidden, PenOptions, load_vpype, millimetre, quiet_vpype
+from brushexp.plugins.export._pens import MM, Hidden, PenExporter, load_vpype, quiet_vpype
 from brushexp.plugins.export.base import ExportJob
+from brushexp.plugins.export.png import pixels
 from brushexp.strokes.bezier import curve_of, half_width_of
 
 Array = np.ndarray
@@ -28,8 +29,7 @@ OPAQUE = 0.5  # opacity from which a stroke hides what lies below it
 LIFT_SECONDS = 1.0  # to lift a pen, set it down, and turn the machine round: an estimate
 JOINED_PENS = 2.0  # widths of the pen, of which one is ink: where the next line begins as near, the pen stays down
 CELLS = 500, 2000  # along the picture's longer side: the grid on which is seen what is hidden
-SORT_PASSES = 5  # of two-opt
-NEARBY_LINES = 4  # of a stroke, the last ones, that its next line may go on from
+CHORDS = 256  # of a curve, before those that are not needed are left out
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,6 @@ class PenPlan:
         tools: colours in hexadecimal, tool 1 first: from light to dark, so that no light pen takes up dark ink.
         strokes: how many strokes each tool draws, or parts of.
         left_out: how many strokes are not drawn, since nothing of them is to be seen.
-        unordered: travel in mm before the lines were put in order.
         source: where the painting came from.
     """
 
@@ -54,15 +53,13 @@ class PenPlan:
     tools: list[str]
     strokes: list[int]
     left_out: int
-    unordered: float
     source: str
 
     def runs(self) -> list[tuple[int, int, Any]]:
         """Layer and tool, both from 1, and lines of vpype, in the order in which they are drawn."""
         count = max(1, len(self.tools))
-        return [
-            ((k - 1) // count + 1, (k - 1) % count + 1, self.document.layers[k]) for k in sorted(self.document.ids())
-        ]
+        numbers = sorted(self.document.ids())
+        return [((k - 1) // count + 1, (k - 1) % count + 1, self.document.layers[k]) for k in numbers]
 
     @property
     def lifts(self) -> int:
@@ -72,15 +69,18 @@ class PenPlan:
     @property
     def drawn(self) -> float:
         """How far pens draw, mm."""
-        return float(self.document.length()) / millimetre()
+        return float(self.document.length()) / MM
 
     @property
     def travel(self) -> float:
         """How far pens move without drawing, mm, from one line of a layer to the next."""
-        return float(self.document.pen_up_length()) / millimetre()
+        return float(self.document.pen_up_length()) / MM
 
     def report(self, draws: float, moves: float) -> list[str]:
-        """What people want to know before they start the machine, at ``draws`` and ``moves`` mm per minute."""
+        """What people want to know before they start the machine, at ``draws`` and ``moves`` mm per minute.
+
+        In letters that every machine takes: some obey single characters (! ? ~) even within a comment.
+        """
         layers = len({layer for layer, _, _ in self.runs()})
         minutes = self.drawn / draws + self.travel / moves + LIFT_SECONDS / 60 * self.lifts
         rows = [
@@ -88,12 +88,12 @@ class PenPlan:
             f"paper {self.paper[0]:g} x {self.paper[1]:g} mm, pen {self.pen_mm:g} mm",
             f"{sum(self.strokes)} strokes and {self.left_out} more that cannot be seen, {len(self.tools)} tools, "
             f"{layers} layer{'' if layers == 1 else 's'}, {self.lifts} pen lifts",
-            f"drawn {self.drawn / 1000:.2f} m, travel {self.travel / 1000:.2f} m, "
-            f"before ordering {self.unordered / 1000:.2f} m",
+            f"drawn {self.drawn / 1000:.2f} m, travel {self.travel / 1000:.2f} m",
             f"about {minutes:.0f} minutes at {draws:.10g} mm/min and {moves:.10g} mm/min in travel",
         ]
         tools = enumerate(zip(self.tools, self.strokes, strict=True), start=1)
-        return [safe_letters(row) for row in rows] + [f"tool {k}: {color}, {n} strokes" for k, (color, n) in tools]
+        rows += [f"tool {k}: {color}, {n} strokes" for k, (color, n) in tools]
+        return [re.sub(r"[^A-Za-z0-9 .,:/#_+-]", "_", row) for row in rows]
 
     def svg(self) -> str:
         """The plan as an SVG at the size of the paper, with an Inkscape layer for each run; plotters take it, too."""
@@ -102,142 +102,101 @@ class PenPlan:
         return text.getvalue()
 
 
-def pen_plan(job: ExportJob, options: PenOptions) -> PenPlan:
+def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
     """What pens have to draw for a painting to appear on paper.
 
     Raises:
         UserError: if the picture does not fit on the paper.
     """
-    vpype, mm = load_vpype(), millimetre()
-    paper, corner, scale = options.frame(job.size)
-    bottom_up = job.bottom_up.cpu().numpy()
-    strokes = job.strokes.map(lambda value: value.detach().cpu().double())
-    curves = corner + scale * curve_of(strokes).numpy()[bottom_up]
-    widths = 2 * scale * half_width_of(strokes).numpy()[bottom_up]
-    opacity = strokes.opacity.numpy()[bottom_up]
+    paper, corner, scale = machine.frame(job.size)
     frame = (*corner, *(corner + scale * np.array(job.size[::-1])))
-    grid = _Grid(frame, options.pen_mm)
-    middles = _flattened(curves, options.tolerance_mm / 2)
+    strokes = job.strokes.map(lambda value: value.detach().cpu().double()[job.bottom_up.cpu()])
+    middles = _flattened(corner + scale * curve_of(strokes).numpy(), machine.tolerance_mm / 2)
+    widths, opacity = 2 * scale * half_width_of(strokes).numpy(), strokes.opacity.numpy()
     outlines = shapely.clip_by_rect(shapely.buffer(middles, widths / 2, quad_segs=16), *frame)
     drawn = (opacity >= LEAST_OPACITY) & (widths > 0) & shapely.intersects(shapely.box(*frame), middles)
-    layer = np.arange(len(bottom_up)) * options.layers // max(1, len(bottom_up))
-    top = [grid.topmost(outlines, drawn & (opacity >= OPAQUE) & (layer == k)) for k in range(options.layers)]
-    above_all = np.maximum.reduce(top)
-    lines: list[list[Array]] = []
-    for k in range(len(bottom_up)):
-        found: list[Array] = []
-        if drawn[k] and (options.hidden is Hidden.draw or grid.shows(above_all, outlines[k], middles[k], k)):
-            found = _filled(middles[k], widths[k], options, frame)
-            if options.hidden is Hidden.cut:
-                found = [piece for line in found for piece in grid.pieces(top[layer[k]], line, k, options.pen_mm)]
-        lines.append(found)
+    layer = np.arange(len(strokes)) * machine.layers // max(1, len(strokes))
+    grid = _Grid(frame, machine.pen_mm)
+    tops = [grid.topmost(outlines, drawn & (opacity >= OPAQUE) & (layer == k)) for k in range(machine.layers)]
+    above_all = np.maximum.reduce(tops)
+    lines: list[list[Array]] = [[] for _ in widths]
+    for k in np.flatnonzero(drawn).tolist():
+        filled = _filled(middles[k], widths[k], machine, frame, grid.cell / 2)
+        if machine.hidden is Hidden.draw or any(grid.seen(above_all, line, k).any() for line in filled):
+            lines[k] = filled
+            if machine.hidden is Hidden.cut:
+                lines[k] = [piece for line in filled for piece in grid.pieces(tops[layer[k]], line, k, machine.pen_mm)]
     shown = np.array([bool(found) for found in lines], dtype=bool)
-    picture = np.concatenate([band.permute(1, 2, 0).cpu().numpy() for _, band in job.bands()])
-    colors, area = grid.colors(picture, above_all, strokes.color.numpy()[bottom_up])
-    tool = np.zeros(len(lines), dtype=int)
-    inks, tool[shown] = _inked(colors[shown], area[shown], options)
-    document = vpype.Document(page_size=tuple(mm * side for side in paper))
+    colors, area = grid.colors(pixels(job), above_all, strokes.color.numpy())
+    inks, tool = _inked(colors[shown], area[shown], machine)
     tools = ["#" + "".join(f"{round(255 * channel):02x}" for channel in ink) for ink in inks]
-    for rank in range(options.layers):
-        for which, color in enumerate(tools):
-            found = [mm * line for k in np.flatnonzero(shown & (layer == rank) & (tool == which)) for line in lines[k]]
-            if found:
-                number = rank * len(tools) + which + 1
-                document.add(vpype.LineCollection(found), number)
-                lines_of_tool = document.layers[number]
-                for key, value in (
-                    ("vp_color", color),
-                    ("vp_name", f"layer {rank + 1}, tool {which + 1}, {color}"),
-                    ("vp_pen_width", mm * options.pen_mm),
-                    ("tool", which + 1),
-                    ("color", color),
-                ):
-                    lines_of_tool.set_property(key, value)
-    unordered = document.pen_up_length() / mm
-    document = _ordered(
-        document, options.tolerance_mm / 2, JOINED_PENS * options.pen_mm if options.hidden is Hidden.cut else None
-    )
-    return PenPlan(
-        document, paper, options.pen_mm, tools, np.bincount(tool[shown], minlength=len(inks)).tolist(),
-        int((~shown).sum()), unordered, job.source,
-    )  # fmt: skip
+    runs: dict[tuple[int, int], list[Array]] = {}
+    for k, which in zip(np.flatnonzero(shown).tolist(), tool.tolist(), strict=True):
+        runs.setdefault((int(layer[k]), which), []).extend(lines[k])
+    counts = np.bincount(tool, minlength=len(inks)).tolist()
+    document = _document(runs, paper, tools, machine)
+    return PenPlan(document, paper, machine.pen_mm, tools, counts, int((~shown).sum()), job.source)
 
 
-def safe_letters(text: str) -> str:
-    """Text in letters that every machine takes: some obey single characters (! ? ~) even within a comment."""
-    return "".join(c if c.isascii() and (c.isalnum() or c in " .,:/#_+-") else "_" for c in text)
-
-
-def _ordered(document: Any, tolerance_mm: float, join_mm: float | None) -> Any:
-    """The same lines, simplified, in an order with little travel, and those joined that nearly meet."""
-    import vpype_cli  # noqa: PLC0415  (slow to import)
-
+def _document(
+    runs: dict[tuple[int, int], list[Array]], paper: tuple[float, float], tools: list[str], machine: PenExporter
+) -> Any:
+    """Lines of (layer, tool), both from 0, simplified, in an order with little travel; those cut joined where near."""
+    vpype = load_vpype()
+    document = vpype.Document(page_size=tuple(MM * side for side in paper))
+    for (layer, tool), lines in sorted(runs.items()):
+        number, color = layer * len(tools) + tool + 1, tools[tool]
+        document.add(vpype.LineCollection([MM * line for line in lines]), number)
+        for key, value in (
+            ("vp_color", color),
+            ("vp_name", f"layer {layer + 1}, tool {tool + 1}, {color}"),
+            ("vp_pen_width", MM * machine.pen_mm),
+            ("tool", tool + 1),
+            ("color", color),
+        ):
+            document.layers[number].set_property(key, value)
     if document.is_empty():
         return document
-    merge = "" if join_mm is None else f"linemerge --tolerance {join_mm}mm "
+    import vpype_cli  # noqa: PLC0415  (slow to import)
+
+    merge = f"linemerge --tolerance {JOINED_PENS * machine.pen_mm}mm" if machine.hidden is Hidden.cut else ""
     with quiet_vpype():
         return vpype_cli.execute(
-            f"linesimplify --tolerance {tolerance_mm}mm {merge}linesort --two-opt --passes {SORT_PASSES}", document
+            f"linesimplify --tolerance {machine.tolerance_mm / 2}mm {merge} linesort --two-opt --passes 5", document
         )
 
 
 def _flattened(curves: Array, tolerance: float) -> Array:
-    """Quadratic Bezier curves (N, 3, 2) as N polylines of shapely that are within ``tolerance`` of them.
-
-    A chord over a step h of the parameter is at most |P0 - 2 P1 + P2| h^2 / 4 from the curve. Ends that coincide are
-    put a nanometre apart, because shapely takes a closed line for a ring, without ends.
-    """
-    curves = curves + 1e-6 * np.array([[0, 0], [0, 0], [1, 0]]) * (curves[:, :1] == curves[:, 2:]).all(
-        -1, keepdims=True
-    )
-    bend = np.linalg.norm(curves[:, 0] - 2 * curves[:, 1] + curves[:, 2], axis=1)
-    steps = np.clip(np.ceil(np.sqrt(bend / (4 * tolerance))), 1, 4096).astype(int) + 1
-    owner = np.repeat(np.arange(len(curves)), steps + 1)
-    t = (np.arange(len(owner)) - np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)) / steps[owner]
-    weights = np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], axis=1)
-    points = np.einsum("kp,kpd->kd", weights, curves[owner])
-    return np.asarray(shapely.linestrings(points, indices=owner), dtype=object) if len(curves) else np.empty(0, object)
+    """Quadratic Bezier curves (N, 3, 2) as N polylines of shapely that are within ``tolerance`` of fine ones."""
+    t = np.linspace(0, 1, CHORDS + 1)
+    points = np.einsum("kp,npd->nkd", np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], axis=1), curves)
+    points[:, -1, 0] += 1e-6  # mm: shapely takes a closed line for a ring, without ends
+    return np.asarray(shapely.simplify(shapely.linestrings(points), tolerance, preserve_topology=False), dtype=object)
 
 
-def _filled(middle: shapely.LineString, width: float, options: PenOptions, frame: tuple[float, ...]) -> list[Array]:
-    """Lines (M,) of complex points that fill a stroke with round ends, as far as they are on the picture.
+def _filled(
+    middle: shapely.LineString, width: float, machine: PenExporter, frame: tuple[float, ...], step: float
+) -> list[Array]:
+    """Lines (M,) that fill a stroke with round ends, as far as they are on the picture.
 
     They are offsets of its curve, from the outline to the middle, at most a pen apart, and one line as long as they
-    stay on the picture; no ink leaves the stroke. A stroke that is not wider than the pen is drawn along its middle.
+    stay on the picture, with points at most a ``step`` apart; no ink leaves the stroke. A stroke that is not wider than
+    the pen is drawn along its middle.
     """
-    radius = 0.5 * max(width - options.pen_mm, 0.0)
-    needed = int(np.ceil(2 * radius / options.pen_mm - 1e-9)) + 1
-    count = min(needed, options.passes or needed)
-    picture = shapely.box(*frame)
-    corners = shapely.points(shapely.get_coordinates(picture))
-    near, far = shapely.distance(middle, picture), shapely.distance(middle, corners).max()
-    step = 2 * radius / max(count - 1, 1)
-    inner = max(0, int((radius - far) / max(step, 1e-9)))
-    outer = min(count // 2, int((radius - near) / max(step, 1e-9)) + 1)
-    offsets = radius - step * np.arange(inner, outer)
-    rings = shapely.boundary(shapely.buffer(middle, offsets[offsets > 1e-6], quad_segs=16))
-    parts = list(shapely.get_parts(rings)) + [middle] * (count % 2)
-    lines: list[Array] = []
-    for part in shapely.get_parts(shapely.clip_by_rect(np.array(parts, dtype=object), *frame)):
-        points = shapely.get_coordinates(part) @ (1, 1j)
-        if len(points) < 2:
-            continue
-        gaps = [min(np.abs(points[:-1] - line[-1]).min(), abs(points[-1] - line[-1])) for line in lines[-NEARBY_LINES:]]
-        if not gaps or min(gaps) > JOINED_PENS * options.pen_mm:
-            lines.append(points)
-            continue
-        nearest = len(lines) - len(gaps) + int(np.argmin(gaps))
-        pen = lines[nearest][-1]
-        if points[0] == points[-1]:
-            begin = int(np.abs(points[:-1] - pen).argmin())
-            points = np.concatenate([points[begin:-1], points[: begin + 1]])
-        elif abs(points[-1] - pen) < abs(points[0] - pen):
-            points = points[::-1]
-        if abs(points[0] - pen) <= JOINED_PENS * options.pen_mm:
-            lines[nearest] = np.concatenate([lines[nearest], points])
-        else:
-            lines.append(points)
-    return lines
+    pen = machine.pen_mm
+    farthest = shapely.distance(middle, shapely.points(shapely.get_coordinates(shapely.box(*frame)))).max()
+    radius = min(0.5 * max(width - pen, 0.0), farthest)  # rings beyond are not on the picture
+    needed = int(np.ceil(2 * radius / pen - 1e-6)) + 1
+    count = min(needed, machine.passes or needed)
+    offsets = radius - 2 * radius / max(count - 1, 1) * np.arange(count // 2)
+    # Normalised rings begin where x is least: one beside the other.
+    rings = shapely.normalize(shapely.boundary(shapely.buffer(middle, offsets, quad_segs=16)))
+    parts = [*shapely.get_parts(rings)] + [middle] * (count % 2)
+    parts = shapely.get_parts(shapely.segmentize(shapely.clip_by_rect(np.array(parts, dtype=object), *frame), step))
+    lines = load_vpype().LineCollection(shapely.get_coordinates(part) @ (1, 1j) for part in parts)
+    with quiet_vpype():
+        lines.merge(JOINED_PENS * pen)
+    return list(lines)
 
 
 class _Grid:
@@ -257,64 +216,43 @@ class _Grid:
         """Number from 1 (rows, columns) of the uppermost of the ``chosen`` strokes in each cell, 0 for none."""
         picture = Image.new("I", (self.columns, self.rows))
         draw = ImageDraw.Draw(picture)
-        for k in np.flatnonzero(chosen & ~shapely.is_empty(outlines)):
-            for polygon in _polygons(outlines[k]):
-                corners = (shapely.get_coordinates(polygon.exterior) - self.corner) / self.cell - 0.5
-                draw.polygon(corners.ravel().tolist(), fill=int(k) + 1)
+        for k in np.flatnonzero(chosen):
+            for part in shapely.get_parts(outlines[k]):
+                if isinstance(part, shapely.Polygon) and not part.is_empty:
+                    corners = (shapely.get_coordinates(part.exterior) - self.corner) / self.cell - 0.5
+                    draw.polygon(corners.ravel().tolist(), fill=int(k) + 1)
         return np.array(picture)
 
-    def shows(self, top: Array, outline: shapely.Geometry, middle: shapely.Geometry, k: int) -> bool:
-        """Whether anything can be seen of stroke ``k``."""
-        left, upper, right, lower = shapely.bounds(middle if outline.is_empty else outline)
-        (row, column), (below, beyond) = self._cell(left, upper), self._cell(right, lower)
-        inside = np.zeros((below - row + 1, beyond - column + 1), dtype=bool)
-        mask = Image.new("1", inside.shape[::-1])
-        for polygon in _polygons(outline):
-            corners = (shapely.get_coordinates(polygon.exterior) - self.corner) / self.cell - (column + 0.5, row + 0.5)
-            ImageDraw.Draw(mask).polygon(corners.ravel().tolist(), fill=1)
-        inside |= np.array(mask, dtype=bool)
-        return not inside.any() or bool((top[row : below + 1, column : beyond + 1][inside] <= k + 1).any())
+    def seen(self, top: Array, points: Array, k: int) -> Array:
+        """Which points (M,) of stroke ``k`` no other stroke hides."""
+        row = np.clip((points.imag - self.corner[1]) / self.cell, 0, self.rows - 1).astype(int)
+        column = np.clip((points.real - self.corner[0]) / self.cell, 0, self.columns - 1).astype(int)
+        return np.asarray(top[row, column] <= k + 1)
 
-    def pieces(self, top: Array, line: Array, k: int, shortest: float) -> Iterator[Array]:
+    def pieces(self, top: Array, line: Array, k: int, shortest: float) -> list[Array]:
         """The parts of a line (M,) of stroke ``k`` that no other stroke hides; those ``shortest`` or longer."""
-        points = shapely.get_coordinates(
-            shapely.segmentize(shapely.linestrings(np.stack([line.real, line.imag], 1)), self.cell / 2)
-        )
-        row, column = self._cell(*(0.5 * (points[1:] + points[:-1])).T)
-        seen = top[row, column] <= k + 1
+        seen = self.seen(top, line, k)
         if seen.all():
-            yield line
-            return
-        change = np.flatnonzero(np.diff(np.concatenate([[0], seen, [0]])))
-        for begin, end in zip(change[::2], change[1::2], strict=True):
-            piece = shapely.simplify(shapely.linestrings(points[begin : end + 1]), 1e-6)  # without the points between
-            if piece.length >= shortest:
-                yield shapely.get_coordinates(piece) @ (1, 1j)
+            return [line]
+        parts = [
+            line[part] for part in np.split(np.arange(len(line)), np.flatnonzero(np.diff(seen)) + 1) if seen[part[0]]
+        ]
+        return [part for part in parts if np.abs(np.diff(part)).sum() >= shortest]
 
     def colors(self, picture: Array, top: Array, own: Array) -> tuple[Array, Array]:
         """Mean colours (N, 3) of a picture where strokes are uppermost, or their ``own``, and cells (N,) there."""
-        rows = (np.arange(self.rows) * picture.shape[0]) // self.rows
-        columns = (np.arange(self.columns) * picture.shape[1]) // self.columns
-        cells, owner = picture[rows][:, columns].reshape(-1, 3), top.ravel()
-        area = np.bincount(owner, minlength=len(own) + 1)[1:, None]
-        sums = np.stack([np.bincount(owner, channel, len(own) + 1)[1:] for channel in cells.T], axis=1)
-        return np.where(area > 0, sums / np.maximum(area, 1), own).clip(0, 1), np.maximum(area[:, 0], 1e-3)
-
-    def _cell(self, x: Any, y: Any) -> tuple[Any, Any]:
-        row = np.clip(((y - self.corner[1]) / self.cell).astype(int), 0, self.rows - 1)
-        return row, np.clip(((x - self.corner[0]) / self.cell).astype(int), 0, self.columns - 1)
+        cells = np.asarray(Image.fromarray(picture).resize((self.columns, self.rows), Image.Resampling.NEAREST)) / 255
+        area = np.bincount(top.ravel(), minlength=len(own) + 1)[1:, None]
+        sums = [np.bincount(top.ravel(), channel.ravel(), len(own) + 1)[1:] for channel in np.moveaxis(cells, 2, 0)]
+        return np.where(area > 0, np.stack(sums, axis=1) / np.maximum(area, 1), own), np.maximum(area[:, 0], 1e-3)
 
 
-def _polygons(outline: shapely.Geometry) -> list[shapely.Polygon]:
-    return [part for part in shapely.get_parts(outline) if isinstance(part, shapely.Polygon) and not part.is_empty]
-
-
-def _inked(colors: Array, area: Array, options: PenOptions) -> tuple[Array, Array]:
+def _inked(colors: Array, area: Array, machine: PenExporter) -> tuple[Array, Array]:
     """Colours (K, 3) of the tools that are used, from light to dark, and the tool (N,) from 0 of each stroke."""
     if len(colors) == 0:
         return np.empty((0, 3)), np.empty(0, dtype=int)
     lab = to_lab(colors)
-    inks = palette(lab, area, options.colors) if options.own_pens is None else to_lab(options.own_pens)
+    inks = palette(lab, area, machine.colors) if machine.own_pens is None else to_lab(machine.own_pens)
     inks = inks[np.argsort(-inks[:, 0], kind="stable")]
     used, tool = np.unique(nearest_ink(lab, inks), return_inverse=True)
     return to_rgb(inks[used]), tool

@@ -1,29 +1,30 @@
-"""How a painting is drawn with pens: the options that the exporters share, and where it lies on the paper."""
-
-from __future__ import annotations
+"""What exporters for plotters and painting robots share: their options, the paper, and the files beside the program."""
 
 import logging
+from abc import abstractmethod
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from pathlib import Path
 from types import ModuleType
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from PIL import ImageColor
 
 from brushexp.bounds import between
 from brushexp.errors import UserError
+from brushexp.plugins.export.base import Exporter, ExportJob
+from brushexp.system.files import write_text
 
+if TYPE_CHECKING:
+    from brushexp.plugins.export._pen_plan import PenPlan
+
+log = logging.getLogger(__name__)
 Array = np.ndarray
-Colors = Annotated[int, between(1, 64)]
-Layers = Annotated[int, between(1, 10_000)]
-Margin = Annotated[float, between(0, 1000)]
-Passes = Annotated[int, between(1, 2000)]
-PenWidth = Annotated[float, between(0.05, 500)]
-PictureWidth = Annotated[float, between(0.1, 100_000)]
-Tolerance = Annotated[float, between(0.001, 10)]
+MM = 96 / 25.4  # vpype counts in pixels of CSS
 
 
 class Hidden(Enum):
@@ -34,98 +35,126 @@ class Hidden(Enum):
     draw = "draw"
 
 
-@dataclass(frozen=True)
-class PenOptions:
-    """How a painting is drawn with pens. The exporters say what their options mean.
+@dataclass(kw_only=True)
+class PenExporter(Exporter):
+    """A machine that draws with pens, or brushes. Its fields are options of every such exporter.
 
-    Attributes:
-        name: of the exporter, for messages.
-        reach: margins in mm that the machine needs, if it has any.
+    Args:
+        paper: a3, a4, letter, ... or a size such as 300x200mm.
+        landscape: true or false; null = as the picture is larger.
+        margin_mm: least margin; the picture is as large as it leaves room for, in the middle of the paper. It is larger
+            where a plotter does not reach so far.
+        width_mm: width of the picture; null = as large as fits.
+        colors: pens at most; their colours are those that suit the picture best.
+        pens: colours of the pens that you have, in place of ``colors``: [black,red,"#20a080"].
+        layers: from the bottom to the top; in each, strokes are drawn pen by pen, from light to dark. With 1 all of the
+            picture is; opaque paint keeps the depth of strokes between layers.
+        pen_mm: width of the pen or brush.
+        passes: lines beside each other in a stroke, at most; null = as many as fill it, 1 = its middle line alone.
+        hidden: cut: what strokes of the same layer hide is left out, so that the order of pens does not matter; skip:
+            strokes that are hidden wholly are left out, the others stay whole, as a brush wants them; draw: all.
+        tolerance_mm: how far a drawn line may be from the curve.
     """
 
-    name: str
-    paper: str
-    landscape: bool | None
-    margin_mm: float
-    width_mm: float | None
-    colors: int
-    pens: list[str] | None
-    layers: int
-    pen_mm: float
-    passes: int | None
-    hidden: Hidden
-    tolerance_mm: float
-    reach: float = 0.0
+    paper: str = "a4"
+    landscape: bool | None = None
+    margin_mm: Annotated[float, between(0, 1000)] = 10.0
+    width_mm: Annotated[float, between(0.1, 100_000)] | None = None
+    colors: Annotated[int, between(1, 64)] = 8
+    pens: list[str] | None = None
+    layers: Annotated[int, between(1, 10_000)] = 1
+    pen_mm: Annotated[float, between(0.05, 500)] = 0.5
+    passes: Annotated[int, between(1, 2000)] | None = None
+    hidden: Hidden = Hidden.cut
+    tolerance_mm: Annotated[float, between(0.001, 10)] = 0.05
 
     def __post_init__(self) -> None:
-        self.room((1, 1))
         self.own_pens  # noqa: B018  (refused before anything is drawn)
+        (width, height), margin = self.page, self.margin
+        if width <= 2 * margin:
+            raise UserError(
+                f"margins of {margin:g} mm leave nothing of {width:g} x {height:g} mm; choose a larger paper, "
+                f"{self.key}.paper=a3, or smaller margins, {self.key}.margin_mm=5"
+            )
+
+    @abstractmethod
+    def programs(self, plan: "PenPlan") -> dict[str, str]:
+        """Names and texts of the files for the machine, the program first."""
+
+    @property
+    @abstractmethod
+    def speeds(self) -> tuple[float, float]:
+        """How fast it draws, and moves without drawing, mm per minute."""
+
+    @property
+    def margin(self) -> float:
+        """The least margin, mm."""
+        return self.margin_mm
+
+    @property
+    def key(self) -> str:
+        """What the user types before an option."""
+        return f"to.{type(self).__name__.lower()}"
+
+    def write(self, job: ExportJob, folder: Path) -> list[Path]:
+        from brushexp.plugins.export._pen_plan import pen_plan  # noqa: PLC0415  (needs the extra plot)
+
+        plan = pen_plan(job, self)
+        log.info("%s: %s", self.key, "; ".join(plan.report(*self.speeds)[2:5]))
+        texts = self.programs(plan)
+        texts[f"{next(iter(texts))}.svg"] = plan.svg()
+        for name, text in texts.items():
+            write_text(folder / name, text)
+        return [folder / name for name in texts]
 
     @cached_property
     def page(self) -> tuple[float, float]:
         """Shorter and longer side of the paper, mm."""
-        vpype = load_vpype()
+        vpype, text = load_vpype(), self.paper.lower()
         names = sorted(name for name, (short, _) in vpype.PAGE_SIZES.items() if short > 0)
-        text = self.paper.lower()
-        try:
-            has_units = text in names or any(letter.isalpha() for letter in text.replace("x", ""))
-            sides = sorted(side / vpype.UNITS["mm"] for side in vpype.convert_page_size(text)) if has_units else [0.0]
-        except ValueError:
-            sides = [0.0]
+        sides = [0.0]
+        if text in names or text.replace("x", "").strip("0123456789."):  # sizes have units
+            with suppress(ValueError):
+                sides = sorted(round(side / MM, 6) for side in vpype.convert_page_size(text))
         if not 1 <= sides[0] <= sides[-1] <= 100_000:
             raise UserError(
-                f"to.{self.name}.paper={self.paper} is not a paper; choose one of {', '.join(names)}, "
-                f"or a size such as to.{self.name}.paper=300x200mm"
+                f"{self.key}.paper={self.paper} is not a paper; choose one of {', '.join(names)}, "
+                f"or a size such as {self.key}.paper=300x200mm"
             )
-        return round(sides[0], 6), round(sides[1], 6)
+        return sides[0], sides[1]
 
     @cached_property
     def own_pens(self) -> Array | None:
         """Colours (K, 3) in [0, 1] of the pens that the user has; None if any colour can be had."""
-        from PIL import ImageColor  # noqa: PLC0415  (only where there are pens)
-
         if self.pens is None:
             return None
-        option = f"to.{self.name}.pens"
         if not 1 <= len(self.pens) <= 256:
-            raise UserError(f"{option} has {len(self.pens)} pens; give at least one colour, {option}=[black]")
-        found = []
-        for pen in self.pens:
-            try:
-                found.append(ImageColor.getrgb(pen)[:3])
-            except ValueError:
-                raise UserError(
-                    f"{option} has {pen!r}, which is no colour; write '{option}=[black,\"#c03020\"]'"
-                ) from None
-        return np.array(found) / 255
-
-    def room(self, size: tuple[int, int]) -> tuple[tuple[float, float], float]:
-        """Width and height of the paper as it lies, and the most mm per pixel that a picture can have on it.
-
-        Args:
-            size: height and width of the picture, pixels.
-        """
-        margin = max(self.margin_mm, self.reach)
-        upright, across = (self.page, self.page[::-1])
-        papers = {None: (upright, across), False: (upright,), True: (across,)}[self.landscape]
-        rooms = [min((width - 2 * margin) / size[1], (height - 2 * margin) / size[0]) for width, height in papers]
-        best = max(range(len(rooms)), key=lambda k: (round(rooms[k], 9), -k))
-        if rooms[best] <= 0:
             raise UserError(
-                f"margins of {margin:g} mm leave nothing of {upright[0]:g} x {upright[1]:g} mm; choose a larger paper, "
-                f"to.{self.name}.paper=a3, or smaller margins, to.{self.name}.margin_mm=5"
+                f"{self.key}.pens has {len(self.pens)} pens; give 1 to 256 colours, {self.key}.pens=[black]"
             )
-        return papers[best], rooms[best]
+        try:
+            return np.array([ImageColor.getrgb(pen)[:3] for pen in self.pens]) / 255
+        except ValueError as error:
+            raise UserError(f"{self.key}.pens: {error}; write '{self.key}.pens=[black,\"#c03020\"]'") from None
 
     def frame(self, size: tuple[int, int]) -> tuple[tuple[float, float], Array, float]:
-        """Width and height of the paper, the picture's upper left corner (2,) in its middle, and mm per pixel."""
-        paper, scale = self.room(size)
+        """Where a picture of ``size`` (H, W) lies, mm.
+
+        Returns:
+            Width and height of the paper, the picture's upper left corner (2,) in its middle, and mm per pixel.
+        """
+
+        def room(paper: tuple[float, float]) -> float:
+            return round(min((side - 2 * self.margin) / n for side, n in zip(paper, size[::-1], strict=True)), 9)
+
+        upright, across = self.page, self.page[::-1]
+        paper = max({None: (upright, across), False: (upright,), True: (across,)}[self.landscape], key=room)
+        scale = room(paper)
         if self.width_mm is not None:
-            widest = scale * size[1]
-            if self.width_mm > widest * (1 + 1e-9):
+            if self.width_mm > scale * size[1] + 1e-6:
                 raise UserError(
-                    f"to.{self.name}.width_mm={self.width_mm:g} is too wide for {paper[0]:g} x {paper[1]:g} mm and its "
-                    f"margins; try to.{self.name}.width_mm={np.floor(10 * widest) / 10:g}"
+                    f"{self.key}.width_mm={self.width_mm:g} is too wide for {paper[0]:g} x {paper[1]:g} mm and its "
+                    f"margins; try {self.key}.width_mm={np.floor(10 * scale * size[1] + 1e-6) / 10:g}"
                 )
             scale = self.width_mm / size[1]
         return paper, (np.array(paper) - scale * np.array(size[::-1])) / 2, scale
@@ -146,21 +175,11 @@ def load_vpype() -> ModuleType:
     return vpype
 
 
-def millimetre() -> float:
-    """A millimetre in vpype's unit."""
-    return float(load_vpype().UNITS["mm"])
-
-
 @contextmanager
 def quiet_vpype() -> Iterator[None]:
     """Keep out of our log what vpype says to the root logger."""
-    root = logging.getLogger()
-
-    def not_of_vpype(record: logging.LogRecord) -> bool:
-        return "vpype" not in record.pathname
-
-    root.addFilter(not_of_vpype)
+    logging.disable(logging.INFO)
     try:
         yield
     finally:
-        root.removeFilter(not_of_vpype)
+        logging.disable(logging.NOTSET)
