@@ -1,15 +1,18 @@
 """Entry point: ``python run.py image=photo.jpg strokes=8000``; add ``-m`` to sweep, ``--help`` to see the choices."""
 
+import gc
 import sys
 import time
 from pathlib import Path
 
 START = time.monotonic()  # before the slow imports, which count
+gc.disable()  # until the task begins: nothing of a module is garbage, and to look for it takes a seventh of the start
 
 import hydra  # noqa: E402
 from omegaconf import DictConfig  # noqa: E402
 
 from brushexp.app.command_line import asks_for_help, explained, in_full, prepare  # noqa: E402
+from brushexp.registry import plugins  # noqa: E402
 
 HERE = Path(__file__).parent
 
@@ -17,7 +20,8 @@ HERE = Path(__file__).parent
 @hydra.main(version_base="1.3", config_path="conf", config_name="config")
 def main(cfg: DictConfig) -> dict[str, object]:
     """Run the task that the config names and return its numbers."""
-    prepare(HERE)  # again: in a parallel sweep this is another process
+    if not plugins():  # in another process of a parallel sweep
+        prepare(HERE)
     from brushexp.app.runner import run_task  # noqa: PLC0415  (Lightning takes seconds to import; --help should not)
 
     return run_task(cfg, START)

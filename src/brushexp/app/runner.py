@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import logging
 import os
@@ -32,6 +33,8 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
         start = time.monotonic()  # each job by itself
     torch.set_num_threads(cfg.threads if isinstance(cfg.threads, int) and cfg.threads > 0 else fair_share(hydra))
     task = importlib.import_module(f"brushexp.app.tasks.{cfg.task}")
+    gc.freeze()  # what is loaded now stays
+    gc.enable()  # run.py has disabled it
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware on every run
     warnings.filterwarnings("ignore", ".*in eval mode at the start of training")  # networks are frozen on purpose
     try:

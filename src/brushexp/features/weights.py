@@ -31,7 +31,7 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
             from safetensors.torch import load_file  # noqa: PLC0415  (only this format needs it)
 
             return load_file(path)
-        return dict(torch.load(path, weights_only=True, map_location="cpu"))
+        return dict(torch.load(path, weights_only=True, map_location="cpu", mmap=True))
     except Exception as error:  # pickle, zip and safetensors have a dozen kinds
         raise UserError(
             f"weights: {path} holds no table of tensors ({type(error).__name__}); name a .pth or .safetensors file"

@@ -27,7 +27,6 @@ from brushexp.pictures.video import format_of
 from brushexp.plugins.export.svg import Svg
 from brushexp.plugins.loss.style import Style
 from brushexp.registry import plugin_of
-from brushexp.results.page.run import write_run_page
 from brushexp.strokes.catalogue import Catalogue
 from brushexp.strokes.storage import Saved, save_catalogue
 from brushexp.system.callbacks import INTERRUPTED
@@ -97,6 +96,8 @@ def some_of(timelapse: Timelapse) -> dict[int, bytes]:
 
 def report(folder: Path) -> None:
     """Write the page of the run; whatever goes wrong with it, the run is not lost."""
+    from brushexp.results.page.run import write_run_page  # noqa: PLC0415  (runs without a page start sooner)
+
     try:
         write_run_page(folder)
     except Exception as error:
