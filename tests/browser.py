@@ -1,6 +1,6 @@
 """A real browser for the tests of pages: headless Chromium, the errors in a page, and what it asked for.
 
-Import the fixtures ``browser`` and ``opened`` into a test file. Wait for what a page does with selectors: what
+The fixtures ``browser`` and ``opened`` are known to every test. Wait for what a page does with selectors: what
 Playwright evaluates again and again (``wait_for_function``) is refused by the policy of our pages.
 """
 
@@ -12,18 +12,7 @@ from typing import Any
 
 import pytest
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="pages are tested with playwright: pip install playwright")
-
-ARGUMENTS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--force-color-profile=srgb",
-]
+ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--force-color-profile=srgb"]
 WIDE, NARROW = (1440, 900), (375, 740)
 
 
@@ -49,44 +38,35 @@ class Watched:
         return self.evaluate("document.documentElement.scrollWidth > document.documentElement.clientWidth")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
     """Chromium from the machine, or else Playwright's own; the test is skipped where there is neither."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="pages are tested with playwright")
     with sync_api.sync_playwright() as playwright:
         path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
         try:
             chromium = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
         except sync_api.Error as error:
-            reason = str(error).strip().partition("\n")[0]
-            pytest.skip(f"no Chromium: install chromium, or run `playwright install chromium` ({reason})")
+            pytest.skip(f"no Chromium: install chromium, or run `playwright install chromium` ({error})")
         yield chromium
         chromium.close()
 
 
 @pytest.fixture(scope="module")
 def opened(browser: Any) -> Iterator[Callable[..., Watched]]:
-    """Open a page: ``opened(path, size=WIDE, dark=False, still=False)``; ``path`` may be an address too."""
+    """Open a page: ``opened(path, size=WIDE)``; nothing in it moves by itself (``prefers-reduced-motion``)."""
     contexts = []
 
-    def open_page(
-        path: Path | str, size: tuple[int, int] = WIDE, *, dark: bool = False, still: bool = False, touch: bool = False
-    ) -> Watched:
-        context = browser.new_context(
-            viewport={"width": size[0], "height": size[1]},
-            color_scheme="dark" if dark else "light",
-            reduced_motion="reduce" if still else "no-preference",
-            has_touch=touch,
-        )
+    def open_page(path: Path, size: tuple[int, int] = WIDE, **options: Any) -> Watched:
+        viewport = {"width": size[0], "height": size[1]}
+        context = browser.new_context(viewport=viewport, reduced_motion="reduce", **options)
         context.set_default_timeout(10_000)
         contexts.append(context)
         watched = Watched(context.new_page())
         watched.page.on("pageerror", lambda error: watched.errors.append(str(error)))
-        watched.page.on(
-            "console",
-            lambda message: watched.errors.append(message.text) if message.type in ("error", "warning") else None,
-        )
+        watched.page.on("console", lambda said: watched.errors.append(said.text))
         watched.page.on("request", lambda request: watched.requests.append(request.url))
-        watched.page.goto(path if isinstance(path, str) else path.resolve().as_uri())
+        watched.page.goto(path.resolve().as_uri())
         return watched
 
     yield open_page

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from browser import browser, opened  # noqa: F401  (fixtures)
 from hydra import compose, initialize_config_dir
 from hypothesis import settings
 from omegaconf import DictConfig

@@ -1,19 +1,25 @@
-"""How high the paint of a painting stands."""
+"""How high the paint of a painting stands.
 
-from collections.abc import Callable
+The thickness of one stroke is told by its coverage, or, for plain strokes, by bristles drawn at random. It is in films:
+1 is the thickest that a brush leaves. It travels in the place of a texture's light, thickness - 1, because black paint
+(0) of that light has the colour thickness * colour.
+"""
+
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn import functional
 
-from brushexp.compositing.layers import Layers
-from brushexp.compositing.profile import Profile
+from brushexp.compositing.layers import SPREAD, Layers
+from brushexp.compositing.profile import Profile, smooth_rise
 from brushexp.compositing.textured_profile import TexturedProfile
+from brushexp.compositing.textures import cells_of, coordinates_of, extent_of, smoothed, texel_distances
 from brushexp.compositing.windows import Windows
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.renderer.base import Renderer
-from brushexp.shading._brush import LEVELS, Brush, height_textures, level_of, plain_brush, thickness_of
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
 
@@ -21,6 +27,19 @@ FILM = 0.1  # how thick the paint is that a stroke leaves at most, in widths of 
 CARRIED = 0.75  # share of the paint below that an opaque stroke carries away or levels
 THIN = 0.5  # pixels: a stroke thinner than about twice this is drawn so thick, and lower
 AT_ONCE = 256  # windows
+DENSE = 0.97  # coverage of a full film
+LIT = 0.8  # films by which paint is higher where it is white by light than where it has its own colour
+OPACITIES, LIGHTS = 255, 127  # steps in textures
+VARIANTS, LEVELS = 8, 5  # brushes of plain strokes; sizes, each half of the one before
+ROWS, COLUMNS = 48, 32  # texels across (to SPREAD half widths on either side) and along
+KNOTS = 6  # along a stroke, between which bristles waver
+RAGGED = 0.2  # share by which the ends of bristles differ
+THINNEST = 0.1  # films, between bristles
+BODY, FINE, COARSE = 0.5, 0.15, 0.12  # films: of the middle, and of single bristles and tufts
+RIDGE, RIDGE_AT, RIDGE_WIDE = 0.3, 0.76, 0.13  # films of what is pushed aside; where and how wide in half widths
+SPENT = 0.25  # share of its paint that a brush has left at the end of a stroke
+SHOULDER = 0.3  # half widths over which the edge of the paint is round
+EDGE = (0.85, 1.1)  # half widths between which a plain stroke ends
 
 
 def height_of(job: ExportJob) -> np.ndarray:
@@ -33,13 +52,11 @@ def height_of(job: ExportJob) -> np.ndarray:
     with its opacity a at a pixel, 0 to 1, and the thickness t of its film there. That is at most ``FILM`` times the
     geometric mean of its width and the typical (median) one: a broader brush leaves thicker paint, but not so thick
     that the first broad strokes outdo what is painted over them. A picture twice as large has heights twice as large,
-    and so the same slopes. All this is what a blend makes of strokes of opacity CARRIED a and "colour" t / CARRIED, so
-    every blend computes it.
+    and so the same slopes. All this is what a blend makes of strokes of opacity CARRIED a and "colour" t / CARRIED.
 
-    Renderers say where their strokes cover and shine: with ``textured`` and networks t is higher where their bristles
-    left more paint (`_brush.thickness_of`). Plain strokes get bristles, and ridges where a brush pushes paint aside,
-    from textures drawn at random; a stroke's number decides which. Simulated heights are in data sets, but renderers
-    learn colour and coverage only, so coverage stands for them.
+    Where renderers say how their strokes cover and shine, t is higher where their bristles left more paint
+    (`thickness_of`); plain strokes get bristles, and ridges where a brush pushes paint aside, from textures
+    drawn at random, of which a stroke's number chooses one.
 
     Source: Hertzmann, "Fast paint texture" (2002): strokes with textures of opacity and height are laid over each other
     as colours are. Differs: paint that is covered still shows in the surface, instead of each stroke's height standing
@@ -71,7 +88,6 @@ class Impasto(Renderer):
         super().__init__()
         self.renderer = renderer
         self.typical = typical
-        self._raised: tuple[Tensor | None, Brush | None] = (None, None)  # textures, and what has been made of them
 
     @property
     def at_once(self) -> int | None:  # type: ignore[override]
@@ -85,55 +101,32 @@ class Impasto(Renderer):
         number = torch.arange(len(strokes), device=strokes.position.device) if number is None else number
         layers = self.renderer(strokes, number)
         film = FILM * (self.typical * 2 * half_width_of(strokes)).sqrt()
-        kinds: dict[type[Layers], Callable[..., Layers]] = {
-            Profile: _plain,
-            TexturedProfile: self._textured,
-            Windows: _windows,
-        }
-        return kinds.get(type(layers), HeightLayers)(layers, film, number)
-
-    def _textured(self, layers: TexturedProfile, film: Tensor, number: Tensor) -> TexturedProfile:
-        known, brush = self._raised
-        if brush is None or known is not layers.textures:
-            brush = height_textures(layers.textures)
-            self._raised = (layers.textures, brush)
-        textures, _, cells = brush
-        return replace(
-            layers, textures=textures, cells=None if layers.cells is None else cells, **_as_layers(film, layers.opacity)
-        )
+        match layers:
+            case Profile():
+                return _plain(layers, film, number)
+            case TexturedProfile():
+                return _textured(layers, film)
+            case Windows():
+                return _windows(layers, film)
+            case _:
+                return HeightLayers(layers.curve, layers.reach, layers.color, layers, film)
 
 
 @dataclass(frozen=True)
 class HeightLayers(Layers):
-    """Layers of a kind that is not known here, whose colour is the height of their paint.
-
-    Attributes:
-        layers: the N strokes as they are drawn.
-        film: (N,) pixels, how thick their paint is at most.
-        number: (N,) which stroke each one is.
-    """
+    """Layers of any other kind, whose colour is the height of their paint; ``film`` (N,) is how thick it is at most."""
 
     per_stroke = ()
 
+    curve: Tensor
+    reach: Tensor
+    color: Tensor
     layers: Layers
     film: Tensor
-    number: Tensor
-
-    @property
-    def curve(self) -> Tensor:  # type: ignore[override]
-        return self.layers.curve
-
-    @property
-    def reach(self) -> Tensor:  # type: ignore[override]
-        return self.layers.reach
-
-    @property
-    def color(self) -> Tensor:  # type: ignore[override]
-        return self.layers.color
 
     def sample(self, index: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
         alpha, color = self.layers.sample(index, points)
-        light = (color - self.layers.color[index][:, :, None]).mean(-1)
+        light = (color - self.color[index][:, :, None]).mean(-1)
         height = self.film[index][..., None] * thickness_of(alpha, light)
         return CARRIED * alpha, (height / CARRIED)[..., None].expand(*height.shape, 3)
 
@@ -145,9 +138,9 @@ def _as_layers(film: Tensor, opacity: Tensor) -> dict[str, Tensor]:
 
 def _plain(layers: Profile, film: Tensor, number: Tensor) -> TexturedProfile:
     """Strokes without a texture, with that of a brush."""
-    textures, extent, cells = (part.to(film.device) for part in plain_brush(layers.taper))
+    textures, extent, cells = (part.to(film.device) for part in _plain_brush(layers.taper))
     half = (layers.half_width.square() + THIN**2).sqrt()
-    look = number % (len(textures) // LEVELS) * LEVELS + level_of(half)
+    look = number % (len(textures) // LEVELS) * LEVELS + _level_of(half)
     return TexturedProfile(
         curve=layers.curve,
         half_width=half,
@@ -159,7 +152,14 @@ def _plain(layers: Profile, film: Tensor, number: Tensor) -> TexturedProfile:
     )
 
 
-def _windows(layers: Windows, film: Tensor, number: Tensor) -> Windows:
+def _textured(layers: TexturedProfile, film: Tensor) -> TexturedProfile:
+    """Strokes with a texture, raised where its bristles left paint."""
+    textures, _, cells = _raised(layers.textures)
+    known = None if layers.cells is None else cells
+    return replace(layers, textures=textures, cells=known, **_as_layers(film, layers.opacity))
+
+
+def _windows(layers: Windows, film: Tensor) -> Windows:
     """Drawn windows, whose colours are replaced by what their coverage and light say of the height."""
     images = []
     for image, color, full in zip(*(part.split(AT_ONCE) for part in (layers.images, layers.color, film)), strict=True):
@@ -167,3 +167,63 @@ def _windows(layers: Windows, film: Tensor, number: Tensor) -> Windows:
         height = thickness_of(image[:, 3], light) * (full / CARRIED)[:, None, None]
         images.append(torch.stack([height, height, height, image[:, 3]], dim=1))
     return replace(layers, images=torch.cat(images), opacity=CARRIED * layers.opacity)
+
+
+def thickness_of(coverage: Tensor, light: Tensor) -> Tensor:
+    """Films of paint where a stroke covers the canvas to ``coverage`` (0 to 1) and shines by ``light`` (-1 to 1).
+
+    A height is -log(1 - coverage), as in the simulator (`engine.fluid`): a splat of height w leaves the share exp(-w)
+    of the canvas bare. Light lies on the ridges.
+    """
+    bare = torch.log1p(-coverage * DENSE) / torch.log1p(torch.tensor(-DENSE)).to(coverage)
+    return (bare * (1 + LIT * light)).clamp(0, 1)
+
+
+@lru_cache(maxsize=1)  # a renderer's textures are the same tensor at every call
+def _raised(textures: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Textures (M, 2, rows, columns) of opacity and light as textures of opacity and thickness, extent and cells."""
+    opacity, light = textures.unbind(1)
+    return _packed(opacity, thickness_of(opacity, light))
+
+
+@lru_cache(maxsize=4)
+def _plain_brush(taper: float) -> tuple[Tensor, Tensor, Tensor]:
+    """Textures for strokes that have none: VARIANTS brushes, each in LEVELS sizes, look = variant * LEVELS + level."""
+    across, t, before, beyond = coordinates_of(ROWS, COLUMNS)
+    half = (1 - taper * (2 * t - 1) ** 2).clamp_min(0.05)
+    fine, coarse = _streaks(1.0), _streaks(3.0)
+    ragged = 1 + RAGGED * (1 + coarse).clamp_min(0)  # some bristles touch down later and lift off earlier
+    from_curve = torch.hypot(across[:, None], (before + beyond) * ragged) / half  # 1 at the edge
+    ridge = torch.exp(-(((from_curve - RIDGE_AT) / RIDGE_WIDE) ** 2)) * (1 + 0.5 * coarse).clamp_min(0)
+    film = BODY * (1 + 0.5 * SPENT - SPENT * t) + FINE * fine + COARSE * coarse + RIDGE * ridge
+    shoulder = 0.5 + smooth_rise((EDGE[1] - from_curve) / SHOULDER - 0.5)
+    opacity = 0.5 + smooth_rise((EDGE[1] - from_curve) / (EDGE[1] - EDGE[0]) - 0.5).expand_as(film)
+    room = (texel_distances(ROWS, COLUMNS) < SPREAD - 2 * SPREAD / ROWS).float()
+    thickness = film.clamp(THINNEST, 1) * shoulder
+    levels = [smoothed(opacity * room, thickness, room, level) for level in range(LEVELS)]
+    return _packed(*torch.stack(levels, dim=1).flatten(0, 1).unbind(1))
+
+
+def _level_of(half_width: Tensor) -> Tensor:
+    """Which size (N,) of a plain brush has texels about as large as pixels, for half widths (N,) in pixels."""
+    texel = half_width * (2 * SPREAD / ROWS)
+    return texel.log2().neg().round().clamp(0, LEVELS - 1).long()
+
+
+def _packed(opacity: Tensor, thickness: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Textures for painting from opacity and films, both (M, rows, columns) in [0, 1], in whole steps."""
+    steps = torch.stack([(opacity * OPACITIES).round(), ((thickness - 1) * LIGHTS).round()], dim=1)
+    textures = steps / torch.tensor([OPACITIES, LIGHTS]).to(steps)[:, None, None]
+    return textures, extent_of(textures[:, 0]), cells_of(steps)
+
+
+def _streaks(spread: float) -> Tensor:
+    """Noise (VARIANTS, rows + 2, rows + columns + 2) of mean 0 and deviation 1: ``spread`` rows wide, and long."""
+    generator = torch.Generator().manual_seed(round(1000 * spread))
+    rows, columns = ROWS + 2, ROWS + COLUMNS + 2
+    knots = torch.randn(VARIANTS, rows, KNOTS, generator=generator)
+    knots = 0.8 * knots[..., :1] + 0.6 * knots  # mostly the same bristles all the way
+    place = torch.arange(rows)
+    blur = torch.exp(-0.5 * ((place[:, None] - place) / spread) ** 2)
+    noise = functional.interpolate(blur @ knots, columns, mode="linear", align_corners=True)
+    return (noise - noise.mean((1, 2), keepdim=True)) / noise.std((1, 2), keepdim=True)

@@ -35,12 +35,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Light:
-    """Where the light comes from, far away.
-
-    Attributes:
-        azimuth: degrees clockwise from the top of the picture; 315 is the upper left, 90 the right.
-        elevation: degrees above the canvas, above 0 to 90; the lower, the more of the relief is seen.
-    """
+    """Where the light comes from: degrees clockwise from the top (315: upper left), and above the canvas (to 90)."""
 
     azimuth: float = 315.0
     elevation: float = 45.0
@@ -53,17 +48,16 @@ class Light:
         return np.array([math.sin(azimuth) * flat, math.cos(azimuth) * flat, math.sin(elevation)], np.float32)
 
 
-def normals_of(height: Array, scale: float = 1.0, first: int = 0, last: int | None = None) -> Array:
-    """Unit normals (3, h, W), right, up and to the viewer, of rows ``first`` to ``last`` of a height map.
+def normals_of(height: Array, scale: float = 1.0, rows: slice = slice(None)) -> Array:
+    """Unit normals (3, h, W), right, up and to the viewer, of some rows of a height map.
 
     Args:
         height: (H, W) float32, pixels.
         scale: heights are multiplied by it.
-        first: the first row.
-        last: the row after the last one; None means up to the bottom.
+        rows: which ones.
     """
-    rows = range(len(height))[first:last]
-    around = np.clip(np.arange(rows.start - 1, rows.stop + 1), 0, len(height) - 1)
+    chosen = range(len(height))[rows]
+    around = np.clip(np.arange(chosen.start - 1, chosen.stop + 1), 0, len(height) - 1)
     padded = np.pad(height[around], ((0, 0), (1, 1)), mode="edge")
     half = np.float32(0.5 * scale)
     gx = (padded[1:-1, 2:] - padded[1:-1, :-2]) * half
@@ -72,27 +66,19 @@ def normals_of(height: Array, scale: float = 1.0, first: int = 0, last: int | No
 
 
 def shaded(color: Array, normals: Array, light: Light, gloss: float) -> Array:
-    """A picture under a light; see the formula above.
+    """A picture (3, H, W) in [0, 1] under a light; see the formula above.
 
     Args:
         color: (3, H, W) float32 in [0, 1], display-referred.
         normals: (3, H, W) from `normals_of`.
         light: where it comes from.
         gloss: strength of the highlights, 0 (matt) to 1.
-
-    Returns:
-        (3, H, W) in [0, 1].
     """
     to_light = light.direction
     halfway = to_light + np.array([0, 0, 1], np.float32)
     halfway /= np.linalg.norm(halfway)
-    diffuse = 1 + DIRECT * (np.maximum(_dot(normals, to_light), 0) / to_light[2] - 1)
-    shine = np.maximum(_dot(normals, halfway), 0) ** SHININESS - halfway[2] ** SHININESS
+    diffuse = 1 + DIRECT * (np.maximum(np.tensordot(to_light, normals, 1), 0) / to_light[2] - 1)
+    shine = np.maximum(np.tensordot(halfway, normals, 1), 0) ** SHININESS - halfway[2] ** SHININESS
     color, k = np.clip(color, 0, 1), diffuse ** (1 / GAMMA)
     lit = np.where(k <= 1, color * k, 1 - (1 - color) ** np.maximum(k, 1))
     return lit + gloss * np.maximum(shine, 0) * (1 - lit)
-
-
-def _dot(normals: Array, direction: Array) -> Array:
-    """Scalar products (H, W) with a direction (3,); that of (0, 0, 1) is the direction's last number to the bit."""
-    return normals[0] * direction[0] + normals[1] * direction[1] + normals[2] * direction[2]

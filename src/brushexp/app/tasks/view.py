@@ -6,7 +6,6 @@ import logging
 import time
 import webbrowser
 from pathlib import Path
-from urllib.parse import quote, unquote, urljoin, urlsplit
 
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
@@ -15,8 +14,7 @@ from brushexp.errors import UserError
 from brushexp.painting.outputs import export_job, with_renderer
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import build
-from brushexp.results.page.html import LARGEST_SIDE
-from brushexp.results.page.run import PAGE_NAME, page_of_run, run_page
+from brushexp.results.page.run import LARGEST_SIDE, PAGE_NAME, page_of_run, run_page
 from brushexp.results.page.serving import served
 from brushexp.results.page.sweep_page import write_sweep_page
 from brushexp.results.runs import gather
@@ -45,10 +43,6 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
 def pages_of(cfg: DictConfig, folder: Path) -> dict[str, Path]:
     """Write ``report.html`` into a folder.
 
-    Args:
-        cfg: of the task.
-        folder: where to.
-
     Returns:
         what is to be served: path of the address -> file. With a sweep, the pages of its runs too.
 
@@ -64,20 +58,14 @@ def pages_of(cfg: DictConfig, folder: Path) -> dict[str, Path]:
     elif any(source.glob("*/result.json")):
         runs = gather([source], folder)
         write_sweep_page(folder, runs)
-        links = [Path(name, PAGE_NAME) for name in runs.index]
-        return {"/": page} | {_followed(link): folder / link for link in links}
+        links = [Path(name, PAGE_NAME) for name in runs.index]  # a browser goes from / by ../../sweep/3 to /sweep/3
+        return {"/": page} | {"/" + "/".join(p for p in link.parts if p != ".."): folder / link for link in links}
     else:
         raise UserError(
             f"catalogue={source}: neither a run nor a sweep is in this folder; give a catalogue.h5, or the folder "
             "of a finished run or sweep"
         )
     return {"/": page}
-
-
-def _followed(link: Path) -> str:
-    """Where a browser goes from the first page by a link: ``../../sweep/3`` is ``/sweep/3`` there."""
-    names = "surrogateescape"  # those of folders need not be UTF-8
-    return unquote(urlsplit(urljoin("http://page/", quote(link.as_posix(), errors=names))).path, errors=names)
 
 
 def page_of_catalogue(cfg: DictConfig) -> str:

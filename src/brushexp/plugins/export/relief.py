@@ -1,6 +1,5 @@
 """The painting as an object under a light, and its shape for printers and 3D programs."""
 
-import io
 import logging
 import math
 from pathlib import Path
@@ -17,10 +16,9 @@ from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.shading.height import height_of
 from brushexp.shading.light import Light, normals_of, shaded
-from brushexp.system.files import to_bytes, write_bytes, write_picture
+from brushexp.system.files import replacing, to_bytes, write_picture
 
 log = logging.getLogger(__name__)
-PIXELS = 2**20  # that are lit at once
 WHITE = 2**16 - 1
 
 
@@ -45,15 +43,11 @@ class Relief(Exporter):
         depth: Annotated[float, between(0, 1000)] = 1.0,
         gloss: Annotated[float, between(0, 1)] = 0.25,
     ) -> None:
-        typed = ",".join(f"{value:g}" for value in light)
-        if len(light) != 2:
-            raise UserError(f"light={typed} is not an azimuth and an elevation in degrees; try light=315,45")
-        if not math.isfinite(light[0]):
-            raise UserError(f"light={typed}: the azimuth is not a number of degrees; try light=315,45")
-        if not 0 < light[1] <= 90:
+        if len(light) != 2 or not math.isfinite(light[0]) or not 0 < light[1] <= 90:
+            typed = ",".join(f"{value:g}" for value in light)
             raise UserError(
-                f"light={typed}: an elevation of {light[1]:g} is not above 0 and up to 90 degrees; "
-                f"try light={light[0]:g},45"
+                f"light={typed} is not an azimuth and an elevation, which is above 0 and up to 90, in degrees; "
+                "try light=315,45"
             )
         self.light = Light(*light)
         self.depth = depth
@@ -61,60 +55,30 @@ class Relief(Exporter):
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         height = height_of(job)
-        names = ("relief.png", "height.png", "normals.png")
-        relief, heights, normals = (folder / name for name in names)
-        write_picture(relief, self.lit(job, height))  # one after the other: large pictures are large in memory
-        white = self.depth * float(height.max())
-        log.info("%s: white is %s", heights, height_of_white(white, job.size))
-        write_bytes(heights, encoded(levels_of(height), white, job.size))
-        write_picture(normals, normal_map(height, self.depth))
-        return [relief, heights, normals]
-
-    def lit(self, job: ExportJob, height: np.ndarray) -> np.ndarray:
-        """The painting under the light (H, W, 3), 8 bits, from its heights (H, W)."""
-        picture = np.empty((*job.size, 3), np.uint8)
+        relief, normals = np.empty((*job.size, 3), np.uint8), np.empty((*job.size, 3), np.uint8)
         for top, band in job.bands():
-            bottom = top + band.shape[1]
-            normals = normals_of(height, self.depth, top, bottom)
-            lit = shaded(band.float().cpu().numpy(), normals, self.light, self.gloss)
-            picture[top:bottom] = to_bytes(torch.from_numpy(lit))
-        return picture
-
-
-def normal_map(height: np.ndarray, depth: float) -> np.ndarray:
-    """Normals of heights (H, W) as colours (H, W, 3), 8 bits."""
-    picture = np.empty((*height.shape, 3), np.uint8)
-    rows = max(1, PIXELS // height.shape[1])
-    for top in range(0, len(height), rows):
-        normals = normals_of(height, depth, top, top + rows)
-        picture[top : top + rows] = to_bytes(torch.from_numpy(0.5 * normals + 0.5))
-    return picture
+            rows = slice(top, top + band.shape[1])
+            facing = normals_of(height, self.depth, rows)
+            normals[rows] = to_bytes(torch.from_numpy(0.5 * facing + 0.5))
+            lit = shaded(band.float().cpu().numpy(), facing, self.light, self.gloss)
+            relief[rows] = to_bytes(torch.from_numpy(lit))
+        paths = [folder / name for name in ("relief.png", "height.png", "normals.png")]
+        write_picture(paths[0], relief)
+        write_picture(paths[2], normals)
+        white = self.depth * float(height.max())
+        share = 100 * white / max(job.size)
+        told = f"{white:.6g} pixels above the bare canvas, {share:.4g} % of the longer side"
+        log.info("%s: white is %s", paths[1], told)
+        texts = PngInfo()
+        texts.add_text("Description", f"height of the paint: 0 is the bare canvas, {WHITE} is {told}")
+        texts.add_text("HeightOfWhite", f"{white:.9g}")
+        with replacing(paths[1]) as temporary:
+            Image.fromarray(levels_of(height)).save(temporary, format="PNG", pnginfo=texts)
+        return paths
 
 
 def levels_of(height: np.ndarray) -> np.ndarray:
-    """Heights (H, W) in 16 bits, the highest one white."""
-    levels = np.empty(height.shape, np.uint16)
+    """Heights (H, W), >= 0, in 16 bits, the highest one white; they are scaled in place, for large ones need memory."""
     highest = float(height.max())
-    per_pixel = WHITE / highest if highest > 1e-6 else 0.0  # what is lower is rounding
-    rows = max(1, PIXELS // height.shape[1])
-    for top in range(0, len(height), rows):
-        levels[top : top + rows] = np.rint(height[top : top + rows].clip(0) * per_pixel).clip(0, WHITE)
-    return levels
-
-
-def height_of_white(white: float, size: tuple[int, int]) -> str:
-    """How high ``white`` pixels are, in words."""
-    share = 100 * white / max(size)
-    return f"{white:.6g} pixels above the bare canvas, {share:.4g} % of the longer side ({size[1]} x {size[0]} pixels)"
-
-
-def encoded(levels: np.ndarray, white: float, size: tuple[int, int]) -> bytes:
-    """A PNG of levels (H, W) in 16 bits, with their scale in its texts."""
-    texts = PngInfo()
-    texts.add_text(
-        "Description", f"height of the paint: 0 is the bare canvas, {WHITE} is {height_of_white(white, size)}"
-    )
-    texts.add_text("HeightOfWhite", f"{white:.9g}")
-    file = io.BytesIO()
-    Image.fromarray(levels).save(file, format="PNG", pnginfo=texts)
-    return file.getvalue()
+    height *= WHITE / highest if highest > 1e-6 else 0.0  # what is lower is rounding
+    return np.rint(height, out=height).clip(0, WHITE).astype(np.uint16)

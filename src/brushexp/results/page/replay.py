@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -18,24 +16,20 @@ MAX_STROKES = 200_000  # strokes: more make a page that browsers choke on
 STEPS = 65_535  # of 16 bits
 FARTHEST = 4.0  # canvas sides: control points farther out are moved to there, since 16 bits must do for all
 CANVAS_RENDERER = "analytic"  # whose strokes a canvas can draw
-DEFAULT_SOFT = 2.0  # pixels: edge of strokes whose renderer has no such option
+EDGES = {"soft": 2.0, "taper": 0.0}  # soft edge in pixels and taper of strokes whose renderer has no such option
 
 
 def replay_of(saved: Saved, measures: StrokeTable) -> dict[str, Any] | None:
-    """What ``strokes.js`` needs; None without strokes, and for more than ``MAX_STROKES``.
+    """What ``strokes.js`` needs of a catalogue and the measures of its strokes; None for more than ``MAX_STROKES``.
 
     ``data`` holds, for the strokes from the bottom to the top, one array after the other, little-endian, in base64
     (34 bytes a stroke): the number in the catalogue (uint32), and then what ``columns`` lists as name, values a
     stroke, lowest and highest value, as shares of that range (uint16). ``points`` are x and y of the three control
     points, and ``half`` is half the width; both and ``length`` are in pixels of the canvas. ``direction`` is in
     degrees, -1 for none; ``layer`` is 0, 1 or 2, a third of the strokes by their area each.
-
-    Args:
-        saved: the catalogue.
-        measures: of its strokes.
     """
     count = len(saved.strokes)
-    if not 0 < count <= MAX_STROKES:
+    if count > MAX_STROKES:
         return None
     height, width = saved.size
     far = FARTHEST * max(height, width)
@@ -58,34 +52,24 @@ def replay_of(saved: Saved, measures: StrokeTable) -> dict[str, Any] | None:
         shares = (column[order].astype(np.float64) - low) / max(high - low, 1e-6)
         data += _quantised(shares, STEPS, "<u2").tobytes()
         columns.append((name, column.size // count, float(low), float(max(high, low + 1e-6))))
+    options = recorded_config(saved).get("renderer")
+    edges = {k: v for k, v in options.items() if k in EDGES and v is not None} if isinstance(options, dict) else {}
     return {
         "count": count,
         "width": width,
         "height": height,
         "background": hex_of(saved.background.numpy()),
-        **_edges(saved),
+        **(EDGES | edges),
         "exact": saved.renderer == CANVAS_RENDERER,
         "columns": columns,
         "data": base64.b64encode(data).decode(),
     }
 
 
-def _edges(saved: Saved) -> dict[str, float]:
-    """Soft edge in pixels and taper of the renderer, as far as its options have them."""
-    options = recorded_config(saved.config).get("renderer")
-    found = {"soft": DEFAULT_SOFT, "taper": 0.0}
-    for name in found:
-        value = options.get(name) if isinstance(options, dict) else None
-        if isinstance(value, int | float) and math.isfinite(value) and value >= 0:
-            found[name] = float(value)
-    return found
-
-
-@lru_cache(maxsize=4)
-def recorded_config(config: str) -> dict[str, Any]:
-    """The YAML of a run's config as plain data; nothing if it is not such, for the file may come from elsewhere."""
+def recorded_config(saved: Saved) -> dict[str, Any]:
+    """A run's config as plain data; nothing if it is not such, for the file may come from elsewhere."""
     try:
-        found = yaml.safe_load(config)
+        found = yaml.safe_load(saved.config)
     except (yaml.YAMLError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
@@ -93,7 +77,7 @@ def recorded_config(config: str) -> dict[str, Any]:
 
 def hex_of(color: np.ndarray) -> str:
     """A colour (3,) in [0, 1] as ``#rrggbb``."""
-    return "#" + "".join(f"{level:02x}" for level in _quantised(color, 255, "u1").tolist())
+    return "#" + _quantised(color, 255, "u1").tobytes().hex()
 
 
 def _quantised(values: np.ndarray, steps: int, kind: str) -> np.ndarray:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import csv
+import json
 import logging
 import math
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,20 +17,26 @@ from PIL import Image
 from brushexp.analysis.columns import StrokeTable, measure_strokes
 from brushexp.errors import UserError
 from brushexp.registry import plugins
-from brushexp.results.page.charts import Chart, histogram_chart, line_chart, rose_chart
-from brushexp.results.page.error_map import MAGMA, error_map
-from brushexp.results.page.heights import height_map
-from brushexp.results.page.html import page, picture_uri, readable_number
+from brushexp.results.page.drawings import (
+    error_map,
+    height_map,
+    histogram_chart,
+    line_chart,
+    rose_chart,
+    swatches_of,
+)
+from brushexp.results.page.html import embedded, page, readable_number
 from brushexp.results.page.replay import recorded_config, replay_of
-from brushexp.results.page.swatches import swatches_of
 from brushexp.results.runs import UNREADABLE, command_of, read_result
 from brushexp.strokes.storage import Saved, load_catalogue
 from brushexp.system.files import write_text
 
 log = logging.getLogger(__name__)
 PAGE_NAME = "report.html"
-PICTURES = {"target.png": "target", "painting.png": "painting", "style.png": "style", "focus.png": "focus"}
-Picture = np.ndarray | Path  # (H, W, 3) uint8, or a file
+PICTURES = ("target", "painting", "style", "focus")
+LARGEST_SIDE = 1600  # pixels of the longer side of a picture in a page
+LOSSLESS = 2**18  # pixels of a picture: a larger one goes into a page as a JPEG
+JPEG = {"format": "JPEG", "quality": 92, "subsampling": 0}
 METRICS_SHOWN = (  # of metrics.json: key, name, unit, digits, what it is
     ("psnr", "PSNR", "dB", 2, "peak signal-to-noise ratio, all pixels of the 8-bit pictures"),
     ("ssim", "SSIM", "", 3, "structural similarity (Wang et al., 2004); 1 is identical"),
@@ -55,34 +62,54 @@ def page_of_run(folder: Path) -> str:
         UserError: if there is no catalogue, or it is damaged.
     """
     saved = load_catalogue(folder / "catalogue.h5")
-    metrics = read_result(folder / "metrics.json") if (folder / "metrics.json").is_file() else None
-    image = recorded_config(saved.config).get("image")
+    metrics = read_result(folder / "metrics.json") if (folder / "metrics.json").is_file() else {}
+    image = recorded_config(saved).get("image")
     return run_page(
         saved,
         name=Path(str(image or folder.resolve().name)).name,
-        pictures={name: folder / file for file, name in PICTURES.items() if _is_picture(folder / file)},
+        pictures=_pictures(folder),
         metrics=metrics,
         curves=read_curves(folder / "curves" / "metrics.csv"),
-        command=None if metrics is None else command_of(folder),
+        command=command_of(folder) if metrics else None,
     )
 
 
-def read_curves(path: Path) -> dict[str, list[float]] | None:
-    """The columns of a table of curves, NaN where there is nothing; None if it is not there or no table."""
+def _pictures(folder: Path) -> dict[str, np.ndarray]:
+    """The pictures of a run; one that is damaged is left out with a word in the log."""
+    found = {}
+    for path in (folder / f"{name}.png" for name in PICTURES):
+        try:
+            with Image.open(path) as image:
+                found[path.stem] = np.asarray(image.convert("RGB"))
+        except FileNotFoundError:
+            continue
+        except UNREADABLE as error:
+            log.warning("%s is left out, for it cannot be read: %s", path, error)
+    return found
+
+
+def read_curves(path: Path) -> dict[str, list[float]]:
+    """The columns of a table of curves, NaN where there is nothing; none if it is not there or no table."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
-            table = csv.DictReader(file)
-            rows = list(table)
+            rows = list(csv.DictReader(file, restkey="", restval=""))
     except (OSError, UnicodeDecodeError, csv.Error):
-        return None
-    return {name: [_float(row[name]) for row in rows] for name in table.fieldnames or ()}
+        return {}
+    return {name: [_float(row[name]) for row in rows] for name in (rows[0] if rows else ()) if name}
+
+
+def _float(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def run_page(
     saved: Saved,
     *,
     name: str,
-    pictures: Mapping[str, Picture] | None = None,
+    pictures: Mapping[str, np.ndarray] | None = None,
     metrics: Mapping[str, Any] | None = None,
     curves: Mapping[str, Sequence[float]] | None = None,
     command: str | None = None,
@@ -92,14 +119,14 @@ def run_page(
     Args:
         saved: its catalogue.
         name: of the picture, a title.
-        pictures: by name: ``target``, ``painting`` (without it there are no error map and no light), and others.
+        pictures: by name, (H, W, 3) uint8: ``target``, ``painting`` (without it there are no error map and no light),
+            and others.
         metrics: as in metrics.json.
         curves: columns by name: ``step``, ``seconds``, ``psnr``, ``loss/...``.
         command: what repeats the run.
     """
-    metrics = metrics or {}
-    pixels = {key: _pixels(value) for key, value in (pictures or {}).items()}
-    shown = {key: _for_template(value, pixels[key]) for key, value in (pictures or {}).items()}
+    metrics, pictures = metrics or {}, pictures or {}
+    shown = {key: _shown(pixels) for key, pixels in pictures.items()}
     measures = measure_strokes(saved.strokes, saved.depth, saved.size) if len(saved.strokes) else None
     return page(
         "run.html.j2",
@@ -112,13 +139,20 @@ def run_page(
         others=shown,
         renderer=saved.renderer,
         replay=None if measures is None else replay_of(saved, measures),
-        error=_error(pixels.get("painting"), pixels.get("target")),
+        error=_error(pictures.get("painting"), pictures.get("target")),
         curves=_curves(curves or {}, metrics),
         strokes=None if measures is None else _strokes(saved, measures),
-        light=_light(saved) if measures is not None and "painting" in pixels else None,
-        settings=_settings(recorded_config(saved.config), shlex.split(command or "")[2:]),
+        light=_light(saved) if measures is not None and "painting" in pictures else None,
+        settings=_settings(recorded_config(saved), shlex.split(command or "")[2:]),
         command=command,
     )
+
+
+def _shown(pixels: np.ndarray) -> dict[str, Any]:
+    """A picture as the template takes it, with its size before it is shrunk."""
+    height, width, _ = pixels.shape
+    options: dict[str, Any] = {} if height * width <= LOSSLESS else JPEG
+    return embedded(Image.fromarray(pixels), LARGEST_SIDE, **options) | {"width": width, "height": height}
 
 
 def _lead(saved: Saved, metrics: Mapping[str, Any]) -> str:
@@ -130,38 +164,13 @@ def _lead(saved: Saved, metrics: Mapping[str, Any]) -> str:
 
 
 def _figures(metrics: Mapping[str, Any]) -> list[dict[str, str]]:
-    found = []
-    for key, name, unit, digits, title in METRICS_SHOWN:
-        value = metrics.get(key)
-        if key == "psnr" and value is None and metrics.get("l1") == 0:
-            value = math.inf  # which JSON does not know
-        if isinstance(value, int | float):
-            found.append({"name": name, "value": readable_number(value, digits), "unit": unit, "title": title})
-    return found
-
-
-def _for_template(picture: Picture, pixels: np.ndarray) -> dict[str, Any]:
-    return {"source": picture_uri(picture), "width": pixels.shape[1], "height": pixels.shape[0]}
-
-
-def _is_picture(path: Path) -> bool:
-    """Whether a picture is there; one that is damaged is left out with a word in the log."""
-    if not path.is_file():
-        return False
-    try:
-        with Image.open(path) as image:
-            image.verify()
-    except UNREADABLE as error:
-        log.warning("%s is left out, for it cannot be read: %s", path, error)
-        return False
-    return True
-
-
-def _pixels(picture: Picture) -> np.ndarray:
-    if isinstance(picture, np.ndarray):
-        return picture
-    with Image.open(picture) as image:
-        return np.asarray(image.convert("RGB"))
+    if metrics.get("psnr") is None and metrics.get("l1") == 0:
+        metrics = {**metrics, "psnr": math.inf}  # which JSON does not know
+    return [
+        {"name": name, "value": readable_number(metrics[key], digits), "unit": unit, "title": title}
+        for key, name, unit, digits, title in METRICS_SHOWN
+        if isinstance(metrics.get(key), int | float)
+    ]
 
 
 def _error(painting: np.ndarray | None, target: np.ndarray | None) -> dict[str, Any] | None:
@@ -169,22 +178,21 @@ def _error(painting: np.ndarray | None, target: np.ndarray | None) -> dict[str, 
     if painting is None or target is None or painting.shape != target.shape:
         return None
     found = error_map(painting, target)
-    return {"picture": _for_template(found.pixels, found.pixels), "scale": MAGMA, **vars(found)}
+    return found | {"picture": _shown(found["pixels"])}
 
 
-def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -> list[Chart]:
+def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -> list[dict[str, Any]]:
     """PSNR against steps and seconds, and each loss against steps."""
     steps = curves.get("step", ())
     pairs = [pair for pair in metrics.get("anytime") or [] if len(pair) == 2 and None not in pair]
-    times, psnr = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+    times, psnr = zip(*pairs, strict=True) if pairs else ((), ())
     charts = [
-        line_chart("PSNR by steps", steps, curves.get("psnr", ()), "steps", "dB"),
+        line_chart("PSNR by steps", steps, curves.get("psnr", [math.nan] * len(steps)), "steps", "dB"),
         line_chart("PSNR by time", times, psnr, "seconds of optimisation", "dB"),
     ]
-    for name, values in curves.items():
-        if name.startswith("loss/"):
-            charts.append(line_chart(f"Loss {name.removeprefix('loss/')}", steps, values, "steps"))
-    return [chart for chart in charts if chart is not None]
+    losses = [name for name in curves if name.startswith("loss/")]
+    charts += [line_chart(f"Loss {name.removeprefix('loss/')}", steps, curves[name], "steps") for name in losses]
+    return [chart for chart in charts if chart]
 
 
 def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
@@ -205,11 +213,8 @@ def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
         if len(measures) > 1
         else f"The only stroke is {measures.length[0]:.1f} px long and {measures.width[0]:.1f} px wide."
     )
-    return {
-        "lead": lead,
-        "charts": [chart for chart in charts if chart is not None],
-        "swatches": swatches_of(saved.strokes.color.numpy().astype(float), paint),
-    }
+    swatches = swatches_of(saved.strokes.color.numpy().astype(float), paint)
+    return {"lead": lead, "charts": [chart for chart in charts if chart], "swatches": swatches}
 
 
 def _light(saved: Saved) -> dict[str, Any] | None:
@@ -220,37 +225,17 @@ def _light(saved: Saved) -> dict[str, Any] | None:
         return None
 
 
-def _settings(config: Mapping[str, Any], overrides: Sequence[str]) -> list[dict[str, Any]]:
-    """Keys and values by their first word, and what was typed of them; those without a group come first."""
+def _settings(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, str, bool]]:
+    """Dotted keys, values as they would be typed (a class by its name as a plugin), and whether they were typed."""
     typed = {word.lstrip("+~").partition("=")[0] for word in overrides}
     names = {plugin.target: plugin.name for plugin in plugins()}
-    groups: dict[str, list[tuple[str, str, bool]]] = {"": []}
-    for key, value in _flat(config, names):
-        group = key.partition(".")[0]
-        rows = groups.setdefault(group if isinstance(config.get(group), dict) else "", [])
-        rows.append((key, value, key in typed))
-    return [{"name": name or "task", "typed": name in typed, "rows": rows} for name, rows in groups.items() if rows]
+    rows = ((key.removesuffix("._target_"), names.get(value, value)) for key, value in _flat(config))
+    return [(key, value, key in typed) for key, value in rows]
 
 
-def _flat(config: Mapping[str, Any], names: Mapping[str, str], above: str = "") -> list[tuple[str, str]]:
-    """Dotted keys and their values as YAML would show them; a class is shown by its name as a plugin."""
-    found = []
+def _flat(config: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
     for key, value in config.items():
-        name = f"{above}{key}"
-        if key == "_target_":
-            plugin = names.get(str(value), str(value).rpartition(".")[2])
-            if not above.endswith(f"{plugin}."):  # below loss, keys are the names
-                found.append((above.removesuffix("."), plugin))
-        elif isinstance(value, dict) and value:
-            found += _flat(value, names, f"{name}.")
+        if isinstance(value, dict) and value:
+            yield from _flat(value, f"{above}{key}.")
         else:
-            shown = "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
-            found.append((name, shown))
-    return found
-
-
-def _float(text: str | None) -> float:
-    try:
-        return float(text or "nan")
-    except ValueError:
-        return math.nan
+            yield f"{above}{key}", value if isinstance(value, str) else json.dumps(value, default=str)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -18,28 +17,15 @@ from brushexp.errors import UserError
 log = logging.getLogger(__name__)
 HOST = "127.0.0.1"  # nobody else can connect
 TIMEOUT_SECONDS = 10  # that a silent connection may take
-HEADERS = {
-    "Cache-Control": "no-store",  # the page may be made anew
-    "X-Content-Type-Options": "nosniff",
-    "X-Frame-Options": "DENY",
-    "Referrer-Policy": "no-referrer",
-}
-PORT_CURES = {
-    errno.EADDRINUSE: "is taken by another program; choose another port, or port=0 for any that is free",
-    errno.EACCES: "may not be used by you; choose a port from 1024, or port=0 for any that is free",
-}
 
 
 @contextmanager
 def served(pages: Mapping[str, Path], port: int = 0) -> Iterator[str]:
-    """Serve pages while the context lasts.
+    """Serve pages while the context lasts; yields the address of the first one.
 
     Args:
         pages: path of the address, ``/`` for the first page -> file, read whenever it is asked for.
         port: of this machine, up to 65535; 0 for any that is free.
-
-    Yields:
-        the address of the first page.
 
     Raises:
         UserError: if the port cannot be had.
@@ -47,8 +33,8 @@ def served(pages: Mapping[str, Path], port: int = 0) -> Iterator[str]:
     try:
         server = _Server((HOST, port), _Handler)
     except OSError as error:
-        reason = PORT_CURES.get(error.errno or 0, f"cannot be had ({error.strerror}); choose another one")
-        raise UserError(f"port={port} {reason}") from error
+        reason = f"port={port} cannot be had ({error.strerror})"
+        raise UserError(f"{reason}; choose another one, or port=0 for any that is free") from error
     server.pages = pages
     thread = Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
     thread.start()
@@ -64,14 +50,13 @@ class _Server(ThreadingHTTPServer):
     """Knows its pages."""
 
     pages: Mapping[str, Path]
-    daemon_threads = True
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         log.debug("a browser went away", exc_info=True)
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers GET and HEAD of the pages."""
+    """Answers GET of the pages."""
 
     server: _Server
     server_version, sys_version = "brushexp", ""
@@ -81,22 +66,20 @@ class _Handler(BaseHTTPRequestHandler):
         port = self.server.server_port
         if self.headers.get("Host") not in {f"{HOST}:{port}", f"localhost:{port}"}:
             # A page from the network whose name was made to mean this machine (DNS rebinding) must not read anything.
-            return self._answer(HTTPStatus.FORBIDDEN, b"ask for this page by its address\n", "text/plain")
+            self.send_error(HTTPStatus.FORBIDDEN, "ask for this page by its address")
+            return
         page = self.server.pages.get(unquote(self.path.partition("?")[0], errors="surrogateescape"))
         if page is None or not page.is_file():
-            return self._answer(HTTPStatus.NOT_FOUND, b"there is no such page here\n", "text/plain")
-        return self._answer(HTTPStatus.OK, page.read_bytes(), "text/html")
-
-    do_HEAD = do_GET
-
-    def _answer(self, status: HTTPStatus, body: bytes, kind: str) -> None:
-        self.send_response(status)
-        headers = {"Content-Type": f"{kind}; charset=utf-8", "Content-Length": str(len(body))}
-        for name, value in (headers | HEADERS).items():
-            self.send_header(name, value)
+            self.send_error(HTTPStatus.NOT_FOUND, "there is no such page here")
+            return
+        body = page.read_bytes()
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", "text/html; charset=utf-8")
+        self.send_header("Content-Length", str(len(body)))
+        self.send_header("Cache-Control", "no-store")  # the page may be made anew
+        self.send_header("X-Frame-Options", "DENY")
         self.end_headers()
-        if self.command != "HEAD":
-            self.wfile.write(body)
+        self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:
         log.debug(format, *args)

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
+from PIL import Image
+
 from brushexp.results.anytime_curves import ahead, curve_from, curves_by_image, mean_curves
-from brushexp.results.page.html import page
-from brushexp.results.page.thumbnails import side_for, thumbnail
-from brushexp.results.runs import differences, shortened
+from brushexp.results.page.html import embedded, page
+from brushexp.results.runs import UNREADABLE, differences, shortened
 from brushexp.results.tables import (
     DIGITS,
     METRICS,
     as_text,
-    mean_texts,
+    means_table,
     numbers,
     over_seeds,
     run_count,
@@ -24,12 +26,16 @@ from brushexp.results.tables import (
 from brushexp.system.files import write_text
 
 if TYPE_CHECKING:
-    from pandas import DataFrame, Series
+    from pandas import DataFrame
 
 COST = "seconds"  # what quality is plotted against
 MOST_COLUMNS = 4  # settings with a column each; of more, each run tells those that were set
 NOT_SET = "not set"
 CURVE_DIGITS = 4  # after the point
+AREA = 16_000_000  # pixels: of all pictures of a page together
+SIDES = (640, 452, 320, 226, 160, 113, 80)  # pixels: each half the area of the one before
+QUALITY = 80  # of WebP
+KEPT = 4096  # pictures: more than a page holds at its smallest side, so memory stays below some pages
 
 
 def write_sweep_page(folder: Path, frame: DataFrame) -> Path:
@@ -48,115 +54,98 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
         folder: where the page will lie; the name of a run is its folder as seen from there.
         frame: at least one run.
     """
-    shown = page_data(frame)
-    mean_axes, means = _means(frame)
+    shown = _page_data(frame)
     return page(
         "sweep.html.j2",
         title=folder.resolve().name,
         summary=run_count(frame),
         shown=shown,
-        mean_axes=mean_axes,
-        means=means,
+        metrics=METRICS,
+        means=_means(frame),
         best=_best(shown),
         plotted=_plotted(shown),
         data=_script_data(shown),
     )
 
 
-def page_data(frame: DataFrame) -> dict[str, Any]:
+def _page_data(frame: DataFrame) -> dict[str, Any]:
     """All that the page shows.
 
     Returns:
         ``axes``, what varies: key -> value as typed -> value as it is shown; ``same``, settings that all runs share;
-        ``metrics``; ``rows``, see `_rows`; ``groups``, runs that differ in the seed alone: ``label``, ``picture``
-        (number of what was painted: numbers of two are never compared) and ``ahead_from`` (seconds from which on it was
-        ahead of the others for the last time; None if it never was); ``pictures``, names of what was painted;
-        ``targets``, each with ``name`` and ``picture``; ``side``, largest of a picture in pixels; ``filters``, what
-        runs can be chosen by: the axes, and how they ended if that differs; ``in_columns``, whether each axis has a
-        column of its own.
+        ``metrics``; ``rows``, see `_rows`; ``groups`` and ``pictures``, see `_groups`; ``targets``, each with ``name``
+        and ``picture``; ``filters``, what runs can be chosen by: the axes, and how they ended if that differs;
+        ``in_columns``, whether each axis has a column of its own.
     """
     typed = varying(frame)
     axes = {key: {v: name or NOT_SET for v, name in shortened(values).items()} for key, values in typed.items()}
-    settings = frame["setting"].fillna("")
-    same = {key: value for key, value in settings.iloc[0].items() if key not in typed and value}
-    targets = {run["target"]: run for _, run in frame["run"].iterrows() if (run["folder"] / "target.png").is_file()}
+    settings = frame["setting"].fillna("").iloc[0]
+    targets = {run["target"]: run["folder"] / "target.png" for _, run in frame["run"].iterrows()}
+    targets = {key: path for key, path in targets.items() if path.is_file()}
     side = side_for(int(frame["run", "picture"].notna().sum()) + len(targets))
     groups, pictures = _groups(frame)
-    names = {run["target"]: run["image"] for _, run in frame["run"].dropna(subset=["image"]).iterrows()}
+    numbered = {(pictures[group["picture"]], group["label"]): k for k, group in enumerate(groups)}
+    names = frame["run"].dropna(subset=["image"]).set_index("target")["image"].to_dict()
     ends = {status: status for status in frame["run", "status"]}
-    shown = {
+    return {
         "axes": axes,
-        "same": same,
+        "same": {key: value for key, value in settings.items() if key not in typed and value},
         "metrics": [{"key": key, **vars(METRICS[key])} for key in shown_metrics(frame)],
         "groups": groups,
         "pictures": pictures,
         "targets": [
-            {
-                "name": f"target: {names[key]}" if names.get(key) else "target",
-                "picture": thumbnail(run["folder"] / "target.png", side),
-            }
-            for key, run in targets.items()
+            {"name": f"target: {names[key]}" if names.get(key) else "target", "picture": thumbnail(path, side)}
+            for key, path in targets.items()
         ],
-        "side": side,
         "filters": axes | ({"status": ends} if len(ends) > 1 else {}),
         "in_columns": len(axes) <= MOST_COLUMNS,
+        "rows": _rows(frame, list(targets), numbered, side),
     }
-    numbered = {(pictures[group["picture"]], group["label"]): k for k, group in enumerate(groups)}
-    return shown | {"rows": _rows(frame, list(axes), list(targets), numbered, side)}
 
 
-def _rows(
-    frame: DataFrame, axes: list[str], targets: list[str], groups: dict[tuple[str, str], int], side: int
-) -> list[dict[str, Any]]:
+def _rows(frame: DataFrame, targets: list[str], groups: dict[tuple[str, str], int], side: int) -> list[dict[str, Any]]:
     """The runs.
 
     Returns:
         of each ``name``, its number or the end of the path to it; ``parts``, the overrides by which it differs from
-        the others, and ``label``, these on one line; ``chosen``, its values of the axes; ``cells``, each metric as
-        text, and ``numbers``; ``target`` and ``group``, their numbers on the page or None; and what `_row` tells.
+        the others, and ``label``, these on one line; ``chosen``, its settings; ``cells``, each metric as text, and
+        ``numbers``; ``target`` and ``group``, their numbers on the page or None; ``status``, and ``error`` if it
+        failed; ``command``; ``report``, address of its own page, quoted, so that it is no address of another kind,
+        or ""; ``picture``; ``curve``, pairs of seconds and PSNR.
     """
     settings, texts, values = frame["setting"].fillna(""), as_text(shown_metrics(frame), DIGITS), numbers(frame)
     called = shortened([PurePath(name).as_posix() for name in frame.index])
-    parts = differences(list(frame["run", "overrides"]))
-    return [
-        _row(name, run, side)
-        | {
-            "name": called[PurePath(name).as_posix()],
-            "label": " ".join(part) or "default",
-            "parts": part,
-            "chosen": {key: settings.loc[name, key] for key in axes},
-            "cells": texts.loc[name].to_dict(),
-            "numbers": values.loc[name].dropna().to_dict(),
-            "target": targets.index(run["target"]) if run["target"] in targets else None,
-            "group": groups.get((run["image"], run["label"])),
-        }
-        for (name, run), part in zip(frame["run"].iterrows(), parts, strict=True)
-    ]
-
-
-def _row(name: str, run: Series, side: int) -> dict[str, Any]:
-    """What a run tells without the others.
-
-    Returns:
-        ``status``; ``error``, why it failed, or ""; ``command``, which repeats it; ``report``, address of its own page,
-        quoted, so that it is no address of another kind, or ""; ``picture``; ``curve``, pairs of seconds and PSNR.
-    """
-    address = PurePath(name) / "report.html"
-    curve = curve_from(run["anytime"]) or ()
-    return {
-        "status": run["status"],
-        "error": run["error"] if run["status"] == "failed" else "",
-        "command": run["command"],
-        "report": quote(address.as_posix(), errors="surrogateescape")
-        if (run["folder"] / "report.html").is_file()
-        else "",
-        "picture": thumbnail(run["picture"], side) if run["picture"] else None,
-        "curve": [[round(float(value), CURVE_DIGITS) for value in pair] for pair in zip(*curve, strict=True)],
-    }
+    rows = []
+    for (name, run), parts in zip(frame["run"].iterrows(), differences(list(frame["run", "overrides"])), strict=True):
+        report = quote((PurePath(name) / "report.html").as_posix(), errors="surrogateescape")
+        curve = curve_from(run["anytime"]) or ()
+        rows.append(
+            {
+                "name": called[PurePath(name).as_posix()],
+                "label": " ".join(parts) or "default",
+                "parts": parts,
+                "chosen": settings.loc[name].to_dict(),
+                "cells": texts.loc[name].to_dict(),
+                "numbers": values.loc[name].dropna().to_dict(),
+                "target": targets.index(run["target"]) if run["target"] in targets else None,
+                "group": groups.get((run["image"], run["label"])),
+                "status": run["status"],
+                "error": run["error"] if run["status"] == "failed" else "",
+                "command": run["command"],
+                "report": report if (run["folder"] / "report.html").is_file() else "",
+                "picture": thumbnail(run["picture"], side) if run["picture"] else None,
+                "curve": [[round(float(value), CURVE_DIGITS) for value in pair] for pair in zip(*curve, strict=True)],
+            }
+        )
+    return rows
 
 
 def _groups(frame: DataFrame) -> tuple[list[dict[str, Any]], list[str]]:
-    """The settings that are compared, and names of what was painted."""
+    """The settings that are compared, runs that differ in the seed alone, and names of what was painted.
+
+    A setting has a ``label``, a ``picture``, the number of what was painted (numbers of two are never compared), and
+    ``ahead_from``, seconds from which on it was ahead of the others for the last time, None if it never was.
+    """
     keys = list(over_seeds(frame).index)
     pictures = list(dict.fromkeys(image for image, _ in keys))
     means = {image: mean_curves(curves) for image, curves in curves_by_image(frame).items()}
@@ -168,31 +157,18 @@ def _groups(frame: DataFrame) -> tuple[list[dict[str, Any]], list[str]]:
     return groups, pictures
 
 
-def _means(frame: DataFrame) -> tuple[list[str], list[dict[str, Any]]]:
-    """Means over seeds, nothing if these do not vary: heads of the settings, and a row for each of them.
-
-    A row has ``chosen``, the values of the settings (of more than four, one text of those that are set), ``runs``, how
-    many, and of each metric ``cells``, mean and standard deviation as text, and ``numbers``, the mean.
-    """
-    typed = varying(frame)
-    if "seed" not in typed:
-        return [], []
-    words = {key: shortened(values) for key, values in typed.items() if key != "seed"}
-    means = over_seeds(frame)
-    rows = []
-    for key, texts in mean_texts(means).iterrows():
-        setting = means["setting"].loc[key].fillna("")
-        chosen = {axis: names[setting[axis]] for axis, names in words.items()}
-        together = " ".join(f"{axis}={value}" for axis, value in chosen.items() if value) or "default"
-        rows.append(
-            {
-                "chosen": [v or NOT_SET for v in chosen.values()] if len(words) <= MOST_COLUMNS else [together],
-                "runs": means.loc[key, ("run", "runs")],
-                "cells": texts.to_dict(),
-                "numbers": means["mean"].loc[key].dropna().to_dict(),
-            }
-        )
-    return (list(words) if len(words) <= MOST_COLUMNS else ["settings"]), rows
+def _means(frame: DataFrame) -> DataFrame | None:
+    """Means over seeds; with many settings, one column says what was set."""
+    means = means_table(frame)
+    if means is None:
+        return None
+    keys = list(means)[: list(means).index("runs")]
+    if len(keys) > MOST_COLUMNS:
+        means.insert(0, "settings", means.index.get_level_values("label"))
+        return means.drop(columns=keys)
+    for key in keys:
+        means[key] = means[key].map(shortened(list(means[key].unique())))
+    return means
 
 
 def _best(shown: dict[str, Any]) -> dict[str, str]:
@@ -246,3 +222,24 @@ def _script_data(shown: dict[str, Any]) -> dict[str, Any]:
             for row in shown["rows"]
         ],
     }
+
+
+def side_for(count: int) -> int:
+    """Longer side in pixels of each of so many pictures: the largest with which all of them keep to ``AREA``."""
+    return next((side for side in SIDES if count * side**2 <= AREA), SIDES[-1])
+
+
+def thumbnail(path: Path, side: int) -> dict[str, Any] | None:
+    """A picture no larger than this, encoded once in the life of a process; None if it cannot be read."""
+    try:
+        found = path.stat()
+        return _encoded(path.resolve(), found.st_mtime_ns, found.st_size, side)
+    except UNREADABLE:
+        return None
+
+
+@lru_cache(KEPT)
+def _encoded(path: Path, changed: int, size: int, side: int) -> dict[str, Any]:
+    """The same; ``changed`` and ``size`` tell one state of the file from another."""
+    with Image.open(path) as opened:  # WebP of method 2: half the time of 4, a twentieth more bytes
+        return embedded(opened.convert("RGB"), side, "WEBP", quality=QUALITY, method=2)

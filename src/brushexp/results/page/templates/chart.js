@@ -6,7 +6,7 @@
   const LETTER = 7; // pixels: width of a letter, roughly
   const MARGIN = { left: 50, right: 16, top: 26, bottom: 44 }; // pixels around what is plotted
   const LOG_RATIO = 20; // largest over smallest number from which a scale is logarithmic
-  const LOG_TICKS = [[1], [1, 3], [1, 2, 5], [1, 1.5, 2, 3, 5, 7]]; // in a decade
+  const MOST_TICKS = 9; // of a logarithmic scale
   const SPACING = { across: 70, up: 45 }; // pixels between two ticks, at least
 
   const node = (parent, name, attributes = {}, text) => {
@@ -43,17 +43,13 @@
   };
   const logarithmic = ([low, high], from, to) => {
     const [first, last] = [low / 1.3, high * 1.3];
-    let ticks = [];
-    for (const factors of LOG_TICKS) {
-      const found = [];
-      for (let decade = Math.floor(Math.log10(first)); decade <= Math.log10(last); decade++)
-        found.push(...factors.map((factor) => factor * 10 ** decade).filter((tick) => tick >= first && tick <= last));
-      if (ticks.length > 1 && found.length > Math.abs(to - from) / SPACING.up) break;
-      ticks = found;
-      if (ticks.length > 3) break;
-    }
+    const [start, end] = [first, last].map((value) => Math.floor(Math.log10(value)));
+    const factors = end - start > 2 ? [1] : [1, 2, 5];
+    const ticks = [];
+    for (let decade = start; decade <= end; decade++)
+      ticks.push(...factors.map((factor) => factor * 10 ** decade).filter((tick) => tick >= first && tick <= last));
+    const every = Math.ceil(ticks.length / MOST_TICKS);
     const place = (value) => from + (Math.log(value / first) / Math.log(last / first)) * (to - from);
-    const every = Math.ceil(ticks.length / 9); // many decades
     return { place, ticks: ticks.filter((_, k) => k % every === 0).map((tick) => [tick, plain(tick)]) };
   };
   const bands = (names, from, to) => {

@@ -1,10 +1,8 @@
-// The painting as an object: its relief under a lamp that can be moved, on a canvas. The formula is that of
-// brushexp/shading/light.py, looked up in tables where it has powers.
+// The painting as an object: its relief under a lamp that can be moved, on a canvas. The formula and its constants are
+// those of brushexp/shading/light.py.
 "use strict";
 {
-  const DIRECT = 0.7, GAMMA = 2.2; // as there
-  const LEVELS = 512, BRIGHTEST = 4; // entries of the table of light, and where it ends
-  const ROOTS = 4096, LARGEST = 16; // the same of the table of d^(1 / gamma)
+  const DIRECT = 0.7, GAMMA = 2.2, SHININESS = 24;
   const { byId, drag, whenSeen } = window.brushexp;
   const stage = byId("light-stage");
   const canvas = stage.querySelector("canvas");
@@ -16,17 +14,8 @@
   let map = null; // slopes and colours, once they are decoded
   let waiting = false;
 
-  // lit[256 k + c]: a colour c of 255 under light k / LEVELS * BRIGHTEST, before the highlights
-  const lit = Float32Array.from({ length: 256 * (LEVELS + 1) }, (_, i) => {
-    const [light, color] = [(Math.floor(i / 256) / LEVELS) * BRIGHTEST, (i % 256) / 255];
-    return light <= 1 ? color * light : 1 - (1 - color) ** light;
-  });
-  const roots = Float32Array.from({ length: ROOTS + 1 }, (_, i) =>
-    Math.min(LEVELS, (LEVELS / BRIGHTEST) * ((i / ROOTS) * LARGEST) ** (1 / GAMMA)));
-
   function pixelsOf(image, width, height) {
-    const sized = Object.assign(document.createElement("canvas"), { width, height });
-    const pen = sized.getContext("2d", { willReadFrequently: true });
+    const pen = new OffscreenCanvas(width, height).getContext("2d", { willReadFrequently: true });
     pen.drawImage(image, 0, 0, width, height);
     return pen.getImageData(0, 0, width, height).data;
   }
@@ -46,7 +35,7 @@
       gx[i] = 0.5 * (heightAt(x + 1, y) - heightAt(x - 1, y));
       gy[i] = 0.5 * (heightAt(x, y + 1) - heightAt(x, y - 1));
     }
-    [canvas.width, canvas.height] = [width, height];
+    Object.assign(canvas, { width, height });
     map = { gx, gy, colors: pixelsOf(painting, width, height), picture: new ImageData(width, height) };
     shade();
   }
@@ -59,21 +48,18 @@
     const [lx, ly, lz] = [Math.sin(a) * Math.cos(e), Math.cos(a) * Math.cos(e), Math.sin(e)]; // towards the lamp
     const long = Math.hypot(lx, ly, lz + 1);
     const [mx, my, mz] = [lx / long, ly / long, (lz + 1) / long]; // half way between the lamp and the eye
-    const power = (x) => { const x8 = ((x * x) ** 2) ** 2; return x8 * x8 * x8; }; // of 24
-    const flat = power(mz);
     const { gx, gy, colors, picture } = map;
-    const out = picture.data;
     for (let i = 0, j = 0; i < gx.length; i++, j += 4) {
       const x = depth * gx[i], y = depth * gy[i];
       const n = 1 / Math.sqrt(x * x + y * y + 1);
-      const diffuse = 1 + DIRECT * (Math.max(n * (lz - x * lx + y * ly), 0) / lz - 1);
-      const row = 256 * Math.round(roots[Math.min(ROOTS, (diffuse * ROOTS / LARGEST) | 0)]);
-      const shine = gloss * Math.max(power(Math.max(n * (mz - x * mx + y * my), 0)) - flat, 0);
+      const light = (1 + DIRECT * (Math.max(n * (lz - x * lx + y * ly), 0) / lz - 1)) ** (1 / GAMMA);
+      const shine = gloss * Math.max(Math.max(n * (mz - x * mx + y * my), 0) ** SHININESS - mz ** SHININESS, 0);
       for (let c = 0; c < 3; c++) {
-        const value = lit[row + colors[j + c]];
-        out[j + c] = 255 * (value + shine * (1 - value));
+        const color = colors[j + c] / 255;
+        const lit = light <= 1 ? color * light : 1 - (1 - color) ** light;
+        picture.data[j + c] = 255 * (lit + shine * (1 - lit));
       }
-      out[j + 3] = 255;
+      picture.data[j + 3] = 255;
     }
     canvas.getContext("2d").putImageData(picture, 0, 0);
     stage.dataset.ready = "yes";

@@ -7,13 +7,9 @@
   const data = JSON.parse(byId("data").textContent);
   const rows = [...document.querySelectorAll("tr[data-row]")]; // in the order of data.rows, whatever is sorted
   const runOf = (k) => data.rows[k];
-  const pictureOf = (k) => rows[k].querySelector(".pictured img");
   const write = (id, text) => { byId(id).textContent = text; };
   const make = (tag, textContent, parent) =>
     parent.appendChild(Object.assign(document.createElement(tag), { textContent }));
-  const copyImage = (image, like) => {
-    for (const name of ["src", "alt", "width", "height"]) image.setAttribute(name, like.getAttribute(name));
-  };
 
   // ---- the charts, and what is told beside them ----
 
@@ -34,31 +30,25 @@
       make("dt", name, pair);
       make("dd", brushexp.chart.mean(values).toFixed(digits), pair);
     }
-    const picture = pictureOf(told);
+    const picture = rows[told].querySelector(".picture");
     write("pointed-command", runs[0].command);
-    byId("pointed-picture").hidden = !picture;
-    if (picture) copyImage(byId("pointed-picture").querySelector("img"), picture);
+    byId("pointed-picture").replaceChildren(...(picture ? [picture.cloneNode(true)] : []));
     byId("pointed-report").hidden = !runs[0].report;
     byId("pointed-report").setAttribute("href", runs[0].report);
     byId("pointed-compare").disabled = !picture;
     byId("pointed-compare").setAttribute("aria-pressed", chosen.includes(told));
-    for (const [k, row] of rows.entries()) row.classList.toggle("hot", runOf(k).group === group);
   };
 
-  const charts = brushexp.sweepCharts(data, tell);
+  const draw = brushexp.sweepCharts(data, tell);
   const drawCharts = () => {
     const shown = [...rows.keys()].filter((k) => !rows[k].hidden);
-    charts.draw(shown, byId("along")?.value, byId("up")?.value, Number(byId("of-picture")?.value ?? 0));
+    draw(shown, byId("along")?.value, byId("up")?.value, Number(byId("of-picture")?.value ?? 0));
   };
   on(["along", "up", "of-picture"], "change", drawCharts);
-  for (const [k, row] of rows.entries()) {
-    row.addEventListener("pointerenter", () => charts.mark(runOf(k).group));
-    row.addEventListener("pointerleave", () => charts.mark(null));
-  }
 
   // ---- the filter: all words, and of each setting one of the values that are ticked ----
 
-  const filters = [...document.querySelectorAll("details[data-axis]")]; // in the order of data.axes
+  const filters = [...document.querySelectorAll(".choices")]; // in the order of data.axes
   const ticked = (filter) => [...filter.querySelectorAll("input:checked")].map((input) => Number(input.value));
   const texts = data.rows.map((run) => {
     const settings = data.axes.map((axis, k) => `${axis.key}=${axis.values[run.chosen[k]]}`);
@@ -73,8 +63,7 @@
       row.hidden = !fits || !words.every((word) => texts[k].includes(word));
     }
     for (const [axis, one] of filters.entries()) {
-      one.querySelector(".count").textContent = wanted[axis].length || "";
-      one.classList.toggle("active", wanted[axis].length > 0);
+      one.previousElementSibling.dataset.count = wanted[axis].length || "";
     }
     const shown = rows.filter((row) => !row.hidden).length;
     write("count", `${shown} of ${rows.length} runs`);
@@ -90,15 +79,6 @@
     for (const input of filters.flatMap((one) => [...one.querySelectorAll("input")])) input.checked = false;
     filter();
     byId("words").focus();
-  });
-  document.addEventListener("pointerdown", (event) => {
-    for (const one of filters) if (!one.contains(event.target)) one.open = false;
-  });
-  document.addEventListener("keydown", (event) => {
-    const open = filters.find((one) => one.open);
-    if (event.key !== "Escape" || !open) return;
-    open.open = false;
-    open.querySelector("summary").focus();
   });
 
   // ---- the order: a click on a head, the better end first; what has no value stands last ----
@@ -158,15 +138,10 @@
   const dialog = byId("beside");
   const stage = dialog.querySelector(".wipe");
   const sides = new Map();
-  for (const figure of document.querySelectorAll("figure[data-target]")) {
-    const { target, name } = figure.dataset;
-    sides.set(`target ${target}`, { image: figure.querySelector("img"), title: name, name });
+  for (const { dataset, firstChild } of document.querySelectorAll("[data-right]")) {
+    sides.set(dataset.right, firstChild);
+    for (const id of ["left", "right"]) byId(id).append(new Option(firstChild.alt, dataset.right));
   }
-  for (const [k, run] of data.rows.entries()) {
-    const name = `run ${run.name}`;
-    if (pictureOf(k)) sides.set(`run ${k}`, { image: pictureOf(k), title: `${name}: ${run.label}`, name, run });
-  }
-  for (const [value, { title }] of sides) for (const id of ["left", "right"]) byId(id).append(new Option(title, value));
 
   // The table below the pictures: settings that differ, and all metrics.
   const tabulate = (left, right) => {
@@ -191,17 +166,17 @@
     }
   };
   const showSides = () => {
-    const found = ["left", "right"].map((id) => sides.get(byId(id).value));
+    const chosen = ["left", "right"].map((id) => byId(id).value);
     const [images, labels] = ["img", ".wipe-label"].map((name) => stage.querySelectorAll(name));
-    for (const [k, { image, title, name }] of found.entries()) {
-      copyImage(images[k], image);
-      images[k].alt = labels[k].textContent = title;
-      write(["left-name", "right-name"][k], name);
+    for (const [k, { src, alt }] of chosen.map((side) => sides.get(side)).entries()) {
+      Object.assign(images[k], { src, alt });
+      labels[k].textContent = alt;
+      write(["left-name", "right-name"][k], alt.split(":")[0]);
     }
-    const { width, height } = found[1].image.attributes;
+    const { width, height } = sides.get(chosen[1]).attributes;
     Object.assign(stage.dataset, { width: width.value, height: height.value });
     brushexp.fit(stage);
-    tabulate(found[0].run, found[1].run);
+    tabulate(...chosen.map((side) => (side.startsWith("run ") ? runOf(Number(side.slice(4))) : null)));
   };
   const open = (left, right) => {
     [byId("left").value, byId("right").value] = [left, right];
@@ -209,22 +184,12 @@
     dialog.showModal();
     dialog.querySelector("input[type=range]").focus();
   };
-  const enlarge = (k) => {
-    const target = `target ${runOf(k).target}`;
-    open(sides.has(target) ? target : `run ${k}`, `run ${k}`);
-  };
   on(["left", "right"], "change", showSides);
-  for (const button of document.querySelectorAll("[data-enlarge]"))
-    button.addEventListener("click", () => enlarge(Number(button.dataset.enlarge)));
-  for (const button of document.querySelectorAll("[data-enlarge-target]")) {
-    const number = Number(button.dataset.enlargeTarget);
-    const first = data.rows.findIndex((run, k) => run.target === number && pictureOf(k));
-    button.addEventListener("click", () => open(`target ${number}`, first < 0 ? `target ${number}` : `run ${first}`));
-  }
-  on(["pointed-picture"], "click", () => enlarge(told));
   on(["tray-open"], "click", () => open(...chosen.map((k) => `run ${k}`)));
-  on(["beside-close"], "click", () => dialog.close());
-  dialog.addEventListener("click", (event) => { if (event.target === dialog) dialog.close(); });
+  document.addEventListener("click", (event) => {
+    const picture = event.target.closest("[data-right]");
+    if (picture) open(picture.dataset.left, picture.dataset.right);
+  });
 
   view();
   choose([]);

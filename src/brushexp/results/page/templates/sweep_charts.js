@@ -1,6 +1,6 @@
 // The charts of a sweep: settings as points, and the quality of runs on their way. They know nothing of the table.
-// brushexp.sweepCharts(data, pointed) gives { draw(rows, x, y, picture), mark(group) }: `rows` are the numbers of those
-// that are shown, and pointed(group, rows, isFirst) is called when somebody points at a setting.
+// brushexp.sweepCharts(data, pointed) gives draw(rows, x, y, picture): `rows` are the numbers of those that are shown,
+// and pointed(group, rows, isFirst) is called when somebody points at a setting.
 "use strict";
 {
   const { byId, chart } = window.brushexp;
@@ -17,7 +17,6 @@
     let drawn = null; // rows, x and y of the last drawing, its points, their front, and groups that have a label
     let current = null; // group that is pointed at
     let pinned = false; // whether it stays when the pointer goes elsewhere
-    let touched = false; // whether anybody has pointed yet
 
     // What is measured along an axis: a metric, or a setting as "axis:steps", whose values may be numbers or words.
     const variable = (key) => {
@@ -46,51 +45,40 @@
       return canvas(box, width, Math.round(Math.min(400, Math.max(280, width * 0.68))));
     };
 
-    // Labels of the points of the front, where they cover neither each other nor a point nor the line.
-    const label = (area, points, first) => {
-      const taken = points.map((p) => [p.left - 7, p.above - 7, p.left + 7, p.above + 7]);
-      for (const [k, p] of first.entries()) {
-        const next = first[k + 1] ?? { left: area.right, above: p.above };
-        const [top, bottom] = extent([p.above, next.above]);
-        taken.push([p.left, p.above - 2, next.left, p.above + 2], [next.left - 2, top, next.left + 2, bottom]);
-      }
-      for (const p of first) {
-        const text = node(area.svg, "text", { class: "label", "aria-hidden": "true" }, cut(p.label, LONGEST));
-        const width = text.getComputedTextLength();
-        const [left, middle] = [-width - 10, -width / 2];
-        const box = [[left, -8], [middle, -22], [10, 8], [left, 8], [middle, 14], [10, -20], [left, -22]]
-          .map(([dx, dy]) => [p.left + dx, p.above + dy - 4, p.left + dx + width, p.above + dy + 11])
-          .find(([x0, y0, x1, y1]) =>
-            x0 >= area.left && x1 <= area.right && y0 >= area.top - 10 && y1 <= area.floor &&
-            !taken.some((t) => x0 < t[2] && x1 > t[0] && y0 < t[3] && y1 > t[1]));
-        if (!box) {
-          text.remove();
-          continue;
-        }
-        taken.push(box);
-        if (text.textContent === p.label) drawn.labelled.add(p.group);
-        text.setAttribute("x", box[0]);
-        text.setAttribute("y", box[1] + 11);
+    // Labels on the empty side of the front, from the best point on, where there is room for the next one.
+    const label = (area, first, sign) => {
+      let last = Infinity;
+      for (const p of first.toReversed()) {
+        const text = cut(p.label, LONGEST);
+        const isRight = text.length * LETTER > p.left - area.left;
+        const y = p.above + (isRight === (sign > 0) ? 18 : -9);
+        if (Math.abs(y - last) < 15) continue;
+        const place = isRight ? { x: p.left + 9, y } : { x: p.left - 9, y, "text-anchor": "end" };
+        node(area.svg, "text", { class: "label", "aria-hidden": "true", ...place }, text);
+        if (text === p.label) drawn.labelled.add(p.group);
+        last = y;
       }
     };
 
     // The line through the front, or through the means at each value of a setting; gives the points of the front.
     const drawLine = (area, points, { x, y }) => {
       const isCost = !x.isSetting && x.better !== "higher" && x.key !== y.key;
-      const first = isCost && y.better ? front(points, y.better === "higher" ? 1 : -1) : [];
+      const sign = y.better === "higher" ? 1 : -1;
+      const first = isCost && y.better ? front(points, sign) : [];
+      let say = "";
       if (first.length) {
         const steps = first.slice(1).map((p) => `H${p.left}V${p.above}`).join("");
         node(area.svg, "path", { class: "front", d: `M${first[0].left} ${first[0].above}${steps}H${area.right}` });
-        label(area, points, first);
+        label(area, first, sign);
+        say = "On the line: nothing else is as cheap and as good. ";
       } else if (x.isSetting) {
         const columns = [...Map.groupBy(points, (p) => p.left)];
         const means = columns.map(([left, same]) => [left, mean(same.map((p) => p.above))]);
         node(area.svg, "polyline", { class: "front mean", points: path(means) });
+        say = "The line is the mean of the points. ";
       }
-      const line = x.isSetting ? "The line is the mean of the points. " : "";
-      byId("points-say").textContent =
-        (first.length ? "On the line: nothing else is as cheap and as good. " : line) +
-        (y.better ? `${y.better[0].toUpperCase()}${y.better.slice(1)} is better.` : "");
+      if (y.better) say += sign > 0 ? "Higher is better." : "Lower is better.";
+      byId("points-say").textContent = say;
       return first;
     };
 
@@ -135,11 +123,10 @@
       byId("legend").replaceChildren();
       byId("curves-say").textContent = "";
       if (!rows.length) return node(area.svg, "text", { x: area.left, y: area.top }, "nothing to plot");
-      const last = Math.max(...rows.map((row) => row.curve.at(-1)[0]));
-      const log = isWide(extent(rows.map((row) => row.curve.at(-1)[0])));
+      const ends = extent(rows.map((row) => row.curve.at(-1)[0]));
       const seconds = rows.flatMap((row) => row.curve.map(([time]) => time)).filter((time) => time > 0);
-      const start = log ? Math.max(extent(seconds)[0], last / 1e4) : 0; // a logarithmic scale has no 0
-      const across = (log ? scale : linear)([start, last], area.left, area.right);
+      const start = isWide(ends) ? Math.max(extent(seconds)[0], ends[1] / 1e4) : 0; // a logarithmic scale has no 0
+      const across = (start ? scale : linear)([start, ends[1]], area.left, area.right);
       const up = linear(extent(rows.flatMap((row) => row.curve.map(([, psnr]) => psnr))), area.floor, area.top);
       axes(area, across, up, ["optimisation, s", "PSNR, dB"]);
       const groups = [...new Set(rows.map((row) => row.group))];
@@ -147,25 +134,22 @@
         .sort((a, b) => data.groups[a].ahead_from - data.groups[b].ahead_from);
       const coloured = groups.length > SERIES ? leaders.slice(-SERIES) : groups;
       const rank = (row) => coloured.indexOf(row.group);
-      const paint = (one, k) => {
+      const paint = (one, k, group) => {
         one.classList.add("curve", k < 0 ? "other" : k < 5 ? "solid" : "dashed");
         one.style.setProperty("--series", `var(--series-${1 + (k % 5)})`);
+        one.dataset.group = group;
       };
       for (const row of rows.toSorted((p, q) => rank(p) - rank(q))) {
         const seen = row.curve.filter(([time]) => time >= start);
         const line = path(seen.map(([time, psnr]) => [across.place(time), up.place(psnr)]));
-        const curve = node(area.svg, "g", { "data-group": row.group });
-        paint(curve, rank(row));
-        node(curve, "polyline", { class: "line", points: line });
-        node(curve, "polyline", { class: "reach", points: line });
+        const curve = node(area.svg, "g");
+        paint(curve, rank(row), row.group);
+        for (const name of ["line", "reach"]) node(curve, "polyline", { class: name, points: line });
       }
       for (const [k, group] of coloured.entries()) {
         const item = document.createElement("li");
-        item.dataset.group = group;
-        const swatch = node(item, "svg", { width: 24, height: 8, "aria-hidden": "true" });
-        node(swatch, "path", { class: "line", d: "M1 4H23" });
-        paint(swatch, k);
-        item.append(cut(data.groups[group].label, 60));
+        item.textContent = cut(data.groups[group].label, 60);
+        paint(item, k, group);
         byId("legend").append(item);
       }
       if (coloured.length < groups.length) byId("curves-say").textContent = "In colour: what was ahead at some time.";
@@ -175,12 +159,12 @@
     const mark = (group) => {
       for (const one of document.querySelectorAll("#points [data-group], #curves [data-group], #legend [data-group]")) {
         const is = one.dataset.group === String(group);
-        if (is && one.matches(".curve:not(.hot)")) one.parentNode.append(one); // above the others
+        if (is && one.matches("g.curve:not(.hot)")) one.parentNode.append(one); // above the others
         one.classList.toggle("hot", is);
       }
       pointsBox?.querySelector(".hint")?.remove();
       const p = drawn.points?.find((one) => one.group === group);
-      if (!p || !touched || drawn.labelled.has(group)) return;
+      if (!p || drawn.labelled.has(group)) return;
       const { clientWidth } = pointsBox;
       const anchor = ["start", "middle", "end"][Math.floor((3 * p.left) / clientWidth)];
       const place = { x: p.left, y: p.above + (p.above < 46 ? 26 : -16), "text-anchor": anchor };
@@ -204,12 +188,11 @@
     // Listen to events of what belongs to a setting.
     const listen = (box, type, react) => box?.addEventListener(type, (event) => {
       const found = event.target.closest?.("[data-group]");
-      react(found ? Number(found.dataset.group) : null, event);
+      react(found ? Number(found.dataset.group) : null);
     });
     for (const box of [pointsBox, curvesBox]) {
       listen(box, "pointerover", (group) => {
         if (group === null) return;
-        touched = true;
         if (pinned) mark(group);
         else if (group !== current) tell(group);
       });
@@ -221,7 +204,7 @@
     }
     listen(pointsBox, "focusin", (group) => {
       if (group === null || (pinned && group === current)) return;
-      pinned = touched = true;
+      pinned = true;
       tell(group);
     });
     pointsBox?.addEventListener("keydown", (event) => {
@@ -244,16 +227,10 @@
     };
     addEventListener("resize", draw);
 
-    return {
-      draw: (shown, x, y, picture) => {
-        const rows = shown.filter((k) => data.groups[data.rows[k].group]?.picture === picture);
-        drawn = { rows, x: x && variable(x), y: y && variable(y) };
-        draw();
-      },
-      mark: (group) => {
-        touched = true;
-        mark(group ?? current);
-      },
+    return (shown, x, y, picture) => {
+      const rows = shown.filter((k) => data.groups[data.rows[k].group]?.picture === picture);
+      drawn = { rows, x: x && variable(x), y: y && variable(y) };
+      draw();
     };
   };
 }
