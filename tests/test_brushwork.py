@@ -15,7 +15,7 @@ from brushexp.errors import UserError
 from brushexp.pictures.region import Region
 from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.loss.base import Painting, Surroundings
-from brushexp.plugins.loss.brushwork_transfer import BrushworkTransfer
+from brushexp.plugins.loss.stroke import BrushworkTransfer
 from brushexp.strokes.bezier import curve_of, length_of
 from brushexp.strokes.brushwork import (
     MATCHED,

@@ -13,18 +13,15 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from brushexp.plugins.loss.base import Loss, Painting
-from brushexp.plugins.loss.brushwork_transfer import BrushworkTransfer
 from brushexp.plugins.loss.discriminator import Discriminated
-from brushexp.plugins.loss.flow import Curvature, Direction
-from brushexp.plugins.loss.lpips import Lpips
-from brushexp.plugins.loss.perceptual import Perceptual
+from brushexp.plugins.loss.perceptual import Lpips, Perceptual
 from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
 from brushexp.plugins.loss.sinkhorn import Sinkhorn
 from brushexp.plugins.loss.ssim import StructuralSimilarity
-from brushexp.plugins.loss.stroke import SHRINK, KullbackLeibler, Width
+from brushexp.plugins.loss.stroke import SHRINK, BrushworkTransfer, Curvature, Direction, KullbackLeibler, Width
 from brushexp.plugins.loss.style import KERNELS, Style, TapStyle
 from brushexp.registry import build
-from brushexp.strokes.brushwork import Brushwork, brushwork_of, distances
+from brushexp.strokes.brushwork import Brushwork, brushwork_of
 from brushexp.strokes.catalogue import Catalogue, Strokes
 from brushexp.training.adversarial import relativistic_loss
 
@@ -76,16 +73,29 @@ def points(n: int) -> Strokes:
     return replace(made, control=made.start, end=made.start)
 
 
+def of(rows: list[list[float]]) -> Strokes:
+    """Strokes of these start, control, end."""
+    start, control, end = torch.tensor(rows, dtype=torch.float64).split(2, dim=1)
+    return replace(visible(len(rows)), start=start, control=control, end=end)
+
+
+LINE = [0.5, 0.1, 0.0, 0.0, -0.5, -0.1]
 FEW = {
     "none": Strokes.none(),
     "one": visible(1),
     "two": visible(2),
-    "two identical": identical(2),
+    "no width": replace(visible(3), width=0 * visible(3).width),
+    "huge width": replace(visible(3), width=1e3 + visible(3).width),
+    "start is end": of([[0.3, 0.3, x, 1.0, 0.3, 0.3] for x in np.linspace(-1, 1, 5)]),
+    "almost points": of([[0.3, 0.3, 1e3, -1e3, 0.3 + d, 0.3] for d in (1e-3, 1e-8, 1e-20, 1e-30)]),
+    "control on an end": of([[0.5, 0.1, 0.5, 0.1, -0.5, y] for y in np.linspace(-1, 1, 5)]),
+    "bends on a line": of([[0.5, 0.0, x, 2 * x, -0.5, 0.0] for x in np.linspace(-1e3, 1e3, 50)]),
+    "bounds": of([[1e3, -1e3, -1e3, 1e3, 1e3, 1e3], [-1e3, 1e3, 1e3, 1e3, 0.0, 0.0]]),
+    "a point and a line": of([[0.3] * 6, LINE]),
     "twelve identical": identical(12),
     "collinear, between": collinear(5, 0.5),
     "collinear, at the start": collinear(5, 0.0),
     "collinear, beyond": collinear(5, 3.0),
-    "one collinear": collinear(1, 0.3),
     "points": points(4),
     "controls far away": replace(visible(4), control=torch.full((4, 2), 1e3).double()),
     "far off and huge": replace(visible(4), position=1e6 + visible(4).position, scale=1e6 * visible(4).scale / 30),
@@ -107,7 +117,7 @@ def judged_strokes(loss: Loss, strokes: Strokes, dtype: torch.dtype) -> tuple[Te
 def test_few_strokes_have_a_value_and_a_gradient_in_every_precision(name, kind):
     exact, slopes = judged_strokes(STROKE_LOSSES[name](), FEW[kind], torch.float64)
     assert exact.shape == ()
-    assert exact >= 0
+    assert exact >= 0 if len(FEW[kind]) else exact == 0
     assert all(slope.isfinite().all() for slope in slopes)
     for dtype in (torch.float32, torch.bfloat16):
         value, found = judged_strokes(STROKE_LOSSES[name](), FEW[kind], dtype)
@@ -115,13 +125,6 @@ def test_few_strokes_have_a_value_and_a_gradient_in_every_precision(name, kind):
         assert all(slope.isfinite().all() and slope.dtype == dtype for slope in found)
         if dtype is torch.float32:
             assert_close(value.double(), exact.double(), rtol=1e-4, atol=1e-6)
-
-
-@pytest.mark.parametrize("name", STROKE_LOSSES)
-def test_no_strokes_cost_nothing(name):
-    for dtype in PRECISIONS:
-        value, _ = judged_strokes(STROKE_LOSSES[name](), Strokes.none(), dtype)
-        assert value == 0
 
 
 @pytest.mark.parametrize("name", STROKE_LOSSES)
@@ -160,15 +163,6 @@ def test_one_stroke_and_identical_ones_flow_and_straight_ones_do_not_bend():
         assert judged_strokes(Direction(), identical(n), torch.float64)[0] < 1e-12
     assert judged_strokes(Curvature(), collinear(4, 0.5), torch.float64)[0] < 1e-6
     assert judged_strokes(Curvature(), points(4), torch.float64)[0] == 0
-
-
-def test_the_brushwork_of_one_stroke_is_that_of_a_sample_of_one():
-    made, wanted = visible(1), reference().to(torch.zeros((), dtype=torch.float64))
-    twice = Strokes.join(made, made)
-    for strokes in (made, twice):
-        found = distances(strokes, CANVAS, wanted)
-        assert found.isfinite().all()
-        assert (found > 0).any()
 
 
 # --- Pictures ---
@@ -257,12 +251,6 @@ def test_networks_with_large_windows_judge_tiny_pictures(tmp_path: Path, backbon
                 assert slope.isfinite().all()
                 assert value >= 0
                 assert (kind == "equal") <= (value < 1e-9)
-
-
-def test_one_pixel_is_compared_by_its_means_alone():
-    image, target = torch.rand(2, 3, 1, 1, dtype=torch.float64)
-    wanted = 1 - (2 * image * target + 1e-4) / (image.square() + target.square() + 1e-4)
-    assert_close(judged_pictures(StructuralSimilarity(), image, target, torch.float64)[0], wanted.mean())
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 2), (3, 5)])

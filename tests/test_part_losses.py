@@ -11,8 +11,7 @@ from brushexp.features import open_backbone
 from brushexp.pictures.focus import focus_weights
 from brushexp.pictures.region import Region
 from brushexp.plugins.loss.base import Loss, Painting, Surroundings, weighted_sum
-from brushexp.plugins.loss.lpips import Lpips
-from brushexp.plugins.loss.perceptual import Perceptual
+from brushexp.plugins.loss.perceptual import Lpips, Perceptual
 from brushexp.plugins.loss.pixel import MeanSquaredError
 from brushexp.registry import plugins
 from brushexp.strokes.catalogue import Strokes
@@ -100,16 +99,6 @@ def test_a_wider_view_stays_the_same_object_as_long_as_steps_look_at_the_same_pl
     assert painting.around(0) is painting
     whole = Painting(image, target, Strokes.none())
     assert whole.around(9) is whole
-
-
-def test_features_of_the_target_are_computed_once_for_a_place():
-    image, target = torch.rand(2, 3, 60, 70)
-    loss, calls = Perceptual(jitter=0), []
-    painting = part_of(image, target, Region(10, 21, 15, 17))
-    loss.network.register_forward_pre_hook(lambda _, inputs: calls.append(inputs[0].shape))
-    for _ in range(3):
-        weighted_sum({"it": loss}, painting)
-    assert len(calls) == 4
 
 
 @pytest.mark.parametrize("grid", [1, 2, 16])

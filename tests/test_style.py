@@ -28,7 +28,7 @@ TAPS = ["stem", "b0"]  # they see little, so small pictures will do
 
 
 def pictures(height: int = 40, width: int = 52, dtype: torch.dtype = torch.float32) -> tuple[Tensor, Tensor]:
-    image, target = torch.rand(2, 3, height, width, generator=torch.Generator().manual_seed(3), dtype=dtype)
+    image, target = torch.rand(2, 3, height, width, dtype=dtype)
     return image, target
 
 
@@ -37,10 +37,6 @@ def saved(tmp_path: Path, picture: Tensor, name: str = "style.png") -> str:
     pixels = (picture * 255).round().to(torch.uint8).permute(1, 2, 0).numpy()
     Image.fromarray(pixels).save(tmp_path / name)
     return str(tmp_path / name)
-
-
-def in_eight_bits(picture: Tensor) -> Tensor:
-    return (picture * 255).round() / 255
 
 
 def value_by_numpy(kernel: str, ours: np.ndarray, style: np.ndarray) -> float:
@@ -61,9 +57,7 @@ def test_the_value_agrees_with_numpy(kernel):
     image, target = pictures(dtype=torch.float64)
     loss = Style(kernel=kernel, taps=["stem", "b2"]).double()
     ours, style = (loss.network(x[None], ["stem", "b2"]) for x in (image, target))
-    wanted = [
-        value_by_numpy(kernel, *(found[tap][0].flatten(1).numpy() for found in (ours, style))) for tap in ("stem", "b2")
-    ]
+    wanted = [value_by_numpy(kernel, *(found[tap][0].flatten(1).numpy() for found in (ours, style))) for tap in ours]
     assert float(loss(Painting(image, target, NONE))) == pytest.approx(np.mean(wanted), rel=1e-9)
 
 
@@ -90,7 +84,7 @@ def test_the_slope_is_right(kernel):
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_the_style_picture_itself_costs_nothing(kernel, tmp_path):
     image, target = pictures()
-    style = in_eight_bits(image)
+    style = (image * 255).round() / 255
     loss = Style(image=saved(tmp_path, style), kernel=kernel, taps=TAPS)
     assert float(loss(Painting(style, target, NONE))) < 1e-10
     assert float(loss(Painting(target, target, NONE))) > 1e-5
@@ -105,22 +99,6 @@ def test_style_does_not_depend_on_where_things_are():
     assert apart == pytest.approx(value, rel=0.1)  # but for the borders
 
 
-@pytest.mark.parametrize("kernel", KERNELS)
-@pytest.mark.parametrize("size", [(1, 1), (12, 5)])
-@pytest.mark.parametrize("of", ["noise", "black", "white", "one colour"])
-def test_extremes_are_finite(kernel, size, of):
-    noise, target = pictures(*size)
-    made = {"noise": noise, "black": 0 * noise, "white": 0 * noise + 1, "one colour": 0 * noise + 0.3}
-    loss = Style(kernel=kernel, taps=TAPS)
-    for ours, style in ((made[of], target), (target, made[of]), (made[of], made[of])):
-        image = ours.clone().requires_grad_()
-        value = loss(Painting(image, style, NONE))
-        value.backward()
-        assert value.isfinite()
-        assert value >= 0
-        assert image.grad.isfinite().all()
-
-
 @pytest.mark.parametrize(
     ("kernel", "size"),
     [("poly", (96, 123)), ("linear", (101, 90)), ("gaussian", (83, 80)), ("meanstd", (77, 98))],
@@ -131,12 +109,11 @@ def test_a_part_counts_as_in_the_whole(kernel, size, monkeypatch):
     image, target = pictures(*size)
     loss, whole = Style(kernel=kernel), Style(kernel=kernel)
     picture = image.clone()
-    generator = torch.Generator().manual_seed(1)
     places = [Region(30, 40, 33, 27), Region(0, 0, 20, 20), Region(size[0] - 25, size[1] - 18, 25, 18)]
     for region in [*places, Region(0, 0, *size)]:
         around = Surroundings(region, picture, target)
         for _ in range(2):
-            patch = torch.rand(3, region.height, region.width, generator=generator).requires_grad_()
+            patch = torch.rand(3, region.height, region.width).requires_grad_()
             region.of(picture).copy_(patch.detach())  # as the painter does, before the losses look
             found, _ = weighted_sum({"style": loss}, Painting(patch, region.of(target), NONE, around))
             found.backward()

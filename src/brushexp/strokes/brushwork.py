@@ -43,20 +43,14 @@ MATCHED = ("length", "width", "curvature", "coherence")  # measures that `distan
 class Brushwork:
     """A sample of M strokes; row i of every tensor but the last is one stroke.
 
-    Attributes:
-        length: (M,) arc length, pitches.
-        width: (M,) thickness, pitches.
-        bend: (M, 2) of the control point along and across the chord, as `prior.control_offset`, not below 0 across (a
-            stroke drawn from its other end has both signs turned).
-        deviation: (M,) direction of the chord against the mean one of the neighbours, radians in [-pi/2, pi/2].
-        measures: (4, M) what `matched_measures` finds, each row ascending.
+    A stroke drawn from its other end has both signs of ``bend`` turned; here the one across is never below 0.
     """
 
-    length: Tensor
-    width: Tensor
-    bend: Tensor
-    deviation: Tensor
-    measures: Tensor
+    length: Tensor  # (M,) arc length, pitches
+    width: Tensor  # (M,) thickness, pitches
+    bend: Tensor  # (M, 2) of the control point along and across the chord, as `prior.control_offset`
+    deviation: Tensor  # (M,) direction of the chord against the mean one of the neighbours, radians in [-pi/2, pi/2]
+    measures: Tensor  # (4, M) what `matched_measures` finds, each row ascending
 
     def __len__(self) -> int:
         return self.length.shape[0]
@@ -67,14 +61,10 @@ class Brushwork:
 
 
 def load_brushwork(path: Path, option: str = OPTION) -> Brushwork:
-    """The brushwork of a saved catalogue.
-
-    Args:
-        path: of the catalogue.
-        option: what sets it, for messages.
+    """The brushwork of a saved catalogue; ``option`` is what sets the path, for messages.
 
     Raises:
-        UserError: if it is no catalogue, or fewer than ``FEWEST`` of its strokes count.
+        UserError: if it is no catalogue, or fewer than ``MIN_STROKES`` of its strokes count.
     """
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415  (slow to import)
 
@@ -176,12 +166,6 @@ def with_brushwork(
     larger, up to chance, so that detail keeps its small strokes. A stroke lies along the mean direction of the
     neighbouring ``strokes`` and deviates from it as its model deviates from its own neighbours; it bends to the side
     to which that direction turns along it.
-
-    Args:
-        strokes: N strokes.
-        reference: the sample.
-        size: height and width of the canvas, pixels.
-        generator: of everything random.
     """
     if not len(strokes):
         return strokes
@@ -192,11 +176,11 @@ def with_brushwork(
     along = torch.stack([angle.cos(), angle.sin()], dim=1)
     across = torch.stack([-along[:, 1], along[:, 0]], dim=1)
     bend = model.bend[row]
-    unit = torch.stack([torch.zeros_like(bend), bend, torch.zeros_like(bend)], dim=1)  # along and across, in chords
-    unit[:, 0, 0], unit[:, 2, 0] = 0.5, -0.5
+    end = torch.tensor([0.5, 0.0]).to(bend).expand_as(bend)
+    unit = torch.stack([end, bend, -end], dim=1)  # along and across, in chords
     chord = pitch * model.length[row] / length_of(unit).clamp_min(1e-6)
     unit = unit - 0.5 * bend[:, None]  # the middle of the curve to the place of the stroke
-    side = _side_of(strokes, along * (0.5 * chord)[:, None], across)
+    side = _side_of(strokes, along * (0.5 * chord)[:, None])
     axes = torch.stack([along, across * side[:, None]], dim=1)
     points = unit @ axes * (2 * chord / strokes.scale)[:, None, None]
     start, control, end = points.unbind(1)
@@ -207,26 +191,24 @@ def _assigned(strokes: Strokes, reference: Brushwork, generator: torch.Generator
     """Row (N,) of the reference that each stroke is given."""
     n, m = len(strokes), len(reference)
     rows = torch.cat([torch.arange(m).repeat(n // m), torch.randperm(m, generator=generator)[: n % m]])
-    drawn = (reference.length + reference.width)[rows] * reference.width[rows]
     thickness = 2 * half_width_of(strokes)
-    area = (length_of(shape_of(strokes)) + thickness) * thickness
-    noise = torch.randn(2, n, generator=generator) * AREA_JITTER
-    smallest_drawn = (drawn.double().cpu().clamp_min(1e-12).log() + noise[0]).argsort()
-    smallest = (area.double().cpu().clamp_min(1e-12).log() + noise[1]).argsort()
+    sizes = ((reference.length[rows], reference.width[rows]), (length_of(shape_of(strokes)), thickness))
+    smallest_drawn, smallest = (
+        (((length + width) * width).double().cpu().clamp_min(1e-12).log() + noise).argsort()
+        for (length, width), noise in zip(sizes, torch.randn(2, n, generator=generator) * AREA_JITTER, strict=True)
+    )
     assigned = torch.empty(n, dtype=torch.long)
     assigned[smallest] = rows[smallest_drawn]
     return assigned.to(strokes.width.device)
 
 
-def _side_of(strokes: Strokes, half: Tensor, across: Tensor) -> Tensor:
-    """1 or -1 (N,): where the control point must lie for a curve to turn as the direction does along it.
+def _side_of(strokes: Strokes, half: Tensor) -> Tensor:
+    """1 or -1 (N,): where the control point must lie for a curve to turn as the direction does along its half chord.
 
-    Seen along ``half``, half of the chord, a direction that turns towards ``across`` is followed by a curve whose
-    control point lies on the other side.
+    A direction that turns to one side is followed by a curve whose control point lies on the other.
     """
     before, after = (_flow_at(strokes.position + way, strokes) for way in (-half, half))
-    turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    return torch.where(turn > 0, -torch.ones_like(turn), torch.ones_like(turn))
+    return torch.where(_relative_to(after, before)[:, 1] > 0, -1.0, 1.0).to(half)
 
 
 def _flow_at(points: Tensor, strokes: Strokes) -> Tensor:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor, nn, optim
@@ -37,11 +37,12 @@ FIELDS = {
     "color": Field(3, 0.0, 1.0, "display-referred (sRGB) red, green, blue"),
     "opacity": Field(0, 0.0, 1.0, "1 covers what lies below"),
 }
+SCALE_FIRST = sorted(FIELDS, key=lambda name: name != "scale")  # it is the unit of position
 
 
 @dataclass(frozen=True)
 class Strokes:
-    """N strokes as tensors of one dtype on one device; units and ranges in ``FIELDS``.
+    """N strokes as tensors of one dtype on one device; units and ranges in ``FIELDS``. Pixel centres lie at +0.5.
 
     >>> import torch
     >>> level = Strokes(
@@ -53,26 +54,16 @@ class Strokes:
     >>> both = Strokes.join(level, level.moved(zoom=2.0))
     >>> len(both), (both.width * both.scale).tolist()  # thickness in pixels
     (2, [4.0, 8.0])
-
-    Attributes:
-        position: (N, 2) the window's centre, pixels; pixel centres lie at +0.5.
-        scale: (N,) side of the window, pixels.
-        start: (N, 2) first point of the quadratic Bezier curve, half-windows from ``position``.
-        control: (N, 2) its control point.
-        end: (N, 2) its last point.
-        width: (N,) full thickness, fraction of the window's side.
-        color: (N, 3) RGB.
-        opacity: (N,).
     """
 
-    position: Tensor
-    scale: Tensor
-    start: Tensor
-    control: Tensor
-    end: Tensor
-    width: Tensor
-    color: Tensor
-    opacity: Tensor
+    position: Tensor  # (N, 2)
+    scale: Tensor  # (N,)
+    start: Tensor  # (N, 2) first point of a quadratic Bezier curve
+    control: Tensor  # (N, 2)
+    end: Tensor  # (N, 2)
+    width: Tensor  # (N,)
+    color: Tensor  # (N, 3)
+    opacity: Tensor  # (N,)
 
     def __len__(self) -> int:
         return self.position.shape[0]
@@ -82,7 +73,7 @@ class Strokes:
 
     def items(self) -> Iterator[tuple[str, Tensor]]:
         """Names and tensors, in the order of ``FIELDS``."""
-        return ((field.name, getattr(self, field.name)) for field in fields(self))
+        return ((name, getattr(self, name)) for name in FIELDS)
 
     def map(self, function: Callable[[Tensor], Tensor]) -> Strokes:
         """Apply a function to every field."""
@@ -126,10 +117,10 @@ def check_strokes(strokes: Strokes) -> None:
 
 
 def drawable(strokes: Strokes) -> Strokes:
-    """Strokes as renderers take them: those of 16 bits in float32, where their gradients come back in 16 bits.
+    """Strokes as renderers take them: those of 16 bits in float32, and their gradients come back in 16 bits.
 
-    A coordinate of 16 bits is coarse (at 300 px steps of 1/4 px in float16, of 2 px in bfloat16), but it is a place all
-    the same. What is computed from it in 16 bits is not: squares of distances overflow, and nearest points are lost.
+    A coordinate of 16 bits is coarse (at 300 px steps of 1/4 px in float16, of 2 px in bfloat16), but it is a place.
+    What is computed from it in 16 bits is not: squares of distances overflow, and nearest points are lost.
 
     Raises:
         UserError: for numbers that 16 bits cannot hold, and for strokes of whole or complex numbers.
@@ -149,13 +140,9 @@ def drawable(strokes: Strokes) -> Strokes:
 class Catalogue(nn.Module):
     """Owns the strokes as parameters, keeps them finite and in range, adds and removes them.
 
-    An optimiser sees each field divided by its ``unit``, so that one learning rate serves all fields (a diagonal
+    An optimiser sees each field divided by its unit, so that one learning rate serves all fields (a diagonal
     preconditioner): a step of ``lr`` moves the field by about ``lr * unit`` under Adam. The unit of ``position`` is
-    that many half-windows of each stroke. A unit of 0 freezes the field.
-
-    Args:
-        strokes: the first strokes.
-        units: unit per field; fields that are missing are frozen.
+    that many half-windows of each stroke. A field whose unit is 0 or missing is frozen.
     """
 
     scale: Tensor
@@ -168,9 +155,8 @@ class Catalogue(nn.Module):
                 "optimise them as strokes.map(lambda value: value.float())"
             )
         check_strokes(strokes)
-        unknown = set(units) - set(FIELDS)
-        if unknown:
-            raise UserError(f"no stroke field is called {sorted(unknown)[0]!r}; the fields are {', '.join(FIELDS)}")
+        if unknown := sorted(set(units) - set(FIELDS)):
+            raise UserError(f"no stroke field is called {unknown[0]!r}; the fields are {', '.join(FIELDS)}")
         self.units = {name: float(units.get(name, 0.0)) for name in FIELDS}
         if self.units["scale"] and self.units["position"]:
             raise UserError("scale is the unit of position, so only one of them can move; set the rate of scale to 0")
@@ -181,7 +167,7 @@ class Catalogue(nn.Module):
         return Strokes(**{name: getattr(self, name) * self._unit(name) for name in FIELDS})
 
     def __len__(self) -> int:
-        return int(self.scale.shape[0])
+        return len(self.scale)
 
     @torch.no_grad()
     def keep_in_range(self) -> None:
@@ -195,7 +181,7 @@ class Catalogue(nn.Module):
     def replace(self, strokes: Strokes) -> None:
         """Write other numbers for the same strokes, into the parameters that an optimiser holds."""
         before = self()
-        for name in sorted(FIELDS, key=lambda name: name != "scale"):  # scale first: it is the unit of position
+        for name in SCALE_FIRST:
             value = getattr(strokes, name)
             if name == "position" or not torch.equal(value, getattr(before, name)):
                 getattr(self, name).copy_(value / self._unit(name))
@@ -233,8 +219,7 @@ class Catalogue(nn.Module):
     def resize(self, n: int) -> None:
         """Make room for ``n`` strokes that are about to be loaded; what there is becomes meaningless unless it fits."""
         if n != len(self):
-            like = self.scale.detach()
-            blank = {name: like.new_full(field.shape(n), max(field.low, 0.0)) for name, field in FIELDS.items()}
+            blank = {name: self.scale.new_full(field.shape(n), max(field.low, 0)) for name, field in FIELDS.items()}
             self._store(Strokes(**blank))
 
     def _unit(self, name: str) -> Tensor | float:
@@ -245,9 +230,10 @@ class Catalogue(nn.Module):
     def _store(self, strokes: Strokes) -> None:
         """Take over strokes: fields that move become parameters, the others buffers."""
         check_strokes(strokes)
-        for name in sorted(FIELDS, key=lambda name: name != "scale"):  # scale first: it is the unit of position
+        for name in SCALE_FIRST:
             value = getattr(strokes, name).detach().clone()
-            delattr(self, name) if hasattr(self, name) else None
+            if hasattr(self, name):
+                delattr(self, name)
             if self.units[name]:
                 self.register_parameter(name, nn.Parameter(value / self._unit(name)))
             else:
@@ -258,5 +244,6 @@ def _carry(value: Tensor, keep: Tensor, parameter: Tensor) -> Tensor:
     """Optimiser state for the strokes that stay, zeros for the new ones; counters stay as they are."""
     if value.ndim == 0:
         return value
-    kept = value[keep]
-    return torch.cat([kept, kept.new_zeros(len(parameter) - len(kept), *kept.shape[1:])])
+    carried = value.new_zeros(parameter.shape)
+    carried[: int(keep.sum())] = value[keep]
+    return carried

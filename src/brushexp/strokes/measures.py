@@ -34,25 +34,15 @@ LI, BATSCHELET = "Li et al., 2012", "Batschelet, 1981"
 
 @dataclass(frozen=True)
 class Measure:
-    """Definition of one measure.
-
-    Attributes:
-        name: in words.
-        meaning: its definition.
-        source: author and year; "" for one that is plain geometry.
-        unit: in which it is shown; "" for a share or a number. Angles are kept in radians and shown in degrees.
-        high: upper end of its range, as shown; the lower end is 0.
-        power: of pixels in it: 1 for a length, 2 for an area.
-        axial: whether it is a direction, which comes round after half a turn.
-    """
+    """Name and definition of one measure. Angles are kept in radians and shown in degrees."""
 
     name: str
     meaning: str
-    source: str = ""
-    unit: str = ""
-    high: float = math.inf
-    power: int = 0
-    axial: bool = False
+    source: str = ""  # author and year; "" for one that is plain geometry
+    unit: str = ""  # in which it is shown; "" for a share or a number
+    high: float = math.inf  # upper end of its range, as shown; the lower end is 0
+    power: int = 0  # of pixels in it: 1 for a length, 2 for an area
+    axial: bool = False  # whether it is a direction, which comes round after half a turn
 
 
 MEASURES = {
@@ -104,7 +94,7 @@ def curvature_of(curve: Tensor) -> Tensor:
 
 
 def centre_of(curve: Tensor) -> Tensor:
-    """Mean (N, 2) of the points of a curve, evenly spaced in its parameter: the mean of its control points."""
+    """Mean (N, 2) of the points of a curve, evenly spaced in its parameter: that of its control points."""
     return curve.mean(1)
 
 

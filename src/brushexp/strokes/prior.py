@@ -1,9 +1,8 @@
 """The distribution of valid strokes (thesis 2020, eq. 6.1 to 6.5): drawn from, measured in, and as plain numbers."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from itertools import count
 
 import numpy as np
 import torch
@@ -17,7 +16,7 @@ WINDOW = 64.0  # pixels on the side of the window of a simulated stroke
 WIDTH = (0.03, 0.2)  # thinnest and thickest stroke, in sides of the window
 INSET = 0.7  # strokes are shrunk by this about the window's centre, so that its edge cuts none
 SPREAD = (1 / 200, 1 / 25)  # variance of the control point along and across s - e, in units of |s - e|
-TOUCHING = 1e-6  # half-windows: ends nearer than this have no direction between them
+TOUCHING = 1e-6  # half-windows or pixels: ends nearer than this have no direction between them
 SHORTEST = 4 * WIDTH[0] * INSET  # distance from start to end of the shortest valid stroke, half-windows
 
 Array = NDArray[np.float64]
@@ -31,18 +30,14 @@ def sample_prior(n: int, seed: int = 0, first: int = 0) -> Strokes:
     lies in the window; then all three points are scaled by ``INSET``. Hence the length of a stroke is at least 1.4 w.
     Differs from the source: its eq. 6.1 prints the inequality the other way round.
 
-    Args:
-        n: how many.
-        seed: 0 to 2**64 - 1.
-        first: number of the first one.
-
     Returns:
         float32 on the CPU, at position 0 in a window of 64 pixels, opaque, colours uniform.
     """
     draw = partial(_uniform, seed, first, n)
     body = _redraw(lambda attempt: draw(2 * attempt, 8), _long_enough)  # (n, 8): start 2, end 2, width, colour 3
     start, end = 2 * body[:, :2] - 1, 2 * body[:, 2:4] - 1  # half-windows
-    control = _redraw(lambda attempt: _bent(start, end, draw(2 * attempt + 1, 4)), _inside)
+    bent = partial(_bent, start, end)
+    control = _redraw(lambda attempt: bent(draw(2 * attempt + 1, 4)), lambda points: np.abs(points).max(axis=1) <= 1)
     parts = (INSET * start, INSET * control, INSET * end, 2 * body[:, 4:] - 1)
     return strokes_of(torch.from_numpy(np.concatenate(parts, axis=1)).float())
 
@@ -79,31 +74,30 @@ def clamp_to_prior(strokes: Strokes) -> Strokes:
     than half its length (but at least the thinnest), as the source's eq. 6.1 asks. What is clamped has no gradient.
     """
     start, control, end = (value.clamp(-INSET, INSET) for value in (strokes.start, strokes.control, strokes.end))
-    start, end = _lengthened(start, end)
+    along, length = _along((end - start).detach())
+    way = 0.5 * (SHORTEST - length).clamp_min(0)[:, None] * along
+    start, end = start - way, end + way
     length = 0.5 * torch.linalg.vector_norm(start - end, dim=1) / INSET  # sides of the window, before the inset
     width = torch.minimum(strokes.width, 0.5 * length).clamp(*WIDTH)
     return replace(strokes, start=start, control=control, end=end, width=width)
 
 
-def _lengthened(start: Tensor, end: Tensor) -> tuple[Tensor, Tensor]:
-    """Both ends (N, 2), moved apart to ``SHORTEST`` half-windows where they are nearer; a point grows to the right."""
-    chord = (end - start).detach()
-    length = torch.linalg.vector_norm(chord, dim=1, keepdim=True)
+def _along(chord: Tensor) -> tuple[Tensor, Tensor]:
+    """Direction (N, 2), to the right for a point, and length (N,) of chords (N, 2)."""
+    length = torch.linalg.vector_norm(chord, dim=1)
     right = torch.tensor([1.0, 0.0]).to(chord)
-    direction = torch.where(length > TOUCHING, chord / length.clamp_min(TOUCHING), right)
-    way = 0.5 * (SHORTEST - length).clamp_min(0) * direction
-    return start - way, end + way
+    return torch.where((length > TOUCHING)[:, None], chord / length.clamp_min(TOUCHING)[:, None], right), length
 
 
 @torch.no_grad()
 def rewindow(strokes: Strokes) -> Strokes:
     """The same strokes in pixels, in windows in which `clamp_to_prior` has as little as possible to change.
 
-    The window is centred on the control points, and its side is the valid one nearest to what it was. Two kinds of
-    stroke fit into no window; they are changed so that they cover as much of the canvas as before: one that is shorter
-    than valid for its thickness becomes longer and thinner, one that is too thin for its length thicker and shorter.
-    (On a painting of 655 strokes, one in four of them such, the picture then lost 1.3 dB; 3.5 dB when short ones were
-    just thinned.) Strokes that are valid stay as they are.
+    Strokes that are valid stay as they are. The window of others is centred on the control points, and its side is the
+    valid one nearest to what it was. Two kinds of stroke fit into no window; they are changed so that they cover as
+    much of the canvas as before: one that is shorter than valid for its thickness becomes longer and thinner, one that
+    is too thin for its length thicker and shorter. (On a painting of 655 strokes, one in four of them such, the picture
+    then lost 1.3 dB; 3.5 dB when short ones were just thinned.)
     """
     curve, thickness = _long_as_wide(curve_of(strokes), strokes.width * strokes.scale)
     low, high = curve.amin(1), curve.amax(1)
@@ -117,10 +111,9 @@ def rewindow(strokes: Strokes) -> Strokes:
     start, control, end = points.clamp(-INSET, INSET).unbind(1)  # what is left to clamp is rounding
     width = (thickness / scale).clamp_min(WIDTH[0])
     new = replace(strokes, position=centre, scale=scale, start=start, control=control, end=end, width=width)
-    fits = torch.stack([(a == b).unsqueeze(-1).flatten(1).all(1) for a, b in _pairs(strokes, clamp_to_prior(strokes))])
-    valid = fits.all(0)
+    valid = (parameters_of(strokes) == parameters_of(clamp_to_prior(strokes))).all(1)
     kept = {
-        name: torch.where(valid.reshape(-1, *[1] * (value.ndim - 1)), value, getattr(new, name))
+        name: torch.where(valid[:, None] if value.ndim > 1 else valid, value, getattr(new, name))
         for name, value in strokes.items()
     }
     return Strokes(**kept)
@@ -152,20 +145,13 @@ def _long_as_wide(curve: Tensor, thickness: Tensor) -> tuple[Tensor, Tensor]:
     The area is that of a straight stroke with round ends: length * w + pi / 4 w^2.
     """
     start, control, end = curve.unbind(1)
-    chord = end - start
-    length = torch.linalg.vector_norm(chord, dim=1)
+    along, length = _along(end - start)
     least = 2 * INSET * (1 + 1e-5)  # a little more than valid, so that rounding does not make it invalid
     thinner = ((length * thickness + 0.25 * np.pi * thickness.square()) / (least + 0.25 * np.pi)).sqrt()
     short = length < 2 * INSET * thickness
-    aside = torch.tensor([1.0, 0.0]).to(curve)
-    along = torch.where((length > 1e-6)[:, None], chord / length.clamp_min(1e-6)[:, None], aside)
     middle, half = 0.5 * (start + end), 0.5 * (least * thinner)[:, None] * along
     longer = torch.stack([middle - half, control, middle + half], dim=1)
     return torch.where(short[:, None, None], longer, curve), torch.where(short, thinner, thickness)
-
-
-def _pairs(first: Strokes, second: Strokes) -> Iterator[tuple[Tensor, Tensor]]:
-    return ((value, getattr(second, name)) for name, value in first.items())
 
 
 def _uniform(seed: int, first: int, n: int, stream: int, columns: int) -> Array:
@@ -180,11 +166,9 @@ def _uniform(seed: int, first: int, n: int, stream: int, columns: int) -> Array:
 
 def _redraw(draw: Callable[[int], Array], valid: Callable[[Array], NDArray[np.bool_]]) -> Array:
     """Rows of ``draw(0)``, those that are not valid replaced by their namesakes of ``draw(1)``, ``draw(2)`` ..."""
-    rows = draw(0)
-    for attempt in count(1):
-        wrong = ~valid(rows)
-        if not wrong.any():
-            break
+    rows, attempt = draw(0), 0
+    while (wrong := ~valid(rows)).any():
+        attempt += 1
         rows[wrong] = draw(attempt)[wrong]
     return rows
 
@@ -192,10 +176,6 @@ def _redraw(draw: Callable[[int], Array], valid: Callable[[Array], NDArray[np.bo
 def _long_enough(body: Array) -> NDArray[np.bool_]:
     length = np.linalg.norm(body[:, :2] - body[:, 2:4], axis=1)
     return length >= 2 * (WIDTH[0] + (WIDTH[1] - WIDTH[0]) * body[:, 4])
-
-
-def _inside(points: Array) -> NDArray[np.bool_]:
-    return np.abs(points).max(axis=1) <= 1
 
 
 def _bent(start: Array, end: Array, uniform: Array) -> Array:

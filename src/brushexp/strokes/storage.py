@@ -7,7 +7,7 @@ length, in which one wrong byte can send the HDF5 library into an endless loop.
 """
 
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -58,12 +58,11 @@ def save_catalogue(path: Path, saved: Saved) -> None:
     Raises:
         UserError: if `load_catalogue` would refuse it, or the file cannot be written.
     """
-    strokes = saved.strokes.map(lambda value: value.detach().to("cpu", torch.float32))
-    check_strokes(strokes)
-    _check(strokes, saved.depth, saved.size, saved.background, saved.config)
+    saved = replace(saved, strokes=saved.strokes.map(lambda value: value.detach().to("cpu", torch.float32)))
+    _check(saved)
     memory = io.BytesIO()  # h5py does not say why writing to a file failed
     with h5py.File(memory, "w", libver=(HDF5, HDF5)) as file:
-        for name, value in strokes.items():
+        for name, value in saved.strokes.items():
             _put(file, name, value.numpy(), FIELDS[name].unit)
         _put(file, "depth", saved.depth.detach().cpu().numpy().astype(np.int32), DEPTH_UNIT)
         file.attrs.update(
@@ -80,12 +79,13 @@ def save_catalogue(path: Path, saved: Saved) -> None:
     write_bytes(path, memory.getvalue())
 
 
-def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
-    """Read a catalogue and check all of it.
+def _put(file: h5py.File, name: str, value: np.ndarray, unit: str) -> None:
+    packed = {"compression": "gzip", "shuffle": True, "fletcher32": True} if value.size else {}
+    file.create_dataset(name, data=value, **packed).attrs["unit"] = fixed(unit)
 
-    Args:
-        path: of the file.
-        option: what sets it, for messages.
+
+def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
+    """Read a catalogue and check all of it; ``option`` is what sets the path, for messages.
 
     Raises:
         UserError: says what is wrong with the file.
@@ -97,46 +97,43 @@ def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
     try:
         path.open("rb").close()
         if path.suffix.lower() == ".json":
-            return _read_text(path)
-        if not h5py.is_hdf5(path):
+            saved = _read_text(path)
+        elif h5py.is_hdf5(path):
+            with h5py.File(path, "r") as file:
+                saved = _read(file, option)
+        else:
             raise UserError(f"not an HDF5 file; give the catalogue.h5 of a finished run, {option}=...")
-        with h5py.File(path, "r") as file:
-            return _read(file, option)
+        _check(saved)
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
-    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:  # h5py raises all of these
+    except (OSError, ArithmeticError, RuntimeError, ValueError, KeyError, TypeError) as error:  # h5py raises many
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error).partition("\n")[0]
         raise UserError(f"{path} is damaged or cut short ({reason}); save it again or give another one") from error
+    return saved
 
 
 def _read(file: h5py.File, option: str) -> Saved:
-    _check_format(file, option)
+    if "format" not in file.attrs or text_of(file, "format") != FORMAT:
+        raise UserError(f"an HDF5 file, but not a {FORMAT}; give the catalogue.h5 of a finished run, {option}=...")
+    check_version(whole_number_of(file, "format_version"))
     count = dataset_of(file, "depth", np.int32, None).shape[0]
     if count > MOST_STROKES:
         raise UserError(f"{count} strokes; at most {MOST_STROKES} can be read")
-    values = {}
-    for name, field in FIELDS.items():  # every header before any number, so that nothing huge is read in vain
-        values[name] = dataset_of(file, name, np.float32, field.shape(count))
-    strokes = Strokes(**{name: torch.from_numpy(values[name][...]) for name in FIELDS})
-    check_strokes(strokes)
-    saved = Saved(
-        strokes=strokes,
+    # Every header before any number, so that nothing huge is read in vain.
+    values = {name: dataset_of(file, name, np.float32, field.shape(count)) for name, field in FIELDS.items()}
+    background = np.asarray(attribute_of(file, "background"))
+    if background.dtype.kind not in "fiu":
+        raise UserError(f"attribute background is {background!r}; numbers are needed")
+    return Saved(
+        strokes=Strokes(**{name: torch.from_numpy(value[...]) for name, value in values.items()}),
         depth=torch.from_numpy(file["depth"][...]),
         size=(whole_number_of(file, "height"), whole_number_of(file, "width")),
-        background=_numbers(file, "background"),
+        background=torch.from_numpy(background.astype(np.float32)),
         renderer=text_of(file, "renderer"),
         renderer_hash=text_of(file, "renderer_hash"),
         seed=whole_number_of(file, "seed"),
         config=text_of(file, "config"),
     )
-    _check(saved.strokes, saved.depth, saved.size, saved.background, saved.config)
-    return saved
-
-
-def _check_format(file: h5py.File, option: str) -> None:
-    if "format" not in file.attrs or text_of(file, "format") != FORMAT:
-        raise UserError(f"an HDF5 file, but not a {FORMAT}; give the catalogue.h5 of a finished run, {option}=...")
-    check_version(whole_number_of(file, "format_version"))
 
 
 def _read_text(path: Path) -> Saved:
@@ -145,22 +142,22 @@ def _read_text(path: Path) -> Saved:
         raise UserError(f"{size} bytes of JSON; at most {LARGEST_TEXT} can be read, so give the catalogue.h5 instead")
     strokes, depth, background, config, attributes = parse(path.read_text(encoding="utf-8-sig"))
     canvas = (attributes.pop("height"), attributes.pop("width"))
-    check_strokes(strokes)
-    _check(strokes, depth, canvas, background, config)
     return Saved(strokes=strokes, depth=depth.int(), size=canvas, background=background, config=config, **attributes)
 
 
-def _check(strokes: Strokes, depth: Tensor, size: tuple[int, int], background: Tensor, config: str) -> None:
-    """What `check_strokes` does not check."""
-    count = len(strokes)
+def _check(saved: Saved) -> None:
+    check_strokes(saved.strokes)
+    count, depth, background = len(saved.strokes), saved.depth, saved.background
     ranks = depth.detach().cpu().sort().values
     if tuple(depth.shape) != (count,) or not torch.equal(ranks, torch.arange(count, dtype=ranks.dtype)):
         raise UserError(f"depth is not an order of the strokes; each rank from 0 to {count - 1} is needed once")
-    if not all(1 <= side <= LARGEST_SIDE for side in size):
-        raise UserError(f"the canvas is {size[0]} x {size[1]} pixels; each side must lie in [1, {LARGEST_SIDE}]")
+    if not all(1 <= side <= LARGEST_SIDE for side in saved.size):
+        raise UserError(
+            f"the canvas is {saved.size[0]} x {saved.size[1]} pixels; each side must lie in [1, {LARGEST_SIDE}]"
+        )
     if tuple(background.shape) != (3,) or not bool(((background >= 0) & (background <= 1)).all()):
         raise UserError(f"background is {background.tolist()}; three numbers in [0, 1] are needed")
-    _check_yaml(config)
+    _check_yaml(saved.config)
 
 
 def _check_yaml(text: str) -> None:
@@ -173,15 +170,3 @@ def _check_yaml(text: str) -> None:
         raise UserError("config is not a YAML mapping of keys to values")
     if any(isinstance(event, yaml.AliasEvent) for event in events):
         raise UserError("config contains a YAML alias (*name), which no config of brushexp does")
-
-
-def _put(file: h5py.File, name: str, value: np.ndarray, unit: str) -> None:
-    packed = {"compression": "gzip", "shuffle": True, "fletcher32": True} if value.size else {}
-    file.create_dataset(name, data=value, **packed).attrs["unit"] = fixed(unit)
-
-
-def _numbers(file: h5py.File, name: str) -> Tensor:
-    value = np.asarray(attribute_of(file, name))
-    if value.dtype.kind not in "fiu":
-        raise UserError(f"attribute {name} is {value!r}; numbers are needed")
-    return torch.from_numpy(value.astype(np.float32))

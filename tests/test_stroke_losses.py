@@ -1,0 +1,207 @@
+"""Losses of strokes against slow formulations, and their gradients; their extremes are in test_degenerate_losses."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scenes import leaves, random_strokes
+from torch import Tensor
+from torch.distributions import MultivariateNormal, kl_divergence
+from torch.testing import assert_close
+
+from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.plugins.loss.stroke import SHRINK, Curvature, Direction, KullbackLeibler, Width
+from brushexp.strokes.bezier import curve_of
+from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.prior import INSET, clamp_to_prior, sample_prior
+
+SIZE = (24, 40)
+POINTS = ("start", "control", "end")
+FIELDS = ("scale", *POINTS, "width")
+WANTED = torch.diag(torch.tensor([1 / 200, 1 / 25], dtype=torch.float64))
+
+
+def scene(n: int, seed: int = 0, dtype: torch.dtype = torch.float64, bend: float = 0.3) -> Strokes:
+    return random_strokes(n, SIZE, seed=seed, dtype=dtype, bend=bend, width=(0.0, 0.5))
+
+
+def of(points: list[list[float]], width: list[float]) -> Strokes:
+    """Strokes of given start, control, end (N rows of 6, half-windows) and width."""
+    table = torch.tensor(points, dtype=torch.float64)
+    shape = dict(zip(POINTS, table.split(2, dim=1), strict=True))
+    return replace(scene(len(width)), **shape, width=torch.tensor(width, dtype=torch.float64))
+
+
+def judged(loss: Loss, strokes: Strokes) -> Tensor:
+    nothing = strokes.color.new_zeros(3, *SIZE)
+    return loss(Painting(nothing, nothing, strokes))
+
+
+@pytest.mark.parametrize("loss", [Width(), KullbackLeibler(), Curvature(), Direction(k=4, every=10_000)])
+def test_they_have_the_right_slope(loss):
+    made = scene(7)
+
+    def value(*inputs: Tensor) -> Tensor:
+        return judged(loss, replace(made, **dict(zip(FIELDS, inputs, strict=True))))
+
+    assert torch.autograd.gradcheck(value, [getattr(made, name).clone().requires_grad_() for name in FIELDS])
+
+
+def test_width_compares_length_and_thickness_in_sides_of_the_window():
+    apart = [0.4, 0.0, 0, 0, -0.4, 0.0]  # 0.8 half-windows: 0.4 of the side
+    for width, wanted in ((0.1, 0.0), (0.28, 0.0), (0.5, 0.3), (1.0, 1.0)):
+        assert float(judged(Width(), of([apart], [width]))) == pytest.approx(wanted, abs=1e-12)
+    made, total = scene(50), 0.0
+    for start, end, width in zip(made.start.numpy(), made.end.numpy(), made.width.numpy(), strict=True):
+        s, e = (start + 1) / 2, (end + 1) / 2  # as the thesis has them: 0 to 1 within the window
+        total += max(0.0, 2 * INSET * width - np.hypot(*(s - e)))
+    assert float(judged(Width(), made)) == pytest.approx(total / 50)
+
+
+def test_width_leaves_the_ends_of_a_point_alone_and_thins_it():
+    made = leaves(of([[0.1, 0.2, 0, 0, 0.1, 0.2]], [0.1]), torch.float64)
+    value = judged(Width(), made)
+    value.backward()
+    assert float(value) == pytest.approx(0.14)
+    assert (made.start.grad == 0).all()
+    assert (made.end.grad == 0).all()
+    assert made.control.grad is None
+    assert made.width.grad.tolist() == pytest.approx([1.4])
+
+
+def test_width_penalises_no_valid_stroke():
+    for made in (sample_prior(5000), clamp_to_prior(scene(500, dtype=torch.float32))):
+        assert float(judged(Width(), made)) < 1e-8
+
+
+def textbook_divergence(made: Strokes) -> float:
+    """The KL by projecting one control point after another, and torch's formula for two normal distributions."""
+    rows = []
+    for start, control, end in zip(made.start.numpy(), made.control.numpy(), made.end.numpy(), strict=True):
+        length = np.hypot(*(start - end))
+        along = (start - end) / length
+        across = np.array([[0, -1], [1, 0]]) @ along
+        offset = (control - (start + end) / 2) / length
+        rows.append([offset @ along, offset @ across])
+    bends = torch.tensor(np.array(rows))
+    mean = bends.mean(0)
+    covariance = (bends - mean).T @ (bends - mean) / len(bends)
+    measured = MultivariateNormal(mean, (1 - SHRINK) * covariance + SHRINK * WANTED)
+    return float(kl_divergence(measured, MultivariateNormal(torch.zeros(2, dtype=torch.float64), WANTED)))
+
+
+@pytest.mark.parametrize(("n", "bend"), [(2, 0.5), (3, 5.0), (100, 0.7), (100, 50.0)])
+def test_kl_agrees_with_the_textbook_and_depends_on_neither_size_nor_place(n, bend):
+    made = scene(n, seed=n, bend=bend)
+    made = made[torch.linalg.vector_norm(made.start - made.end, dim=1) > 0.2]
+    assert float(judged(KullbackLeibler(), made)) == pytest.approx(textbook_divergence(made), rel=1e-9)
+    other = replace(made, **{name: 3 * getattr(made, name) - 0.5 for name in POINTS})
+    assert_close(judged(KullbackLeibler(), made), judged(KullbackLeibler(), other))
+
+
+def test_kl_vanishes_for_bends_of_the_wanted_mean_and_covariance():
+    along, across = 0.1, np.sqrt(2 / 25)  # four bends on the axes: variances along^2 / 2 and across^2 / 2
+    rows = [[0.5, 0, x, y, -0.5, 0] for x, y in ((along, 0), (-along, 0), (0, across), (0, -across))]
+    made = leaves(of(rows, [0.1] * 4), torch.float64)
+    value = judged(KullbackLeibler(), made)
+    value.backward()
+    assert float(value) == pytest.approx(0, abs=1e-12)
+    assert max(getattr(made, name).grad.abs().max() for name in POINTS) < 1e-9
+
+
+def test_kl_of_valid_strokes_is_small_and_grows_with_their_bend():
+    valid = sample_prior(5000).map(Tensor.double)
+    middle = 0.5 * (valid.start + valid.end)
+    bent = [replace(valid, control=middle + factor * (valid.control - middle)) for factor in (1, 1.5, 2, 4)]
+    values = [float(judged(KullbackLeibler(), made)) for made in bent]
+    assert values[0] < 0.01
+    assert values == sorted(values)
+
+
+def textbook_direction(strokes: Strokes, k: int) -> float:
+    """4 sin^2 of the angle between the principal axes of each stroke and its nearest ones, pair by pair."""
+    t = torch.linspace(0, 1, 2001, dtype=torch.float64)[:, None]
+    angle = []
+    for start, control, end in curve_of(strokes):
+        values, axes = torch.linalg.eigh(((1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end).T.cov())
+        angle.append(math.atan2(float(axes[1, values.argmax()]), float(axes[0, values.argmax()])))
+    pairs = [(i, j) for i, row in enumerate(nearest_middles(strokes, k).tolist()) for j in row]
+    return sum(4 * math.sin(angle[i] - angle[j]) ** 2 for i, j in pairs) / len(pairs)
+
+
+def nearest_middles(strokes: Strokes, k: int) -> Tensor:
+    middles = curve_of(strokes).mean(1)
+    return torch.cdist(middles, middles).argsort(1)[:, 1 : k + 1]
+
+
+def test_curvature_agrees_with_the_loop():
+    made = scene(40)
+    total = 0.0
+    for s, c, e in zip(made.start.numpy(), made.control.numpy(), made.end.numpy(), strict=True):
+        (a, b), (x, y) = c - s, e - c
+        total += abs((math.atan2(y, x) - math.atan2(b, a) + math.pi) % (2 * math.pi) - math.pi)
+    assert float(judged(Curvature(), made)) == pytest.approx(total / 40, rel=1e-3)
+
+
+def test_points_have_no_slope_in_curvature():
+    exact = leaves(of([[0.0] * 6] * 7, [0.1] * 7))
+    judged(Curvature(), exact).backward()
+    assert all((getattr(exact, name).grad == 0).all() for name in POINTS)
+
+
+@pytest.mark.parametrize("k", [1, 10, 60])
+def test_direction_agrees_with_the_double_loop(k):
+    made = scene(40, seed=k)
+    assert float(judged(Direction(k=k), made)) == pytest.approx(textbook_direction(made, k), rel=5e-3)
+
+
+def test_parallel_strokes_of_one_length_flow_whichever_way_they_point():
+    chord = torch.tensor([[0.3, 0.2]], dtype=torch.float64) * torch.tensor([1.0, -1, 1, 1, -1, -1, 1, 1, -1])[:, None]
+    made = replace(scene(9), start=-chord, control=0 * chord, end=chord, scale=torch.full((9,), 20.0).double())
+    assert float(judged(Direction(), made)) == pytest.approx(0, abs=1e-9)
+    crossed = replace(made, end=torch.where(torch.arange(9)[:, None] % 2 == 0, chord, chord.flip(1) * -1))
+    assert float(judged(Direction(), crossed)) > 0.05
+
+
+def test_neither_resolution_nor_lengths_nor_widths_matter():
+    made = scene(30)
+    short = replace(made, **{name: 0.3 * getattr(made, name) for name in (*POINTS, "width")})
+    for loss in (Curvature(), Direction(every=1000)):
+        here = float(judged(loss, made))
+        for zoom in (0.25, 4.0):
+            assert float(judged(loss, made.moved(zoom=zoom, shift=(5.0, -3.0)))) == pytest.approx(here, rel=1e-3)
+        assert float(judged(loss, short)) == pytest.approx(here, rel=5e-3)
+
+
+def test_places_get_no_slope():
+    made = leaves(scene(12), torch.float64)
+    judged(Direction(), made).backward()
+    assert made.position.grad is None
+    assert made.start.grad.abs().sum() > 0
+
+
+def test_neighbours_are_kept_and_renewed():
+    loss, first, second = Direction(k=3, every=3), scene(20, seed=1), scene(20, seed=2)
+    judged(loss, first)
+    kept = loss.neighbours
+    for _ in range(2):
+        judged(loss, second)
+        assert loss.neighbours is kept
+    judged(loss, second)
+    assert torch.equal(loss.neighbours, nearest_middles(second, 3))
+    for n in (19, 2, 30):
+        made = scene(n, seed=n)
+        assert float(judged(loss, made)) == pytest.approx(textbook_direction(made, 3), rel=5e-3), "another number"
+
+
+def test_a_restart_keeps_the_neighbours():
+    first, second = Direction(k=3, every=5), Direction(k=3, every=5)
+    for _ in range(3):
+        judged(first, scene(20, seed=1))
+    second.load_state_dict(first.state_dict())
+    for loss in (first, second):
+        judged(loss, scene(20, seed=2))
+        assert torch.equal(loss.neighbours, nearest_middles(scene(20, seed=1), 3))
+        assert loss.calls == 4
