@@ -5,13 +5,12 @@ from functools import partial
 
 from brushexp.errors import UserError
 from brushexp.features.base import Backbone
-from brushexp.features.classic import ARCHITECTURES, load_classic, load_vgg16_hed
+from brushexp.features.classic import ARCHITECTURES, load_classic
 from brushexp.features.efficientnet_lite import load_effl0
 from brushexp.features.weights import OPTION
 
 BACKBONES: dict[str, Callable[[str | None, str], Backbone]] = {
     "effl0": load_effl0,
-    "vgg16-hed": load_vgg16_hed,
     **{name: partial(load_classic, name) for name in ARCHITECTURES},
 }
 
@@ -19,10 +18,7 @@ BACKBONES: dict[str, Callable[[str | None, str], Backbone]] = {
 def open_backbone(name: str, weights: str | None = None, option: str = OPTION) -> Backbone:
     """Feature network ``name``, with the weights of the file ``weights`` or, where there is one, of its pip package.
 
-    Args:
-        name: one of ``BACKBONES``.
-        weights: a file.
-        option: what sets ``weights``, for messages.
+    ``option`` is what sets the file, for messages.
 
     Raises:
         UserError: if there is no such network, or no weights for it; it says what to install or to set.

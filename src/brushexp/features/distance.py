@@ -67,20 +67,14 @@ class Distance(nn.Module):
 def open_distance(backbone: str = "effl0", weights: str | None = None, option: str = OPTION) -> Distance:
     """Distance in the network ``backbone``; LPIPS with its published weights for those networks that have them.
 
-    Args:
-        backbone: effl0, or alexnet, squeeze or vgg16.
-        weights: a file with the network's features.
-        option: what sets ``weights``, for messages.
+    See `open_backbone`.
 
     Raises:
-        UserError: if the network cannot be opened, or has no weights to compare with.
+        UserError: if the network cannot be opened.
     """
     if backbone == "effl0":
         tensors = {tap: torch.tensor([weight]) for tap, weight in WEIGHTS.items()}
         return Distance(open_backbone(backbone, weights, option), tensors, backbone)
-    if backbone not in CALIBRATED:
-        key, names = option.replace("weights", "backbone"), ", ".join(["effl0", *CALIBRATED])
-        raise UserError(f"{key}={backbone} has no weights to compare pictures with; choose one of {names}")
     network = open_backbone(backbone, weights, option)
     file, taps = CALIBRATED[backbone]
     path = packaged(PACKAGE, f"{FOLDER}/{file}")
@@ -94,9 +88,7 @@ def open_distance(backbone: str = "effl0", weights: str | None = None, option: s
 @torch.no_grad()
 def perceptual_distance(image: Tensor, target: Tensor) -> float:
     """Perceptual distance of two pictures (3, H, W), sRGB in [0, 1], in the bundled network."""
-    return float(_effl0(image.device)(image, target))
+    return float(_effl0().to(image.device)(image, target))
 
 
-@cache
-def _effl0(device: torch.device) -> Distance:
-    return open_distance().to(device)
+_effl0 = cache(open_distance)

@@ -27,11 +27,8 @@ class EfficientNetLite0(Backbone):
     Taps: ``stem`` (32 channels, 1/2 of the side), ``b<i>`` (the linear output of block i, 0 to 15) and
     ``b<i>.expand`` (its widened, rectified inside, i from 1).
 
-    Args:
-        state: tensors under the names of the published file; each must be used, and none be missing.
-
     Raises:
-        UserError: if the tensors are not those of EfficientNet-Lite0.
+        UserError: if ``state`` has not all tensors of the published file under their names, or others.
     """
 
     taps = ("stem", "b0", *(f"b{i}{part}" for i in range(1, len(STRIDES)) for part in (".expand", "")))
@@ -82,15 +79,10 @@ class SameConvolution(nn.Module):
     """Convolution with constant weights, zero-padded so that ceil(side / stride) outputs remain.
 
     Where the padding is odd, the far side gets the larger half, as TensorFlow's "same" has it.
-
-    Args:
-        weight: (O, I / groups, K, K), K odd; groups is O if each output looks at one channel.
-        bias: (O,).
-        stride: step between outputs.
     """
 
-    weight: Tensor
-    bias: Tensor
+    weight: Tensor  # (O, I / groups, K, K), K odd
+    bias: Tensor  # (O,)
 
     def __init__(self, weight: Tensor, bias: Tensor, stride: int = 1) -> None:
         super().__init__()

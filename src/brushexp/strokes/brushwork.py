@@ -192,13 +192,11 @@ def _assigned(strokes: Strokes, reference: Brushwork, generator: torch.Generator
     n, m = len(strokes), len(reference)
     rows = torch.cat([torch.arange(m).repeat(n // m), torch.randperm(m, generator=generator)[: n % m]])
     thickness = 2 * half_width_of(strokes)
-    sizes = ((reference.length[rows], reference.width[rows]), (length_of(shape_of(strokes)), thickness))
-    smallest_drawn, smallest = (
-        (((length + width) * width).double().cpu().clamp_min(1e-12).log() + noise).argsort()
-        for (length, width), noise in zip(sizes, torch.randn(2, n, generator=generator) * AREA_JITTER, strict=True)
-    )
+    area = ((length_of(shape_of(strokes)) + thickness) * thickness).cpu()
+    drawn = ((reference.length + reference.width) * reference.width).cpu()[rows]
+    chance = torch.randn(n, generator=generator)
     assigned = torch.empty(n, dtype=torch.long)
-    assigned[smallest] = rows[smallest_drawn]
+    assigned[(area.log() + AREA_JITTER * chance).argsort()] = rows[drawn.argsort()]
     return assigned.to(strokes.width.device)
 
 

@@ -27,14 +27,9 @@ KINDS = {int: "a whole number", str: "text", list: "a list"}
 def json_lines(
     strokes: Strokes, depth: Tensor, background: Tensor, config: str, attributes: Mapping[str, object]
 ) -> Iterator[str]:
-    """The text of the file, piece by piece.
+    """The text of the file, piece by piece; the config (YAML) is written as a list of its lines.
 
-    Args:
-        strokes: N strokes, float32.
-        depth: (N,) ranks.
-        background: (3,) RGB.
-        config: YAML; it is written as a list of its lines.
-        attributes: those of ``ATTRIBUTES``.
+    Strokes and their ``depth`` (N,), ``background`` (3,) and the ``ATTRIBUTES`` are those of `storage.Saved`, float32.
     """
     units = {name: field.unit for name, field in FIELDS.items()} | {"depth": DEPTH_UNIT}
     head = {"format": FORMAT, "format_version": VERSION, **attributes, "background": _exact(background.tolist())}

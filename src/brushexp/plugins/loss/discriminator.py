@@ -33,12 +33,9 @@ class Discriminator(nn.Module):
     The score is a logit: above 0, the stroke is more likely one of `strokes.prior` than a corrupted one. As mirroring
     changes no stroke's validity, only the magnitudes of coordinates and bend are looked at; all inputs go through
     asinh, so that the network has something to say, and a slope, a thousand windows away.
-
-    Attributes:
-        threshold: score below which a stroke counts as invalid.
     """
 
-    threshold: Tensor
+    threshold: Tensor  # score below which a stroke counts as invalid
 
     def __init__(self) -> None:
         super().__init__()

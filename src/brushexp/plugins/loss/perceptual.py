@@ -30,8 +30,8 @@ class Perceptual(Loss):
     Args:
         weight: factor in the sum of losses. With the default, the gradient in the picture is as long as that of ``mse``
             for a portrait of 256 pixels blurred by two (0.0014 by measurement; 0.0009 to 0.0024 for another picture or
-            blur). For relu4_3 of vgg16-hed the same balance is at 0.0003.
-        backbone: feature network: effl0, vgg16, alexnet, squeeze (need ``weights``) or vgg16-hed (needs its package).
+            blur).
+        backbone: feature network: effl0, or vgg16, alexnet, squeeze (need ``weights``).
         weights: file with the network's weights; null takes those of its package.
         taps: activations to compare; null or [] takes the network's own choice, b3.expand or relu4_3.
         jitter: largest shift in pixels, 0 (none) to 3, that painting and target take together. It goes through at most

@@ -120,10 +120,8 @@ def masses(small: Tensor, floor: float) -> Tensor:
 def potentials(scores: Tensor, partners: Sequence[int], blurs: Sequence[float]) -> Tensor:
     """K potentials (K, C, h, w) by the symmetric updates of Feydy et al. (2019): all go half of the way at once.
 
-    Args:
-        scores: (K, C, h, w) logarithm of the mass that each potential looks at.
-        partners: number of the potential that belongs to that mass.
-        blurs: epsilon of each update; the first one is in full, and so is one more with the last.
+    ``scores`` are the logarithms of the masses that they look at, ``partners`` the numbers of the potentials that
+    belong to those. Each update has its blur; the first one is in full, and so is one more with the last.
     """
     found = torch.zeros_like(scores)
     for number, blur in enumerate([*blurs, blurs[-1]]):

@@ -123,7 +123,7 @@ class Style(Loss):
         image: the style picture, a path or a sample's name; null takes the target itself, whose style a perfect
             picture has.
         kernel: poly, linear, gaussian or meanstd.
-        backbone: feature network: effl0, vgg16 (needs ``weights``) or vgg16-hed (needs its package).
+        backbone: feature network: effl0, or vgg16 (needs ``weights``).
         weights: file with the network's weights; null takes those of its package.
         taps: activations to compare; null or [] takes stem, b0, b2 and b4 of effl0, relu1_1 to relu4_1 of VGG16.
         scale: longer side of the style picture, in longer sides of the canvas: smaller makes its strokes finer. It is
