@@ -15,9 +15,11 @@ def assert_same(strokes, expected):
         torch.testing.assert_close(getattr(strokes, name), getattr(expected, name))
 
 
-def test_a_catalogue_gives_back_its_strokes():
-    strokes = random_strokes(20, (30, 40))
-    assert_same(Catalogue(strokes, UNITS)(), strokes)
+@pytest.mark.parametrize("n", [0, 20])
+def test_a_catalogue_gives_back_its_strokes(n):
+    catalogue = Catalogue(random_strokes(n, (30, 40)), UNITS)
+    catalogue.keep_in_range()
+    assert_same(catalogue(), random_strokes(n, (30, 40)))
 
 
 def test_a_step_of_one_rate_moves_each_field_by_its_unit():
@@ -27,16 +29,10 @@ def test_a_step_of_one_rate_moves_each_field_by_its_unit():
     sum(parameter.sum() for parameter in catalogue.parameters()).backward()
     optimizer.step()
     moved = catalogue()
+    assert all(bool((getattr(moved, name) != getattr(strokes, name)).any()) for name in UNITS)
     torch.testing.assert_close(moved.width, strokes.width - 1e-3 * 0.3)
     torch.testing.assert_close(moved.position, strokes.position - 1e-3 * 0.5 * strokes.scale[:, None])
     assert torch.equal(moved.scale, strokes.scale), "a field without a unit must not move"
-
-
-def test_every_moving_field_gets_a_gradient():
-    catalogue = Catalogue(random_strokes(5, (30, 40)), UNITS)
-    strokes = catalogue()
-    sum((getattr(strokes, name) ** 2).sum() for name in UNITS).backward()
-    assert {name for name, parameter in catalogue.named_parameters() if parameter.grad.abs().sum() > 0} == set(UNITS)
 
 
 def test_the_scale_can_move_instead_of_the_position():
@@ -118,12 +114,6 @@ def test_strokes_are_replaced_in_place_whatever_their_units():
     catalogue.replace(new)
     assert_same(catalogue(), new)
     assert all(parameter is held[name] for name, parameter in catalogue.named_parameters())
-
-
-def test_a_catalogue_may_be_empty():
-    catalogue = Catalogue(Strokes.none(), UNITS)
-    catalogue.keep_in_range()
-    assert len(catalogue()) == 0
 
 
 def test_strokes_move_with_their_canvas():

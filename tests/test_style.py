@@ -12,7 +12,6 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from brushexp.app.command_line import in_full
-from brushexp.app.composition import check
 from brushexp.errors import UserError
 from brushexp.features import base as features
 from brushexp.painting.assembly import losses_of
@@ -242,11 +241,6 @@ def test_the_config_passes_the_picture_and_the_colours_on(config):
     assert config().style.loss.image is None
 
 
-def test_wrong_keys_below_style_are_explained(config):
-    with pytest.raises(UserError, match=r"style\.content=-1 is not at least 0"):
-        check(config("style.content=-1"))
-
-
 def test_a_loss_that_the_style_brings_with_it_is_not_chosen_besides(config):
     with pytest.raises(UserError, match=r"style\.image=coffee brings the loss style with it; drop style from loss"):
         losses_of(config("style.image=coffee", "loss=[mse,style]"))
@@ -281,7 +275,3 @@ def test_a_finished_picture_is_measured_by_every_kernel(monkeypatch):
     for name, value in loss.measured(image, target).items():
         assert value == pytest.approx(float(Style(kernel=name)(Painting(image, target, NONE))), rel=1e-4)
     assert_close(loss(Painting(image, target, NONE)), before, rtol=0, atol=0)
-
-
-def test_the_study_of_kernels_finds_its_style_picture(config):
-    assert losses_of(config("experiment=style_kernels", "hydra.mode=RUN"))["style"].image == "ihc"
