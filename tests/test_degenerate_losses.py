@@ -91,9 +91,9 @@ FEW = {
     "no width": replace(visible(3), width=0 * visible(3).width),
     "controls far away": replace(visible(4), control=torch.full((4, 2), 1e3).double()),
     "far off and huge": replace(visible(4), position=1e6 + visible(4).position, scale=1e6 * visible(4).scale / 30),
-    "a point and a line": of([[0.3] * 6, [0.5, 0.1, 0.0, 0.0, -0.5, -0.1]]),
 }
 STEEP = {  # of which single precision need not make what double precision does
+    "a point and a line": of([[0.3] * 6, [0.5, 0.1, 0.0, 0.0, -0.5, -0.1]]),
     "huge width": replace(visible(3), width=1e3 + visible(3).width),
     "start is end": of([[0.3, 0.3, x, 1.0, 0.3, 0.3] for x in np.linspace(-1, 1, 5)]),
     "almost points": of([[0.3, 0.3, 1e3, -1e3, 0.3 + d, 0.3] for d in (1e-3, 1e-8, 1e-20, 1e-30)]),
