@@ -24,7 +24,7 @@ from brushexp.training import benchmark
 from brushexp.training.datamodule import StrokeBatch
 from brushexp.training.dataset import Origin
 from brushexp.training.pruning import MULTIPLE, _Spread, check_prunable, prune
-from brushexp.training.writer import StrokeWriter
+from brushexp.training.writer import simulate_set
 
 OPTIONS = {
     "window": 64,
@@ -180,8 +180,7 @@ def run(tmp_path, monkeypatch, config):
     """Run the task in this process, on strokes of the plainest engine."""
     engine = build_named("engine", "disc", {})
     strokes = tmp_path / "strokes"
-    with StrokeWriter(strokes, Origin("disc", {"window": 64}, 64), 0, 350) as writer:
-        writer.fill(engine)
+    simulate_set(strokes, engine, Origin("disc", {"window": 64}, 64), 0, 350)
     trained = tmp_path / "trained.safetensors"
     origin = {"engine": "disc", "engine_config": {"window": 64}, "window": 64}
     RENDERERS.save(trained, "neural", tiny(), {"options": deepcopy(OPTIONS), "data": origin})

@@ -13,13 +13,12 @@ from PIL import Image
 from program import Program
 from test_dataset import SHARD_STROKES, Spot, write
 
-from brushexp.app.composition import check
 from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Simulated
 from brushexp.training import writer
 from brushexp.training.dataset import Origin, StrokeSet
 from brushexp.training.sheets import GAP_PIXELS, stroke_sheet
-from brushexp.training.writer import BATCH_STROKES, StrokeWriter, to_rows
+from brushexp.training.writer import BATCH_STROKES, simulate_set, to_rows
 
 N = 5 * SHARD_STROKES + 70
 ORIGIN = Origin("spot", {"radius": 0.25}, 6)  # as `write` has it
@@ -122,32 +121,24 @@ def test_a_killed_run_continues_and_makes_the_same_strokes(folder):
     strokes = StrokeSet(path)
     assert (len(strokes), strokes.seed) == (n, 2**64 - 1)
     assert strokes.origin == Origin("test_spot", {"window": 6, "rest": 0.03, "radius": 0.5}, 6)
-    with StrokeWriter(folder / "again", strokes.origin, strokes.seed, n) as again:
-        again.fill(lambda parameters, *, seed, first: engine_of_the_plugin(parameters, seed, first))
+    simulate_set(folder / "again", engine_of_the_plugin, strokes.origin, strokes.seed, n)
     assert contents(folder / "again") == contents(path)
 
 
-def engine_of_the_plugin(parameters, seed: int, first: int) -> Simulated:
+def engine_of_the_plugin(parameters, *, seed: int, first: int) -> Simulated:
     """What the plugin draws, without its rests."""
     alpha = torch.sin(torch.arange(first, first + len(parameters)) + seed * 0.5).square()
     alpha = alpha[:, None, None].expand(-1, 6, 6)
     return Simulated(torch.stack([0.5 * alpha, alpha, 1 - alpha, alpha], 1), alpha)
 
 
-def test_every_key_has_a_value(config):
-    cfg = config("task=simulate")
-    assert (cfg.n, cfg.path, cfg.seed) == (10000, None, 0)
-    with pytest.raises(UserError, match="n=0 is not at least 1; try n=1"):
-        check(config("task=simulate", "n=0"))
-
-
 @pytest.mark.parametrize("stops", [[0], [BATCH_STROKES], [300, 300, 1000], list(range(0, N - 70, 100))])
 def test_a_set_made_in_pieces_is_the_same(tmp_path, small_shards, whole, stops):
     path = tmp_path / "strokes"
     for stop in stops:
-        with pytest.raises(Killed), StrokeWriter(path, ORIGIN, 0, N) as killed:
-            killed.fill(Breaking(stop))
-        assert killed.done < N
+        with pytest.raises(Killed):
+            simulate_set(path, Breaking(stop), ORIGIN, 0, N)
+        assert not stop or len(StrokeSet(path)) < N
     assert contents(write(path, n=N)) == whole
 
 
@@ -168,11 +159,11 @@ def test_ctrl_c_keeps_what_is_simulated(tmp_path, small_shards, monkeypatch):
                 signal.raise_signal(signal.SIGINT)
             return super().__call__(parameters, seed=seed, first=first)
 
-    with pytest.raises(KeyboardInterrupt), StrokeWriter(path, ORIGIN, 0, N) as interrupted:
-        interrupted.simulate(Pressing())
-    assert interrupted.done == len(StrokeSet(path)) == 96
-    with StrokeWriter(path, ORIGIN, 0, N) as resumed:
-        assert resumed.done == 96
+    with pytest.raises(KeyboardInterrupt):
+        simulate_set(path, Pressing(), ORIGIN, 0, N)
+    assert len(StrokeSet(path)) == 96
+    assert simulate_set(path, Spot(), ORIGIN, 0, N) == N - 96
+    assert simulate_set(path, Spot(), ORIGIN, 0, N) == 0
 
 
 def test_what_killed_runs_leave_behind_does_no_harm(tmp_path, whole, caplog):
@@ -199,18 +190,18 @@ def test_what_killed_runs_leave_behind_does_no_harm(tmp_path, whole, caplog):
 def test_a_set_is_not_continued_with_other_settings(tmp_path, origin, seed, n, message):
     path = write(tmp_path / "strokes", n=300)
     before = contents(path)
-    with pytest.raises(UserError, match=message), StrokeWriter(path, origin, seed, n):
-        pass
+    with pytest.raises(UserError, match=message):
+        simulate_set(path, Spot(), origin, seed, n)
     assert contents(path) == before, "nothing was lost"
 
 
 def test_only_one_run_makes_a_set_at_a_time(tmp_path):
-    path = tmp_path / "strokes"
-    other = StrokeWriter(path, ORIGIN, 0, N)
-    with StrokeWriter(path, ORIGIN, 0, N), pytest.raises(UserError, match="is being made by another run"):
-        other.__enter__()
-    with StrokeWriter(path, ORIGIN, 0, N):
-        pass
+    def again(*_: object, **__: object) -> Simulated:
+        return simulate_set(tmp_path, Spot(), ORIGIN, 0, N)
+
+    with pytest.raises(UserError, match="is being made by another run"):
+        simulate_set(tmp_path, again, ORIGIN, 0, N)
+    assert simulate_set(tmp_path, Spot(), ORIGIN, 0, 40) == 40
 
 
 @pytest.mark.parametrize("room", [2000, 30_000])
@@ -231,19 +222,16 @@ def test_a_full_disk_ends_in_one_clear_line_and_nothing_is_lost(tmp_path, whole,
 def test_a_place_that_cannot_be_written_is_explained(tmp_path):
     (tmp_path / "file").write_text("in the way")
     for path in (tmp_path / "file", tmp_path / "file" / "a"):
-        with pytest.raises(UserError, match=r"cannot write .*; .*path="), StrokeWriter(path, ORIGIN, 0, N):
-            pass
+        with pytest.raises(UserError, match=r"cannot write .*; .*path="):
+            simulate_set(path, Spot(), ORIGIN, 0, N)
     assert (tmp_path / "file").read_text() == "in the way"
 
 
-def test_numbers_that_are_not_finite_are_refused_with_the_stroke():
+def test_numbers_that_are_not_finite_are_refused_with_the_stroke_and_others_are_clipped():
     simulated = Spot()(torch.zeros(9, 10), seed=0)
     simulated.heights[7, 2, 3] = torch.nan
     with pytest.raises(UserError, match="the engine drew stroke 107 with numbers that are not finite"):
         to_rows(torch.zeros(9, 10), simulated, 100)
-
-
-def test_what_lies_outside_the_range_of_the_file_is_clipped():
     images = torch.tensor([-1.0, 2.0, 0.5])[:, None, None, None].expand(3, 4, 6, 6)
     heights = torch.tensor([-1.0, 1e6, 0.5])[:, None, None].expand(3, 6, 6)
     rows = to_rows(torch.zeros(3, 10), Simulated(images, heights), 0)

@@ -1,11 +1,11 @@
-"""What training a network and fine-tuning a pruned one share: the fit, and what recipes and metrics say of it."""
+"""What training a network and fine-tuning a pruned one share: the fit, and the recipe of what it leaves."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import lightning as L
 import torch
@@ -14,11 +14,14 @@ from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.app.fitting import trainer_of
+from brushexp.app.stroke_data import data_recipe
 from brushexp.errors import UserError
+from brushexp.plugins.renderer.weights_file import RENDERERS
+from brushexp.registry import plugin_of
 from brushexp.system.callbacks import MovingAverage
-from brushexp.system.runtime import peak_memory
+from brushexp.training.datamodule import StrokeData
 from brushexp.training.network_module import NetworkModule
-from brushexp.training.renderer_module import RendererSettings
+from brushexp.training.renderer_module import RendererModule, RendererSettings
 
 
 def fit_network(
@@ -28,7 +31,6 @@ def fit_network(
     folder: Path,
     device: torch.device,
     loggers: Sequence[Logger],
-    *,
     callbacks: Sequence[L.Callback] = (),
     resumed: Path | None = None,
 ) -> None:
@@ -41,18 +43,10 @@ def fit_network(
         raise UserError("neither epochs nor minutes is set, so training would never end; set minutes=60")
     options = {"log_every_n_steps": min(cfg.trainer.log_every_n_steps, len(data.train_dataloader()))}
     options |= {} if cfg.epochs is None else {"max_epochs": cfg.epochs}
-    trainer = trainer_of(
-        OmegaConf.merge(cfg, {"trainer": options}),  # type: ignore[arg-type]
-        device,
-        folder,
-        loggers,
-        [
-            Timer(None if cfg.minutes is None else timedelta(minutes=cfg.minutes), verbose=False),
-            *([MovingAverage(cfg.ema)] if cfg.ema else []),
-            *callbacks,
-        ],
-        num_sanity_val_steps=0,
-    )
+    cfg = OmegaConf.merge(cfg, {"trainer": options})  # type: ignore[assignment]
+    timer = Timer(None if cfg.minutes is None else timedelta(minutes=cfg.minutes), verbose=False)
+    averages = [MovingAverage(cfg.ema)] if cfg.ema else []
+    trainer = trainer_of(cfg, device, folder, loggers, [timer, *averages, *callbacks], num_sanity_val_steps=0)
     if cfg.epochs != 0:
         trainer.fit(module, data, ckpt_path=None if resumed is None else str(resumed))
     if module.validated != module.global_step:
@@ -74,16 +68,28 @@ def training_recipe(module: NetworkModule, cfg: DictConfig) -> dict[str, object]
     return recipe
 
 
-def effort(module: NetworkModule, cfg: DictConfig, start: float, device: torch.device) -> dict[str, object]:
-    """What a training took, for metrics.json."""
-    seen = module.global_step * cfg.batch_size
-    return {
-        "steps": module.global_step,
-        "strokes_seen": seen,
-        "strokes_per_second": seen / module.seconds if module.seconds else None,
-        "seconds": module.seconds,
-        "seconds_total": time.monotonic() - start,
-        "peak_memory_mb": peak_memory(),
-        "device": str(device),
-        "status": module.stop or "completed",
+def save_renderer(
+    path: Path, module: RendererModule, data: StrokeData, cfg: DictConfig, figures: dict[str, Any],
+    options: dict[str, Any] | None = None, training: dict[str, Any] | None = None,
+) -> str:  # fmt: skip
+    """Write a trained renderer, and return the hash of its weights.
+
+    Args:
+        path: of the .safetensors.
+        module: with the renderer.
+        data: what it learned from.
+        cfg: of the run.
+        figures: how good it is.
+        options: of the plugin that are not those of the config.
+        training: what the recipe tells of its training besides.
+    """
+    chosen = OmegaConf.to_container(cfg.renderer, resolve=True, enum_to_str=True)
+    assert isinstance(chosen, dict)
+    started = {"started_from": cfg.renderer.get("checkpoint")}
+    recipe = {
+        "options": {str(key): value for key, value in chosen.items()} | (options or {}),
+        "data": data_recipe(data, cfg),
+        "training": training_recipe(module, cfg) | started | (training or {}),
+        "figures": figures,
     }
+    return RENDERERS.save(path, plugin_of(cfg.renderer).name, module.renderer, recipe)

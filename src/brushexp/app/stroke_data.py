@@ -13,38 +13,32 @@ from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine
 from brushexp.plugins.renderer.weights_file import RENDERERS
 from brushexp.registry import build
-from brushexp.training.datamodule import EngineSource, StrokeData
-from brushexp.training.dataset import Origin, origin_of, require_same_origin
-from brushexp.training.writer import StrokeWriter
+from brushexp.training.datamodule import SimulatedData, StoredData, StrokeData
+from brushexp.training.dataset import Origin, first_difference, origin_of
+from brushexp.training.writer import simulate_set
 
 log = logging.getLogger(__name__)
 
 
 def stroke_data(cfg: DictConfig) -> StrokeData:
     """Strokes from the sets of ``data``; without any, from a set that is simulated first, or on the way."""
-    source: list[Path] | EngineSource
     if cfg.data is not None:
-        source = [Path(path) for path in cfg.data]
+        paths = [Path(path) for path in cfg.data]
     else:
         engine: Engine = build(cfg.engine)
         origin = origin_of(cfg.engine, engine)
         if cfg.get("simulate") is None:
-            source = EngineSource(engine, origin, seed=cfg.seed)
-        else:
-            source = [simulated_set(Path(cfg.sets), engine, origin, cfg.seed, cfg.simulate)]
-    return StrokeData(source, batch_size=cfg.batch_size, seed=cfg.seed, limit=cfg.limit)
-
-
-def simulated_set(sets: Path, engine: Engine, origin: Origin, seed: int, n: int) -> Path:
-    """The set of ``n`` strokes by ``engine`` in the folder ``sets``, simulated now if it is not there yet."""
-    settings = json.dumps(origin.settings(), sort_keys=True)
-    mark = hashlib.sha256(settings.encode()).hexdigest()[:8]
-    path = sets / f"{origin.engine}-{origin.window}-{mark}-seed{seed}-{n}"
-    with StrokeWriter(path, origin, seed, n, wait=True) as writer:  # jobs of a parallel sweep may need the same one
-        if writer.done < n:
-            log.info("simulating %d strokes for this and later runs: %s", n - writer.done, path)
-            writer.simulate(engine)
-    return path
+            if cfg.limit is not None:
+                raise UserError(
+                    f"limit={cfg.limit} is for sets, and these strokes are simulated on the way; drop limit"
+                )
+            return SimulatedData(engine, origin, batch_size=cfg.batch_size, seed=cfg.seed)
+        mark = hashlib.sha256(json.dumps(origin.settings(), sort_keys=True).encode()).hexdigest()[:8]
+        path = Path(cfg.sets) / f"{origin.engine}-{origin.window}-{mark}-seed{cfg.seed}-{cfg.simulate}"
+        log.info("the strokes of this and later runs: %s", path)
+        simulate_set(path, engine, origin, cfg.seed, cfg.simulate, wait=True)  # jobs of a sweep may need the same one
+        paths = [path]
+    return StoredData(paths, batch_size=cfg.batch_size, seed=cfg.seed, limit=cfg.limit)
 
 
 def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:
@@ -71,8 +65,9 @@ def check_origin(cfg: DictConfig, found: Origin) -> None:
     if cfg.other_data or not isinstance(recipe, dict) or not {"engine", "engine_config", "window"} <= recipe.keys():
         return
     trained = Origin(recipe["engine"], recipe["engine_config"], recipe["window"])
-    name = f"engine={found.engine}" if cfg.data is None else cfg.data[0]
-    try:
-        require_same_origin(trained, found, name)
-    except UserError as error:
-        raise UserError(f"{error}; other_data=true takes it all the same") from error
+    if difference := first_difference(trained.settings(), found.settings()):
+        name = f"engine={found.engine}" if cfg.data is None else cfg.data[0]
+        raise UserError(
+            f"{name} was made with {difference[1]}, but the renderer was trained on strokes made with {difference[0]}; "
+            "give a set made as that one was, or train a renderer on this one; other_data=true takes it all the same"
+        )

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterable, Sequence
-from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from itertools import chain
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -16,9 +16,9 @@ from brushexp.plugins.engine.base import Engine
 from brushexp.plugins.renderer.base import PatchRenderer, Renderer, window_pictures
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, sample_prior, strokes_of
-from brushexp.system.progress import counting
+from brushexp.system.progress import with_progress
 from brushexp.training.datamodule import StrokeBatch
-from brushexp.training.evaluation import Errors, FeatureDistance, errors_of, squared_error
+from brushexp.training.evaluation import FeatureDistance, error_figures, error_sums, squared_error
 
 ACROSS, DOWN = 16, 8  # strokes that are painted at once when time is taken
 REPETITIONS, TIMING_SECONDS = 7, 6.0  # at most so many, and no further one after so many seconds
@@ -50,37 +50,28 @@ EXTREMES: dict[str, dict[str, object]] = {
 
 
 def evaluate(
-    renderer: Renderer,
-    batches: Iterable[StrokeBatch],
-    window: int,
-    distances: Sequence[FeatureDistance],
-    total: int | None = None,
+    renderer: Renderer, batches: Iterable[StrokeBatch], n: int, window: int, distances: Sequence[FeatureDistance]
 ) -> dict[str, float]:
-    """Errors of a renderer on strokes that it has not seen.
+    """Errors of a renderer on strokes that it has not seen, with a progress bar.
 
     Args:
         renderer: any, on some device.
         batches: strokes with their true pictures.
+        n: how many they are.
         window: pixels on the side of those.
         distances: fresh ones; they take to the strokes' device what they need.
-        total: how many strokes there are, for a progress bar; None shows none.
 
     Returns:
-        ``l2``, ``psnr_alpha``, ``psnr_color`` (see `Errors.figures`), then the figures of the distances.
+        ``l2``, ``psnr_alpha``, ``psnr_color`` (see `error_figures`), then the figures of the distances.
     """
-    errors, done = Errors(), 0
-    with nullcontext(lambda done: None) if total is None else counting("evaluating strokes", total) as show:
-        for batch in batches:
-            drawn, truth = drawn_and_true(renderer, batch, window)
-            errors += errors_of(drawn, truth)
-            for distance in distances:
-                distance.add(drawn, truth)
-            done += len(drawn)
-            show(done)
-    figures = errors.figures()
-    for distance in distances:
-        figures |= distance.figures()
-    return figures
+    sums = torch.zeros(5, dtype=torch.float64)
+    for batch in with_progress(batches, n, "evaluating strokes", lambda batch: len(batch.number)):
+        drawn, truth = drawn_and_true(renderer, batch, window)
+        sums += error_sums(drawn, truth)
+        for distance in distances:
+            distance.add(drawn, truth)
+    measured = (distance.figures().items() for distance in distances)
+    return error_figures(sums) | dict(chain.from_iterable(measured))
 
 
 @torch.no_grad()
@@ -92,7 +83,7 @@ def drawn_and_true(renderer: Renderer, batch: StrokeBatch, window: int) -> tuple
 
 
 def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backward: bool) -> float:
-    """How fast strokes are painted, `ACROSS` x `DOWN` at once, each alone in its place on a canvas.
+    """How fast strokes are painted, `ACROSS` x `DOWN` at once, each alone in its window's place on a canvas.
 
     So compiled kernels count as they do in painting, and a stroke costs what its window costs. The best of some
     repetitions after a first one, with as many threads as PyTorch has now.
@@ -103,15 +94,14 @@ def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backwar
         window: pixels on the side of a window.
         backward: also compute the gradient of the sum of all pixels in the parameters of the strokes.
     """
-    device, threads = device_of_weights(renderer), torch.get_num_threads()
-    strokes = sample_prior(ACROSS * DOWN)
+    device, n = device_of_weights(renderer), ACROSS * DOWN
+    strokes = sample_prior(n)
     place = torch.stack(torch.meshgrid(torch.arange(ACROSS), torch.arange(DOWN), indexing="xy"), dim=-1).reshape(-1, 2)
     scale = torch.full_like(strokes.scale, window)
     strokes = replace(strokes, position=window * (place + 0.5), scale=scale).map(lambda value: value.to(device))
-    white, order = torch.ones(3, device=device), torch.arange(ACROSS * DOWN, device=device)
-    best, spent = math.inf, 0.0
-    for repetition in range(REPETITIONS + 1):
-        torch.set_num_threads(threads)  # the first kernel that Numba starts sets it to all cores
+    white, order = torch.ones(3, device=device), torch.arange(n, device=device)
+    seconds: list[float] = []
+    while len(seconds) <= REPETITIONS and (len(seconds) < 2 or sum(seconds) <= TIMING_SECONDS):
         given = strokes.map(lambda value: value.clone().requires_grad_(backward))
         before = time.perf_counter()
         with torch.set_grad_enabled(backward):
@@ -120,16 +110,11 @@ def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backwar
                 image.sum().backward()
         if device.type == "cuda":
             torch.cuda.synchronize(device)
-        seconds = time.perf_counter() - before
-        best = min(best, seconds) if repetition else best
-        spent += seconds
-        if repetition and spent > TIMING_SECONDS:
-            break
-    return ACROSS * DOWN / best
+        seconds.append(time.perf_counter() - before)
+    return n / min(seconds[1:])
 
 
-@dataclass(frozen=True)
-class ExtremeDrawings:
+class ExtremeDrawings(NamedTuple):
     """What became of the strokes `EXTREMES`.
 
     Attributes:
@@ -144,20 +129,14 @@ class ExtremeDrawings:
     pictures: dict[str, Tensor]
     rows: list[dict[str, object]]
 
-    @property
-    def finite(self) -> bool:
-        """Whether everything that a user gets is a number."""
-        return bool(self.pictures["painted"].isfinite().all())
-
 
 @torch.no_grad()
 def draw_extremes(renderer: Renderer, engine: Engine) -> ExtremeDrawings:
     """Draw the strokes `EXTREMES` beside those that the engine paints nearest to them."""
-    device, side = device_of_weights(renderer), engine.window
-    strokes = extreme_strokes()
+    side, strokes = engine.window, extreme_strokes()
     within = clamp_to_prior(replace(strokes, color=strokes.color.clamp(0, 1)))
     nearest = engine(parameters_of(within), seed=0).images
-    parameters = parameters_of(strokes).to(device)
+    parameters = parameters_of(strokes).to(device_of_weights(renderer))
     pictures = {"painted": window_pictures(renderer, parameters, side).cpu()}
     if isinstance(renderer, PatchRenderer) and renderer.window == side:
         pictures["bare"] = renderer.draw(parameters).cpu()
@@ -199,5 +178,4 @@ def speed_and_size(renderer: Renderer, blend: Blend, window: int) -> dict[str, f
 
 def device_of_weights(renderer: Renderer) -> torch.device:
     """Where its weights are; the CPU if it has none."""
-    weight = next(renderer.parameters(), None)
-    return torch.device("cpu") if weight is None else weight.device
+    return next((weight.device for weight in renderer.parameters()), torch.device("cpu"))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -13,35 +12,27 @@ from torch.nn import functional
 from brushexp.plugins.loss.discriminator import SHAPE
 from brushexp.strokes.prior import INSET, SHORTEST, WIDTH
 
-GROUPS = ((0, 2), (2, 4), (4, 6), (6, 7))  # first and last column of start, control, end and width
+GROUPS = (2, 2, 2, 1)  # columns of start, control, end and width
 NEAREST = 0.005  # half-windows: distance from the valid square
 FARTHEST = 3e3  # half-windows: no invalid stroke is meant to be farther off (`strokes.catalogue.FIELDS` ends at 1e3)
 THICKEST = 1e3  # sides of the window, as in FIELDS
 
 
-class Corrupted(NamedTuple):
-    """Corrupted strokes.
+def corrupt(valid: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
+    """Corrupt valid strokes (n, 7), each by one of the `CORRUPTIONS`, drawn at random.
 
-    Attributes:
-        shapes: (n, 7).
-        hard: (n, 7) hard negatives: the same strokes with some of their groups of numbers half as corrupted.
-        kind: (n,) int64 how each was corrupted, index into `CORRUPTIONS`.
+    Returns:
+        Corrupted strokes (n, 7); hard negatives (n, 7), which are the same strokes with some of their groups of numbers
+        half as corrupted; and how each was corrupted, (n,) int64 indices into `CORRUPTIONS`.
     """
-
-    shapes: Tensor
-    hard: Tensor
-    kind: Tensor
-
-
-def corrupt(valid: Tensor, generator: torch.Generator) -> Corrupted:
-    """Corrupt valid strokes (n, 7), each by one of the `CORRUPTIONS`, drawn at random."""
     kind = torch.randint(len(CORRUPTIONS), (len(valid),), generator=generator)
     shapes = valid.clone()
     for number, function in enumerate(CORRUPTIONS.values()):
         chosen = kind == number
         shapes[chosen] = function(valid[chosen], generator)
-    mask = _some_groups(len(valid), generator)
-    return Corrupted(shapes, torch.where(mask, 0.5 * (shapes + valid), shapes), kind)
+    groups = _uniform(len(valid), len(GROUPS), generator) < 0.5
+    groups |= _uniform(len(valid), 1, generator) < 0.5  # of half of the strokes all
+    return shapes, torch.where(_columns(groups), 0.5 * (shapes + valid), shapes), kind
 
 
 def _boxed(valid: Tensor, generator: torch.Generator) -> Tensor:
@@ -118,18 +109,8 @@ def _bent(valid: Tensor, generator: torch.Generator) -> Tensor:
     return torch.cat([start, 0.5 * (start + end) + length * offset, end, width], dim=1)
 
 
-CORRUPTIONS: dict[str, Callable[[Tensor, torch.Generator], Tensor]] = {
-    "boxed": _boxed,
-    "enlarged": _enlarged,
-    "shifted": _shifted,
-    "mixed": _mixed,
-    "noisy": _noisy,
-    "partly_noisy": _partly_noisy,
-    "off_width": _off_width,
-    "outside": _outside,
-    "shortened": _shortened,
-    "bent": _bent,
-}
+_ALL = (_boxed, _enlarged, _shifted, _mixed, _noisy, _partly_noisy, _off_width, _outside, _shortened, _bent)
+CORRUPTIONS: dict[str, Callable[[Tensor, torch.Generator], Tensor]] = {kind.__name__[1:]: kind for kind in _ALL}
 
 
 def _uniform(n: int, columns: int, generator: torch.Generator) -> Tensor:
@@ -155,14 +136,8 @@ def _thickness(n: int, generator: torch.Generator) -> Tensor:
 
 def _one_group(n: int, generator: torch.Generator) -> Tensor:
     """Mask (n, 7) of one of the `GROUPS`."""
-    return _columns(functional.one_hot(torch.randint(4, (n,), generator=generator), 4).bool())
-
-
-def _some_groups(n: int, generator: torch.Generator) -> Tensor:
-    """Mask (n, 7) of some of the `GROUPS`, of half of the strokes all."""
-    some = _uniform(n, len(GROUPS), generator) < 0.5
-    return _columns(some | (_uniform(n, 1, generator) < 0.5))
+    return _columns(functional.one_hot(torch.randint(len(GROUPS), (n,), generator=generator), len(GROUPS)).bool())
 
 
 def _columns(groups: Tensor) -> Tensor:
-    return groups.repeat_interleave(torch.tensor([last - first for first, last in GROUPS]), dim=1)
+    return groups.repeat_interleave(torch.tensor(GROUPS), dim=1)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections import deque
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import lightning as L
 import numpy as np
@@ -18,7 +16,7 @@ from torch import Tensor
 from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine
 from brushexp.strokes.prior import parameters_of, sample_prior
-from brushexp.training.dataset import BLOCK, Bytes, Numbers, Origin, Split, StrokeSet
+from brushexp.training.dataset import BLOCK, Bytes, Numbers, Origin, Split, StrokeSet, pictures_of
 
 GROUP = 32  # blocks whose strokes are shuffled together
 HELD_OUT = {Split.VALIDATION: 2**40, Split.TEST: 2**41}  # first number of those simulated on the way
@@ -38,57 +36,27 @@ class StrokeBatch(NamedTuple):
     number: Tensor
 
 
-@dataclass(frozen=True)
-class EngineSource:
-    """An engine that simulates strokes when they are needed, in training never the same twice.
-
-    Attributes:
-        engine: simulates them.
-        origin: what the engine is, `dataset.origin_of`.
-        seed: of the prior and the engine.
-        steps: batches that are called an epoch.
-        held_out: strokes for validation, and as many for the test.
-    """
-
-    engine: Engine
-    origin: Origin
-    seed: int = 0
-    steps: int = 500
-    held_out: int = 1000
-
-    def batch(self, first: int, size: int) -> StrokeBatch:
-        """Strokes number ``first`` to ``first + size - 1``."""
-        parameters = parameters_of(sample_prior(size, self.seed, first))
-        images = self.engine(parameters, seed=self.seed, first=first).images
-        return StrokeBatch(parameters, images, torch.arange(first, first + size))
-
-
 class StrokeLoader:
     """Batches of one split, epoch after epoch, in an order that the epoch's number decides.
 
     Args:
         batches: those of an epoch, from one on: (epoch, first batch) -> iterator.
         length: batches of an epoch.
-        prefetch: how many a thread makes ahead; 0 makes them when they are asked for.
     """
 
-    def __init__(self, batches: Callable[[int, int], Iterator[StrokeBatch]], length: int, prefetch: int) -> None:
-        self.batches, self.length, self.prefetch = batches, length, prefetch
+    def __init__(self, batches: Callable[[int, int], Iterator[Any]], length: int) -> None:
+        self.batches, self.length = batches, length
         self.position = self.next = (0, 0)  # epoch, batch
 
     def __len__(self) -> int:
         return self.length
 
-    def __iter__(self) -> Iterator[StrokeBatch]:
+    def __iter__(self) -> Iterator[Any]:
         epoch, first = self.next
         self.position, self.next = (epoch, first), (epoch + 1, 0)
-        for batch in prefetched(self.batches(epoch, first), self.prefetch):
+        for batch in self.batches(epoch, first):
             self.position = (epoch, self.position[1] + 1)
             yield batch
-
-    def set_epoch(self, epoch: int) -> None:
-        """Let the next iteration be this epoch; else it is the one after the last."""
-        self.next = (epoch, 0)
 
     def state_dict(self) -> dict[str, int]:
         """How far it is; Lightning puts this into its checkpoints."""
@@ -100,79 +68,43 @@ class StrokeLoader:
         self.next = self.position = (epoch, batch) if batch < self.length else (epoch + 1, 0)
 
 
-class StrokeData(L.LightningDataModule):
-    """Training, validation and test strokes from files, or from an engine.
-
-    Every training stroke comes once in an epoch, in an order decided by seed and epoch; the others come in order.
-    The last batch of an epoch may be smaller.
-
-    Args:
-        source: sets of `task=simulate`, all of one engine and window; or `EngineSource`.
-        batch_size: strokes of a batch.
-        seed: of the order.
-        limit: use only the first so many training strokes; None uses all.
-        prefetch: batches that a thread makes ahead, from sets; None makes 8 where there is a GPU, and none where the
-            processor trains: there the thread takes from the training what it gives.
+class StrokeData(L.LightningDataModule, ABC):
+    """Training, validation and test strokes; the last batch of an epoch may be smaller.
 
     Attributes:
         origin: what made the strokes (of several sets, the first).
-        sets: the opened sets; none of `EngineSource`.
-
-    Raises:
-        UserError: if a set cannot be read, the sets do not fit together, or a split is empty.
+        sets: the opened sets; none if the strokes are simulated on the way.
+        batch_size: strokes of a batch.
     """
 
-    def __init__(
-        self,
-        source: Sequence[Path] | EngineSource,
-        *,
-        batch_size: int = 64,
-        seed: int = 0,
-        limit: int | None = None,
-        prefetch: int | None = None,
-    ) -> None:
-        super().__init__()
-        self.source = source
-        self.batch_size, self.seed = batch_size, seed
-        self.prefetch = (8 if torch.cuda.is_available() else 0) if prefetch is None else prefetch
-        self.sets: list[StrokeSet] = []
-        if isinstance(source, EngineSource):
-            self.origin = source.origin
-            self._simulations: dict[Split, StrokeBatch] = {}
-            if limit is not None:
-                raise UserError(f"limit={limit} is for sets, and these strokes are simulated on the way; drop limit")
-            return
-        self.sets = [StrokeSet(path) for path in source]
-        require_compatible(self.sets)
-        self.origin = self.sets[0].origin
-        self._places = {split: places_of(split, self.sets) for split in Split}
-        self._places[Split.TRAINING] = self._places[Split.TRAINING][:limit]
-        for split, found in self._places.items():
-            if not len(found):
-                raise UserError(
-                    f"{', '.join(map(str, source))}: no stroke is for {split.name.lower()} "
-                    f"(limit={limit}); simulate more than {2 * BLOCK} strokes, and set limit to 1 or more"
-                )
+    origin: Origin
+    sets: Sequence[StrokeSet] = ()
+    batch_size: int
+
+    @abstractmethod
+    def size(self, split: Split) -> int:
+        """How many strokes of a split there are, of those for training in an epoch."""
+
+    @abstractmethod
+    def batches(self, split: Split, epoch: int, first: int) -> Iterator[StrokeBatch]:
+        """Batches number ``first`` and on of an epoch: training strokes shuffled, held-out ones in order."""
 
     def train_dataloader(self) -> StrokeLoader:
-        if isinstance(self.source, EngineSource):
-            return StrokeLoader(partial(self._simulated, self.source), self.source.steps, 0)
-        return StrokeLoader(self._shuffled, -(-len(self._places[Split.TRAINING]) // self.batch_size), self.prefetch)
+        return self._loader(Split.TRAINING)
 
     def val_dataloader(self) -> StrokeLoader:
-        return self._held_out(Split.VALIDATION)
+        return self._loader(Split.VALIDATION)
 
     def test_dataloader(self) -> StrokeLoader:
-        return self._held_out(Split.TEST)
+        return self._loader(Split.TEST)
 
     def count(self, split: Split, wanted: int | None) -> int:
-        """Held-out strokes of a split: as many as wanted, and there."""
-        there = self.source.held_out if isinstance(self.source, EngineSource) else len(self._places[split])
-        return min(there, wanted or there)
+        """Strokes of a split: as many as wanted, and there."""
+        return min(self.size(split), wanted or self.size(split))
 
     def first(self, split: Split, n: int) -> Iterator[StrokeBatch]:
         """The first n held-out strokes of a split."""
-        for batch in self._held_out(split):
+        for batch in self._loader(split):
             if n <= 0:
                 break
             yield StrokeBatch(*(values[:n] for values in batch))
@@ -182,69 +114,113 @@ class StrokeData(L.LightningDataModule):
         """The same in one batch."""
         return StrokeBatch(*map(torch.cat, zip(*self.first(split, n), strict=True)))
 
-    def _held_out(self, split: Split) -> StrokeLoader:
-        if isinstance(self.source, EngineSource):
-            batches, n, prefetch = partial(self._kept, self.source, split), self.source.held_out, 0
+    def _loader(self, split: Split) -> StrokeLoader:
+        return StrokeLoader(partial(self.batches, split), -(-self.size(split) // self.batch_size))
+
+
+class SimulatedData(StrokeData):
+    """Strokes that an engine simulates when they are needed, in training never the same twice.
+
+    Args:
+        engine: simulates them.
+        origin: what the engine is, `dataset.origin_of`.
+        batch_size: strokes of a batch.
+        seed: of the prior and the engine.
+        steps: batches that are called an epoch.
+        held_out: strokes for validation, and as many for the test.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        origin: Origin,
+        *,
+        batch_size: int = 64,
+        seed: int = 0,
+        steps: int = 500,
+        held_out: int = 1000,
+    ) -> None:
+        super().__init__()
+        self.engine, self.origin, self.batch_size, self.seed = engine, origin, batch_size, seed
+        self.steps, self.held_out = steps, held_out
+        self._kept: dict[int, StrokeBatch] = {}  # held-out strokes, which every validation looks at
+
+    def size(self, split: Split) -> int:
+        return self.steps * self.batch_size if split is Split.TRAINING else self.held_out
+
+    def batches(self, split: Split, epoch: int, first: int) -> Iterator[StrokeBatch]:
+        size = self.size(split)
+        begin = HELD_OUT.get(split, epoch * size)
+        for number in range(begin + first * self.batch_size, begin + size, self.batch_size):
+            batch = self._kept.get(number) or self._simulated(number, min(self.batch_size, begin + size - number))
+            if split is not Split.TRAINING:
+                self._kept[number] = batch
+            yield batch
+
+    def _simulated(self, first: int, n: int) -> StrokeBatch:
+        parameters = parameters_of(sample_prior(n, self.seed, first))
+        images = self.engine(parameters, seed=self.seed, first=first).images
+        return StrokeBatch(parameters, images, torch.arange(first, first + n))
+
+
+class StoredData(StrokeData):
+    """Strokes from files; every training stroke comes once in an epoch, in an order decided by seed and epoch.
+
+    Args:
+        paths: sets of `task=simulate`, all of one engine and window.
+        batch_size: strokes of a batch.
+        seed: of the order.
+        limit: use only the first so many training strokes; None uses all.
+
+    Raises:
+        UserError: if a set cannot be read, the sets do not fit together, or a split is empty.
+    """
+
+    def __init__(self, paths: Sequence[Path], *, batch_size: int = 64, seed: int = 0, limit: int | None = None) -> None:
+        super().__init__()
+        self.batch_size, self.seed = batch_size, seed
+        self.sets = [StrokeSet(path) for path in paths]
+        require_compatible(self.sets)
+        self.origin = self.sets[0].origin
+        self.shards = [shard for strokes in self.sets for shard in strokes.shards]
+        self.parameters = torch.cat([shard.parameters for shard in self.shards])
+        self.numbers = np.concatenate([np.arange(len(strokes)) for strokes in self.sets])
+        self.places = {split: split.places(self.numbers) for split in Split}
+        self.places[Split.TRAINING] = self.places[Split.TRAINING][:limit]
+        for split, found in self.places.items():
+            if not len(found):
+                raise UserError(
+                    f"{', '.join(map(str, paths))}: no stroke is for {split.name.lower()} (limit={limit}); "
+                    f"simulate more than {2 * BLOCK} strokes, and set limit to 1 or more"
+                )
+
+    def size(self, split: Split) -> int:
+        return len(self.places[split])
+
+    def batches(self, split: Split, epoch: int, first: int) -> Iterator[StrokeBatch]:
+        places, n = self.places[split], self.batch_size
+        if split is Split.TRAINING:
+            groups = shuffled_groups(places, self.numbers[places] // BLOCK, np.random.default_rng([self.seed, epoch]))
         else:
-            batches, n, prefetch = partial(self._in_order, split), len(self._places[split]), self.prefetch
-        return StrokeLoader(batches, -(-n // self.batch_size), prefetch)
-
-    def _shuffled(self, epoch: int, first: int) -> Iterator[StrokeBatch]:
-        """Training batches: blocks in random order, their strokes mixed among those of `GROUP` blocks."""
-        skip = first * self.batch_size
-        found = np.empty((0, 2), np.int64)  # what is read and not handed out yet
-        images = self._pictures(found)
-        for group in shuffled_groups(self._places[Split.TRAINING], np.random.default_rng([self.seed, epoch])):
+            groups = np.split(places, range(n, len(places), n))
+        skip, waiting = first * n, places[:0]  # strokes that are read and not handed out yet
+        images = pictures_of(self.shards, waiting)
+        for group in groups:
             wanted, skip = group[skip:], max(0, skip - len(group))
-            if not len(wanted):
-                continue
-            found = np.concatenate([found, wanted])
-            images = np.concatenate([images, self._pictures(wanted)])
-            while len(found) >= self.batch_size:
-                yield self._batch(found[: self.batch_size], images[: self.batch_size])
-                found, images = found[self.batch_size :], images[self.batch_size :]
-        if len(found):
-            yield self._batch(found, images)
+            waiting = np.concatenate([waiting, wanted])
+            images = np.concatenate([images, pictures_of(self.shards, wanted)])
+            while len(waiting) >= n:
+                yield self._batch(waiting[:n], images[:n])
+                waiting, images = waiting[n:], images[n:]
+        if len(waiting):
+            yield self._batch(waiting, images)
 
-    def _in_order(self, split: Split, _epoch: int, first: int) -> Iterator[StrokeBatch]:
-        found = self._places[split]
-        for start in range(first * self.batch_size, len(found), self.batch_size):
-            wanted = found[start : start + self.batch_size]
-            yield self._batch(wanted, self._pictures(wanted))
-
-    def _pictures(self, wanted: Numbers) -> Bytes:
-        window = self.origin.window
-        images = np.empty((len(wanted), window, window, 4), np.uint8)
-        for k, strokes in enumerate(self.sets):
-            here = wanted[:, 0] == k
-            images[here] = strokes.pictures(wanted[here, 1])
-        return images
-
-    def _batch(self, wanted: Numbers, images: Bytes) -> StrokeBatch:
-        parameters = torch.empty(len(wanted), 10)
-        numbers = torch.from_numpy(wanted[:, 1].copy())
-        for k, strokes in enumerate(self.sets):
-            here = torch.from_numpy(wanted[:, 0] == k)
-            parameters[here] = strokes.parameters[numbers[here]]
-        planes = np.empty((len(images), 4, *images.shape[1:3]), np.float32)
-        np.divide(images.transpose(0, 3, 1, 2), np.float32(255), out=planes)  # not torch: a thread of its own would
-        return StrokeBatch(parameters, torch.from_numpy(planes), numbers)  # start as many again
-
-    def _simulated(self, source: EngineSource, epoch: int, first: int) -> Iterator[StrokeBatch]:
-        for k in range(epoch * source.steps + first, (epoch + 1) * source.steps):
-            yield source.batch(k * self.batch_size, self.batch_size)
-
-    def _kept(self, source: EngineSource, split: Split, _epoch: int, first: int) -> Iterator[StrokeBatch]:
-        """Held-out strokes, simulated once and then kept."""
-        if split not in self._simulations:
-            self._simulations[split] = source.batch(HELD_OUT[split], source.held_out)
-        for parts in list(zip(*(part.split(self.batch_size) for part in self._simulations[split]), strict=True))[
-            first:
-        ]:
-            yield StrokeBatch(*parts)
+    def _batch(self, places: Numbers, images: Bytes) -> StrokeBatch:
+        planes = torch.from_numpy(images).permute(0, 3, 1, 2).contiguous() / 255
+        return StrokeBatch(self.parameters[places], planes, torch.from_numpy(self.numbers[places]))
 
 
-def require_compatible(sets: list[StrokeSet]) -> None:
+def require_compatible(sets: Sequence[StrokeSet]) -> None:
     """Stop unless the sets are of one engine and window, and none repeats another.
 
     Raises:
@@ -252,13 +228,12 @@ def require_compatible(sets: list[StrokeSet]) -> None:
     """
     if not sets:
         raise UserError("no set of strokes is given; give one, made with python run.py task=simulate")
-    for k, found in enumerate(sets[1:], 1):
+    for k, found in enumerate(sets):
         for name in ("engine", "window"):
             ours, theirs = getattr(sets[0].origin, name), getattr(found.origin, name)
             if ours != theirs:
-                raise UserError(
-                    f"{sets[0].path} has {name} {ours}, and {found.path} has {name} {theirs}; give sets that agree"
-                )
+                difference = f"{sets[0].path} has {name} {ours}, and {found.path} has {name} {theirs}"
+                raise UserError(f"{difference}; give sets that agree")
         for other in sets[:k]:
             if (other.origin, other.seed) == (found.origin, found.seed):
                 raise UserError(
@@ -267,32 +242,9 @@ def require_compatible(sets: list[StrokeSet]) -> None:
                 )
 
 
-def places_of(split: Split, sets: list[StrokeSet]) -> Numbers:
-    """Set and number (n, 2) of all strokes of a split, in order."""
-    rows = [split.numbers(len(found)) for found in sets]
-    return np.concatenate([np.stack([np.full_like(row, k), row], axis=1) for k, row in enumerate(rows)])
-
-
-def shuffled_groups(found: Numbers, random: np.random.Generator) -> list[Numbers]:
-    """Places (n, 2), in order, as groups of whole blocks; blocks and the places in a group in random order."""
-    blocks = found // (1, BLOCK)
-    starts = 1 + np.flatnonzero((blocks[1:] != blocks[:-1]).any(axis=1))
-    parts = np.split(found, starts)
+def shuffled_groups(places: Numbers, blocks: Numbers, random: np.random.Generator) -> list[Numbers]:
+    """Places (n,), in order, as groups of whole blocks; blocks and the places in a group in random order."""
+    parts = np.split(places, 1 + np.flatnonzero(np.diff(blocks)))
     order = random.permutation(len(parts))
     groups = (order[k : k + GROUP] for k in range(0, len(order), GROUP))
     return [random.permutation(np.concatenate([parts[k] for k in group])) for group in groups]
-
-
-def prefetched(items: Iterator[StrokeBatch], depth: int) -> Iterator[StrokeBatch]:
-    """The same items, of which a thread makes up to ``depth`` before they are asked for."""
-    if depth == 0:
-        yield from items
-        return
-    with ThreadPoolExecutor(1) as pool:
-        waiting = deque(pool.submit(next, items, None) for _ in range(depth))
-        try:
-            while (item := waiting.popleft().result()) is not None:
-                waiting.append(pool.submit(next, items, None))
-                yield item
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)

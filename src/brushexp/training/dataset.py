@@ -14,6 +14,7 @@ any rule on the number is fair. With 5 %, a set of 50,000 holds enough test stro
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -24,7 +25,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from omegaconf import DictConfig, OmegaConf
-from torch import Tensor
 
 from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine
@@ -49,10 +49,9 @@ class Split(Enum):
     VALIDATION = 1
     TRAINING = 2
 
-    def numbers(self, n: int) -> Numbers:
-        """The strokes of this split in a set of n, in order."""
-        numbers = np.arange(n, dtype=np.int64)
-        return numbers[np.minimum(numbers // BLOCK % PERIOD, Split.TRAINING.value) == self.value]
+    def places(self, numbers: Numbers) -> Numbers:
+        """Where in ``numbers`` the strokes of this split are, in order."""
+        return np.flatnonzero(np.minimum(numbers // BLOCK % PERIOD, Split.TRAINING.value) == self.value)
 
 
 @dataclass(frozen=True)
@@ -90,26 +89,6 @@ def first_difference(here: dict[str, object], there: dict[str, object]) -> tuple
         if one != other:
             return one, other
     return None
-
-
-def require_same_origin(trained: Origin, found: Origin, name: str | Path) -> None:
-    """Stop when strokes were made otherwise than those that a renderer was trained on.
-
-    Args:
-        trained: what the renderer's training strokes were made with.
-        found: what these strokes were made with.
-        name: of the file, for the message.
-
-    Raises:
-        UserError: names the first difference.
-    """
-    found_difference = first_difference(trained.settings(), found.settings())
-    if found_difference is not None:
-        ours, theirs = found_difference
-        raise UserError(
-            f"{name} was made with {theirs}, but the renderer was trained on strokes made with {ours}; "
-            "give a set made as that one was, or train a renderer on this one"
-        )
 
 
 class Shard:
@@ -168,10 +147,6 @@ class Shard:
     def __len__(self) -> int:
         return len(self.parameters)
 
-    def close(self) -> None:
-        """Let go of the file; else that happens with the last reference to this object."""
-        self.file.close()
-
     def rows(self, dataset: h5py.Dataset, rows: Numbers) -> NDArray[Any]:
         """These rows of ``images`` or ``heights``, whose blocks are read once each.
 
@@ -194,7 +169,7 @@ class Shard:
 
 
 class StrokeSet:
-    """All shards of a set as one, strokes 0 to n - 1.
+    """All shards of a set, strokes 0 to n - 1.
 
     Args:
         path: the folder of its shards; or a file, the only shard of a small set.
@@ -202,7 +177,6 @@ class StrokeSet:
     Attributes:
         origin: what made it.
         seed: of the prior and the engine.
-        parameters: (n, 10) float32 in [-1, 1].
 
     Raises:
         UserError: says what is wrong with the set, or with which of its files.
@@ -210,7 +184,12 @@ class StrokeSet:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.shards = [Shard(file) for file in shard_paths(path)]
+        paths = sorted(path.glob("[0-9]*.h5")) if path.is_dir() else [path]
+        if not paths or not paths[0].is_file():
+            cure = f"make one with python run.py task=simulate path={path}"
+            raise UserError(f"there is no set of strokes at {path}; {cure}")
+        self.shards = [Shard(file) for file in paths]
+        self.origin, self.seed = self.shards[0].origin, self.shards[0].seed
         there = 0
         for shard in self.shards:
             if shard.first != there:
@@ -219,47 +198,24 @@ class StrokeSet:
                     "give the folder of the whole set, and simulate again what it lacks"
                 )
             there += len(shard)
-            if (shard.origin, shard.seed) != (self.shards[0].origin, self.shards[0].seed):
-                raise UserError(
-                    f"{shard.path} is of another set than {self.shards[0].path}; give each a folder of its own"
-                )
-        self.origin, self.seed = self.shards[0].origin, self.shards[0].seed
-        self.parameters = torch.cat([shard.parameters for shard in self.shards])
+            if (shard.origin, shard.seed) != (self.origin, self.seed):
+                raise UserError(f"{shard.path} is of another set than {paths[0]}; give each a folder of its own")
 
     def __len__(self) -> int:
-        return len(self.parameters)
-
-    def pictures(self, numbers: Numbers) -> Bytes:
-        """Images (B, S, S, 4) of these strokes; quickest where many of them share a block.
-
-        Raises:
-            UserError: if they are damaged.
-        """
-        return self._gather("images", numbers)
-
-    def heights(self, numbers: Numbers) -> Tensor:
-        """Heights (B, S, S) float32 of these strokes; 1 is about what covers the canvas."""
-        return torch.from_numpy(self._gather("heights", numbers).astype(np.float32) / HEIGHT_STEPS)
-
-    def _gather(self, name: str, numbers: Numbers) -> NDArray[Any]:
-        sample = getattr(self.shards[0], name)
-        found = np.empty((len(numbers), *sample.shape[1:]), sample.dtype)
-        owner = np.searchsorted([shard.first for shard in self.shards], numbers, side="right") - 1
-        for k in np.unique(owner):
-            shard = self.shards[k]
-            found[owner == k] = shard.rows(getattr(shard, name), numbers[owner == k] - shard.first)
-        return found
+        return sum(map(len, self.shards))
 
 
-def shard_paths(path: Path) -> list[Path]:
-    """The files of the set at ``path``, in order.
+def pictures_of(shards: Sequence[Shard], places: Numbers) -> Bytes:
+    """Images (n, S, S, 4) of strokes, counted through all the shards; quickest where many of them share a block.
 
     Raises:
-        UserError: if there is none.
+        UserError: if they are damaged.
     """
-    found = sorted(path.glob("[0-9]*.h5")) if path.is_dir() else [path]
-    if not found or not found[0].is_file():
-        raise UserError(f"there is no set of strokes at {path}; make one with python run.py task=simulate path={path}")
+    starts = np.cumsum([0, *map(len, shards)])
+    owner = np.searchsorted(starts, places, side="right") - 1
+    found = np.empty((len(places), *shards[0].images.shape[1:]), np.uint8)
+    for k in np.unique(owner):
+        found[owner == k] = shards[k].rows(shards[k].images, places[owner == k] - starts[k])
     return found
 
 

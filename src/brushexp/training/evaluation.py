@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, fields
 from pathlib import Path
 
 import torch
@@ -36,63 +35,35 @@ def premultiplied(images: Tensor) -> Tensor:
 
 
 def squared_error(images: Tensor, truth: Tensor) -> Tensor:
-    """L2: mean squared difference of the four `premultiplied` channels; a number.
+    """L2 of pictures (..., 4, H, W): mean squared difference of the four `premultiplied` channels; a number."""
+    return (premultiplied(images) - premultiplied(truth)).square().mean()
+
+
+@torch.no_grad()
+def error_sums(images: Tensor, truth: Tensor) -> Tensor:
+    """Sums (5,) over strokes, which can be added and compared with `error_figures`; float64.
+
+    They are the pixels, the squared error of the four premultiplied channels (their mean per pixel), that of alpha, the
+    true alpha, and the squared error of the straight colour (mean of R, G, B) times true alpha.
 
     Args:
         images: (n, 4, S, S) RGBA in [0, 1], straight alpha.
         truth: the same.
     """
-    return (premultiplied(images) - premultiplied(truth)).square().mean()
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Sums over strokes, which can be added; `figures` are their means.
-
-    Attributes:
-        pixels: pixels of all windows.
-        squared: squared error of the four premultiplied channels, their mean per pixel.
-        alpha: squared error of alpha.
-        paint: true alpha.
-        color: squared error of the straight colour (mean of R, G, B) times true alpha.
-    """
-
-    pixels: float = 0.0
-    squared: float = 0.0
-    alpha: float = 0.0
-    paint: float = 0.0
-    color: float = 0.0
-
-    def __add__(self, other: Errors) -> Errors:
-        return Errors(*(getattr(self, field.name) + getattr(other, field.name) for field in fields(self)))
-
-    def figures(self) -> dict[str, float]:
-        """``l2``, ``psnr_alpha`` (dB, over all pixels of the windows) and ``psnr_color`` (dB).
-
-        The colour is compared where there is paint: every pixel counts as much as it has true alpha.
-        """
-        if not self.pixels:
-            raise ValueError("no strokes were compared")
-        return {
-            "l2": self.squared / self.pixels,
-            "psnr_alpha": decibels(self.alpha / self.pixels),
-            "psnr_color": decibels(self.color / self.paint) if self.paint else math.nan,
-        }
-
-
-@torch.no_grad()
-def errors_of(images: Tensor, truth: Tensor) -> Errors:
-    """Errors of pictures (n, 4, S, S), RGBA in [0, 1], straight alpha."""
     images, truth = images.double(), truth.double()
-    paint = truth[:, 3]
-    pixels = paint.numel()
-    return Errors(
-        pixels=pixels,
-        squared=pixels * float(squared_error(images, truth)) if pixels else 0.0,
-        alpha=float((images[:, 3] - paint).square().sum()),
-        paint=float(paint.sum()),
-        color=float(((images[:, :3] - truth[:, :3]).square().mean(1) * paint).sum()),
-    )
+    paint, squared = truth[:, 3], (premultiplied(images) - premultiplied(truth)).square().mean(1)
+    alpha, color = (images[:, 3] - paint).square(), (images[:, :3] - truth[:, :3]).square().mean(1) * paint
+    return torch.stack([torch.ones_like(paint), squared, alpha, paint, color]).flatten(1).sum(1).cpu()
+
+
+def error_figures(sums: Tensor) -> dict[str, float]:
+    """``l2``, ``psnr_alpha`` (dB, over all pixels of the windows) and ``psnr_color`` (dB) of `error_sums`.
+
+    The colour is compared where there is paint: every pixel counts as much as it has true alpha.
+    """
+    pixels, squared, alpha, paint, color = sums.tolist()
+    psnr_color = decibels(color / paint) if paint else math.nan
+    return {"l2": squared / pixels, "psnr_alpha": decibels(alpha / pixels), "psnr_color": psnr_color}
 
 
 def decibels(mean_squared_error: float) -> float:
@@ -117,44 +88,26 @@ class FeatureDistance:
 
     def __init__(self, name: str, features: Features, count: int) -> None:
         self.name, self.features = name, features
-        ready = _Ready(count)
-        self.known = False  # whether the true pictures need no look any more
-        self.fid = FrechetInceptionDistance(feature=ready, reset_real_features=False)
+        ready = nn.Identity()  # stands where torchmetrics wants a network, for features that are made already
+        ready.num_features = count  # type: ignore[assignment]
+        self.fid = FrechetInceptionDistance(feature=ready)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # it keeps all features: they are few
-            self.kid = KernelInceptionDistance(feature=ready, subsets=1, reset_real_features=False)
+            self.kid = KernelInceptionDistance(feature=ready, subsets=1)
 
     def add(self, images: Tensor, truth: Tensor) -> None:
         """Look at pictures (n, 4, S, S), RGBA in [0, 1], straight alpha."""
-        for pictures, true in ((images, False), (truth, True))[: 1 + (not self.known)]:
+        for pictures, real in ((images, False), (truth, True)):
             found = self.features(over_white(pictures)).double().cpu()
-            self.fid.update(found, real=true)
-            self.kid.update(found, real=true)
-
-    def restart(self) -> None:
-        """Compare other drawn strokes with the same true ones, whose features are kept."""
-        self.fid.reset()
-        self.kid.reset()
-        self.known = True
+            self.fid.update(found, real=real)
+            self.kid.update(found, real=real)
 
     def figures(self) -> dict[str, float]:
         """``fid_<name>`` and ``kid_<name>``; not a number where there are fewer than two strokes."""
-        seen = min(int(self.fid.real_features_num_samples), int(self.fid.fake_features_num_samples))
+        seen = int(self.fid.real_features_num_samples)
         self.kid.subset_size = min(seen, KID_PICTURES)
-        if seen < 2:
-            return {f"fid_{self.name}": math.nan, f"kid_{self.name}": math.nan}
-        return {f"fid_{self.name}": float(self.fid.compute()), f"kid_{self.name}": float(self.kid.compute()[0])}
-
-
-class _Ready(nn.Module):
-    """Stands where torchmetrics wants a network, for features that are made already."""
-
-    def __init__(self, count: int) -> None:
-        super().__init__()
-        self.num_features = count
-
-    def forward(self, features: Tensor) -> Tensor:
-        return features
+        fid, kid = (float(self.fid.compute()), float(self.kid.compute()[0])) if seen > 1 else (math.nan, math.nan)
+        return {f"fid_{self.name}": fid, f"kid_{self.name}": kid}
 
 
 def effl0_distance(device: torch.device) -> FeatureDistance:
@@ -174,8 +127,8 @@ def inception_distance(path: Path, device: torch.device) -> FeatureDistance:
 
     Args:
         path: of the network as TorchScript, which takes bytes (n, 3, H, W) and ``return_features=True`` and enlarges
-            the pictures itself; such a one was published as inception-2015-12-05.pt beside StyleGAN2-ADA. An
-            FID of fewer than 2048 strokes is too low.
+            the pictures itself; such a one was published as inception-2015-12-05.pt beside StyleGAN2-ADA. An FID of
+            fewer than 2048 strokes is too low.
         device: where to compute it.
 
     Raises:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from brushexp.system.files import write_picture
-from brushexp.training.evaluation import FeatureDistance, effl0_distance
+from brushexp.training.evaluation import effl0_distance
 from brushexp.training.sheets import stroke_sheet
 
 SHOWN_PAIRS, PAIR_COLUMNS = 24, 6  # held-out strokes on a sheet, and in a row of it
@@ -52,24 +52,16 @@ class FrechetDistance(L.Callback):
 
     def __init__(self, n: int) -> None:
         self.n = n
-        self.distance: FeatureDistance | None = None
 
     def on_validation_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        self.seen = 0
-        if self.distance is None:
-            self.distance = effl0_distance(pl_module.device)
-        else:
-            self.distance.restart()
+        self.left, self.distance = self.n, effl0_distance(pl_module.device)
 
     def on_validation_batch_end(
         self, trainer: L.Trainer, pl_module: L.LightningModule, outputs: Any, batch: Any, *_: object
     ) -> None:
-        assert self.distance is not None
-        left = self.n - self.seen
-        if left > 0:
-            self.distance.add(outputs[:left].clamp(0, 1), batch.images[:left])
-            self.seen += len(outputs[:left])
+        if self.left > 0:
+            self.distance.add(outputs[: self.left].clamp(0, 1), batch.images[: self.left])
+            self.left -= len(outputs)
 
     def on_validation_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        assert self.distance is not None
         pl_module.log("validation/fid_effl0", self.distance.figures()["fid_effl0"])

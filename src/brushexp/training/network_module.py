@@ -7,7 +7,6 @@ from collections.abc import Mapping
 
 import lightning as L
 from lightning.pytorch.callbacks import Timer
-from lightning.pytorch.utilities.types import LRSchedulerPLType
 from torch import Tensor
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LambdaLR
@@ -78,8 +77,3 @@ class NetworkModule(L.LightningModule):
     def _timers(self) -> list[Timer]:
         callbacks = self.trainer.callbacks if self._trainer is not None else []  # type: ignore[attr-defined]
         return [found for found in callbacks if isinstance(found, Timer)]
-
-
-def each_step(scheduler: LambdaLR) -> LRSchedulerPLType:
-    """The scheduler, as Lightning takes one that is stepped after every step."""
-    return {"scheduler": scheduler, "interval": "step"}  # type: ignore[return-value]

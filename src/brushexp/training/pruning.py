@@ -10,7 +10,6 @@ import torch
 from torch import Tensor, nn
 
 from brushexp.errors import UserError
-from brushexp.plugins.renderer.base import PatchRenderer
 from brushexp.plugins.renderer.neural import COARSEST, Coarsest, Neural
 from brushexp.training.datamodule import StrokeBatch
 from brushexp.training.evaluation import squared_error
@@ -53,8 +52,9 @@ def prune(renderer: Neural, ratio: float, batches: Iterable[StrokeBatch]) -> Neu
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # it mentions the parameters that it was told about
         torch_pruning.pruner.BasePruner(
-            _Drawing(copy),
+            copy,
             torch.zeros(2, 10, device=spread.bias.device),
+            forward_fn=lambda network, parameters: network.draw(parameters),
             importance=torch_pruning.importance.TaylorImportance(),
             pruning_ratio_dict=_ratios(copy, ratio),
             ignored_layers=[copy.last],
@@ -94,11 +94,8 @@ def _ratios(renderer: Neural, ratio: float) -> dict[nn.Module, float]:
     for layer in renderer.convolving:
         beside = [layer.convolution] if layer.coordinates is None else [layer.convolution, layer.coordinates]
         layers |= {module: module.out_channels for module in beside}  # type: ignore[union-attr, misc]
-    return {layer: 1 - (_left(width, ratio) + 0.5) / width for layer, width in layers.items()}
-
-
-def _left(width: int, ratio: float) -> int:
-    return min(width, max(MULTIPLE, MULTIPLE * round(width * (1 - ratio) / MULTIPLE)))
+    left = {width: MULTIPLE * round(width * (1 - ratio) / MULTIPLE) for width in layers.values()}
+    return {layer: 1 - (min(n, max(MULTIPLE, left[n])) + 0.5) / n for layer, n in layers.items()}
 
 
 class _Spread(nn.Module):
@@ -126,14 +123,3 @@ class _Spread(nn.Module):
             layer.weight.copy_(weight.permute(2, 3, 1, 0).flatten(0, 2))
             layer.bias.copy_(self.bias.permute(1, 2, 0).flatten())
         return layer
-
-
-class _Drawing(nn.Module):
-    """Calls `draw`, where torch-pruning calls ``forward``."""
-
-    def __init__(self, renderer: PatchRenderer) -> None:
-        super().__init__()
-        self.renderer = renderer
-
-    def forward(self, parameters: Tensor) -> Tensor:
-        return self.renderer.draw(parameters)

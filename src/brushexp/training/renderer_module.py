@@ -14,8 +14,8 @@ from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import Renderer, window_pictures
 from brushexp.training.adversarial import Critic, relativistic_loss
 from brushexp.training.datamodule import StrokeBatch
-from brushexp.training.evaluation import Errors, decibels, errors_of, premultiplied
-from brushexp.training.network_module import NetworkModule, each_step
+from brushexp.training.evaluation import decibels, error_figures, error_sums, premultiplied
+from brushexp.training.network_module import NetworkModule
 
 BETAS = (0.9, 0.99)  # of Adam, for the renderer
 CRITIC_BETAS = (0.5, 0.99)  # for the critic, and for the renderer beside one: their aims move
@@ -41,12 +41,6 @@ class RendererSettings:
     critic_lr: float = 2e-3
     critic_weight: float = 0.1
     critic_width: int = 16
-
-    def __post_init__(self) -> None:
-        for name in ("lr", "critic_lr"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise UserError(f"{name}={value:g} is not a positive number; give {name} another value")
 
 
 class RendererModule(NetworkModule):
@@ -78,7 +72,6 @@ class RendererModule(NetworkModule):
         self.critic = Critic(window, settings.critic_width) if settings.critic else None
         self.loss = math.nan  # L2, as last noted
         self._strokes = 0  # of a step
-        self._errors = Errors()
         self._restored: dict[str, Any] = {}  # of a checkpoint, until it can be used
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
@@ -93,7 +86,7 @@ class RendererModule(NetworkModule):
             if "critic" in self._restored:
                 self.critic_optimizer.load_state_dict(self._restored["critic"]["optimizer"])
                 self.critic_schedule.load_state_dict(self._restored["critic"]["schedule"])
-        return {"optimizer": optimizer, "lr_scheduler": each_step(self.schedule(optimizer))}
+        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": self.schedule(optimizer), "interval": "step"}}
 
     def lr_scheduler_step(self, scheduler: Any, metric: Any) -> None:
         scheduler.step()
@@ -122,18 +115,18 @@ class RendererModule(NetworkModule):
         return loss
 
     def on_validation_epoch_start(self) -> None:
-        self._errors = Errors()
+        self._sums = torch.zeros(5, dtype=torch.float64)
 
     def validation_step(self, batch: StrokeBatch, batch_idx: int) -> Tensor:
         """The pictures (B, 4, S, S) of a batch, for callbacks; in 32 bits, as in painting."""
         batch = StrokeBatch(*batch)
         with torch.autocast(self.device.type, enabled=False):
             drawn = window_pictures(self.renderer, batch.parameters, self.window, batch.number)
-        self._errors += errors_of(drawn, batch.images)
+        self._sums += error_sums(drawn, batch.images)
         return drawn
 
     def on_validation_epoch_end(self) -> None:
-        self.figures, self.validated = self._errors.figures(), self.global_step
+        self.figures, self.validated = error_figures(self._sums), self.global_step
         self.log_dict({f"validation/{name}": value for name, value in self.figures.items()})
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import json
 import logging
-from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -28,16 +28,7 @@ from brushexp.system.files import write_bytes
 from brushexp.system.hdf5 import HDF5, fixed
 from brushexp.system.progress import counting
 from brushexp.system.runtime import interruptible
-from brushexp.training.dataset import (
-    BLOCK,
-    FORMAT,
-    HEIGHT_STEPS,
-    SPLITS,
-    VERSION,
-    Origin,
-    Shard,
-    first_difference,
-)
+from brushexp.training.dataset import BLOCK, FORMAT, HEIGHT_STEPS, SPLITS, VERSION, Origin, Shard, first_difference
 
 log = logging.getLogger(__name__)
 SHARD_STROKES = 2048  # of a file; a multiple of BLOCK. Killed at once, a run loses at most so many
@@ -52,135 +43,110 @@ UNITS = {
 Rows = dict[str, NDArray[Any]]  # of some strokes, by name of the dataset
 
 
-class StrokeWriter:
-    """A set of strokes on its way to disk; use it in a ``with`` block, which keeps other processes away.
+def simulate_set(path: Path, engine: Engine, origin: Origin, seed: int, n: int, *, wait: bool = False) -> int:
+    """Simulate what a set of ``n`` strokes lacks, with a progress bar.
 
     Args:
         path: folder of the set.
+        engine: what ``origin`` describes.
         origin: what makes the strokes.
         seed: of the prior and the engine.
-        n: how many strokes it will have.
+        n: how many strokes the set will have.
         wait: wait for another process that makes the same set, instead of stopping.
 
-    Attributes:
-        done: strokes that are on disk or simulated.
+    Returns:
+        how many were simulated now.
 
     Raises:
         UserError: if what is there was made otherwise or is larger, or nothing can be written.
+        KeyboardInterrupt: after the present batch, when Ctrl-C was pressed; what is simulated by then is kept.
     """
+    with _locked(path, wait):
+        kept = _whole_shards(path, origin, seed, n)
+        there = sum(map(len, kept.values()))
+        if there:
+            log.info("%s: %d of %d strokes are there already%s", path, there, n, "; going on" if there < n else "")
+        _simulate_missing(path, engine, origin, seed, n, kept)
+    return n - there
 
-    def __init__(self, path: Path, origin: Origin, seed: int, n: int, *, wait: bool = False) -> None:
-        self.path, self.origin, self.seed, self.n, self.done = path, origin, seed, n, 0
-        self.lock = FileLock(path / "lock", timeout=-1 if wait else 0)
-        self._kept: dict[int, Shard] = {}  # by the number of their first strokes
 
-    def __enter__(self) -> StrokeWriter:
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            self.lock.acquire()
-        except Timeout:
-            raise UserError(f"{self.path} is being made by another run; wait or choose another path") from None
-        except OSError as error:
-            reason = f"cannot write {self.path}: {error.strerror}"
-            raise UserError(f"{reason}; choose a folder that you may write to with path=...") from error
-        try:
-            for rest in self.path.glob(".*.h5"):  # of writing that was killed
-                rest.unlink()
-            self._find_shards()
-        except BaseException:
-            self.lock.release()
-            raise
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.lock.release()
-
-    def simulate(self, engine: Engine) -> None:
-        """`fill` with a progress bar, and a way to stop.
-
-        Raises:
-            KeyboardInterrupt: after the present batch, when Ctrl-C was pressed.
-        """
-        pressed = Event()
-
-        def notify(done: int) -> None:
-            show(done)
-            if pressed.is_set():
-                raise KeyboardInterrupt
-
-        with (
-            interruptible(pressed.set, "stopping after this batch"),
-            counting("simulating strokes", self.n, self.done) as show,
-        ):
-            self.fill(engine, notify)
-
-    def fill(self, engine: Engine, notify: Callable[[int], None] = lambda done: None) -> None:
-        """Simulate what is missing.
-
-        Args:
-            engine: what ``origin`` describes.
-            notify: told after every batch how many strokes are done; what it raises ends the making, and what is
-                simulated by then is kept.
-        """
-        for first in range(0, self.n, SHARD_STROKES):
-            kept, end = self._kept.get(first), min(first + SHARD_STROKES, self.n)
-            if kept is not None and len(kept) == end - first:
-                continue
-            parts = [] if kept is None else [shard_rows(kept)]
-            before = sum(len(part["params"]) for part in parts)
+def _simulate_missing(path: Path, engine: Engine, origin: Origin, seed: int, n: int, kept: dict[int, Shard]) -> None:
+    """Write the shards that are not there or not full; Ctrl-C and errors leave what is simulated."""
+    pressed, done = Event(), sum(map(len, kept.values()))
+    with interruptible(pressed.set, "stopping after this batch"), counting("simulating strokes", n, done) as show:
+        for first in range(0, n, SHARD_STROKES):
+            start, end = first + len(kept.get(first, ())), min(first + SHARD_STROKES, n)
+            parts = [shard_rows(kept[first])] if first < start < end else []
             try:
-                for start in range(first + before, end, BATCH_STROKES):
-                    size = min(BATCH_STROKES, end - start)
-                    parameters = parameters_of(sample_prior(size, self.seed, start))
-                    parts.append(to_rows(parameters, engine(parameters, seed=self.seed, first=start), start))
-                    self.done += size
-                    notify(self.done)
+                for number in range(start, end, BATCH_STROKES):
+                    parameters = parameters_of(sample_prior(min(BATCH_STROKES, end - number), seed, number))
+                    parts.append(to_rows(parameters, engine(parameters, seed=seed, first=number), number))
+                    done += len(parameters)
+                    show(done)
+                    if pressed.is_set():
+                        raise KeyboardInterrupt
             finally:
-                if len(parts) > (before > 0):
-                    self._write(first, parts)
+                if len(parts) > (start > first):
+                    _write(path, parts, first, origin, seed)
 
-    def _find_shards(self) -> None:
-        """Take account of the whole shards that are there, and make sure that they belong to this set."""
-        for path in sorted(self.path.glob("[0-9]*.h5")):
-            try:
-                shard = Shard(path)
-            except UserError as error:
-                log.warning("%s; it is made again", str(error).partition(";")[0])
-                continue
-            theirs, ours = shard.origin.settings() | {"seed": shard.seed}, self.origin.settings() | {"seed": self.seed}
-            found = first_difference(theirs, ours)
-            if found is not None:
-                raise UserError(
-                    f"{self.path} was made with {found[0]}, this run has {found[1]}; take the same or another path"
-                )
-            if shard.first + len(shard) > self.n:
-                raise UserError(
-                    f"{self.path} has {shard.first + len(shard)} strokes already, more than n={self.n}; "
-                    "ask for at least as many or choose another path"
-                )
-            self._kept[shard.first] = shard
-        self.done = sum(map(len, self._kept.values()))
 
-    def _write(self, first: int, parts: list[Rows]) -> None:
-        rows = {name: np.concatenate([part[name] for part in parts]) for name in UNITS}
-        memory = io.BytesIO()  # h5py does not say why writing to a file failed
-        with h5py.File(memory, "w", libver=(HDF5, HDF5)) as file:
-            file.attrs.update(
-                format=fixed(FORMAT),
-                format_version=VERSION,
-                first=first,
-                n=len(rows["params"]),
-                seed=np.uint64(self.seed),
-                engine=fixed(self.origin.engine),
-                engine_config=fixed(json.dumps(self.origin.engine_config, sort_keys=True)),
-                window=self.origin.window,
-                splits=fixed(SPLITS),
+def _locked(path: Path, wait: bool) -> AbstractContextManager[object]:
+    """Make the folder, and keep other processes away from it."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        return FileLock(path / "lock", timeout=-1 if wait else 0).acquire()
+    except Timeout:
+        raise UserError(f"{path} is being made by another run; wait or choose another path") from None
+    except OSError as error:
+        reason = f"cannot write {path}: {error.strerror}"
+        raise UserError(f"{reason}; choose a folder that you may write to with path=...") from error
+
+
+def _whole_shards(path: Path, origin: Origin, seed: int, n: int) -> dict[int, Shard]:
+    """The shards that are there, by their first strokes; they must belong to this set."""
+    for rest in path.glob(".*.h5"):  # of writing that was killed
+        rest.unlink()
+    found = {}
+    for file in sorted(path.glob("[0-9]*.h5")):
+        try:
+            shard = Shard(file)
+        except UserError as error:
+            log.warning("%s; it is made again", str(error).partition(";")[0])
+            continue
+        theirs, ours = shard.origin.settings() | {"seed": shard.seed}, origin.settings() | {"seed": seed}
+        if difference := first_difference(theirs, ours):
+            raise UserError(
+                f"{path} was made with {difference[0]}, this run has {difference[1]}; take the same or another path"
             )
-            for name, value in rows.items():
-                row = value.shape[1:]  # the dataset could grow, because others cannot be shorter than a chunk
-                layout = {"data": value, "chunks": (BLOCK, *row), "maxshape": (None, *row)}
-                file.create_dataset(name, **layout, **PACKED).attrs["unit"] = fixed(UNITS[name])
-        write_bytes(self.path / f"{first:09}.h5", memory.getvalue(), key="path")
+        if (there := shard.first + len(shard)) > n:
+            raise UserError(
+                f"{path} has {there} strokes already, more than n={n}; ask for at least as many or choose another path"
+            )
+        found[shard.first] = shard
+    return found
+
+
+def _write(path: Path, parts: list[Rows], first: int, origin: Origin, seed: int) -> None:
+    """Write a shard that begins at stroke ``first``."""
+    rows = {name: np.concatenate([part[name] for part in parts]) for name in UNITS}
+    memory = io.BytesIO()  # h5py does not say why writing to a file failed
+    with h5py.File(memory, "w", libver=(HDF5, HDF5)) as file:
+        file.attrs.update(
+            format=fixed(FORMAT),
+            format_version=VERSION,
+            first=first,
+            n=len(rows["params"]),
+            seed=np.uint64(seed),
+            engine=fixed(origin.engine),
+            engine_config=fixed(json.dumps(origin.engine_config, sort_keys=True)),
+            window=origin.window,
+            splits=fixed(SPLITS),
+        )
+        for name, value in rows.items():
+            row = value.shape[1:]  # the dataset could grow, because others cannot be shorter than a chunk
+            layout = {"data": value, "chunks": (BLOCK, *row), "maxshape": (None, *row)}
+            file.create_dataset(name, **layout, **PACKED).attrs["unit"] = fixed(UNITS[name])
+    write_bytes(path / f"{first:09}.h5", memory.getvalue(), key="path")
 
 
 def shard_rows(shard: Shard) -> Rows:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import time
 from pathlib import Path
-from typing import Any
 
 import lightning as L
 import numpy as np
@@ -15,7 +14,6 @@ from omegaconf import DictConfig
 
 from brushexp.app.stroke_data import check_origin
 from brushexp.app.stroke_sheets import sheet_of_extremes, sheet_of_strokes
-from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine
 from brushexp.plugins.renderer.weights_file import RENDERERS
 from brushexp.registry import build, build_named, plugin_of
@@ -25,9 +23,9 @@ from brushexp.system.device import device_of
 from brushexp.system.files import write_json, write_picture, write_text
 from brushexp.system.runtime import peak_memory
 from brushexp.training.benchmark import draw_extremes, evaluate, for_painting, speed_and_size
-from brushexp.training.datamodule import EngineSource, StrokeData
+from brushexp.training.datamodule import SimulatedData, StoredData, StrokeData
 from brushexp.training.dataset import Split, origin_of
-from brushexp.training.evaluation import FeatureDistance, effl0_distance, inception_distance
+from brushexp.training.evaluation import effl0_distance, inception_distance
 
 SIMULATED_STROKES = 1000  # if no number is asked for
 SHOWN_STROKES = 24  # in the picture
@@ -38,7 +36,6 @@ log = logging.getLogger(__name__)
 def run(cfg: DictConfig, start: float) -> dict[str, object]:
     """Write numbers and pictures of one renderer into the run's folder, and return the numbers."""
     folder = Path(HydraConfig.get().runtime.output_dir)
-    split = split_of(cfg.split)
     L.seed_everything(cfg.seed, verbose=False)
     device = device_of(cfg.device)
     name, checkpoint = plugin_of(cfg.renderer).name, cfg.renderer.get("checkpoint")
@@ -50,8 +47,11 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         log.warning("%s has random weights; give those of task=train: renderer.checkpoint=...", name)
     before = time.monotonic()
     costs = {"threads": torch.get_num_threads(), **speed_and_size(renderer, build(cfg.blend), window)}
+    split, distances = Split[cfg.split.upper()], [effl0_distance(device)]
+    if cfg.inception is not None:
+        distances.append(inception_distance(Path(cfg.inception), device))
     n = data.count(split, cfg.n)
-    figures = evaluate(renderer, data.first(split, n), window, feature_distances(cfg.inception, device), n)
+    figures = evaluate(renderer, data.first(split, n), n, window, distances)
     examples = data.first_batch(split, min(SHOWN_STROKES, n))
     write_picture(folder / "strokes.png", np.asarray(sheet_of_strokes({name: renderer}, examples, data.origin)))
     extremes = draw_extremes(renderer, engine)
@@ -62,7 +62,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         **costs,
         "file_mb": None if checkpoint is None else RENDERERS.path_of(checkpoint).stat().st_size / 1e6,
         "n": n,
-        "finite_outside": extremes.finite,
+        "finite_outside": all(row["finite"] for row in extremes.rows if row["drawn"] == "painted"),
         "renderer": name,
         "renderer_hash": weights_hash(renderer),
         "checkpoint": checkpoint,
@@ -77,18 +77,12 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         "status": "completed",
     }
     write_json(folder / "metrics.json", metrics)
-    log.info("%s: %s; %s", name, main_figures(metrics), folder / "strokes.png")
-    return metrics
-
-
-def main_figures(metrics: dict[str, Any]) -> str:
-    """The main numbers on one line."""
-    return (
-        f"L2 {metrics['l2']:.6f}, alpha {metrics['psnr_alpha']:.2f} dB, "
-        f"FID (effl0, {metrics['n']} strokes) {metrics['fid_effl0']:.2f}, "
-        f"{metrics['strokes_per_second']:.0f} strokes/s forward, "
-        f"{metrics['strokes_per_second_backward']:.0f} with gradient"
+    log.info(
+        "%s: L2 %.6f, alpha %.2f dB, FID (effl0, %d strokes) %.2f, %.0f strokes/s forward, %.0f with gradient; %s",
+        *(name, figures["l2"], figures["psnr_alpha"], n, figures["fid_effl0"]),
+        *(costs["strokes_per_second"], costs["strokes_per_second_backward"], folder / "strokes.png"),
     )
+    return metrics
 
 
 def held_out_data(cfg: DictConfig) -> tuple[StrokeData, Engine]:
@@ -96,21 +90,6 @@ def held_out_data(cfg: DictConfig) -> tuple[StrokeData, Engine]:
     if cfg.data is None:
         engine: Engine = build(cfg.engine)
         held_out = cfg.n or SIMULATED_STROKES
-        source = EngineSource(engine, origin_of(cfg.engine, engine), seed=cfg.seed, held_out=held_out)
-        return StrokeData(source), engine
-    data = StrokeData([Path(path) for path in cfg.data])
+        return SimulatedData(engine, origin_of(cfg.engine, engine), seed=cfg.seed, held_out=held_out), engine
+    data = StoredData([Path(path) for path in cfg.data])
     return data, build_named("engine", data.origin.engine, data.origin.engine_config)
-
-
-def split_of(name: str) -> Split:
-    """The split of this name, unless it is the one for training."""
-    names = {split.name.lower(): split for split in (Split.TEST, Split.VALIDATION)}
-    if name not in names:
-        raise UserError(f"split={name} is not one of {', '.join(names)}; try split=test")
-    return names[name]
-
-
-def feature_distances(inception: str | None, device: torch.device) -> list[FeatureDistance]:
-    """What compares all pictures together."""
-    found = [effl0_distance(device)]
-    return found if inception is None else [*found, inception_distance(Path(inception), device)]

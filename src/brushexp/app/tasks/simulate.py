@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import shlex
 import time
 from pathlib import Path
 
@@ -12,13 +11,12 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine
 from brushexp.registry import build
 from brushexp.system.files import write_picture
-from brushexp.training.dataset import StrokeSet, origin_of
+from brushexp.training.dataset import StrokeSet, origin_of, pictures_of
 from brushexp.training.sheets import stroke_sheet
-from brushexp.training.writer import StrokeWriter
+from brushexp.training.writer import simulate_set
 
 SHOWN_STROKES, SHOWN_COLUMNS = 60, 10  # on the contact sheet, and in a row of it
 
@@ -31,18 +29,14 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     path = folder / "strokes" if cfg.path is None else Path(cfg.path)
     engine: Engine = build(cfg.engine)
     before = time.monotonic()
-    with StrokeWriter(path, origin_of(cfg.engine, engine), cfg.seed, cfg.n) as writer:
-        todo = cfg.n - writer.done
-        if writer.done:
-            log.info("%d of %d strokes are there already%s", writer.done, cfg.n, "; going on" if todo else "")
-        try:
-            writer.simulate(engine)
-        except (UserError, KeyboardInterrupt):
-            log.warning("%d of %d strokes are kept; continue with: %s", writer.done, cfg.n, command(path))
-            raise
+    try:
+        simulated = simulate_set(path, engine, origin_of(cfg.engine, engine), cfg.seed, cfg.n)
+    except KeyboardInterrupt:
+        log.warning("what is simulated is kept; continue with the same command and path=%s", path)
+        raise
     seconds = time.monotonic() - before
     strokes = StrokeSet(path)
-    pictures = strokes.pictures(np.arange(min(SHOWN_STROKES, len(strokes))))
+    pictures = pictures_of(strokes.shards, np.arange(min(SHOWN_STROKES, len(strokes))))
     sheet = stroke_sheet(torch.from_numpy(pictures).permute(0, 3, 1, 2) / 255, SHOWN_COLUMNS)
     write_picture(folder / "strokes.png", sheet)
     size = sum(shard.path.stat().st_size for shard in strokes.shards)
@@ -51,13 +45,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         "n": cfg.n,
         "seconds": seconds,
         "seconds_total": time.monotonic() - start,
-        "strokes_per_second": todo / seconds if todo else None,
+        "strokes_per_second": simulated / seconds if simulated else None,
         "bytes": size,
         "status": "completed",
     }
-
-
-def command(path: Path) -> str:
-    """What to type to continue."""
-    kept = [text for text in HydraConfig.get().overrides.task if text.partition("=")[0] not in ("path", "output")]
-    return shlex.join(["python", "run.py", *kept, f"path={path}"])

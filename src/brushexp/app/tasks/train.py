@@ -3,40 +3,38 @@
 from __future__ import annotations
 
 import logging
-from abc import ABC, abstractmethod
+import time
 from collections.abc import Sequence
 from functools import cache, partial
-from itertools import islice
 from pathlib import Path
 
 import lightning as L
 import torch
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
-from brushexp.app.network_fitting import effort, fit_network, renderer_settings, training_recipe
+from brushexp.app.network_fitting import fit_network, renderer_settings, save_renderer, training_recipe
 from brushexp.app.resuming import interrupted_run
-from brushexp.app.stroke_data import data_recipe, stroke_data
+from brushexp.app.stroke_data import stroke_data
 from brushexp.app.tracking import trackers_of
 from brushexp.errors import UserError
 from brushexp.plugins.loss.discriminator import NAME, Discriminator
 from brushexp.plugins.renderer.base import Renderer
-from brushexp.plugins.renderer.weights_file import RENDERERS
 from brushexp.registry import build, build_named, plugin_of
 from brushexp.system.callbacks import INTERRUPTED
-from brushexp.system.checkpoint import plain_options
 from brushexp.system.device import device_of
 from brushexp.system.files import write_json
+from brushexp.system.runtime import peak_memory
 from brushexp.training.benchmark import evaluate
 from brushexp.training.datamodule import StrokeData
 from brushexp.training.dataset import Split
 from brushexp.training.discriminator_module import DiscriminatorModule, ShapeData, save_discriminator
 from brushexp.training.evaluation import effl0_distance
 from brushexp.training.monitoring import FrechetDistance, HeldOutSheet
-from brushexp.training.network_module import NetworkModule
 from brushexp.training.renderer_module import RendererModule
 
 DISTILLED_WINDOW = 256  # pixels of a window that a renderer may look at before training
+MAIN_FIGURES = ("psnr_alpha", "psnr_color", "accuracy", "auc")  # in the log
 TEST_STROKES = 1000  # at most, for the figures at the end
 USED_BY_DISCRIMINATOR = (
     *("task", "model", "experiment", "logger", "callbacks", "trainer", "seed", "device", "threads", "output"),
@@ -44,31 +42,6 @@ USED_BY_DISCRIMINATOR = (
 )
 
 log = logging.getLogger(__name__)
-
-
-class Job(ABC):
-    """One network to train.
-
-    Attributes:
-        module: with the network.
-        data: what it learns from.
-        callbacks: beside those of every fit.
-        pictures: files of the run that trackers get, by name.
-        weights: the file that will be written.
-    """
-
-    module: NetworkModule
-    data: L.LightningDataModule
-    callbacks: Sequence[L.Callback] = ()
-    pictures: dict[str, Path]
-    weights: Path
-
-    @abstractmethod
-    def __init__(self, cfg: DictConfig, folder: Path, device: torch.device) -> None: ...
-
-    @abstractmethod
-    def finish(self) -> dict[str, object]:
-        """Measure the network, write it with its recipe, and return its numbers."""
 
 
 def run(cfg: DictConfig, start: float) -> dict[str, object]:
@@ -83,86 +56,78 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     trackers = trackers_of(cfg, folder)  # says now what they lack, and not when the strokes have been simulated
     L.seed_everything(cfg.seed, verbose=False)
     job = JOBS[cfg.model](cfg, folder, device)
+    module = job.module
     with trackers:
-        options = {"callbacks": job.callbacks, "resumed": resumed}
-        fit_network(job.module, job.data, cfg, folder, device, trackers.loggers, **options)  # type: ignore[arg-type]
-        metrics = {**job.finish(), **effort(job.module, cfg, start, device)}
+        fit_network(module, job.data, cfg, folder, device, trackers.loggers, job.callbacks, resumed)
+        seen = module.global_step * cfg.batch_size
+        metrics = {
+            **job.finish(),
+            "steps": module.global_step,
+            "strokes_seen": seen,
+            "strokes_per_second": seen / module.seconds if module.seconds else None,
+            "seconds": module.seconds,
+            "seconds_total": time.monotonic() - start,
+            "peak_memory_mb": peak_memory(),
+            "device": str(device),
+            "status": module.stop or "completed",
+        }
         write_json(folder / "metrics.json", metrics)
         trackers.report(metrics, pictures=job.pictures, files={"weights": job.weights})
-    if job.module.stop == INTERRUPTED:
-        step = job.module.global_step
-        log.warning("interrupted at step %d; continue with: python run.py task=train resume=%s", step, folder)
+    if module.stop == INTERRUPTED:
+        resume = f"python run.py task=train resume={folder}"
+        log.warning("interrupted at step %d; continue with: %s", module.global_step, resume)
         raise KeyboardInterrupt
+    figures = ", ".join(f"{key} {metrics[key]:.4g}" for key in MAIN_FIGURES if key in metrics)
+    log.info(
+        "%s: %s on held-out strokes, %d steps in %.1f s; paint with it: %s",
+        *(job.weights, figures, module.global_step, module.seconds, job.use),
+    )
     return metrics
 
 
-class RendererJob(Job):
+class RendererJob:
     """Train a renderer on strokes of an engine."""
 
-    data: StrokeData
-    module: RendererModule
-
     def __init__(self, cfg: DictConfig, folder: Path, device: torch.device) -> None:
-        self.cfg, self.device = cfg, device
+        self.cfg, self.device, self.name = cfg, device, plugin_of(cfg.renderer).name
         self.data = stroke_data(cfg)
         self.module = RendererModule(first_renderer(cfg, self.data), self.data.origin.window, renderer_settings(cfg))
-        self.name = plugin_of(cfg.renderer).name
-        self.callbacks = [HeldOutSheet(folder), *([FrechetDistance(cfg.fid)] if cfg.fid else [])]
+        self.callbacks: list[L.Callback] = [HeldOutSheet(folder), *([FrechetDistance(cfg.fid)] if cfg.fid else [])]
         self.pictures = {"validation": folder / "validation.png"}
         self.weights = folder / f"{self.name}.safetensors"
+        self.use = f"python run.py renderer={self.name} renderer.checkpoint={self.weights}"
 
     def finish(self) -> dict[str, object]:
-        module, cfg, name = self.module, self.cfg, self.name
-        n = min(TEST_STROKES, sum(len(Split.TEST.numbers(len(found))) for found in self.data.sets) or TEST_STROKES)
-        batches = islice(self.data.test_dataloader(), -(-n // cfg.batch_size))
-        renderer = module.renderer.eval()
-        tested = evaluate(renderer, batches, module.window, [effl0_distance(self.device)])
-        options = OmegaConf.to_container(cfg.renderer, resolve=True, enum_to_str=True)
-        assert isinstance(options, dict)
-        recipe = {
-            "options": plain_options({str(key): value for key, value in options.items()}),
-            "data": data_recipe(self.data, cfg),
-            "training": training_recipe(module, cfg) | {"started_from": cfg.renderer.get("checkpoint")},
-            "figures": {"validation": module.figures, "test": tested},
-        }
-        digest = RENDERERS.save(self.weights, name, renderer.cpu(), recipe)
-        log.info(
-            "%s: alpha %.2f dB, colour %.2f dB on held-out strokes, %d steps in %.1f s; paint with it: "
-            "python run.py renderer=%s renderer.checkpoint=%s",
-            *(self.weights, tested["psnr_alpha"], tested["psnr_color"]),
-            *(module.global_step, module.seconds, name, self.weights),
-        )
+        """Measure the network, write it with its recipe, and return its numbers."""
+        module, renderer, n = self.module, self.module.renderer.eval(), self.data.count(Split.TEST, TEST_STROKES)
+        tested = evaluate(renderer, self.data.first(Split.TEST, n), n, module.window, [effl0_distance(self.device)])
+        figures = {"validation": module.figures, "test": tested}
         return {
             **tested,
-            "renderer": name,
-            "renderer_hash": digest,
+            "renderer": self.name,
+            "renderer_hash": save_renderer(self.weights, module, self.data, self.cfg, figures),
             "parameters": sum(parameter.numel() for parameter in renderer.parameters()),
             "bytes": self.weights.stat().st_size,
             "picture": "validation.png",
         }
 
 
-class DiscriminatorJob(Job):
+class DiscriminatorJob:
     """Train a discriminator on strokes of the prior."""
-
-    module: DiscriminatorModule
 
     def __init__(self, cfg: DictConfig, folder: Path, device: torch.device) -> None:
         self.cfg = cfg
         self.data = ShapeData(batch_size=cfg.batch_size, seed=cfg.seed)
         self.module = DiscriminatorModule(Discriminator(), cfg.lr)
-        self.pictures = {}
+        self.callbacks: list[L.Callback] = []
+        self.pictures: dict[str, Path] = {}
         self.weights = folder / f"{NAME}.safetensors"
+        self.use = f"python run.py 'loss=[mse,discriminator]' loss.discriminator.checkpoint={self.weights}"
 
     def finish(self) -> dict[str, object]:
-        module, recipe = self.module, training_recipe(self.module, self.cfg)
-        figures = save_discriminator(module.network, self.weights, self.cfg.seed, recipe)
-        log.info(
-            "%s: accuracy %.4f and AUC %.4f on held-out strokes, %d steps in %.1f s; paint with it: "
-            "python run.py 'loss=[mse,discriminator]' loss.discriminator.checkpoint=%s",
-            *(self.weights, figures["accuracy"], figures["auc"], module.global_step, module.seconds, self.weights),
-        )
-        return figures
+        """Measure the network, write it with its recipe, and return its numbers."""
+        recipe = training_recipe(self.module, self.cfg)
+        return save_discriminator(self.module.network, self.weights, self.cfg.seed, recipe)
 
 
 def check_used(overrides: Sequence[str]) -> None:
@@ -192,4 +157,4 @@ def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:
     return renderer
 
 
-JOBS: dict[str, type[Job]] = {"renderer": RendererJob, NAME: DiscriminatorJob}
+JOBS: dict[str, type[RendererJob] | type[DiscriminatorJob]] = {"renderer": RendererJob, NAME: DiscriminatorJob}
