@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import torch
@@ -21,6 +22,7 @@ INCEPTION_FEATURES = 2048
 SEEN_SIDE = 128  # pixels: smaller pictures are enlarged for effl0, whose tap is 16 times coarser
 KID_PICTURES = 5000  # pictures at most that are compared with each other; memory grows with the square
 
+_known = cache(open_backbone)
 Features = Callable[[Tensor], Tensor]  # pictures (n, 3, H, W) in [0, 1] -> (n, F)
 
 
@@ -112,7 +114,7 @@ class FeatureDistance:
 
 def effl0_distance(device: torch.device) -> FeatureDistance:
     """`FeatureDistance` "effl0": 112 channels of a network that comes with a package, averaged over a picture."""
-    network = open_backbone("effl0").to(device)
+    network = _known("effl0").to(device)
 
     def features(pictures: Tensor) -> Tensor:
         zoom = max(1, -(-SEEN_SIDE // pictures.shape[-1]))

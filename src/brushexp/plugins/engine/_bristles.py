@@ -87,21 +87,11 @@ def _constrain(q, rest, stiffness):  # type: ignore[no-untyped-def]
 
 @function
 def move(p, velocity, before, q, roots, x, y, scale, stiffness, gravity, damping, iterations):  # type: ignore[no-untyped-def]
-    """One frame of the brush with its handle at (x, y, 2 scale).
+    """One frame of the brush with its handle at (x, y, 2 scale); ``scale`` is the radius of the brush.
 
-    Args:
-        p: (3, V, N) positions, updated; the old ones are left in ``before``.
-        velocity: (3, V, N) per frame, updated.
-        before: (3, V, N), written.
-        q: (3, V, N) scratch.
-        roots: (2, N) roots of the bristles around the handle, brush scales.
-        x: of the handle.
-        y: of the handle.
-        scale: radius of the brush.
-        stiffness: (N,) of each bristle.
-        gravity: per frame and frame.
-        damping: share of the velocity that is kept.
-        iterations: of the constraints.
+    Positions ``p`` (3, V, N) and ``velocity`` per frame are updated, the old positions left in ``before``; ``q`` is
+    scratch. Given are the ``roots`` (2, N) of the bristles around the handle in brush scales, their ``stiffness`` (N,),
+    ``gravity`` per frame and frame, and the share ``damping`` of the velocity that is kept.
     """
     n = roots.shape[1]
     for axis in range(3):
@@ -129,18 +119,10 @@ def move(p, velocity, before, q, roots, x, y, scale, stiffness, gravity, damping
 def settle(scales, roots, stiffness, gravity, damping, iterations, frames, approach, out):  # type: ignore[no-untyped-def]
     """Let brushes come to rest on the canvas, trailing behind the way that they came.
 
-    Without it a stroke would begin with a smear from wherever the brush came from.
-
-    Args:
-        scales: (B,) radii of the brushes.
-        roots: (B, 2, N) see `move`.
-        stiffness: (B, N).
-        gravity: see `move`.
-        damping: see `move`.
-        iterations: see `move`.
-        frames: how long; for the first half the brush moves to the right, then it stands.
-        approach: brush scales that it moves per frame.
-        out: (B, 3, V, N), written: positions around the handle, brush scales.
+    Without it a stroke would begin with a smear from wherever the brush came from. For the first half of the ``frames``
+    the brush moves to the right, by ``approach`` brush scales per frame; then it stands. ``scales`` (B,) are the radii
+    of the brushes, ``roots`` (B, 2, N) and ``stiffness`` (B, N) as in `move`; the positions around the handle, in brush
+    scales, are written to ``out`` (B, 3, V, N).
     """
     for b in prange(len(scales)):
         scale = scales[b]

@@ -42,16 +42,10 @@ def _splat(p, before, velocity, scale, opacity, drag, side, grid, area):  # type
     Each capsule's paint and momentum are spread evenly along its path and shared by the four nearest cells, so that
     they are conserved however thin it is; the source draws it pixel by pixel and loses what falls between them.
 
-    Args:
-        p: (3, V, N) positions, units.
-        before: (3, V, N) a frame ago.
-        velocity: (3, V, N) per frame; the one before is p - before of a frame ago and hardly differs.
-        scale: radius of the brush, units.
-        opacity: of a splat at its centre.
-        drag: velocity of the paint per velocity of the bristle.
-        side: cells per row of the grid, margin included.
-        grid: (3, side * side) sums of opacity * weight and of the two velocities, added to.
-        area: (4,) top, bottom, left, right of what was touched, updated.
+    ``p``, ``before`` and ``velocity`` (3, V, N) are positions, those a frame ago, and velocities per frame; ``drag`` is
+    the velocity of the paint per velocity of the bristle. Sums of opacity * weight and of the two velocities are added
+    to ``grid`` (3, side * side), and ``area`` (4,), top, bottom, left and right of what was touched, is updated. A row
+    has ``side`` cells, margin included.
     """
     cells = F(side - 2)
     fine = cells / UNITS  # cells per unit
@@ -96,27 +90,22 @@ def _splat(p, before, velocity, scale, opacity, drag, side, grid, area):  # type
 @function
 def _lay(grid, state, side, area):  # type: ignore[no-untyped-def]
     """Move the splats of a frame from ``grid`` to the canvas: coverage 1 - (1 - c) exp(-sum), height, velocity."""
+    u, v, cover, height = state[0], state[1], state[2], state[3]
     for y in range(area[0], area[1] + 1):
-        row = y * side
-        weight, flow_x, flow_y = grid[0, row : row + side], grid[1, row : row + side], grid[2, row : row + side]
-        u, v = state[0, row : row + side], state[1, row : row + side]
-        cover, height = state[2, row : row + side], state[3, row : row + side]
         for x in range(area[2], area[3] + 1):
-            w = weight[x]
-            cover[x] = F(1) - (F(1) - cover[x]) * np.exp(-w)
-            height[x] += w
-            u[x] += flow_x[x]
-            v[x] += flow_y[x]
-            weight[x] = F(0)
-            flow_x[x] = F(0)
-            flow_y[x] = F(0)
+            q = _at(y * side + x)
+            cover[q] = F(1) - (F(1) - cover[q]) * np.exp(-grid[0, q])
+            height[q] += grid[0, q]
+            u[q] += grid[1, q]
+            v[q] += grid[2, q]
+            for c in range(3):
+                grid[c, q] = F(0)
 
 
 @function
 def _project(state, pressure, side, area, rounds):  # type: ignore[no-untyped-def]
     """Make the flow nearly free of divergence: Jacobi iterations from zero pressure."""
-    u, v = state[0], state[1]
-    divergence, now, new = pressure[0], pressure[1], pressure[2]
+    u, v, divergence, now, new = state[0], state[1], pressure[0], pressure[1], pressure[2]
     top, bottom, left, right = area[0], area[1], area[2], area[3]
     for y in range(top, bottom + 1):
         for x in range(left, right + 1):
@@ -137,6 +126,20 @@ def _project(state, pressure, side, area, rounds):  # type: ignore[no-untyped-de
             v[q] -= F(0.5) * (now[q + _at(side)] - now[q - _at(side)])
 
 
+@inline
+def _corners(x, y, side):  # type: ignore[no-untyped-def]
+    """The cell above and left of a point, and the weights of the four cells around it."""
+    ix, iy = np.int32(x), np.int32(y)
+    fx, fy = x - F(ix), y - F(iy)
+    first = _at(iy * np.int32(side) + ix)
+    return first, (F(1) - fx) * (F(1) - fy), fx * (F(1) - fy), (F(1) - fx) * fy, fx * fy
+
+
+@inline
+def _mean(field, a, side, w0, w1, w2, w3):  # type: ignore[no-untyped-def]
+    return w0 * field[a] + w1 * field[a + _at(1)] + w2 * field[a + _at(side)] + w3 * field[a + _at(side + 1)]
+
+
 @function
 def _advect(state, new, side, area, fluidity):  # type: ignore[no-untyped-def]
     """Carry paint and velocity along the flow: midpoint rule backwards, bilinear."""
@@ -149,24 +152,14 @@ def _advect(state, new, side, area, fluidity):  # type: ignore[no-untyped-def]
             q = _at(y * side + x)
             hx = min(max(F(x) - F(0.5) * dt * u[q], low), high)
             hy = min(max(F(y) - F(0.5) * dt * v[q], low), high)
-            ix, iy = np.int32(hx), np.int32(hy)
-            fx, fy = hx - F(ix), hy - F(iy)
-            a = _at(iy * np.int32(side) + ix)
-            b, c, d = a + _at(1), a + _at(side), a + _at(side + 1)
-            w0, w1, w2, w3 = (F(1) - fx) * (F(1) - fy), fx * (F(1) - fy), (F(1) - fx) * fy, fx * fy
-            mu = w0 * u[a] + w1 * u[b] + w2 * u[c] + w3 * u[d]
-            mv = w0 * v[a] + w1 * v[b] + w2 * v[c] + w3 * v[d]
-            hx = min(max(F(x) - dt * mu, low), high)
-            hy = min(max(F(y) - dt * mv, low), high)
-            ix, iy = np.int32(hx), np.int32(hy)
-            fx, fy = hx - F(ix), hy - F(iy)
-            a = _at(iy * np.int32(side) + ix)
-            b, c, d = a + _at(1), a + _at(side), a + _at(side + 1)
-            w0, w1, w2, w3 = (F(1) - fx) * (F(1) - fy), fx * (F(1) - fy), (F(1) - fx) * fy, fx * fy
-            new_u[q] = fluidity * (w0 * u[a] + w1 * u[b] + w2 * u[c] + w3 * u[d])
-            new_v[q] = fluidity * (w0 * v[a] + w1 * v[b] + w2 * v[c] + w3 * v[d])
-            new_cover[q] = w0 * cover[a] + w1 * cover[b] + w2 * cover[c] + w3 * cover[d]
-            new_height[q] = w0 * height[a] + w1 * height[b] + w2 * height[c] + w3 * height[d]
+            a, w0, w1, w2, w3 = _corners(hx, hy, side)
+            hx = min(max(F(x) - dt * _mean(u, a, side, w0, w1, w2, w3), low), high)
+            hy = min(max(F(y) - dt * _mean(v, a, side, w0, w1, w2, w3), low), high)
+            a, w0, w1, w2, w3 = _corners(hx, hy, side)
+            new_u[q] = fluidity * _mean(u, a, side, w0, w1, w2, w3)
+            new_v[q] = fluidity * _mean(v, a, side, w0, w1, w2, w3)
+            new_cover[q] = _mean(cover, a, side, w0, w1, w2, w3)
+            new_height[q] = _mean(height, a, side, w0, w1, w2, w3)
 
 
 @function
@@ -214,10 +207,8 @@ def _light(gx, gy):  # type: ignore[no-untyped-def]
     ny = gy * nz / F(7)
     nl = max((nz - ny) * F(0.70710678), F(0))
     nh = max(F(0.38268343) * -ny + F(0.92387953) * nz, F(0))
-    alpha = F(0.075)
-    a2 = alpha * alpha
-    spread = nh * nh * (a2 - F(1)) + F(1)
-    d = a2 / (F(3.14159265) * spread * spread)
+    a2 = F(0.075) ** 2
+    d = a2 / (F(3.14159265) * (nh * nh * (a2 - F(1)) + F(1)) ** 2)
     g = F(1) / ((nl + np.sqrt(a2 + (F(1) - a2) * nl * nl)) * (nz + np.sqrt(a2 + (F(1) - a2) * nz * nz)))
     f = F(0.05) + F(0.95) * (F(1) - F(0.92387953)) ** 5
     return F(0.15) * nl + F(0.85), d * g * f
@@ -226,39 +217,31 @@ def _light(gx, gy):  # type: ignore[no-untyped-def]
 @function
 def _picture(state, side, fine, color, relief, image, heights):  # type: ignore[no-untyped-def]
     """Shade the paint on the fine grid and average it over the pixels of the window."""
-    window = heights.shape[0]
-    cover, height = state[2], state[3]
-    slope = relief * F(side - 2) / UNITS
+    cover, height, window = state[2], state[3], heights.shape[0]
+    slope, share = relief * F(side - 2) / UNITS, F(1) / F(fine * fine)
     flat, bare = _light(F(0), F(0))
-    share = F(1) / F(fine * fine)
+    rgb = np.empty(3, F)
     for y in range(window):
         for x in range(window):
             total, thick = F(0), F(0)
-            red, green, blue = F(0), F(0), F(0)
+            rgb[:] = F(0)
             for k in range(fine * fine):
                 q = (y * fine + k // fine + 1) * side + x * fine + k % fine + 1
-                alpha = cover[q]
                 thick += height[q]
-                if alpha <= F(0):
+                if cover[q] <= F(0):
                     continue
-                tl, tm, tr = height[q - side - 1], height[q - side], height[q - side + 1]
-                ml, mr = height[q - 1], height[q + 1]
-                bl, bm, br = height[q + side - 1], height[q + side], height[q + side + 1]
-                gx = (tl - tr) + F(2) * (ml - mr) + (bl - br)
-                gy = (tl - bl) + F(2) * (tm - bm) + (tr - br)
+                above, below = q - side, q + side
+                fall, rise = height[above - 1] - height[below + 1], height[above + 1] - height[below - 1]
+                gx = fall - rise + F(2) * (height[q - 1] - height[q + 1])
+                gy = fall + rise + F(2) * (height[above] - height[below])
                 diffuse, shine = _light(slope * gx, slope * gy)
-                diffuse, shine = diffuse / flat, F(0.5) * (shine - bare)
-                total += alpha
-                red += alpha * min(max(color[0] * diffuse + shine, F(0)), F(1))
-                green += alpha * min(max(color[1] * diffuse + shine, F(0)), F(1))
-                blue += alpha * min(max(color[2] * diffuse + shine, F(0)), F(1))
+                total += cover[q]
+                for c in range(3):
+                    rgb[c] += cover[q] * min(max(color[c] * diffuse / flat + F(0.5) * (shine - bare), F(0)), F(1))
             heights[y, x] = thick * share
             image[3, y, x] = min(total * share, F(1))
-            over = F(1) / max(total, F(1e-6))
-            painted = total > F(1e-6)
-            image[0, y, x] = red * over if painted else color[0]
-            image[1, y, x] = green * over if painted else color[1]
-            image[2, y, x] = blue * over if painted else color[2]
+            for c in range(3):
+                image[c, y, x] = rgb[c] / total if total > F(1e-6) else color[c]
 
 
 @kernel
@@ -273,15 +256,14 @@ def paint(strokes, brush, first_pose, poses, reach, roots, stiffness, physics, c
         reach: (B, 2) how far behind the handle the brush touches: hindmost and foremost part, brush scales.
         roots: (brushes, 2, N).
         stiffness: (brushes, N).
-        physics: (6,) gravity, damping, opacity of a splat, drag, fluidity, relief.
-        counts: (5,) frames, constraint iterations, Jacobi iterations, fine cells per pixel, frames after the stroke.
+        physics: gravity, damping, opacity of a splat, drag, fluidity, relief.
+        counts: frames, constraint iterations, Jacobi iterations, fine cells per pixel, frames after the stroke.
         projection: whether the flow is kept free of divergence.
         images: (n, 4, S, S), written.
         heights: (n, S, S), written.
     """
-    gravity, damping, opacity, drag = physics[0], physics[1], physics[2], physics[3]
-    fluidity, relief = physics[4], physics[5]
-    frames, iterations, rounds, fine, after = counts[0], counts[1], counts[2], counts[3], counts[4]
+    gravity, damping, opacity, drag, fluidity, relief = physics
+    frames, iterations, rounds, fine, after = counts
     side = images.shape[2] * fine + 2
     for m in prange(len(strokes)):
         curve, scale, color, which = strokes[m, :6], strokes[m, 6], strokes[m, 7:10], brush[m]
@@ -302,9 +284,8 @@ def paint(strokes, brush, first_pose, poses, reach, roots, stiffness, physics, c
                 continue
             if k < frames:
                 _lay(grid, state, side, wet)
-            margin = 2
-            wet[0], wet[1] = max(wet[0] - margin, 1), min(wet[1] + margin, side - 2)
-            wet[2], wet[3] = max(wet[2] - margin, 1), min(wet[3] + margin, side - 2)
+            wet[0], wet[1] = max(wet[0] - 2, 1), min(wet[1] + 2, side - 2)
+            wet[2], wet[3] = max(wet[2] - 2, 1), min(wet[3] + 2, side - 2)
             if projection:
                 _project(state, pressure, side, wet, rounds)
             _advect(state, new, side, wet, fluidity)

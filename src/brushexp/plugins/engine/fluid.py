@@ -85,17 +85,14 @@ class Fluid(Engine):
         from brushexp.plugins.engine import _bristles, _deposition  # noqa: PLC0415  (Numba takes a second; --help should not)
 
         self._bristles, self._deposition = _bristles, _deposition
-        self.window = window
-        self.brushes = brushes
-        self.bristles = bristles
+        self.window, self.brushes, self.bristles, self.projection = window, brushes, bristles, projection
         self.jitter, self.stiffness = jitter, stiffness
-        self.projection = projection
-        self.rest, self.approach, self.iterations = rest, approach, iterations
+        self.rest, self.approach, self.iterations = rest, np.float32(approach), iterations
         fullness = (bristles - THIN) / (THICK - THIN)
         most = max(MOST_THIN + (MOST_THICK - MOST_THIN) * fullness, LEAST)
         opacity = LEAST + (most - LEAST) * load if load else 0.0
-        self.physics = np.array([gravity, damping, opacity, DRAG * opacity, fluidity, relief], np.float32)
-        self.counts = np.array([frames, iterations, jacobi, supersample, after], np.int64)
+        self.physics = tuple(map(np.float32, (gravity, damping, opacity, DRAG * opacity, fluidity, relief)))
+        self.counts = (frames, iterations, jacobi, supersample, after)
         self._seed: int | None = None
 
     def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:
@@ -104,19 +101,17 @@ class Fluid(Engine):
         strokes = strokes_of(parameters.detach().cpu().float())
         units = 0.5 * float(self._deposition.UNITS)
         points = torch.cat([strokes.start, strokes.control, strokes.end], dim=1).clamp(-FAR, FAR)
-        scale = (BAND * strokes.width * units).clamp(*SCALES).numpy()
-        brush = (first + np.arange(len(scale))) % self.brushes
-        pose = self._poses_for(brush, scale)
-        rows = np.concatenate(
-            [(points.numpy() + 1) * units, scale[:, None], strokes.color.clamp(0, 1).numpy()], axis=1
-        ).astype(np.float32)
+        scale = (BAND * strokes.width * units).clamp(*SCALES)
+        rows = torch.cat([(points + 1) * units, scale[:, None], strokes.color.clamp(0, 1)], dim=1).numpy()
+        brush = (first + np.arange(len(rows))) % self.brushes
+        pose = self._poses_for(brush, scale.numpy())
         images = np.empty((len(rows), 4, self.window, self.window), np.float32)
         heights = np.empty((len(rows), self.window, self.window), np.float32)
-        self._deposition.paint(
-            rows, brush, pose, np.stack(self._poses) if self._poses else np.zeros((0, 3, 1, 1), np.float32),
-            np.array(self._reach, np.float32).reshape(-1, 2), self._roots, self._stiffness, self.physics, self.counts,
-            self.projection, images, heights,
-        )  # fmt: skip
+        poses = np.array(self._poses, np.float32).reshape(-1, 3, self._bristles.VERTICES, self.bristles)
+        reach = np.array(self._reach, np.float32).reshape(-1, 2)
+        brushes = (poses, reach, self._roots, self._stiffness)
+        settings = (self.physics, self.counts, self.projection)
+        self._deposition.paint(rows, brush, pose, *brushes, *settings, images, heights)
         return Simulated(torch.from_numpy(images), torch.from_numpy(heights))
 
     def _take_brushes(self, seed: int) -> None:
@@ -124,10 +119,9 @@ class Fluid(Engine):
         if seed == self._seed:
             return
         n = self.bristles
-        words = [
-            np.random.Philox(key=np.array([seed, brush], np.uint64)).random_raw(3 * n) for brush in range(self.brushes)
-        ]
-        u = (np.stack(words).reshape(self.brushes, 3, n) >> np.uint64(11)) * 2.0**-53
+        sources = (np.random.Philox(key=np.array([seed, brush], np.uint64)) for brush in range(self.brushes))
+        words = np.stack([source.random_raw(3 * n).reshape(3, n) for source in sources])
+        u = (words >> np.uint64(11)) * 2.0**-53
         i = np.arange(n)
         angle = (i + (u[:, 0] - 0.5) * self.jitter) * math.tau / GOLDEN**2
         radius = np.sqrt((i + u[:, 1] * self.jitter) / n)
@@ -145,10 +139,8 @@ class Fluid(Engine):
             which = np.array([key[0] for key in fresh])
             scales = np.array([(1 + STEP) ** key[1] for key in fresh], np.float32)
             poses = np.empty((len(fresh), 3, self._bristles.VERTICES, self.bristles), np.float32)
-            self._bristles.settle(
-                scales, self._roots[which], self._stiffness[which], self.physics[0], self.physics[1], self.iterations,
-                self.rest, np.float32(self.approach), poses,
-            )  # fmt: skip
+            motion = (*self.physics[:2], self.iterations, self.rest, self.approach)
+            self._bristles.settle(scales, self._roots[which], self._stiffness[which], *motion, poses)
             for key, pose in zip(fresh, poses, strict=True):
                 self._place[key] = len(self._poses)
                 self._poses.append(pose)
