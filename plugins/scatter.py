@@ -32,11 +32,8 @@ class Scatter(Initializer):
         self.detail = detail
         self.size = size
 
-    def __call__(
-        self, target: Tensor, n_strokes: int, generator: torch.Generator, focus: Tensor | None = None
-    ) -> Strokes:
+    def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
         _, height, width = target.shape
-        n = n_strokes
         padded = torch.nn.functional.pad(target[None], (0, 1, 0, 1), mode="replicate")[0]
         change = (padded[:, 1:, :-1] - target).abs().sum(0) + (padded[:, :-1, 1:] - target).abs().sum(0)  # (H, W)
         chance = (1 - self.detail) / (height * width) + self.detail * change / change.sum().clamp_min(1e-9)

@@ -1,5 +1,7 @@
 """Painters for tests, and steps of one without a Trainer."""
 
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import lightning as L
@@ -8,11 +10,11 @@ from scenes import random_strokes
 
 from brushexp.painting.components import Stage, standard_components
 from brushexp.painting.painter import Painter
-from brushexp.painting.rehearsal import rehearse
+from brushexp.painting.painter_state import rehearse
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.base import View
-from brushexp.strokes.catalogue import Catalogue
+from brushexp.strokes.catalogue import FIELDS, Catalogue
 from brushexp.strokes.prior import clamp_to_prior
 
 SIZE = (48, 70)
@@ -59,6 +61,18 @@ def fit(painter: Painter, callbacks=(), ckpt_path=None, **options: Any) -> L.Tra
     trainer = L.Trainer(**{**quiet, **options}, callbacks=list(callbacks))
     trainer.fit(painter, ckpt_path=ckpt_path)
     return trainer
+
+
+def assert_resumes(make: Callable[[], Painter], steps: int, folder: Path) -> None:
+    """A fit that is interrupted after some steps ends as one that is not."""
+    straight, first, second = (make() for _ in range(3))
+    fit(straight)
+    fit(first, max_steps=steps).save_checkpoint(folder / "it.ckpt")
+    assert fit(second, ckpt_path=folder / "it.ckpt").global_step == straight.schedule.steps
+    for name in FIELDS:
+        assert torch.equal(getattr(straight.strokes(), name), getattr(second.strokes(), name)), name
+    assert torch.equal(straight.visits, second.visits)
+    assert straight.evaluations == second.evaluations
 
 
 def error_of(painter: Painter) -> float:

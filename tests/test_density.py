@@ -1,7 +1,6 @@
 """Density policies: strokes come and go where the picture asks for it."""
 
 import math
-from dataclasses import replace
 
 import pytest
 import torch
@@ -9,9 +8,9 @@ from painters import painter_of as some_painter
 from painters import take
 from scenes import Windowed, random_strokes, straight
 
-from brushexp.errors import UserError
-from brushexp.painting.importance import importance
+from brushexp.painting.densification import importance
 from brushexp.painting.metrics import psnr_of
+from brushexp.painting.picture import Picture
 from brushexp.plugins.blend.tiled import Backend, Tiled
 from brushexp.plugins.density.adaptive import Adaptive, new_strokes
 from brushexp.plugins.density.base import DensificationState
@@ -21,11 +20,9 @@ from brushexp.plugins.optimizer.torch_optim import TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
-from brushexp.registry import build_named
-from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes, check_strokes
+from brushexp.strokes.catalogue import Catalogue, Strokes, check_strokes
 
 SIZE = (40, 56)
-BACKGROUND = torch.tensor([0.2, 0.5, 0.9])
 
 
 def picture(size=SIZE):
@@ -57,69 +54,53 @@ def state_of(image, target, strokes, *, budget=100, step=30, steps=60, scores=No
     return DensificationState(image, target, focus, strokes, budget, step, steps, lambda: scores)
 
 
-def without(strokes, i):
-    keep = torch.arange(len(strokes)) != i
-    return strokes[keep], keep
+def importance_of(strokes, order, target, *, renderer=None, blend=None, focus=None, seed=0):
+    """By how much the squared error would grow without each of the strokes."""
+    picture = Picture(target, focus, torch.tensor([0.2, 0.5, 0.9]), blend or Tiled())
+    picture.renderer = renderer or Analytic()
+    return importance(strokes, order, picture, torch.Generator().manual_seed(seed))
 
 
-@pytest.mark.parametrize("focus", [False, True])
-@pytest.mark.parametrize("renderer", [Analytic(), Analytic(taper=0.5)], ids=["plain", "tapered"])
-def test_importance_is_what_the_error_grows_by_when_a_stroke_is_left_out(renderer, focus):
-    strokes, target = random_strokes(25, SIZE), torch.rand(3, *SIZE)
-    weight = 0.5 + torch.rand(SIZE) if focus else None
-    order, blend = torch.randperm(25), Tiled(opaque=0)
+@pytest.mark.parametrize(("taper", "focus"), [(0.0, False), (0.5, True)])
+def test_importance_is_what_the_error_grows_by_when_a_stroke_is_left_out(taper, focus):
+    strokes, target, order = random_strokes(25, SIZE), torch.rand(3, *SIZE), torch.randperm(25)
+    options = {"renderer": Analytic(taper=taper), "blend": Tiled(opaque=0)}
+    weight = 0.5 + torch.rand(SIZE) if focus else torch.ones(SIZE)
 
     def error(some, order):
-        image = blend(renderer(some), order, SIZE, BACKGROUND).image.double()
-        return float(((image - target) ** 2 * (1 if weight is None else weight)).sum())
+        image = options["blend"](options["renderer"](some), order, SIZE, torch.tensor([0.2, 0.5, 0.9])).image.double()
+        return float(((image - target) ** 2 * weight).sum())
 
-    found = importance(strokes, order, target, weight, BACKGROUND, renderer, blend, torch.Generator())
+    found = importance_of(strokes, order, target, focus=weight if focus else None, **options)
     for i in range(len(strokes)):
-        others, keep = without(strokes, i)
-        place = torch.cumsum(keep, 0) - 1
-        grown = error(others, place[order[order != i]]) - error(strokes, order)
+        others = torch.arange(len(strokes)) != i
+        place = torch.cumsum(others, 0) - 1
+        grown = error(strokes[others], place[order[order != i]]) - error(strokes, order)
         assert float(found[i]) == pytest.approx(grown, rel=2e-3, abs=2e-3)
 
 
 def test_importance_of_any_blend_is_the_same_on_average():
-    strokes, target, order = random_strokes(12, SIZE), torch.rand(3, *SIZE), torch.randperm(12)
-    args = (strokes, order, target, None, BACKGROUND, Analytic())
-    exact = importance(*args, Tiled(opaque=0), torch.Generator())
-    probed = [
-        importance(*args, Tiled(opaque=0, kernel=Backend.torch), torch.Generator().manual_seed(k)) for k in range(20)
-    ]
-    mean, spread = torch.stack(probed).mean(0), torch.stack(probed).std(0) / math.sqrt(20)
-    assert ((mean - exact).abs() <= 5 * spread + 1e-3 * exact.abs().max()).all()
+    scene = random_strokes(12, SIZE), torch.randperm(12), torch.rand(3, *SIZE)
+    exact, eager = importance_of(*scene, blend=Tiled(opaque=0)), Tiled(opaque=0, kernel=Backend.torch)
+    probed = torch.stack([importance_of(*scene, blend=eager, seed=k) for k in range(20)])
+    spread = probed.std(0) / math.sqrt(20)
+    assert ((probed.mean(0) - exact).abs() <= 5 * spread + 1e-3 * exact.abs().max()).all()
 
 
-def test_importance_of_what_cannot_be_seen_is_nothing():
-    hidden, cover = straight((8, 8), (20, 8), width=3), straight((0, 8), (30, 8), width=20)
-    away = straight((-500, 0), (-480, 0))
-    clear = straight((5, 5), (20, 20), opacity=0.0)
+def test_importance_of_what_cannot_be_seen_is_nothing_and_of_what_does_harm_negative():
+    hidden, cover = straight((8, 8), (20, 8), width=3), straight((0, 8), (30, 8), width=20, color=(1.0, 1.0, 1.0))
+    away, clear = straight((-500, 0), (-480, 0)), straight((5, 5), (20, 20), opacity=0.0)
     strokes = Strokes.join(hidden, away, clear, cover)
-    found = importance(
-        strokes, torch.tensor([3, 2, 1, 0]), torch.zeros(3, 16, 32), None, BACKGROUND, Analytic(), Tiled(),
-        torch.Generator(),
-    )  # fmt: skip
-    assert found[:3].abs().max() < 1e-3 < found[3].abs()
+    found = importance_of(strokes, torch.tensor([3, 2, 1, 0]), torch.zeros(3, 16, 32))
+    assert found[:3].abs().max() < 1e-3
+    assert found[3] < -50
 
 
-def test_importance_of_windows_and_of_no_strokes_is_finite():
-    for strokes in (random_strokes(9, SIZE), Strokes.none()):
-        n = len(strokes)
-        found = importance(
-            strokes, torch.arange(n), torch.rand(3, *SIZE), None, BACKGROUND, Windowed(), Tiled(), torch.Generator()
-        )
-        assert found.shape == (n,)
-        assert found.isfinite().all()
-
-
-def test_a_stroke_that_does_harm_has_negative_importance():
-    stroke = straight((4, 8), (28, 8), color=(1.0, 1.0, 1.0))
-    found = importance(
-        stroke, torch.arange(1), torch.zeros(3, 16, 32), None, torch.zeros(3), Analytic(), Tiled(), torch.Generator()
-    )
-    assert found[0] < -50
+@pytest.mark.parametrize("n", [0, 9])
+def test_importance_of_windows_and_of_no_strokes_is_finite(n):
+    found = importance_of(random_strokes(n, SIZE), torch.arange(n), torch.rand(3, *SIZE), renderer=Windowed())
+    assert found.shape == (n,)
+    assert found.isfinite().all()
 
 
 def test_new_strokes_lie_where_the_error_is_in_its_colour_along_its_edge():
@@ -171,12 +152,6 @@ def test_a_flat_picture_ends_with_the_strokes_it_began_with():
     assert len(painter.catalogue) <= 35
 
 
-def test_all_strokes_that_were_asked_for_are_there_in_the_end():
-    painter = painted(Adaptive(), n=77)
-    assert len(painter.catalogue) == 77
-    check_strokes(painter.catalogue().map(torch.Tensor.detach))
-
-
 def test_adaptive_paints_better_than_fixed_with_as_many_strokes_and_steps():
     target = picture((72, 96))
     psnr = [psnr_of(float((painted(d, target=target, n=150, steps=200).drawn() - target).square().mean()))
@@ -220,8 +195,9 @@ def test_rounds_have_steps_between_them():
     for step in range(1, 41):
         changes += density.revise(state_of(image, target, strokes, step=step, steps=40)) is not None
     assert changes == 3
-    assert Adaptive(rounds=0).revise(state_of(image, target, strokes)) is None
-    assert Adaptive(until=0.0).revise(state_of(image, target, strokes)) is None
+    for none in (Adaptive(rounds=0), Adaptive(until=0.0)):
+        assert none.revise(state_of(image, target, strokes)) is None
+        assert none.first(60, 500) == 60
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -231,27 +207,6 @@ def test_the_smallest_paintings_are_painted(n, size):
     painter = painted(Adaptive(moved=0.5), n=n, target=torch.rand(3, *size), steps=40)
     assert 1 <= len(painter.catalogue) <= n
     assert painter.drawn().isfinite().all()
-
-
-def test_parts_of_a_canvas_can_be_revised_too():
-    painter = painted(Adaptive(), sampler=Patches(n_active=20, n_ring=10, patch=32), steps=120)
-    assert len(painter.catalogue) == 60
-    assert len(painter.visits) == 60
-
-
-@pytest.mark.parametrize("option", ["start=0", "start=1.5", "moved=0.7", "until=-1", "size=0", "rounds=-1"])
-def test_options_that_are_none_are_refused(option):
-    name, value = option.split("=")
-    with pytest.raises(UserError, match=f"density.{name}="):
-        build_named("density", "adaptive", {name: type(Adaptive.__init__.__kwdefaults__[name])(float(value))})
-
-
-def test_a_catalogue_makes_room_for_what_is_loaded():
-    small, large = (Catalogue(random_strokes(n, SIZE), TorchOptim().units) for n in (0, 9))
-    small.resize(9)
-    small.load_state_dict(large.state_dict())
-    for name in FIELDS:
-        assert torch.equal(getattr(small(), name), getattr(large(), name))
 
 
 def test_coarse_steps_look_at_the_smaller_picture_and_the_rest_at_all_of_it():
@@ -274,21 +229,25 @@ def test_coarse_steps_leave_the_strokes_in_place():
 
 def test_a_coarse_picture_with_focus_and_odd_sides():
     target = torch.rand(3, 7, 5)
-    focus = replace(state_of(target, target, Strokes.none())).target[0] * 0 + 1
-    assert painted(Fixed(), n=4, target=target, coarse=0.5, focus=focus, steps=10).drawn().isfinite().all()
+    assert painted(Fixed(), n=4, target=target, coarse=0.5, focus=torch.ones(7, 5), steps=10).drawn().isfinite().all()
 
 
-def test_rounds_that_coarse_steps_left_out_are_made_up_for():
-    assert len(painted(Adaptive(), n=60, steps=200, coarse=0.9).catalogue) == 60
-
-
-@pytest.mark.parametrize("steps", [0, 1, 10, 11])
-def test_a_run_too_short_for_rounds_begins_with_all_strokes(steps):
-    assert len(painted(Adaptive(), n=60, steps=steps).catalogue) == 60
-
-
-def test_a_policy_without_rounds_begins_with_all_strokes():
-    assert Adaptive(rounds=0).first(60, 500) == Adaptive(until=0.0).first(60, 500) == 60
+@pytest.mark.parametrize(
+    ("steps", "options"),
+    [
+        (0, {}),
+        (10, {}),
+        (11, {}),
+        (60, {}),
+        (200, {"coarse": 0.9}),  # rounds that coarse steps left out are made up for
+        (120, {"sampler": Patches(n_active=20, n_ring=10, patch=32)}),
+    ],
+)
+def test_all_strokes_that_were_asked_for_are_there_in_the_end(steps, options):
+    """Also in a run too short for rounds, which begins with them."""
+    painter = painted(Adaptive(), n=60, steps=steps, **options)
+    assert len(painter.catalogue) == len(painter.visits) == 60
+    check_strokes(painter.strokes())
 
 
 def test_the_small_picture_is_not_taken_for_the_whole():
@@ -305,9 +264,3 @@ def test_strokes_are_as_large_as_the_picture_that_coarse_steps_look_at():
     painter.losses["mse"].register_forward_hook(lambda module, args, out: seen.append(args[0]))
     take(painter, 4, loop)
     assert float(seen[0].strokes.scale.mean() / seen[-1].strokes.scale.mean()) == pytest.approx(0.5)
-
-
-@pytest.mark.parametrize("coarse", [-0.1, 1.0, 1.5])
-def test_a_share_of_coarse_steps_that_is_none_is_refused(coarse):
-    with pytest.raises(UserError, match="coarse="):
-        painter_of(Fixed(), coarse=coarse)

@@ -7,16 +7,13 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
-import torch
 from painters import fit, painter_of
 from program import Program, run
-from torch.testing import assert_close
 
-from brushexp.app.composition import check
-from brushexp.errors import UserError
-from brushexp.painting.anytime import Anytime
 from brushexp.painting.components import Stage
+from brushexp.painting.curves import Anytime
 from brushexp.painting.goals import (
     PSNR_REACHED,
     SECONDS_SPENT,
@@ -26,7 +23,6 @@ from brushexp.painting.goals import (
     Quality,
     TimeBudget,
     goals_of,
-    step_seconds,
 )
 from brushexp.painting.schedule import Schedule
 from brushexp.plugins.optimizer.torch_optim import TorchOptim
@@ -68,12 +64,6 @@ class Work:
         return self
 
 
-@pytest.fixture(autouse=True)
-def _step_of_a_later_stage(monkeypatch):
-    timed = lambda painter: painter.cost(10**5) if isinstance(painter, Work) else step_seconds(painter)  # noqa: E731
-    monkeypatch.setattr("brushexp.painting.goals.step_seconds", timed)
-
-
 COSTS = {
     "steady": lambda step: 0.1,
     "dearer": lambda step: 0.02 + 0.001 * step,
@@ -102,13 +92,12 @@ def test_seconds_replace_steps(steps, seconds, taken):
     assert Work(steps).run(TimeBudget(seconds)).schedule.step == taken
 
 
-@pytest.mark.parametrize(("seconds", "last"), [(60.0, 40), (60.0, 10), (20.0, 40)])
-def test_the_last_stage_keeps_its_steps_if_they_fit_into_half_of_the_seconds(seconds, last):
-    work = Work(100, last)
-    work.cost = lambda step: 0.01 if work.schedule.stage == 0 and step < 10**5 else 0.5
-    ends = work.run(TimeBudget(seconds)).schedule.ends
-    assert ends[1] - ends[0] == pytest.approx(min(last, 0.5 * seconds / 0.5), abs=1)
-    assert work.schedule.seconds == pytest.approx(seconds, abs=0.5)
+def test_the_last_stage_gets_half_of_the_seconds():
+    work = Work(60, 40, 10)
+    work.cost = lambda step: (0.01, 0.02, 0.5)[work.schedule.stage]
+    ends = work.run(TimeBudget(60.0)).schedule.ends
+    assert [ends[0] * 0.01, (ends[1] - ends[0]) * 0.02] == pytest.approx([18, 12], abs=0.5)
+    assert work.schedule.seconds == pytest.approx(60, abs=0.5)
     assert work.stop == SECONDS_SPENT
 
 
@@ -124,17 +113,6 @@ def test_time_before_an_interruption_counts():
     assert second.schedule.seconds == pytest.approx(20, abs=0.1)
 
 
-def test_an_endless_time_is_refused():
-    with pytest.raises(UserError, match="set seconds to a number"):
-        TimeBudget(float("inf"))
-
-
-@pytest.mark.parametrize("override", ["seconds=-1", "psnr=-3"])
-def test_goals_that_are_none_are_refused(config, override):
-    with pytest.raises(UserError, match=override.partition("=")[0]):
-        check(config(override))
-
-
 def test_a_quality_ends_the_run(caplog):
     caplog.set_level("INFO")
     assert Work(40, error=0.1).run(Quality(10.5)).stop == ""
@@ -143,12 +121,7 @@ def test_a_quality_ends_the_run(caplog):
     assert work.stop == PSNR_REACHED
     assert work.schedule.step == 1
     assert "psnr=9.5 is reached after" in caplog.text
-
-
-def test_only_the_last_stage_reaches_a_quality():
-    work = Work(5, 5).run(Quality(0.0))
-    assert work.stop == PSNR_REACHED
-    assert work.schedule.step == 6
+    assert Work(5, 5).run(Quality(0.0)).schedule.step == 6, "only the last stage reaches it"
 
 
 def test_the_first_goal_ends_the_run():
@@ -180,8 +153,8 @@ def test_an_early_stop_counts_evaluations_and_remembers_them():
 
 def test_a_curve_keeps_its_ends_and_its_bends():
     curve = Anytime(most=20)
-    seconds = torch.linspace(0, 60, 601).tolist()
-    psnr = [30 - 15 * 2.718 ** (-x / 5) for x in seconds]
+    seconds = np.linspace(0, 60, 601)
+    psnr = 30 - 15 * np.exp(-seconds / 5)
     for pair in zip(seconds, psnr, strict=True):
         curve.add(*pair)
     assert len(curve.pairs) == 20
@@ -190,13 +163,7 @@ def test_a_curve_keeps_its_ends_and_its_bends():
     times = [pair[0] for pair in curve.pairs]
     assert times == sorted(times)
     assert sum(time < 15 for time in times) > 10, "more where it bends"
-    between = [
-        a[1] + (x - a[0]) / (b[0] - a[0]) * (b[1] - a[1])
-        for x in seconds
-        for a, b in itertools.pairwise(curve.pairs)
-        if a[0] <= x <= b[0] and (x < b[0] or x == 60)
-    ]
-    assert_close(torch.tensor(between), torch.tensor(psnr), atol=0.15, rtol=0)
+    assert np.interp(seconds, *zip(*curve.pairs, strict=True)) == pytest.approx(psnr, abs=0.15)
 
 
 def test_a_curve_has_one_pair_for_each_time_and_only_numbers():
@@ -211,11 +178,8 @@ def test_a_painter_records_its_curve_and_goals_end_its_fit():
     trainer = fit(painter, goals_of(early_stop=None, psnr=0.0, seconds=60.0))
     assert (painter.stop, trainer.global_step) == (PSNR_REACHED, 1)
     assert painter.anytime.pairs[0][0] == 0.0
-
-
-def test_a_fit_takes_its_seconds_in_two_stages():
     painter = painter_of(Stage("a", Analytic(), 100), Stage("b", Analytic(), 5))
-    fit(painter, goals_of(early_stop=None, psnr=None, seconds=2.0))
+    fit(painter, goals_of(early_stop=None, psnr=None, seconds=1.0))
     assert painter.stop == SECONDS_SPENT
     assert painter.schedule.ends[0] > 1
     assert painter.schedule.steps > painter.schedule.ends[0]
@@ -223,17 +187,6 @@ def test_a_fit_takes_its_seconds_in_two_stages():
 
 def metrics_of(folder: Path) -> dict:
     return json.loads((folder / "metrics.json").read_text())
-
-
-def test_a_run_tells_which_goal_ended_it(tmp_path):
-    result = run(*SMALL, "psnr=5", f"output={tmp_path}/a", cwd=tmp_path)
-    assert result.returncode == 0, result.stderr
-    metrics = metrics_of(tmp_path / "a")
-    assert metrics["status"] == PSNR_REACHED
-    assert metrics["steps"] == 1
-    assert metrics["anytime"][0][0] == 0
-    assert metrics["anytime"][-1] == [round(metrics["seconds"], 3), round(metrics["psnr"], 3)]
-    assert "psnr=5 is reached after" in (tmp_path / "a" / "run.log").read_text()
 
 
 def test_seconds_go_on_after_an_interruption(tmp_path):
@@ -251,3 +204,4 @@ def test_seconds_go_on_after_an_interruption(tmp_path):
     assert second["status"] == SECONDS_SPENT
     assert second["steps"] > first["steps"]
     assert second["anytime"][0] == first["anytime"][0]
+    assert second["anytime"][-1] == [round(second["seconds"], 3), round(second["psnr"], 3)]

@@ -51,9 +51,10 @@ class Scene:
     strokes: Strokes
     size: tuple[int, int]
 
-    def paint(self, blend: Blend, renderer: Renderer, strokes: Strokes | None = None) -> Tensor:
+    def paint(self, blend: str, renderer: str, strokes: Strokes | None = None) -> Tensor:
         strokes = self.strokes if strokes is None else strokes
-        return blend(renderer(strokes), torch.arange(len(strokes)), self.size, BACKGROUND.to(strokes.width)).image
+        order, background = torch.arange(len(strokes)), BACKGROUND.to(strokes.width)
+        return BLENDS[blend](RENDERERS[renderer](strokes), order, self.size, background).image
 
 
 def changed(strokes: Strokes, i: int, **fields: object) -> Strokes:
@@ -100,6 +101,11 @@ def assert_same(found: Tensor, wanted: Tensor, exactly: bool, atol: float) -> No
         torch.testing.assert_close(found, wanted, atol=atol, rtol=0)
 
 
+def slack(blend: str) -> float:
+    """Of a picture whose tiles end elsewhere."""
+    return MOVED + 2 * getattr(BLENDS[blend], "opaque", 0.0)
+
+
 def inserted(strokes: Strokes, place: int, other: Strokes) -> Strokes:
     """The strokes with ``other`` at ``place`` in their order."""
     return Strokes.join(strokes[:place], other, strokes[place:])
@@ -116,7 +122,7 @@ over_renderers = pytest.mark.parametrize("renderer", RENDERERS)
 @given(scene=scenes(bend=1.0), seed=st.integers(0, 100))
 def test_pictures_lie_in_range_and_gradients_are_finite(blend, renderer, scene, seed):
     strokes = leaves(scene.strokes)
-    image = scene.paint(BLENDS[blend], RENDERERS[renderer], strokes)
+    image = scene.paint(blend, renderer, strokes)
     assert image.shape == (3, *scene.size)
     assert image.min() >= -ROUNDING
     assert image.max() <= 1 + ROUNDING
@@ -162,11 +168,10 @@ def test_strokes_that_do_not_meet_may_come_in_any_order(blend, renderer, seed, r
 def test_a_shift_by_whole_pixels_shifts_the_picture(blend, renderer, scene, right, down, tiles):
     """By multiples of eight pixels, exactly, in the compiled kernels; otherwise within 1e-4."""
     right, down = (8 * (right // 8), 8 * (down // 8)) if tiles else (right, down)
-    wanted = scene.paint(BLENDS[blend], RENDERERS[renderer])
+    wanted = scene.paint(blend, renderer)
     wide = replace(scene, size=(scene.size[0] + down, scene.size[1] + right))
-    found = wide.paint(BLENDS[blend], RENDERERS[renderer], scene.strokes.moved(shift=(right, down)))
-    atol = MOVED + 2 * getattr(BLENDS[blend], "opaque", 0.0)  # tiles end elsewhere
-    assert_same(found[:, down:, right:], wanted, blend in COMPILED and tiles, atol)
+    found = wide.paint(blend, renderer, scene.strokes.moved(shift=(right, down)))
+    assert_same(found[:, down:, right:], wanted, blend in COMPILED and tiles, slack(blend))
 
 
 @over_renderers
@@ -186,15 +191,11 @@ def test_strokes_that_cannot_be_seen_change_nothing(blend, renderer, scene, plac
         other = straight((scene.size[1] + 3.0, 0.0), (scene.size[1] + 3.0, scene.size[0]), width=1.0)
     else:
         other = degenerate(other, 0, kind)
-    wanted = scene.paint(BLENDS[blend], RENDERERS[renderer])
-    strokes = inserted(scene.strokes, min(place, len(scene.strokes)), other)
-    if renderer == "textured":  # a stroke's number is its look
-        numbers = list(range(len(scene.strokes)))
-        numbers.insert(min(place, len(numbers)), len(numbers))
-        layers = RENDERERS[renderer](strokes, torch.tensor(numbers, dtype=torch.long))
-        found = BLENDS[blend](layers, torch.arange(len(strokes)), scene.size, BACKGROUND).image
-    else:
-        found = scene.paint(BLENDS[blend], RENDERERS[renderer], strokes)
+    wanted = scene.paint(blend, renderer)
+    numbers = list(range(len(scene.strokes)))  # of a textured stroke its number is its look
+    numbers.insert(place, len(numbers))
+    layers = RENDERERS[renderer](inserted(scene.strokes, place, other), torch.tensor(numbers))
+    found = BLENDS[blend](layers, torch.arange(len(numbers)), scene.size, BACKGROUND).image
     assert_same(found, wanted, blend in COMPILED, ROUNDING)
 
 
@@ -207,14 +208,13 @@ def test_what_lies_below_an_opaque_stroke_changes_nothing_and_has_no_slope(blend
     cover = straight((width / 2 - 10, height / 2), (width / 2 + 10, height / 2), width=16.0)
     hidden = random_strokes(1, scene.size, seed=seed, bend=0.1, width=(0.0, 0.2))
     hidden = replace(hidden, position=torch.tensor([[width / 2, height / 2]]), scale=torch.tensor([4.0]))
-    place = min(place, len(scene.strokes))
     without = inserted(scene.strokes, place, cover)
-    wanted = scene.paint(BLENDS[blend], RENDERERS[renderer], without)
-    strokes = leaves(inserted(without, min(place + 1 + seed % 3, len(without)), hidden))
-    found = scene.paint(BLENDS[blend], RENDERERS[renderer], strokes)
+    wanted = scene.paint(blend, renderer, without)
+    number = min(min(place, len(scene.strokes)) + 1 + seed % 3, len(without))
+    strokes = leaves(inserted(without, number, hidden))
+    found = scene.paint(blend, renderer, strokes)
     assert_same(found.detach(), wanted, blend in COMPILED, ROUNDING)
     (found * torch.randn(found.shape, generator=torch.Generator().manual_seed(seed))).sum().backward()
-    number = min(place + 1 + seed % 3, len(without))
     assert all(value.grad[number].abs().max() == 0 for _, value in strokes.items())
 
 
@@ -229,7 +229,7 @@ def test_the_opacity_of_what_hides_others_has_the_slope_of_what_would_be_seen(re
     slopes = []
     for blend, dtype in (("tiled, all strokes", torch.float32), ("dense", torch.float64)):
         copies = leaves(strokes, dtype)
-        (scene.paint(BLENDS[blend], RENDERERS[renderer], copies) * weight).sum().backward()
+        (scene.paint(blend, renderer, copies) * weight).sum().backward()
         slopes.append(copies.opacity.grad.double())
     assert (slopes[0] - slopes[1]).norm() <= 1e-3 * slopes[1].norm() + 1e-5
 
@@ -245,9 +245,8 @@ def test_bands_of_a_picture_are_the_picture(blend, renderer, scene, rows, tiles)
         order = torch.arange(len(scene.strokes))
         parts = list(bands.bands(scene.strokes, order, scene.size, BACKGROUND, RENDERERS[renderer], BLENDS[blend]))
     assert [top for top, _ in parts] == list(range(0, scene.size[0], rows))
-    atol = MOVED + 2 * getattr(BLENDS[blend], "opaque", 0.0)
-    wanted = scene.paint(BLENDS[blend], RENDERERS[renderer])
-    assert_same(torch.cat([part for _, part in parts], 1), wanted, blend in COMPILED and tiles, atol)
+    wanted = scene.paint(blend, renderer)
+    assert_same(torch.cat([part for _, part in parts], 1), wanted, blend in COMPILED and tiles, slack(blend))
 
 
 @pytest.mark.parametrize("taper", [0.0, 0.5])
@@ -256,11 +255,11 @@ def test_bands_of_a_picture_are_the_picture(blend, renderer, scene, rows, tiles)
 @given(scene=scenes(), zoom=st.sampled_from([3, 5]))
 def test_a_larger_picture_shows_the_same_at_the_centres_of_the_old_pixels(blend, taper, scene, zoom):
     """Pixel i of the small one has its centre where pixel zoom * i + zoom // 2 of the large one has it."""
-    wanted = scene.paint(BLENDS[blend], Analytic(soft=1.5, taper=taper))
-    large = Scene(scene.strokes.moved(zoom=zoom), (zoom * scene.size[0], zoom * scene.size[1]))
-    found = large.paint(BLENDS[blend], Analytic(soft=1.5 * zoom, taper=taper))[:, zoom // 2 :: zoom, zoom // 2 :: zoom]
-    atol = MOVED + 2 * getattr(BLENDS[blend], "opaque", 0.0)
-    torch.testing.assert_close(found, wanted, atol=atol, rtol=0)
+    order, size = torch.arange(len(scene.strokes)), tuple(zoom * side for side in scene.size)
+    wanted = BLENDS[blend](Analytic(soft=1.5, taper=taper)(scene.strokes), order, scene.size, BACKGROUND).image
+    layers = Analytic(soft=1.5 * zoom, taper=taper)(scene.strokes.moved(zoom=zoom))
+    found = BLENDS[blend](layers, order, size, BACKGROUND).image[:, zoom // 2 :: zoom, zoom // 2 :: zoom]
+    torch.testing.assert_close(found, wanted, atol=slack(blend), rtol=0)
 
 
 def test_a_pair_is_listed_if_and_almost_only_if_the_stroke_reaches_a_pixel_of_the_tile():

@@ -43,19 +43,12 @@ def test_the_video_shows_the_frames_and_holds_the_last(tmp_path):
         assert frame.shape == (48, 64, 3)
         np.testing.assert_allclose(frame.mean((0, 1)) / 255, color, atol=0.02)
     assert [file.name for file in tmp_path.iterdir()] == ["timelapse.mp4"]
-
-
-def test_the_video_says_which_colours_it_means(tmp_path):
-    av = pytest.importorskip("av")
-    with av.open(str(filled().write(tmp_path)[0])) as container:
+    with pytest.importorskip("av").open(str(path)) as container:
         coding = container.streams.video[0].codec_context
         assert (coding.name, coding.pix_fmt) == ("h264", "yuv420p")
         assert coding.colorspace == coding.color_primaries == 1  # BT.709
-
-
-def test_the_video_can_be_played_while_it_loads(tmp_path):
-    data = filled().write(tmp_path)[0].read_bytes()
-    assert data.index(b"moov") < data.index(b"mdat")
+    data = path.read_bytes()
+    assert data.index(b"moov") < data.index(b"mdat"), "it can be played while it loads"
 
 
 @pytest.mark.usefixtures("no_av")
@@ -98,13 +91,13 @@ def test_pictures_of_every_shape_become_a_timelapse(tmp_path, shape, video, monk
     ("shape", "side", "size"),
     [
         ((100, 200), 80, (80, 40)),
-        ((101, 203), 720, (202, 100)),
-        ((1, 1), 80, (2, 2)),
-        ((4, 20000), 80, (80, 2)),
-        ((3000, 1000), 501, (166, 500)),
+        ((101, 203), 720, (203, 101)),
+        ((1, 1), 80, (1, 1)),
+        ((4, 20000), 80, (80, 1)),
+        ((3000, 1000), 501, (167, 501)),
     ],
 )
-def test_frames_are_even_and_fit(shape, side, size):
+def test_frames_fit_and_small_pictures_stay(shape, side, size):
     assert shrink(torch.rand(3, *shape), side).size == size
 
 
@@ -138,22 +131,13 @@ def test_early_progress_is_shown_more_densely():
     assert all(later >= earlier - 1 for earlier, later in pairwise(gaps))  # up to rounding
 
 
-def test_zero_frames_switch_it_off(tmp_path):
+def test_zero_frames_switch_it_off_and_nothing_is_written_before_the_first(tmp_path):
+    assert Timelapse(5, 64).write(tmp_path) == []
     timelapse = Timelapse(0, 64)
     assert not any(timelapse.due(step, 10) for step in range(11))
     timelapse.add(torch.rand(3, 8, 8), 0)
     assert timelapse.write(tmp_path) == []
     assert not list(tmp_path.iterdir())
-
-
-def test_nothing_is_written_before_the_first_frame(tmp_path):
-    assert Timelapse(5, 64).write(tmp_path) == []
-
-
-@pytest.mark.parametrize(("n_frames", "side", "key"), [(-1, 64, "frames"), (10**6, 64, "frames"), (5, 0, "frame_side")])
-def test_impossible_wishes_are_refused(n_frames, side, key):
-    with pytest.raises(UserError, match=f"^{key} is .*; choose"):
-        Timelapse(n_frames, side)
 
 
 def test_a_resumed_run_has_all_frames(tmp_path):

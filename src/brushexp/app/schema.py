@@ -96,8 +96,8 @@ class PaintTask(Task):
         None, "dB: stop when 100 evaluations of the losses gained less than this; null = never", at_least(0)
     )
     checkpoint_every: float | None = key(60, "seconds between checkpoints; null = only when interrupted", at_least(0))
-    frames: int = key(60, "pictures of the timelapse; 0 = none", at_least(0))
-    frame_side: int = key(720, "their longer side in pixels", at_least(2))
+    frames: int = key(60, "pictures of the timelapse; 0 = none", between(0, 2000))
+    frame_side: int = key(720, "their longer side in pixels", between(2, 4096))
     timelapse: str = key("mp4", "format of the timelapse: mp4, gif, or both", one_of("mp4", "gif", "both"))
     timelapse_seconds: float | None = key(
         None, "how long its pictures take; null = 15 a second; the painting then stays for 1.5 s", above(0)

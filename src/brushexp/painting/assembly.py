@@ -90,14 +90,10 @@ def stages_of(cfg: DictConfig) -> list[Stage]:
 
 
 def paced(parts: Components, steps_per_stroke: float | None, strokes: Strokes, size: tuple[int, int]) -> Components:
-    """The same, with as many steps as partial updates take.
+    """The same, with as many steps as partial updates of the first ``strokes`` on a canvas of ``size`` (H, W) take.
 
-    Args:
-        parts: of the painting.
-        steps_per_stroke: so often each stroke moves in the first stage; None leaves its steps as they are. Those of a
-            last stage, that of a slow renderer, always count for each stroke.
-        strokes: the first ones.
-        size: height and width of the canvas.
+    Each stroke moves ``steps_per_stroke`` times in the first stage; None leaves its steps as they are. Those of a last
+    stage, that of a slow renderer, always count for each stroke.
     """
     first, *others = parts.stages
     if steps_per_stroke is None and not others:
@@ -113,8 +109,7 @@ def first_strokes(
 ) -> tuple[Strokes, int]:
     """The strokes to start from, and how many the painting may have in the end.
 
-    They are those of ``catalogue``, or those that ``init`` makes, with ``style.brushwork``. With a focus (H, W), the
-    initialiser is told how much each pixel counts.
+    They are those of ``catalogue``, or those that ``init`` makes (told the focus, if any), with ``style.brushwork``.
     """
     _, height, width = target.shape
     if cfg.catalogue is not None:
@@ -130,10 +125,8 @@ def first_strokes(
         return strokes, n
     n = cfg.strokes or max(1, round(height * width / cfg.pixels_per_stroke))
     if n > height * width:
-        raise UserError(
-            f"strokes={n} is more than the {height} x {width} picture has pixels; "
-            f"set strokes to {height * width} at most, or enlarge the picture with resolution"
-        )
+        cure = f"set strokes to {height * width} at most, or enlarge the picture with resolution"
+        raise UserError(f"strokes={n} is more than the {height} x {width} picture has pixels; {cure}")
     generator = torch.Generator().manual_seed(cfg.seed)
     initializer: Initializer = build(cfg.init)
     strokes = initializer(target, density.first(n, cfg.steps), generator, focus)
@@ -148,8 +141,6 @@ def strokes_from(path: Path, size: tuple[int, int]) -> Strokes:
     height, width = saved.size
     zoom = max(size) / max(saved.size)
     if abs(zoom * height - size[0]) > 1 or abs(zoom * width - size[1]) > 1:
-        raise UserError(
-            f"{path} was painted on {height} x {width} pixels, the picture has {size[0]} x {size[1]}; "
-            "the sides must have the same ratio"
-        )
+        sizes = f"{height} x {width} pixels, the picture has {size[0]} x {size[1]}"
+        raise UserError(f"{path} was painted on {sizes}; the sides must have the same ratio")
     return saved.strokes[saved.depth.argsort()].moved(zoom=zoom)

@@ -1,7 +1,7 @@
 """What a painting is made with."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from brushexp.plugins.blend.base import Blend
@@ -15,13 +15,7 @@ from brushexp.plugins.sampler.base import Sampler
 
 @dataclass(frozen=True)
 class Stage:
-    """So many steps with one renderer.
-
-    Attributes:
-        name: of the renderer, for messages.
-        renderer: draws the strokes.
-        steps: gradient steps.
-    """
+    """So many gradient steps with one renderer, by its name in messages."""
 
     name: str
     renderer: Renderer
@@ -42,13 +36,7 @@ class Components:
 
 
 def standard_components(renderer: Renderer | None = None, *, steps: int = 500, **chosen: Any) -> Components:
-    """The defaults of ``task=paint`` without a config, for use from Python.
-
-    Args:
-        renderer: analytic for None.
-        steps: gradient steps.
-        chosen: what else should differ, see `Components`.
-    """
+    """The defaults of ``task=paint`` without a config, for use from Python; ``chosen`` components differ."""
     from brushexp.plugins.blend.tiled import Tiled  # noqa: PLC0415  (the contracts above are all that others need)
     from brushexp.plugins.density.fixed import Fixed  # noqa: PLC0415
     from brushexp.plugins.loss.pixel import MeanSquaredError  # noqa: PLC0415
@@ -58,13 +46,6 @@ def standard_components(renderer: Renderer | None = None, *, steps: int = 500, *
     from brushexp.plugins.sampler.whole import Whole  # noqa: PLC0415
 
     renderer = renderer or Analytic()
-    defaults: dict[str, Any] = {
-        "stages": [Stage(type(renderer).__name__.lower(), renderer, steps)],
-        "blend": Tiled(),
-        "order": Area(),
-        "losses": {"mse": MeanSquaredError()},
-        "density": Fixed(),
-        "sampler": Whole(),
-        "optimizer": TorchOptim(),
-    }
-    return Components(**{**defaults, **chosen})
+    stages = [Stage(type(renderer).__name__.lower(), renderer, steps)]
+    default = Components(stages, Tiled(), Area(), {"mse": MeanSquaredError()}, Fixed(), Whole(), TorchOptim())
+    return replace(default, **chosen)

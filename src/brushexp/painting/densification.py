@@ -2,71 +2,47 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from functools import partial
 
 import torch
 from torch import Tensor, optim
 
+from brushexp.compositing.bands import cuts
 from brushexp.painting.depth import Depth
-from brushexp.painting.importance import importance
 from brushexp.painting.picture import Picture
 from brushexp.painting.schedule import Schedule
 from brushexp.plugins.density.base import DensificationState, Density
 from brushexp.strokes.catalogue import Catalogue, Strokes
 
+PROBE_COUNT = 8  # random pictures that estimate a sum of squares: its relative deviation is sqrt(2 / PROBE_COUNT)
 
+
+@dataclass(frozen=True)
 class Densification:
-    """Asks a density policy after each step, and adds and removes strokes as it says.
+    """Asks a density policy after each step, and adds and removes strokes as it says: up to ``budget``."""
 
-    Args:
-        density: the policy.
-        budget: strokes that it may come to.
-        picture: what is painted.
-        depth: of the strokes.
-        schedule: of the steps.
-        generator: of everything random.
-    """
-
-    def __init__(
-        self,
-        density: Density,
-        budget: int,
-        picture: Picture,
-        depth: Depth,
-        schedule: Schedule,
-        generator: torch.Generator,
-    ) -> None:
-        self.density = density
-        self.budget = budget
-        self.picture = picture
-        self.depth = depth
-        self.schedule = schedule
-        self.generator = generator
+    density: Density
+    budget: int
+    picture: Picture
+    depth: Depth
+    schedule: Schedule
+    generator: torch.Generator
 
     def state(self, strokes: Strokes) -> DensificationState:
         """The painting of N strokes as the policy sees it."""
         picture, front_to_back = self.picture, self.depth.front_to_back
         image = picture.draw(strokes, front_to_back) if picture.last is None else picture.last
-        judge = partial(
-            importance, strokes, front_to_back, picture.target, picture.focus, picture.background,
-            picture.renderer, picture.blend, self.generator,
-        )  # fmt: skip
+        judge = partial(importance, strokes, front_to_back, picture, self.generator)
         size = (self.budget, self.schedule.step, self.schedule.steps)
         return DensificationState(image, picture.target, picture.focus, strokes, *size, judge)
 
     def update(self, catalogue: Catalogue, visits: Tensor, optimizer: optim.Optimizer) -> Tensor:
-        """Let the policy change the strokes of a catalogue, if it wants to now.
+        """Let the policy change the strokes of a catalogue and what their optimiser remembers, if it wants to now.
 
-        Args:
-            catalogue: the N strokes; changed in place.
-            visits: (N,) steps that each stroke has taken.
-            optimizer: of the strokes; what it remembers of those that stay is kept.
-
-        Returns:
-            (N',) visits of the strokes that there are now.
+        ``visits`` (N,) are the steps that each stroke has taken; those of the strokes that there are now are returned.
         """
-        schedule = self.schedule
-        if not self.density.due(schedule.step, schedule.steps):
+        if not self.density.due(self.schedule.step, self.schedule.steps):
             return visits
         with torch.no_grad():
             strokes = catalogue()
@@ -80,3 +56,49 @@ class Densification:
         # New strokes count as often moved as the oldest: the optimiser counts their steps together.
         new = visits.new_full((len(update.new),), int(visits.max()) if len(visits) else 0)
         return torch.cat([visits[update.keep], new])
+
+
+@torch.no_grad()
+def importance(strokes: Strokes, front_to_back: Tensor, picture: Picture, generator: torch.Generator) -> Tensor:
+    """By how much the squared error of the painting would grow without each stroke.
+
+    The picture is linear in the opacity of each stroke, so without one it changes by d = -opacity * dP/dopacity, and
+    the squared error by sum(d^2) + 2 sum(error * d). A blend may know both sums (`Blend.importance`). If not, the
+    second is one backward pass for all strokes, and the first is estimated without bias by the square of sum(s * d) for
+    random signs s (Hutchinson, 1990), so the numbers scatter.
+
+    Args:
+        strokes: N strokes.
+        front_to_back: (N,) their indices, the uppermost first.
+        picture: how they are painted, and what they are compared with.
+        generator: of the signs.
+
+    Returns:
+        (N,) squared error, summed over pixels and channels and weighted by the focus; about 0 for a stroke that cannot
+        be seen, negative for one that does harm.
+    """
+    renderer, blend, background = picture.renderer, picture.blend, picture.background
+    place = torch.empty_like(front_to_back)
+    place[front_to_back] = torch.arange(len(place), device=place.device)
+    exact, probed = strokes.opacity.new_zeros(len(strokes)), strokes.opacity.new_zeros(PROBE_COUNT, len(strokes))
+    for top, rows, number in cuts(strokes, picture.size, renderer):
+        part, order = strokes[number].moved(shift=(0, -top)), place[number].argsort()
+        size = (rows, picture.size[1])
+        aim = picture.target[:, top : top + rows].contiguous()
+        weight = aim.new_ones(size) if picture.focus is None else picture.focus[top : top + rows]
+        known = blend.importance(renderer(part, number), order, size, background, aim, weight)
+        if known is not None:
+            exact[number] += known
+            continue
+        opacity = part.opacity.clone().requires_grad_()
+        with torch.enable_grad():
+            image = blend(renderer(replace(part, opacity=opacity), number), order, size, background).image
+        if not image.requires_grad:
+            continue
+        signs = torch.randint(0, 2, (PROBE_COUNT, *image.shape), generator=generator).to(image) * 2 - 1
+        for into, probe in zip(probed, weight.sqrt() * signs, strict=True):
+            (slope,) = torch.autograd.grad(image, opacity, probe, retain_graph=True)
+            into[number] += part.opacity * slope
+        (slope,) = torch.autograd.grad(image, opacity, weight * (image.detach() - aim))
+        exact[number] -= 2 * part.opacity * slope
+    return exact + probed.square().mean(0)

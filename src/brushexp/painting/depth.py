@@ -13,10 +13,7 @@ from brushexp.strokes.catalogue import Strokes
 
 
 class Depth:
-    """The depth of N strokes.
-
-    Args:
-        order: computes it.
+    """The depth of N strokes, as an order computes it.
 
     Attributes:
         front_to_back: (N,) indices of the strokes, the uppermost first.

@@ -7,15 +7,12 @@ user, and to be continued), or one of those here.
 from __future__ import annotations
 
 import logging
-import math
 from collections import deque
 from itertools import accumulate, pairwise
 from typing import Any
 
 import lightning as L
-import torch
 
-from brushexp.errors import UserError
 from brushexp.painting.metrics import psnr_of
 from brushexp.painting.painter import Painter
 from brushexp.system.callbacks import INTERRUPTED
@@ -25,26 +22,32 @@ STOPPED_EARLY = "stopped early"  # nothing was gained any more
 PSNR_REACHED = "psnr reached"
 SECONDS_SPENT = "seconds spent"
 GAIN_EVALUATIONS = 100  # evaluations of the losses over which early_stop asks for a gain
-LAST_STAGE_SHARE = 0.5  # of the seconds that the last of several stages gets at most
+LAST_STAGE_SHARE = 0.5  # of the seconds: what the last of several stages gets
 RECENT_SHARE = 0.2  # of a stage's time so far, from which its speed is read
 RECENT_SECONDS = 0.25  # at least of it
-TIMED_STROKES = 128  # that are drawn to time a step of a later stage
 
 
 class Goal(L.Callback):
-    """Looks at a painter after every step and says when it is enough."""
+    """Looks at a painting after every step and says when it is enough.
 
-    def on_train_batch_end(self, trainer: L.Trainer, pl_module: L.LightningModule, *_: object) -> None:
-        assert isinstance(pl_module, Painter)
+    `look` ends a stage with ``schedule.end_stage()``, or the run by setting ``painter.stop``.
+    """
+
+    def on_fit_start(self, trainer: L.Trainer, pl_module: Any) -> None:
+        self.begin(pl_module)
+
+    def on_train_batch_end(self, trainer: L.Trainer, pl_module: Any, *_: object) -> None:
         self.look(pl_module)
         trainer.should_stop |= bool(pl_module.stop)
 
-    def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        assert isinstance(pl_module, Painter)
+    def on_train_end(self, trainer: L.Trainer, pl_module: Any) -> None:
         self.end(pl_module)
 
+    def begin(self, painter: Painter) -> None:
+        """Look before the first step."""
+
     def look(self, painter: Painter) -> None:
-        """Look after a step; end a stage with ``schedule.end_stage()``, or the run by setting ``painter.stop``."""
+        """Look after a step."""
 
     def end(self, painter: Painter) -> None:
         """Look after the last step."""
@@ -53,7 +56,7 @@ class Goal(L.Callback):
 class NoMoreGain(Goal):
     """Ends a stage when 100 evaluations no longer gain ``gain`` dB, and with the last one the run.
 
-    Evaluations and not steps, because a step of L-BFGS looks at the picture several times.
+    Evaluations and not steps, because a step of L-BFGS looks at the picture several times. Coarse steps are not judged.
     """
 
     def __init__(self, gain: float) -> None:
@@ -63,7 +66,6 @@ class NoMoreGain(Goal):
         self.stage = 0
 
     def look(self, painter: Painter) -> None:
-        """Compare with 100 evaluations ago, or as many more as a step has; coarse steps are not judged."""
         if painter.is_coarse or painter.schedule.stage != self.stage:
             self.before, self.last, self.stage = None, painter.evaluations, painter.schedule.stage
         if painter.evaluations - self.last < GAIN_EVALUATIONS:
@@ -105,39 +107,28 @@ class TimeBudget(Goal):
     """Fits the number of steps to ``seconds`` of optimisation, so that schedules come to their end with them.
 
     After every step the steps that are left are those that fit into the time left, at the speed of the last fifth of
-    the stage: steps get dearer and cheaper while strokes move, come and go. The last of several stages keeps its steps
-    if they seem to fit into half of the time, by a step that is timed on some strokes before the run; the others share
-    the rest in proportion to their steps. In a run that was interrupted the time before counts.
-
-    Args:
-        seconds: of wall time; the quantity that metrics.json calls ``seconds``.
+    the stage: steps get dearer and cheaper while strokes move, come and go. The last of several stages gets half of the
+    time; the others share the rest in proportion to their steps. In a run that was interrupted the time before counts.
+    ``seconds`` is the wall time that metrics.json calls so.
     """
 
     def __init__(self, seconds: float) -> None:
-        if not math.isfinite(seconds):
-            raise UserError(f"seconds={seconds:g} is not a time; set seconds to a number, or to null and give steps")
         self.seconds = seconds
         self.deadlines: list[float] = []  # seconds at which each stage should be over
         self._stage = 0
         self._since = 0.0  # seconds at which this stage began
         self._recent: deque[tuple[float, int]] = deque()  # lately, in this stage: seconds, steps
 
-    def on_fit_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        assert isinstance(pl_module, Painter)
-        self.begin(pl_module)
-
     def begin(self, painter: Painter) -> None:
         """Divide the time; plan as many steps for what is left as a stage has, and at least one."""
         schedule = painter.schedule
         if not self.deadlines:
-            *first, last = (end - begin for begin, end in pairwise([0, *schedule.ends]))
-            reserved = min(LAST_STAGE_SHARE * self.seconds, last * step_seconds(painter)) if first else self.seconds
-            shares = (steps * (self.seconds - reserved) / max(sum(first), 1) for steps in first)
-            self.deadlines = [*accumulate(shares), self.seconds]
+            ends, rest = schedule.ends, (1 - LAST_STAGE_SHARE) * self.seconds
+            self.deadlines = [*(rest * end / max(ends[-2], 1) for end in ends[:-1]), self.seconds]
             if self.seconds:
-                schedule.ends = list(accumulate(max(1, steps) for steps in (*first, last)))
+                schedule.ends = list(accumulate(max(1, end - begin) for begin, end in pairwise([0, *ends])))
             else:
-                schedule.ends = [schedule.step] * len(schedule.ends)
+                schedule.ends = [schedule.step] * len(ends)
         self._stage, self._since = schedule.stage, schedule.seconds
         self._recent = deque([(schedule.seconds, schedule.step)])
 
@@ -173,20 +164,3 @@ def goals_of(*, early_stop: float | None, psnr: float | None, seconds: float | N
     """The goals of a run; None is no goal."""
     goals = ((NoMoreGain, early_stop), (Quality, psnr), (TimeBudget, seconds))
     return [goal(value) for goal, value in goals if value is not None]
-
-
-def step_seconds(painter: Painter) -> float:
-    """About what a step of the last stage takes, timed on some of the strokes: networks take as long for each."""
-    renderer, n = painter.components.stages[-1].renderer, len(painter.catalogue)
-    rows = torch.linspace(0, n - 1, min(TIMED_STROKES, n)).long().to(painter.device)
-    strokes = renderer.convert(painter.strokes()[rows]).map(lambda value: value.clone().requires_grad_())
-    picture, seconds = painter.picture, 0.0
-    with torch.enable_grad():
-        for _ in range(2):  # the first batch of a new shape is excluded: kernels are being selected
-            begin = painter.schedule.clock()
-            layers = renderer(strokes, rows)
-            order = torch.arange(len(rows), device=rows.device)
-            picture.blend(layers, order, picture.size, picture.background).image.square().mean().backward()
-            seconds = painter.schedule.clock() - begin
-    moved = n / painter.components.sampler.steps_per_round(painter.strokes(), picture.size)
-    return seconds * moved / max(len(rows), 1)

@@ -11,6 +11,7 @@ from brushexp.features.distance import Distance, perceptual_distance
 SSIM_WINDOW = 11  # pixels, side of the windows that SSIM compares
 
 
+@torch.no_grad()
 def measure(
     painting: np.ndarray, target: np.ndarray, lpips: Distance | None = None, focus: Tensor | None = None
 ) -> dict[str, float | str | None]:
@@ -28,51 +29,28 @@ def measure(
         are kept), perceptual (distance in the network perceptual_backbone).
     """
     from torchmetrics.functional.image import (  # noqa: PLC0415  (takes seconds to import)
-        peak_signal_noise_ratio,
         structural_similarity_index_measure,
     )
 
-    a, b = _as_batch(painting), _as_batch(target)
-    ssim = None
-    if min(painting.shape[:2]) >= SSIM_WINDOW:
-        ssim = float(structural_similarity_index_measure(a, b, data_range=1.0))  # type: ignore[arg-type]
-    psnr = float(peak_signal_noise_ratio(a, b, data_range=1.0)) if bool((a != b).any()) else math.inf
-    return {
-        "psnr": psnr,
-        **({} if focus is None else {"psnr_focus": focused_psnr(a[0], b[0], focus.cpu())}),
-        "ssim": ssim,
+    a, b = (torch.from_numpy(picture).permute(2, 0, 1).to(torch.float32) / 255 for picture in (painting, target))
+    squares, slopes = (a - b).double().square(), [(a - b).diff(dim=axis).abs().flatten() for axis in (1, 2)]
+    found: dict[str, float | str | None] = {"psnr": psnr_of(float(squares.mean()))}
+    if focus is not None:
+        weights = focus.cpu().double()
+        found["psnr_focus"] = psnr_of(float((squares * weights / weights.mean()).mean()))
+    is_wide = min(painting.shape[:2]) >= SSIM_WINDOW
+    found |= {
+        "ssim": float(structural_similarity_index_measure(a[None], b[None], data_range=1.0)) if is_wide else None,  # type: ignore[arg-type]
         "l1": float((a - b).abs().mean()),
-        "edges": edge_error(a, b),
-        "perceptual": perceptual_distance(a[0], b[0]),
+        "edges": float(torch.cat(slopes).sum()) / max(sum(map(len, slopes)), 1),
+        "perceptual": perceptual_distance(a, b),
         "perceptual_backbone": "effl0",
-        **({} if lpips is None else {lpips.label.replace("-", "_"): distance_of(lpips, a[0], b[0])}),
     }
-
-
-def focused_psnr(image: Tensor, target: Tensor, focus: Tensor) -> float:
-    """Peak signal-to-noise ratio in dB of two pictures (3, H, W), whose pixels count as ``focus`` (H, W) says."""
-    weights = focus.double() / focus.double().mean()
-    return psnr_of(float(((image - target).double().square() * weights).mean()))
-
-
-@torch.no_grad()
-def distance_of(distance: Distance, image: Tensor, target: Tensor) -> float:
-    """Perceptual distance of two pictures (3, H, W)."""
-    return float(distance(image, target))
-
-
-def edge_error(image: Tensor, target: Tensor) -> float:
-    """Mean |difference| of the slopes, from each pixel to the next one to the right and below, of (B, 3, H, W)."""
-    error = image - target
-    slopes = [error.diff(dim=axis).abs() for axis in (2, 3)]
-    n = sum(slope.numel() for slope in slopes)
-    return sum(float(slope.sum()) for slope in slopes) / n if n else 0.0
+    if lpips is not None:
+        found[lpips.label.replace("-", "_")] = float(lpips(a, b))
+    return found
 
 
 def psnr_of(mean_squared_error: float) -> float:
     """Peak signal-to-noise ratio in dB of pictures in [0, 1]."""
     return -10 * math.log10(mean_squared_error) if mean_squared_error > 0 else math.inf
-
-
-def _as_batch(picture: np.ndarray) -> Tensor:
-    return torch.from_numpy(picture).permute(2, 0, 1)[None].to(torch.float32) / 255

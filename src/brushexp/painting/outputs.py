@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,41 +25,28 @@ LARGEST_SIDE_PIXELS = 65_536  # of the longer side of a picture that is written
 
 def renderer_of(saved: Saved) -> Renderer:
     """The renderer that a catalogue was made with: looked up by name, because a file must not name code to run."""
-    try:
-        node = config_of(saved).get("renderer", {})
-        if not isinstance(node, Mapping | DictConfig):
-            raise UserError(f"renderer is {str(node)!r} in the config of the catalogue; write renderer: {{}} there")
-        options: dict[str, Any] = {str(key): value for key, value in node.items() if not str(key).startswith("_")}
-    except OmegaConfBaseException as error:  # ${...} that stands for nothing
-        raise _not_settings(error) from error
-    renderer: Renderer = build_named("renderer", saved.renderer, options)
+    renderer: Renderer = build_named("renderer", saved.renderer, painted_with(saved)["renderer"])
     return renderer
 
 
-def config_of(saved: Saved) -> DictConfig:
-    """The settings that a catalogue was painted with.
-
-    Raises:
-        UserError: if they are not what a run writes.
-    """
+def painted_with(saved: Saved) -> dict[str, Any]:
+    """The settings that a catalogue was painted with; options of its renderer are under ``renderer``."""
     try:
-        return DictConfig(OmegaConf.create(saved.config))
+        settings: Any = OmegaConf.to_container(OmegaConf.create(saved.config), resolve=True)
+        options = settings.get("renderer", {})
+        if not isinstance(options, dict):
+            raise ValueError(f"renderer is {options!r}; write renderer: {{}} there")
     except (yaml.YAMLError, OmegaConfBaseException, ValueError) as error:
-        raise _not_settings(error) from error
-
-
-def _not_settings(error: Exception) -> UserError:
-    reason = " ".join(str(error).split())
-    return UserError(f"the config of the catalogue cannot be read ({reason}); mend it, or make it empty")
+        reason = " ".join(str(error).split())
+        raise UserError(f"the config of the catalogue cannot be read ({reason}); mend it, or make it empty") from error
+    options = {str(key): value for key, value in options.items() if not str(key).startswith("_")}
+    return {**settings, "renderer": options}
 
 
 def with_renderer(saved: Saved, chosen: DictConfig | None, path: str) -> tuple[Saved, Renderer]:
-    """The renderer to draw with, and the catalogue as if it had been painted with it.
+    """The renderer to draw with, and the catalogue, from ``path``, as if it had been painted with it.
 
-    Args:
-        saved: the catalogue.
-        chosen: config of a renderer; None for the one that the catalogue was made with.
-        path: of the catalogue, for the log.
+    ``chosen`` is the config of a renderer; None for the one that the catalogue was made with.
     """
     renderer: Renderer = renderer_of(saved) if chosen is None else build(chosen)
     name = saved.renderer if chosen is None else plugin_of(chosen).name
@@ -72,11 +58,9 @@ def with_renderer(saved: Saved, chosen: DictConfig | None, path: str) -> tuple[S
         )  # fmt: skip
     if chosen is None:
         return saved, renderer
-    config = OmegaConf.merge(config_of(saved), {"renderer": None})
-    config.renderer = OmegaConf.to_container(chosen, resolve=True)
-    return replace(
-        saved, renderer=name, renderer_hash=renderer.weights_hash, config=OmegaConf.to_yaml(config)
-    ), renderer
+    settings = painted_with(saved) | {"renderer": OmegaConf.to_container(chosen, resolve=True)}
+    config = OmegaConf.to_yaml(OmegaConf.create(settings))
+    return replace(saved, renderer=name, renderer_hash=renderer.weights_hash, config=config), renderer
 
 
 def export_job(
@@ -89,11 +73,8 @@ def export_job(
         renderer: draws its strokes.
         blend: lays them over each other.
         name: of the renderer.
-        resolution: longer side in pixels; None means as it was painted.
+        resolution: longer side in pixels, ``LARGEST_SIDE_PIXELS`` at most; None means as it was painted.
         source: where the catalogue came from.
-
-    Raises:
-        UserError: if the picture would have more than ``LARGEST_SIDE_PIXELS`` pixels on a side.
     """
     height, width = saved.size
     resolution = resolution or max(height, width)

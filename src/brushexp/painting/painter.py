@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,24 +11,24 @@ import torch
 from torch import Tensor, nn
 from torch.optim.lr_scheduler import LambdaLR
 
-from brushexp.errors import UserError
-from brushexp.painting.anytime import Anytime
 from brushexp.painting.components import Components
-from brushexp.painting.conversion import convert_catalogue
-from brushexp.painting.curves import Curves
+from brushexp.painting.curves import Anytime, Curves
 from brushexp.painting.densification import Densification
 from brushexp.painting.depth import Depth
 from brushexp.painting.metrics import psnr_of
-from brushexp.painting.painter_state import load_painter_state, painter_state
+from brushexp.painting.painter_state import load_painter_state, painter_state, rehearse
 from brushexp.painting.partial import partial_update, unwrapped
 from brushexp.painting.picture import Picture
-from brushexp.painting.rehearsal import rehearse
 from brushexp.painting.schedule import Schedule
 from brushexp.pictures.region import Region
 from brushexp.plugins.loss.base import weighted_sum
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.base import View
+from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Catalogue, Strokes
+
+log = logging.getLogger(__name__)
+CHANGE_PIXELS = 0.01  # by which a renderer may change a stroke without its being counted
 
 
 class Painter(L.LightningModule):
@@ -88,16 +89,13 @@ class Painter(L.LightningModule):
         self.components = components
         self.renderers = nn.ModuleList(stage.renderer.requires_grad_(False) for stage in components.stages)
         self.losses = nn.ModuleDict(components.losses)
-        if not 0 <= coarse < 1:
-            raise UserError(f"coarse={coarse:g} is not a share of the steps from 0 to below 1; try coarse=0.5")
         self.coarse = coarse
         self.generator = torch.Generator().manual_seed(seed)
         self.schedule = Schedule([stage.steps for stage in components.stages])
         self.picture = Picture(target, focus, background, components.blend)
         self.depth = Depth(components.order)
-        budget = len(catalogue) if budget is None else budget
         parts = self.picture, self.depth, self.schedule, self.generator
-        self.densification = Densification(components.density, budget, *parts)
+        self.densification = Densification(components.density, budget or len(catalogue), *parts)
         self.register_buffer("visits", torch.zeros(len(catalogue), dtype=torch.long), persistent=False)
         self.evaluations = 0
         self.stop = ""
@@ -131,9 +129,9 @@ class Painter(L.LightningModule):
 
     def state_line(self) -> str:
         """Step, loss and quality in a few words."""
-        total = sum(self.components.losses[name].weight * float(term) for name, term in self.terms.items())
-        quality = f"loss {total:.5f}, {psnr_of(self.picture.error):.2f} dB"
-        return f"step {self.schedule.step} of {self.schedule.steps}, {quality}"
+        loss = sum(self.components.losses[name].weight * float(term) for name, term in self.terms.items())
+        psnr = psnr_of(self.picture.error)
+        return f"step {self.schedule.step} of {self.schedule.steps}, loss {loss:.5f}, {psnr:.2f} dB"
 
     @torch.no_grad()
     def strokes(self) -> Strokes:
@@ -224,18 +222,11 @@ class Painter(L.LightningModule):
     def next_view(self, strokes: Strokes) -> View:
         """Where the next step looks, with the strokes as they are now."""
         if self.is_coarse:
-            return View(Region(0, 0, *self.picture.level(coarse=True).size))
+            return View(Region.whole(self.picture.target))
         return self.components.sampler(strokes, self.picture.size, self.schedule.step, self.generator)
 
     def look_at(self, view: View, strokes: Strokes, moving: Catalogue, *, accuracy: bool = False) -> None:
-        """Choose what `training_step` draws and compares.
-
-        Args:
-            view: where it looks.
-            strokes: all N, without gradient.
-            moving: those that the view moves, with gradient.
-            accuracy: measure their accuracy, too.
-        """
+        """Choose what `training_step` draws and compares, see `Picture.see`."""
         self._view, self._strokes, self._moving, self._measure = view, strokes, moving, accuracy
 
     def use_stage(self, stage: int) -> None:
@@ -247,11 +238,27 @@ class Painter(L.LightningModule):
     @torch.no_grad()
     def _begin_stage(self, optimizer: Any = None) -> None:
         """Hand the strokes over to the renderer of the present stage, and let the optimiser start afresh."""
-        stage = self.schedule.stage
-        self.use_stage(stage)
-        self.depth.renew(convert_catalogue(self.catalogue, self.components.stages[stage], self.schedule))
+        self.use_stage(self.schedule.stage)
+        self._convert()
+        self.depth.renew(self.strokes())
         if optimizer is not None:
             unwrapped(optimizer).state.clear()
             self.visits.zero_()
             for group in optimizer.param_groups:
                 group["lr"] = group["initial_lr"] * self.components.optimizer.share(0.0)
+
+    @torch.no_grad()
+    def _convert(self) -> None:
+        """Change the strokes to what the renderer can draw, and log how many are others now."""
+        strokes, stage = self.strokes(), self.stage
+        converted = self.renderer.convert(strokes)
+        if converted is not strokes:
+            self.catalogue.replace(converted)
+        points = (curve_of(converted) - curve_of(strokes)).abs().flatten(1).amax(1)
+        thickness = 2 * (half_width_of(converted) - half_width_of(strokes)).abs()
+        changed = int((torch.maximum(points, thickness) > CHANGE_PIXELS).sum())
+        if changed or stage:
+            log.info(
+                "step %d: switching to renderer %s; %d of %d strokes were converted to what it can draw",
+                self.schedule.step, self.components.stages[stage].name, changed, len(strokes),
+            )  # fmt: skip

@@ -1,12 +1,10 @@
-"""What a checkpoint holds of a painter beside its strokes and the optimiser, so that a resumed run is the same run."""
+"""What a painter is beside its strokes and the optimiser: saved for a resumed run, or kept while it rehearses."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 import torch
-
-from brushexp.painting.anytime import Anytime
 
 if TYPE_CHECKING:
     from brushexp.painting.painter import Painter
@@ -40,8 +38,34 @@ def load_painter_state(painter: Painter, state: dict[str, Any]) -> None:
     painter.components.sampler.load_state_dict(state["sampler"])
     painter.components.density.load_state_dict(state["density"])
     painter.evaluations, painter.visits = state["evaluations"], state["visits"].to(device)
-    painter.anytime = Anytime(state["anytime"])
+    painter.anytime.pairs = list(state["anytime"])
     if state["picture"] is not None:
-        painter.picture.remember(state["picture"].to(device), len(painter.catalogue))
+        painter.picture.memory = painter.picture.remembered(state["picture"].to(device))
     painter.generator.set_state(state["generator"])
     torch.set_rng_state(state["torch"])
+
+
+def rehearse(painter: Painter) -> None:
+    """Go through a step, forwards and backwards, and leave the painter as it was.
+
+    What is compiled or loaded at first use is then there, and its time is not counted.
+    """
+    sampler, picture, catalogue = painter.components.sampler, painter.picture, painter.catalogue
+    memory = picture.memory
+    before = sampler.state_dict(), painter.generator.get_state(), painter.coarse, painter.evaluations
+    if memory is not None:
+        picture.memory = picture.remembered(memory.picture.clone())
+    painter.coarse = 0.0
+    with torch.random.fork_rng(devices=[painter.device] if painter.device.type == "cuda" else []):
+        strokes = painter.strokes()
+        view = painter.next_view(strokes)
+        painter.look_at(view, strokes, catalogue if view.active is None else catalogue.part(view.active))
+        with torch.enable_grad():
+            painter.training_step(None, 0).backward()
+        if painter.components.density.uses_importance:
+            painter.densification.state(painter.strokes()).importance()
+    painter.zero_grad()
+    picture.memory = memory or picture.memory
+    state, generator, painter.coarse, painter.evaluations = before
+    sampler.load_state_dict(state)
+    painter.generator.set_state(generator)

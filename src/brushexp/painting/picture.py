@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import interpolate
 
 from brushexp.compositing.bands import bands
 from brushexp.painting.canvas_memory import CanvasMemory
-from brushexp.painting.pyramid import PyramidLevel, enlarged
+from brushexp.pictures.focus import resized
 from brushexp.plugins.blend.base import Blend, Canvas
 from brushexp.plugins.loss.base import Painting
 from brushexp.plugins.renderer.base import Renderer
@@ -17,6 +19,15 @@ from brushexp.plugins.sampler.base import View
 from brushexp.strokes.catalogue import Strokes
 
 COARSE_ZOOM = 0.5  # sizes of the canvas: the picture of the coarse steps
+
+
+@dataclass(frozen=True)
+class PyramidLevel:
+    """A target (3, H, W) with its focus (H, W), and its size in sizes of the canvas that strokes are measured on."""
+
+    target: Tensor
+    focus: Tensor | None
+    zoom: float = 1.0
 
 
 class Picture(nn.Module):
@@ -30,6 +41,7 @@ class Picture(nn.Module):
 
     Attributes:
         renderer: draws the strokes; set before the first picture.
+        memory: of the whole picture, while steps look at parts of it.
     """
 
     target: Tensor
@@ -43,7 +55,7 @@ class Picture(nn.Module):
         self.register_buffer("background", background, persistent=False)
         self.blend = blend
         self.renderer: Renderer
-        self.memory: CanvasMemory | None = None  # of the whole picture, while steps look at parts of it
+        self.memory: CanvasMemory | None = None
         self._last: Tensor | None = None  # the picture, maybe a small one, if the last step looked at all of it
         self._small: PyramidLevel | None = None
         self._error = math.inf  # before there was one, or of the last one
@@ -51,30 +63,33 @@ class Picture(nn.Module):
     @property
     def size(self) -> tuple[int, int]:
         """Height and width of the canvas in pixels."""
-        return int(self.target.shape[1]), int(self.target.shape[2])
+        return self.target.shape[1], self.target.shape[2]
 
     @property
     def error(self) -> float:
         """Mean squared error of the whole picture as it was last seen; a small one counts as it looks enlarged."""
         if self.memory is not None:
             return self.memory.error
-        if self._last is None:
-            return self._error
-        return self.level(coarse=False).error(enlarged(self._last, self.size))
+        return self._error if (last := self.last) is None else float((last - self.target).square().mean())
 
     @property
     def last(self) -> Tensor | None:
         """The whole picture (3, H, W) as steps last saw it; None before the first one."""
         if self.memory is not None:
             return self.memory.picture
-        return None if self._last is None else enlarged(self._last, self.size)
+        if self._last is None or self._last.shape == self.target.shape:
+            return self._last
+        return interpolate(self._last[None], self.size, mode="bilinear", align_corners=False)[0]
 
     def level(self, *, coarse: bool) -> PyramidLevel:
-        """What the picture is compared with: the target, or one of half its size."""
+        """What the picture is compared with: the target, or one of half its size, by means over areas."""
         if not coarse:
             return PyramidLevel(self.target, self.focus)
         if self._small is None:
-            self._small = PyramidLevel(self.target, self.focus).smaller(COARSE_ZOOM)
+            height, width = (max(1, round(side * COARSE_ZOOM)) for side in self.size)
+            target = interpolate(self.target[None], (height, width), mode="area")[0].contiguous()
+            focus = None if self.focus is None else resized(self.focus, (height, width)).contiguous()
+            self._small = PyramidLevel(target, focus, COARSE_ZOOM)
         return self._small
 
     @torch.no_grad()
@@ -101,20 +116,17 @@ class Picture(nn.Module):
         if view.active is None:
             return self._see_whole(moving, front_to_back, self.level(coarse=coarse), accuracy)
         if self.memory is None:
-            self.remember(self.draw(strokes, front_to_back), len(strokes))
-            assert self.memory is not None
+            self.memory = self.remembered(self.draw(strokes, front_to_back))
         self._last = None
-        return self.memory.paint(moving, strokes, view, front_to_back, judge=accuracy)
+        return self.memory.paint(moving, strokes, view, front_to_back, accuracy=accuracy)
 
     def _see_whole(
         self, moving: Strokes, front_to_back: Tensor, level: PyramidLevel, accuracy: bool
     ) -> tuple[Canvas, Painting]:
         strokes = moving if level.zoom == 1 else moving.moved(zoom=level.zoom)
-        target = level.target if accuracy else None
-        canvas = self.blend(self.renderer(strokes), front_to_back, level.size, self.background, target)
-        self._last = canvas.image.detach()
-        if self.memory is not None and level.zoom == 1:
-            self.memory.saw(self._last)
+        target, size = level.target if accuracy else None, (level.target.shape[1], level.target.shape[2])
+        canvas = self.blend(self.renderer(strokes), front_to_back, size, self.background, target)
+        self._last, self.memory = canvas.image.detach(), None
         return canvas, Painting(canvas.image, level.target, strokes, focus=level.focus)
 
     def moved(self, rows: Tensor | None) -> None:
@@ -122,11 +134,9 @@ class Picture(nn.Module):
         if self.memory is not None and rows is not None:
             self.memory.cache.forget(rows)
 
-    def remember(self, picture: Tensor, n: int) -> None:
-        """Keep a whole picture (3, H, W) of ``n`` strokes up to date from now on."""
-        self.memory = CanvasMemory(
-            picture, self.target, self.background, self.renderer, self.blend, n, focus=self.focus
-        )
+    def remembered(self, picture: Tensor) -> CanvasMemory:
+        """A memory of a whole picture (3, H, W)."""
+        return CanvasMemory(picture, self.target, self.focus, self.background, self.renderer, self.blend)
 
     def forget(self) -> None:
         """The strokes are others now, or drawn by another renderer."""

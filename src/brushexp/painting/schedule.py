@@ -9,10 +9,7 @@ from typing import Any
 
 
 class Schedule:
-    """Steps of stages that follow one another; goals move their ends.
-
-    Args:
-        steps: of each stage.
+    """So many steps of each of the stages that follow one another; goals move their ends.
 
     Attributes:
         ends: step at which each stage is over.
@@ -68,11 +65,10 @@ class Schedule:
 
     def end_stage(self) -> bool:
         """Leave out what is left of the present stage; False if it is the last one."""
-        stage = self.stage
-        if stage == len(self.ends) - 1:
+        if self.is_last_stage:
             return False
-        left = self.ends[stage] - self.step
-        self.ends[stage:] = [end - left for end in self.ends[stage:]]
+        stage, (done, steps) = self.stage, self.stage_progress
+        self.ends[stage:] = [end - (steps - done) for end in self.ends[stage:]]
         return True
 
     def state_dict(self) -> dict[str, Any]:

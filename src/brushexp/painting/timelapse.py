@@ -14,22 +14,21 @@ import numpy as np
 import torch
 from PIL import Image
 from torch import Tensor
-from torch.nn.functional import avg_pool2d
+from torch.nn.functional import interpolate
 
 from brushexp.errors import UserError
 from brushexp.painting.painter import Painter
-from brushexp.pictures.video import LARGEST_SIDE, MOST_FPS, MOST_SECONDS, Format, filming
+from brushexp.pictures.video import MOST_FPS, MOST_SECONDS, Format, filming
 from brushexp.system.files import to_bytes
 
-MAX_FRAMES = 2000  # each takes about 50 kB of memory
 JPEG_QUALITY = 92
 FPS = 15  # frames per second where no length is chosen
 MIN_FPS = 10  # ticks per second: frames that last longer are repeated, because players seek badly in slow videos
 HOLD_SECONDS = 1.5  # that the finished painting stays
 
 
-class Timelapse:
-    """Collects frames while strokes are optimised, compressed, and writes them as a film.
+class Timelapse(L.Callback):
+    """Collects frames while strokes are optimised, compressed, keeps them in the checkpoint, and makes them a film.
 
     Args:
         n_frames: about how many in all; 0 for no timelapse.
@@ -40,10 +39,6 @@ class Timelapse:
     """
 
     def __init__(self, n_frames: int, side: int, *, seconds: float | None = None, kind: Format = Format.mp4) -> None:
-        if not 0 <= n_frames <= MAX_FRAMES:
-            raise UserError(f"frames is {n_frames}; choose 0 (no timelapse) to {MAX_FRAMES}")
-        if not 2 <= side <= LARGEST_SIDE:
-            raise UserError(f"frame_side is {side}; choose 2 to {LARGEST_SIDE} pixels")
         least = n_frames / MOST_FPS
         if seconds is not None and not least <= seconds <= MOST_SECONDS:
             choices = f"{least:g} to {MOST_SECONDS} for {n_frames} frames"
@@ -53,6 +48,17 @@ class Timelapse:
         self.seconds = seconds
         self.kind = kind
         self._frames: dict[int, bytes] = {}  # step -> JPEG
+
+    def on_train_start(self, trainer: L.Trainer, pl_module: Any) -> None:
+        self.look(pl_module)
+
+    def on_train_batch_end(self, trainer: L.Trainer, pl_module: Any, *_: object) -> None:
+        self.look(pl_module)
+
+    def look(self, painter: Painter) -> None:
+        """Keep the picture as it is now if its moment has come."""
+        if self.due(painter.schedule.step, painter.schedule.steps):
+            self.add(painter.latest(), painter.schedule.step)
 
     def due(self, step: int, n_steps: int) -> bool:
         """Whether the picture after this step belongs in the timelapse."""
@@ -83,41 +89,15 @@ class Timelapse:
         return np.asarray(Image.open(io.BytesIO(self._frames[step])).convert("RGB"))
 
     def state_dict(self) -> dict[str, Any]:
-        """All frames, as tensors of bytes, for a checkpoint."""
+        """All frames, as tensors of bytes."""
         return {
             "steps": list(self._frames),
             "frames": [torch.frombuffer(bytearray(jpeg), dtype=torch.uint8) for jpeg in self._frames.values()],
         }
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take over the frames of `state_dict`."""
-        jpegs = [frame.numpy().tobytes() for frame in state["frames"]]
-        self._frames = dict(zip(state["steps"], jpegs, strict=True))
-
-
-class Frames(L.Callback):
-    """Shows a timelapse the frames it wants, and keeps them in the checkpoint."""
-
-    def __init__(self, timelapse: Timelapse) -> None:
-        self.timelapse = timelapse
-
-    def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        self.look(pl_module)
-
-    def on_train_batch_end(self, trainer: L.Trainer, pl_module: L.LightningModule, *_: object) -> None:
-        self.look(pl_module)
-
-    def look(self, painter: L.LightningModule) -> None:
-        """Offer the picture as it is now."""
-        assert isinstance(painter, Painter)
-        if self.timelapse.due(painter.schedule.step, painter.schedule.steps):
-            self.timelapse.add(painter.latest(), painter.schedule.step)
-
-    def state_dict(self) -> dict[str, Any]:
-        return self.timelapse.state_dict()
-
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        self.timelapse.load_state_dict(state_dict)
+        jpegs = [frame.numpy().tobytes() for frame in state_dict["frames"]]
+        self._frames = dict(zip(state_dict["steps"], jpegs, strict=True))
 
 
 @lru_cache
@@ -142,16 +122,8 @@ def timing(n_frames: int, seconds: float | None) -> tuple[Fraction, int]:
 
 
 def shrink(image: Tensor, side: int) -> Image.Image:
-    """Scale a picture (3, H, W) to at most ``side`` pixels and to an even height and width, as video needs."""
+    """A picture (3, H, W) at no more than ``side`` pixels on its longer side."""
     height, width = image.shape[1:]
     zoom = min(1.0, side / max(height, width))
-    size = (_even(width * zoom), _even(height * zoom))
-    whole = max(1, min(int(0.5 / zoom), height, width))  # coarse reduction first: a large picture costs little
-    if whole > 1:
-        image = avg_pool2d(image.detach()[None], whole)[0]
-    picture = Image.fromarray(to_bytes(image))
-    return picture if picture.size == size else picture.resize(size, Image.Resampling.LANCZOS)
-
-
-def _even(length: float) -> int:
-    return max(2, int(length) // 2 * 2)
+    size = (max(1, round(height * zoom)), max(1, round(width * zoom)))
+    return Image.fromarray(to_bytes(interpolate(image.detach()[None], size, mode="bilinear", antialias=True)[0]))

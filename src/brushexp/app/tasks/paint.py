@@ -21,7 +21,7 @@ from brushexp.painting.goals import goals_of
 from brushexp.painting.metrics import measure
 from brushexp.painting.outputs import export_job, renderer_of, summary_line
 from brushexp.painting.painter import Painter
-from brushexp.painting.timelapse import Frames, Timelapse
+from brushexp.painting.timelapse import Timelapse
 from brushexp.pictures.load import background_color, load_picture
 from brushexp.pictures.video import format_of
 from brushexp.plugins.export.svg import Svg
@@ -61,19 +61,19 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         catalogue, parts, target, background, seed=cfg.seed, focus=focus, budget=budget, coarse=cfg.coarse
     ).to(device)
     kind = format_of(cfg.timelapse, "timelapse")
-    frames = Frames(Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds, kind=kind))
+    timelapse = Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds, kind=kind)
     write_picture(folder / "target.png", target)
     with trackers:
         if painter.schedule.steps or cfg.seconds:
             goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
-            trainer = trainer_of(cfg, device, folder, trackers.loggers, [frames, *goals])
+            trainer = trainer_of(cfg, device, folder, trackers.loggers, [timelapse, *goals])
             trainer.fit(painter, ckpt_path=None if checkpoint is None else str(checkpoint))
         metrics = finish(painter, cfg, folder, start, lpips)
-        frames.timelapse.write(folder)
+        timelapse.write(folder)
         trackers.report(
             metrics,
             pictures={name: folder / f"{name}.png" for name in ("target", "painting")},
-            frames=some_of(frames.timelapse),
+            frames=some_of(timelapse),
             files={"catalogue": folder / "catalogue.h5"},
         )
     if cfg.report:

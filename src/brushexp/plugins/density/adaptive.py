@@ -2,6 +2,7 @@
 
 import logging
 import math
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
@@ -27,6 +28,7 @@ log = logging.getLogger(__name__)
 
 
 @register("density", "adaptive")
+@dataclass(kw_only=True)
 class Adaptive(Density):
     """Start with fewer strokes, add small ones where the error is, move there those that matter least.
 
@@ -50,28 +52,16 @@ class Adaptive(Density):
         psnr: dB from which no more strokes are added; null for none.
     """
 
+    start: Annotated[float, between(SMALLEST_SHARE, 1)] = 0.7
+    rounds: Annotated[int, at_least(0)] = 12
+    until: Annotated[float, between(0, 1)] = 0.75
+    moved: Annotated[float, between(0, 0.5)] = 0.1
+    size: Annotated[float, between(SMALLEST_PITCHES, 10)] = 0.25
+    tolerance: Annotated[float, between(0, 1)] = 0.004
+    psnr: float | None = None
+    _round: int = field(default=0, init=False)  # of those that are over
+    _first: int = field(default=0, init=False)  # strokes at the beginning
     uses_importance = True
-
-    def __init__(
-        self,
-        *,
-        start: Annotated[float, between(SMALLEST_SHARE, 1)] = 0.7,
-        rounds: Annotated[int, at_least(0)] = 12,
-        until: Annotated[float, between(0, 1)] = 0.75,
-        moved: Annotated[float, between(0, 0.5)] = 0.1,
-        size: Annotated[float, between(SMALLEST_PITCHES, 10)] = 0.25,
-        tolerance: Annotated[float, between(0, 1)] = 0.004,
-        psnr: float | None = None,
-    ) -> None:
-        self.start = start
-        self.rounds = rounds
-        self.until = until
-        self.moved = moved
-        self.size = size
-        self.tolerance = tolerance
-        self.good_enough = 0.0 if psnr is None else 10 ** (-psnr / 10)  # mean squared error
-        self._round = 0  # of those that are over
-        self._first = 0  # strokes at the beginning
 
     def first(self, budget: int, steps: int) -> int:
         return max(1, round(self.start * budget)) if self._rounds(steps) else budget
@@ -86,7 +76,8 @@ class Adaptive(Density):
         if current <= self._round or state.step >= state.steps:
             return None
         self._round = current
-        if (state.image - state.target).square().mean() <= self.good_enough:
+        good_enough = 0.0 if self.psnr is None else 10 ** (-self.psnr / 10)  # mean squared error
+        if (state.image - state.target).square().mean() <= good_enough:
             return None
         importance = state.importance()
         keep = importance > CHANNELS * self.tolerance**2  # the others gain less than a pixel that is good enough

@@ -8,8 +8,6 @@ from brushexp.registry import register
 class Fixed(Density):
     """Keep the strokes that the initialiser made."""
 
-    def __init__(self) -> None: ...
-
     def due(self, step: int, steps: int) -> bool:
         return False
 

@@ -1,14 +1,18 @@
 """From a partition of the picture into cells to one stroke for each cell."""
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass
 from enum import Enum
+from typing import Annotated
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from brushexp.bounds import above, between
 from brushexp.pictures.structure import along_edges, structure_tensor
+from brushexp.plugins.init.base import Initializer
 from brushexp.strokes.catalogue import Strokes
 
 WINDOW_PITCHES = 6.4  # side of a stroke's window: the thesis's 64 px at 100 px per stroke
@@ -27,65 +31,61 @@ class Orient(Enum):
     random = "random"
 
 
-@dataclass(frozen=True)
-class Look:
-    """How the first strokes look.
-
-    Attributes:
-        orient: structure: along the picture's edges, filling the cell; random: as in the thesis, points drawn from
-            N(0, 0.1) half-windows, the least width, and the optimiser finds the rest.
-        length: of a stroke, in sides of its cell (structure only), as is ``width``.
-        jitter: standard deviation of a random shift of each stroke, in pitches (mean distances between strokes). It is
-            too small to see; without it runs with other seeds would be the same run, and tell nothing of the spread.
-    """
-
-    orient: Orient
-    length: float
-    width: float
-    opacity: float
-    jitter: float
-
-
-def strokes_of_cells(target: Tensor, labels: Array, n: int, look: Look, generator: torch.Generator) -> Strokes:
-    """One stroke per cell: at its centre of mass, in its mean colour, of its size.
+@dataclass(kw_only=True)
+class CellInitializer(Initializer):
+    """One stroke in each cell of a partition of the picture: at its centre of mass, in its mean colour, of its size.
 
     Args:
-        target: (3, H, W) in [0, 1].
-        labels: (H, W) number of each pixel's cell, 0 to n - 1, none of them empty.
-        n: cells.
-        look: direction and size.
-        generator: of everything random.
+        orient: structure (along the picture's edges, filling the cell) or random (the thesis's: points drawn from
+            N(0, 0.1) half-windows, the least width, and the optimiser finds the rest).
+        length: of a stroke, in sides of its cell (structure only).
+        width: of a stroke, in sides of its cell (structure only).
+        opacity: 0 to 1.
+        jitter: random shift of each stroke in mean distances between strokes (its deviation), so that seeds differ.
     """
-    _, height, width = target.shape
-    picture, flat = target.numpy().astype(np.float64), labels.ravel()
-    centre, covariance, area = _moments(flat, n, height, width)
-    color = cell_means(picture.reshape(3, -1), flat, n)
-    pitch = math.sqrt(height * width / n)
-    scale = max(WINDOW_PITCHES * pitch, MIN_WINDOW_PIXELS)
-    if look.orient is Orient.random:
-        start, control, end = (RANDOM_SPREAD * torch.randn(3, n, 2, generator=generator)).clamp(-1, 1)
-        thickness = torch.full((n,), RANDOM_WIDTH)
-    else:
-        side = np.sqrt(area).clip(0.4 * pitch, 2.5 * pitch)
-        angle = _direction(picture, flat, n, covariance)
-        along = np.stack([np.cos(angle), np.sin(angle)], 1) * (look.length * side / scale)[:, None]
-        end = torch.from_numpy(along).float()
-        start, control = -end, torch.zeros(n, 2)
-        thickness = torch.from_numpy(look.width * side / scale).float()
-    position = torch.tensor(centre.T, dtype=torch.float32)
-    if look.jitter:
-        position = position + look.jitter * pitch * torch.randn(n, 2, generator=generator)
-        position = torch.minimum(position.clamp_min(0.5), torch.tensor([width, height]) - 0.5)
-    return Strokes(
-        position=position,
-        scale=torch.full((n,), scale),
-        start=start,
-        control=control,
-        end=end,
-        width=thickness,
-        color=torch.tensor(color.T, dtype=torch.float32).clamp(0, 1),
-        opacity=torch.full((n,), look.opacity),
-    )
+
+    orient: Orient = Orient.structure
+    length: Annotated[float, above(0, 10)] = 1.4
+    width: Annotated[float, above(0, 10)] = 1.0
+    opacity: Annotated[float, between(0, 1)] = 0.95
+    jitter: Annotated[float, between(0, 10)] = 0.02
+
+    @abstractmethod
+    def cells(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None) -> Array:
+        """Number (H, W) of each pixel's cell, 0 to n - 1, none of them empty."""
+
+    def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
+        flat = self.cells(target, n, generator, focus).ravel()
+        _, height, width = target.shape
+        picture = target.numpy().astype(np.float64)
+        centre, covariance, area = _moments(flat, n, height, width)
+        color = cell_means(picture.reshape(3, -1), flat, n)
+        pitch = math.sqrt(height * width / n)
+        scale = max(WINDOW_PITCHES * pitch, MIN_WINDOW_PIXELS)
+        if self.orient is Orient.random:
+            start, control, end = (RANDOM_SPREAD * torch.randn(3, n, 2, generator=generator)).clamp(-1, 1)
+            thickness = torch.full((n,), RANDOM_WIDTH)
+        else:
+            side = np.sqrt(area).clip(0.4 * pitch, 2.5 * pitch)
+            angle = _direction(picture, flat, n, covariance)
+            along = np.stack([np.cos(angle), np.sin(angle)], 1) * (self.length * side / scale)[:, None]
+            end = torch.from_numpy(along).float()
+            start, control = -end, torch.zeros(n, 2)
+            thickness = torch.from_numpy(self.width * side / scale).float()
+        position = torch.tensor(centre.T, dtype=torch.float32)
+        if self.jitter:
+            position = position + self.jitter * pitch * torch.randn(n, 2, generator=generator)
+            position = torch.minimum(position.clamp_min(0.5), torch.tensor([width, height]) - 0.5)
+        return Strokes(
+            position=position,
+            scale=torch.full((n,), scale),
+            start=start,
+            control=control,
+            end=end,
+            width=thickness,
+            color=torch.tensor(color.T, dtype=torch.float32).clamp(0, 1),
+            opacity=torch.full((n,), self.opacity),
+        )
 
 
 def joined(labels: Array, n: int) -> Array:

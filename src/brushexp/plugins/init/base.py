@@ -18,10 +18,8 @@ class Initializer(ABC):
     """
 
     @abstractmethod
-    def __call__(
-        self, target: Tensor, n_strokes: int, generator: torch.Generator, focus: Tensor | None = None
-    ) -> Strokes:
-        """Map a target (3, H, W) in [0, 1] to exactly ``n_strokes`` (1 to H * W) strokes, float32 on the CPU.
+    def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
+        """Map a target (3, H, W) in [0, 1] to exactly ``n`` (1 to H * W) strokes, float32 on the CPU.
 
         All randomness comes from ``generator``. ``focus`` (H, W) says how much each pixel counts, with a mean of 1;
         None for all alike. An initialiser may leave it aside.

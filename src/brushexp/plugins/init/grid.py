@@ -1,50 +1,32 @@
 """Strokes on a lattice."""
 
 import math
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.bounds import above, between
-from brushexp.plugins.init._cells import Look, Orient, strokes_of_cells
-from brushexp.plugins.init.base import Initializer
+from brushexp.bounds import above
+from brushexp.plugins.init._cells import CellInitializer
 from brushexp.registry import register
-from brushexp.strokes.catalogue import Strokes
 
 
 @register("init", "grid")
-class Grid(Initializer):
+@dataclass(kw_only=True)
+class Grid(CellInitializer):
     """A lattice of equal cells, with a stroke in each; preset ``overlapping_grid``.
 
     Args:
         shift: move every other row by half a cell.
-        orient: structure (along the picture's edges) or random (the thesis's).
-        length: of a stroke, in sides of its cell (structure only).
-        width: of a stroke, in sides of its cell (structure only).
-        opacity: 0 to 1.
-        jitter: random shift of each stroke in mean distances between strokes, so that seeds differ.
     """
 
-    def __init__(
-        self,
-        *,
-        shift: bool = False,
-        orient: Orient = Orient.structure,
-        length: Annotated[float, above(0, 10)] = 1.0,
-        width: Annotated[float, above(0, 10)] = 1.0,
-        opacity: Annotated[float, between(0, 1)] = 0.95,
-        jitter: Annotated[float, between(0, 10)] = 0.02,
-    ) -> None:
-        self.shift = shift
-        self.look = Look(orient, length, width, opacity, jitter)
+    shift: bool = False
+    length: Annotated[float, above(0, 10)] = 1.0
 
-    def __call__(
-        self, target: Tensor, n_strokes: int, generator: torch.Generator, focus: Tensor | None = None
-    ) -> Strokes:
-        labels = lattice(target.shape[1], target.shape[2], n_strokes, shift=self.shift)
-        return strokes_of_cells(target, labels, n_strokes, self.look, generator)
+    def cells(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None) -> np.ndarray:
+        return lattice(target.shape[1], target.shape[2], n, shift=self.shift)
 
 
 def lattice(height: int, width: int, n: int, *, shift: bool = False) -> np.ndarray:

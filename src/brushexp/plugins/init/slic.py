@@ -1,6 +1,7 @@
 """Strokes on superpixels."""
 
 import heapq
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -8,11 +9,9 @@ import torch
 from torch import Tensor
 
 from brushexp.bounds import above, between
-from brushexp.plugins.init._cells import Look, Orient, cell_means, cut, joined, strokes_of_cells
-from brushexp.plugins.init.base import Initializer
+from brushexp.plugins.init._cells import CellInitializer, cell_means, cut, joined
 from brushexp.plugins.init.grid import lattice
 from brushexp.registry import register
-from brushexp.strokes.catalogue import Strokes
 
 SLIC_ITERATIONS = 5  # ten take twice as long and paint no better
 REFINEMENT_ROUNDS = 3  # each of which looks at the cells of the one before
@@ -20,7 +19,8 @@ GREY_LEVEL = 1 / 255  # deviations below it are none: the area of a cell decides
 
 
 @register("init", "slic")
-class Slic(Initializer):
+@dataclass(kw_only=True)
+class Slic(CellInitializer):
     """SLIC superpixels (Achanta et al., 2012), smaller where the picture has detail (and where the focus is).
 
     A stroke at each centre of mass, in the mean colour. Differs from the source in that there are exactly as many as
@@ -30,35 +30,15 @@ class Slic(Initializer):
     Args:
         compactness: of a superpixel; higher makes them squarer, lower lets them follow the colours.
         detail: share of the strokes that goes where the picture varies, 0 to 1; the rest is spread evenly.
-        orient: structure (along the picture's edges) or random (the thesis's).
-        length: of a stroke, in sides of its superpixel (structure only).
-        width: of a stroke, in sides of its superpixel (structure only).
-        opacity: 0 to 1.
-        jitter: random shift of each stroke in mean distances between strokes, so that seeds differ.
     """
 
-    def __init__(
-        self,
-        *,
-        compactness: Annotated[float, above(0, 1e4)] = 10.0,
-        detail: Annotated[float, between(0, 1)] = 0.5,
-        orient: Orient = Orient.structure,
-        length: Annotated[float, above(0, 10)] = 1.4,
-        width: Annotated[float, above(0, 10)] = 0.8,
-        opacity: Annotated[float, between(0, 1)] = 0.95,
-        jitter: Annotated[float, between(0, 10)] = 0.02,
-    ) -> None:
-        self.compactness = compactness
-        self.detail = detail
-        self.look = Look(orient, length, width, opacity, jitter)
+    compactness: Annotated[float, above(0, 1e4)] = 10.0
+    detail: Annotated[float, between(0, 1)] = 0.5
+    width: Annotated[float, above(0, 10)] = 0.8
 
-    def __call__(
-        self, target: Tensor, n_strokes: int, generator: torch.Generator, focus: Tensor | None = None
-    ) -> Strokes:
-        even = max(1, round((1 - self.detail) * n_strokes))
-        labels = superpixels(target, even, self.compactness)
-        labels = refined(labels, n_strokes, target.numpy(), None if focus is None else focus.numpy())
-        return strokes_of_cells(target, labels, n_strokes, self.look, generator)
+    def cells(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None) -> np.ndarray:
+        labels = superpixels(target, max(1, round((1 - self.detail) * n)), self.compactness)
+        return refined(labels, n, target.numpy(), None if focus is None else focus.numpy())
 
 
 def superpixels(target: Tensor, n: int, compactness: float) -> np.ndarray:

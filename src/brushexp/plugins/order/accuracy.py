@@ -1,5 +1,6 @@
 """The thesis's order: what matches the target lies on top."""
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import torch
@@ -12,6 +13,7 @@ from brushexp.strokes.catalogue import Strokes
 
 
 @register("order", "accuracy")
+@dataclass(kw_only=True)
 class Accuracy(Order):
     """The stroke that is nearer to the target in colour, over all it covers, lies on top (thesis 2020, eq. 6.6).
 
@@ -20,13 +22,9 @@ class Accuracy(Order):
         until: share of a stage's steps after which the order stays, 0 to 1; the thesis: 1.
     """
 
+    every: Annotated[int, at_least(1)] = 10
+    until: Annotated[float, between(0, 1)] = UNTIL
     needs_accuracy = True
-
-    def __init__(
-        self, *, every: Annotated[int, at_least(1)] = 10, until: Annotated[float, between(0, 1)] = UNTIL
-    ) -> None:
-        self.every = every
-        self.until = until
 
     def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
         return torch.zeros_like(strokes.opacity) if accuracy is None else accuracy

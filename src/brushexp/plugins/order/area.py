@@ -1,5 +1,6 @@
 """Small strokes on top."""
 
+from dataclasses import dataclass
 from typing import Annotated
 
 from torch import Tensor
@@ -12,6 +13,7 @@ from brushexp.strokes.catalogue import Strokes
 
 
 @register("order", "area")
+@dataclass(kw_only=True)
 class Area(Order):
     """Small strokes on top of large ones, as painters work from the general to the particular.
 
@@ -20,11 +22,8 @@ class Area(Order):
         until: share of a stage's steps after which the order stays, 0 to 1.
     """
 
-    def __init__(
-        self, *, every: Annotated[int, at_least(1)] = 50, until: Annotated[float, between(0, 1)] = UNTIL
-    ) -> None:
-        self.every = every
-        self.until = until
+    every: Annotated[int, at_least(1)] = 50
+    until: Annotated[float, between(0, 1)] = UNTIL
 
     def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
         width = 2 * half_width_of(strokes)

@@ -14,7 +14,5 @@ class FixedOrder(Order):
 
     every = 2**31  # never again
 
-    def __init__(self) -> None: ...
-
     def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
         return torch.zeros_like(strokes.opacity)

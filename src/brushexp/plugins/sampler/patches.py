@@ -1,7 +1,9 @@
 """Partial updates: a step moves the strokes of one place and looks at a patch around them."""
 
 import math
+from dataclasses import dataclass, field
 from enum import Enum
+from functools import partial
 from typing import Annotated, Any
 
 import torch
@@ -24,6 +26,7 @@ class Coverage(Enum):
 
 
 @register("sampler", "patches")
+@dataclass(kw_only=True)
 class Patches(Sampler):
     """A few hundred strokes of one place per step, with a ring around them that stays as it is (thesis 2020, 6.3).
 
@@ -40,25 +43,15 @@ class Patches(Sampler):
             random point (the thesis's), which visits the strokes at the border less often.
     """
 
+    n_active: Annotated[int, at_least(1)] = 256
+    n_ring: Annotated[int, at_least(0)] = 128
+    patch: Annotated[int, at_least(1)] = 320
+    steps_per_patch: Annotated[int, at_least(1)] = 5
+    coverage: Coverage = Coverage.fair
+    _round: Tensor = field(default_factory=partial(torch.empty, 0, dtype=torch.long), init=False)  # (N,) places now
+    _turn: int = field(default=0, init=False)  # place whose turn it is
+    _point: Tensor = field(default_factory=partial(torch.zeros, 2), init=False)
     cost, moves = "that of one patch, however large the canvas is", "those of one place"
-
-    def __init__(
-        self,
-        *,
-        n_active: Annotated[int, at_least(1)] = 256,
-        n_ring: Annotated[int, at_least(0)] = 128,
-        patch: Annotated[int, at_least(1)] = 320,
-        steps_per_patch: Annotated[int, at_least(1)] = 5,
-        coverage: Coverage = Coverage.fair,
-    ) -> None:
-        self.n_active = n_active
-        self.n_ring = n_ring
-        self.patch = patch
-        self.steps_per_patch = steps_per_patch
-        self.coverage = coverage
-        self._round = torch.empty(0, dtype=torch.long)  # (N,) place of each stroke in this round
-        self._turn = 0  # place whose turn it is
-        self._point = torch.zeros(2)
 
     def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> View:
         if not len(strokes):

@@ -14,7 +14,5 @@ class Whole(Sampler):
 
     cost, moves = "1", "all strokes"
 
-    def __init__(self) -> None: ...
-
     def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> View:
         return View(Region(0, 0, *size))
