@@ -4,8 +4,8 @@ import math
 
 import pytest
 import torch
+from painters import error_of, take
 from painters import painter_of as some_painter
-from painters import take
 from scenes import Windowed, random_strokes, straight
 
 from brushexp.painting.densification import importance
@@ -49,9 +49,12 @@ def painted(density, **options):
     return painter
 
 
-def state_of(image, target, strokes, *, budget=100, step=30, steps=60, scores=None, focus=None):
+def state_of(n=40, *, error=0.5, target=None, strokes=None, scores=None, focus=None, budget=100, step=30, steps=60):
+    """A picture that is off by ``error`` everywhere."""
+    target = torch.rand(3, *SIZE) if target is None else target
+    strokes = random_strokes(n, target.shape[1:]) if strokes is None else strokes
     scores = torch.ones(len(strokes)) if scores is None else scores
-    return DensificationState(image, target, focus, strokes, budget, step, steps, lambda: scores)
+    return DensificationState(target + error, target, focus, strokes, budget, step, steps, lambda: scores)
 
 
 def importance_of(strokes, order, target, *, renderer=None, blend=None, focus=None, seed=0):
@@ -106,43 +109,35 @@ def test_importance_of_windows_and_of_no_strokes_is_finite(n):
 def test_new_strokes_lie_where_the_error_is_in_its_colour_along_its_edge():
     target = torch.full((3, 40, 60), 0.5)
     target[:, 20:23, 30:50] = torch.tensor([0.9, 0.1, 0.2])[:, None, None]
-    new = new_strokes(state_of(torch.full((3, 40, 60), 0.5), target, random_strokes(5, (40, 60))), 8, 0.5, 0.01)
+    new = new_strokes(state_of(5, error=0.5 - target, target=target), 8, 0.5, 0.01)
     check_strokes(new)
-    assert ((new.position[:, 1] > 18) & (new.position[:, 1] < 25)).all()
-    assert ((new.position[:, 0] > 28) & (new.position[:, 0] < 52)).all()
-    inside = (new.position[:, 0] > 32) & (new.position[:, 0] < 48) & (new.position[:, 1] > 20.4)
-    chord = (new.end - new.start)[inside & (new.position[:, 1] < 22.6)]
+    x, y = new.position.T
+    assert ((x > 28) & (x < 52) & (y > 18) & (y < 25)).all()
+    chord = (new.end - new.start)[(x > 32) & (x < 48) & (y > 20.4) & (y < 22.6)]
     assert (chord[:, 0].abs() > 3 * chord[:, 1].abs()).all()
 
 
 def test_the_error_counts_by_the_focus():
-    target, image = torch.ones(3, 20, 40), torch.zeros(3, 20, 40)
-    focus = torch.full((20, 40), 0.1)
+    focus = torch.full(SIZE, 0.1)
     focus[:, 30:] = 3.7
-    new = new_strokes(state_of(image, target, random_strokes(5, (20, 40)), focus=focus), 4, 0.5, 0.0)
-    assert (new.position[:, 0] >= 28).all()
+    assert (new_strokes(state_of(5, focus=focus), 4, 0.5, 0.0).position[:, 0] >= 28).all()
 
 
+@pytest.mark.parametrize("n", [0, 3])
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 2), (5, 3), (40, 56)])
-def test_places_of_any_picture_lie_on_it(size):
-    for strokes in (random_strokes(3, size), Strokes.none()):
-        new = new_strokes(state_of(torch.zeros(3, *size), torch.rand(3, *size), strokes), 1000, 0.25, 0.0)
-        assert 0 < len(new) <= size[0] * size[1]
-        assert (new.position < torch.tensor([size[1], size[0]])).all()
-        check_strokes(new)
+def test_places_of_any_picture_lie_on_it(size, n):
+    new = new_strokes(state_of(n, target=torch.rand(3, *size)), 1000, 0.25, 0.0)
+    assert 0 < len(new) <= size[0] * size[1]
+    assert (new.position < torch.tensor([size[1], size[0]])).all()
+    check_strokes(new)
 
 
-def test_a_perfect_painting_needs_no_more_strokes():
-    target = torch.rand(3, *SIZE)
-    for image in (target, target + 0.001):
-        assert Adaptive().revise(state_of(image, target, random_strokes(30, SIZE))) is None
-
-
-def test_what_cannot_be_seen_goes_even_if_nothing_takes_its_place():
-    target, strokes = torch.rand(3, *SIZE), random_strokes(30, SIZE)
-    scores = torch.ones(30)
+@pytest.mark.parametrize("error", [0.0, 0.001])
+def test_a_perfect_painting_needs_no_more_strokes_and_what_cannot_be_seen_goes(error):
+    assert Adaptive().revise(state_of(error=error)) is None
+    scores = torch.ones(40)
     scores[5] = 0
-    update = Adaptive().revise(state_of(target + 0.001, target, strokes, scores=scores))
+    update = Adaptive().revise(state_of(error=0.001, scores=scores))
     assert (~update.keep).nonzero().tolist() == [[5]]
     assert len(update.new) == 0
 
@@ -154,9 +149,8 @@ def test_a_flat_picture_ends_with_the_strokes_it_began_with():
 
 def test_adaptive_paints_better_than_fixed_with_as_many_strokes_and_steps():
     target = picture((72, 96))
-    psnr = [psnr_of(float((painted(d, target=target, n=150, steps=200).drawn() - target).square().mean()))
-            for d in (Fixed(), Adaptive())]  # fmt: skip
-    assert psnr[1] > psnr[0] + 0.3
+    fixed, adaptive = (painted(density, target=target, n=150, steps=200) for density in (Fixed(), Adaptive()))
+    assert psnr_of(error_of(adaptive)) > psnr_of(error_of(fixed)) + 0.3
 
 
 def test_detail_gets_more_strokes_than_flat_regions():
@@ -166,12 +160,11 @@ def test_detail_gets_more_strokes_than_flat_regions():
 
 
 def test_the_weakest_go_and_the_rest_keep_their_optimiser_state():
-    strokes, target = random_strokes(40, SIZE), torch.rand(3, *SIZE)
-    scores = torch.arange(40) + 1.0
-    update = Adaptive(moved=0.25).revise(state_of(torch.zeros(3, *SIZE), target, strokes, scores=scores, budget=40))
+    state = state_of(scores=torch.arange(40) + 1.0, budget=40)
+    update = Adaptive(moved=0.25).revise(state)
     assert update.keep.tolist() == [False] * 10 + [True] * 30
     assert len(update.new) == 10
-    catalogue = Catalogue(strokes, TorchOptim().units)
+    catalogue = Catalogue(state.strokes, TorchOptim().units)
     optimizer = TorchOptim().over(p for p in catalogue.parameters() if p.requires_grad)
     catalogue().position.sum().backward()
     optimizer.step()
@@ -183,20 +176,15 @@ def test_the_weakest_go_and_the_rest_keep_their_optimiser_state():
 
 
 def test_no_strokes_are_added_once_the_picture_is_good_enough():
-    target, strokes = torch.rand(3, *SIZE), random_strokes(40, SIZE)
-    good = (target + 0.01).clamp(0, 1)
-    assert Adaptive(psnr=35).revise(state_of(good, target, strokes)) is None
-    assert Adaptive(psnr=45).revise(state_of(good, target, strokes)) is not None
+    assert Adaptive(psnr=35).revise(state_of(error=0.01)) is None
+    assert Adaptive(psnr=45).revise(state_of(error=0.01)) is not None
 
 
 def test_rounds_have_steps_between_them():
-    density, strokes, changes = Adaptive(), random_strokes(40, SIZE), 0
-    image, target = torch.zeros(3, *SIZE), torch.rand(3, *SIZE)
-    for step in range(1, 41):
-        changes += density.revise(state_of(image, target, strokes, step=step, steps=40)) is not None
-    assert changes == 3
+    density = Adaptive()
+    assert sum(density.revise(state_of(step=step, steps=40)) is not None for step in range(1, 41)) == 3
     for none in (Adaptive(rounds=0), Adaptive(until=0.0)):
-        assert none.revise(state_of(image, target, strokes)) is None
+        assert none.revise(state_of()) is None
         assert none.first(60, 500) == 60
 
 
@@ -210,14 +198,15 @@ def test_the_smallest_paintings_are_painted(n, size):
 
 
 def test_coarse_steps_look_at_the_smaller_picture_and_the_rest_at_all_of_it():
-    painter = painter_of(Fixed(), steps=20, coarse=0.5)
-    loop, sizes = take(painter, 0), []
+    painter, seen = painter_of(Fixed(), steps=20, coarse=0.5), []
+    loop = take(painter, 0)
+    painter.losses["mse"].register_forward_hook(lambda module, args, out: seen.append(args[0]))
     while painter.schedule.step < painter.schedule.steps:
         take(painter, 1, loop)
-        sizes.append(tuple(painter.picture._last.shape[1:]))
         assert painter.latest().shape == painter.picture.target.shape
         assert math.isfinite(painter.picture.error)
-    assert sizes == [(20, 28)] * 10 + [SIZE] * 10
+    assert [each.image.shape[1:] for each in seen] == [(20, 28)] * 10 + [SIZE] * 10
+    assert float(seen[0].strokes.scale.mean() / seen[-1].strokes.scale.mean()) == pytest.approx(0.5)
 
 
 def test_coarse_steps_leave_the_strokes_in_place():
@@ -230,6 +219,12 @@ def test_coarse_steps_leave_the_strokes_in_place():
 def test_a_coarse_picture_with_focus_and_odd_sides():
     target = torch.rand(3, 7, 5)
     assert painted(Fixed(), n=4, target=target, coarse=0.5, focus=torch.ones(7, 5), steps=10).drawn().isfinite().all()
+
+
+def test_the_small_picture_is_not_taken_for_the_whole():
+    """The error of coarse steps is that of what they saw, enlarged: never better than the painting looks."""
+    painter = painted(Fixed(), steps=40, coarse=0.99, target=torch.rand(3, *SIZE))
+    assert psnr_of(painter.picture.error) < psnr_of(error_of(painter)) + 1
 
 
 @pytest.mark.parametrize(
@@ -248,19 +243,3 @@ def test_all_strokes_that_were_asked_for_are_there_in_the_end(steps, options):
     painter = painted(Adaptive(), n=60, steps=steps, **options)
     assert len(painter.catalogue) == len(painter.visits) == 60
     check_strokes(painter.strokes())
-
-
-def test_the_small_picture_is_not_taken_for_the_whole():
-    """The error of coarse steps is that of what they saw, enlarged: never better than the painting looks."""
-    target = torch.rand(3, *SIZE)
-    painter = painter_of(Fixed(), steps=40, coarse=0.99, target=target)
-    take(painter, painter.schedule.steps)
-    assert psnr_of(painter.picture.error) < psnr_of(float((painter.drawn() - target).square().mean())) + 1
-
-
-def test_strokes_are_as_large_as_the_picture_that_coarse_steps_look_at():
-    painter, seen = painter_of(Fixed(), steps=4, coarse=0.5), []
-    loop = take(painter, 0)
-    painter.losses["mse"].register_forward_hook(lambda module, args, out: seen.append(args[0]))
-    take(painter, 4, loop)
-    assert float(seen[0].strokes.scale.mean() / seen[-1].strokes.scale.mean()) == pytest.approx(0.5)

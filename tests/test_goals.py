@@ -35,9 +35,8 @@ SMALL = ["image=chelsea", "resolution=48", "threads=1", "frames=0"]
 class Work:
     """A painting without a picture, whose steps take as long as they are said to: ``cost(step)`` seconds."""
 
-    def __init__(self, *steps: int, cost=lambda step: 0.1, seconds: float = 0.0, error: float = 0.1) -> None:
+    def __init__(self, *steps: int, cost=lambda step: 0.1, error: float = 0.1) -> None:
         self.schedule = Schedule(steps)
-        self.schedule.load_state_dict(self.schedule.state_dict() | {"seconds": seconds})
         self.now, self.schedule.clock = 0.0, lambda: self.now
         self.cost, self.picture = cost, SimpleNamespace(error=error)
         self.evaluations, self.is_coarse, self.stop = 0, False, ""
@@ -48,8 +47,7 @@ class Work:
         schedule = self.schedule
         schedule.start()
         for goal in goals:
-            if isinstance(goal, TimeBudget):
-                goal.begin(self)
+            goal.begin(self)
         while schedule.step < min(schedule.steps, most) and not self.stop:
             done, steps = schedule.stage_progress
             self.rates.append(0.02 * TorchOptim().share(done / steps))
