@@ -16,11 +16,10 @@ from torch.testing import assert_close
 
 from brushexp.errors import UserError
 from brushexp.features import efficientnet_lite, open_backbone
-from brushexp.features.base import Backbone, mean_squares
+from brushexp.features.base import Backbone, mean_squares, packaged, read_tensors
 from brushexp.features.classic import ClassicNetwork
 from brushexp.features.distance import WEIGHTS, perceptual_distance
 from brushexp.features.efficientnet_lite import FILE, PACKAGE, EfficientNetLite0, Relu6, SameConvolution
-from brushexp.features.weights import packaged, read_tensors
 
 TINY = [(1, 1), (2, 1), (3, 5), (8, 8), (1, 9)]
 PLACES = {  # of taps in torchvision's `features`

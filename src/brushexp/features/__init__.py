@@ -4,10 +4,9 @@ from collections.abc import Callable
 from functools import partial
 
 from brushexp.errors import UserError
-from brushexp.features.base import Backbone
+from brushexp.features.base import OPTION, Backbone
 from brushexp.features.classic import ARCHITECTURES, load_classic
 from brushexp.features.efficientnet_lite import load_effl0
-from brushexp.features.weights import OPTION
 
 BACKBONES: dict[str, Callable[[str | None, str], Backbone]] = {
     "effl0": load_effl0,

@@ -13,8 +13,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from brushexp.errors import UserError
-from brushexp.features.base import Backbone
-from brushexp.features.weights import OPTION, read_tensors
+from brushexp.features.base import OPTION, Backbone, read_tensors
 
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet, as torchvision trains its networks
 VGG_DEPTHS = (2, 2, 3, 3, 3)  # convolutions of each block

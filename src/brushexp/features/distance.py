@@ -8,8 +8,7 @@ from torch import Tensor, nn
 
 from brushexp.errors import UserError
 from brushexp.features import open_backbone
-from brushexp.features.base import Backbone, mean_squares
-from brushexp.features.weights import packaged, read_tensors
+from brushexp.features.base import Backbone, mean_squares, packaged, read_tensors
 
 # Fitted by non-negative least squares to LPIPS (AlexNet) on 392 pairs of distorted pictures; leaving out the picture
 # at hand, it orders the pairs as LPIPS does at a Spearman correlation of 0.95.

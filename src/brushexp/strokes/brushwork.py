@@ -91,13 +91,13 @@ def brushwork_of(strokes: Strokes, size: tuple[int, int]) -> Brushwork:
         )
     shape = shape_of(counted)
     bend = control_offset(shape, SHORTEST_CHORD_PITCHES * pitch)
-    around = mean_direction(direction_of(shape), neighbours_of(counted, shape))
+    around = torch.view_as_complex(mean_direction(direction_of(shape), neighbours_of(counted, shape)))
     chord = torch.stack([shape[:, 0], 0.5 * (shape[:, 0] + shape[:, 2]), shape[:, 2]], dim=1)
     return Brushwork(
         length=length_of(shape) / pitch,
         width=2 * half_width_of(counted) / pitch,
         bend=torch.where(bend[:, 1:] < 0, -bend, bend),
-        deviation=_angle(_relative_to(direction_of(chord), around)),
+        deviation=0.5 * (torch.view_as_complex(direction_of(chord)) * around.conj()).angle(),
         measures=matched_measures(counted, pitch).sort(1).values,
     )
 
@@ -172,18 +172,16 @@ def with_brushwork(
     pitch = pitch_of(strokes, size)
     row = _assigned(strokes, reference, generator)
     model = reference.to(strokes.width)
-    angle = _angle(_flow_at(strokes.position, strokes)) + model.deviation[row]
-    along = torch.stack([angle.cos(), angle.sin()], dim=1)
-    across = torch.stack([-along[:, 1], along[:, 0]], dim=1)
-    bend = model.bend[row]
-    end = torch.tensor([0.5, 0.0]).to(bend).expand_as(bend)
-    unit = torch.stack([end, bend, -end], dim=1)  # along and across, in chords
-    chord = pitch * model.length[row] / length_of(unit).clamp_min(1e-6)
+    bend = torch.view_as_complex(model.bend)[row]
+    half = torch.full_like(bend, 0.5)
+    unit = torch.stack([half, bend, -half], dim=1)  # along and across, in chords
+    chord = pitch * model.length[row] / length_of(torch.view_as_real(unit)).clamp_min(1e-6)
+    way = torch.polar(0.5 * chord, 0.5 * _flow_at(strokes.position, strokes).angle() + model.deviation[row])
+    before, after = (_flow_at(strokes.position + torch.view_as_real(there), strokes) for there in (-way, way))
+    turns = (after * before.conj()).imag > 0  # to one side: the curve has its control point on the other
     unit = unit - 0.5 * bend[:, None]  # the middle of the curve to the place of the stroke
-    side = _side_of(strokes, along * (0.5 * chord)[:, None])
-    axes = torch.stack([along, across * side[:, None]], dim=1)
-    points = unit @ axes * (2 * chord / strokes.scale)[:, None, None]
-    start, control, end = points.unbind(1)
+    points = torch.where(turns[:, None], unit.conj(), unit) * (4 * way / strokes.scale)[:, None]
+    start, control, end = torch.view_as_real(points).unbind(1)
     return replace(strokes, start=start, control=control, end=end, width=pitch * model.width[row] / strokes.scale)
 
 
@@ -200,28 +198,8 @@ def _assigned(strokes: Strokes, reference: Brushwork, generator: torch.Generator
     return assigned.to(strokes.width.device)
 
 
-def _side_of(strokes: Strokes, half: Tensor) -> Tensor:
-    """1 or -1 (N,): where the control point must lie for a curve to turn as the direction does along its half chord.
-
-    A direction that turns to one side is followed by a curve whose control point lies on the other.
-    """
-    before, after = (_flow_at(strokes.position + way, strokes) for way in (-half, half))
-    return torch.where(_relative_to(after, before)[:, 1] > 0, -1.0, 1.0).to(half)
-
-
 def _flow_at(points: Tensor, strokes: Strokes) -> Tensor:
-    """Mean doubled direction (Q, 2) of the strokes nearest to points (Q, 2)."""
+    """Mean doubled direction (Q,), a complex number, of the strokes nearest to points (Q, 2)."""
     shape = shape_of(strokes)
     near = nearest_strokes(points, strokes.position + centre_of(shape), exclude_self=False)
-    return mean_direction(direction_of(shape), near)
-
-
-def _relative_to(direction: Tensor, other: Tensor) -> Tensor:
-    """Doubled directions (N, 2) as seen from others (N, 2)."""
-    turned = other[:, 0] * direction[:, 1] - other[:, 1] * direction[:, 0]
-    return torch.stack([(direction * other).sum(1), turned], dim=1)
-
-
-def _angle(direction: Tensor) -> Tensor:
-    """Angles (N,) of doubled directions, radians in [-pi/2, pi/2]."""
-    return 0.5 * torch.atan2(direction[:, 1], direction[:, 0])
+    return torch.view_as_complex(mean_direction(direction_of(shape), near))

@@ -107,7 +107,7 @@ def _strokes(rows: list[Any]) -> tuple[Strokes, Tensor]:
 
 def _numbers(data: dict[str, Any], name: str, size: int, where: str = "") -> Any:
     """The value, if it is as many numbers as a field has; 0 is one that is not in a list."""
-    value = _there(data, name, where)
+    value = data.get(name)
     numbers = value if size else [value]
     if type(numbers) is not list or len(numbers) != (size or 1) or not {type(x) for x in numbers} <= {int, float}:
         needed = f"a list of {size} numbers" if size else "a number"
@@ -116,13 +116,7 @@ def _numbers(data: dict[str, Any], name: str, size: int, where: str = "") -> Any
 
 
 def _typed(data: dict[str, Any], name: str, kind: type, where: str = "") -> Any:
-    value = _there(data, name, where)
+    value = data.get(name)
     if type(value) is not kind:  # true is no number
         raise UserError(f"{where}{name} is {shown(value)}; {KINDS[kind]} is needed")
     return value
-
-
-def _there(data: dict[str, Any], name: str, where: str) -> Any:
-    if name not in data:
-        raise UserError(f"{where}{name} is missing; it is damaged or not complete")
-    return data[name]

@@ -65,9 +65,8 @@ class Discriminated(Loss):
     ``strokes.catalogue.FIELDS``.
 
     Args:
-        weight: factor in the sum of losses. On a portrait of 256 pixels, 655 strokes and 150 steps, ``mse`` alone left
-            a third of the strokes valid, with the default of this loss two thirds at a cost of 0.2 dB, and 0.001 left
-            four fifths at about the same cost.
+        weight: factor in the sum of losses. On a portrait ``mse`` alone left a third of the strokes valid, with the
+            default of this loss two thirds at a cost of 0.2 dB, and 0.001 left four fifths at about the same cost.
         checkpoint: .safetensors of ``task=train model=discriminator``; null takes the one that comes with the program.
     """
 

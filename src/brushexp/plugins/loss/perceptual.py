@@ -28,15 +28,14 @@ class Perceptual(Loss):
     a PSNR 1.5 dB higher than none, on two pictures).
 
     Args:
-        weight: factor in the sum of losses. With the default, the gradient in the picture is as long as that of ``mse``
-            for a portrait of 256 pixels blurred by two (0.0014 by measurement; 0.0009 to 0.0024 for another picture or
-            blur).
+        weight: factor in the sum of losses. With the default, the gradient in the picture is about as long as that of
+            ``mse`` for pictures of 256 pixels blurred by two (0.0009 to 0.0024, by picture and blur).
         backbone: feature network: effl0, or vgg16, alexnet, squeeze (need ``weights``).
         weights: file with the network's weights; null takes those of its package.
         taps: activations to compare; null or [] takes the network's own choice, b3.expand or relu4_3.
         jitter: largest shift in pixels, 0 (none) to 3, that painting and target take together. It goes through at most
-            four fixed shifts, one per call, so that the target's features are computed once for each and kept. The
-            value then depends on the call: set 0 for an optimiser with a line search.
+            four fixed shifts, one per call, so that the target's features are computed once for each. The value then
+            depends on the call: set 0 for an optimiser with a line search.
     """
 
     cost = "3.8 x mse"
@@ -92,9 +91,8 @@ class Lpips(Loss):
 
     Args:
         weight: factor in the sum of losses. With the default, the gradient in the picture is about as long as that of
-            ``mse`` for pictures of 256 pixels blurred by two (0.0011 and 0.0013 by measurement). For alexnet the same
-            balance is at 0.0025, for squeeze at 0.0015. Beside ``mse`` it cost less than 0.1 dB of PSNR and took a
-            fifth to a quarter off the distance (150 steps, two pictures of 160 pixels).
+            ``mse`` for pictures of 256 pixels blurred by two; for alexnet that is at 0.0025, for squeeze at 0.0015.
+            Beside ``mse`` it cost less than 0.1 dB of PSNR and took a fifth to a quarter off the distance.
         backbone: feature network: effl0, or alexnet, squeeze or vgg16 (need ``weights``).
         weights: file with the network's features, under torchvision's names.
     """

@@ -22,8 +22,7 @@ class StructuralSimilarity(Loss):
 
     Args:
         weight: factor in the sum of losses. With the default, the gradient in the picture is about as long as that of
-            ``mse`` for pictures of 256 pixels blurred by two (0.007 and 0.013 by measurement). Beside ``mse`` it
-            changed the PSNR by -0.2 and +0.1 dB and raised SSIM by 0.02 (150 steps, two pictures of 160 pixels).
+            ``mse`` for pictures of 256 pixels blurred by two. Beside ``mse`` it raised SSIM by 0.02.
     """
 
     cost = "3.1 x mse"

@@ -91,9 +91,8 @@ class Curvature(Loss):
     no bound; a control point off the middle of a straight line does not count.
 
     Args:
-        weight: factor in the sum of losses; the source's 4 is for other units. On a portrait of 256 pixels, 655 strokes
-            and 150 steps, ``mse`` alone left a mean of 1.26 rad, with the default of this loss 0.48 at a cost of
-            0.1 dB; 0.0005 left 0.25 (0.3 dB).
+        weight: factor in the sum of losses; the source's 4 is for other units. On a portrait ``mse`` alone left a mean
+            of 1.26 rad, with the default of this loss 0.48 at a cost of 0.1 dB; 0.0005 left 0.25 (0.3 dB).
     """
 
     cost = "0.5 x mse"
@@ -117,9 +116,8 @@ class Direction(Loss):
     over all pairs of a stroke and one of its nearest: 0 if all are parallel, 2 in disorder.
 
     Args:
-        weight: factor in the sum of losses; the source's 0.008 is for other units. On a portrait of 256 pixels, 655
-            strokes and 150 steps, ``mse`` alone left 1.32, with the default of this loss 0.79 at a cost of 0.1 dB;
-            0.0001 left 1.04 (less than 0.1 dB).
+        weight: factor in the sum of losses; the source's 0.008 is for other units. On a portrait ``mse`` alone left
+            1.32, with the default of this loss 0.79 at a cost of 0.1 dB; 0.0001 left 1.04 (less than 0.1 dB).
         k: neighbours of a stroke; of fewer strokes, all others.
         every: the neighbours are found anew at every so many calls, and whenever the number of strokes has changed.
     """
@@ -171,9 +169,9 @@ class BrushworkTransfer(Loss):
 
     Args:
         option: what sets the catalogue, for messages.
-        weight: factor in the sum of losses. For 1,500 strokes at 256 pixels, 150 steps and a reference of long, nearly
-            straight strokes, ``style.brushwork`` with the default brought distances of 1.4 (length), 0.3 (width), 1.8
-            (curvature) and 0.7 (coherence) standard deviations down to 0.06 and less; the PSNR was 0.9 dB lower.
+        weight: factor in the sum of losses. For a reference of long, nearly straight strokes, ``style.brushwork`` with
+            the default brought distances of 1.4 (length), 0.3 (width), 1.8 (curvature) and 0.7 (coherence) standard
+            deviations down to 0.06 and less; the PSNR was 0.9 dB lower.
         catalogue: catalogue.h5 of the painting whose brushwork is wanted; null: none is, and the loss is 0.
     """
 
