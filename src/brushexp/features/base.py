@@ -5,6 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
+from zipfile import is_zipfile
 
 import torch
 from torch import Tensor, nn
@@ -119,7 +120,8 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
             from safetensors.torch import load_file  # noqa: PLC0415  (only this format needs it)
 
             return load_file(path)
-        return dict(torch.load(path, weights_only=True, map_location="cpu", mmap=True))
+        zipped = is_zipfile(path)  # files of PyTorch before 1.6 are not, and cannot be mapped
+        return dict(torch.load(path, weights_only=True, map_location="cpu", mmap=zipped))
     except Exception as error:  # pickle, zip and safetensors have a dozen kinds
         raise UserError(
             f"weights: {path} holds no table of tensors ({type(error).__name__}); name a .pth or .safetensors file"
