@@ -6,7 +6,9 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+from pandas import DataFrame
 
+from brushexp.results.runs import gather
 from brushexp.system.files import write_json, write_picture
 
 
@@ -35,6 +37,11 @@ def note(folder: Path, number: object, **noted: object) -> None:
     """Change what a run has noted."""
     path = folder / str(number) / "result.json"
     write_json(path, json.loads(path.read_text()) | noted)
+
+
+def collect(folder: Path) -> DataFrame:
+    """The runs of a sweep, as its report has them."""
+    return gather([folder], folder)
 
 
 def read_csv(path: Path) -> list[dict[str, str]]:

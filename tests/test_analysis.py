@@ -14,7 +14,6 @@ import torch
 from PIL import Image
 from scenes import random_strokes, straight
 from scipy.spatial.distance import cdist
-from scipy.stats import wasserstein_distance
 
 from brushexp.analysis import figures
 from brushexp.analysis.columns import ALIGNED_WITHIN, MEASURES, RADIUS_PITCHES, measure_strokes
@@ -28,7 +27,7 @@ from brushexp.analysis.samples import (
     entropy_of,
     standardised,
     statistics_of,
-    transport_distance,
+    turning_distance,
 )
 from brushexp.analysis.summary import Analysis, analysis_of, comparison_of, overall_of, summary_of, thinnest_of
 from brushexp.analysis.summary_text import brushwork_text, strokes_csv, three_digits, write_summary
@@ -49,6 +48,10 @@ def ranks(strokes: Strokes) -> torch.Tensor:
 
 def measured(strokes: Strokes, size: tuple[int, int] = SIZE, radius: float | None = None):
     return measure_strokes(strokes, ranks(strokes), size, radius)
+
+
+def columns(table) -> dict[str, np.ndarray]:
+    return {name: table[name] for name in table.dtype.names}
 
 
 def saved(strokes: Strokes, size: tuple[int, int] = SIZE) -> Saved:
@@ -74,9 +77,7 @@ def combed(n: int, angle: float = 0.5) -> Strokes:
 # known strokes
 
 
-@pytest.mark.parametrize(
-    ("end", "degrees"), [((50, 20), 0), ((40, 40), 45), ((20, 40), 90), ((10, 30), 135), ((20 - 5, 20), 0)]
-)
+@pytest.mark.parametrize(("end", "degrees"), [((50, 20), 0), ((40, 40), 45), ((10, 30), 135), ((15, 20), 0)])
 def test_a_straight_stroke_has_its_length_and_direction(end, degrees):
     one = measured(straight((20, 20), end, width=3))
     length = math.dist((20, 20), end)
@@ -106,14 +107,14 @@ def test_what_is_not_defined_is_nan():
     alone = measured(straight((10, 10), (30, 10)))
     assert alone.neighbours == alone.aligned == 0
     assert np.isnan([alone.coherence, alone.deviation, alone.homogeneity]).all()
-    assert all(len(values) == 0 for values in measured(Strokes.none()).columns().values())
+    assert all(len(values) == 0 for values in columns(measured(Strokes.none())).values())
 
 
 @pytest.mark.parametrize("far", [1.0, 1e3, 9e5])
 def test_measures_of_extreme_strokes_are_finite(far):
     made = random_strokes(20, SIZE)
     wild = replace(made, position=made.position * far, scale=made.scale * far, width=made.width * 1e3)
-    for name, values in measured(wild).columns().items():
+    for name, values in columns(measured(wild)).items():
         if name not in AROUND:
             assert np.isfinite(values).all(), name
 
@@ -163,9 +164,9 @@ def test_turned_strokes_differ_in_direction_only():
     names = ("position", "start", "control", "end")
     turned = replace(made, **{name: getattr(made, name) @ turn for name in names})
     one, other = measured(made, radius=12), measured(turned, radius=12)
-    for name, values in one.columns().items():
+    for name, values in columns(one).items():
         if name in MEASURES and name not in ("orientation", "visible"):
-            np.testing.assert_allclose(getattr(other, name), values, rtol=1e-3, atol=1e-3, err_msg=name)
+            np.testing.assert_allclose(other[name], values, rtol=1e-3, atol=1e-3, err_msg=name)
     change = (other.orientation - one.orientation - angle + math.pi / 2) % math.pi - math.pi / 2
     assert change == pytest.approx(0, abs=1e-6)
 
@@ -173,12 +174,12 @@ def test_turned_strokes_differ_in_direction_only():
 def test_enlarged_strokes_differ_in_size_only():
     made = random_strokes(50, SIZE)
     one, other = measured(made), measured(made.moved(zoom=3), (180, 270))
-    for name, values in one.columns().items():
+    for name, values in columns(one).items():
         if name == "visible":
             np.testing.assert_allclose(other.visible, values, atol=0.1)  # the soft edge keeps its width
         elif name not in AROUND:
             power = MEASURES[name].power if name in MEASURES else 1
-            np.testing.assert_allclose(getattr(other, name), values * 3**power, rtol=1e-3, atol=2e-3, err_msg=name)
+            np.testing.assert_allclose(other[name], values * 3**power, rtol=1e-3, atol=2e-3, err_msg=name)
     assert other.neighbours.tolist() == one.neighbours.tolist()
 
 
@@ -186,29 +187,22 @@ def test_the_order_of_strokes_changes_nothing():
     made = random_strokes(50, SIZE)
     mixed = torch.randperm(50)
     one, other = measured(made), measure_strokes(made[mixed], ranks(made)[mixed], SIZE)
-    for name, values in one.columns().items():
-        np.testing.assert_allclose(getattr(other, name), values[mixed.numpy()], rtol=1e-5, atol=1e-5, err_msg=name)
+    for name, values in columns(one).items():
+        np.testing.assert_allclose(other[name], values[mixed.numpy()], rtol=1e-5, atol=1e-5, err_msg=name)
 
 
 # visible
 
 
-def test_a_covered_stroke_is_not_visible():
-    below, above = straight((20, 30), (40, 30), width=6), straight((10, 30), (60, 30), width=20)
-    assert measured(Strokes.join(below, above)).visible == pytest.approx([0, 1], abs=2e-3)
-    assert measured(Strokes.join(above, below)).visible[1] == pytest.approx(1, abs=2e-3)
-
-
-def test_a_glaze_lets_through_what_it_does_not_hide():
-    below = straight((20, 30), (40, 30), width=6)
+def test_what_lies_above_hides_a_stroke_by_its_opacity_and_area():
+    below, cover = straight((20, 30), (40, 30), width=6), straight((10, 30), (60, 30), width=20)
+    assert measured(Strokes.join(below, cover)).visible == pytest.approx([0, 1], abs=2e-3)
+    assert measured(Strokes.join(cover, below)).visible[1] == pytest.approx(1, abs=2e-3)
     glaze = straight((10, 30), (60, 30), width=30, opacity=0.4)
     assert measured(Strokes.join(below, glaze)).visible == pytest.approx([0.6, 1], abs=2e-3)
-
-
-def test_half_a_stroke_under_another_is_half_visible():
-    below = straight((10, 20), (50, 20), width=6)
-    above = straight((60, -200), (60, 300), width=60)  # from x = 30 on
-    assert measured(Strokes.join(below, above)).visible[0] == pytest.approx(0.5, abs=0.02)
+    half = straight((60, -200), (60, 300), width=60)  # from x = 30 on
+    assert measured(Strokes.join(below, half)).visible[0] == pytest.approx(0.5, abs=0.02)
+    assert measured(straight((300, 300), (320, 300))).visible == 0
 
 
 def test_visible_shares_agree_with_the_obvious_sum():
@@ -219,36 +213,25 @@ def test_visible_shares_agree_with_the_obvious_sum():
     light = torch.cumprod(torch.cat([torch.ones_like(alpha[:, :1]), 1 - alpha[:, :-1]], dim=1), dim=1)
     whole = alpha.sum(-1)[0]
     share = torch.where(whole > 1e-6, (alpha * light).sum(-1)[0] / whole, 0)
-    np.testing.assert_allclose(
-        measure_strokes(strokes, depth, SIZE).visible[depth.argsort(descending=True)], share, atol=2e-3
-    )
-
-
-def test_a_stroke_beyond_the_canvas_is_not_visible():
-    assert measured(straight((300, 300), (320, 300))).visible == 0
+    found = measure_strokes(strokes, depth, SIZE).visible
+    np.testing.assert_allclose(found[depth.argsort(descending=True)], share, atol=2e-3)
 
 
 def test_a_huge_canvas_is_looked_at_reduced():
-    strokes = Strokes.join(
-        straight((4000, 4000), (9000, 4000), width=500), straight((4000, 4000), (9000, 4000), width=900)
-    )
+    ends = (4000, 4000), (9000, 4000)
+    strokes = Strokes.join(straight(*ends, width=500), straight(*ends, width=900))
     assert measured(strokes, (8000, 12_000)).visible == pytest.approx([0, 1], abs=2e-3)
 
 
 # a painting in numbers
 
 
-def test_statistics_are_those_of_numpy():
-    values = np.random.default_rng(0).gamma(2, size=101)
-    numbers = statistics_of(values)
-    assert numbers["n"] == 101
-    assert numbers["mean"] == pytest.approx(values.mean())
-    assert numbers["sd"] == pytest.approx(values.std(ddof=1))
-    assert numbers["median"] == pytest.approx(np.median(values))
-    assert (numbers["q25"], numbers["q75"]) == (
-        pytest.approx(np.quantile(values, 0.25)),
-        pytest.approx(np.quantile(values, 0.75)),
-    )
+def test_statistics_of_many_of_one_and_of_nothing():
+    values = np.arange(1.0, 6.0)
+    assert statistics_of(values) == {"n": 5, "mean": 3, "sd": math.sqrt(2.5), "q25": 2, "median": 3, "q75": 4}
+    assert statistics_of(np.array([3.0])) == {"n": 1, "mean": 3, "sd": None, "q25": 3, "median": 3, "q75": 3}
+    for axial in (False, True):
+        assert statistics_of(np.array([]), axial)["mean"] is None
 
 
 def test_directions_have_a_mean_across_the_turn():
@@ -258,22 +241,11 @@ def test_directions_have_a_mean_across_the_turn():
     assert numbers["median"] is None
 
 
-def test_statistics_of_nothing_and_of_one():
-    assert statistics_of(np.array([]))["mean"] is None
-    assert statistics_of(np.array([]), axial=True)["mean"] is None
-    assert statistics_of(np.array([3.0])) == {"n": 1, "mean": 3, "sd": None, "q25": 3, "median": 3, "q75": 3}
-
-
-def test_entropy_tells_one_direction_from_all():
+def test_shares_of_directions_are_centred_on_the_axes_and_their_entropy_tells_one_from_all():
+    share = direction_shares(np.array([0.0, 4.9, 175.1, 90.0]))
+    assert (share[0], share[DIRECTION_BINS // 2], share.sum()) == (0.75, 0.25, 1)
     assert entropy_of(np.full(50, 1.0)) == 0
-    assert entropy_of(np.arange(DIRECTION_BINS * 7) * math.pi / DIRECTION_BINS % math.pi) == pytest.approx(1)
-
-
-def test_shares_of_directions_are_centred_on_the_axes():
-    share = direction_shares(np.radians([0.0, 4.9, 175.1, 90.0]))
-    assert share[0] == 0.75
-    assert share[DIRECTION_BINS // 2] == 0.25
-    assert share.sum() == 1
+    assert entropy_of(np.arange(DIRECTION_BINS * 7) * 180 / DIRECTION_BINS % 180) == pytest.approx(1)
 
 
 def test_the_whole_of_parallel_strokes():
@@ -296,10 +268,9 @@ def test_faint_and_thin_strokes_are_left_out():
 
 
 def test_hidden_strokes_are_left_out_if_asked():
-    hidden, above = straight((20, 30), (40, 30), width=6), straight((10, 30), (60, 30), width=20)
-    one = analysis_of(saved(Strokes.join(hidden, above)), "a", "a", visible=0.5)
-    assert one.number.tolist() == [1]
-    assert one.measures.neighbours.tolist() == [0]
+    strokes = Strokes.join(straight((20, 30), (40, 30), width=6), straight((10, 30), (60, 30), width=20))
+    one = analysis_of(saved(strokes), "a", "a", visible=0.5)
+    assert (one.number.tolist(), one.measures.neighbours.tolist()) == ([1], [0])
 
 
 @pytest.mark.parametrize("strokes", [Strokes.none(), straight((10, 10), (20, 20), opacity=0.01)])
@@ -320,20 +291,16 @@ def test_a_thin_stroke_counts_even_if_it_is_the_only_one(size):
 # two paintings
 
 
-def test_a_painting_beside_itself_is_no_different():
-    for numbers in comparison_of(found(), found()).values():
-        assert numbers["difference"] == pytest.approx(0, abs=1e-9)
-        assert numbers["distance"] == pytest.approx(0, abs=1e-9)
-        assert numbers["delta"] in (None, pytest.approx(0, abs=1e-9))
-        assert numbers["effect"] in ("negligible", None)
-
-
-def test_a_painting_beside_itself_enlarged_is_the_same_in_pitches():
+@pytest.mark.parametrize("zoom", [1, 2])
+def test_a_painting_beside_itself_is_no_different_at_any_size(zoom):
     source = painting()
-    large = replace(source, strokes=source.strokes.moved(zoom=2), size=(120, 180))
+    large = replace(source, strokes=source.strokes.moved(zoom=zoom), size=(60 * zoom, 90 * zoom))
     far = comparison_of(analysis_of(source, "a", "a"), analysis_of(large, "b", "b"))
-    for name in ("length", "width", "area", "curvature", "orientation", "coherence"):
+    for name in MEASURES if zoom == 1 else ("length", "width", "area", "curvature", "orientation", "coherence"):
         assert far[name]["distance"] == pytest.approx(0, abs=1e-4), name
+        assert far[name]["difference"] == pytest.approx(0, abs=1e-4), name
+        assert far[name]["delta"] in (None, pytest.approx(0, abs=0.01))
+        assert far[name]["effect"] in ("negligible", None)
 
 
 def test_turned_strokes_are_as_far_as_they_were_turned():
@@ -343,14 +310,11 @@ def test_turned_strokes_are_as_far_as_they_were_turned():
     assert far["orientation"]["delta"] is None
 
 
-@pytest.mark.parametrize(("n", "m"), [(1, 1), (1, 9), (30, 30), (17, 40)])
-def test_distances_of_samples_agree_with_the_obvious(n, m):
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (1, 9), (17, 40)])
+def test_cliffs_delta_counts_pairs(n, m):
     source = np.random.default_rng(n + m)
     a, b = source.normal(size=n).round(1), source.normal(0.5, size=m).round(1)
-    assert transport_distance(a, b) == pytest.approx(wasserstein_distance(a, b))
-    pairs = np.sign(a[:, None] - b[None])
-    assert cliffs_delta(a, b) == pytest.approx(pairs.mean())
-    assert cliffs_delta(b, a) == pytest.approx(-pairs.mean())
+    assert cliffs_delta(a, b) == pytest.approx(np.sign(a[:, None] - b[None]).mean())
 
 
 @pytest.mark.parametrize("n", [1, 8, 25])
@@ -358,25 +322,16 @@ def test_on_a_circle_the_best_cut_is_taken(n):
     source = np.random.default_rng(n)
     a, b = source.uniform(0, 180, n), source.uniform(0, 180, n)
     pairings = [np.abs((np.sort(a) - np.roll(np.sort(b), k) + 90) % 180 - 90).mean() for k in range(n)]
-    assert transport_distance(a, b, period=180) == pytest.approx(min(pairings))
+    assert turning_distance(a, b) == pytest.approx(min(pairings))
 
 
-def test_the_standardised_difference_is_cohens():
+def test_effects_are_cohens_and_have_words():
     a, b = np.array([1.0, 2.0, 3.0]), np.array([3.0, 4.0, 5.0])
     assert standardised(a, b) == pytest.approx(-2)
     assert standardised(np.array([1.0]), np.array([2.0])) is None
     assert standardised(np.ones(3), np.ones(3)) is None
-
-
-def test_effects_have_words():
-    assert [effect_size(x) for x in (0, -0.1, 0.2, -0.4, 0.5, -1)] == [
-        "negligible",
-        "negligible",
-        "small",
-        "medium",
-        "large",
-        "large",
-    ]
+    words = {0: "negligible", -0.1: "negligible", 0.2: "small", -0.4: "medium", 0.5: "large", -1: "large"}
+    assert {delta: effect_size(delta) for delta in words} == words
 
 
 # files
@@ -388,9 +343,8 @@ def test_the_table_can_be_read_back():
     assert len(rows) == 60
     assert [int(row["stroke"]) for row in rows] == one.number.tolist()
     assert [float(row["length [px]"]) for row in rows] == pytest.approx(one.measures.length.tolist(), rel=1e-5)
-    assert [float(row["orientation [deg]"]) for row in rows] == pytest.approx(
-        np.degrees(one.measures.orientation), rel=1e-5
-    )
+    angles = [float(row["orientation [deg]"]) for row in rows]
+    assert angles == pytest.approx(np.degrees(one.measures.orientation), rel=1e-5)
     assert {"area [px^2]", "curvature [deg]", "visible", "x [px]"} <= rows[0].keys()
 
 
@@ -408,41 +362,33 @@ def test_what_is_not_defined_is_empty_null_or_a_dash(tmp_path):
 
 def test_the_summary_is_in_pixels_and_in_pitches():
     one = found()
-    numbers = summary_of(one)
-    length = numbers["measures"]["length"]
-    assert length["in_pitches"]["mean"] == pytest.approx(length["mean"] / one.pitch)
-    assert numbers["measures"]["area"]["in_pitches"]["median"] == pytest.approx(
-        numbers["measures"]["area"]["median"] / one.pitch**2
-    )
-    assert "in_pitches" not in numbers["measures"]["straightness"]
+    numbers = summary_of(one)["measures"]
+    for key, power in (("length", 1), ("area", 2)):
+        assert numbers[key]["in_pitches"]["median"] == pytest.approx(numbers[key]["median"] / one.pitch**power)
+    assert "in_pitches" not in numbers["straightness"]
 
 
 def test_the_text_names_both_and_every_measure():
     text = brushwork_text([found(name="early_work"), found(seed=1, name="late | work")])
     assert "early\\_work less late \\| work" in text
     assert all(measure.name in text for measure in MEASURES.values())
-    assert "pitches" in text
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(None, "–"), (math.nan, "–"), (12345.6, "12,346"), (7, "7"), (0.12345, "0.123"), (2621, "2,621")],
-)
-def test_numbers_have_the_digits_that_tell_something(value, text):
-    assert three_digits(value) == text
+def test_numbers_have_the_digits_that_tell_something():
+    values = (None, math.nan, 12345.6, 7, 0.12345, 2621)
+    assert [three_digits(value) for value in values] == ["–", "–", "12,346", "7", "0.123", "2,621"]
 
 
 @pytest.mark.parametrize(
     "rows",
     [
-        lambda: [found()],
         lambda: [found(name="a $ b"), found(30, 1, "名", size=(90, 40))],
         lambda: [analysis_of(saved(straight((20, 20), (40, 30))), "one", "one")],
         lambda: [analysis_of(saved(straight((20, 20), (20, 20))), "dot", "dot"), found(3)],
         lambda: [analysis_of(saved(combed(20)), "combed", "combed", radius=0.0)],
         lambda: [found(size=(2, 300)), found(size=(300, 2))],
     ],
-    ids=["one", "two", "a single stroke", "a dot", "no neighbours", "thin canvases"],
+    ids=["two", "a single stroke", "a dot", "no neighbours", "thin canvases"],
 )
 def test_the_sheet_can_be_drawn(rows, tmp_path, monkeypatch):
     monkeypatch.setattr(figures, "PRINT_DPI", 40)
@@ -451,21 +397,17 @@ def test_the_sheet_can_be_drawn(rows, tmp_path, monkeypatch):
         assert np.asarray(sheet).std() > 5
 
 
-def test_strokes_are_drawn_in_the_colour_of_their_direction():
-    one = analysis_of(saved(straight((10, 30), (80, 30), width=20)), "a", "a")
-    picture = stroke_map(one)
+def test_strokes_are_drawn_in_the_colours_of_their_directions_which_go_round():
+    picture = stroke_map(analysis_of(saved(straight((10, 30), (80, 30), width=20)), "a", "a"))
     assert picture.shape == (600, 900, 3)
-    assert picture[300, 450] == pytest.approx(direction_colors(np.zeros(1))[0], abs=0.01)
-    assert picture[20, 20] == pytest.approx(1)
-
-
-def test_colours_of_directions_go_round():
     colors = direction_colors(np.array([0.0, math.pi - 1e-9, math.pi / 2, np.nan]))
+    assert picture[300, 450] == pytest.approx(colors[0], abs=0.01)
+    assert picture[20, 20] == pytest.approx(1)
     assert colors[0] == pytest.approx(colors[1], abs=1e-6)
     assert np.abs(colors[0] - colors[2]).max() > 0.2
     assert np.ptp(colors[3]) < 0.01
-    light = np.linspace(0, math.pi, 100)
-    assert ((direction_colors(light) > 0) & (direction_colors(light) < 1)).all()  # no colour was cut off
+    light = direction_colors(np.linspace(0, math.pi, 100))
+    assert ((light > 0) & (light < 1)).all()  # no colour was cut off
 
 
 def test_the_map_of_coherence_says_nothing_where_no_strokes_are():

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sweeps import make_run
+from sweeps import collect, make_run
 
 from brushexp.errors import UserError
 from brushexp.results.anytime_curves import ahead, curve_from, mean_curve, quality_at, time_to, write_anytime
-from brushexp.results.runs import collect, gather
+from brushexp.results.runs import gather
 from brushexp.system.files import write_json, write_picture, write_text
 
 CURVE = (np.array([1.0, 2.0, 4.0, 5.0]), np.array([10.0, 20.0, 18.0, 30.0]))
@@ -41,15 +41,10 @@ def sweep(folder: Path, *settings: str, **numbers: object) -> Path:
 # curves
 
 
-def test_quality_at_a_time_is_the_best_so_far():
+def test_quality_at_a_time_is_the_best_so_far_and_time_to_a_quality_the_first():
     assert [quality_at(CURVE, t) for t in (1, 1.5, 2, 3, 4, 5)] == pytest.approx([10, 15, 20, 20, 20, 30])
-    assert quality_at(CURVE, 0.9) is None
-    assert quality_at(CURVE, 5.1) is None
-
-
-def test_time_to_a_quality_is_the_first():
-    assert [time_to(CURVE, p) for p in (10, 15, 20, 25, 30)] == pytest.approx([1, 1.5, 2, 4.5, 5])
-    assert time_to(CURVE, 9.9) is None
+    assert quality_at(CURVE, 0.9) is quality_at(CURVE, 5.1) is None
+    assert [time_to(CURVE, p) for p in (9.9, 10, 15, 20, 25, 30)] == pytest.approx([1, 1, 1.5, 2, 4.5, 5])
     assert time_to(CURVE, 30.1) is None
 
 
@@ -64,12 +59,9 @@ def test_time_and_quality_are_inverse(psnr, share):
     assert quality_at(curve, time) == pytest.approx(found, abs=1e-6)
 
 
-@pytest.mark.parametrize("noted", [None, [], [[1.0, 20.0]], [[1, None], [2, 3]], "x", [["a", 1], [2, 3]], [1, 2, 3]])
-def test_a_run_without_a_curve_is_passed_over(noted):
-    assert curve_from(noted) is None
-
-
-def test_a_curve_is_put_in_order():
+def test_curves_are_read_in_order_and_a_run_without_one_is_passed_over():
+    for noted in (None, [], [[1.0, 20.0]], [[1, None], [2, 3]], "x", [["a", 1], [2, 3]], [1, 2, 3]):
+        assert curve_from(noted) is None
     seconds, psnr = curve_from([[2, 25.0], [1, 20.0], [3, None]])
     assert (seconds.tolist(), psnr.tolist()) == ([1.0, 2.0], [20.0, 25.0])
 
@@ -94,9 +86,9 @@ def test_equal_time_and_equal_quality_are_told(tmp_path):
     lines = write_anytime(tmp_path, collect(tmp_path)).read_text().splitlines()
     assert "## chelsea, 30 x 20 pixels" in lines
     assert "| overrides | 0.1 s | 0.2 s | 0.5 s | 1 s | 2 s | end | best |" in lines
-    assert "| steps=2 | – | 21.00 | 24.00 | 29.00 | ended | 1.2 s | 31.00 |" in lines
+    assert "| steps=2 | – | 21.00 | 24.00 | 29.00 | – | 1.2 s | 31.00 |" in lines
     assert "| steps=1 | 0.10 | 1.05 | 2.00 | – | – |" in lines
-    assert "| steps=2 | at once | at once | 0.60 | 0.90 | 1.10 |" in lines
+    assert "| steps=2 | 0.20 | 0.20 | 0.60 | 0.90 | 1.10 |" in lines
     assert lines[-2:] == ["| 0.1 s | steps=1 |", "| 0.2 s | steps=2 |"]
 
 

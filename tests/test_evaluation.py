@@ -20,11 +20,7 @@ from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import PatchRenderer, window_pictures
 from brushexp.plugins.renderer.weights_file import RENDERERS
 from brushexp.registry import build_named, plugins
-from brushexp.results.contact_sheet import write_contact_sheet
-from brushexp.results.runs import collect
-from brushexp.results.tables import write_run_tables
 from brushexp.strokes.prior import INSET, WIDTH, clamp_to_prior, parameters_of, sample_prior
-from brushexp.system.files import write_json, write_picture
 from brushexp.training import benchmark
 from brushexp.training.benchmark import EXTREMES, draw_extremes, extreme_strokes, strokes_per_second
 from brushexp.training.datamodule import StrokeBatch
@@ -293,23 +289,3 @@ def test_random_weights_are_mentioned(run, caplog):
 def test_wrong_keys_are_refused(run, overrides, message):
     with pytest.raises(UserError, match=message):
         run("renderer=analytic", *overrides)
-
-
-# the report of a sweep
-
-
-def test_a_sweep_has_their_metrics_and_their_pictures(tmp_path):
-    for number, name in enumerate(("analytic", "neural")):
-        folder = tmp_path / str(number)
-        folder.mkdir()
-        metrics = {"l2": 0.0012345, "psnr_alpha": 24.318, "fid_effl0": 12.3456, "strokes_per_second": 512.4}
-        result = {"status": "completed", "overrides": {"renderer": name}, "picture": "strokes.png", **metrics}
-        write_json(folder / "result.json", result)
-        write_picture(folder / "strokes.png", np.full((90, 900, 3), 100 + number, np.uint8))
-    text = write_run_tables(tmp_path, collect(tmp_path))[1].read_text().splitlines()
-    assert text[2] == r"| run | renderer | status | l2 | psnr\_alpha | fid\_effl0 | strokes\_per\_second |"
-    assert text[4] == "| 0 | analytic | completed | 0.001234 | 24.32 | 12.35 | 512 |"
-    assert "picture" not in (tmp_path / "table.csv").read_text().splitlines()[0]
-    with Image.open(write_contact_sheet(tmp_path, collect(tmp_path))) as sheet:
-        pixels = np.asarray(sheet)[..., 0]
-    assert all((pixels == level).any(0).sum() > 790 for level in (100, 101))  # twice the room of a painting

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import NARROW, WIDE
-from sweeps import make_run
+from sweeps import collect, make_run
 
 from brushexp.results.page.sweep_page import AREA, SIDES, _encoded, side_for, sweep_page, thumbnail, write_sweep_page
 from brushexp.results.pareto import front_table
-from brushexp.results.runs import collect, frame_of
+from brushexp.results.runs import frame_of
 from brushexp.results.sweep import renew
 from brushexp.system.files import write_picture
 

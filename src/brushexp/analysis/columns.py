@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
@@ -17,6 +18,7 @@ from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.measures import LI, NEIGHBOURS, Measure
 
 Array = NDArray[np.float64]
+StrokeTable: TypeAlias = "np.recarray[Any, Any]"  # columns as attributes, see `measure_strokes`
 
 RADIUS_PITCHES = 4.0  # within which neighbours are counted: some 50 strokes
 ALIGNED_WITHIN = math.radians(20)  # directions of aligned strokes differ by less
@@ -37,46 +39,6 @@ MEASURES = ruler.MEASURES | {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class StrokeTable:
-    """``MEASURES`` of N strokes in the order of the catalogue, (N,) float64; NaN where one is not defined.
-
-    Angles are in radians, lengths and areas in pixels. A stroke shorter than `ruler.POINT_LENGTH` is a dot, of length
-    and curvature 0, without straightness and orientation.
-
-    Attributes:
-        x: centre of the curve, pixels from the left.
-        y: centre of the curve, pixels from the top.
-        elongatedness: NaN for a stroke of no width.
-        orientation: [0, pi), from the x axis towards y, which points down: clockwise as it is seen.
-        coherence: NaN without neighbours, as deviation and homogeneity.
-        visible: 0 for a stroke that lies beyond the canvas.
-    """
-
-    x: Array
-    y: Array
-    length: Array
-    width: Array
-    area: Array
-    elongatedness: Array
-    straightness: Array
-    curvature: Array
-    orientation: Array
-    visible: Array
-    neighbours: Array
-    aligned: Array
-    deviation: Array
-    coherence: Array
-    homogeneity: Array
-
-    def __len__(self) -> int:
-        return len(self.x)
-
-    def columns(self) -> dict[str, Array]:
-        """Arrays by name, x and y among them."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
-
 @torch.no_grad()
 def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radius: float | None = None) -> StrokeTable:
     """Measure every stroke.
@@ -86,6 +48,13 @@ def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radi
         depth: (N,) ranks, 0 is the bottom stroke.
         size: height and width of the canvas, pixels.
         radius: within which neighbours are counted, pixels; None means ``RADIUS_PITCHES`` pitches.
+
+    Returns:
+        (N,) records of float64: x and y, the centre of the curve in pixels from the left and the top, and ``MEASURES``,
+        angles in radians. Orientation is in [0, pi), from the x axis towards y, which points down: clockwise as it is
+        seen. What is not defined is NaN: elongatedness of a stroke of no width; deviation, coherence and homogeneity
+        without neighbours; straightness and orientation of a dot, shorter than `ruler.POINT_LENGTH`, whose length and
+        curvature are 0. A stroke beyond the canvas has 0 visible.
     """
     fine = strokes.map(Tensor.double)
     curve, width = curve_of(fine), 2 * half_width_of(fine)
@@ -113,9 +82,10 @@ def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radi
         "coherence": coherence,
         "homogeneity": ruler.homogeneity_of(width, near).masked_fill(alone, torch.nan),
     }
-    table = {name: value.double().numpy() for name, value in found.items()}
-    table["orientation"] = table["orientation"] % math.pi % math.pi  # of a tiny negative angle rounding makes pi
-    return StrokeTable(**table)
+    columns = [value.double().numpy() for value in found.values()]
+    table = np.rec.fromarrays(columns, dtype=[(name, np.float64) for name in found])
+    table.orientation = table.orientation % math.pi % math.pi  # of a tiny negative angle rounding makes pi
+    return table
 
 
 def counted_within(centre: Tensor, radius: float) -> Tensor:
@@ -134,11 +104,6 @@ def visible_share(strokes: Strokes, depth: Tensor, size: tuple[int, int]) -> Ten
     let through, with every stroke as ``renderer=analytic`` draws it, whatever it was painted with, so that paintings
     of different renderers compare. The picture is linear in the colour of each stroke, so both sums are the slope of
     its brightness in that colour, for all strokes at once; the second with strokes that are almost transparent.
-
-    Args:
-        strokes: N strokes.
-        depth: (N,) ranks, 0 is the bottom stroke.
-        size: height and width of the canvas, pixels.
     """
     if not len(strokes):
         return torch.zeros(0)

@@ -25,7 +25,7 @@ def statistics_of(values: Array, axial: bool = False) -> dict[str, float | int |
     if not len(values):
         return found
     if axial:
-        mean = mean_of_directions(np.radians(values))
+        mean = mean_of_directions(values)
         spread = math.degrees(math.sqrt(0.5 * max(1 - abs(mean), 0)))
         return found | {"mean": degrees_of(mean), "sd": spread}
     low, middle, high = np.quantile(values, (0.25, 0.5, 0.75)).tolist()
@@ -34,8 +34,8 @@ def statistics_of(values: Array, axial: bool = False) -> dict[str, float | int |
 
 
 def mean_of_directions(angle: Array) -> complex:
-    """Mean of e^{2 i angle}: its absolute value is the coherence, half of its argument the mean direction."""
-    return complex(np.exp(2j * angle).mean())
+    """Mean of e^{2 i angle}, of degrees: its absolute value is the coherence, half its argument the mean direction."""
+    return complex(np.exp(2j * np.radians(angle)).mean())
 
 
 def degrees_of(mean: complex) -> float:
@@ -44,17 +44,16 @@ def degrees_of(mean: complex) -> float:
 
 
 def direction_shares(angle: Array) -> Array:
-    """Shares (DIRECTION_BINS,) of directions in radians; the first bin is about 0, along the lower edge."""
-    step = math.pi / DIRECTION_BINS
-    number = np.floor((angle + 0.5 * step) / step).astype(np.intp) % DIRECTION_BINS
+    """Shares (DIRECTION_BINS,) of directions in degrees; the first bin is about 0, along the lower edge."""
+    number = np.floor(angle * DIRECTION_BINS / 180 + 0.5).astype(np.intp) % DIRECTION_BINS
     return np.bincount(number, minlength=DIRECTION_BINS) / max(len(angle), 1)
 
 
 def entropy_of(angle: Array) -> float:
     """Entropy of the shares of directions, 1 where all are equally frequent."""
-    share = direction_shares(angle)
-    share = share[share > 0]
-    return max(0.0, float(-(share * np.log(share)).sum())) / math.log(DIRECTION_BINS)
+    from scipy.stats import entropy  # noqa: PLC0415  (slow to import)
+
+    return float(entropy(direction_shares(angle), base=DIRECTION_BINS))
 
 
 def compared(a: Array, b: Array, *, axial: bool) -> dict[str, float | str | None]:
@@ -63,16 +62,18 @@ def compared(a: Array, b: Array, *, axial: bool) -> dict[str, float | str | None
     if not len(a) or not len(b):
         return found
     if axial:
-        turn = mean_of_directions(np.radians(a)) * mean_of_directions(np.radians(b)).conjugate()
+        turn = mean_of_directions(a) * mean_of_directions(b).conjugate()
         angle = math.degrees(0.5 * math.atan2(turn.imag, turn.real))
-        return found | {"difference": angle, "distance": transport_distance(a, b, period=180.0)}
+        return found | {"difference": angle, "distance": turning_distance(a, b)}
+    from scipy.stats import wasserstein_distance  # noqa: PLC0415  (slow to import)
+
     delta = cliffs_delta(a, b)
     return {
         "difference": float(a.mean() - b.mean()),
         "standardised": standardised(a, b),
         "delta": delta,
         "effect": effect_size(delta),
-        "distance": transport_distance(a, b),
+        "distance": float(wasserstein_distance(a, b)),
     }
 
 
@@ -87,10 +88,9 @@ def standardised(a: Array, b: Array) -> float | None:
 
 def cliffs_delta(a: Array, b: Array) -> float:
     """P(a > b) - P(a < b) over all pairs of two samples (Cliff, 1993)."""
-    ascending = np.sort(b)
-    below = int(np.searchsorted(ascending, a, side="left").sum())  # counts of pairs, so that a tie leaves no rounding
-    above = len(a) * len(b) - int(np.searchsorted(ascending, a, side="right").sum())
-    return (below - above) / (len(a) * len(b))
+    from scipy.stats import mannwhitneyu  # noqa: PLC0415  (slow to import)
+
+    return float(2 * mannwhitneyu(a, b, method="asymptotic").statistic / (len(a) * len(b)) - 1)
 
 
 def effect_size(delta: float) -> str:
@@ -98,21 +98,16 @@ def effect_size(delta: float) -> str:
     return next(word for limit, word in EFFECT_SIZES if abs(delta) <= limit)
 
 
-def transport_distance(a: Array, b: Array, period: float | None = None) -> float:
-    """Wasserstein-1 distance of two samples on the line, or on a circle of this ``period``.
+def turning_distance(a: Array, b: Array) -> float:
+    """Wasserstein-1 distance of two samples of directions in degrees.
 
-    The integral of |F - G|, the difference of both distribution functions; on a circle less its median, which is the
-    best place to cut it (Rabin, Delon and Gousseau, 2011).
+    The integral of |F - G - m| over a half turn, F and G being the distribution functions and m the median of their
+    difference, which is the best place to cut the circle (Rabin, Delon and Gousseau, 2011).
     """
     places = np.concatenate([a, b])
     order = places.argsort(kind="stable")
-    step = np.concatenate([np.full(len(a), 1 / len(a)), np.full(len(b), -1 / len(b))])[order]
-    gap = np.cumsum(step)
-    gap[-1] = 0.0
-    places = places[order]
-    if period is None:
-        return float((np.abs(gap[:-1]) * np.diff(places)).sum())
-    width = np.diff(places, append=places[0] + period)
+    gap = np.cumsum(np.concatenate([np.full(len(a), 1 / len(a)), np.full(len(b), -1 / len(b))])[order])
+    width = np.diff(places[order], append=places.min() + 180)
     rising = gap.argsort()
-    half = min(int(np.searchsorted(np.cumsum(width[rising]), 0.5 * period)), len(gap) - 1)
+    half = min(int(np.searchsorted(np.cumsum(width[rising]), 90)), len(gap) - 1)
     return float((np.abs(gap - gap[rising[half]]) * width).sum())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -17,7 +17,7 @@ from brushexp.analysis.samples import (
     entropy_of,
     mean_of_directions,
     statistics_of,
-)
+)  # fmt: skip
 from brushexp.errors import UserError
 from brushexp.strokes.brushwork import MIN_OPACITY, MIN_WIDTH_PITCHES, is_visible, pitch_of
 from brushexp.strokes.catalogue import Strokes
@@ -27,24 +27,16 @@ from brushexp.strokes.storage import Saved
 FEW_STROKES = 400  # in smaller catalogues a stroke counts that would count among so many
 HIDDEN_SHARE = 0.05  # of a stroke: if no more is seen, it is hidden
 
-
 OVERALL = {
     "per_1000_px": Measure("strokes per 1000 px^2", "how dense the strokes lie"),
     "layers": Measure("layers", "areas of all strokes / area of the canvas"),
-    "hidden": Measure(
-        "hidden strokes", f"share of strokes that others hide but for {HIDDEN_SHARE:.0%} or less", unit="%"
-    ),
+    "hidden": Measure("hidden strokes", f"share that others hide but for {HIDDEN_SHARE:.0%} or less", unit="%"),
     "direction": Measure("prevailing direction", "mean direction of all strokes", unit="°"),
     "agreement": Measure("agreement", "coherence of all strokes together; 1 is parallel, 0 no direction prevails"),
     "coherence": Measure("local coherence", "mean of the coherence around each stroke"),
-    "disorder": Measure(
-        "coherence in disorder", f"what chance makes of n = {NEIGHBOURS + 1} strokes, sqrt(pi / 4 n)"
-    ),
-    "entropy": Measure(
-        "entropy of directions",
-        f"of the shares of {DIRECTION_BINS} directions; 1: all are equally frequent, 0: there is one",
-    ),
-}  # fmt: skip
+    "disorder": Measure("coherence in disorder", f"what chance makes of n = {NEIGHBOURS + 1} strokes, sqrt(pi / 4 n)"),
+    "entropy": Measure("entropy of directions", f"1: all {DIRECTION_BINS} are equally frequent, 0: there is one"),
+}
 
 
 @dataclass(frozen=True)
@@ -61,7 +53,7 @@ class Analysis:
         depth: (N,) their ranks among each other, 0 is the bottom one.
         pitch: sqrt(pixels of the canvas / N).
         radius: within which neighbours were counted, pixels.
-        measures: of the N strokes.
+        measures: of the N strokes, see `columns.measure_strokes`.
     """
 
     name: str
@@ -77,7 +69,7 @@ class Analysis:
 
     def values(self, key: str) -> Array:
         """One measure of the strokes for which it is defined, in the unit in which it is shown."""
-        found: Array = getattr(self.measures, key)
+        found: Array = self.measures[key]
         return in_units(found[np.isfinite(found)], MEASURES[key])
 
     def relative(self, key: str) -> Array:
@@ -92,8 +84,8 @@ def analysis_of(
 
     Args:
         saved: the catalogue.
-        name: what it is to be called.
-        source: its file.
+        name: see `Analysis`.
+        source: likewise.
         radius: within which neighbours are counted, pixels; None means ``RADIUS_PITCHES`` pitches.
         visible: share of a stroke that must be seen, or it is left out and is no neighbour of others.
         option: what sets the file, for messages.
@@ -104,19 +96,18 @@ def analysis_of(
     thinnest = thinnest_of(len(saved.strokes), saved.size)
     number = is_visible(saved.strokes, thinnest / MIN_WIDTH_PITCHES).nonzero()[:, 0]
     found = measure_strokes(saved.strokes[number], saved.depth[number], saved.size, radius)
-    if visible > 0 and len(number):
-        shown = torch.from_numpy(found.visible >= visible)
-        seen, number = found.visible[shown.numpy()], number[shown]
+    if visible > 0:
+        seen = found.visible[found.visible >= visible]
+        number = number[torch.from_numpy(found.visible >= visible)]
         found = measure_strokes(saved.strokes[number], saved.depth[number], saved.size, radius)
-        found = replace(found, visible=seen)
+        found.visible = seen  # with the hidden ones among them
     if not len(number):
         rules = f"opacity {MIN_OPACITY} or more, thickness {thinnest:.3g} pixels or more"
         rules += f", {visible:.0%} of it not hidden" * (visible > 0)
         raise UserError(
             f"{option}={source}: none of its {len(saved.strokes)} strokes can be seen ({rules}); give another painting"
         )
-    strokes = saved.strokes[number]
-    depth = saved.depth[number].argsort().argsort().numpy()
+    strokes, depth = saved.strokes[number], saved.depth[number].argsort().argsort().numpy()
     pitch = pitch_of(strokes, saved.size)
     radius = RADIUS_PITCHES * pitch if radius is None else radius
     return Analysis(name, source, saved.size, len(saved.strokes), number.numpy(), strokes, depth, pitch, radius, found)
@@ -138,7 +129,7 @@ def in_units(values: Array, measure: Measure) -> Array:
 def overall_of(found: Analysis) -> dict[str, float | None]:
     """The numbers of ``OVERALL``; None where one is not defined."""
     measures, pixels = found.measures, found.size[0] * found.size[1]
-    angle = measures.orientation[np.isfinite(measures.orientation)]
+    angle = found.values("orientation")
     mean = mean_of_directions(angle) if len(angle) else None
     around = min(NEIGHBOURS, len(measures) - 1) + 1
     return {
@@ -157,13 +148,10 @@ def summary_of(found: Analysis) -> dict[str, object]:
     """All of it as plain data, in pixels and in pitches."""
     measures: dict[str, dict[str, object]] = {}
     for key, measure in MEASURES.items():
-        numbers = statistics_of(found.values(key), measure.axial)
-        measures[key] = {"unit": measure.unit, **numbers}
+        measures[key] = {"unit": measure.unit, **statistics_of(found.values(key), measure.axial)}
         if measure.power:
-            scale = found.pitch**measure.power
-            measures[key]["in_pitches"] = {
-                name: None if value is None else value / scale for name, value in numbers.items() if name != "n"
-            }
+            relative = statistics_of(found.relative(key))
+            measures[key]["in_pitches"] = {name: value for name, value in relative.items() if name != "n"}
     return {
         "name": found.name,
         "catalogue": found.source,

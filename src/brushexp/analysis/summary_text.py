@@ -13,6 +13,7 @@ from brushexp.analysis.samples import statistics_of
 from brushexp.analysis.summary import OVERALL, Analysis, comparison_of, in_units, overall_of, summary_of, thinnest_of
 from brushexp.results.tables import MISSING, csv_table, escaped, markdown_table
 from brushexp.strokes.brushwork import MIN_OPACITY
+from brushexp.strokes.measures import Measure
 from brushexp.system.files import write_json, write_text
 
 HEADINGS = {"n": "n", "mean": "mean", "sd": "standard deviation", "q25": "25 %", "median": "median", "q75": "75 %"}
@@ -36,20 +37,19 @@ def write_summary(folder: Path, found: Sequence[Analysis]) -> list[Path]:
 def strokes_csv(found: Analysis) -> str:
     """A row per stroke that counts, in the order of the catalogue; what is not defined is empty."""
     columns: dict[str, Any] = {"stroke": found.number, "depth": found.depth}
-    for key, values in found.measures.columns().items():
-        measure = MEASURES.get(key)
-        unit = "px" if measure is None else measure.unit.replace("°", "deg")
-        columns[f"{key} [{unit}]" if unit else key] = values if measure is None else in_units(values, measure)
-    return csv_table({name: values.tolist() for name, values in columns.items()}, significant=6)
+    for key in found.measures.dtype.names or ():
+        measure = MEASURES.get(key, Measure(key, "place", unit="px"))
+        unit = f" [{measure.unit}]".replace("°", "deg") * bool(measure.unit)
+        columns[key + unit] = in_units(found.measures[key], measure)
+    return csv_table(columns, significant=6)
 
 
 def brushwork_text(found: Sequence[Analysis]) -> str:
     """Markdown with all statistics and definitions."""
     lines = [f"# Brushwork of {' and '.join(escaped(one.name) for one in found)}", ""]
-    for one in found:
-        lines += [*_counted(one), ""]
     overall: dict[str, list[str]] = {"": [meant.name for meant in OVERALL.values()]}
     for one in found:
+        lines += [_counted(one), ""]
         numbers = overall_of(one)
         overall[one.name] = [with_unit(numbers[key], meant.unit) for key, meant in OVERALL.items()]
     lines += ["## The whole", "", markdown_table(overall, align="l" + "r" * len(found)), ""]
@@ -60,34 +60,29 @@ def brushwork_text(found: Sequence[Analysis]) -> str:
     return "\n".join([*lines, *_definitions(), ""])
 
 
-def _counted(found: Analysis) -> list[str]:
+def _counted(found: Analysis) -> str:
     """What was measured, and what not."""
-    left_out = found.total - len(found.number)
-    words = f"{_whole(left_out)} {'is' if left_out == 1 else 'are'} left out" if left_out else "none is left out"
-    return [
-        f"**{escaped(found.name)}**: {strokes_in(found)} on {found.size[1]} x {found.size[0]} px; {words} "
-        f"(fainter than {MIN_OPACITY}, thinner than {three_digits(thinnest_of(found.total, found.size))} px, "
-        "or hidden more than was asked for). "
+    return (
+        f"**{escaped(found.name)}**: {strokes_in(found)} on {found.size[1]} x {found.size[0]} px; "
+        f"{found.total - len(found.number):,} left out (fainter than {MIN_OPACITY}, thinner than "
+        f"{three_digits(thinnest_of(found.total, found.size))} px, or hidden more than was asked for). "
         f"A pitch is {three_digits(found.pitch)} px. Neighbours are counted within {three_digits(found.radius)} px "
         f"({three_digits(found.radius / found.pitch)} pitches)."
-    ]
+    )
 
 
 def strokes_in(found: Analysis) -> str:
     """How many strokes were measured, in words."""
-    return f"{_whole(len(found.number))} stroke{'s' * (len(found.number) != 1)}"
+    return f"{len(found.number):,} stroke{'s' * (len(found.number) != 1)}"
 
 
 def _statistics(found: Analysis) -> str:
     """Every measure in pixels, and lengths and areas in pitches too."""
     rows = []
     for key, measure in MEASURES.items():
-        units = [(measure.unit, found.values(key))]
-        if measure.power:
-            units.append((relative_unit(key), found.relative(key)))
-        for unit, values in units:
-            numbers = statistics_of(values, measure.axial)
-            shown = {HEADINGS[name]: three_digits(value) for name, value in numbers.items()}
+        # Both are the same unless it is a length or an area.
+        for unit, values in {measure.unit: found.values(key), relative_unit(key): found.relative(key)}.items():
+            shown = {HEADINGS[name]: three_digits(x) for name, x in statistics_of(values, measure.axial).items()}
             rows.append({"measure": measure.name, "unit": unit} | shown)
     return markdown_table(rows, align="ll" + "r" * len(HEADINGS))
 
@@ -116,14 +111,10 @@ def _comparison(one: Analysis, other: Analysis) -> list[str]:
 
 
 def _definitions() -> list[str]:
-    lines = ["## What is measured", ""]
-    lines += [
-        f"- {measure.name}: {measure.meaning}{f' ({measure.source})' if measure.source else ''}."
-        for measure in MEASURES.values()
-    ]
-    lines += [f"- {meant.name} (of the whole): {meant.meaning}." for meant in OVERALL.values()]
+    meant = [*MEASURES.values(), *OVERALL.values()]
     return [
-        *lines, "",
+        "## What is measured", "",
+        *(f"- {one.name}: {one.meaning}{f' ({one.source})' * bool(one.source)}." for one in meant), "",
         "Directions grow clockwise as they are seen. A pitch is sqrt(area of the canvas / strokes): in pitches, "
         "paintings of different sizes compare. Most measures are those of Li, Yao, Hendriks and Wang (2012), Rhythmic "
         "brushstrokes distinguish van Gogh from his contemporaries, IEEE TPAMI 34(6), 1159-1176.",
@@ -146,8 +137,4 @@ def three_digits(value: object) -> str:
     """A number with three digits that tell something; a dash for none."""
     if not isinstance(value, int | float) or not np.isfinite(value):
         return MISSING
-    return _whole(round(value)) if isinstance(value, int) or abs(value) >= 1000 else f"{value:.3g}"
-
-
-def _whole(value: int) -> str:
-    return f"{value:,}"
+    return f"{round(value):,}" if isinstance(value, int) or abs(value) >= 1000 else f"{value:.3g}"

@@ -10,7 +10,7 @@ import numpy as np
 
 from brushexp.results import plotting
 from brushexp.results.plotting import COLORS, DASHES, FAINT, INK, SIZE
-from brushexp.results.tables import MISSING, markdown_table, run_count
+from brushexp.results.tables import markdown_table, run_count
 from brushexp.system.files import write_text
 
 if TYPE_CHECKING:
@@ -52,15 +52,11 @@ def quality_at(curve: Curve, seconds: float) -> float | None:
 
 
 def time_to(curve: Curve, psnr: float) -> float | None:
-    """The seconds until a PSNR in dB was reached, likewise; None if a run never was as good, or from the start."""
+    """The seconds until a PSNR in dB was reached, likewise; at the earliest those of the first point. None if never."""
     times, best = curve[0], np.maximum.accumulate(curve[1])
     k = int(np.searchsorted(best, psnr))
-    if k == len(best) or (k == 0 and best[0] > psnr):
-        return None
-    if k == 0:
-        return float(times[0])
-    share = (psnr - best[k - 1]) / (best[k] - best[k - 1])
-    return float(times[k - 1] + share * (times[k] - times[k - 1]))
+    around = slice(max(k - 1, 0), k + 1)
+    return None if k == len(best) else float(np.interp(psnr, best[around], times[around]))
 
 
 def ahead(curves: Mapping[str, Curve]) -> list[tuple[float, str]]:
@@ -93,54 +89,39 @@ def mean_curves(curves: Mapping[str, list[Curve]]) -> dict[str, Curve]:
 
 
 def write_anytime(folder: Path, frame: DataFrame) -> Path | None:
-    """Write ``anytime.md``, quality at equal time and time to equal quality; None if no two settings left curves.
-
-    Args:
-        folder: where to.
-        frame: the runs, see `brushexp.results.runs`.
-    """
+    """Write ``anytime.md``, quality at equal time and time to equal quality; None if no two settings left curves."""
     found = {image: mean_curves(curves) for image, curves in curves_by_image(frame).items()}
     lines = ["Seconds of optimisation; a run keeps the best picture it has had. Means over seeds."]
     for image, curves in found.items():
         if len(curves) > 1:
-            lines += ["", f"## {image}", "", *_qualities(curves), "", *_times(curves), "", *_leaders(curves)]
+            lines += ["", f"## {image}", "", *_comparison(curves)]
     if len(lines) == 1:
         return None
     write_text(folder / "anytime.md", "\n".join([*lines, ""]))
     return folder / "anytime.md"
 
 
-def _qualities(curves: Mapping[str, Curve]) -> list[str]:
-    """PSNR at some times, and at the end."""
-    starts, ends = [c[0][0] for c in curves.values()], [c[0][-1] for c in curves.values()]
-    rows = []
+def _comparison(curves: Mapping[str, Curve]) -> list[str]:
+    """Quality at some times, time to some qualities, and who is ahead when."""
+    start, end = min(c[0][0] for c in curves.values()), max(c[0][-1] for c in curves.values())
+    low, high = min(c[1][0] for c in curves.values()), max(c[1].max() for c in curves.values())
+    qualities, times = [], []
     for name, curve in curves.items():
-        row = {"overrides": name}
-        for time in TIMES:
-            if min(starts) <= time <= max(ends):
-                psnr = quality_at(curve, time)
-                late = "ended" if time > curve[0][-1] else MISSING
-                row[f"{time:g} s"] = late if psnr is None else f"{psnr:.2f}"
-        rows.append(row | {"end": f"{curve[0][-1]:.3g} s", "best": f"{curve[1].max():.2f}"})
-    text = "PSNR in dB after so many seconds; the last columns: when a run ended, and with what."
-    return [text, "", markdown_table(rows, align="l" + "r" * (len(rows[0]) - 1))]
-
-
-def _times(curves: Mapping[str, Curve]) -> list[str]:
-    """Seconds to some qualities, of those that some run reached on its way."""
-    rows: list[dict[str, str]] = [{"overrides": name} for name in curves]
-    for level in LEVELS:
-        times = [time_to(curve, level) for curve in curves.values()]
-        if any(time is not None for time in times):
-            for row, curve, time in zip(rows, curves.values(), times, strict=True):
-                never = "at once" if curve[1][0] > level else MISSING
-                row[f"{level} dB"] = never if time is None else f"{time:.2f}"
-    return ["Seconds until a PSNR was reached.", "", markdown_table(rows, align="l" + "r" * (len(rows[0]) - 1))]
-
-
-def _leaders(curves: Mapping[str, Curve]) -> list[str]:
-    rows = [{"from": f"{time:.3g} s", "ahead": name} for time, name in ahead(curves)]
-    return [f"Who is ahead when (by more than {LEAD} dB).", "", markdown_table(rows, align="rl")]
+        found: dict[str, Any] = {f"{time:g} s": quality_at(curve, time) for time in TIMES if start <= time <= end}
+        last = {"end": f"{curve[0][-1]:.3g} s", "best": f"{curve[1].max():.2f}"}
+        qualities.append({"overrides": name} | found | last)
+        found = {f"{level} dB": time_to(curve, level) for level in LEVELS if low <= level <= high}
+        times.append({"overrides": name} | found)
+    leaders = [{"from": f"{time:.3g} s", "ahead": name} for time, name in ahead(curves)]
+    two = dict.fromkeys([*qualities[0], *times[0]], 2)
+    return [
+        "PSNR in dB after so many seconds; the last columns: when a run ended, and with what.", "",
+        markdown_table(qualities, two), "",
+        "Seconds until a PSNR was reached, at the earliest those of the first measurement.", "",
+        markdown_table(times, two), "",
+        f"Who is ahead when (by more than {LEAD} dB).", "",
+        markdown_table(leaders, align="rl"),
+    ]  # fmt: skip
 
 
 def write_curves(folder: Path, frame: DataFrame) -> Path | None:
@@ -155,32 +136,27 @@ def write_curves(folder: Path, frame: DataFrame) -> Path | None:
     figure = plotting.new_figure(SIZE[1] * len(shown))
     for axes, (image, curves) in zip(figure.subplots(len(shown), squeeze=False)[:, 0], shown, strict=True):
         _draw_curves(axes, curves)
-        axes.set_title(plotting.without_math(image) if len(shown) > 1 else "", fontsize=11, loc="left", color=INK)
+        axes.set_title(plotting.without_math(image), fontsize=11, loc="left", color=INK)
     plotting.entitle(figure, folder, run_count(frame))
     return plotting.save_figure(figure, folder / "curves.png")
 
 
 def _draw_curves(axes: Axes, curves: Mapping[str, list[Curve]]) -> None:
     plotting.tidy(axes)
-    shown = list(curves)
     means = {label: mean_curve(alike) for label, alike in curves.items()}
+    shown = list(curves)
     if len(shown) > MOST_CURVES:
         shown = list(dict.fromkeys(label for _, label in ahead(means)))[-MOST_CURVES:]
     for label in curves.keys() - set(shown):
         axes.plot(*means[label], linewidth=0.8, color=FAINT)
     for k, label in enumerate(shown):
-        look: dict[str, Any] = {
-            "color": COLORS[k % len(COLORS)],
-            "linestyle": DASHES[k // len(COLORS)],
-        }
+        look: dict[str, Any] = {"color": COLORS[k % len(COLORS)], "linestyle": DASHES[k // len(COLORS)]}
         for curve in curves[label] if len(curves[label]) > 1 else ():
             axes.plot(*curve, linewidth=0.7, alpha=0.4, **look)
         axes.plot(*means[label], linewidth=1.8, label=plotting.label_lines(label, 40), **look)
     plotting.fit_scale(axes, "x", [float(seconds[-1]) for alike in curves.values() for seconds, _ in alike])
     axes.set_xlabel("wall time of the optimisation, s", fontsize=10)
     axes.set_ylabel("PSNR, dB", fontsize=10)
-    heading = None if len(shown) == len(curves) else "ahead at some time; the others are grey"
-    axes.legend(
-        title=heading, loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=9, title_fontsize=9,
-        frameon=False, ncols=1 + (len(shown) - 1) // 16,
-    )  # fmt: skip
+    heading = "ahead at some time; the others are grey" if len(shown) < len(curves) else None
+    columns = 1 + (len(shown) - 1) // 16
+    axes.legend(title=heading, loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=9, frameon=False, ncols=columns)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from brushexp.results.plotting import folded
 from brushexp.results.runs import UNREADABLE, shortened
 from brushexp.results.tables import DIGITS, numbers, run_count, varying
 from brushexp.system.files import write_picture
@@ -134,7 +134,7 @@ def _font(size: int) -> ImageFont.FreeTypeFont:
 
 def _lines(texts: Sequence[str], letters: int, most: int) -> str:
     """Each text in at most so many lines."""
-    return "\n".join(line for text in texts for line in textwrap.wrap(text, letters, max_lines=most, placeholder="..."))
+    return "\n".join(folded(text, letters, most) for text in texts)
 
 
 def _box(words: str, side: int, letters: int, font: ImageFont.FreeTypeFont) -> Image.Image:

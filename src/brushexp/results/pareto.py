@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,7 @@ from brushexp.system.files import write_text
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from pandas import DataFrame, Series
+    from pandas import DataFrame
 
 FRONTS = ("psnr", "perceptual")  # metrics that have a front
 FLAGS = ["front_psnr", "front_perceptual"]
@@ -25,8 +24,7 @@ COLUMNS = ["picture", "number", "seconds", *FRONTS, "runs", *FLAGS, "overrides",
 HEIGHT = 6.0  # inches: of the panels of an image
 MOST_IMAGES = 6  # in a plot; the tables have all
 SHORTEST = 0.01  # seconds: a logarithmic axis has no 0
-MOST_LINES, LINE = 33, 46  # lines, and letters of a line, that tell what stands on the fronts
-CROWDED = (0.04, 0.03)  # of width and height of a panel: points that are nearer to each other share a label
+MOST_LINES, LINE = 20, 42  # settings, and letters of a line, that tell what stands on the fronts
 DIGITS = {"seconds": 2, "psnr": 2, "perceptual": 4}
 
 
@@ -62,16 +60,8 @@ def front_table(frame: DataFrame) -> DataFrame:
     return (pd.concat(found) if found else table.iloc[:0]).reindex(columns=COLUMNS)
 
 
-def write_front(folder: Path, frame: DataFrame) -> tuple[Path, Path, Path] | None:
-    """Write ``pareto.md``, ``pareto.csv`` and ``pareto.png``; None if no two settings of an image were finished.
-
-    Args:
-        folder: where to.
-        frame: the runs, see `brushexp.results.runs`.
-
-    Returns:
-        Their paths.
-    """
+def write_front(folder: Path, frame: DataFrame) -> Path | None:
+    """Write ``pareto.md``, ``.csv`` and ``.png``, and return the first; None if no two settings of an image ended."""
     table = front_table(frame)
     if table.empty:
         return None
@@ -80,22 +70,14 @@ def write_front(folder: Path, frame: DataFrame) -> tuple[Path, Path, Path] | Non
         rows = points[["number", "seconds", *FRONTS, "runs"]].rename(columns={"number": ""})
         rows["front"] = [", ".join(np.compress(flags, FRONTS)) for flags in points[FLAGS].to_numpy(bool)]
         rows["overrides"] = points["overrides"]
-        lines += ["", f"## {image}", "", markdown_table(rows, DIGITS), "", *_commands(points)]
-    paths = folder / "pareto.md", folder / "pareto.csv", folder / "pareto.png"
-    write_text(paths[0], "\n".join([*lines, ""]))
-    write_text(paths[1], csv_table(table))
-    plotting.save_figure(_plot(table, folder), paths[2])
-    return paths
-
-
-def _commands(points: DataFrame) -> list[str]:
-    """What repeats those on a front; first what all of them begin with."""
-    first = points[points[FLAGS].any(axis=1)]
-    commands = {number: shlex.split(command) for number, command in zip(first["number"], first["command"], strict=True)}
-    every = [word for word in next(iter(commands.values())) if all(word in words for words in commands.values())]
-    rest = {number: [word for word in words if word not in every] for number, words in commands.items()}
-    lines = [f"{number:>4}: {shlex.join(words) or '(no more)'}" for number, words in rest.items()]
-    return ["Those on a front are repeated by", "", "```", shlex.join(every), *lines, "```"]
+        first = points[points[FLAGS].any(axis=1)]
+        commands = [f"{number:>4}: {text}" for number, text in zip(first["number"], first["command"], strict=True)]
+        lines += ["", f"## {image}", "", markdown_table(rows, DIGITS), ""]
+        lines += ["Those on a front are repeated by", "", "```", *commands, "```"]
+    write_text(folder / "pareto.md", "\n".join([*lines, ""]))
+    write_text(folder / "pareto.csv", csv_table(table))
+    plotting.save_figure(_plot(table, folder), folder / "pareto.png")
+    return folder / "pareto.md"
 
 
 def _plot(table: DataFrame, folder: Path) -> Figure:
@@ -111,16 +93,16 @@ def _plot(table: DataFrame, folder: Path) -> Figure:
         first = points[points[FLAGS].any(axis=1)]
         lines = [f"{n:>2}  {text}" for n, text in zip(first["number"], first["overrides"], strict=True)]
         lines[MOST_LINES:] = ["more in pareto.md"] * (len(lines) > MOST_LINES)
-        text = "\n".join(plotting.label_lines(line, LINE, most=1) for line in lines)
+        text = "\n".join(plotting.label_lines(line, LINE, most=2) for line in lines)
         panels[2].text(0, 1, text, va="top", fontsize=8.5, linespacing=1.3, color=INK, in_layout=False)
         panels[2].axis("off")
     more = f"; {len(images) - len(shown)} more in the table" * (len(images) > len(shown))
-    plotting.entitle(figure, folder, f"what is worth its time; grey numbers are explained in pareto.md{more}")
+    plotting.entitle(figure, folder, f"what is worth its time; grey settings are told in pareto.md{more}")
     return figure
 
 
 def _panel(axes: Axes, points: DataFrame, metric: str) -> None:
-    """Numbered points and the front of one metric; far outliers are triangles at the edge."""
+    """All points, and the numbered front of one metric, near which the axis ends."""
     plotting.tidy(axes)
     axes.set_xlabel("optimisation, s", fontsize=10)
     axes.set_ylabel(plotting.metric_label(metric), fontsize=10)
@@ -128,40 +110,17 @@ def _panel(axes: Axes, points: DataFrame, metric: str) -> None:
     if points.empty:
         axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", color=GREY)
         return
-    up = metric == "psnr"  # is better
-    seconds, first = points["seconds"].clip(lower=SHORTEST), points[f"front_{metric}"]
-    best = points[metric][first]
-    span = 0.5 * (best.max() - best.min()) or max(abs(best.iloc[0]), 1e-9)
-    values = points[metric].clip(*((best.min() - span, None) if up else (None, best.max() + span)))
-    cut = values != points[metric]
-    for chosen, marker, color, size in (
-        (~first & ~cut, "o", GREY, 4), (~first & cut, "v" if up else "^", GREY, 5), (first, "o", COLORS[0], 6),
-    ):  # fmt: skip
-        axes.plot(seconds[chosen], values[chosen], marker, color=color, markersize=size, zorder=3)
+    seconds, values, first = points["seconds"].clip(lower=SHORTEST), points[metric], points[f"front_{metric}"]
+    best = values[first]
+    axes.plot(seconds[~first], values[~first], "o", color=GREY, markersize=4)
+    axes.step(
+        [*seconds[first], seconds.max()], [*best, best.iloc[-1]], where="post", color=COLORS[0],
+        marker="o", markevery=list(range(len(best))),
+    )  # fmt: skip
     plotting.fit_scale(axes, "x", seconds)
-    axes.margins(0.06)
-    limits = axes.get_xlim()
-    steps = [*seconds[first], limits[1]], [*values[first], values[first].iloc[-1]]
-    axes.step(*steps, where="post", color=COLORS[0], linewidth=1.3, zorder=2)
-    axes.set_xlim(limits)
-    for chosen, look in (
-        (first, {"fontsize": 9, "color": INK}),
-        (~first, {"fontsize": 7, "color": "#707070"}),
-    ):
-        above = up == (chosen is first)  # the better side of a front is empty
-        aside = {"ha": "right" if chosen is first else "left", "va": "bottom" if above else "top"}
-        _write_numbers(axes, points["number"][chosen], seconds[chosen], values[chosen], aside | look)
-
-
-def _write_numbers(axes: Axes, numbers: Series, xs: Series, ys: Series, look: dict[str, Any]) -> None:
-    """Numbers beside points; those of points that are too near to each other stand at the first of them."""
-    places = axes.transAxes.inverted().transform(axes.transData.transform(np.stack([xs, ys], 1))) / CROWDED
-    written: list[tuple[np.ndarray, Any]] = []
-    offset = (4 if look["ha"] == "left" else -4, 3 if look["va"] == "bottom" else -3)
-    for number, point, place in zip(numbers, zip(xs, ys, strict=True), places, strict=True):
-        near = next((text for other, text in written if (abs(place - other) < 1).all()), None)
-        if near is None:
-            text = axes.annotate(str(number), point, xytext=offset, textcoords="offset points", in_layout=False, **look)
-            written.append((place, text))
-        else:
-            near.set_text(f"{near.get_text()},{number}")
+    below, above = (1.0, 0.1) if metric == "psnr" else (0.1, 1.0)  # more room where settings are worse
+    if (span := np.ptp(best)) > 0:
+        axes.set_ylim(best.min() - below * span, best.max() + above * span)
+    aside: Any = {"xytext": (-4, 3 if metric == "psnr" else -11), "textcoords": "offset points", "ha": "right"}
+    for number, x, y in zip(points["number"][first], seconds[first], best, strict=True):
+        axes.annotate(str(number), (x, y), fontsize=9, color=INK, **aside)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import textwrap
 from collections.abc import Iterable
 from pathlib import Path
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MARKERS = "osD^vPX"
 DASHES = ("-", "--", ":", "-.")
-INK, FAINT, GREY, BAND = "#202020", "#d8d8d8", "#9a9a9a", "#f5f5f5"
+INK, FAINT, GREY = "#202020", "#d8d8d8", "#9a9a9a"
 DPI = 100
 SIZE = (14.0, 5.0)  # inches
 LOGARITHMIC_FROM = 20.0  # ratio of largest to smallest number from which an axis is logarithmic
@@ -84,4 +85,11 @@ def without_math(text: str) -> str:
 
 def label_lines(text: str, width: int, most: int = 3) -> str:
     """Text of a plot in at most so many lines of so many letters."""
-    return textwrap.fill(without_math(text), width, max_lines=most, placeholder="...")
+    return folded(without_math(text), width, most)
+
+
+def folded(text: str, width: int, most: int = 3) -> str:
+    """Text in at most so many lines of so many letters, broken at spaces and after signs, if need be in words."""
+    marked = re.sub(r"(?<=[+,/_])", "\v", text)  # at which textwrap may break
+    filled = textwrap.fill(marked, width, max_lines=most, placeholder="...", replace_whitespace=False)
+    return filled.replace("\v", "")

@@ -18,7 +18,6 @@ import math
 import os
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,24 +37,12 @@ LONGEST_VALUE = 40  # letters of a value in a label; of a longer one the end is 
 UNREADABLE = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)  # what Pillow raises
 
 
-def collect(folder: Path) -> DataFrame:
-    """All runs of a sweep, in the order of the job numbers.
-
-    Raises:
-        UserError: if there is none.
-    """
-    names = sorted((path.parent.name for path in folder.glob("*/result.json")), key=_run_number)
-    if not names:
-        raise UserError(f"there is no result.json below {folder}; give the folder of a sweep")
-    return frame_of(folder, {name: read_result(folder / name / "result.json") for name in names})
-
-
 def gather(folders: Iterable[Path], into: Path) -> DataFrame:
-    """All runs at or below some folders: of sweeps, single runs, or above many of either.
+    """All runs at or below some folders, of sweeps in the order of the job numbers.
 
     Args:
-        folders: where to look.
-        into: the folder in which their comparison is written: a run's name is its folder as seen from there.
+        folders: of sweeps, single runs, or above many of either.
+        into: where their comparison is written: a run's name is its folder as seen from there.
 
     Raises:
         UserError: if there is no run in one of them.
@@ -87,7 +74,8 @@ def frame_of(folder: Path, results: Mapping[str, Result]) -> DataFrame:
     import pandas as pd  # noqa: PLC0415
 
     told = [_told(folder / name, result) for name, result in results.items()]
-    settings = [run["overrides"] | _losses(result) for run, result in zip(told, results.values(), strict=True)]
+    losses = [{"loss": result["loss"]} if result.get("loss") else {} for result in results.values()]
+    settings = [run["overrides"] | loss for run, loss in zip(told, losses, strict=True)]
     frame = pd.concat(
         {
             "run": _part(told, "image", "label"),
@@ -150,22 +138,17 @@ def _told(folder: Path, result: Result) -> dict[str, Any]:
     """The columns of ``frame["run"]`` that tell of one run alone."""
     overrides = {key: value for key, value in result["overrides"].items() if key != "output"}
     picture, target = folder / Path(str(result.get("picture", "painting.png"))).name, folder / "target.png"
+    asked = overrides.get("image"), overrides.get("resolution")
     return {
         "status": result["status"],
         "error": result.get("error"),
         "folder": folder,
         "picture": picture if picture.is_file() else None,
-        "target": _fingerprint(target)
-        if target.is_file()
-        else json.dumps([*map(overrides.get, ("image", "resolution"))]),
+        "target": hashlib.sha256(target.read_bytes()).hexdigest() if target.is_file() else str(asked),
         "overrides": overrides,
         "anytime": result.get("anytime"),
         "command": command_of(folder, overrides),
     }
-
-
-def _losses(result: Result) -> dict[str, str]:
-    return {"loss": result["loss"]} if result.get("loss") else {}
 
 
 def _metrics(result: Result) -> dict[str, Any]:
@@ -227,15 +210,3 @@ def read_result(path: Path) -> Result:
 def _run_number(run: str) -> tuple[bool, int, str]:
     """Puts runs in the order of their numbers, and those without one behind."""
     return (not run.isdecimal(), int(run) if run.isdecimal() else 0, run)
-
-
-def _fingerprint(path: Path) -> str:
-    """Equal for files of the same bytes."""
-    state = path.stat()
-    return _hash(path, state.st_mtime_ns, state.st_size)
-
-
-@lru_cache(maxsize=10_000)
-def _hash(path: Path, changed: int, size: int) -> str:
-    """The same; a file is read again only when it has changed."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -49,10 +49,10 @@ def renew(folder: Path) -> None:
 
     from brushexp.results.contact_sheet import write_contact_sheet  # noqa: PLC0415
     from brushexp.results.effect import write_effect  # noqa: PLC0415
-    from brushexp.results.runs import collect  # noqa: PLC0415
+    from brushexp.results.runs import gather  # noqa: PLC0415
 
     with FileLock(folder / LOCK):
-        frame = collect(folder)
+        frame = gather([folder], folder)
         write_comparison(folder, frame)
         write_contact_sheet(folder, frame)
         write_effect(folder, frame)
@@ -70,7 +70,7 @@ def write_comparison(folder: Path, frame: Any) -> Path | None:
     write_anytime(folder, frame)
     write_curves(folder, frame)
     write_sweep_page(folder, frame)
-    return front[0] if front else None
+    return front
 
 
 def result_of(run: str, config: DictConfig, job_return: JobReturn) -> dict[str, Any]:
@@ -98,12 +98,9 @@ def first_line(error: BaseException) -> str:
 
 
 def log_failure(folder: Path, error: BaseException, *, everywhere: bool) -> None:
-    """Put the error into the run's log, where Hydra does not.
+    """Put an error into the run's log, where Hydra does not, with a traceback unless it is a message to the user.
 
-    Args:
-        folder: of the run.
-        error: a traceback is added unless it is a message to the user.
-        everywhere: on the terminal too; Hydra shows only the first failure of a sweep, but that of a single run.
+    ``everywhere`` is on the terminal too: Hydra shows that of a single run, but only the first of a sweep.
     """
     trace = None if isinstance(error, UserError) else (type(error), error, error.__traceback__)
     message = f"run {folder.name} failed: {first_line(error)}"

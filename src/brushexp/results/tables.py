@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import textwrap
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
@@ -63,38 +64,28 @@ METRICS = {  # those that tables and plots show, in this order, if some run has 
 DIGITS = {key: metric.digits for key, metric in METRICS.items()}
 
 
-def write_run_tables(folder: Path, frame: DataFrame) -> tuple[Path, Path, Path]:
-    """Write ``table.csv`` (every column in full precision), ``table.md`` and, for papers, ``table.tex``.
-
-    Args:
-        folder: where to.
-        frame: the runs, see `brushexp.results.runs`.
-
-    Returns:
-        Their paths.
-    """
+def write_run_tables(folder: Path, frame: DataFrame) -> None:
+    """Write ``table.csv`` (every column in full precision), ``table.md`` and, for papers, ``table.tex``."""
     runs, means = runs_table(frame), means_table(frame)
     told = [] if means is None else ["Mean ± standard deviation over seeds.", "", markdown_table(means), ""]
-    paths = folder / "table.csv", folder / "table.md", folder / "table.tex"
-    write_text(paths[0], csv_table(everything(frame)))
-    write_text(paths[1], "\n".join([*told, f"{run_count(frame)}.", "", markdown_table(runs, DIGITS), ""]))
-    write_text(paths[2], latex_table(runs.drop(columns=["run", "status"]) if means is None else means, DIGITS))
-    return paths
+    write_text(folder / "table.csv", csv_table(everything(frame)))
+    write_text(folder / "table.md", "\n".join([*told, f"{run_count(frame)}.", "", markdown_table(runs, DIGITS), ""]))
+    short = runs.drop(columns=["run", "status"]) if means is None else means
+    write_text(folder / "table.tex", latex_table(short, DIGITS))
 
 
 def everything(frame: DataFrame) -> DataFrame:
     """A row per run, with a column per setting and metric."""
-    told = frame["run"][["status", "error"]].join(frame["metric"].dropna(axis=1, how="all"))
-    settings = _settings(frame, list(frame["setting"].dropna(axis=1, how="all")), ["run", *told])
-    table = told[["status", "error"]].join(settings).join(told.drop(columns=["status", "error"]))
-    return table.rename_axis("run").reset_index()
+    metrics = frame["metric"].dropna(axis=1, how="all")
+    settings = _settings(frame, list(frame["setting"].dropna(axis=1, how="all")), ["run", "status", "error", *metrics])
+    return frame["run"][["status", "error"]].join(settings).join(metrics).rename_axis("run").reset_index()
 
 
 def runs_table(frame: DataFrame) -> DataFrame:
     """A row per run: the settings that vary, how it ended, and the metrics that are shown."""
     metrics = shown_metrics(frame)
     settings = _settings(frame, list(varying(frame)), ["run", "status", *metrics]).fillna("")
-    errors = frame["run", "error"].fillna("").map(_cut_error)
+    errors = (": " + frame["run", "error"]).fillna("").map(lambda text: textwrap.shorten(text, LONGEST_ERROR))
     return settings.assign(status=frame["run", "status"] + errors).join(metrics).rename_axis("run").reset_index()
 
 
@@ -112,10 +103,6 @@ def means_table(frame: DataFrame) -> DataFrame | None:
 def _settings(frame: DataFrame, keys: list[str], taken: Collection[str]) -> DataFrame:
     """These settings; one whose name is taken by another column is called ``override.<name>``."""
     return frame["setting"][keys].rename(columns={key: f"override.{key}" for key in keys if key in taken})
-
-
-def _cut_error(error: str) -> str:
-    return f": {error[:LONGEST_ERROR]}{'…' * (len(error) > LONGEST_ERROR)}" if error else ""
 
 
 def varying(frame: DataFrame) -> dict[str, list[str]]:
@@ -172,11 +159,11 @@ def csv_table(rows: Rows, significant: int | None = None) -> str:
 
     Args:
         rows: a list with a dictionary per row, a dictionary with a list per column, or a data frame.
-        significant: digits of a float; None writes it in full precision.
+        significant: digits of a finite float; None writes it in full precision.
     """
     frame = _frame(rows)
     if significant is not None:
-        frame = frame.map(lambda value: _rounded(value, significant) if isinstance(value, float) else value)
+        frame = frame.map(lambda x: f"{x:.{significant}g}" if isinstance(x, float) and math.isfinite(x) else x)
     return str(frame.to_csv(index=False, lineterminator="\n"))
 
 
@@ -220,10 +207,6 @@ def _shown(value: Any, digits: int | None) -> str:
     if value is None or value != value:  # noqa: PLR0124 (not a number)
         return MISSING
     return f"{value:.{digits}f}" if digits is not None and isinstance(value, Real) else str(value)
-
-
-def _rounded(value: float, significant: int) -> str:
-    return f"{value:.{significant}g}" if math.isfinite(value) else ""
 
 
 def _alignment(shown: DataFrame) -> str:

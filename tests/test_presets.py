@@ -1,0 +1,94 @@
+"""Presets of quality and named studies: all compose, and what you type wins over a study, a study over a preset."""
+
+import re
+import shlex
+import shutil
+
+import pytest
+from hydra import compose, initialize_config_dir
+from program import ROOT, run
+
+from brushexp.app.composition import check
+from brushexp.registry import build
+
+PRESETS = {path.stem: path for path in (ROOT / "conf" / "quality").glob("*.yaml")}
+STUDIES = {path.stem: path for path in sorted((ROOT / "conf" / "experiment").glob("*.yaml"))}
+LADDER = ("draft", "normal", "fine", "best")
+
+
+def composed(*overrides: str, conf=ROOT / "conf", hydra: bool = False):
+    with initialize_config_dir(version_base="1.3", config_dir=str(conf)):
+        return compose("config", overrides=list(overrides), return_hydra_config=hydra)
+
+
+LISTS = {study: list(composed(f"experiment={study}", hydra=True).hydra.sweeper.settings) for study in STUDIES}
+SETTINGS = [(study, setting) for study, listed in LISTS.items() if len(listed) > 1 for setting in listed]
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_preset_composes_with_everything_and_says_what_was_measured(preset):
+    for overrides in ([], ["density=fixed"], *([f"experiment={study}"] for study in ("thesis", "steps", "renderers"))):
+        check(composed(f"quality={preset}", *overrides))
+    cfg = composed(f"quality={preset}", "steps=3", "pixels_per_stroke=77", "density=fixed")
+    assert (cfg.steps, cfg.pixels_per_stroke) == (3, 77)
+    assert cfg.density._target_.endswith("Fixed")
+    head = PRESETS[preset].read_text().splitlines()
+    assert head[0] == "# @package _global_"
+    assert re.match(r"# \d+(\.\d+)? dB in \d+(\.\d+)? (s|min)\b", head[1])
+
+
+def test_better_takes_longer_and_normal_is_the_default():
+    assert set(PRESETS) >= set(LADDER)
+    assert composed() == composed("quality=normal")
+    work = [cfg.steps / cfg.pixels_per_stroke for cfg in (composed(f"quality={name}") for name in LADDER)]
+    assert work == sorted(set(work))
+    said = [re.findall(r"[\d.]+", PRESETS[name].read_text().splitlines()[1])[:2] for name in LADDER]
+    for figures in zip(*said, strict=True):  # decibels, and seconds
+        assert list(map(float, figures)) == sorted(map(float, figures))
+
+
+def test_what_you_type_wins_over_a_study_over_a_preset_over_the_task(tmp_path):
+    shutil.copytree(ROOT / "conf", tmp_path / "conf")
+    head = "# @package _global_\n# it\ndefaults:\n"
+    toy = head + "  - override /optimizer: soap\n\nsteps: 7\n"
+    (tmp_path / "conf" / "quality" / "toy.yaml").write_text(toy)
+    study = head + "  - override /quality: toy\n  - override /optimizer: lbfgs\n\npixels_per_stroke: 33\n"
+    (tmp_path / "conf" / "experiment" / "toy.yaml").write_text(study)
+    for typed, expected in {
+        "quality=toy": (7, 100, "SOAP"),
+        "experiment=toy": (7, 33, "LBFGS"),
+        "experiment=toy steps=5 optimizer=sgd": (5, 33, "SGD"),
+        "experiment=toy quality=best": (composed("quality=best").steps, 33, "LBFGS"),
+    }.items():
+        cfg = composed(*typed.split(), conf=tmp_path / "conf")
+        assert (cfg.steps, cfg.pixels_per_stroke, cfg.optimizer.name) == expected, typed
+
+
+def test_help_shows_what_each_preset_takes(tmp_path):
+    lines = [line.strip() for line in run("--help", cwd=tmp_path).stdout.splitlines()]
+    for name, path in PRESETS.items():
+        summary = path.read_text().splitlines()[1].removeprefix("# ")
+        assert any(line.startswith(f"{name} ") and line.endswith(summary) for line in lines), name
+
+
+@pytest.mark.parametrize("study", STUDIES)
+def test_a_study_composes_and_asks_a_question(study):
+    head = STUDIES[study].read_text().splitlines()
+    assert head[0] == "# @package _global_"
+    assert "?" in head[1]
+    assert f"experiment={study}" in head[1]
+    for node in composed(f"experiment={study}").get("loss", {}).values():  # a task without paintings has none
+        build(node)
+
+
+@pytest.mark.parametrize(("study", "setting"), SETTINGS)
+def test_every_setting_of_a_list_composes(study, setting):
+    cfg = composed(f"experiment={study}", *shlex.split(setting))
+    check(cfg)
+    for name in (*cfg.loss.values(), cfg.renderer, cfg.blend, cfg.sampler, cfg.density, cfg.order):
+        build(name)
+
+
+def test_no_setting_stands_in_a_list_twice():
+    for study, listed in LISTS.items():
+        assert len({tuple(sorted(shlex.split(setting))) for setting in listed}) == len(listed), study
