@@ -299,7 +299,7 @@ def test_a_painting_beside_itself_is_no_different_at_any_size(zoom):
     for name in MEASURES if zoom == 1 else ("length", "width", "area", "curvature", "orientation", "coherence"):
         assert far[name]["distance"] == pytest.approx(0, abs=1e-4), name
         assert far[name]["difference"] == pytest.approx(0, abs=1e-4), name
-        assert far[name]["delta"] in (None, pytest.approx(0, abs=0.01))
+        assert far[name]["delta"] in (None, pytest.approx(0, abs=0.05))
         assert far[name]["effect"] in ("negligible", None)
 
 
