@@ -164,7 +164,7 @@ def lightning_cost(blocks: int = 12, steps: int = 15) -> None:
 
     from brushexp.painting.painter import Painter  # noqa: PLC0415
     from brushexp.painting.timelapse import Timelapse  # noqa: PLC0415
-    from brushexp.system.callbacks import GracefulInterrupt, ProgressBar, TimedCheckpoint  # noqa: PLC0415
+    from brushexp.system.callbacks import ProgressBar, TimedCheckpoint  # noqa: PLC0415
 
     target, strokes = torch.rand(3, 512, 512), scene(2621, 512)
     parts = standard_components(steps=10**6)
@@ -189,13 +189,7 @@ def lightning_cost(blocks: int = 12, steps: int = 15) -> None:
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder)
-        callbacks = [
-            Alternate(),
-            GracefulInterrupt(""),
-            Timelapse(60, 360),
-            ProgressBar(),
-            TimedCheckpoint(path / "it", 60),
-        ]
+        callbacks = [Alternate(), Timelapse(60, 360), ProgressBar(), TimedCheckpoint(path / "it", 60)]
         options: dict[str, Any] = {"enable_progress_bar": False, "enable_model_summary": False, "log_every_n_steps": 1}
         logger = L.pytorch.loggers.CSVLogger(path)
         L.Trainer(max_steps=blocks * steps, logger=logger, callbacks=callbacks, accelerator="cpu", **options).fit(

@@ -5,12 +5,13 @@ import signal
 import lightning as L
 import pytest
 import torch
+from lightning.pytorch.loggers import CSVLogger
 from omegaconf import OmegaConf
 
 from brushexp.app.fitting import trainer_of
 from brushexp.errors import UserError
-from brushexp.registry import plugins
-from brushexp.system.callbacks import INTERRUPTED, MovingAverage, in_words
+from brushexp.registry import build_named, plugins
+from brushexp.system.callbacks import INTERRUPTED, MovingAverage
 
 
 class Line(L.LightningModule):
@@ -46,12 +47,11 @@ class Line(L.LightningModule):
         self.trainer.should_stop |= self.progress >= 1
 
 
-def fit(folder, module, *, names=(), resume=None, every=None, callbacks=(), **trainer):
-    node = {plugin.name: {"_target_": plugin.target} for plugin in plugins("callbacks") if plugin.name in names}
-    options = {"enable_progress_bar": False, "max_epochs": 1}
-    options |= {"enable_model_summary": False, "log_every_n_steps": 1}
-    cfg = OmegaConf.create({"callbacks": node, "trainer": options | trainer, "checkpoint_every": every})
-    made = trainer_of(cfg, torch.device("cpu"), folder, [], callbacks)
+def fit(folder, module, *, chosen=(), resume=None, every=None, callbacks=(), **trainer):
+    options = {"enable_progress_bar": False, "max_epochs": 1, "enable_model_summary": False, "log_every_n_steps": 1}
+    cfg = {"callbacks": dict(chosen), "trainer": options | trainer, "checkpoint_every": every}
+    logger = CSVLogger(folder, name="", version="curves")
+    made = trainer_of(OmegaConf.create(cfg), torch.device("cpu"), folder, [logger], callbacks)
     made.fit(module, ckpt_path=resume)
     return made
 
@@ -64,7 +64,7 @@ def test_a_fit_tells_where_it_stands_and_leaves_no_checkpoint(tmp_path, caplog):
     assert trainer.global_step == 8
     assert saved == [False, *[True] * 7]
     assert not (tmp_path / "checkpoint.ckpt").exists()
-    assert "drawing a line: 100 %, weight 0.83" in caplog.text
+    assert "drawing a line: 100 %, weight 0.83, 0:00:00 left" in caplog.text
 
 
 def test_ctrl_c_ends_cleanly_and_the_fit_continues_exactly(tmp_path):
@@ -88,22 +88,14 @@ def test_an_error_gives_ctrl_c_back(tmp_path):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-@pytest.mark.parametrize("name", [plugin.name for plugin in plugins("callbacks")])
-def test_lightnings_callbacks_can_be_chosen(tmp_path, name):
-    logger = [L.pytorch.loggers.CSVLogger(tmp_path)] if name in ("learning_rate_monitor", "device_stats") else None
-    (plugin,) = [plugin for plugin in plugins("callbacks") if plugin.name == name]
-    callback = plugin.cls().open(tmp_path)
-    trainer = L.Trainer(
-        max_epochs=1, logger=logger or False, callbacks=[callback], log_every_n_steps=1, accelerator="cpu",
-        enable_progress_bar=False, enable_model_summary=False, enable_checkpointing=name == "model_checkpoint",
-    )  # fmt: skip
-    trainer.fit(Line())
-    assert trainer.global_step == 8
+@pytest.mark.parametrize("plugin", plugins("callbacks"), ids=lambda plugin: plugin.name)
+def test_lightnings_callbacks_can_be_chosen(tmp_path, plugin):
+    assert fit(tmp_path, Line(), chosen={plugin.name: {"_target_": plugin.target}}).global_step == 8
 
 
 def test_no_more_gain_ends_the_fit(tmp_path):
-    (plugin,) = [plugin for plugin in plugins("callbacks") if plugin.name == "early_stopping"]
-    callback = plugin.cls(monitor="loss", mode="min", min_delta=0.2, patience=1, every=2).open(tmp_path)
+    options = {"monitor": "loss", "mode": "min", "min_delta": 0.2, "patience": 1, "every": 2}
+    callback = build_named("callbacks", "early_stopping", options).open(tmp_path)
     assert fit(tmp_path, Line(), callbacks=[callback]).global_step < 8
 
 
@@ -117,8 +109,3 @@ def test_the_average_lags_behind_and_is_left_in_place(tmp_path):
 def test_an_unknown_option_of_the_trainer_is_refused(tmp_path):
     with pytest.raises(UserError, match=r"trainer: .*speed"):
         fit(tmp_path, Line(), speed=9)
-
-
-@pytest.mark.parametrize(("seconds", "words"), [(4.04, "4 s"), (83, "83 s"), (425, "7.1 min"), (5401, "1.5 h")])
-def test_times_are_told_in_words(seconds, words):
-    assert in_words(seconds) == words

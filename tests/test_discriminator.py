@@ -162,9 +162,9 @@ def test_a_checkpoint_brings_the_same_loss_back(trained):
 
 
 def test_other_checkpoints_are_refused(trained, tmp_path):
-    with pytest.raises(UserError, match="not the recipe of a discriminator but of a renderer"):
+    with pytest.raises(UserError, match="not the recipe of a discriminator; give"):
         Discriminated(checkpoint=str(RENDERERS.path_of("neural")))
-    with pytest.raises(UserError, match="not the recipe of a renderer but of a discriminator"):
+    with pytest.raises(UserError, match="not the recipe of a renderer; give"):
         build_named("renderer", "neural", {"checkpoint": str(trained[1])})
     with pytest.raises(UserError, match=r"yours does not come with the program \(there are: discriminator\)"):
         Discriminated(checkpoint="yours")

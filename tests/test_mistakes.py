@@ -9,10 +9,10 @@ from omegaconf.errors import OmegaConfBaseException
 from brushexp.app.command_line import in_full
 from brushexp.app.composition import check
 from brushexp.app.help import help_text
-from brushexp.app.keys import keys_of, kind_of
+from brushexp.app.keys import keys_of
 from brushexp.app.mistakes import explanation
 from brushexp.app.schema import TASKS
-from brushexp.bounds import Bounds, above, at_least, between, bounds_of, multiple_of, one_of
+from brushexp.bounds import above, at_least, between, bounds_of, multiple_of, one_of
 from brushexp.errors import UserError
 
 ROOT = Path(__file__).parents[1]
@@ -64,18 +64,13 @@ MISTAKES = {
 }
 
 
-def explained(config, overrides: str) -> str:
-    """What the program would print."""
-    words = overrides.split(" ")
-    with pytest.raises((UserError, CompactHydraException, OmegaConfBaseException)) as caught:
-        check(config(*words), words)
-    return explanation(caught.value, ROOT / "conf", words)
-
-
 @pytest.mark.parametrize("overrides", MISTAKES)
 def test_a_mistake_is_told_with_what_to_type_instead(config, overrides, monkeypatch):
     monkeypatch.chdir(ROOT)
-    said = explained(config, overrides)
+    words = overrides.split(" ")
+    with pytest.raises((UserError, CompactHydraException, OmegaConfBaseException)) as caught:
+        check(config(*words), words)
+    said = explanation(caught.value, ROOT / "conf", words)
     assert MISTAKES[overrides] in said
     assert "\n" not in said
 
@@ -102,9 +97,8 @@ def test_a_mistake_is_told_with_what_to_type_instead(config, overrides, monkeypa
     ],
 )
 def test_short_forms_are_written_out(typed, meant):
-    assert in_full(typed.split(" ") if typed.startswith("-") else [typed]) == (
-        meant.split(" ") if typed.startswith("-") else [meant]
-    )
+    words = [text.split(" ") if typed.startswith("-") else [text] for text in (typed, meant)]
+    assert in_full(words[0]) == words[1]
 
 
 @pytest.mark.parametrize(
@@ -114,7 +108,6 @@ def test_short_forms_are_written_out(typed, meant):
         (between(0, 1), [0, 0.5, 1.0, None], 1.5, "x=1.5 is not 0 to 1; try x=1"),
         (above(0), [1e-9, 5], 0.0, "x=0 is not above 0; try x=3"),
         (above(0, 10), [10], 11, "x=11 is not above 0 and at most 10; try x=10"),
-        (Bounds(high=5), [-3, 5], 6, "x=6 is not at most 5; try x=5"),
         (multiple_of(16, 64), [16, 64], 40, "x=40 is not a multiple of 16, 16 to 64; try x=32"),
         (multiple_of(16), [16, 640], 3, "x=3 is not a multiple of 16, at least 16; try x=16"),
         (one_of("red", "green"), ["red"], "gren", "x=gren is not one of red, green; try x=green"),
@@ -134,26 +127,15 @@ def test_bounds_hold_and_propose_the_nearest_value(bounds, fine, wrong, message)
 
 def test_a_type_without_bounds_has_none():
     assert bounds_of(dict[str, int | None]) is None
-    assert kind_of(dict[str, float]) == "dict"
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_every_key_is_documented_and_its_default_is_within_its_bounds(task):
-    for name, key in keys_of(TASKS[task]).items():
-        assert 3 <= len(key.meaning) <= 110, name
-        assert key.type, name
-        if key.bounds is not None and key.default != "???":
-            key.bounds.check(name, key.default)
-
-
-@pytest.mark.parametrize("task", TASKS)
-def test_help_has_every_key_with_its_value_and_meaning(task):
-    from hydra import compose, initialize_config_dir  # noqa: PLC0415
-
-    with initialize_config_dir(version_base="1.3", config_dir=str(ROOT / "conf")):
-        cfg = compose("config", overrides=[f"task={task}", "seed=77"])
-    text = help_text(cfg, [], [ROOT / "conf"])
+def test_every_key_has_a_meaning_in_the_help_and_a_default_within_its_bounds(config, task):
+    text = help_text(config(f"task={task}", "seed=77"), [], [ROOT / "conf"])
     assert "  seed=77 " in text
     for name, key in keys_of(TASKS[task]).items():
         assert f"  {name}=" in text
-        assert " ".join(key.meaning.split()) in " ".join(text.split())
+        assert 3 <= len(key.meaning) <= 110, name
+        assert key.meaning in " ".join(text.split()), name
+        if key.bounds is not None and key.default != "???":
+            key.bounds.check(name, key.default)

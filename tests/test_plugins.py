@@ -69,15 +69,10 @@ def test_renderer_is_bounded_and_differentiable_in_every_field(config, name):
     assert alpha.max() <= 1 + 1e-6
     (alpha[..., None] * color).sum().backward()
     assert {field for field, value in strokes.items() if value.grad.abs().sum() > 0} == set(FIELDS)
-
-
-@pytest.mark.parametrize("name", names("renderer"))
-def test_nothing_of_a_stroke_lies_beyond_its_reach(config, name):
-    layers = default(config, "renderer", name)(random_strokes(5, SIZE))
-    fine = torch.linspace(0, 1, 200)
+    fine = torch.linspace(0, 1, 200)  # nothing of a stroke lies beyond its reach
     weights = torch.stack([(1 - fine) ** 2, 2 * fine * (1 - fine), fine**2], -1)  # (200, 3)
     points = torch.rand(500, 2) * 80 - 20
-    distance = torch.cdist(points[None], weights @ layers.curve)  # (5, 500, 200)
+    distance = torch.cdist(points[None], weights @ layers.curve.detach())  # (5, 500, 200)
     alpha, _ = layers.sample(torch.arange(5)[None], points[None])
     beyond = distance.min(-1).values > layers.reach[:, None] + 0.1
     assert (alpha[0][beyond] == 0).all()
@@ -116,13 +111,8 @@ def test_loss_is_finite_differentiable_and_zero_at_best(config, name):
         assert gradient is None or gradient.isfinite().all()
     if image.grad is not None and image.grad.abs().sum() > 0:
         assert loss(Painting(image.detach(), image.detach(), strokes)) < 1e-8, "a perfect picture costs nothing"
-
-
-@pytest.mark.parametrize("name", names("loss"))
-@pytest.mark.parametrize("n", [0, 1])
-def test_loss_is_finite_for_hardly_any_strokes(config, name, n):
-    image = torch.rand(3, *SIZE, requires_grad=True)
-    assert default(config, "loss", name)(Painting(image, torch.rand(3, *SIZE), random_strokes(n, SIZE))).isfinite()
+    for n in (0, 1):
+        assert loss(Painting(image, torch.rand(3, *SIZE), random_strokes(n, SIZE))).isfinite()
 
 
 @pytest.mark.parametrize("name", names("density"))

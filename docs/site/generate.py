@@ -5,18 +5,22 @@ from __future__ import annotations
 import enum
 import inspect
 from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from omegaconf import MISSING
 
 from brushexp.app.command_line import prepare
-from brushexp.app.keys import Key, groups_of, keys_of, kind_of
+from brushexp.app.keys import Key, groups_of, keys_of
 from brushexp.app.schema import TASKS, Task
+from brushexp.bounds import Bounds
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, options_of, plain_type, plugins
 
 ROOT = Path(__file__).parents[2]
 HEAD = "# @package _global_\n"  # first line of a config whose keys belong to the task
+WORDS = {int: "whole number", float: "number", bool: "true or false", str: "text"}
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -65,7 +69,10 @@ def tasks_page() -> str:
 
 def _keys(keys: dict[str, Key]) -> str:
     """A table of keys."""
-    rows = [f"| `{key.name}` | {key.type} | `{_value(key.default)}` | {_cell(key.meaning)} |" for key in keys.values()]
+    rows = [
+        f"| `{key.name}` | {_kind(key.annotation, key.bounds)} | `{_value(key.default)}` | {_cell(key.meaning)} |"
+        for key in keys.values()
+    ]
     return "\n".join(["| key | type | default | |", "|---|---|---|---|", *rows])
 
 
@@ -81,13 +88,25 @@ def _plugin(plugin: Plugin) -> str:
         parts.append("*An example plugin, in `plugins/`.*")
     rows = []
     for name, annotation, value in options_of(plugin.cls):
-        limits = f", {plugin.bounds[name]}" if name in plugin.bounds else ""
         default = "must be given" if value == MISSING else f"`{_value(value)}`"
-        kind = kind_of(plain_type(annotation)) + limits
+        kind = _kind(plain_type(annotation), plugin.bounds.get(name))
         rows.append(f"| `{name}` | {_cell(kind)} | {default} | {_cell(plugin.meanings[name])} |")
     if rows:
         parts.append("\n".join(["| option | type | default | |", "|---|---|---|---|", *rows]))
     return "\n\n".join(part for part in parts if part)
+
+
+def _kind(annotation: Any, bounds: Bounds | None = None) -> str:
+    """A type and its bounds in words."""
+    if bounds is not None:
+        return str(bounds) if bounds.names else f"{_kind(annotation)}, {bounds}"
+    if get_origin(annotation) in (UnionType, Union):
+        return " or ".join(_kind(part) for part in get_args(annotation) if part is not NoneType) + " or null"
+    if get_origin(annotation) is list:
+        return f"list of {_kind(get_args(annotation)[0])}"
+    if isinstance(annotation, type) and issubclass(annotation, enum.Enum):
+        return f"one of {', '.join(annotation.__members__)}"
+    return WORDS.get(annotation, getattr(annotation, "__name__", str(annotation)))
 
 
 def _value(default: object) -> str:

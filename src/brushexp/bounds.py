@@ -1,10 +1,7 @@
 """Which values an option takes, said once where it is declared: ``width: Annotated[int, at_least(1)] = 64``."""
 
-from __future__ import annotations
-
 import difflib
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -37,29 +34,19 @@ class Bounds:
     def __str__(self) -> str:
         if self.names:
             return f"one of {', '.join(map(str, self.names))}"
-        multiple = f"a multiple of {self.step}, " if self.step > 1 else ""
         if self.above:
-            return f"{multiple}above {self.low:.12g}" + (
-                f" and at most {self.high:.12g}" if self.high < math.inf else ""
-            )
-        if self.high == math.inf:
-            return f"{multiple}at least {self.low:.12g}"
-        return (
-            f"{multiple}at most {self.high:.12g}"
-            if self.low == -math.inf
-            else f"{multiple}{self.low:.12g} to {self.high:.12g}"
-        )
+            limits = f"above {self.low:.12g}" + (f" and at most {self.high:.12g}" if self.high < math.inf else "")
+        elif self.high < math.inf:
+            limits = f"{self.low:.12g} to {self.high:.12g}"
+        else:
+            limits = f"at least {self.low:.12g}"
+        return f"a multiple of {self.step}, {limits}" if self.step > 1 else limits
 
     def check(self, option: str, value: Any, default: Any = None) -> None:
         """Refuse a value beyond the bounds; None has none, and of a list or mapping every element counts.
 
-        Args:
-            option: what the user types, ``to.process.fps`` for instance.
-            value: what was typed.
-            default: of the option; proposed where no nearest value would do.
-
         Raises:
-            UserError: with the nearest value that would do.
+            UserError: with the nearest value that would do, or the default where there is none.
         """
         if isinstance(value, dict | list | tuple):
             for element in value.values() if isinstance(value, dict) else value:
@@ -114,5 +101,5 @@ def one_of(*names: str | int) -> Bounds:
 
 def bounds_of(annotation: Any) -> Bounds | None:
     """The bounds inside a type, ``Annotated[float, between(0, 1)] | None`` for instance."""
-    found: Iterable[Any] = (part if isinstance(part, Bounds) else bounds_of(part) for part in get_args(annotation))
+    found = (part if isinstance(part, Bounds) else bounds_of(part) for part in get_args(annotation))
     return next((part for part in found if part is not None), None)

@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper, BasicSweeperConf
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.config_store import ConfigStore
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -16,12 +16,10 @@ from hydra.plugins.search_path_plugin import SearchPathPlugin
 
 
 @dataclass
-class SettingsSweeperConf:
+class SettingsSweeperConf(BasicSweeperConf):
     """Options of ``hydra/sweeper=settings``: those of Hydra's own sweeper, and ``settings``."""
 
     _target_: str = "hydra_plugins.brushexp_settings.SettingsSweeper"
-    max_batch_size: int | None = None
-    params: dict[str, str] | None = None
     settings: list[str] = field(default_factory=lambda: [""])
 
 
@@ -47,33 +45,28 @@ class SettingsSweeper(BasicSweeper):
     def split_arguments(  # type: ignore[override]  # a static method there
         self, overrides: list[Override], max_batch_size: int | None
     ) -> list[list[list[str]]]:
-        """The overrides of every job, in batches; called by ``sweep`` before anything of it is written."""
-        assert self.hydra_context is not None
-        parser = OverridesParser.create(config_loader=self.hydra_context.config_loader)
-        jobs: list[list[str]] = []
-        for setting in self.settings:
-            own = parser.parse_overrides(shlex.split(setting))
-            jobs += BasicSweeper.split_arguments([*overrides, *own], None)[0]
-        self._check(jobs)
-        return [list(batch) for batch in self.split_overrides_to_chunks(jobs, max_batch_size)]
-
-    def _check(self, jobs: list[list[str]]) -> None:
-        """Compose every job, and refuse the sweep if one of them has a mistake.
+        """The overrides of every job, in batches; called by ``sweep`` before anything of it is written.
 
         Raises:
-            UserError: names the job, the mistake, and what to type instead.
+            UserError: if a job has a mistake: names the job, the mistake, and what to type instead.
         """
         from brushexp.app.composition import check  # noqa: PLC0415  (Hydra imports this file for any program)
         from brushexp.errors import UserError  # noqa: PLC0415
 
         assert self.hydra_context is not None
         assert self.config is not None
+        loader = self.hydra_context.config_loader
+        parser = OverridesParser.create(config_loader=loader)
+        jobs: list[list[str]] = []
+        for setting in self.settings:
+            own = parser.parse_overrides(shlex.split(setting))
+            jobs += BasicSweeper.split_arguments([*overrides, *own], None)[0]
         for number, job in enumerate(jobs):
-            cfg = self.hydra_context.config_loader.load_sweep_config(self.config, job)
             try:
-                check(cfg, job)
+                check(loader.load_sweep_config(self.config, job), job)
             except UserError as error:
                 raise UserError(f"job {number} of the sweep ({' '.join(job)}): {error}") from error
+        return [list(batch) for batch in self.split_overrides_to_chunks(jobs, max_batch_size)]
 
     def validate_batch_is_legal(self, batch: Sequence[Sequence[str]]) -> None:
         """Nothing: all jobs have been composed already."""

@@ -1,6 +1,4 @@
-"""The Lightning Trainer of a task: the device, the config's trainer options, and its callbacks."""
-
-from __future__ import annotations
+"""The Lightning Trainer of a task, with the device, options and callbacks of its config; an interrupted fit goes on."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,14 +6,18 @@ from typing import Any
 
 import lightning as L
 import torch
+from hydra.core.hydra_config import HydraConfig
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch.loggers import Logger
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
-from brushexp.app.resuming import CHECKPOINT
+from brushexp.app.composition import check
 from brushexp.errors import UserError
 from brushexp.registry import build
-from brushexp.system.callbacks import GracefulInterrupt, ProgressBar, TimedCheckpoint
+from brushexp.system.callbacks import ProgressBar, TimedCheckpoint
+
+CHECKPOINT = "checkpoint.ckpt"  # in a run's folder
+OVERRIDABLE = ("output", "device", "threads", "checkpoint_every")  # keys that may change when a run is resumed
 
 
 def trainer_of(
@@ -28,30 +30,43 @@ def trainer_of(
 ) -> L.Trainer:
     """A Trainer with a progress bar, checkpoints by time and a clean end at Ctrl-C.
 
-    Args:
-        cfg: of the run: ``trainer`` (options of Lightning's Trainer), ``callbacks`` and ``checkpoint_every`` are read.
-        device: where the module is.
-        folder: of the run.
-        loggers: of the curves.
-        callbacks: those of the task.
-        options: of the Trainer, by the task; those of the config win.
+    Of ``cfg`` it reads ``trainer`` (options of Lightning's Trainer, which win over ``options``), ``callbacks`` (beside
+    those given) and ``checkpoint_every``.
 
     Raises:
         UserError: if the Trainer does not take an option.
     """
     chosen = [build(node).open(folder) for node in cfg.callbacks.values()]
-    interrupt = GracefulInterrupt("stopping after this step; what is done so far will be written")
     checkpoint = TimedCheckpoint(folder / CHECKPOINT, cfg.checkpoint_every)
     cuda = device.type == "cuda"
-    options |= {str(key): value for key, value in cfg.trainer.items()}
     try:
         return L.Trainer(
             accelerator="gpu" if cuda else "cpu",
             devices=[device.index or 0] if cuda else 1,
             default_root_dir=folder,
             logger=list(loggers),
-            callbacks=[interrupt, *callbacks, *chosen, ProgressBar(), checkpoint],
-            **options,
+            callbacks=[*callbacks, *chosen, ProgressBar(), checkpoint],
+            **options | {str(key): value for key, value in cfg.trainer.items()},
         )
     except (TypeError, ValueError, MisconfigurationException) as error:
         raise UserError(f"trainer: {error}; see the options of Lightning's Trainer") from error
+
+
+def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
+    """Checkpoint and settings of a run that is to be continued.
+
+    Raises:
+        UserError: if there is nothing to continue there, or the command line changes what must stay.
+    """
+    settings, checkpoint = folder / ".hydra" / "config.yaml", folder / CHECKPOINT
+    for path in (settings, checkpoint):
+        if not path.is_file():
+            raise UserError(f"resume={folder}: there is no {path.name}; give the folder of an interrupted run")
+    for override in HydraConfig.get().overrides.task:
+        if override.lstrip("+~").partition("=")[0] not in (*OVERRIDABLE, "resume", "task"):
+            raise UserError(f"resume continues a run with its own settings; drop {override}")
+    kept = OmegaConf.load(settings)
+    assert isinstance(kept, DictConfig)
+    kept.merge_with({key: cfg[key] for key in OVERRIDABLE})
+    check(kept)
+    return checkpoint, kept

@@ -4,14 +4,10 @@
 composed; `--help`, the error messages and the documentation read the same lines of `schema`.
 """
 
-from __future__ import annotations
-
-import types
 from collections.abc import Mapping
 from dataclasses import MISSING as NO_DEFAULT
 from dataclasses import dataclass, field, fields, is_dataclass
-from enum import Enum
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_origin, get_type_hints
 
 from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, OmegaConf
@@ -39,13 +35,6 @@ class Key:
     bounds: Bounds | None
 
     @property
-    def type(self) -> str:
-        """What it takes, in words."""
-        if self.bounds is not None and self.bounds.names:
-            return str(self.bounds)
-        return kind_of(self.annotation) + (f", {self.bounds}" if self.bounds else "")
-
-    @property
     def is_list(self) -> bool:
         """Whether it takes several values."""
         return any(get_origin(part) is list for part in (self.annotation, *get_args(self.annotation)))
@@ -56,44 +45,29 @@ def keys_of(schema: type[Any], above: str = "") -> dict[str, Key]:
     hints = get_type_hints(schema)
     found: dict[str, Key] = {}
     inherited = {item.name for base in schema.__bases__ if is_dataclass(base) for item in fields(base)}
-    own = [item for item in fields(schema) if item.name not in inherited]
-    for item in own + [item for item in fields(schema) if item not in own]:
-        if not item.metadata:
-            found |= keys_of(hints[item.name], f"{above}{item.name}.")
-            continue
-        default = item.default_factory() if item.default_factory is not NO_DEFAULT else item.default
+    for item in sorted(fields(schema), key=lambda item: item.name in inherited):
         name = above + item.name
-        found[name] = Key(name, hints[item.name], default, item.metadata["meaning"], item.metadata["bounds"])
+        if item.metadata:
+            default = item.default if item.default_factory is NO_DEFAULT else item.default_factory()
+            found[name] = Key(name, hints[item.name], default, **item.metadata)
+        else:
+            found |= keys_of(hints[item.name], f"{name}.")
     return found
 
 
-def kind_of(annotation: Any) -> str:
-    """A type in words."""
-    if get_origin(annotation) in (types.UnionType, Union):
-        return " or ".join(kind_of(part) for part in get_args(annotation) if part is not type(None)) + " or null"
-    if get_origin(annotation) is list:
-        return f"list of {kind_of(get_args(annotation)[0])}"
-    if isinstance(annotation, type) and issubclass(annotation, Enum):
-        return f"one of {', '.join(annotation.__members__)}"
-    words = {int: "whole number", float: "number", bool: "true or false", str: "text"}
-    return words.get(annotation, getattr(annotation, "__name__", str(annotation)))
-
-
 def groups_of(schema: type[Any]) -> list[str]:
-    """The plugin families and other groups that a task takes, in the order of its defaults list."""
-    named = [name.strip("/") for entry in schema.defaults if isinstance(entry, dict) for name in entry]
-    return [name for name in named if "@" not in name]
+    """The plugin families and other groups of configs that a task takes."""
+    return [name for name in {**schema.groups, **schema.presets} if "@" not in name]
 
 
 def publish(tasks: Mapping[str, type[Any]]) -> None:
     """Make every task, by its name, a choice of Hydra's group ``task``."""
     for name, schema in tasks.items():
-        several: dict[str, Any] = {
-            family: {} for family in MULTI_SELECT if family in groups_of(schema)
-        }  # keeps the key of loss=[]
-        typed = _untied(OmegaConf.structured(schema))
-        node = OmegaConf.merge({"task": name}, several, typed, schema.settings)
-        node = OmegaConf.merge({"defaults": schema.defaults or ["_self_"]}, node)
+        groups = [{f"/{group}": chosen} for group, chosen in schema.groups.items()]
+        presets = [{f"/{group}": chosen} for group, chosen in schema.presets.items()]
+        several: dict[str, Any] = {family: {} for family in MULTI_SELECT if family in schema.groups}  # for loss=[]
+        head = {"defaults": [*groups, "_self_", *presets], "task": name, **several}
+        node = OmegaConf.merge(head, _untied(OmegaConf.structured(schema)), schema.settings)
         ConfigStore.instance().store(group="task", name=name, node=node, package="_global_", provider="brushexp")
 
 

@@ -1,10 +1,8 @@
 """What is wrong with a command line, in the words of the program; Hydra and OmegaConf have their own."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import fields
-from difflib import SequenceMatcher
+from difflib import get_close_matches
 from pathlib import Path
 
 from hydra import compose, initialize_config_dir
@@ -12,6 +10,7 @@ from hydra.errors import CompactHydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from brushexp.app.help import as_typed
 from brushexp.app.keys import groups_of, keys_of
 from brushexp.app.schema import TASKS
 from brushexp.registry import MULTI_SELECT, Plugin, plugins
@@ -20,28 +19,30 @@ KINDS = {"Integer": "a whole number", "Float": "a number", "bool": "true or fals
 
 
 def explanation(error: BaseException, conf: Path, arguments: list[str]) -> str:
-    """What is wrong, and what to type instead.
-
-    Args:
-        error: what Hydra, OmegaConf or the program raised.
-        conf: folder of the configs.
-        arguments: words of the command line.
-    """
+    """What is wrong by an error of Hydra, OmegaConf or the program, and what to type instead; ``conf``: the configs."""
     if isinstance(error, OSError) and not isinstance(error, CompactHydraException):
         return f"cannot use {error.filename}: {error.strerror}; choose another place with output=..."
     text = " ".join(str(error).partition("Config search path")[0].split())
     if isinstance(error, CompactHydraException) and isinstance(error.__cause__, OmegaConfBaseException):
         text += f": {' '.join(str(error.__cause__).split())}"
-    task = task_of(arguments, conf)
-    found = (
-        unquoted(text),
-        unknown_choice(text, conf),
-        unknown_group(text, task),
-        unknown_option(text),
-        unknown_key(text, task),
-        wrong_type(text, task),
-    )
-    return next((answer for answer in found if answer is not None), text)
+    return in_our_words(text, task_of(arguments, conf), conf) or text
+
+
+def in_our_words(text: str, task: str, conf: Path) -> str | None:
+    """What a message of Hydra or OmegaConf means for a task; None for one that is not known."""
+    if found := re.match(r"LexerNoViableAltException: (.*?) \^ See ", text):
+        return f"{found[1]} has letters that must stand in quotes; put it into both kinds: 'catalogue=\"a, b.h5\"'"
+    if found := re.search(r"Could not (?:find|load) '(\w+)/([^']+)'", text):
+        names = choices(found[1], conf)
+        return f"{found[1]}={found[2]} is not there; choose one of {nearest_first(found[2], names)}" if names else None
+    if found := re.search(r"Could not override '([\w.@/]+)'.*No match in the defaults list", text):
+        return f"task={task} has no {found[1]}; it takes {', '.join(groups_of(TASKS[task])) or 'no plugins'}"
+    if found := re.search(r"Key '(\w+)' not in '(\w+)'", text):
+        owners = [plugin for plugin in plugins() if plugin.config.__name__ == found[2]]
+        return unknown_option(found[1], owners[0]) if owners else None
+    if found := re.search(r"Key '[^']*' is not in struct full_key: (\S+)", text):
+        return unknown_key(found[1], task)
+    return wrong_type(text, task)
 
 
 def task_of(arguments: list[str], conf: Path) -> str:
@@ -62,44 +63,17 @@ def choices(group: str, conf: Path) -> list[str]:
 
 def nearest_first(word: str, names: list[str]) -> str:
     """The names as a list, those most like the word first."""
-    likeness = {name: SequenceMatcher(None, word, name.rpartition(".")[2]).ratio() for name in names}
-    return ", ".join(sorted(likeness, key=lambda name: (-likeness[name], name)))
+    return ", ".join(get_close_matches(word, names, max(1, len(names)), 0))
 
 
-def unquoted(text: str) -> str | None:
-    """A value with letters that mean something else to Hydra."""
-    if not text.startswith("LexerNoViableAltException: "):
-        return None
-    typed = text.removeprefix("LexerNoViableAltException: ").partition(" ^ See ")[0]
-    return f"{typed} has letters that must stand in quotes; put it into both kinds: 'catalogue=\"a, b.h5\"'"
+def option_names(plugin: Plugin) -> list[str]:
+    """Options of a plugin."""
+    return [field.name for field in fields(plugin.config) if field.name != "_target_"]
 
 
-def unknown_choice(text: str, conf: Path) -> str | None:
-    """A member that its group does not have."""
-    found = re.search(r"Could not (?:find|load) '(\w+)/([^']+)'", text)
-    names = [] if found is None else choices(found[1], conf)
-    return (
-        f"{found[1]}={found[2]} is not there; choose one of {nearest_first(found[2], names)}"
-        if found and names
-        else None
-    )
-
-
-def unknown_group(text: str, task: str) -> str | None:
-    """A family of plugins that a task does not take."""
-    found = re.search(r"Could not override '([\w.@/]+)'.*No match in the defaults list", text)
-    groups = ", ".join(groups_of(TASKS[task])) or "no plugins"
-    return f"task={task} has no {found[1]}; it takes {groups}" if found else None
-
-
-def unknown_option(text: str) -> str | None:
+def unknown_option(option: str, plugin: Plugin) -> str:
     """An option that a plugin does not have."""
-    found = re.search(r"Key '(\w+)' not in '(\w+)'", text)
-    plugin = next((plugin for plugin in plugins() if found and plugin.config.__name__ == found[2]), None)
-    if found is None or plugin is None:
-        return None
-    option, family = found[1], plugin.family
-    names = option_names(plugin)
+    family, names = plugin.family, option_names(plugin)
     text = f"{plugin.path}.{option} is no option of {family}={plugin.name}; "
     text += f"its options, nearest first: {nearest_first(option, names)}" if names else "it has none"
     owners = [other.name for other in plugins(family) if option in option_names(other)]
@@ -109,45 +83,31 @@ def unknown_option(text: str) -> str | None:
     return text
 
 
-def option_names(plugin: Plugin) -> list[str]:
-    """Options of a plugin."""
-    return [field.name for field in fields(plugin.config) if field.name != "_target_"]
-
-
-def unknown_key(text: str, task: str) -> str | None:
+def unknown_key(typed: str, task: str) -> str:
     """A key that a task does not have, or below a family of which several can be chosen."""
-    found = re.search(r"Key '[^']*' is not in struct full_key: (\S+)", text)
-    if found is None:
-        return None
-    typed = found[1]
     family, _, rest = typed.partition(".")
     if family in MULTI_SELECT and rest:
         name, names = rest.partition(".")[0], [plugin.name for plugin in plugins(family)]
         mend = f"add {name} to the list, '{family}=[{name},...]', or drop the keys below it"
         mend = mend if name in names else f"there are: {nearest_first(name, names)}"
         return f"{family}.{name} is tuned but not chosen; {mend}"
-    keys, groups = keys_of(TASKS[task]), groups_of(TASKS[task])
-    inner = [key for key in keys if "." in typed and key.startswith(f"{family}.")]
     text = f"{typed} is no key of task={task}; nearest first: "
-    text += nearest_first(typed.rpartition(".")[2], inner or [*keys, *groups])
-    others = [name for name, schema in TASKS.items() if typed in keys_of(schema) or typed in groups_of(schema)]
-    return text + (f". It is one of {', '.join(f'task={name}' for name in others)}" if others else "")
+    text += nearest_first(typed, [*keys_of(TASKS[task]), *groups_of(TASKS[task])])
+    others = [f"task={name}" for name, schema in TASKS.items() if typed in (*keys_of(schema), *groups_of(schema))]
+    return text + (f". It is one of {', '.join(others)}" if others else "")
 
 
 def wrong_type(text: str, task: str) -> str | None:
-    """A value that its key does not take."""
+    """A value that its key or option does not take."""
     typed = re.search(r"full_key: (\S+)", text)
     if typed is None:
         return None
     path, key = typed[1], keys_of(TASKS[task]).get(typed[1])
-    default = key.default if key else default_of(path)
-    meaning = f" ({key.meaning})" if key else ""
-    proposal = "null" if default is None else str(default).lower() if isinstance(default, bool) else default
+    proposal = as_typed(key.default if key else default_of(path)) + (f" ({key.meaning})" if key else "")
     if found := re.search(r"Value '(.*?)' (?:of type '\w+' could not be converted to|is not a valid) (\w+)", text):
-        kind = KINDS.get(found[2], found[2])
-        return f"{path}={found[1]} is not {kind}; try {path}={proposal}{meaning}"
+        return f"{path}={found[1]} is not {KINDS.get(found[2], found[2])}; try {path}={proposal}"
     if re.search(r"is not Optional|Incompatible value 'None'", text):
-        return f"{path}=null, but {path} must have a value; try {path}={proposal}{meaning}"
+        return f"{path}=null, but {path} must have a value; try {path}={proposal}"
     if found := re.search(r"Invalid value '(.*?)', expected one of \[(.*?)\]", text):
         return f"{path}={found[1]} is not there; choose one of {nearest_first(found[1], found[2].split(', '))}"
     if found := re.search(r"override [\w.@/]+=(.*?): Invalid value assigned: \w+ is not a ListConfig", text):

@@ -1,7 +1,5 @@
 """Hand the config over to its task."""
 
-from __future__ import annotations
-
 import gc
 import importlib
 import logging
@@ -31,7 +29,6 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
     hydra = HydraConfig.get()
     if hydra.mode is RunMode.MULTIRUN:
         start = time.monotonic()  # each job by itself
-    torch.set_num_threads(cfg.threads if isinstance(cfg.threads, int) and cfg.threads > 0 else fair_share(hydra))
     task = importlib.import_module(f"brushexp.app.tasks.{cfg.task}")
     gc.freeze()  # what is loaded now stays
     gc.enable()  # run.py has disabled it
@@ -39,13 +36,14 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
     warnings.filterwarnings("ignore", ".*in eval mode at the start of training")  # networks are frozen on purpose
     try:
         check(cfg, list(hydra.overrides.task))
+        torch.set_num_threads(cfg.threads or fair_share(hydra))
         result: dict[str, object] = task.run(cfg, start)
+        return result
     except UserError as error:
         if hydra.mode is RunMode.MULTIRUN:
             raise  # the other jobs go on, and this one is marked in the table
         log.error(error)
         raise SystemExit(1) from error
-    return result
 
 
 def fair_share(hydra: HydraConf) -> int:

@@ -1,7 +1,5 @@
 """The tasks: type, default, bounds and meaning of each key in one line, and the plugins that the task needs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -12,6 +10,11 @@ from brushexp.bounds import above, at_least, between, one_of
 
 LARGEST_SEED = 2**32 - 1  # of NumPy's generator
 LARGEST_SEED_SIMULATED = 2**64 - 1  # of the generator of strokes
+NETWORK_FIT: dict[str, Any] = {"trainer": "network", "callbacks": [], "logger": ["csv"]}
+DATA = "folder of task=simulate or a file in it, several with commas; null = simulate"
+EMA = "share of the old weights in the averaged ones at each step; 0 = no averaging"
+LIMIT = "use only the first so many training strokes; null = all"
+RESUME = "folder of an interrupted run: continue it exactly, with its own settings"
 
 
 @dataclass
@@ -19,11 +22,14 @@ class Task:
     """Keys of every task.
 
     Attributes:
-        defaults: Hydra's defaults list: the groups of the task and what is chosen of each.
+        groups: of configs, most of them families of plugins, and what is chosen of each; ``loss@style.loss`` is a loss
+            whose options are below ``style.loss``.
+        presets: groups that are values of the keys below: they win over those here, and an experiment wins over both.
         settings: values below the groups that differ from the defaults of their plugins.
     """
 
-    defaults: ClassVar[list[Any]] = []
+    groups: ClassVar[dict[str, Any]] = {}
+    presets: ClassVar[dict[str, str]] = {}
     settings: ClassVar[dict[str, Any]] = {}
 
     seed: int = key(0, "everything random follows from it", between(0, LARGEST_SEED))
@@ -46,23 +52,10 @@ class StyleTransfer:
 class PaintTask(Task):
     """Optimise a catalogue of strokes until it looks like the picture."""
 
-    defaults: ClassVar[list[Any]] = [
-        {"/init": "slic"},
-        {"/renderer": "analytic"},
-        {"/blend": "tiled"},
-        {"/order": "area"},
-        {"/loss": ["mse"]},
-        {"/density": "fixed"},
-        {"/sampler": "whole"},
-        {"/optimizer": "adam"},
-        {"/callbacks": []},
-        {"/trainer": "default"},
-        {"/logger": ["csv"]},
-        {"/loss@style.loss": "style"},
-        {"/loss@style.strokes": "brushwork"},
-        "_self_",
-        {"/quality": "normal"},  # after _self_: a preset wins over the values below, an experiment over both
-    ]
+    groups: ClassVar[dict[str, Any]] = {"init": "slic", "renderer": "analytic", "blend": "tiled", "order": "area"}
+    groups |= {"loss": ["mse"], "density": "fixed", "sampler": "whole", "optimizer": "adam", "callbacks": []}
+    groups |= {"trainer": "default", "logger": ["csv"], "loss@style.loss": "style", "loss@style.strokes": "brushwork"}
+    presets: ClassVar[dict[str, str]] = {"quality": "normal"}
     settings: ClassVar[dict[str, Any]] = {
         "style": {
             "loss": {"image": "${style.image}", "colors": "${style.colors}"},  # added to loss= with style.image
@@ -75,38 +68,24 @@ class PaintTask(Task):
     strokes: int | None = key(None, "number of strokes; null = one per pixels_per_stroke", at_least(1))
     pixels_per_stroke: float = key(100, "pixels of the picture for each stroke", at_least(1))
     steps: int = key(500, "gradient steps; 0 paints the initialisation", at_least(0))
-    steps_per_stroke: float | None = key(
-        None, "instead of steps: how often each stroke moves; partial updates need more steps for it", at_least(0)
-    )
-    coarse: float = key(
-        0, "share of the steps that come first, at half the resolution: pays where steps are few", between(0, 0.99)
-    )
-    warm_up: str | None = key(
-        "auto", "renderer that takes these steps first; auto = the fast one that a network names; null = none"
-    )
+    steps_per_stroke: float | None = key(None, "instead of steps: how often each stroke moves", at_least(0))
+    coarse: float = key(0, "share of the steps that come first, at half the resolution", between(0, 0.99))
+    warm_up: str | None = key("auto", "renderer of these steps; auto = the fast one that a network names; null = none")
     finish_steps: int = key(40, "gradient steps of each stroke with the chosen renderer after a warm-up", at_least(0))
     background: str = key("mean", "of the bare canvas: mean (of the picture), white, black, '#rrggbb'")
     catalogue: str | None = key(None, "start from the strokes of this catalogue.h5 instead of init")
-    resume: str | None = key(None, "folder of an interrupted run: continue it exactly, with its own settings")
+    resume: str | None = key(None, RESUME)
     seconds: float | None = key(None, "instead of steps: seconds of optimisation; the schedule fits them", at_least(0))
-    psnr: float | None = key(
-        None, "dB: stop when the picture as last seen is as good as this; null = never", at_least(0)
-    )
-    early_stop: float | None = key(
-        None, "dB: stop when 100 evaluations of the losses gained less than this; null = never", at_least(0)
-    )
+    psnr: float | None = key(None, "dB: stop when the picture is as good as this; null = never", at_least(0))
+    early_stop: float | None = key(None, "dB: stop when 100 evaluations gain less; null = never", at_least(0))
     checkpoint_every: float | None = key(60, "seconds between checkpoints; null = only when interrupted", at_least(0))
     frames: int = key(60, "pictures of the timelapse; 0 = none", between(0, 2000))
     frame_side: int = key(720, "their longer side in pixels", between(2, 4096))
     timelapse: str = key("mp4", "format of the timelapse: mp4, gif, or both", one_of("mp4", "gif", "both"))
-    timelapse_seconds: float | None = key(
-        None, "how long its pictures take; null = 15 a second; the painting then stays for 1.5 s", above(0)
-    )
+    timelapse_seconds: float | None = key(None, "that its pictures take; null = 15 pictures a second", above(0))
     report: bool = key(True, "report.html: the run on one page, with a replay of the painting")
     focus: str | None = key(None, "what matters most: auto (found in the picture) or a mask, the brighter the more")
-    focus_strength: float = key(
-        8, "errors at the brightest places count so many times those at the darkest", at_least(1)
-    )
+    focus_strength: float = key(8, "errors where it is brightest count so many times those elsewhere", at_least(1))
     lpips_backbone: str = key("alexnet", "network of lpips_weights", one_of("alexnet", "squeeze", "vgg16", "effl0"))
     lpips_weights: str | None = key(None, "file with its published features: metrics then hold the official LPIPS too")
     style: StyleTransfer = field(default_factory=StyleTransfer)
@@ -116,7 +95,7 @@ class PaintTask(Task):
 class ExportTask(Task):
     """Write a saved painting as pictures of any size, vectors, tables and more: to=png,svg,json,csv."""
 
-    defaults: ClassVar[list[Any]] = [{"/to": ["png"]}, {"/renderer": None}, {"/blend": "tiled"}, "_self_"]
+    groups: ClassVar[dict[str, Any]] = {"to": ["png"], "renderer": None, "blend": "tiled"}
 
     catalogue: str = key(MISSING, "catalogue.h5 of a run, or the strokes.json that to=json wrote")
     resolution: int | None = key(None, "longer side in pixels; null = as it was painted", at_least(1))
@@ -126,70 +105,47 @@ class ExportTask(Task):
 class SimulateTask(Task):
     """Simulate strokes of a brush on an empty canvas: what renderers are trained on."""
 
-    defaults: ClassVar[list[Any]] = [{"/engine": "fluid"}, "_self_"]
+    groups: ClassVar[dict[str, Any]] = {"engine": "fluid"}
 
     seed: int = key(0, "everything random follows from it", between(0, LARGEST_SEED_SIMULATED))
     n: int = key(10000, "strokes; the thesis had 100,000. A larger n continues a finished set", at_least(1))
-    path: str | None = key(
-        None, "folder of the set; null = strokes in the run's folder. Type it again to continue a run that was stopped"
-    )
+    path: str | None = key(None, "folder of the set, also to continue a stopped run; null = strokes in the run's")
 
 
 @dataclass
 class TrainTask(Task):
     """Train a renderer on simulated strokes, or with model=discriminator a network that recognises valid strokes."""
 
-    defaults: ClassVar[list[Any]] = [
-        {"/renderer": "neural"},
-        {"/engine": "fluid"},
-        {"/trainer": "network"},
-        {"/callbacks": []},
-        {"/logger": ["csv"]},
-        "_self_",
-        {"/model": "renderer"},
-    ]
+    groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "engine": "fluid"} | NETWORK_FIT
+    presets: ClassVar[dict[str, str]] = {"model": "renderer"}
     settings: ClassVar[dict[str, Any]] = {"renderer": {"checkpoint": None}}  # random weights
 
     model: str = key("renderer", "what is trained", one_of("renderer", "discriminator"))
-    data: list[str] | None = key(None, "folder of task=simulate or a file in it, several with commas; null = simulate")
-    simulate: int | None = key(
-        10000, "without data: strokes of a set that is made once and kept; null = fresh ones on the way", at_least(1)
-    )
+    data: list[str] | None = key(None, DATA)
+    simulate: int | None = key(10000, "without data: strokes of a set to be kept; null = fresh ones", at_least(1))
     sets: str = key("data", "folder of such sets")
     batch_size: int = key(64, "strokes of a step", at_least(1))
-    epochs: int | None = key(
-        None,
-        "passes through the data; null = no limit; 0 = only what a renderer reads directly off strokes",
-        at_least(0),
-    )
-    minutes: float | None = key(
-        60,
-        "of wall time; null = no limit. The learning rate falls to its end with the first limit reached",
-        at_least(0),
-    )
+    epochs: int | None = key(None, "through the data; null = no limit; 0 = read off strokes, no fit", at_least(0))
+    minutes: float | None = key(60, "of wall time; null = no limit. The rate falls to the first limit", at_least(0))
     lr: float = key(5.0e-4, "highest learning rate; from 1e-3 on some starts end in blank pictures", above(0))
-    ema: float = key(
-        0.999, "share of the old weights in the averaged ones at each step; 0 = no averaging", between(0, 1)
-    )
-    limit: int | None = key(None, "use only the first so many training strokes; null = all", at_least(1))
+    ema: float = key(0.999, EMA, between(0, 1))
+    limit: int | None = key(None, LIMIT, at_least(1))
     critic: bool = key(False, "RaSGAN beside L2: a critic scores the pictures")
     critic_lr: float = key(2.0e-3, "its highest learning rate, four times lr: the critic is the faster one", above(0))
     critic_weight: float = key(0.1, "how hard it pulls at the pictures, as a share of how hard L2 does", at_least(0))
     critic_width: int = key(16, "its channels at full size", at_least(1))
-    fid: int = key(
-        256, "held-out strokes whose FID (effl0) is among the curves, at each validation; 0 = none", at_least(0)
-    )
+    fid: int = key(256, "held-out strokes whose FID (effl0) is a curve of the validations; 0 = none", at_least(0))
     checkpoint_every: float | None = key(120, "seconds between checkpoints; null = only when interrupted", at_least(0))
-    resume: str | None = key(None, "folder of an interrupted run: continue it exactly, with its own settings")
+    resume: str | None = key(None, RESUME)
 
 
 @dataclass
 class EvaluateTask(Task):
     """Measure a renderer on simulated strokes that it was not trained on; -m renderer=analytic,neural compares some."""
 
-    defaults: ClassVar[list[Any]] = [{"/renderer": "neural"}, {"/blend": "tiled"}, {"/engine": "fluid"}, "_self_"]
+    groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "blend": "tiled", "engine": "fluid"}
 
-    data: list[str] | None = key(None, "folder of task=simulate or a file in it, several with commas; null = simulate")
+    data: list[str] | None = key(None, DATA)
     split: str = key("test", "which strokes of it", one_of("test", "validation"))
     n: int | None = key(None, "the first so many of them; null = all, or 1000 simulated ones", at_least(1))
     other_data: bool = key(False, "also measure a renderer on strokes of another brush than it was trained on")
@@ -200,30 +156,18 @@ class EvaluateTask(Task):
 class PruneTask(Task):
     """Remove channels of a trained renderer, train what is left a little further, and compare."""
 
-    defaults: ClassVar[list[Any]] = [
-        {"/renderer": "neural"},
-        {"/blend": "tiled"},
-        {"/engine": "fluid"},
-        {"/trainer": "network"},
-        {"/callbacks": []},
-        {"/logger": ["csv"]},
-        "_self_",
-    ]
+    groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "blend": "tiled", "engine": "fluid"} | NETWORK_FIT
 
-    ratios: list[float] = key(
-        [0, 0.25, 0.5], "shares of the channels of every layer that go; 0 is only trained further", between(0, 1)
-    )
-    data: list[str] | None = key(None, "folder of task=simulate or a file in it, several with commas; null = simulate")
+    ratios: list[float] = key([0, 0.25, 0.5], "shares of every layer's channels that go; 0 = none", between(0, 1))
+    data: list[str] | None = key(None, DATA)
     n: int | None = key(None, "measured on the first so many test strokes; null = all", at_least(1))
     other_data: bool = key(False, "also fine-tune a renderer on strokes of another brush than it was trained on")
     batch_size: int = key(64, "strokes of a step", at_least(1))
     epochs: int | None = key(None, "of fine-tuning each network, passes through the data; null = no limit", at_least(0))
     minutes: float | None = key(10, "of wall time for each network; null = no limit", at_least(0))
     lr: float = key(3.0e-4, "highest learning rate", above(0))
-    ema: float = key(
-        0.999, "share of the old weights in the averaged ones at each step; 0 = no averaging", between(0, 1)
-    )
-    limit: int | None = key(None, "use only the first so many training strokes; null = all", at_least(1))
+    ema: float = key(0.999, EMA, between(0, 1))
+    limit: int | None = key(None, LIMIT, at_least(1))
 
 
 @dataclass
@@ -239,21 +183,15 @@ class AnalyseTask(Task):
 
     catalogue: str = key(MISSING, "catalogue.h5 of a run")
     against: str | None = key(None, "catalogue.h5 of another one, to compare with")
-    radius: float | None = key(
-        None,
-        "pixels: neighbours of a stroke are as near or nearer; null = 4 pitches sqrt(pixels / strokes)",
-        at_least(0),
-    )
-    visible: float = key(
-        0, "share of a stroke that must be seen, or it is left out; 0 = hidden strokes count too", between(0, 1)
-    )
+    radius: float | None = key(None, "pixels to neighbours; null = 4 pitches sqrt(pixels / strokes)", at_least(0))
+    visible: float = key(0, "share of a stroke that must be seen, or it is left out", between(0, 1))
 
 
 @dataclass
 class ViewTask(Task):
     """Look at a saved painting, a run or a sweep in the browser: one page, served on this machine until Ctrl-C."""
 
-    defaults: ClassVar[list[Any]] = [{"/renderer": None}, {"/blend": "tiled"}, "_self_"]
+    groups: ClassVar[dict[str, Any]] = {"renderer": None, "blend": "tiled"}
 
     catalogue: str = key(MISSING, "a catalogue (.h5 or .json), or the folder of a run or sweep")
     port: int = key(0, "of this machine, 1 to 65535; 0 = any that is free", between(0, 65535))
@@ -271,6 +209,4 @@ class ExtremesTask(Task):
     patience: float = key(30, "seconds that the 10,000 steps of a cell may take, or fewer are taken", at_least(0))
 
 
-TASKS: dict[str, type[Task]] = {
-    schema.__name__.removesuffix("Task").lower(): schema for schema in Task.__subclasses__()
-}
+TASKS: dict[str, type[Task]] = {task.__name__.removesuffix("Task").lower(): task for task in Task.__subclasses__()}

@@ -7,15 +7,9 @@ from brushexp.errors import UserError
 
 def device_of(name: str) -> torch.device:
     """The device called ``name``; auto is the first CUDA device, or the CPU where there is none."""
-    available = torch.cuda.is_available()
+    found = torch.cuda.device_count()
     if name == "auto":
-        return torch.device("cuda" if available else "cpu")
-    try:
-        device = torch.device(name)
-    except RuntimeError as error:
-        raise UserError(f"device={name} is not a device; use device=auto, cpu, cuda or cuda:1") from error
-    if device.type not in ("cpu", "cuda"):
-        raise UserError(f"device={name} is not supported; use device=auto, cpu, cuda or cuda:1")
-    if device.type == "cuda" and (not available or (device.index or 0) >= torch.cuda.device_count()):
-        raise UserError(f"device={name}, but PyTorch finds {torch.cuda.device_count()} CUDA devices; use device=cpu")
-    return device
+        return torch.device("cuda" if found else "cpu")
+    if name not in ("cpu", *(["cuda"] if found else []), *(f"cuda:{k}" for k in range(found))):
+        raise UserError(f"device={name}, but PyTorch finds {found} CUDA devices; use device=cpu")
+    return torch.device(name)

@@ -1,6 +1,5 @@
 """Files that are written whole or not at all, and how numbers become pixels and JSON."""
 
-import errno
 import io
 import json
 import math
@@ -18,12 +17,6 @@ from torch import Tensor
 
 from brushexp.errors import UserError
 
-_CURES = {
-    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free some space or choose another folder"),
-    **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), "choose a folder that you may write to"),
-    errno.ENOENT: "create its folder or choose another one",
-}
-
 
 @contextmanager
 def replacing(path: Path, key: str = "output") -> Iterator[Path]:
@@ -31,12 +24,8 @@ def replacing(path: Path, key: str = "output") -> Iterator[Path]:
 
     Whatever goes wrong inside, Ctrl-C included, the temporary file is removed and the previous file is untouched.
 
-    Args:
-        path: the file.
-        key: what the user types to choose another place, for the message.
-
     Raises:
-        UserError: if the file cannot be written: no space, no permission, not a folder.
+        UserError: if the file cannot be written; it proposes another place with ``key``.
     """
     temporary = path.with_name(f".{path.stem[:40]}-{secrets.token_hex(4)}{path.suffix}")
     try:
@@ -47,11 +36,10 @@ def replacing(path: Path, key: str = "output") -> Iterator[Path]:
     except BaseException as error:
         with suppress(OSError):
             temporary.unlink()
-        if isinstance(error, OSError):
-            cure = _CURES.get(error.errno or 0, "choose another folder")
-            reason = error.strerror or str(error)
-            raise UserError(f"cannot write {path}: {reason}; {cure} with {key}=...") from error
-        raise
+        if not isinstance(error, OSError):
+            raise
+        reason = error.strerror or error
+        raise UserError(f"cannot write {path}: {reason}; mend that or choose another folder with {key}=...") from error
 
 
 def write_bytes(path: Path, data: bytes, key: str = "output") -> None:
@@ -71,12 +59,7 @@ def write_json(path: Path, data: Any) -> None:
 
 
 def write_picture(path: Path, image: Tensor | np.ndarray) -> None:
-    """Write a PNG.
-
-    Args:
-        path: where to.
-        image: a tensor (3, H, W) in [0, 1], or bytes (H, W, 3).
-    """
+    """Write a PNG of a tensor (3, H, W) in [0, 1], or of bytes (H, W, 3)."""
     pixels = to_bytes(image) if isinstance(image, Tensor) else image
     encoded = io.BytesIO()  # in memory: Pillow does not say why writing to a file failed
     Image.fromarray(pixels).save(encoded, format="PNG")

@@ -32,24 +32,20 @@ def dataset_of(file: h5py.File, name: str, dtype: type, shape: tuple[int, ...] |
 
 def text_of(file: h5py.File, name: str) -> str:
     """The attribute, if it is text."""
-    value = attribute_of(file, name)
-    if isinstance(value, bytes):
-        value = value.decode()
-    if not isinstance(value, str):
-        raise UserError(f"attribute {name} is {value!r}; text is needed")
-    return value
+    return str(attribute_of(file, name, str, "text"))
 
 
 def whole_number_of(file: h5py.File, name: str) -> int:
     """The attribute, if it is a whole number."""
-    value = attribute_of(file, name)
-    if not isinstance(value, np.integer):
-        raise UserError(f"attribute {name} is {value!r}; a whole number is needed")
-    return int(value)
+    return int(attribute_of(file, name, np.integer, "a whole number"))
 
 
-def attribute_of(file: h5py.File, name: str) -> Any:
-    """The attribute, whatever it is."""
+def attribute_of(file: h5py.File, name: str, kind: type = object, words: str = "") -> Any:
+    """The attribute, if it is of a kind, which is called ``words``; bytes count as text."""
     if name not in file.attrs:
         raise UserError(f"has no attribute {name}; it is damaged or not complete")
-    return file.attrs[name]
+    value = file.attrs[name]
+    value = value.decode() if isinstance(value, bytes) else value
+    if not isinstance(value, kind):
+        raise UserError(f"attribute {name} is {value!r}; {words} is needed")
+    return value

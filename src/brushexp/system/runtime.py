@@ -17,10 +17,7 @@ M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # names of malloc.h
 
 
 def let_threads_sleep() -> None:
-    """Make threads of OpenMP that wait for each other sleep instead of spin; call it before torch is imported.
-
-    On a busy machine spinning makes every step several times slower (docs/performance.md).
-    """
+    """Make waiting threads of OpenMP sleep, not spin, which slows a busy machine; call it before torch is imported."""
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
@@ -46,12 +43,7 @@ def share_threads() -> None:
 
 @contextmanager
 def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
-    """Let the first Ctrl-C call ``stop``, which makes the work end soon and in order; the second one ends it at once.
-
-    Args:
-        stop: called at the first Ctrl-C.
-        promise: what will be done then, for the log.
-    """
+    """Let the first Ctrl-C call ``stop`` and log the ``promise`` of an end in order; the second one ends at once."""
 
     def finish(signum: int, frame: FrameType | None) -> None:
         stop()

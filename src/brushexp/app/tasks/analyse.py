@@ -1,7 +1,5 @@
 """``task=analyse``: the brushwork of a saved painting in numbers and figures, alone or beside another."""
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """``task=compare``: put finished runs beside each other, from wherever they are."""
 
-from __future__ import annotations
-
 import logging
 import time
 from pathlib import Path

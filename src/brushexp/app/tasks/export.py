@@ -1,7 +1,5 @@
 """``task=export``: a saved painting as pictures of any size, vectors, tables and more, without optimising."""
 
-from __future__ import annotations
-
 import logging
 import time
 from pathlib import Path
@@ -29,13 +27,11 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         try:
             paths = exporter.write(job, folder)
         except MemoryError as error:
-            height, width = job.size
-            raise UserError(
-                f"to={name}: no memory for {width} x {height} pixels; choose a smaller resolution"
-            ) from error
+            size = f"{job.size[1]} x {job.size[0]} pixels"
+            raise UserError(f"to={name}: no memory for {size}; choose a smaller resolution") from error
         seconds = time.monotonic() - begin
         for path in paths:
-            log.info("%s: %s (%.1f s)", path, in_bytes(path.stat().st_size), seconds)
+            log.info("%s: %.3g MB (%.1f s)", path, path.stat().st_size / 1e6, seconds)
     return {
         "n_strokes": len(job.strokes),
         "height": job.size[0],
@@ -44,8 +40,3 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         "seconds_total": time.monotonic() - start,
         "status": "completed",
     }
-
-
-def in_bytes(count: int) -> str:
-    """A number of bytes as people read it."""
-    return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{count / 1e3:.1f} kB" if count >= 1e3 else f"{count} bytes"

@@ -1,7 +1,5 @@
 """``task=extremes``: draw and optimise extreme scenes with every renderer, blend and precision, and check each cell."""
 
-from __future__ import annotations
-
 import logging
 import time
 from pathlib import Path
@@ -12,10 +10,10 @@ from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.stress.check import Outcome
-from brushexp.stress.matrix import MatrixCell, axes_of, cells_in, examine
+from brushexp.stress.matrix import axes_of, cells_in, examine
 from brushexp.stress.report import draw_matrix, matrix_csv, matrix_text, outcome_counts, outcomes_in_words
 from brushexp.system.files import write_json, write_text
-from brushexp.system.progress import counting
+from brushexp.system.progress import with_progress
 from brushexp.system.runtime import peak_memory
 
 NAMED_CELLS = 5  # broken ones that the last message names
@@ -32,11 +30,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     folder = Path(HydraConfig.get().runtime.output_dir)
     L.seed_everything(cfg.seed, verbose=False)
     axes = axes_of(cfg.renderers, cfg.blends, cfg.dtypes, cfg.scenes)
-    cells: list[MatrixCell] = []
-    with counting("examining cells", cells_in(axes)) as show:
-        for cell in examine(axes, cfg.patience):
-            cells.append(cell)
-            show(len(cells))
+    cells = list(with_progress(examine(axes, cfg.patience), cells_in(axes), "examining cells"))
     write_text(folder / "extremes.csv", matrix_csv(cells))
     write_text(folder / "extremes.md", matrix_text(cells))
     draw_matrix(cells, folder / "extremes.png")
@@ -52,7 +46,5 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     broken = [cell for cell in cells if cell.check.outcome is Outcome.broken]
     if broken:
         names = "; ".join(f"{cell.name}: {cell.check.note}" for cell in broken[:NAMED_CELLS])
-        raise UserError(
-            f"{len(broken)} of {len(cells)} cells are broken: {names}; all of them are in {folder / 'extremes.md'}"
-        )
+        raise UserError(f"{len(broken)} of {len(cells)} cells are broken: {names}; see {folder / 'extremes.md'}")
     return metrics

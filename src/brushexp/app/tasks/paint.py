@@ -1,7 +1,5 @@
 """``task=paint``: optimise a catalogue of strokes until it looks like the picture."""
 
-from __future__ import annotations
-
 import logging
 import time
 from pathlib import Path
@@ -11,8 +9,7 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.app.fitting import trainer_of
-from brushexp.app.resuming import interrupted_run
+from brushexp.app.fitting import interrupted_run, trainer_of
 from brushexp.app.tracking import trackers_of
 from brushexp.errors import UserError
 from brushexp.features.distance import Distance, open_distance
@@ -45,7 +42,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     if cfg.get("resume") is not None:
         checkpoint, cfg = interrupted_run(Path(cfg.resume), cfg)
     device = device_of(cfg.device)
-    lpips = lpips_of(cfg)
+    lpips = None if cfg.lpips_weights is None else open_distance(cfg.lpips_backbone, cfg.lpips_weights, "lpips_weights")
     trackers = trackers_of(cfg, folder)
     L.seed_everything(cfg.seed, verbose=False)
     target = load_picture(cfg.image, cfg.resolution)
@@ -102,13 +99,6 @@ def report(folder: Path) -> None:
         write_run_page(folder)
     except Exception as error:
         log.error("no report.html of this run: %s", error, exc_info=not isinstance(error, UserError))
-
-
-def lpips_of(cfg: DictConfig) -> Distance | None:
-    """The official LPIPS, if the user has a file for it."""
-    if cfg.lpips_weights is None:
-        return None
-    return open_distance(cfg.lpips_backbone, cfg.lpips_weights, "lpips_weights")
 
 
 def style_of(painter: Painter, cfg: DictConfig) -> dict[str, float]:

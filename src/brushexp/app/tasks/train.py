@@ -13,8 +13,8 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
+from brushexp.app.fitting import interrupted_run
 from brushexp.app.network_fitting import fit_network, renderer_settings, save_renderer, training_recipe
-from brushexp.app.resuming import interrupted_run
 from brushexp.app.stroke_data import stroke_data
 from brushexp.app.tracking import trackers_of
 from brushexp.errors import UserError

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 class LearningRate(Callback):
     """Record the learning rate among the curves of the run (Lightning's LearningRateMonitor)."""
 
-    def __init__(self) -> None: ...
-
     def open(self, folder: Path) -> L.Callback:
         from lightning.pytorch.callbacks import LearningRateMonitor  # noqa: PLC0415
 
@@ -40,13 +38,8 @@ class StopOnPlateau(Callback):
     def __init__(
         self, *, monitor: str = "psnr", mode: str = "max", min_delta: float = 0.0, patience: int = 3, every: int = 100
     ) -> None:
-        self.options: dict[str, Any] = {
-            "monitor": monitor,
-            "mode": mode,
-            "min_delta": min_delta,
-            "patience": patience,
-        }
-        self.every = every
+        self.options: dict[str, Any] = {"mode": mode, "min_delta": min_delta, "patience": patience}
+        self.monitor, self.every = monitor, every
 
     def open(self, folder: Path) -> L.Callback:
         from lightning.pytorch.callbacks import EarlyStopping  # noqa: PLC0415
@@ -58,7 +51,7 @@ class StopOnPlateau(Callback):
                 if not trainer.enable_validation and trainer.global_step % every == 0:
                     self._run_early_stopping_check(trainer)
 
-        return EveryFewSteps(strict=False, **self.options)
+        return EveryFewSteps(self.monitor, strict=False, **self.options)
 
 
 @register("callbacks", "model_checkpoint")
@@ -76,12 +69,12 @@ class BestCheckpoints(Callback):
         self, *, monitor: str | None = None, mode: str = "max", save_top_k: int = 1, every_n_train_steps: int = 100
     ) -> None:
         self.options: dict[str, Any] = {"monitor": monitor, "mode": mode, "save_top_k": save_top_k}
-        self.every = every_n_train_steps
+        self.options["every_n_train_steps"] = every_n_train_steps
 
     def open(self, folder: Path) -> L.Callback:
         from lightning.pytorch.callbacks import ModelCheckpoint  # noqa: PLC0415
 
-        return ModelCheckpoint(folder / "checkpoints", every_n_train_steps=self.every, **self.options)
+        return ModelCheckpoint(folder / "checkpoints", **self.options)
 
 
 @register("callbacks", "timer")
@@ -104,8 +97,6 @@ class TimeLimit(Callback):
 @register("callbacks", "device_stats")
 class DeviceStats(Callback):
     """Record memory of the GPU, and with psutil load of the CPU, among the curves (Lightning's DeviceStatsMonitor)."""
-
-    def __init__(self) -> None: ...
 
     def open(self, folder: Path) -> L.Callback:
         from lightning.pytorch.callbacks import DeviceStatsMonitor  # noqa: PLC0415

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,7 @@ class Run:
         name: what to call it; of a job of a sweep, its number.
         group: name of the sweep that it belongs to; empty for a single run.
         chosen: what the command line set, key -> value as Hydra writes it; in a sweep this is what tells runs apart.
-        settings: of the whole run, resolved and nested; of a plugin its name, as ``plugin``, and its options.
+        settings: the config of the whole run, resolved.
         status: running, completed, interrupted or failed.
         metrics: what metrics.json holds; empty if the run failed.
         pictures: name -> PNG, in the order in which they should be shown.
@@ -47,8 +48,13 @@ class Run:
 
     @property
     def numbers(self) -> dict[str, float]:
-        """The metrics that are one number each."""
-        return {name: value for name, value in self.metrics.items() if type(value) in (int, float)}
+        """The metrics that are one finite number each."""
+        return {name: value for name, value in self.metrics.items() if type(value) in (int, float) and isfinite(value)}
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """The metrics that fit into a table: all but lists."""
+        return {name: value for name, value in self.metrics.items() if not isinstance(value, list | dict)}
 
 
 class Logger(ABC):

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 class CsvCurves(Logger):
     """``curves/metrics.csv`` in the run's folder: losses and PSNR by step."""
 
-    def __init__(self) -> None: ...
-
     def open(self, run: Run) -> LightningLogger:
         from lightning.pytorch.loggers import CSVLogger  # noqa: PLC0415
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from importlib.util import find_spec
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,8 +18,6 @@ from brushexp.registry import register
 if TYPE_CHECKING:
     from lightning.pytorch.loggers import Logger as LightningLogger
     from lightning.pytorch.loggers import TensorBoardLogger
-
-FOLDER = "tensorboard"
 
 
 @register("logger", "tensorboard")
@@ -39,9 +37,10 @@ class TensorBoard(Logger):
     def open(self, run: Run) -> LightningLogger:
         from lightning.pytorch.loggers import TensorBoardLogger  # noqa: PLC0415
 
-        self._curves = TensorBoardLogger(run.folder, name="", version=FOLDER, default_hp_metric=False)
+        self._curves = TensorBoardLogger(run.folder, name="", version="tensorboard", default_hp_metric=False)
         self._curves.log_hyperparams(dict(run.settings))  # into hparams.yaml: without metrics there is no table yet
-        self._curves.experiment.add_text("settings", as_code(yaml.safe_dump(dict(run.settings), sort_keys=False)))
+        settings = yaml.safe_dump(dict(run.settings), sort_keys=False)
+        self._curves.experiment.add_text("settings", f"```\n{settings}```")
         return self._curves
 
     def finish(self, run: Run) -> None:
@@ -49,29 +48,17 @@ class TensorBoard(Logger):
             return
         writer = self._curves.experiment
         for step, jpeg in run.frames.items():
-            writer.add_image("frames", picture_bytes(io.BytesIO(jpeg)), step, dataformats="HWC")
+            writer.add_image("frames", np.asarray(Image.open(io.BytesIO(jpeg))), step, dataformats="HWC")
         for name, path in run.pictures.items():
-            writer.add_image(name, picture_bytes(path), run.step, dataformats="HWC")
+            writer.add_image(name, np.asarray(Image.open(path)), run.step, dataformats="HWC")
         if run.metrics:
-            writer.add_text("metrics", as_table(run.metrics), run.step)
+            writer.add_text("metrics", as_table(run.row), run.step)
             final = {f"final/{name}": value for name, value in run.numbers.items()}
             self._curves.log_hyperparams(dict(run.chosen), final, run.step)
         if run.files:
             writer.add_text("files", as_table(run.files), run.step)
 
 
-def picture_bytes(picture: Path | io.BytesIO) -> np.ndarray:
-    """Bytes (H, W, 3) of a picture file."""
-    with Image.open(picture) as image:
-        return np.asarray(image.convert("RGB"))
-
-
-def as_code(text: str) -> str:
-    """Markdown that shows exactly this text."""
-    return "".join(f"    {line}\n" for line in text.splitlines())
-
-
-def as_table(values: Any) -> str:
-    """Markdown of a mapping: a row for each value, but none for lists."""
-    rows = [f"| {name} | {value} |" for name, value in values.items() if not isinstance(value, list | dict)]
-    return "\n".join(["| name | value |", "|---|---|", *rows])
+def as_table(values: Mapping[str, Any]) -> str:
+    """Markdown, a row for each value."""
+    return "\n".join(["| name | value |", "|---|---|", *(f"| {name} | {value} |" for name, value in values.items())])
