@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
+import lightning as L
 import numpy as np
 import pytest
 from painters import fit, painter_of
@@ -18,7 +19,6 @@ from brushexp.painting.goals import (
     PSNR_REACHED,
     SECONDS_SPENT,
     STOPPED_EARLY,
-    Goal,
     NoMoreGain,
     Quality,
     TimeBudget,
@@ -42,12 +42,12 @@ class Work:
         self.evaluations, self.is_coarse, self.stop = 0, False, ""
         self.rates: list[float] = []
 
-    def run(self, *goals: Goal, most: int = 10**5) -> "Work":
+    def run(self, *goals: L.Callback, most: int = 10**5) -> "Work":
         """Take steps as a painter would."""
         schedule = self.schedule
         schedule.start()
         for goal in goals:
-            goal.begin(self)
+            goal.on_fit_start(None, self)
         while schedule.step < min(schedule.steps, most) and not self.stop:
             done, steps = schedule.stage_progress
             self.rates.append(0.02 * TorchOptim().share(done / steps))
@@ -55,9 +55,9 @@ class Work:
             schedule.step += 1
             self.evaluations += 1
             for goal in goals:
-                goal.look(self)
+                goal.on_train_batch_end(None, self)
         for goal in goals:
-            goal.end(self)
+            goal.on_train_end(None, self)
         schedule.pause()
         return self
 
@@ -139,13 +139,13 @@ def test_an_early_stop_goes_on_with_the_next_stage():
 def test_an_early_stop_counts_evaluations_and_remembers_them():
     work, stop, other = Work(1000), NoMoreGain(1.0), NoMoreGain(1.0)
     work.evaluations = 150
-    stop.look(work)
+    stop.on_train_batch_end(None, work)
     other.load_state_dict(stop.state_dict())
     work.evaluations = 249
-    other.look(work)
+    other.on_train_batch_end(None, work)
     assert work.stop == ""
     work.evaluations = 250
-    other.look(work)
+    other.on_train_batch_end(None, work)
     assert work.stop == STOPPED_EARLY
 
 

@@ -1,5 +1,6 @@
 """Every way in which a run ends before its last step: time spent, quality reached, nothing gained.
 
+They look at a painter after every step, and end a stage with ``schedule.end_stage()``, or the run by setting ``stop``.
 What a run ended with is its ``status`` in metrics.json: ``completed`` (all steps were taken), ``interrupted`` (by the
 user, and to be continued), or one of those here.
 """
@@ -14,7 +15,6 @@ from typing import Any
 import lightning as L
 
 from brushexp.painting.metrics import psnr_of
-from brushexp.painting.painter import Painter
 from brushexp.system.callbacks import INTERRUPTED
 
 log = logging.getLogger(__name__)
@@ -27,33 +27,7 @@ RECENT_SHARE = 0.2  # of a stage's time so far, from which its speed is read
 RECENT_SECONDS = 0.25  # at least of it
 
 
-class Goal(L.Callback):
-    """Looks at a painting after every step and says when it is enough.
-
-    `look` ends a stage with ``schedule.end_stage()``, or the run by setting ``painter.stop``.
-    """
-
-    def on_fit_start(self, trainer: L.Trainer, pl_module: Any) -> None:
-        self.begin(pl_module)
-
-    def on_train_batch_end(self, trainer: L.Trainer, pl_module: Any, *_: object) -> None:
-        self.look(pl_module)
-        trainer.should_stop |= bool(pl_module.stop)
-
-    def on_train_end(self, trainer: L.Trainer, pl_module: Any) -> None:
-        self.end(pl_module)
-
-    def begin(self, painter: Painter) -> None:
-        """Look before the first step."""
-
-    def look(self, painter: Painter) -> None:
-        """Look after a step."""
-
-    def end(self, painter: Painter) -> None:
-        """Look after the last step."""
-
-
-class NoMoreGain(Goal):
+class NoMoreGain(L.Callback):
     """Ends a stage when 100 evaluations no longer gain ``gain`` dB, and with the last one the run.
 
     Evaluations and not steps, because a step of L-BFGS looks at the picture several times. Coarse steps are not judged.
@@ -65,7 +39,7 @@ class NoMoreGain(Goal):
         self.last = 0  # evaluations at the last comparison
         self.stage = 0
 
-    def look(self, painter: Painter) -> None:
+    def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
         if painter.is_coarse or painter.schedule.stage != self.stage:
             self.before, self.last, self.stage = None, painter.evaluations, painter.schedule.stage
         if painter.evaluations - self.last < GAIN_EVALUATIONS:
@@ -82,7 +56,7 @@ class NoMoreGain(Goal):
         self.before, self.last, self.stage = state_dict["before"], state_dict["last"], state_dict["stage"]
 
 
-class Quality(Goal):
+class Quality(L.Callback):
     """Ends the run when the picture as last seen, that is before the last step, has a PSNR of ``psnr`` dB.
 
     Only the last stage counts: what the renderers before it show is not what the run leaves.
@@ -91,19 +65,19 @@ class Quality(Goal):
     def __init__(self, psnr: float) -> None:
         self.psnr = psnr
 
-    def look(self, painter: Painter) -> None:
+    def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
         schedule = painter.schedule
         seen = schedule.stage_progress[0] > 0 and not painter.is_coarse  # by the renderer of this stage, in full
         if schedule.is_last_stage and seen and psnr_of(painter.picture.error) >= self.psnr:
             painter.stop = PSNR_REACHED
             log.info("psnr=%g is reached after %.1f s and %d steps", self.psnr, schedule.seconds, schedule.step)
 
-    def end(self, painter: Painter) -> None:
+    def on_train_end(self, trainer: L.Trainer, painter: Any) -> None:
         if painter.stop not in (PSNR_REACHED, INTERRUPTED):
             log.warning("psnr=%g was not reached: the picture has %.2f dB", self.psnr, psnr_of(painter.picture.error))
 
 
-class TimeBudget(Goal):
+class TimeBudget(L.Callback):
     """Fits the number of steps to ``seconds`` of optimisation, so that schedules come to their end with them.
 
     After every step the steps that are left are those that fit into the time left, at the speed of the last fifth of
@@ -119,7 +93,7 @@ class TimeBudget(Goal):
         self._since = 0.0  # seconds at which this stage began
         self._recent: deque[tuple[float, int]] = deque()  # lately, in this stage: seconds, steps
 
-    def begin(self, painter: Painter) -> None:
+    def on_fit_start(self, trainer: L.Trainer, painter: Any) -> None:
         """Divide the time; plan as many steps for what is left as a stage has, and at least one."""
         schedule = painter.schedule
         if not self.deadlines:
@@ -132,7 +106,7 @@ class TimeBudget(Goal):
         self._stage, self._since = schedule.stage, schedule.seconds
         self._recent = deque([(schedule.seconds, schedule.step)])
 
-    def look(self, painter: Painter) -> None:
+    def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
         schedule = painter.schedule
         now = schedule.seconds
         if schedule.stage != self._stage:
@@ -148,7 +122,7 @@ class TimeBudget(Goal):
             moved = schedule.step + max(0, round(left)) - schedule.ends[self._stage]
             schedule.ends[self._stage :] = [end + moved for end in schedule.ends[self._stage :]]
 
-    def end(self, painter: Painter) -> None:
+    def on_train_end(self, trainer: L.Trainer, painter: Any) -> None:
         if painter.schedule.step >= painter.schedule.steps and not painter.stop:
             painter.stop = SECONDS_SPENT
             log.info("seconds=%g are spent after %d steps", self.seconds, painter.schedule.step)
@@ -160,7 +134,7 @@ class TimeBudget(Goal):
         self.deadlines = state_dict["deadlines"]
 
 
-def goals_of(*, early_stop: float | None, psnr: float | None, seconds: float | None) -> list[Goal]:
+def goals_of(*, early_stop: float | None, psnr: float | None, seconds: float | None) -> list[L.Callback]:
     """The goals of a run; None is no goal."""
     goals = ((NoMoreGain, early_stop), (Quality, psnr), (TimeBudget, seconds))
     return [goal(value) for goal, value in goals if value is not None]

@@ -206,7 +206,7 @@ class Painter(L.LightningModule):
     def on_train_batch_end(self, outputs: Any, batch: Any, batch_idx: int) -> None:
         is_last = self.schedule.step >= self.schedule.steps
         self._curves.after_step(self, is_last=is_last)
-        self.trainer.should_stop |= is_last
+        self.trainer.should_stop |= is_last or bool(self.stop)
 
     def on_train_end(self) -> None:
         self.schedule.pause()
