@@ -29,15 +29,8 @@ AUTO = "auto"  # warm_up that leaves it to the renderer
 
 def components_of(cfg: DictConfig) -> Components:
     """Build what the config names."""
-    return Components(
-        stages=stages_of(cfg),
-        blend=build(cfg.blend),
-        order=build(cfg.order),
-        losses=losses_of(cfg),
-        density=build(cfg.density),
-        sampler=build(cfg.sampler),
-        optimizer=build(cfg.optimizer),
-    )
+    others = {family: build(cfg[family]) for family in ("blend", "order", "density", "sampler", "optimizer")}
+    return Components(stages=stages_of(cfg), losses=losses_of(cfg), **others)
 
 
 def losses_of(cfg: DictConfig) -> dict[str, Loss]:

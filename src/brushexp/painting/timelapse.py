@@ -17,7 +17,6 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from brushexp.errors import UserError
-from brushexp.painting.painter import Painter
 from brushexp.pictures.video import MOST_FPS, MOST_SECONDS, Format, filming
 from brushexp.system.files import to_bytes
 
@@ -49,14 +48,10 @@ class Timelapse(L.Callback):
         self.kind = kind
         self._frames: dict[int, bytes] = {}  # step -> JPEG
 
-    def on_train_start(self, trainer: L.Trainer, pl_module: Any) -> None:
-        self.look(pl_module)
+    def on_train_start(self, trainer: L.Trainer, painter: Any) -> None:
+        self.on_train_batch_end(trainer, painter)
 
-    def on_train_batch_end(self, trainer: L.Trainer, pl_module: Any, *_: object) -> None:
-        self.look(pl_module)
-
-    def look(self, painter: Painter) -> None:
-        """Keep the picture as it is now if its moment has come."""
+    def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
         if self.due(painter.schedule.step, painter.schedule.steps):
             self.add(painter.latest(), painter.schedule.step)
 
