@@ -206,7 +206,7 @@ class ExtremesTask(Task):
     blends: list[str] | None = key(None, "names; null = all")
     dtypes: list[str] | None = key(None, "names; null = float64, float32, bfloat16 and float16")
     scenes: list[str] | None = key(None, "names, as the tables have them; null = all")
-    patience: float = key(30, "seconds that the 10,000 steps of a cell may take, or fewer are taken", at_least(0))
+    patience: float = key(10, "seconds after which a cell takes no further of its up to 10,000 steps", at_least(0))
 
 
 TASKS: dict[str, type[Task]] = {task.__name__.removesuffix("Task").lower(): task for task in Task.__subclasses__()}

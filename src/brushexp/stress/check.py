@@ -1,12 +1,19 @@
-"""The check of one cell of the matrix of extremes against float64, and the bounds that it goes by."""
+"""Cells of one picture: a scene drawn forwards and backwards in one precision, checked against float64."""
 
+from copy import deepcopy
 from dataclasses import dataclass
 from enum import Enum
 
 import torch
 from torch import Tensor
 
-from brushexp.strokes.catalogue import FIELDS, Strokes
+from brushexp.compositing.layers import Layers
+from brushexp.errors import UserError
+from brushexp.plugins.blend.base import Blend, pixel_centres
+from brushexp.plugins.blend.dense import Dense
+from brushexp.plugins.renderer.base import Renderer
+from brushexp.stress.scenes import BACKGROUND, StressScene
+from brushexp.strokes.catalogue import FIELDS, PRECISE, Strokes
 
 DTYPES = {"float64": torch.float64, "float32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16}
 # Largest difference of a pixel, in [0, 1]. Strokes of 16 bits are drawn in float32, so their pictures are as exact.
@@ -14,55 +21,104 @@ PICTURE_BOUNDS = {"float64": 1e-9, "float32": 1e-4, "bfloat16": 1e-4, "float16":
 # Largest relative difference of a field's gradient, see `gradient_error`; of 16 bits, what rounding it once may cost.
 GRADIENT_BOUNDS = {"float64": 1e-6, "float32": 1e-3, "bfloat16": 2**-8, "float16": 2**-9}
 NEGLIGIBLE_SHARE = 1e-3  # of the sum of |dL/dI| over all pixels, below which a gradient moves nothing
+PROBED_STROKES, PROBED_PIXELS = 64, 2000  # at which alpha is looked at, at most
+CRASHES = (RuntimeError, TypeError, ValueError, LookupError, ArithmeticError, MemoryError, AssertionError)
 
 
 class Outcome(Enum):
-    """What became of a scene.
+    """What became of a scene."""
 
-    exact: picture and gradient agree with float64 within the bounds; degraded: finite, but outside of them; refused:
-    with a message that a user can act on; broken: NaN, Inf, an alpha or a picture outside [0, 1], or a crash.
-    """
-
-    exact = "exact"
-    degraded = "degraded"
-    refused = "refused"
-    broken = "broken"
+    exact = "exact"  # picture and gradient agree with float64 within the bounds
+    degraded = "degraded"  # finite, but outside of them
+    refused = "refused"  # with a message that a user can act on
+    broken = "broken"  # NaN, Inf, an alpha or a picture outside [0, 1], or a crash
 
 
 @dataclass(frozen=True)
 class Check:
     """An outcome and its reasons.
 
-    Attributes:
-        outcome: in a word.
-        picture: largest difference of a pixel from float64; None if there is no picture.
-        gradient: largest relative difference of a gradient; None if there is none.
-        note: what should be known besides: a message, what is broken, how many strokes or steps it was.
-        only_gradient: the picture is within its bound, a gradient is not.
+    ``picture`` is the largest difference of a pixel from float64, ``gradient`` the largest relative difference of a
+    gradient, None without one. ``note`` is a message, what is broken, or how many strokes or steps it was.
     """
 
     outcome: Outcome
     picture: float | None = None
     gradient: float | None = None
     note: str = ""
-    only_gradient: bool = False
 
 
 @dataclass(frozen=True)
 class DrawnScene:
-    """A scene drawn forwards and backwards.
+    """A scene drawn forwards and backwards: the picture (3, H, W), and the gradient of its mean squared error by field.
 
-    Attributes:
-        image: (3, H, W).
-        gradient: of the mean squared error, field -> as the field; empty if there is none.
-        pull: sum of |dL/dI| over the picture, what a gradient is large or small against.
-        fault: "" or what is already known to be broken.
+    ``pull`` is the sum of |dL/dI| over the picture, what a gradient is large or small against; ``fault`` is "" or what
+    is already known to be broken.
     """
 
     image: Tensor
     gradient: dict[str, Tensor]
     pull: float = 0.0
     fault: str = ""
+
+
+def draw_scene(renderer: Renderer, blend: Blend, scene: StressScene, strokes: Strokes) -> DrawnScene:
+    """The picture of ``strokes`` on the canvas of a scene, and the gradient of its mean squared error."""
+    strokes = strokes.map(lambda value: value.detach().clone().requires_grad_())
+    layers = renderer(strokes)
+    order = torch.arange(len(strokes)) if scene.order is None else scene.order
+    image = blend(layers, order, scene.size, torch.tensor(BACKGROUND)).image
+    error = image - scene.target.to(image)
+    if image.requires_grad:
+        error.square().mean().backward()
+    gradient = {name: torch.zeros_like(v) if v.grad is None else v.grad for name, v in strokes.items()}
+    pull = float(2 * error.detach().double().abs().mean())
+    return DrawnScene(image.detach(), gradient, pull, _alpha_fault(layers, scene.size))
+
+
+class Reference:
+    """A scene in float64, each picture drawn once."""
+
+    def __init__(self, renderer: Renderer, scene: StressScene) -> None:
+        self.renderer = deepcopy(renderer).double()
+        self.scene = scene
+        self._drawn: dict[tuple[Blend | None, str], DrawnScene] = {}
+
+    def by(self, blend: Blend | None, dtype: str) -> DrawnScene:
+        """The strokes as ``dtype`` holds them, drawn in float64; None for every stroke at every pixel."""
+        kind = DTYPES[dtype]
+        held = "" if kind in PRECISE else dtype
+        if (blend, held) not in self._drawn:
+            strokes = self.scene.strokes.map(lambda value: (value.to(kind) if held else value).double())
+            self._drawn[blend, held] = draw_scene(self.renderer, blend or Dense(), self.scene, strokes)
+        return self._drawn[blend, held]
+
+
+def check_drawing(renderer: Renderer, reference: Reference, blend: Blend, dtype: str) -> Check:
+    """Check what a renderer and a blend make of a scene in one precision.
+
+    In float64 against every stroke at every pixel (``blend=dense``): this says what a blend leaves out by design. In
+    the others against the same blend in float64 and the same strokes as the precision holds them: this says what the
+    arithmetic costs.
+    """
+    scene, strokes = reference.scene, reference.scene.strokes
+    note = f"{len(strokes)} of {scene.wanted:,} strokes" if len(strokes) < scene.wanted else ""
+    try:
+        in_full = compare("float64", reference.by(blend, "float64"), reference.by(None, "float64"), strokes, note)
+        if dtype == "float64":
+            return in_full
+        drawn = draw_scene(renderer, blend, scene, strokes.map(lambda value: value.to(DTYPES[dtype])))
+        exact = reference.by(None if in_full.outcome is Outcome.exact else blend, dtype)
+        return compare(dtype, drawn, exact, strokes, note)
+    except (UserError, *CRASHES) as error:
+        return check_of_error(error)
+
+
+def check_of_error(error: Exception) -> Check:
+    """Refused if a user can act on the message of an exception, else broken."""
+    if isinstance(error, UserError):
+        return Check(Outcome.refused, note=str(error))
+    return Check(Outcome.broken, note=f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}")
 
 
 def compare(dtype: str, drawn: DrawnScene, exact: DrawnScene, strokes: Strokes, note: str = "") -> Check:
@@ -73,20 +129,8 @@ def compare(dtype: str, drawn: DrawnScene, exact: DrawnScene, strokes: Strokes, 
     picture = float((drawn.image.double() - exact.image).abs().max())
     slopes = [gradient_error(g, exact.gradient[name], name, strokes, exact.pull) for name, g in drawn.gradient.items()]
     slope = max(slopes, default=None)
-    seen, moved = picture > PICTURE_BOUNDS[dtype], slope is not None and slope > GRADIENT_BOUNDS[dtype]
-    outcome = Outcome.degraded if seen or moved else Outcome.exact
-    return Check(outcome, picture, slope, note, only_gradient=moved and not seen)
-
-
-def _fault_of(drawn: DrawnScene, slack: float) -> str:
-    """What is broken about a picture or its gradient; "" if nothing is."""
-    image = drawn.image
-    if not image.isfinite().all():
-        return "the picture is not finite"
-    if image.numel() and (image.min() < -slack or image.max() > 1 + slack):
-        return f"the picture goes from {float(image.min()):.3g} to {float(image.max()):.3g}"
-    wrong = [name for name, value in drawn.gradient.items() if not value.isfinite().all()]
-    return f"the gradient of {wrong[0]} is not finite" if wrong else ""
+    within = picture <= PICTURE_BOUNDS[dtype] and (slope is None or slope <= GRADIENT_BOUNDS[dtype])
+    return Check(Outcome.exact if within else Outcome.degraded, picture, slope, note)
 
 
 def gradient_error(value: Tensor, exact: Tensor, name: str, strokes: Strokes, pull: float) -> float:
@@ -95,11 +139,9 @@ def gradient_error(value: Tensor, exact: Tensor, name: str, strokes: Strokes, pu
     Gradients of points and widths, which are fractions of a window, count per pixel, so that large windows do not
     make rounding large.
     """
-    if not len(value):
-        return 0.0
     difference, size = value.double() - exact.double(), exact.double()
     if name in ("start", "control", "end", "width"):
-        per_pixel = 0.5 * strokes.scale.double().reshape(-1, *[1] * (value.ndim - 1))
+        per_pixel = 0.5 * strokes.scale.double().reshape(len(value), *[1] * (value.ndim - 1))
         difference, size = difference / per_pixel, size / per_pixel
     return float(difference.norm() / (size.norm() + NEGLIGIBLE_SHARE * pull + 1e-300))
 
@@ -107,10 +149,38 @@ def gradient_error(value: Tensor, exact: Tensor, name: str, strokes: Strokes, pu
 def range_fault(strokes: Strokes, slack: float = 1e-6) -> str:
     """Which field of strokes is not finite or outside `FIELDS`; "" if none is."""
     for name, field in FIELDS.items():
-        value = getattr(strokes, name).detach()
-        if not value.isfinite().all():
-            return f"{name} is not finite"
         room = slack * max(abs(field.low), abs(field.high))
-        if len(value) and (value.min() < field.low - room or value.max() > field.high + room):
-            return f"{name} goes from {float(value.min()):g} to {float(value.max()):g}"
+        fault = _interval_fault(name, getattr(strokes, name).detach(), field.low - room, field.high + room)
+        if fault:
+            return fault
+    return ""
+
+
+def _fault_of(drawn: DrawnScene, slack: float) -> str:
+    """What is broken about a picture or its gradient; "" if nothing is."""
+    wrong = [f"the gradient of {name} is not finite" for name, v in drawn.gradient.items() if not v.isfinite().all()]
+    return _interval_fault("the picture", drawn.image, -slack, 1 + slack) or "".join(wrong[:1])
+
+
+@torch.no_grad()
+def _alpha_fault(layers: Layers, size: tuple[int, int]) -> str:
+    """What is wrong with the alpha of some strokes at some pixels."""
+    index, pixel = _evenly(len(layers.reach), PROBED_STROKES), _evenly(size[0] * size[1], PROBED_PIXELS)
+    alpha, color = layers.sample(index, pixel_centres(pixel, size[1], layers.color.dtype))
+    slack = PICTURE_BOUNDS["float32"]
+    wrong = _interval_fault("alpha of a stroke", alpha, -slack, 1 + slack)
+    return wrong or _interval_fault("colour of a stroke", color, -torch.inf, torch.inf)
+
+
+def _evenly(n: int, most: int) -> Tensor:
+    """At most so many of n numbers from 0, evenly spaced (1, ...)."""
+    return torch.linspace(0, n - 1, min(n, most)).round().long()[None]
+
+
+def _interval_fault(name: str, value: Tensor, low: float, high: float) -> str:
+    """What is wrong with numbers that should be finite and between two others; "" if nothing is."""
+    if not value.isfinite().all():
+        return f"{name} is not finite"
+    if value.numel() and (value.min() < low or value.max() > high):
+        return f"{name} goes from {float(value.min()):.3g} to {float(value.max()):.3g}"
     return ""

@@ -1,15 +1,16 @@
 """The whole matrix of extremes: every scene with every renderer, blend and precision."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 
 from brushexp.errors import UserError
+from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build_named, plugins
-from brushexp.stress.check import DTYPES, Check
-from brushexp.stress.painting import check_painting, exercises
-from brushexp.stress.reference import Reference, check_drawing, most_strokes
+from brushexp.stress.check import DTYPES, Check, Reference, check_drawing
+from brushexp.stress.painting import EXERCISES, check_painting
 from brushexp.stress.scenes import SCENES
 
 ONE_PICTURE, MANY_STEPS = "one picture", "many steps"
@@ -17,16 +18,7 @@ KINDS = {
     ONE_PICTURE: "A picture and the gradient of its mean squared error, against float64.",
     MANY_STEPS: "Strokes after steps of Adam: whether they are finite and in range, and their picture against float64.",
 }
-
-
-@dataclass(frozen=True)
-class MatrixAxes:
-    """What is examined, by name; ``dtypes`` are those of `check.DTYPES`, ``scenes`` scenes and exercises."""
-
-    renderers: Sequence[str]
-    blends: Sequence[str]
-    dtypes: Sequence[str]
-    scenes: Sequence[str]
+FEW_STROKES, MANY_STROKES = 6, 1_000_000  # at most, of a renderer that is slow (with a warm-up renderer), of others
 
 
 @dataclass(frozen=True)
@@ -40,52 +32,48 @@ class MatrixCell:
     dtype: str
     check: Check
 
-    @property
-    def name(self) -> str:
-        """Where it stands."""
-        return f"{self.scene} ({self.kind}, renderer={self.renderer}, blend={self.blend}, {self.dtype})"
 
+def chosen_axes(**wanted: Sequence[str] | None) -> dict[str, list[str]]:
+    """What is examined: names of renderers, blends, dtypes and scenes.
 
-def axes_of(
-    renderers: Sequence[str] | None,
-    blends: Sequence[str] | None,
-    dtypes: Sequence[str] | None,
-    scenes: Sequence[str] | None,
-) -> MatrixAxes:
-    """What these names choose; None means all that there are, plugins of the user among them.
+    ``wanted`` are the names on an axis; None or no word of it means all that there are, plugins of the user among them.
 
     Raises:
         UserError: if there is nothing of a name.
     """
-    return MatrixAxes(
-        _known("renderers", renderers, [plugin.name for plugin in plugins("renderer")]),
-        _known("blends", blends, [plugin.name for plugin in plugins("blend")]),
-        _known("dtypes", dtypes, list(DTYPES)),
-        _known("scenes", scenes, list(dict.fromkeys([*SCENES, *exercises()]))),
-    )
+    axes = {
+        "renderers": [plugin.name for plugin in plugins("renderer")],
+        "blends": [plugin.name for plugin in plugins("blend")],
+        "dtypes": list(DTYPES),
+        "scenes": list(dict.fromkeys([*SCENES, *EXERCISES])),
+    }
+    for key, names in wanted.items():
+        for name in names or ():
+            if name not in axes[key]:
+                known = ", ".join(axes[key])
+                raise UserError(f"{key} has no {name!r}; leave {key} at null for all, or choose from: {known}")
+    return axes | {key: list(dict.fromkeys(names)) for key, names in wanted.items() if names is not None}
 
 
-def cells_in(axes: MatrixAxes) -> int:
+def cells_in(axes: Mapping[str, Sequence[str]]) -> int:
     """How many cells the matrix has."""
-    scenes = sum((name in SCENES) + (name in exercises()) for name in axes.scenes)
-    return scenes * len(axes.renderers) * len(axes.blends) * len(axes.dtypes)
+    return len(_rows(axes)) * len(axes["renderers"]) * len(axes["blends"]) * len(axes["dtypes"])
 
 
-def examine(axes: MatrixAxes, patience: float) -> Iterator[MatrixCell]:
+def examine(axes: Mapping[str, Sequence[str]], patience: float) -> Iterator[MatrixCell]:
     """Go through the matrix; ``patience`` is what `check_painting` takes."""
-    blends = {name: build_named("blend", name, {}) for name in axes.blends}
-    pairs = list(product(axes.blends, axes.dtypes))
-    for name in axes.renderers:
+    blends = {name: build_named("blend", name, {}) for name in axes["blends"]}
+    for name in axes["renderers"]:
         renderer = frozen_renderer(name)
-        for scene in (scene for scene in axes.scenes if scene in SCENES):
-            reference = Reference(renderer, SCENES[scene].scene(most_strokes(renderer)))
-            for blend, dtype in pairs:
-                found = check_drawing(renderer, blends[blend], reference, dtype)
-                yield MatrixCell(ONE_PICTURE, scene, name, blend, dtype, found)
-        for scene, exercise in exercises().items():
-            for blend, dtype in pairs if scene in axes.scenes else ():
-                found = check_painting(name, renderer, blends[blend], dtype, exercise, patience)
-                yield MatrixCell(MANY_STEPS, scene, name, blend, dtype, found)
+        most = MANY_STROKES if renderer.warm_up is None else FEW_STROKES
+        for kind, scene in _rows(axes):
+            check: Callable[[Blend, str], Check]
+            if kind == ONE_PICTURE:
+                check = partial(check_drawing, renderer, Reference(renderer, SCENES[scene].scene(most)))
+            else:
+                check = partial(check_painting, name, renderer, EXERCISES[scene], patience)
+            for blend, dtype in product(blends, axes["dtypes"]):
+                yield MatrixCell(kind, scene, name, blend, dtype, check(blends[blend], dtype))
 
 
 def frozen_renderer(name: str) -> Renderer:
@@ -94,8 +82,7 @@ def frozen_renderer(name: str) -> Renderer:
     return renderer.eval().requires_grad_(False)
 
 
-def _known(key: str, wanted: Sequence[str] | None, there: list[str]) -> list[str]:
-    for name in wanted or []:
-        if name not in there:
-            raise UserError(f"{key} has no {name!r}; leave {key} at null for all, or choose from: {', '.join(there)}")
-    return there if wanted is None else list(dict.fromkeys(wanted))
+def _rows(axes: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
+    """Kind and scene of each row."""
+    there: dict[str, Mapping[str, object]] = {ONE_PICTURE: SCENES, MANY_STEPS: EXERCISES}
+    return [(kind, scene) for kind in KINDS for scene in axes["scenes"] if scene in there[kind]]

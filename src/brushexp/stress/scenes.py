@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from brushexp.compositing.layers import Size
 from brushexp.strokes.catalogue import FAR, Strokes
 
 CANVAS = (24, 37)  # height and width, unless a scene is about them; not a multiple of a tile, and not square
@@ -22,13 +23,10 @@ Changes = dict[str, Tensor]  # field of strokes -> values
 
 @dataclass(frozen=True)
 class StressScene:
-    """What is drawn and compared.
+    """What is drawn and compared: strokes, against a target (3, H, W) in [0, 1] as large as the canvas.
 
-    Attributes:
-        strokes: N strokes.
-        target: (3, H, W) in [0, 1]; its size is that of the canvas.
-        wanted: strokes that the scene is about; ``strokes`` are fewer where so many would take too long.
-        order: (N,) their numbers, the uppermost first; None for as they come.
+    ``wanted`` are the strokes that the scene is about; ``strokes`` are fewer where so many would take too long.
+    ``order`` (N,) are their numbers, the uppermost first; None for as they come.
     """
 
     strokes: Strokes
@@ -37,17 +35,13 @@ class StressScene:
     order: Tensor | None = None
 
     @property
-    def front_to_back(self) -> Tensor:
-        """``order``, whatever it is."""
-        return torch.arange(len(self.strokes)) if self.order is None else self.order
-
-    @property
-    def size(self) -> tuple[int, int]:
+    def size(self) -> Size:
         """Height and width of the canvas."""
-        return int(self.target.shape[1]), int(self.target.shape[2])
+        _, height, width = self.target.shape
+        return height, width
 
 
-def random_strokes(n: int, size: tuple[int, int], *, scale: tuple[float, float] = (8.0, 24.0)) -> Strokes:
+def random_strokes(n: int, size: Size, *, scale: tuple[float, float] = (8.0, 24.0)) -> Strokes:
     """``n`` gently bent strokes all over a canvas of ``size`` (H, W), with windows of ``scale`` pixels."""
     draw = _uniform(0)
     angle = 2 * math.pi * draw(n)
@@ -64,19 +58,17 @@ def random_strokes(n: int, size: tuple[int, int], *, scale: tuple[float, float] 
     )
 
 
-def random_target(size: tuple[int, int]) -> Tensor:
+def random_target(size: Size) -> Tensor:
     """(3, H, W), every pixel by itself."""
     return _uniform(1)(3, *size)
 
 
-def checkerboard(size: tuple[int, int]) -> Tensor:
-    """Black and white pixels by turns (3, H, W)."""
+def _checkerboard(size: Size) -> Tensor:
     rows, columns = torch.arange(size[0])[:, None], torch.arange(size[1])
-    return ((rows + columns) % 2).float().expand(3, *size).clone()
+    return ((rows + columns) % 2).float().expand(3, *size)
 
 
-def one_bright_pixel(size: tuple[int, int]) -> Tensor:
-    """Black but for one white pixel in the middle (3, H, W)."""
+def _one_bright_pixel(size: Size) -> Tensor:
     target = torch.zeros(3, *size)
     target[:, size[0] // 2, size[1] // 2] = 1
     return target
@@ -84,23 +76,18 @@ def one_bright_pixel(size: tuple[int, int]) -> Tensor:
 
 @dataclass(frozen=True)
 class Recipe:
-    """Random strokes, and what is extreme about them.
+    """Random strokes, and what is extreme about them: ``change`` says which of their fields are replaced.
 
-    Attributes:
-        change: strokes -> fields that are replaced.
-        wanted: how many strokes.
-        canvas: height and width.
-        spread: height and width over which strokes are spread; None means the canvas.
-        scale: smallest and largest window, pixels.
-        target: size -> picture.
+    ``spread`` is the height and width over which strokes are spread, None for the canvas; ``scale`` is the smallest and
+    the largest window.
     """
 
     change: Callable[[Strokes], Changes] = lambda strokes: {}
     wanted: int = SEVERAL
-    canvas: tuple[int, int] = CANVAS
-    spread: tuple[int, int] | None = None
+    canvas: Size = CANVAS
+    spread: Size | None = None
     scale: tuple[float, float] = (8.0, 24.0)
-    target: Callable[[tuple[int, int]], Tensor] = random_target
+    target: Callable[[Size], Tensor] = random_target
 
     def scene(self, most: int) -> StressScene:
         """The scene with at most so many strokes: a network draws a thousand times more slowly than a formula."""
@@ -143,19 +130,17 @@ def _thick(strokes: Strokes) -> Changes:
 
 def _far_windows(strokes: Strokes) -> Changes:
     """On the canvas, but with the middle of their windows 1e6 px away, where float32 has steps of 1/16 px."""
-    points = {
-        name: (8 + 0.7 * strokes.position + 8 * getattr(strokes, name) - FAR) / 1000
-        for name in ("start", "control", "end")
-    }
+    near = 8 + 0.7 * strokes.position - FAR
+    points = {name: (near + 8 * getattr(strokes, name)) / 1000 for name in ("start", "control", "end")}
     place, side = torch.full_like(strokes.start, FAR), torch.full_like(strokes.scale, 2000.0)
     return points | {"position": place, "scale": side, "width": 16 / 2000 * strokes.width}
 
 
-TARGETS: dict[str, Callable[[tuple[int, int]], Tensor]] = {
+TARGETS: dict[str, Callable[[Size], Tensor]] = {
     "target 0": lambda size: torch.zeros(3, *size),
     "target 1": lambda size: torch.ones(3, *size),
-    "target: checkerboard of pixels": checkerboard,
-    "target: one bright pixel": one_bright_pixel,
+    "target: checkerboard of pixels": _checkerboard,
+    "target: one bright pixel": _one_bright_pixel,
 }
 SCENES: dict[str, Recipe] = {
     "ordinary": Recipe(),

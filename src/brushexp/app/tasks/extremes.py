@@ -10,13 +10,11 @@ from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.stress.check import Outcome
-from brushexp.stress.matrix import axes_of, cells_in, examine
+from brushexp.stress.matrix import cells_in, chosen_axes, examine
 from brushexp.stress.report import draw_matrix, matrix_csv, matrix_text, outcome_counts, outcomes_in_words
 from brushexp.system.files import write_json, write_text
 from brushexp.system.progress import with_progress
 from brushexp.system.runtime import peak_memory
-
-NAMED_CELLS = 5  # broken ones that the last message names
 
 log = logging.getLogger(__name__)
 
@@ -29,7 +27,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     """
     folder = Path(HydraConfig.get().runtime.output_dir)
     L.seed_everything(cfg.seed, verbose=False)
-    axes = axes_of(cfg.renderers, cfg.blends, cfg.dtypes, cfg.scenes)
+    axes = chosen_axes(renderers=cfg.renderers, blends=cfg.blends, dtypes=cfg.dtypes, scenes=cfg.scenes)
     cells = list(with_progress(examine(axes, cfg.patience), cells_in(axes), "examining cells"))
     write_text(folder / "extremes.csv", matrix_csv(cells))
     write_text(folder / "extremes.md", matrix_text(cells))
@@ -45,6 +43,9 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     log.info("%s; %s", outcomes_in_words(cells), folder)
     broken = [cell for cell in cells if cell.check.outcome is Outcome.broken]
     if broken:
-        names = "; ".join(f"{cell.name}: {cell.check.note}" for cell in broken[:NAMED_CELLS])
-        raise UserError(f"{len(broken)} of {len(cells)} cells are broken: {names}; see {folder / 'extremes.md'}")
+        first = broken[0]
+        raise UserError(
+            f"{len(broken)} of {len(cells)} cells are broken, the first is {first.scene} ({first.kind}, renderer="
+            f"{first.renderer}, blend={first.blend}, {first.dtype}): {first.check.note}; see {folder / 'extremes.md'}"
+        )
     return metrics
