@@ -1,16 +1,14 @@
-"""A plugin as a user may write it: a renderer of soft discs, with layers of their own kind and their own kernel."""
+"""A renderer as a plugin may have it: soft discs, with layers of their own kind and their own kernel."""
 
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from brushexp.compositing.layers import KernelInput, Layers
+from brushexp.compositing.layers import KernelInput, Layers, TileKernel
 from brushexp.compositing.passes import PULL_ALPHA, PULL_BLUE, PULL_GREEN, PULL_RED
-from brushexp.compositing.tile_kernel import tile_kernel
 from brushexp.compositing.tile_lists import AREA, F
 from brushexp.plugins.renderer.base import Renderer
-from brushexp.registry import register
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.compiled import inline
@@ -86,10 +84,9 @@ def pull(p, i, data, ox, oy, own, temporary, buf, out):
         out[6] += k * k * of_alpha
 
 
-KERNEL = tile_kernel(columns=7, rows=2, cover=cover, tint=tint, shade=shade, pull=pull, curved=False)
+KERNEL = TileKernel(columns=7, rows=2, cover=cover, tint=tint, shade=shade, pull=pull, curved=False)
 
 
-@register("renderer", "dabs")
 class DabRenderer(Renderer):
     """Soft discs as wide as strokes."""
 

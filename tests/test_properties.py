@@ -14,7 +14,7 @@ from scenes import leaves, random_strokes, straight
 from torch import Tensor
 
 from brushexp.compositing import bands
-from brushexp.compositing.tile_lists import TILE, build_lists
+from brushexp.compositing.tile_lists import TILE, tile_lists
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Backend, Tiled
@@ -266,7 +266,7 @@ def test_a_pair_is_listed_if_and_almost_only_if_the_stroke_reaches_a_pixel_of_th
     size = (72, 110)
     strokes = random_strokes(400, size, seed=3)
     layers = Analytic()(strokes)
-    lists = build_lists(layers.curve.reshape(-1, 6).numpy(), layers.reach.numpy(), size)
+    lists = tile_lists(layers.curve, layers.reach, torch.arange(len(layers.reach)), size)
     rows, columns = lists.shape
     listed = torch.zeros(rows * columns, 400, dtype=torch.bool)
     for tile in range(rows * columns):

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
+from brushexp.compositing.layers import Size
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.catalogue import Strokes
@@ -15,22 +16,9 @@ LEAST = 64  # rows: bands do not get lower than this for the sake of the layers'
 
 @torch.no_grad()
 def bands(
-    strokes: Strokes,
-    front_to_back: Tensor,
-    size: tuple[int, int],
-    background: Tensor,
-    renderer: Renderer,
-    blend: Blend,
+    strokes: Strokes, front_to_back: Tensor, size: Size, background: Tensor, renderer: Renderer, blend: Blend
 ) -> Iterator[tuple[int, Tensor]]:
-    """Paint strokes from the top of the canvas to its bottom.
-
-    Args:
-        strokes: N strokes.
-        front_to_back: (N,) their indices, the uppermost first.
-        size: height H and width W of the canvas, pixels.
-        background: (3,) colour of the bare canvas.
-        renderer: draws the strokes.
-        blend: lays them over each other.
+    """Paint strokes from the top of the canvas to its bottom: arguments as of `Blend`.
 
     Yields:
         The first row of each band, and its picture (3, h, W) in [0, 1]. A band has only the strokes that touch it.
@@ -43,7 +31,7 @@ def bands(
 
 
 @torch.no_grad()
-def cuts(strokes: Strokes, size: tuple[int, int], renderer: Renderer) -> Iterator[tuple[int, int, Tensor]]:
+def cuts(strokes: Strokes, size: Size, renderer: Renderer) -> Iterator[tuple[int, int, Tensor]]:
     """Where a canvas of ``size`` (H, W) is cut: first row and rows of each band, and numbers of its strokes."""
     height, width = size
     rows = renderer.rows(strokes)

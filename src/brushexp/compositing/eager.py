@@ -1,13 +1,13 @@
 """Eager PyTorch on tile lists: any dtype, device and renderer; what the compiled kernels are measured against."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 from torch.utils.checkpoint import checkpoint
 
-from brushexp.compositing.layers import Layers
+from brushexp.compositing.layers import Layers, Size
 from brushexp.compositing.tile_lists import TILE, tile_lists
 from brushexp.plugins.blend.base import Canvas, accuracy_of
 
@@ -17,23 +17,8 @@ CHUNK = 2**25  # stroke-pixel pairs held at once; more is computed in pieces, an
 Combine = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
 
 
-@dataclass(frozen=True)
-class PaddedLists:
-    """Tile lists as one rectangle.
-
-    Attributes:
-        index: (T, K) strokes front to back, -1 where a list has ended.
-        points: (T, P, 2) pixel centres.
-        shape: rows and columns of tiles.
-    """
-
-    index: Tensor
-    points: Tensor
-    shape: tuple[int, int]
-
-
-def padded_lists(layers: Layers, front_to_back: Tensor, size: tuple[int, int]) -> PaddedLists:
-    """The tile lists of layers as a rectangle; the numbers are those of the strokes."""
+def padded_lists(layers: Layers, front_to_back: Tensor, size: Size) -> tuple[Tensor, Tensor]:
+    """Strokes (T, K) of each tile front to back, -1 where a list has ended, and pixel centres (T, P, 2)."""
     lists, like = tile_lists(layers.curve, layers.reach, front_to_back, size), layers.curve
     first, stroke = torch.from_numpy(lists.first), torch.from_numpy(lists.stroke).long()
     counts = first.diff()
@@ -43,44 +28,40 @@ def padded_lists(layers: Layers, front_to_back: Tensor, size: tuple[int, int]) -
     tiles, pixels = torch.arange(len(counts))[:, None], torch.arange(TILE * TILE)
     x = tiles % lists.shape[1] * TILE + pixels % TILE
     y = tiles // lists.shape[1] * TILE + pixels // TILE
-    points = torch.stack([x, y], dim=-1).to(like) + 0.5
-    return PaddedLists(index.to(like.device), points, lists.shape)
+    return index.to(like.device), torch.stack([x, y], dim=-1).to(like) + 0.5
 
 
 def paint_tiles(
-    layers: Layers,
-    front_to_back: Tensor,
-    size: tuple[int, int],
-    background: Tensor,
-    target: Tensor | None,
-    combine: Combine,
+    layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None, combine: Combine
 ) -> Canvas:
     """Combine the strokes of every tile into a picture."""
-    lists = padded_lists(layers, front_to_back, size)
-    error, total = (layers.reach.new_zeros(len(layers.reach)) for _ in range(2))
-    goal = None if target is None else _to_tiles(target, lists.shape)  # (T, P, 3)
+    every, centres = padded_lists(layers, front_to_back, size)
+    error, total = layers.reach.new_zeros(2, len(layers.reach))
+    whole = -(-size[0] // TILE) * TILE, -(-size[1] // TILE) * TILE  # (H, W) of all tiles
+    goal = None if target is None else _to_tiles(target, whole)  # (T, P, 3)
 
     def paint(index: Tensor, points: Tensor) -> Tensor:
         alpha, color = layers.sample(index.clamp_min(0), points)
         painted, light = combine(alpha * (index >= 0)[..., None], color)
         return painted + light[..., None] * background
 
-    per_chunk = max(1, CHUNK // max(1, lists.index.shape[1] * TILE * TILE))
+    per_chunk = max(1, CHUNK // max(1, every.shape[1] * TILE * TILE))
     pieces = []
-    for begin in range(0, len(lists.index), per_chunk):
+    for begin in range(0, len(every), per_chunk):
         part = slice(begin, begin + per_chunk)
-        index, points = lists.index[part], lists.points[part]
-        whole = per_chunk >= len(lists.index)
-        pieces.append(paint(index, points) if whole else checkpoint(paint, index, points, use_reentrant=False))
+        index, points = every[part], centres[part]
+        fits = per_chunk >= len(every)
+        pieces.append(paint(index, points) if fits else checkpoint(paint, index, points, use_reentrant=False))
         if goal is not None:
             _judge(layers, index, points, goal[part], size, error, total)
-    image = _from_tiles(torch.cat(pieces), lists.shape, size)
+    tiles = torch.cat(pieces).permute(2, 1, 0).reshape(1, 3 * TILE * TILE, -1)
+    image = functional.fold(tiles, whole, TILE, stride=TILE)[0, :, : size[0], : size[1]]
     return Canvas(image, None if target is None else accuracy_of(error, total))
 
 
 @torch.no_grad()
 def _judge(
-    layers: Layers, index: Tensor, points: Tensor, goal: Tensor, size: tuple[int, int], error: Tensor, total: Tensor
+    layers: Layers, index: Tensor, points: Tensor, goal: Tensor, size: Size, error: Tensor, total: Tensor
 ) -> None:
     """Add each stroke's alpha |color - target|^2 and alpha to ``error`` and ``total`` (N,)."""
     alpha, color = layers.sample(index.clamp_min(0), points)
@@ -91,16 +72,7 @@ def _judge(
     total.index_add_(0, index.clamp_min(0).flatten(), alpha.sum(-1).flatten())
 
 
-def _to_tiles(image: Tensor, shape: tuple[int, int]) -> Tensor:
+def _to_tiles(image: Tensor, whole: Size) -> Tensor:
     """(3, H, W) -> (T, P, 3), zeros beyond the edge."""
-    rows, columns = shape
-    _, height, width = image.shape
-    padded = torch.nn.functional.pad(image, (0, columns * TILE - width, 0, rows * TILE - height))
-    return padded.view(3, rows, TILE, columns, TILE).permute(1, 3, 2, 4, 0).reshape(-1, TILE * TILE, 3)
-
-
-def _from_tiles(tiles: Tensor, shape: tuple[int, int], size: tuple[int, int]) -> Tensor:
-    """(T, P, 3) -> (3, H, W)."""
-    rows, columns = shape
-    image = tiles.view(rows, columns, TILE, TILE, 3).permute(4, 0, 2, 1, 3).reshape(3, rows * TILE, columns * TILE)
-    return image[:, : size[0], : size[1]]
+    padded = functional.pad(image, (0, whole[1] - image.shape[2], 0, whole[0] - image.shape[1]))
+    return functional.unfold(padded[None], TILE, stride=TILE).reshape(3, TILE * TILE, -1).permute(2, 1, 0)

@@ -1,17 +1,50 @@
-"""What passes from renderers to blends."""
+"""What passes from renderers to blends: layers, and the compiled kernel of a kind of layer."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import torch
 from torch import Tensor
 
-from brushexp.compositing.tile_kernel import TileKernel
+from brushexp.compositing.nearest import find_nearest, recall_nearest
+from brushexp.compositing.passes import backward_pass, forward_pass, weigh
 
 Size = tuple[int, int]  # height and width of a canvas, pixels
 SPREAD = 1.5  # half widths that textures reach to either side of the curve, and beyond its ends
 EDGE = 2.0  # pixels that a soft edge may add to a stroke
+Part = Callable[..., Any]  # a function marked by `system.compiled.inline`
+
+
+class TileKernel:
+    """The compiled passes of a kind of layer, from its parts: see the functions of these names in `passes`.
+
+    Args:
+        columns: numbers that ``pull`` writes.
+        rows: of ``own``; row ABOVE is the skeleton's, and row NEAREST too if ``curved``.
+        cover: what a stroke is in a tile.
+        tint: constant numbers of a stroke.
+        shade: a pixel.
+        pull: gradient.
+        temporary: rows for use within a part.
+        curved: find nearest points first. The first six numbers of a stroke are then its control points in pixels,
+            start, control and end, x and y each.
+        gather: makes gradients of what ``pull`` wrote, called with pairs, there, row of the lists, order, gradient of
+            the picture, strokes and data; None: they are summed by stroke and are the gradient of the strokes' numbers.
+    """
+
+    def __init__(
+        self, *, columns: int, rows: int, cover: Part, tint: Part, shade: Part, pull: Part,
+        temporary: int = 1, curved: bool = True, gather: Callable[..., Any] | None = None,
+    ) -> None:  # fmt: skip
+        parts: dict[str, Any] = {"cover": cover, "tint": tint, "shade": shade, "ROWS": rows, "TEMPORARY": temporary}
+        if curved:
+            parts |= {"seek": find_nearest, "recall": recall_nearest}
+        self.columns, self.curved, self.gather = columns, curved, gather
+        self.forward = forward_pass.having(**parts)
+        self.backward = backward_pass.having(**parts, pull=pull)
+        self.importance = backward_pass.having(**parts, visit=weigh)
 
 
 @dataclass(frozen=True)
@@ -23,8 +56,7 @@ class KernelInput:
         strokes: (N, C) numbers of each stroke, differentiable.
         data: whatever else the parts of the kernel need; tensors reach them as arrays.
         learnt: how many of ``data``, counted from the first, are differentiable.
-        boxes: curve (N, 3, 2) and reach (N,) of strokes that fill the boxes around them, corners too; None for those of
-            the layers, which strokes are within.
+        boxes: curve (N, 3, 2) and reach (N,) of strokes that fill the boxes around them, corners too; None: as layers.
     """
 
     kernel: TileKernel
@@ -56,10 +88,9 @@ class Layers(ABC):
 
     @abstractmethod
     def sample(self, index: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
-        """Alpha and colour of strokes ``index`` (T, K) at ``points`` (T, P, 2), differentiable in all fields.
+        """Alpha (T, K, P) and colour (T, K, P or 1, 3) of strokes ``index`` (T, K) at ``points`` (T, P, 2).
 
-        Returns:
-            alpha (T, K, P) in [0, 1] and color (T, K, P, 3), or (T, K, 1, 3) where it is constant.
+        Both are in [0, 1], and differentiable in all fields; a colour that is constant has one pixel.
         """
 
     def compiled(self) -> KernelInput | None:

@@ -105,8 +105,11 @@ def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, own):
 
 
 @inline
-def find_nearest(p, i, ox, oy, own):
-    """Write to row NEAREST the parameter of the nearest point of stroke ``i`` to each pixel of the tile at (ox, oy)."""
+def find_nearest(p, i, ox, oy, own, near, j, keep):
+    """Part `seek`: write to row NEAREST the parameter of the nearest point of stroke ``i`` to each pixel of the tile.
+
+    What is kept for the backward pass are 65535ths: a quarter of what alpha, t and distance would take.
+    """
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     a, b, c0 = bx * bx + by * by, F(3) * (bx * fx + by * fy), F(2) * (fx * fx + fy * fy)
@@ -116,18 +119,16 @@ def find_nearest(p, i, ox, oy, own):
         _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, own)
     else:
         _find_from_samples(kind, a, b, c0, bx, by, fx, fy, sx, sy, own)
+    if keep:
+        row = near[j]
+        for q in range(AREA):
+            row[q] = np.uint16(own[NEAREST * AREA + q] * F(65535) + F(0.5))
 
 
 @inline
-def keep_nearest(own, row):
-    """Keep row NEAREST for the backward pass, in 65535ths: a quarter of what alpha, t and distance would take."""
-    for q in range(AREA):
-        row[q] = np.uint16(own[NEAREST * AREA + q] * F(65535) + F(0.5))
-
-
-@inline
-def recall_nearest(p, i, ox, oy, row, own):
-    """Bring back what `keep_nearest` kept; one Newton step makes up for the rounding."""
+def recall_nearest(p, i, ox, oy, own, near, j):
+    """Part `recall`: bring back what `find_nearest` kept; one Newton step makes up for the rounding."""
+    row = near[j]
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     a, b, c0 = bx * bx + by * by, F(3) * (bx * fx + by * fy), F(2) * (fx * fx + fy * fy)

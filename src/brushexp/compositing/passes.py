@@ -8,9 +8,14 @@ of nearest points; then its strokes are visited back to front with the colour be
 precision: no atomics, and the same bits on any number of threads.
 
 The parts are the functions `seek`, `recall`, `cover`, `tint`, `shade` and `pull`. Those here do nothing and say what is
-expected; `tile_kernel` puts those of a kind in their place. Where a part is given ``own``, these are ROWS rows of 64
-numbers, one for each pixel of the tile (pixel q at column q & 7 and row q >> 3), which belong to the stroke in this
-tile: `cover` writes what `shade` and `pull` read. ``temporary`` are TEMPORARY more rows, for use within one part.
+expected; `TileKernel` puts those of a kind in their place. They are given:
+
+- ``p``: (N, C) float32, the numbers of the strokes; ``i``, which stroke; ``data``, a tuple of whatever else belongs to
+  the layers; ``(ox, oy)``, the upper left corner of the tile in pixels.
+- ``own``: ROWS rows of 64 numbers, one for each pixel of the tile (pixel q at column q & 7 and row q >> 3), which
+  belong to the stroke in this tile: `cover` writes what `shade` and `pull` read. Row ABOVE is not for the parts, row
+  NEAREST has the nearest parameters if the kind seeks them.
+- ``temporary``: TEMPORARY more rows, for use within one part.
 """
 # mypy: allow-untyped-defs
 
@@ -40,20 +45,7 @@ def recall(p, i, ox, oy, own, near, j):
 
 @inline
 def cover(p, i, data, ox, oy, own, temporary):
-    """Part: write into ``own`` what stroke ``i`` is in the tile whose upper left corner is (ox, oy).
-
-    Args:
-        p: (N, C) float32, the numbers of the strokes.
-        i: which stroke.
-        data: tuple of whatever else belongs to the layers.
-        ox: pixels.
-        oy: pixels.
-        own: rows of the stroke; row ABOVE is not for it, row NEAREST has the nearest parameters if the kind seeks them.
-        temporary: rows that need not be kept.
-
-    Returns:
-        whether the stroke is anywhere in the tile; if not, it is left out on the way back.
-    """
+    """Part: write into ``own`` what stroke ``i`` is in the tile, and return whether it is there at all."""
 
 
 @inline
@@ -68,10 +60,9 @@ def shade(look, own, q):
 
 @inline
 def pull(p, i, data, ox, oy, own, temporary, buf, out):
-    """Part: write the gradient of the numbers of stroke ``i`` into ``out``.
+    """Part: write the gradient of the numbers of stroke ``i`` into ``out``, from that of what `shade` says.
 
-    The gradient of what `shade` says is in rows PULL_ALPHA, PULL_RED, PULL_GREEN and PULL_BLUE of ``buf``; ``own`` is
-    as `cover` left it, and may be written over.
+    It is in rows PULL_ALPHA, PULL_RED, PULL_GREEN and PULL_BLUE of ``buf``; ``own`` may be written over.
     """
 
 
@@ -98,14 +89,14 @@ def _bright(buf, opaque):
 
 @inline
 def _load(picture, top, left, buf):
-    """Put a tile of a picture (3, H, W) into rows PICTURE, and 1 into row WEIGHT; beyond the edge all are 0."""
+    """Put a tile of a picture (3 or 4, H, W) into rows PICTURE and WEIGHT: 1 for three planes, 0 beyond the edge."""
     buf[PICTURE * AREA : (WEIGHT + 1) * AREA] = F(0)
     for y in range(min(TILE, picture.shape[1] - top)):
-        for c in range(3):
+        for c in range(len(picture)):
             line = picture[c, top + y, left:]
             for x in range(min(TILE, len(line))):
-                buf[(PICTURE + c) * AREA + y * TILE + x] = line[x]
                 buf[WEIGHT * AREA + y * TILE + x] = F(1)
+                buf[(PICTURE + c) * AREA + y * TILE + x] = line[x]
 
 
 @inline
@@ -139,22 +130,13 @@ def forward_pass(
 ):
     """Paint all tiles.
 
-    Args:
-        p: (N, C) float32, the numbers of the strokes.
-        data: tuple of whatever else belongs to the layers.
-        order: (N,) indices of the strokes, the uppermost first.
-        first: list of each tile, see `TileLists`.
-        stroke: see `TileLists`.
-        slot: see `TileLists`.
-        columns: tiles per row.
-        background: (3,) float32.
-        opaque: stop in a tile when no pixel lets more light than this through.
-        target: (3, H, W), or (3, 0, 0) if no accuracy is wanted; with a target every stroke is looked at.
-        image: (3, H, W), written.
-        used: (tiles,) length of the list that was looked at, written.
-        there: (pairs,) bool, False, by slot: set where a stroke was looked at and is anywhere in the tile.
-        near: (pairs, 64) uint16, written for `recall`; or (0, 64).
-        errors: (pairs, 2) sum of alpha |color - target|^2 and of alpha, by slot, written if there is a target.
+    ``order`` (N,) are the strokes, the uppermost first; ``first``, ``stroke`` and ``slot`` are those of `TileLists`,
+    with ``columns`` tiles per row; ``background`` is (3,) float32. A tile is finished when no pixel lets more light
+    than ``opaque`` through; but with a ``target`` (3, H, W) every stroke is looked at. Without, it is (3, 0, 0).
+
+    Written are ``image`` (3, H, W); how much of its list was ``used`` by each tile (tiles,); by slot whether a stroke
+    is ``there`` (pairs,), False before; ``near`` (pairs, 64) uint16 for `recall`, or (0, 64); and with a target
+    ``errors`` (pairs, 2), the sums of alpha |color - target|^2 and of alpha.
     """
     judge, keep = target.shape[1] > 0, len(near) > 0
     for worker in prange(min(WORKERS, len(used))):
@@ -182,22 +164,6 @@ def forward_pass(
 
 
 @inline
-def _bare(background, buf):
-    """Put the bare canvas into the rows of the colour behind."""
-    for c in range(3):
-        buf[c * AREA : (c + 1) * AREA] = background[c]
-
-
-@inline
-def _deepest(used, worker):
-    """Length of the longest list that was looked at in the tiles of a worker."""
-    deepest = 0
-    for tile in range(worker, len(used), WORKERS):
-        deepest = max(deepest, used[tile])
-    return deepest
-
-
-@inline
 def _replay(p, data, order, stroke, slot, there, near, begin, n, ox, oy, buf, kept, temporary):
     """Repeat the forward pass of a tile from the nearest points; keep the rows of each stroke and the light above."""
     buf[LIGHT * AREA : (LIGHT + 1) * AREA] = F(1)
@@ -222,11 +188,8 @@ def _step_back(look, own, buf):
     for q in range(AREA):
         alpha, red, green, blue = shade(look, own, q)
         light = own[ABOVE * AREA + q]
-        gr, gg, gb = (
-            light * buf[PICTURE * AREA + q],
-            light * buf[(PICTURE + 1) * AREA + q],
-            light * buf[(PICTURE + 2) * AREA + q],
-        )
+        gr, gg = light * buf[PICTURE * AREA + q], light * buf[(PICTURE + 1) * AREA + q]
+        gb = light * buf[(PICTURE + 2) * AREA + q]
         br, bg, bb = buf[RED * AREA + q], buf[GREEN * AREA + q], buf[BLUE * AREA + q]
         buf[PULL_RED * AREA + q] = gr
         buf[PULL_GREEN * AREA + q] = gg
@@ -237,35 +200,22 @@ def _step_back(look, own, buf):
         buf[BLUE * AREA + q] = bb + (blue - alpha * bb)
 
 
-@kernel
-def backward_pass(p, data, order, first, stroke, slot, columns, background, used, there, near, grad_image, pairs):
-    """Gradients of all pairs from the gradient of the picture.
+@inline
+def visit(p, i, data, ox, oy, own, temporary, buf, out):
+    """What is done with stroke ``i`` on the way back: here, write the gradient of its numbers into ``out``."""
+    _step_back(tint(p, i), own, buf)
+    pull(p, i, data, ox, oy, own, temporary, buf, out)
 
-    Args as of `forward_pass`, with what it wrote, but for:
-        grad_image: (3, H, W).
-        pairs: (pairs, .), written where ``there``, by slot.
-    """
-    for worker in prange(min(WORKERS, len(used))):
-        buf, temporary = np.empty(SCRATCH * AREA, F), np.empty(TEMPORARY * AREA, F)
-        kept = np.empty(_deepest(used, worker) * ROWS * AREA, F)
-        for tile in range(worker, len(used), WORKERS):
-            top, left, begin, n = tile // columns * TILE, tile % columns * TILE, first[tile], used[tile]
-            ox, oy = F(left), F(top)
-            _replay(p, data, order, stroke, slot, there, near, begin, n, ox, oy, buf, kept, temporary)
-            _load(grad_image, top, left, buf)
-            _bare(background, buf)
-            for back in range(n):
-                k = n - 1 - back
-                if not there[slot[begin + k]]:
-                    continue
-                i, own = order[stroke[begin + k]], kept[k * ROWS * AREA : (k + 1) * ROWS * AREA]
-                _step_back(tint(p, i), own, buf)
-                pull(p, i, data, ox, oy, own, temporary, buf, pairs[slot[begin + k]])
+
+@inline
+def weigh(p, i, data, ox, oy, own, temporary, buf, out):
+    """In place of `visit`: write what the weighted squared error would grow by in the tile without the stroke."""
+    out[0] = _miss(tint(p, i), own, buf)
 
 
 @inline
 def _miss(look, own, buf):
-    """What the weighted squared error would grow by in a tile without a stroke; `_load` has brought it."""
+    """What the weighted squared error would grow by in a tile without a stroke; the colour behind then includes it."""
     total = F(0)
     for q in range(AREA):
         alpha, red, green, blue = shade(look, own, q)
@@ -283,30 +233,28 @@ def _miss(look, own, buf):
 
 
 @kernel
-def importance_pass(p, data, order, first, stroke, slot, columns, background, used, there, near, error, weight, pairs):
-    """By how much the squared error of the picture would grow without each stroke, for all pairs.
+def backward_pass(p, data, order, first, stroke, slot, columns, background, used, there, near, picture, pairs):
+    """Visit the strokes of all tiles back to front: by default, for the gradients of all pairs.
 
-    Args as of `backward_pass`, but for:
-        error: (3, H, W) picture less target.
-        weight: (H, W) of each pixel.
-        pairs: (pairs, 1), written where ``there``, by slot.
+    Arguments as of `forward_pass`, with what it wrote. ``picture`` is the gradient of the image (3, H, W); for `weigh`
+    it is image less target, and the weight of each pixel (4, H, W). ``pairs`` (pairs, .) is written where ``there``.
     """
     for worker in prange(min(WORKERS, len(used))):
         buf, temporary = np.empty(SCRATCH * AREA, F), np.empty(TEMPORARY * AREA, F)
-        kept = np.empty(_deepest(used, worker) * ROWS * AREA, F)
+        kept = np.empty(used[worker::WORKERS].max() * ROWS * AREA, F)
         for tile in range(worker, len(used), WORKERS):
             top, left, begin, n = tile // columns * TILE, tile % columns * TILE, first[tile], used[tile]
-            _replay(p, data, order, stroke, slot, there, near, begin, n, F(left), F(top), buf, kept, temporary)
-            _load(error, top, left, buf)
-            for y in range(min(TILE, weight.shape[0] - top)):
-                for x in range(min(TILE, weight.shape[1] - left)):
-                    buf[WEIGHT * AREA + y * TILE + x] = weight[top + y, left + x]
-            _bare(background, buf)
+            ox, oy = F(left), F(top)
+            _replay(p, data, order, stroke, slot, there, near, begin, n, ox, oy, buf, kept, temporary)
+            _load(picture, top, left, buf)
+            for c in range(3):  # the bare canvas lies behind the last stroke
+                buf[c * AREA : (c + 1) * AREA] = background[c]
             for back in range(n):
                 k = n - 1 - back
-                s, own = slot[begin + k], kept[k * ROWS * AREA : (k + 1) * ROWS * AREA]
-                if there[s]:
-                    pairs[s, 0] = _miss(tint(p, order[stroke[begin + k]]), own, buf)
+                if not there[slot[begin + k]]:
+                    continue
+                i, own = order[stroke[begin + k]], kept[k * ROWS * AREA : (k + 1) * ROWS * AREA]
+                visit(p, i, data, ox, oy, own, temporary, buf, pairs[slot[begin + k]])
 
 
 @kernel

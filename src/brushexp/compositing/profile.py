@@ -11,10 +11,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.compositing.layers import KernelInput, Layers
+from brushexp.compositing.layers import KernelInput, Layers, TileKernel
 from brushexp.compositing.nearest import LEAST_SLOPE
 from brushexp.compositing.passes import PULL_ALPHA, PULL_BLUE, PULL_GREEN, PULL_RED
-from brushexp.compositing.tile_kernel import tile_kernel
 from brushexp.compositing.tile_lists import AREA, NEAREST, F
 from brushexp.strokes.bezier import closest_parameter, point_at
 from brushexp.system.compiled import inline
@@ -190,4 +189,4 @@ def _add_taper(p, i, ox, oy, taper, own, of_thickness, out):
     out[5] += g5
 
 
-KERNEL = tile_kernel(columns=11, rows=ROWS, cover=_cover, tint=_tint, shade=_shade, pull=_pull)
+KERNEL = TileKernel(columns=11, rows=ROWS, cover=_cover, tint=_tint, shade=_shade, pull=_pull)

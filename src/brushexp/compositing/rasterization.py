@@ -6,43 +6,35 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.compositing.layers import KernelInput
+from brushexp.compositing.layers import KernelInput, Layers, Size
 from brushexp.compositing.passes import sum_by_stroke
-from brushexp.compositing.tile_lists import AREA, Array, F, TileLists
+from brushexp.compositing.tile_lists import AREA, Array, F, tile_lists
+from brushexp.system.compiled import Compiled
+from brushexp.system.runtime import share_threads
 
 NO_TARGET = np.zeros((3, 0, 0), F)
 
 
 class Rasterization:
-    """Settings and lists of one pass; `paint` leaves behind what `gradient` needs.
+    """Settings and lists of one pass, arguments as of `Blend`; `paint` leaves behind what `gradient` needs.
 
-    Args:
-        given: the N strokes.
-        lists: tile lists of the strokes in ``order``.
-        size: (H, W).
-        background: (3,).
-        opaque: fraction of light below which a tile is finished.
-        order: (N,) indices of the strokes, the uppermost first.
-
-    Attributes:
-        errors: (N, 2) sums of alpha |color - target|^2 and of alpha; set by `paint` if it is given a target.
+    A tile is finished when it lets no more than the fraction ``opaque`` of light through. ``errors`` (N, 2) are sums of
+    alpha |color - target|^2 and of alpha; `paint` sets them if it is given a target.
     """
 
     errors: Array
 
     def __init__(
-        self,
-        given: KernelInput,
-        lists: TileLists,
-        size: tuple[int, int],
-        background: Array,
-        opaque: float,
-        order: Array,
+        self, given: KernelInput, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, opaque: float
     ) -> None:
-        self.kernel, self.lists, self.size, self.opaque, self.order = given.kernel, lists, size, opaque, order
+        share_threads()
+        curve, reach = given.boxes or (layers.curve, layers.reach)
+        lists = tile_lists(curve, reach, front_to_back, size, boxes_only=given.boxes is not None)
+        self.kernel, self.lists, self.size, self.opaque = given.kernel, lists, size, opaque
+        self.order = front_to_back.numpy()
         data = tuple(part.detach().numpy() if isinstance(part, Tensor) else part for part in given.data)
         self._strokes = np.ascontiguousarray(given.strokes.detach().numpy()), data
-        self._tiles = (order, lists.first, lists.stroke, lists.slot, lists.shape[1], background)
+        self._tiles = (self.order, lists.first, lists.stroke, lists.slot, lists.shape[1], background.numpy())
         self._seen: tuple[Array, Array, Array]  # how much of each list, which pairs, nearest points
 
     def paint(self, target: Array | None, *, keep: bool) -> Array:
@@ -60,8 +52,7 @@ class Rasterization:
 
     def gradient(self, grad_image: Array) -> tuple[Array, ...]:
         """Gradients of the strokes' numbers and of learnt data from the gradient (3, H, W) of the picture."""
-        pairs = np.empty((len(self.lists.stroke), self.kernel.columns), F)
-        self.kernel.backward(*self._strokes, *self._tiles, *self._seen, grad_image, pairs)
+        pairs = self._back(self.kernel.backward, grad_image, self.kernel.columns)
         if self.kernel.gather is None:
             return (self._sums(pairs),)
         return tuple(self.kernel.gather(pairs, self._seen[1], self.lists.row, self.order, grad_image, *self._strokes))
@@ -69,9 +60,13 @@ class Rasterization:
     def importance(self, target: Array, weight: Array) -> Array:
         """By how much the squared error, weighted by (H, W), would grow without each stroke: (N,)."""
         error = self.paint(None, keep=True) - target
-        pairs = np.empty((len(self.lists.stroke), 1), F)
-        self.kernel.importance(*self._strokes, *self._tiles, *self._seen, error, weight, pairs)
-        return self._sums(pairs)[:, 0]
+        return self._sums(self._back(self.kernel.importance, np.concatenate([error, weight[None]]), 1))[:, 0]
+
+    def _back(self, backward: Compiled, picture: Array, columns: int) -> Array:
+        """What a backward pass writes (pairs, columns)."""
+        pairs = np.empty((len(self.lists.stroke), columns), F)
+        backward(*self._strokes, *self._tiles, *self._seen, picture, pairs)
+        return pairs
 
     def _sums(self, pairs: Array) -> Array:
         """Sums (N, C) over the pairs (pairs, C) of each stroke."""

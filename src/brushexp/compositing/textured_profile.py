@@ -12,9 +12,8 @@ import torch
 from torch import Tensor
 
 from brushexp.compositing.frame import LEAST_SQUARE, SHORTEST_SQUARED, SLOWEST, SLOWEST_PIXELS, stroke_frame
-from brushexp.compositing.layers import SPREAD, KernelInput, Layers
+from brushexp.compositing.layers import SPREAD, KernelInput, Layers, TileKernel
 from brushexp.compositing.passes import PULL_ALPHA, PULL_BLUE, PULL_GREEN, PULL_RED
-from brushexp.compositing.tile_kernel import tile_kernel
 from brushexp.compositing.tile_lists import AREA, NEAREST, F
 from brushexp.system.compiled import inline
 
@@ -141,15 +140,8 @@ def _place(p, i, ox, oy, rows, columns, own):
 def _fetch(cells, first, columns, rows, own, at, opacity, light):
     """Write the corners (AREA,) around the places in rows X and Y, and leave the places within the cell there.
 
-    Args:
-        cells: all textures as one line of cells: opacity in the lower word, light in the upper one.
-        first: where this texture begins in it.
-        columns: of texels, without the ring.
-        rows: of texels, without the ring.
-        own: rows of the stroke.
-        at: scratch (AREA,) int32.
-        opacity: written.
-        light: written.
+    ``cells`` are all textures as one line, opacity in the lower word and light in the upper one; this texture of
+    ``rows`` x ``columns`` texels, without the ring, begins at ``first``. ``at`` is scratch (AREA,) int32.
     """
     for q in range(AREA):
         x, y = own[X * AREA + q], own[Y * AREA + q]
@@ -277,4 +269,4 @@ def _move(p, i, ox, oy, body, own, out):
     out[6], out[11] = F(0), g11
 
 
-KERNEL = tile_kernel(columns=12, rows=ROWS, cover=_cover, tint=_tint, shade=_shade, pull=_pull)
+KERNEL = TileKernel(columns=12, rows=ROWS, cover=_cover, tint=_tint, shade=_shade, pull=_pull)

@@ -11,8 +11,7 @@ from brushexp.compositing.layers import SPREAD
 def coordinates_of(rows: int, columns: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Where the texels of a texture with the ring around it lie; all but t in half widths.
 
-    Returns:
-        across (rows + 2,); of the columns (rows + columns + 2,) t, before the start (negative), and beyond the end.
+    Across (rows + 2,), and of the columns (rows + columns + 2,) t, before the start (negative), and beyond the end.
     """
     step = 2 * SPREAD / rows
     across = step * (torch.arange(rows + 2) - 0.5 - rows / 2)
@@ -61,12 +60,9 @@ def extent_of(opacity: Tensor) -> Tensor:
 def cells_of(steps: Tensor) -> Tensor:
     """The corners of each cell between four texels, as bytes of two words, so that a lookup is two loads.
 
-    Args:
-        steps: (M, 2, rows, columns) whole numbers: opacity 0 to 255, light -127 to 127.
-
-    Returns:
-        (M, rows - 1, columns - 1, 2) int32: of opacity, and of light + 128, the corners above left, above right, below
-        left and below right, the lowest byte first.
+    ``steps`` (M, 2, rows, columns) are whole numbers: opacity 0 to 255, light -127 to 127. What comes is int32 (M,
+    rows - 1, columns - 1, 2): of opacity, and of light + 128, the corners above left, above right, below left and below
+    right, the lowest byte first.
     """
     whole = steps.long() + torch.tensor([0, 128], device=steps.device)[:, None, None]
     corners = (whole[..., :-1, :-1], whole[..., :-1, 1:], whole[..., 1:, :-1], whole[..., 1:, 1:])

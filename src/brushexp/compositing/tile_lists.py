@@ -1,6 +1,6 @@
 """Which strokes touch which tile: compiled list builder.
 
-A list is built for strokes that are already sorted front to back, so that each tile's strokes come in that order.
+Each tile's strokes come front to back.
 A (tile, stroke) pair has two numbers: its place in the tile's list, and its slot in the stroke's row of pairs, where
 the kernels leave gradients so that they can be summed per stroke without atomics and always in the same order.
 """
@@ -46,60 +46,50 @@ class TileLists:
 def tile_lists(
     curve: Tensor, reach: Tensor, front_to_back: Tensor, size: tuple[int, int], *, boxes_only: bool = False
 ) -> TileLists:
-    """Lists of strokes in the given order, in which their numbers then count; see `build_lists`."""
-    curve = curve.detach()[front_to_back].float().reshape(-1, 6).cpu().contiguous()
-    reach = reach.detach()[front_to_back].float().cpu().contiguous()
-    return build_lists(curve.numpy(), reach.numpy(), size, boxes_only=boxes_only)
-
-
-def build_lists(curve: Array, reach: Array, size: tuple[int, int], *, boxes_only: bool = False) -> TileLists:
     """List the strokes that may touch each tile.
 
     Args:
-        curve: (N, 6) float32: the three control points in pixels, front to back.
-        reach: (N,) float32: pixels beyond which a stroke is transparent; nothing is listed where it is 0 or less.
+        curve: (N, 3, 2) control points in pixels.
+        reach: (N,) pixels beyond which a stroke is transparent; nothing is listed where it is 0 or less.
+        front_to_back: (N,) indices of the strokes, the uppermost first; the lists have their places in this order.
         size: (H, W) of the canvas.
         boxes_only: strokes fill the boxes around them, corners too, as windows do.
     """
+    points, reaches = (part.detach()[front_to_back].float().cpu().contiguous().numpy() for part in (curve, reach))
     rows, columns = -(-size[0] // TILE), -(-size[1] // TILE)
-    boxes = np.empty((len(curve), 4), np.int32)
-    _boxes(curve, reach, rows, columns, boxes)
+    boxes = _boxes(points, reaches, rows, columns)
+    space = np.concatenate([np.zeros(1, np.int64), np.cumsum((boxes[2] - boxes[0] + 1) * (boxes[3] - boxes[1] + 1))])
     per_tile = np.zeros(rows * columns, np.int64)
-    per_band = np.zeros((len(curve), BANDS), np.int64)
-    space = np.concatenate([np.zeros(1, np.int64), np.cumsum(_candidates(boxes, rows))])
+    per_band = np.zeros((len(reaches), BANDS), np.int64)
     hits = np.empty(space[-1], np.int32)
-    _find(curve, reach, boxes, rows, columns, boxes_only, space, hits, per_tile, per_band)
+    _find(points.reshape(-1, 6), reaches, boxes, rows, columns, boxes_only, space, hits, per_tile, per_band)
     first = np.concatenate([np.zeros(1, np.int64), np.cumsum(per_tile)])
     ends = np.cumsum(per_band.reshape(-1)).reshape(per_band.shape)
     row = np.concatenate([np.zeros(1, np.int64), ends[:, -1]])
     stroke, slot = np.empty(first[-1], np.int32), np.empty(first[-1], np.int64)
-    _fill(hits, space, first[:-1].copy(), ends - per_band, per_band, stroke, slot)
+    _fill(hits, space, boxes, rows, first[:-1].copy(), ends - per_band, per_band, stroke, slot)
     return TileLists(first, stroke, slot, row, (rows, columns))
 
 
-@kernel
-def _boxes(curve, reach, rows, columns, boxes):
-    """Tile rectangle (top, bottom, left, right; inclusive) of each stroke; bottom < top where there is none."""
-    for i in prange(len(curve)):
-        sx, sy, cx, cy, ex, ey = curve[i]
-        mx, my = (sx + 2 * cx + ex) / 4, (sy + 2 * cy + ey) / 4
-        # A quadratic curve lies within its chord's and its middle's box, widened by an eighth of its bend.
-        slack_x, slack_y = reach[i] + abs(sx - 2 * cx + ex) / 8, reach[i] + abs(sy - 2 * cy + ey) / 8
-        left, right = min(sx, ex, mx) - slack_x, max(sx, ex, mx) + slack_x
-        top, bottom = min(sy, ey, my) - slack_y, max(sy, ey, my) + slack_y
-        inside = reach[i] > 0 and right > 0 and bottom > 0 and left < columns * TILE and top < rows * TILE
-        boxes[i, 0] = max(0, int(max(top, 0) / TILE)) if inside else 1
-        boxes[i, 1] = int(min(bottom, rows * TILE - 1) / TILE) if inside else 0
-        boxes[i, 2] = int(max(left, 0) / TILE) if inside else 1
-        boxes[i, 3] = int(min(right, columns * TILE - 1) / TILE) if inside else 0
+def _boxes(curve, reach, rows, columns):
+    """Tile rectangle (4, N) of each stroke: left, top, right, bottom, inclusive; right < left where there is none."""
+    start, control, end = np.ascontiguousarray(curve.transpose(1, 2, 0))  # (2, N)
+    middle, bend = (start + 2 * control + end) / 4, start - 2 * control + end
+    # A quadratic curve lies within its chord's and its middle's box, widened by an eighth of its bend.
+    slack, most = reach + abs(bend) / 8, np.array([[columns], [rows]], F) * TILE
+    low = np.minimum(np.minimum(start, end), middle) - slack
+    high = np.maximum(np.maximum(start, end), middle) + slack
+    inside = (reach > 0) & ((high > 0) & (low < most)).all(0)
+    first, last = np.where(inside, np.maximum(low, 0), TILE), np.where(inside, np.minimum(high, most - 1), 0)
+    return (np.concatenate([first, last]) / TILE).astype(np.int32)
 
 
 @inline
 def _touches(points, reach, x, y):
     """Whether a piecewise straight stroke of half thickness ``reach`` meets the square of pixel centres around (x, y).
 
-    The square meets a piece where its middle is within reach of the hexagon that the square sweeps along the piece.
-    Separating axes alone (along and across) let through the pairs at corners, an eighth of all.
+    It does where its middle is within reach of the hexagon that the square sweeps along a piece. Separating axes alone
+    (along and across) let through the pairs at corners, an eighth of all.
     """
     half = 0.5 * (TILE - 1)
     for m in range(PIECES):
@@ -152,51 +142,42 @@ def _flatten(curve, points):
 
 
 @kernel
-def _candidates(boxes, rows):
-    """Tiles (BANDS,) of each band that lie in the boxes of strokes."""
-    space = np.zeros(BANDS, np.int64)
-    for band in prange(BANDS):
-        low, high = band * rows // BANDS, (band + 1) * rows // BANDS
-        count = 0
-        for i in range(len(boxes)):
-            height = min(boxes[i, 1], high - 1) - max(boxes[i, 0], low) + 1
-            count += max(height, 0) * (boxes[i, 3] - boxes[i, 2] + 1)
-        space[band] = count
-    return space
-
-
-@kernel
 def _find(curve, reach, boxes, rows, columns, boxes_only, space, hits, per_tile, per_band):
-    """Test the candidates of each band: write the tile of those that touch from ``space[band]`` on, and count."""
+    """Test the tiles in the boxes of strokes: write those that touch, and count them.
+
+    Stroke ``i`` has room in ``hits`` for all the tiles of its box from ``space[i]`` on, row by row, so that each band
+    of it has a place of its own.
+    """
     for band in prange(BANDS):
         low, high = band * rows // BANDS, (band + 1) * rows // BANDS
         points = np.empty((PIECES + 1, 2), np.float64)
-        place = space[band]
         for i in range(len(curve)):
-            top, bottom = max(boxes[i, 0], low), min(boxes[i, 1], high - 1)
+            left, right = boxes[0, i], boxes[2, i]
+            top, bottom = max(boxes[1, i], low), min(boxes[3, i], high - 1)
             if top > bottom:
                 continue
             r = reach[i] + _flatten(curve[i], points)
-            before = place
+            begin = space[i] + (top - boxes[1, i]) * (right - left + 1)
+            place = begin
             for ty in range(top, bottom + 1):
-                for tx in range(boxes[i, 2], boxes[i, 3] + 1):
+                for tx in range(left, right + 1):
                     if boxes_only or _touches(points, r, (tx + 0.5) * TILE, (ty + 0.5) * TILE):
                         tile = ty * columns + tx
                         hits[place] = tile
                         per_tile[tile] += 1
                         place += 1
-            per_band[i, band] = place - before
+            per_band[i, band] = place - begin
 
 
 @kernel
-def _fill(hits, space, place, row, per_band, stroke, slot):
-    """Put the hits of each band, which come by stroke, where their tile and their stroke want them."""
+def _fill(hits, space, boxes, rows, place, row, per_band, stroke, slot):
+    """Put the hits, which come by stroke, where their tile and their stroke want them."""
     for band in prange(BANDS):
-        at = space[band]
+        low = band * rows // BANDS
         for i in range(len(row)):
+            begin = space[i] + max(low - boxes[1, i], 0) * (boxes[2, i] - boxes[0, i] + 1)
             for k in range(per_band[i, band]):
-                tile = hits[at]
+                tile = hits[begin + k]
                 stroke[place[tile]] = i
                 slot[place[tile]] = row[i, band] + k
                 place[tile] += 1
-                at += 1

@@ -1,9 +1,8 @@
 """Strokes that were drawn in windows, and the parts of their kernel.
 
 A window is square to the pixels, so the texels and weights of a bilinear lookup are found once for each of the eight
-columns and rows of a tile. Texels are weighted by alpha before they are mixed. On the way back a stroke leaves two
-numbers for every pixel of a tile: the light that reaches it, and the derivative with respect to its alpha. Then each
-stroke gathers them from its tiles into its own picture.
+columns and rows of a tile. On the way back a stroke leaves two numbers for every pixel of a tile, the light that
+reaches it and the derivative with respect to its alpha. Then each stroke gathers them from its tiles into its picture.
 """
 # mypy: allow-untyped-defs
 
@@ -13,9 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.compositing.layers import KernelInput, Layers
+from brushexp.compositing.layers import KernelInput, Layers, TileKernel
 from brushexp.compositing.passes import PULL_ALPHA
-from brushexp.compositing.tile_kernel import tile_kernel
 from brushexp.compositing.tile_lists import ABOVE, AREA, TILE, Array, F
 from brushexp.system.compiled import inline, kernel, prange
 
@@ -50,13 +48,13 @@ class Windows(Layers):
 
     @property
     def curve(self) -> Tensor:  # type: ignore[override]
-        """(N, 3, 2) the horizontal middle line of each window."""
+        """The horizontal middle line of each window."""
         half = torch.stack([0.5 * self.scale, torch.zeros_like(self.scale)], dim=-1)
         return torch.stack([self.position - half, self.position, self.position + half], dim=1)
 
     @property
     def reach(self) -> Tensor:  # type: ignore[override]
-        """(N,) all of a window, and the texel around it, lies this near to its middle line."""
+        """All of a window, and the texel around it, lies this near to its middle line."""
         return self.scale * (0.5 + 0.5 / self.images.shape[-1])
 
     def sample(self, index: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
@@ -66,17 +64,14 @@ class Windows(Layers):
         low = texel.detach().floor()
         fraction = texel - low
         alpha, painted = points.new_zeros(texel.shape[:-1]), points.new_zeros(*texel.shape[:-1], 3)
-        for dy in (0, 1):
-            for dx in (0, 1):
-                x, y = low[..., 0].long() + dx, low[..., 1].long() + dy
-                inside = (x >= 0) & (x < side) & (y >= 0) & (y < side)
-                weight = (fraction[..., 0] if dx else 1 - fraction[..., 0]) * (
-                    fraction[..., 1] if dy else 1 - fraction[..., 1]
-                )
-                rgba = self.images[index[..., None], :, y.clamp(0, side - 1), x.clamp(0, side - 1)]  # (T, K, P, 4)
-                covered = weight * inside * rgba[..., 3]
-                alpha = alpha + covered
-                painted = painted + covered[..., None] * rgba[..., :3]  # premultiplied: an empty texel has no colour
+        for step in low.new_tensor([[0, 0], [1, 0], [0, 1], [1, 1]]):
+            weight, at = torch.where(step > 0, fraction, 1 - fraction), low + step
+            inside = ((at >= 0) & (at < side)).all(-1)
+            x, y = at.clamp(0, side - 1).long().unbind(-1)
+            rgba = self.images[index[..., None], :, y, x]  # (T, K, P, 4)
+            covered = weight[..., 0] * weight[..., 1] * inside * rgba[..., 3]
+            alpha = alpha + covered
+            painted = painted + covered[..., None] * rgba[..., :3]  # premultiplied: an empty texel has no colour
         color = painted / alpha.clamp_min(ALMOST_NOTHING)[..., None]
         return self.opacity[index][..., None] * alpha, color
 
@@ -92,12 +87,9 @@ class Windows(Layers):
         """
         side = self.images.shape[-1]
         shows = self.images[:, 3] > 0
-        low, high = [], []
-        for axis in (1, 2):  # over the rows for x, over the columns for y
-            line = shows.any(axis).to(torch.uint8)
-            low.append(line.argmax(1) - 1)  # texels; each is felt as far as the next one
-            high.append(side - line.flip(1).argmax(1))
-        ends = torch.stack([torch.stack(low, 1), torch.stack(high, 1)])  # (2, N, 2)
+        lines = torch.stack([shows.any(1), shows.any(2)], dim=1).to(torch.uint8)  # (N, 2, S), along x and y
+        low, high = lines.argmax(-1) - 1, side - lines.flip(-1).argmax(-1)  # each texel is felt as far as the next one
+        ends = torch.stack([low, high])
         ends = self.position + ((ends + 0.5) / side - 0.5) * self.scale[:, None]
         centre, half = ends.mean(0), 0.5 * (ends[1] - ends[0])
         reach = half.amin(1)
@@ -192,18 +184,10 @@ def _gather(
 
 @kernel
 def _over_strokes(places, images, order, row, there, left, grad_image, grad_places, grad_images):
-    """Gather each stroke's gradient from what `_pull` left behind in its tiles, always in the same order.
+    """Gather each stroke's gradient from what `_pull` ``left`` behind in its tiles, always in the same order.
 
-    Args:
-        places: (N, 4) float32: centre x and y, side, opacity.
-        images: (N, 4, S, S) float32.
-        order: (N,) which row each stroke of the lists is.
-        row: see `TileLists`.
-        there: (pairs,) whether the stroke was seen in the tile, by slot.
-        left: (pairs, COLUMNS) light above, derivative with respect to alpha, and place of the tile, by slot.
-        grad_image: (3, H, W).
-        grad_places: (N, 4) zeros, written.
-        grad_images: (N, 4, S, S) zeros, written.
+    ``places`` (N, 4) are centre x and y, side, and opacity of ``images`` (N, 4, S, S); ``grad_places`` and
+    ``grad_images``, as large and 0 before, are written.
     """
     side = images.shape[-1]
     for s in prange(len(row) - 1):
@@ -236,8 +220,7 @@ def _over_strokes(places, images, order, row, there, left, grad_image, grad_plac
 def _scatter(image, opacity, given, grad_image, top, left, y, x, index, weight, inside, out):
     """Add one pixel's gradient to four texels of ``out`` (4, S, S).
 
-    Returns:
-        derivatives with respect to the place of the pixel, in texels along x and y, and to the opacity.
+    What is returned are the derivatives with respect to its place, in texels along x and y, and to the opacity.
     """
     light, of_alpha = given[y * TILE + x], given[AREA + y * TILE + x]
     red = light * grad_image[0, top + y, left + x]
@@ -262,7 +245,7 @@ def _scatter(image, opacity, given, grad_image, top, left, y, x, index, weight, 
     return opacity * along_x, opacity * along_y, of_opacity
 
 
-KERNEL = tile_kernel(
+KERNEL = TileKernel(
     columns=COLUMNS, rows=ROWS, cover=_cover, tint=_tint, shade=_shade, pull=_pull, temporary=2, curved=False,
     gather=_gather,
 )  # fmt: skip

@@ -12,12 +12,10 @@ from brushexp.compositing.layers import Layers, Size
 
 @dataclass(frozen=True)
 class Canvas:
-    """A picture made of layers.
+    """A picture made of layers: ``image`` (3, H, W), display-referred RGB.
 
-    Attributes:
-        image: (3, H, W) display-referred RGB.
-        accuracy: (N,) without gradient, as ``order.base.Order.depth`` defines it, NaN for a stroke that covers nothing
-            here; None unless a target was given.
+    ``accuracy`` (N,), without gradient, is as ``order.base.Order.depth`` defines it, NaN for a stroke that covers
+    nothing here; None unless a target was given.
     """
 
     image: Tensor
@@ -56,7 +54,7 @@ class Blend(ABC):
         """Paint ``layers`` on a canvas of ``size`` (H, W), differentiable in every tensor of ``layers``.
 
         Args:
-            layers: what the N strokes cover.
+            layers: of N strokes.
             front_to_back: (N,) indices of the strokes, the uppermost first.
             size: height and width in pixels; pixel (row, column) lies at (column + 0.5, row + 0.5).
             background: (3,) colour of the bare canvas; the picture has the precision of ``layers``, not of this.
@@ -68,13 +66,7 @@ class Blend(ABC):
     ) -> Tensor | None:
         """By how much the squared error would grow without each of the N strokes; None if it has no quick way to tell.
 
-        Args:
-            layers: see above, as the next three.
-            front_to_back: indices of the strokes.
-            size: of the canvas.
-            background: its colour.
-            target: (3, H, W) what the picture should look like.
-            weight: (H, W) how much the error at each pixel counts in the sum.
+        Arguments as above; ``weight`` (H, W) says how much the error at each pixel counts in the sum.
         """
         return None
 

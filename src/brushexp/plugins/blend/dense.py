@@ -45,12 +45,8 @@ class Dense(Blend):
 def over(alpha: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
     """Lay K strokes over each other, the uppermost first ("over", Porter and Duff, 1984).
 
-    Args:
-        alpha: (T, K, P).
-        color: (T, K, P or 1, 3).
-
-    Returns:
-        painted (T, P, 3), and what the background still contributes, (T, P).
+    From alpha (T, K, P) and color (T, K, P or 1, 3) to the painted (T, P, 3), and the light that is left for the
+    background (T, P).
     """
     light = torch.cumprod(1 - alpha, dim=1)
     above = torch.cat([torch.ones_like(light[:, :1]), light[:, :-1]], dim=1)

@@ -10,12 +10,10 @@ from brushexp.bounds import between
 from brushexp.compositing.eager import paint_tiles
 from brushexp.compositing.layers import KernelInput, Layers, Size
 from brushexp.compositing.rasterization import Painted, Rasterization
-from brushexp.compositing.tile_lists import tile_lists
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend, Canvas, accuracy_of, alike
 from brushexp.plugins.blend.dense import over
 from brushexp.registry import register
-from brushexp.system.runtime import share_threads
 
 
 class Backend(Enum):
@@ -49,18 +47,14 @@ class Tiled(Blend):
     ) -> Canvas:
         background, target = alike(layers, background, target)
         given = self._compiled(layers)
-        if given is not None:
-            rasterization = self._rasterization(given, layers, front_to_back, size, background)
-            goal = None if target is None else target.contiguous().numpy()
-            image = Painted.apply(rasterization, goal, given.strokes, *given.data[: given.learnt])
-            if target is None:
-                return Canvas(image)
-            return Canvas(image, accuracy_of(*torch.from_numpy(rasterization.errors).unbind(1)))
-        if self.kernel is Backend.numba:
-            raise UserError(
-                "blend.kernel=numba draws in float32 on the CPU, no layers of other kinds; use blend.kernel=auto"
-            )
-        return paint_tiles(layers, front_to_back, size, background, target, over)
+        if given is None:
+            return paint_tiles(layers, front_to_back, size, background, target, over)
+        rasterization = Rasterization(given, layers, front_to_back, size, background, self.opaque)
+        goal = None if target is None else target.contiguous().numpy()
+        image = Painted.apply(rasterization, goal, given.strokes, *given.data[: given.learnt])
+        if target is None:
+            return Canvas(image)
+        return Canvas(image, accuracy_of(*torch.from_numpy(rasterization.errors).unbind(1)))
 
     def importance(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor, weight: Tensor
@@ -68,18 +62,15 @@ class Tiled(Blend):
         given = self._compiled(layers)
         if given is None:
             return None
-        rasterization = self._rasterization(given, layers, front_to_back, size, background)
-        return torch.from_numpy(rasterization.importance(target.numpy(), weight.contiguous().numpy()))
+        rasterization = Rasterization(given, layers, front_to_back, size, background, self.opaque)
+        return torch.from_numpy(rasterization.importance(target.numpy(), weight.numpy()))
 
     def _compiled(self, layers: Layers) -> KernelInput | None:
         """The layers for a compiled kernel, if there is one that may draw them."""
         able = layers.color.dtype == torch.float32 and layers.color.device.type == "cpu"
-        return layers.compiled() if able and self.kernel is not Backend.torch else None
-
-    def _rasterization(
-        self, given: KernelInput, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor
-    ) -> Rasterization:
-        share_threads()
-        curve, reach = given.boxes or (layers.curve, layers.reach)
-        lists = tile_lists(curve, reach, front_to_back, size, boxes_only=given.boxes is not None)
-        return Rasterization(given, lists, size, background.numpy(), self.opaque, front_to_back.numpy())
+        given = layers.compiled() if able and self.kernel is not Backend.torch else None
+        if given is None and self.kernel is Backend.numba:
+            raise UserError(
+                "blend.kernel=numba draws in float32 on the CPU, no layers of other kinds; use blend.kernel=auto"
+            )
+        return given
