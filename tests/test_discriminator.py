@@ -15,7 +15,7 @@ from brushexp.app.tasks.train import check_used
 from brushexp.errors import UserError
 from brushexp.plugins.loss.base import Painting
 from brushexp.plugins.loss.discriminator import DISCRIMINATORS, NAME, Discriminated, Discriminator, shapes_of
-from brushexp.plugins.renderer.weights_file import RENDERERS
+from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, Strokes
 from brushexp.strokes.prior import INSET, SPREAD, WIDTH, bend_of, sample_prior, strokes_of

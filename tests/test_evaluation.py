@@ -17,8 +17,7 @@ from PIL import Image
 from brushexp.app.tasks import evaluate
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.plugins.renderer.base import PatchRenderer, window_pictures
-from brushexp.plugins.renderer.weights_file import RENDERERS
+from brushexp.plugins.renderer.base import RENDERERS, PatchRenderer, window_pictures
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.prior import INSET, WIDTH, clamp_to_prior, parameters_of, sample_prior
 from brushexp.training import benchmark

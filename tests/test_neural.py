@@ -12,10 +12,8 @@ from safetensors.torch import load_file, save_file
 from brushexp.compositing.windows import Windows
 from brushexp.errors import UserError
 from brushexp.plugins.renderer import base, neural
-from brushexp.plugins.renderer._fields import stroke_planes
-from brushexp.plugins.renderer.base import FAINT, PatchRenderer, Precision, window_pictures
-from brushexp.plugins.renderer.neural import Activation, Coordinates, Neural, Normalisation, Upsampling
-from brushexp.plugins.renderer.weights_file import RENDERERS
+from brushexp.plugins.renderer.base import FAINT, RENDERERS, PatchRenderer, Precision, window_pictures
+from brushexp.plugins.renderer.neural import Activation, Coordinates, Neural, Normalisation, Upsampling, stroke_planes
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.prior import WIDTH, clamp_to_prior, parameters_of, sample_prior, strokes_of
 from brushexp.system.checkpoint import weights_hash

@@ -14,9 +14,8 @@ import torch
 from brushexp.app.tasks import prune as task
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.plugins.renderer.base import window_pictures
+from brushexp.plugins.renderer.base import RENDERERS, window_pictures
 from brushexp.plugins.renderer.neural import Activation, Coarsest, Coordinates, Neural, Normalisation, Upsampling
-from brushexp.plugins.renderer.weights_file import RENDERERS
 from brushexp.registry import build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.checkpoint import weights_hash

@@ -25,8 +25,7 @@ from brushexp.app.network_fitting import fit_network, renderer_settings
 from brushexp.app.tasks import train
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.plugins.renderer.base import PatchRenderer, window_pictures
-from brushexp.plugins.renderer.weights_file import RENDERERS
+from brushexp.plugins.renderer.base import RENDERERS, PatchRenderer, window_pictures
 from brushexp.registry import build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.callbacks import INTERRUPTED, MovingAverage, TimedCheckpoint

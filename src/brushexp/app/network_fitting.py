@@ -16,7 +16,7 @@ from omegaconf import DictConfig, OmegaConf
 from brushexp.app.fitting import trainer_of
 from brushexp.app.stroke_data import data_recipe
 from brushexp.errors import UserError
-from brushexp.plugins.renderer.weights_file import RENDERERS
+from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import plugin_of
 from brushexp.system.callbacks import MovingAverage
 from brushexp.training.datamodule import StrokeData

@@ -11,7 +11,7 @@ from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine
-from brushexp.plugins.renderer.weights_file import RENDERERS
+from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import build
 from brushexp.training.datamodule import SimulatedData, StoredData, StrokeData
 from brushexp.training.dataset import Origin, first_difference, origin_of

@@ -80,7 +80,7 @@ def check_prunable(renderer: nn.Module) -> None:
             "renderer.normalisation=group or instance mixes channels in fixed groups; "
             "prune a renderer that was trained with renderer.normalisation=none or batch"
         )
-    if any(module.spread is not None for module in renderer.growing):
+    if nn.PixelShuffle in kinds:
         raise UserError(
             "renderer.upsampling=pixel_shuffle ties channels to pixels; "
             "prune a renderer that was trained with renderer.upsampling=nearest or bilinear"

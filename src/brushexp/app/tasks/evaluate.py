@@ -15,7 +15,7 @@ from omegaconf import DictConfig
 from brushexp.app.stroke_data import check_origin
 from brushexp.app.stroke_sheets import sheet_of_extremes, sheet_of_strokes
 from brushexp.plugins.engine.base import Engine
-from brushexp.plugins.renderer.weights_file import RENDERERS
+from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import build, build_named, plugin_of
 from brushexp.results.tables import csv_table
 from brushexp.system.checkpoint import weights_hash

@@ -18,9 +18,8 @@ from brushexp.app.stroke_data import check_origin, stroke_data
 from brushexp.app.stroke_sheets import COLUMNS, sheet_of_strokes
 from brushexp.app.tracking import trackers_of
 from brushexp.errors import UserError
-from brushexp.plugins.renderer.base import Renderer
+from brushexp.plugins.renderer.base import RENDERERS, Renderer
 from brushexp.plugins.renderer.neural import Neural
-from brushexp.plugins.renderer.weights_file import RENDERERS
 from brushexp.registry import build, plugin_of
 from brushexp.results.tables import csv_table, markdown_table
 from brushexp.system.callbacks import INTERRUPTED

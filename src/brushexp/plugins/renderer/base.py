@@ -9,8 +9,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 from enum import Enum
-from functools import wraps
+from functools import partial, wraps
 from inspect import signature
+from pathlib import Path
 from typing import Any, ClassVar
 
 import torch
@@ -19,14 +20,18 @@ from torch.utils.checkpoint import checkpoint
 
 from brushexp.compositing.layers import Layers
 from brushexp.compositing.windows import Windows
-from brushexp.plugins.renderer.weights_file import RENDERERS
 from brushexp.registry import plugins
 from brushexp.strokes.catalogue import Strokes, drawable
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, rewindow, strokes_of
+from brushexp.system.checkpoint import CheckpointFormat
 
 FAINT = 2 / 255  # in painting, what a network draws is nothing where its alpha is below this
 TEXELS = 2**26  # of windows that are held at once when no gradient is needed: 1 GB
 CHUNK = 128  # strokes that a network draws at once: enough to keep the cores busy
+RENDERERS = CheckpointFormat(
+    noun="renderer", family="renderer", node="renderer", task="task=train", without="weights that are not trained",
+    shipped=Path(__file__).parent / "weights",
+)  # fmt: skip
 
 
 class Precision(Enum):
@@ -56,8 +61,7 @@ class Renderer(nn.Module, ABC):
         cost: of a gradient step against that of ``analytic``, at 512 pixels and 2,621 strokes.
         weights: what has to be trained.
         strokes: which strokes it can draw.
-        warm_up: name of the renderer that had better take most of the steps of a painting, because this one is slow;
-            None if it is not.
+        warm_up: of a slow one, the renderer that had better take most of the steps of a painting.
         weights_hash: of the trained weights, see `renderer.checkpoint`; "" without any.
         at_once: strokes whose layers should be held at once at most; None if they are small.
     """
@@ -99,12 +103,10 @@ class Renderer(nn.Module, ABC):
 
     @abstractmethod
     def forward(self, strokes: Strokes, number: Tensor | None = None) -> Layers:
-        """Layers on the canvas that ``strokes`` are measured on; differentiable in every field.
+        """Layers of N strokes on the canvas that they are measured on; differentiable in every field.
 
-        Args:
-            strokes: N strokes.
-            number: (N,) int64, which stroke each one is; None means 0 to N - 1. A renderer with several looks chooses
-                by it, so that a stroke keeps its look wherever it stands in a batch.
+        ``number`` (N,) int64 is which stroke each one is, None for 0 to N - 1: a renderer with several looks chooses by
+        it, so that a stroke keeps its look wherever it stands in a batch.
         """
 
     def clamp(self, strokes: Strokes) -> Strokes:
@@ -114,9 +116,8 @@ class Renderer(nn.Module, ABC):
     def distil(self, simulate: Callable[[Tensor, int], Tensor]) -> None:
         """Take over what can be read directly off strokes of a simulator; called once, before training.
 
-        Args:
-            simulate: pictures (n, 4, S, S) of strokes (n, 10), large enough to see details, as the simulator draws
-                those of a data set that begins with the given number: this decides the brushes.
+        ``simulate`` makes pictures (n, 4, S, S) of strokes (n, 10), large enough to see details, as the simulator draws
+        those of a data set that begins with the given number: this decides the brushes.
         """
 
     def convert(self, strokes: Strokes) -> Strokes:
@@ -134,11 +135,8 @@ class Renderer(nn.Module, ABC):
 class PatchRenderer(Renderer):
     """Draws the window of every stroke with a network: (n, 10) -> (n, 4, S, S).
 
-    What a subclass has to say is `draw`; placing the windows, memory and the valid range are dealt with here.
-
-    Attributes:
-        window: S, pixels on the side of the pictures that `draw` makes.
-        precision: of `draw` in painting.
+    What a subclass has to say is `draw`, and ``window``, S: placing the windows, memory, ``precision`` in painting and
+    the valid range are dealt with here.
     """
 
     cost = "high: a network draws every stroke"
@@ -152,24 +150,18 @@ class PatchRenderer(Renderer):
     def draw(self, parameters: Tensor) -> Tensor:
         """Pictures (n, 4, S, S) of strokes (n, 10) as `strokes.prior.parameters_of` writes them.
 
-        Returns:
-            RGBA in [0, 1], straight alpha, opaque where there is paint: the opacity of a stroke is applied later.
+        These are RGBA in [0, 1], straight alpha, opaque where there is paint: the opacity of a stroke is applied later.
         """
 
     def forward(self, strokes: Strokes, number: Tensor | None = None) -> Windows:
         """Layers of the windows; parameters outside the range of training are brought to its edge first."""
         parameters = parameters_of(clamp_to_prior(strokes))
-        weight = next(self.parameters(), parameters)
-        parts = parameters.to(weight.dtype).split(CHUNK)
-        if not len(strokes):
-            images = parameters.new_zeros(0, 4, self.window, self.window)
-        elif self.training:
-            images = torch.cat([self.draw(part) for part in parts])
-        elif not torch.is_grad_enabled():
-            images = torch.cat([self._clean(part) for part in parts])
-        else:  # the pictures are kept, the activations of the network are computed again in the backward pass
-            images = torch.cat([checkpoint(self._clean, part, use_reentrant=False) for part in parts])
-        images = images.to(parameters.dtype)
+        draw: Callable[[Tensor], Tensor] = self.draw if self.training else self._clean
+        if not self.training and torch.is_grad_enabled():  # pictures are kept, activations are computed again
+            draw = partial(checkpoint, self._clean, use_reentrant=False)
+        parts = parameters.to(next(self.parameters(), parameters).dtype).split(CHUNK) if len(strokes) else ()
+        none = parameters.new_zeros(0, 4, self.window, self.window)
+        images = torch.cat([none, *(draw(part).to(parameters.dtype) for part in parts)])
         return Windows(images, strokes.position, strokes.scale, strokes.opacity, strokes.color)
 
     def _clean(self, parameters: Tensor) -> Tensor:

@@ -1,7 +1,9 @@
 """The thesis's neural renderer: ten numbers in, the picture of a stroke out."""
 
+import math
 from collections.abc import Callable
 from enum import Enum
+from itertools import pairwise
 from typing import Annotated
 
 import torch
@@ -10,10 +12,9 @@ from torch.nn import functional
 
 from brushexp.bounds import between, one_of
 from brushexp.errors import UserError
-from brushexp.plugins.renderer._fields import PLANES, stroke_planes
-from brushexp.plugins.renderer.base import PatchRenderer, Precision
-from brushexp.plugins.renderer.weights_file import RENDERERS
+from brushexp.plugins.renderer.base import RENDERERS, PatchRenderer, Precision
 from brushexp.registry import register
+from brushexp.strokes.prior import WIDTH
 
 COARSEST = 4  # pixels on the side of the picture that the dense layers make
 CONVOLUTIONS = 3  # at each size
@@ -21,6 +22,11 @@ GROUPS = 8  # of group normalisation
 LAST_GAIN = 0.1  # of the last convolution at first, so that tanh is not saturated from the start
 EMPTY = -1.5  # where alpha starts: most of a window is empty, and a start at 1/2 overshoots into a tanh without slope
 NOISE_SEED = 2020  # of the noise that is the same for every stroke in painting
+WAVES = 4  # cosines and sines across the stroke, of 1/2, 1, 2, 4 periods per half width: what streaks are made of
+PLANES = 3 + 2 * WAVES
+SHORTEST = 1e-4  # least squared length that is divided by, half-windows; valid strokes have 0.007
+THINNEST = 1e-3  # half width that is divided by, half-windows; valid strokes have 0.03
+FARTHEST = 3.0  # half widths from the axis
 
 
 class Coordinates(Enum):
@@ -58,13 +64,6 @@ class Upsampling(Enum):
     pixel_shuffle = "pixel_shuffle"
 
 
-ACTIVATIONS: dict[Activation, Callable[[Tensor], Tensor]] = {
-    Activation.relu: functional.relu,
-    Activation.leaky_relu: lambda x: functional.leaky_relu(x, 0.2),
-    Activation.elu: functional.elu,
-    Activation.gelu: functional.gelu,
-    Activation.silu: functional.silu,
-}
 NORMALISATIONS: dict[Normalisation, Callable[[int], nn.Module]] = {
     Normalisation.none: lambda channels: nn.Identity(),
     Normalisation.batch: nn.BatchNorm2d,
@@ -90,7 +89,7 @@ class Neural(PatchRenderer):
         subpixel: side of the squares that the last convolution draws at once: 1 (the source), 2 or 4.
         coordconv: coordinates that are told to the network. window: x and y, as two more channels of every convolution
             (Liu et al., 2018, arXiv:1807.03247); stroke: along and across the stroke, at the first convolution of each
-            size (see `_fields`), so that the network only has to learn what paint looks like, not where a curve goes.
+            size (`stroke_planes`), so that the network only has to learn what paint looks like, not where a curve goes.
         tint: add the stroke's colour to what the network draws, which then only has to learn the light on it.
         noise: add noise to every convolution, of a strength learned per channel (Karras et al., 2019,
             arXiv:1812.04948); fresh in training, in painting the same for every stroke.
@@ -128,30 +127,29 @@ class Neural(PatchRenderer):
             channels = RENDERERS.read_recipe(RENDERERS.path_of(checkpoint))["options"].get("channels")
         if not dense:
             raise UserError("renderer.dense=[] has no width; try 'renderer.dense=[256,256]'")
-        self.window = window
-        self.precision = precision
-        self.subpixel = subpixel
-        self.activate = ACTIVATIONS[activation]
-        self.coordconv, self.tint = coordconv, tint
+        self.window, self.subpixel, self.precision = window, subpixel, precision
+        self.coordconv, self.tint, self.activate = coordconv, tint, getattr(functional, activation.name)
         sides = [COARSEST * 2**k for k in range((window // subpixel // COARSEST).bit_length())]
         by_size = [min(width * sides[-1] // side, widest) for side in sides]
         widths = [*dense, by_size[0], *(after for after in by_size[1:] for _ in range(CONVOLUTIONS))]
         if channels is not None:
-            widths = _checked(channels, len(widths))
+            if len(channels) != len(widths) or not all(1 <= value <= 65536 for value in channels):
+                raise UserError(
+                    f"renderer.channels={channels} are not {len(widths)} widths, one of each layer but the last; "
+                    "leave it at null, or give those of task=prune"
+                )
+            widths = channels
         known, seen = widths[: len(dense)], widths[len(dense) :]
         self.dense = nn.ModuleList(nn.Linear(a, b) for a, b in zip([10, *known], known, strict=False))
         self.first = Coarsest(known[-1], seen[0])
-        self.growing = nn.ModuleList(_Enlarge(before, upsampling) for before in seen[:-1:CONVOLUTIONS])
+        self.growing = nn.ModuleList(_enlarge(before, upsampling) for before in seen[:-1:CONVOLUTIONS])
         self.convolving = nn.ModuleList()
-        for i, side in enumerate(sides[1:]):
-            finest = side == sides[-1]
-            planes = {Coordinates.none: 0, Coordinates.window: 2, Coordinates.stroke: PLANES}[coordconv]
-            if coordconv is Coordinates.stroke and finest:
-                planes *= subpixel**2
-            for k in range(CONVOLUTIONS):
-                told = planes if k == 0 or coordconv is Coordinates.window else 0
-                before, after = seen[i * CONVOLUTIONS + k : i * CONVOLUTIONS + k + 2]
-                self.convolving.append(_Layer(before, after, side, told, noise, normalisation))
+        for k, (before, after) in enumerate(pairwise(seen)):
+            side = sides[1 + k // CONVOLUTIONS]
+            planes = 2 if coordconv is Coordinates.window else 0
+            if coordconv is Coordinates.stroke and k % CONVOLUTIONS == 0:
+                planes = PLANES * (subpixel**2 if side == sides[-1] else 1)
+            self.convolving.append(_Layer(before, after, side, planes, noise, normalisation))
         self.last = nn.Conv2d(seen[-1], 4 * subpixel**2, 3, padding=1)
         self.apply(_initialise)
         with torch.no_grad():
@@ -161,10 +159,9 @@ class Neural(PatchRenderer):
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # a fifth faster on a processor
 
     def draw(self, parameters: Tensor) -> Tensor:
-        seen = parameters
-        for layer in self.dense:
-            seen = self.activate(layer(seen))
-        x = self.activate(self.first(seen))
+        x = parameters
+        for layer in (*self.dense, self.first):
+            x = self.activate(layer(x))
         for k, layer in enumerate(self.convolving):
             if k % CONVOLUTIONS == 0:
                 x = self.growing[k // CONVOLUTIONS](x)
@@ -205,18 +202,11 @@ class Coarsest(nn.Linear):
         return super().forward(x).reshape(len(x), COARSEST, COARSEST, -1).permute(0, 3, 1, 2)
 
 
-class _Enlarge(nn.Module):
+def _enlarge(channels: int, upsampling: Upsampling) -> nn.Module:
     """(n, C, h, w) -> (n, C, 2h, 2w)."""
-
-    def __init__(self, channels: int, upsampling: Upsampling) -> None:
-        super().__init__()
-        self.mode = upsampling.name
-        self.spread = nn.Conv2d(channels, 4 * channels, 1) if upsampling is Upsampling.pixel_shuffle else None
-
-    def forward(self, x: Tensor) -> Tensor:
-        if self.spread is not None:
-            return functional.pixel_shuffle(self.spread(x), 2)
-        return functional.interpolate(x, scale_factor=2, mode=self.mode)
+    if upsampling is Upsampling.pixel_shuffle:
+        return nn.Sequential(nn.Conv2d(channels, 4 * channels, 1), nn.PixelShuffle(2))
+    return nn.Upsample(scale_factor=2, mode=upsampling.name)
 
 
 class _Layer(nn.Module):
@@ -225,13 +215,7 @@ class _Layer(nn.Module):
     grain: Tensor
 
     def __init__(
-        self,
-        before: int,
-        after: int,
-        side: int,
-        planes: int,
-        noise: bool,
-        normalisation: Normalisation,
+        self, before: int, after: int, side: int, planes: int, noise: bool, normalisation: Normalisation
     ) -> None:
         super().__init__()
         self.convolution = nn.Conv2d(before, after, 3, padding=1)
@@ -259,10 +243,38 @@ def _initialise(module: nn.Module) -> None:
             nn.init.zeros_(module.bias)
 
 
-def _checked(channels: list[int], count: int) -> list[int]:
-    if len(channels) != count or not all(isinstance(value, int) and 1 <= value <= 65536 for value in channels):
-        raise UserError(
-            f"renderer.channels={channels} are not {count} widths, one of each layer but the last; "
-            "leave it at null, or give those of task=prune"
-        )
-    return channels
+def stroke_planes(parameters: Tensor, side: int) -> Tensor:
+    """Planes (n, PLANES, side, side) of strokes (n, 10) as `strokes.prior.parameters_of` writes them.
+
+    Along the chord from -1 (start) to 1 (end); across it in half widths; how far beyond an end, in half widths; and
+    waves across, which fade away from the stroke. Differentiable in the parameters.
+
+    They are approximate (a network corrects them) so that they need no search for the nearest point: the curve is taken
+    as a parabola over its chord, whose lean along the chord is undone to first order. Valid strokes, whose control
+    points lie near the middle, deviate little from that.
+    """
+    line = (torch.arange(side, device=parameters.device, dtype=parameters.dtype) + 0.5) * (2 / side) - 1
+    start, control, end, width, _ = parameters[:, :, None, None].split([2, 2, 2, 1, 3], dim=1)  # (n, ., 1, 1)
+    half = WIDTH[0] + 0.5 * (WIDTH[1] - WIDTH[0]) * (width + 1)  # a width in windows is a half width in half-windows
+    half = half.clamp_min(THINNEST)
+    chord, lift = end - start, control - start
+    square = chord.square().sum(1, keepdim=True).clamp_min(SHORTEST)
+    length = square.sqrt()
+    dx, dy = chord[:, :1], chord[:, 1:]
+    x, y = line[None, None, None, :] - start[:, :1], line[None, None, :, None] - start[:, 1:]
+    along = (x * dx + y * dy) / square  # (n, 1, side, side)
+    lean = (lift * chord).sum(1, keepdim=True) / square - 0.5
+    bend = (dx * lift[:, 1:] - dy * lift[:, :1]) / length
+    t = along.clamp(0, 1)
+    t = (t - 2 * lean * t * (1 - t)).clamp(0, 1)
+    slope = 2 * bend / length * (1 - 2 * t)
+    across = ((dx * y - dy * x) / length - 2 * bend * t * (1 - t)) / half * torch.rsqrt(1 + slope.square())
+    beyond = ((along - 0.5).abs() - 0.5).clamp_min(0) * length / half
+    v = across.clamp(-FARTHEST, FARTHEST)
+    near = torch.exp(-0.25 * v.square())
+    planes = [2 * along.clamp(-0.5, 1.5) - 1, v, beyond.clamp_max(FARTHEST)]
+    cosine, sine = torch.cos(0.5 * math.pi * v), torch.sin(0.5 * math.pi * v)
+    for _ in range(WAVES):
+        cosine, sine = cosine.square() - sine.square(), 2 * sine * cosine  # of twice the angle
+        planes += [near * cosine, near * sine]
+    return torch.cat(planes, dim=1)

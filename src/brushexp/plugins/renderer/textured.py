@@ -12,8 +12,7 @@ from brushexp.bounds import Bounds, between
 from brushexp.compositing.layers import SPREAD
 from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.textures import cells_of, coordinates_of, extent_of, smoothed, texel_distances
-from brushexp.plugins.renderer.base import Renderer
-from brushexp.plugins.renderer.weights_file import RENDERERS
+from brushexp.plugins.renderer.base import RENDERERS, Renderer
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
@@ -61,9 +60,8 @@ class Textured(Renderer):
         super().__init__()
         self.variants, self.widths = variants, widths
         self.textures = nn.Parameter(bristles(variants, widths, rows, columns))
-        self.register_buffer(
-            "room", (texel_distances(rows, columns) < SPREAD - 2 * SPREAD / rows).float(), persistent=False
-        )
+        room = texel_distances(rows, columns) < SPREAD - 2 * SPREAD / rows
+        self.register_buffer("room", room.float(), persistent=False)
         self._ready: tuple[object, tuple[Tensor, Tensor, Tensor]] | None = None
 
     room: Tensor
@@ -84,8 +82,8 @@ class Textured(Renderer):
     @torch.no_grad()
     def distil(self, simulate: Callable[[Tensor, int], Tensor]) -> None:
         """Read the textures off straight strokes: of each brush one as thick as each of the ``widths``."""
-        thickness = torch.linspace(-1, 1, self.widths) if self.widths > 1 else torch.zeros(1)
-        thickness = WIDTH[0] * (WIDTH[1] / WIDTH[0]) ** (0.5 * (thickness + 1))
+        place = torch.linspace(0, 1, self.widths) if self.widths > 1 else torch.full((1,), 0.5)
+        thickness = WIDTH[0] * (WIDTH[1] / WIDTH[0]) ** place
         parameters = torch.zeros(self.widths, 10)
         parameters[:, 0], parameters[:, 4] = -INSET, INSET
         parameters[:, 6] = (2 * thickness - sum(WIDTH)) / (WIDTH[1] - WIDTH[0])
@@ -136,13 +134,9 @@ class Textured(Renderer):
 
 
 def unrolled(picture: Tensor, width: float, rows: int, length: int) -> Tensor:
-    """The texture (2, rows, length), before sigmoid and tanh, of a straight grey stroke.
+    """The texture (2, rows, length), before sigmoid and tanh, of a straight grey stroke; caps are part of its length.
 
-    Args:
-        picture: (4, S, S) of a stroke from (-INSET, 0) to (INSET, 0) half-windows, in the middle grey.
-        width: its thickness as a fraction of the window.
-        rows: of the texture.
-        length: its columns, caps included.
+    ``picture`` (4, S, S) shows it from (-INSET, 0) to (INSET, 0) half-windows, ``width`` windows thick, in middle grey.
     """
     across, t, before, beyond = (part[1:-1] for part in coordinates_of(rows, length - rows))
     x = INSET * (2 * t - 1) + width * (before + beyond)  # half-windows; half a width is `width` of them
@@ -160,13 +154,10 @@ def unrolled(picture: Tensor, width: float, rows: int, length: int) -> Tensor:
 
 
 def bristles(variants: int, widths: int, rows: int, columns: int) -> Tensor:
-    """Textures of brushes drawn at random, before sigmoid (opacity) and tanh (light): the same ones every time.
+    """Textures (variants, widths, 2, rows, rows + columns) of brushes drawn at random, the same ones every time.
 
-    Each brush has bristles of its own: how much paint they leave, where they touch down and lift off, and how far those
-    at the sides stray. Paint is thin at first; the thicker the stroke, the more the bristles show.
-
-    Returns:
-        (variants, widths, 2, rows, rows + columns).
+    Before sigmoid (opacity) and tanh (light). Each brush has bristles of its own: how much paint they leave, where they
+    touch down and lift off, and how far those at the sides stray. The thicker the stroke, the more the bristles show.
     """
     generator = torch.Generator().manual_seed(0)
     load, begin, finish, ridge = torch.randn(4, variants, 1, rows, 1, generator=generator)
