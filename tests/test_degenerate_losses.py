@@ -207,9 +207,11 @@ def test_tiny_pictures_have_a_value_and_a_gradient_in_every_precision(name):
     loss = PICTURE_LOSSES[name]()
     for size in SIZES:
         for kind, (image, target) in pairs(*size).items():
-            exact, right = judged_pictures(loss, image, target, torch.float64)
-            for dtype in PRECISIONS:
-                value, slope = judged_pictures(loss, image, target, dtype)
+            found = {dtype: judged_pictures(loss, image, target, dtype) for dtype in PRECISIONS}
+            (exact, right), (single, near) = found[torch.float64], found[torch.float32]
+            assert_close(single.double(), exact, rtol=3e-3, atol=1e-5, msg=f"{size} {kind}")
+            assert (near - right).norm() <= 1e-2 * right.norm() + 1e-6, f"{size} {kind}"
+            for dtype, (value, slope) in found.items():
                 assert value.shape == ()
                 assert value >= -1e-12, (size, kind, dtype)
                 assert value.isfinite(), (size, kind, dtype)
@@ -218,9 +220,6 @@ def test_tiny_pictures_have_a_value_and_a_gradient_in_every_precision(name):
                 if kind == "equal":
                     assert abs(value) <= 1e-12, (size, dtype)
                     assert slope.abs().max() <= 1e-7, (size, dtype)
-                if dtype is torch.float32:
-                    assert_close(value.double(), exact, rtol=3e-3, atol=1e-5, msg=f"{size} {kind}")
-                    assert (slope - right).norm() <= 1e-2 * right.norm() + 1e-6, f"{size} {kind}"
 
 
 def test_ssim_in_half_precision_is_that_of_the_rounded_pictures():
@@ -235,7 +234,7 @@ def test_ssim_in_half_precision_is_that_of_the_rounded_pictures():
                 assert (slope - wanted).norm() <= 3e-2 * wanted.norm()
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", [(1, 1), (10, 7)])
 @pytest.mark.parametrize("backbone", ["alexnet", "squeeze", "vgg16"])
 def test_networks_with_large_windows_judge_tiny_pictures(tmp_path: Path, backbone, size):
     weights = str(saved(tmp_path, state_of(backbone)))
