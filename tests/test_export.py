@@ -351,8 +351,7 @@ def test_edited_strokes_are_painted(tmp_path):
     ("change", "message"),
     [
         (lambda d: d.update(format="x"), "not a brushexp catalogue"),
-        (lambda d: d.update(format_version=2), "was written by a newer version of brushexp .*update brushexp"),
-        (lambda d: d.update(format_version=0), "format_version is 0; 1 is needed"),
+        (lambda d: d.update(format_version=2), "has format_version 2, and this brushexp reads 1; update brushexp"),
         (lambda d: d.update(format_version=True), "format_version is True; a whole number is needed"),
         (lambda d: d.update(height=0), "the canvas is 0 x 50 pixels"),
         (lambda d: d.update(width=3.5), "width is 3.5; a whole number is needed"),

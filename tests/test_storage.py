@@ -151,8 +151,8 @@ def test_an_unreadable_file_is_explained(stored, monkeypatch):
     [
         ("format", "brushexp strokes", "not a brushexp catalogue"),
         ("format", 3, "attribute format is"),
-        ("format_version", 2, "was written by a newer version of brushexp .*update brushexp"),
-        ("format_version", 0, "format_version is 0; 1 is needed"),
+        ("format_version", 2, "has format_version 2, and this brushexp reads 1; update brushexp"),
+        ("format_version", 0, "has format_version 0"),
         ("format_version", "1", "attribute format_version is '1'; a whole number is needed"),
         ("height", 0, "the canvas is 0 x 50 pixels"),
         ("width", 2_000_000, "the canvas is 30 x 2000000 pixels"),

@@ -73,17 +73,9 @@ def parse(text: str) -> tuple[Strokes, Tensor, Tensor, str, dict[str, Any]]:
 
 
 def check_version(version: int) -> None:
-    """Refuse a file of a format that is not known.
-
-    Raises:
-        UserError: says what reads it.
-    """
-    if version > VERSION:
-        raise UserError(
-            f"was written by a newer version of brushexp (format {version}; this one reads {VERSION}); update brushexp"
-        )
-    if version < 1:
-        raise UserError(f"format_version is {version}; {VERSION} is needed")
+    """Refuse a file of a format that is not known."""
+    if not 1 <= version <= VERSION:
+        raise UserError(f"has format_version {version}, and this brushexp reads {VERSION}; update brushexp")
 
 
 def _strokes(rows: list[Any]) -> tuple[Strokes, Tensor]:
