@@ -1,6 +1,5 @@
 """Focus: the map of what matters, the weights made of it, and what losses and strokes do with them."""
 
-import importlib.util
 import json
 import math
 from pathlib import Path
@@ -11,11 +10,10 @@ import torch
 from painters import painter_of as some_painter
 from painters import take
 from PIL import Image
-from program import ROOT, run
+from program import run
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.app.composition import check
 from brushexp.errors import UserError
 from brushexp.features.base import mean_squares
 from brushexp.painting.assembly import focus_of
@@ -30,6 +28,7 @@ from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
 from brushexp.plugins.loss.ssim import StructuralSimilarity, dissimilarity, statistics
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
+from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, Strokes
 
 SIZE = (53, 78)
@@ -80,9 +79,8 @@ def inside_of(attended: Tensor, top: float, bottom: float, left: float, right: f
         ("chelsea", (0.25, 0.85, 0.25, 0.8)),  # eyes and nose
     ],
 )
-@pytest.mark.parametrize("resolution", [128, 300])
-def test_what_people_look_at_wins(name, box, resolution):
-    attended = focus_map("auto", load_picture(name, resolution))
+def test_what_people_look_at_wins(name, box):
+    attended = focus_map("auto", load_picture(name, 128))
     assert attended.dtype == torch.float32
     assert 0 <= float(attended.min()) <= 0.02
     assert 0.9 < float(attended.max()) <= 1
@@ -111,16 +109,9 @@ def test_the_map_follows_the_picture():
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 3), (40, 30), (300, 7)])
-def test_an_even_picture_has_nothing_that_matters(size):
+def test_every_picture_has_a_map_and_in_an_even_one_nothing_matters(size):
     for level in (0.0, 0.3, 1.0):
-        attended = attention(torch.full((3, *size), level))
-        assert attended.shape == size
-        assert (attended == 0).all()
-        assert (focus_weights(attended, 8) == 1).all()
-
-
-@pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 3), (33, 64)])
-def test_pictures_of_few_pixels_have_a_map(size):
+        assert torch.equal(attention(torch.full((3, *size), level)), torch.zeros(size))
     attended = attention(torch.rand(3, *size))
     assert attended.shape == size
     assert attended.isfinite().all()
@@ -139,9 +130,8 @@ def test_the_brightest_counts_so_many_times_the_darkest(strength):
 
 
 @pytest.mark.parametrize("level", [0.0, 0.3, 1.0])
-@pytest.mark.parametrize("size", [(1, 1), (7, 9), (333, 511)])
-def test_an_even_mask_is_none(level, size):
-    assert (focus_weights(torch.full(size, level), 8) == 1).all()
+def test_an_even_mask_is_none(level):
+    assert (focus_weights(torch.full((33, 51), level), 8) == 1).all()
 
 
 def test_one_bright_pixel_takes_its_share():
@@ -150,12 +140,6 @@ def test_one_bright_pixel_takes_its_share():
     weights = focus_weights(attended, 100)
     assert float(weights[4, 7]) == pytest.approx(100 / (699 / 600))
     assert float(weights[0, 0]) == pytest.approx(1 / (699 / 600))
-
-
-@pytest.mark.parametrize("strength", [0.5, -1, math.inf, math.nan, 1001])
-def test_a_wrong_strength_is_told(strength):
-    with pytest.raises(UserError, match=r"focus_strength=.* 1 to 1000; try focus_strength=8"):
-        focus_weights(torch.rand(3, 4), strength)
 
 
 def test_smaller_weights_are_means_over_areas():
@@ -187,21 +171,16 @@ def test_a_mask_is_read_as_grey_at_the_size_of_the_picture(tmp_path):
     assert float(larger.max()) <= 1
 
 
-def test_what_is_transparent_does_not_matter(tmp_path):
-    pixels = np.full((6, 8, 4), 255, np.uint8)
-    pixels[:, :4, 3] = 0
-    pixels[:, 6:, 3] = 51
-    found = focus_map(mask_file(tmp_path / "layer.png", pixels), torch.rand(3, 6, 8))
-    assert_close(found[0], torch.tensor([0, 0, 0, 0, 1, 1, 0.2, 0.2]))
-
-
-def test_sixteen_bits_and_one_bit_are_masks_too(tmp_path):
-    grey = np.full((4, 6), 40000, np.uint16)
-    assert_close(
-        focus_map(mask_file(tmp_path / "deep.png", grey), torch.rand(3, 4, 6)), torch.full((4, 6), 40000 / 65535)
-    )
-    black = np.zeros((4, 6), bool)
-    assert (focus_map(mask_file(tmp_path / "black.png", black), torch.rand(3, 4, 6)) == 0).all()
+def test_masks_of_every_depth_and_none_where_they_are_transparent(tmp_path):
+    layer = np.full((4, 8, 4), 255, np.uint8)
+    layer[:, :4, 3], layer[:, 6:, 3] = 0, 51
+    for pixels, row in (
+        (layer, [0, 0, 0, 0, 1, 1, 0.2, 0.2]),
+        (np.full((4, 8), 40000, np.uint16), [40000 / 65535] * 8),
+        (np.zeros((4, 8), bool), [0.0] * 8),
+    ):
+        found = focus_map(mask_file(tmp_path / "mask.png", pixels), torch.rand(3, 4, 8))
+        assert_close(found[0], torch.tensor(row))
 
 
 @pytest.mark.parametrize(("mask", "size"), [((171, 256), (342, 512)), ((17, 25), (171, 256)), ((1, 1), (5, 9))])
@@ -232,14 +211,10 @@ def test_masks_that_do_not_fit_are_refused_in_one_line(tmp_path):
 def test_gradients_of_pixels_are_weighted(name, power):
     image, target, focus = scene((5, 8))
     value, slope = slope_of(LOSSES[name](), image, target, focus)
-    total, wanted = 0.0, torch.zeros_like(image)
-    for c in range(3):
-        for y in range(5):
-            for x in range(8):
-                apart, weight = float(image[c, y, x] - target[c, y, x]), float(focus[y, x])
-                total += weight * abs(apart) ** power / 120
-                wanted[c, y, x] = weight * power * abs(apart) ** (power - 1) * math.copysign(1, apart) / 120
-    assert float(value) == pytest.approx(total)
+    x = image.clone().requires_grad_()
+    expected = ((x - target).abs() ** power * focus).sum() / 120
+    (wanted,) = torch.autograd.grad(expected, x)
+    assert float(value) == pytest.approx(float(expected))
     assert_close(slope, wanted)
 
 
@@ -287,17 +262,12 @@ def test_even_weights_change_nothing(name):
 
 
 def test_the_example_of_a_loss_heeds_it():
-    spec = importlib.util.spec_from_file_location("edges_again", ROOT / "plugins" / "edges.py")
-    source = Path(spec.origin).read_text().replace('@register("loss", "edges")', "")
-    names: dict[str, object] = {}
-    exec(compile(source, spec.origin, "exec"), names)
     image, target, _ = scene((6, 9))
     focus = torch.zeros(6, 9)
     focus[2, 3] = 54
-    value, slope = slope_of(names["EdgeLoss"](), image, target, focus)
+    value, slope = slope_of(build_named("loss", "edges", {}), image, target, focus)
     assert float(value) > 0
-    touched = slope.abs().sum(0) > 0
-    assert touched.nonzero().tolist() == [[2, 3], [2, 4], [3, 3]]
+    assert slope.abs().sum(0).gt(0).nonzero().tolist() == [[2, 3], [2, 4], [3, 3]]
 
 
 # Painting.
@@ -398,11 +368,6 @@ def test_the_keys_make_weights_and_leave_the_map(config, tmp_path):
     assert weights.shape == target.shape[1:]
     again = focus_of(config(f"focus={tmp_path / 'focus.png'}", "focus_strength=4"), target, tmp_path)
     assert_close(again, weights, rtol=0, atol=0.01)
-
-
-def test_a_strength_out_of_range_is_told_by_its_key(config):
-    with pytest.raises(UserError, match="focus_strength=0 is not at least 1; try focus_strength=1"):
-        check(config("focus_strength=0"))
 
 
 def test_a_run_has_its_focus(tmp_path):

@@ -85,7 +85,7 @@ class PaintTask(Task):
     timelapse_seconds: float | None = key(None, "that its pictures take; null = 15 pictures a second", above(0))
     report: bool = key(True, "report.html: the run on one page, with a replay of the painting")
     focus: str | None = key(None, "what matters most: auto (found in the picture) or a mask, the brighter the more")
-    focus_strength: float = key(8, "errors where it is brightest count so many times those elsewhere", at_least(1))
+    focus_strength: float = key(8, "errors where it is brightest count so many times those elsewhere", between(1, 1000))
     lpips_backbone: str = key("alexnet", "network of lpips_weights", one_of("alexnet", "squeeze", "vgg16", "effl0"))
     lpips_weights: str | None = key(None, "file with its published features: metrics then hold the official LPIPS too")
     style: StyleTransfer = field(default_factory=StyleTransfer)

@@ -5,15 +5,14 @@ from __future__ import annotations
 import io
 import logging
 import os
-import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageCms, UnidentifiedImageError
-from PIL.ImageFile import ImageFile, _Tile
+from PIL.ImageFile import ImageFile
 from PIL.TiffImagePlugin import TiffImageFile
 
 from brushexp.errors import UserError
@@ -22,25 +21,26 @@ MAX_PIXELS = 100_000_000  # in float32 RGB that many take 1.2 GB
 # Raster formats only: for EPS, Pillow would start another program.
 FORMATS = ("AVIF", "BMP", "DIB", "GIF", "JPEG", "JPEG2000", "MPO", "PNG", "PPM", "PSD", "QOI", "TGA", "TIFF", "WEBP")
 TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-BITS, PHOTOMETRIC, ORIENTATION, PLANES, PROFILE = 258, 262, 274, 284, 34675  # TIFF tags
+BITS, COMPRESSION, PHOTOMETRIC, ORIENTATION, PLANES, PROFILE = 258, 259, 262, 274, 284, 34675  # TIFF tags
+UNPACKED = (1, 8, 32946)  # values of COMPRESSION that tifffile reads by itself: none and deflate
 WHITE_IS_ZERO, BLACK_IS_ZERO, RGB = 0, 1, 2  # values of PHOTOMETRIC
 ASSOCIATED, UNASSOCIATED = 1, 2  # what an extra TIFF channel is: alpha that colours are, or are not, multiplied with
-CURE = "convert it to an 8- or 16-bit PNG or a JPEG"
+CURE = "convert it to a PNG or a JPEG"
 
 
 def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0) -> np.ndarray:
-    """Decode the first frame of a picture, upright, over white, in sRGB.
+    """Decode the first frame of a picture, upright, over a ``backdrop`` of white (1) or black (0), in sRGB.
 
     An embedded ICC profile is converted, unless it is broken; for pictures of more than 8 bits the conversion is
-    accurate to 8 bits. 16-bit PNG with grey and alpha, and 16-bit CMYK, keep 8 bits.
+    accurate to 8 bits. Of 16 bits, PNG other than plain grey, CMYK, and TIFF that Pillow alone can unpack keep 8.
 
     Args:
         path: the file.
         key: what the user types before the path, for messages.
-        backdrop: what is below transparent pixels: 1 white, 0 black.
+        backdrop: what is below transparent pixels.
 
     Returns:
-        (H, W, 3) uint8, or float32 in [0, 1] where the file holds more than 8 bits per channel.
+        (H, W, 3) uint8, or float32 in [0, 1] where more than 8 bits per channel are kept.
 
     Raises:
         UserError: if the file cannot be read, is damaged or too large, is of a format or kind that has no plain
@@ -50,46 +50,41 @@ def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0) -> np
         try:
             return np.ascontiguousarray(_read(path, backdrop))
         except UserError as error:
-            raise UserError(str(error).replace("image=", f"{key}=", 1)) from error
-        except Image.DecompressionBombError as error:
-            size = f"more than {2 * (Image.MAX_IMAGE_PIXELS or 0) // 10**6} megapixels"
-            raise _too_large(path, size, key) from error
-        except UnidentifiedImageError as error:
-            raise UserError(f"{key}={path} is not a picture of a known format; {CURE}") from error
+            reason = str(error)
+        except Image.DecompressionBombError:
+            reason = _too_large(f"more than {2 * (Image.MAX_IMAGE_PIXELS or 0) // 10**6} megapixels")
+        except UnidentifiedImageError:
+            reason = f"is not a picture of a known format; {CURE}"
         except Exception as error:  # decoders have a dozen kinds
             if isinstance(error, OSError) and error.strerror:
-                raise UserError(
-                    f"{key}={path} cannot be read ({error.strerror.lower()}); give a file that you may read"
-                ) from error
-            reason = " ".join(str(error).split()) or type(error).__name__
-            raise UserError(f"{key}={path} is damaged or cannot be decoded ({reason}); {CURE}") from error
+                reason = f"cannot be read ({error.strerror.lower()}); give a file that you may read"
+            else:
+                words = " ".join(str(error).split()) or type(error).__name__
+                reason = f"is damaged or cannot be decoded ({words}); {CURE}"
+    raise UserError(f"{key}={path} {reason}")
 
 
 @contextmanager
 def _silence() -> Iterator[None]:
     """Keep the remarks of decoders from the terminal: what matters of them ends as an error."""
-    loggers = [logging.getLogger(name) for name in ("PIL", "tifffile")]
-    levels = [logger.level for logger in loggers]
-    with open(os.devnull, "w") as nowhere, warnings.catch_warnings():
+    with open(os.devnull, "w") as nowhere, warnings.catch_warnings(action="ignore"):
         stderr = os.dup(2)
+        logging.disable(logging.CRITICAL)
+        os.dup2(nowhere.fileno(), 2)  # libtiff, a C library, writes there
         try:
-            warnings.simplefilter("ignore")
-            for logger in loggers:
-                logger.setLevel(logging.CRITICAL + 1)
-            os.dup2(nowhere.fileno(), 2)  # libtiff, a C library, writes there
             yield
         finally:
             os.dup2(stderr, 2)
             os.close(stderr)
-            for logger, level in zip(loggers, levels, strict=True):
-                logger.setLevel(level)
+            logging.disable(logging.NOTSET)
 
 
 def _read(path: Path, backdrop: float) -> np.ndarray:
+    """(H, W, 3); errors say what is wrong without the name of the file."""
     with path.open("rb") as file:
         magic = file.read(4)
     if not magic:
-        raise UserError(f"image={path} is empty (0 bytes); give a file that holds a picture")
+        raise UserError("is empty (0 bytes); give a file that holds a picture")
     try:
         picture = Image.open(path)
     except UnidentifiedImageError:
@@ -98,27 +93,28 @@ def _read(path: Path, backdrop: float) -> np.ndarray:
         raise
     with picture:
         if picture.format not in FORMATS:
-            raise UserError(f"image={path} is a file of the format {picture.format}, which is not read here; {CURE}")
-        _check_size(path, *picture.size)
-        if _is_beyond_pillow(picture):
+            raise UserError(f"is a file of the format {picture.format}, which is not read here; {CURE}")
+        _check_size(*picture.size)
+        if _needs_tifffile(picture):
             return _read_tiff(path, backdrop)
-        if picture.mode in ("I", "F") or picture.mode.startswith("I;16") or _low_byte_tiles(picture):
-            color, alpha = _deep_channels(picture, path)
-            rgb = _float_to_srgb(color, alpha, picture.info.get("icc_profile"), backdrop)
+        if picture.mode == "F" or picture.mode.startswith("I"):
+            samples, key = np.asarray(picture)[..., None], picture.info.get("transparency")
+            alpha = None if key is None else (samples != key).astype(np.float32)
+            bits = max(picture.tag_v2.get(BITS, (16,))) if isinstance(picture, TiffImageFile) else 16
+            rgb = _float_to_srgb(_unit_range(samples, bits), alpha, picture.info.get("icc_profile"), backdrop)
         else:
             rgb = _bytes_to_srgb(picture, backdrop)
         # Pillow turns a TIFF itself as it loads, and nothing else.
         return rgb if isinstance(picture, TiffImageFile) else _upright(rgb, _orientation(picture))
 
 
-def _check_size(path: Path, width: int, height: int) -> None:
+def _check_size(width: int, height: int) -> None:
     if width * height > MAX_PIXELS:
-        raise _too_large(path, f"{width} x {height} pixels")
+        raise UserError(_too_large(f"{width} x {height} pixels"))
 
 
-def _too_large(path: Path, size: str, key: str = "image") -> UserError:
-    limit = f"{MAX_PIXELS // 10**6} megapixels"
-    return UserError(f"{key}={path} has {size}; at most {limit} are read: make it smaller and give that file")
+def _too_large(size: str) -> str:
+    return f"has {size}; at most {MAX_PIXELS // 10**6} megapixels are read: make it smaller and give that file"
 
 
 def _bytes_to_srgb(picture: Image.Image, backdrop: float) -> np.ndarray:
@@ -136,16 +132,12 @@ def _bytes_to_srgb(picture: Image.Image, backdrop: float) -> np.ndarray:
 
 def _converted(picture: Image.Image, profile: bytes | None) -> Image.Image:
     """A picture of mode L, RGB or CMYK as sRGB; its raw values if the profile does not work."""
+    converted = None
     if profile:
-        try:
-            source = ImageCms.ImageCmsProfile(io.BytesIO(profile))
-            target = ImageCms.createProfile("sRGB")
+        with suppress(ImageCms.PyCMSError, OSError, ImportError):  # the last: a Pillow that was built without it
+            source, target = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")
             converted = ImageCms.profileToProfile(picture, source, target, outputMode="RGB")
-        except (ImageCms.PyCMSError, OSError, ImportError):  # the last: a Pillow that was built without it
-            converted = None
-        if converted is not None:
-            return converted
-    return picture.convert("RGB")
+    return picture.convert("RGB") if converted is None else converted
 
 
 def _float_to_srgb(color: np.ndarray, alpha: np.ndarray | None, profile: bytes | None, backdrop: float) -> np.ndarray:
@@ -161,84 +153,48 @@ def _float_to_srgb(color: np.ndarray, alpha: np.ndarray | None, profile: bytes |
     return np.broadcast_to(color, (*color.shape[:2], 3))
 
 
-def _deep_channels(picture: ImageFile, path: Path) -> tuple[np.ndarray, np.ndarray | None]:
-    """Colours (H, W, 1 or 3) and alpha (H, W, 1) in [0, 1] of a picture with more than 8 bits per channel."""
-    tiles = _low_byte_tiles(picture)
-    samples = np.atleast_3d(np.asarray(picture))
-    if tiles:
-        with Image.open(path) as again:
-            again.tile = tiles
-            samples = samples.astype(np.uint16) << 8 | np.asarray(again)
-    key = picture.info.get("transparency")
-    alpha = None if key is None else (samples != np.asarray(key)).any(2, keepdims=True).astype(np.float32)
-    bits = max(picture.tag_v2.get(BITS, (16,))) if isinstance(picture, TiffImageFile) else 16
-    unit = _unit_range(samples, bits, path)
-    return (unit[..., :3], unit[..., 3:]) if unit.shape[2] == 4 else (unit, alpha)
-
-
-def _low_byte_tiles(picture: ImageFile) -> list[_Tile]:
-    """Instructions that decode the low bytes of a 16-bit RGB picture; empty for any other.
-
-    Pillow has no mode for such a picture and keeps the high bytes. Told that the bytes are swapped, it keeps the low.
-    """
-    swapped = {"B": "L", "L": "B", "N": "B" if sys.byteorder == "little" else "L"}
-    tiles = []
-    for tile in picture.tile:
-        layout, *rest = (tile.args,) if isinstance(tile.args, str) else tile.args or ("",)
-        if str(layout)[:-1] not in ("RGB;16", "RGBX;16", "RGBA;16"):
-            return []
-        layout = layout[:-1] + swapped[layout[-1]]
-        tiles.append(tile._replace(args=(layout, *rest)))
-    return tiles
-
-
-def _is_beyond_pillow(picture: ImageFile) -> bool:
-    """Whether a TIFF is of a kind that Pillow opens but reads wrongly: deep, in planes, inverted or of 32 bits."""
+def _needs_tifffile(picture: ImageFile) -> bool:
+    """Whether a picture is a TIFF of more than 8 bits, unless Pillow must unpack it and reads its kind rightly."""
     if not isinstance(picture, TiffImageFile) or max(picture.tag_v2.get(BITS, (1,))) <= 8:
         return False
     tags = picture.tag_v2
-    return tags.get(PLANES) == 2 or tags.get(PHOTOMETRIC) == WHITE_IS_ZERO or picture.mode == "I"
+    misread = tags.get(PLANES) == 2 or tags.get(PHOTOMETRIC) == WHITE_IS_ZERO or picture.mode == "I"
+    return misread or tags.get(COMPRESSION, 1) in UNPACKED
 
 
 def _read_tiff(path: Path, backdrop: float) -> np.ndarray:
-    """(H, W, 3) float32 of the first page of a TIFF that Pillow cannot read."""
+    """(H, W, 3) float32 of the first page of a TIFF, by tifffile."""
     from tifffile import TiffFile, TiffPage  # noqa: PLC0415  (rarely needed)
 
     with TiffFile(path) as tiff:
         page = tiff.pages[0]
         assert isinstance(page, TiffPage)
-        _check_size(path, page.imagewidth, page.imagelength)
+        _check_size(page.imagewidth, page.imagelength)
         n_colors = {WHITE_IS_ZERO: 1, BLACK_IS_ZERO: 1, RGB: 3}.get(page.photometric, 0)
         if not n_colors or not n_colors <= page.samplesperpixel <= 4 or page.axes not in ("YX", "YXS", "SYX"):
-            raise UserError(f"image={path} is a TIFF that is neither grey nor RGB; {CURE}")
+            raise UserError(f"is a TIFF that is neither grey nor RGB; {CURE}")
         samples = np.atleast_3d(page.asarray())
-        tags = {code: page.tags.valueof(code) for code in (ORIENTATION, PROFILE)}
+        orientation, profile = (page.tags.valueof(code) for code in (ORIENTATION, PROFILE))
     if samples.dtype.kind not in "uf":
-        raise UserError(f"image={path} is a TIFF of signed or complex numbers; {CURE}")
-    unit = _unit_range(np.moveaxis(samples, 0, 2) if page.axes == "SYX" else samples, page.bitspersample, path)
+        raise UserError(f"is a TIFF of signed or complex numbers; {CURE}")
+    unit = _unit_range(np.moveaxis(samples, 0, 2) if page.axes == "SYX" else samples, page.bitspersample)
     color = 1 - unit[..., :1] if page.photometric == WHITE_IS_ZERO else unit[..., :n_colors]
     extra = next(iter(page.extrasamples), None)
     alpha = unit[..., n_colors : n_colors + 1] if extra in (ASSOCIATED, UNASSOCIATED) else None
     if alpha is not None and extra == ASSOCIATED:
         color = np.divide(color, alpha, out=np.ones_like(color), where=alpha > 0).clip(0, 1)
-    return _upright(_float_to_srgb(color, alpha, tags[PROFILE], backdrop), tags[ORIENTATION] or 1)
+    return _upright(_float_to_srgb(color, alpha, profile, backdrop), orientation or 1)
 
 
-def _unit_range(samples: np.ndarray, bits: int, path: Path) -> np.ndarray:
-    """Samples as float32 in [0, 1]; floats are taken as they are.
-
-    Raises:
-        UserError: if they are not in that range.
-    """
+def _unit_range(samples: np.ndarray, bits: int) -> np.ndarray:
+    """Samples as float32 in [0, 1]; floats are taken as they are, and refused if they are not in that range."""
     unit = samples.astype(np.float32)
     if samples.dtype.kind != "f":
         unit /= 2**bits - 1
     if not np.isfinite(unit).all():
-        raise UserError(f"image={path} has pixels that are NaN or infinite; {CURE}")
+        raise UserError(f"has pixels that are NaN or infinite; {CURE}")
     if unit.min() < 0 or unit.max() > 1:
-        raise UserError(
-            f"image={path} has values from {samples.min():g} to {samples.max():g}; scale them to 0 to 1, or {CURE}"
-        )
+        raise UserError(f"has values from {samples.min():g} to {samples.max():g}; scale them to 0 to 1, or {CURE}")
     return unit
 
 

@@ -7,11 +7,10 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from brushexp.errors import UserError
 from brushexp.pictures.load import load_mask
+from brushexp.pictures.palette import to_lab
 
 AUTO = "auto"  # focus that is found in the picture
-MOST = 1000.0  # times the darkest that the brightest may count: what is left of the rest is no picture
 SIDE = 64  # pixels of the longer side at which a picture is looked at as a whole
 BLUR = 0.045  # longer sides, of the maps: as Hou et al. smooth theirs
 CENTRE = 0.3  # sides, standard deviation: people look, and put what they show, near the middle
@@ -22,11 +21,11 @@ BESIDE_FACES = 0.5  # of the attention that everything else keeps where there is
 
 
 def focus_map(focus: str, target: Tensor) -> Tensor:
-    """How much each pixel matters, 0 to 1 (H, W) float32.
+    """How much each pixel of a picture (3, H, W) matters, 0 to 1 (H, W) float32.
 
     Args:
-        focus: ``auto``, or a picture file, whose grey values it is.
-        target: (3, H, W) in [0, 1].
+        focus: ``auto``, or a picture file of the same shape, whose grey values it is.
+        target: the picture.
 
     Raises:
         UserError: if the file cannot be read, or is of a picture of another shape.
@@ -37,13 +36,7 @@ def focus_map(focus: str, target: Tensor) -> Tensor:
 
 
 def focus_weights(attended: Tensor, strength: float) -> Tensor:
-    """1 + (strength - 1) m for a map m (H, W) in [0, 1], divided by its mean; float32 of mean 1.
-
-    Raises:
-        UserError: if ``strength`` is not 1 to 1000.
-    """
-    if not 1 <= strength <= MOST:
-        raise UserError(f"focus_strength={strength:g} is not a factor from 1 to {MOST:g}; try focus_strength=8")
+    """1 + (strength - 1) m for a map m (H, W) in [0, 1], divided by its mean; float32 of mean 1."""
     weights = 1 + (strength - 1) * attended.double()
     return (weights / weights.mean()).to(torch.float32)
 
@@ -67,28 +60,33 @@ def attention(picture: Tensor) -> Tensor:
     cascade of local binary patterns that scikit-image ships, asked about the picture and its mirror image. Differs from
     the sources in this combination, which was chosen by eye on three photographs (a portrait, a cup, a cat).
 
-    Args:
-        picture: (3, H, W) in [0, 1].
-
     Returns:
-        (H, W) float32 from 0 to 1; all 0 if the picture is the same everywhere.
+        (H, W) float32 from 0 to 1 for a picture (3, H, W) in [0, 1]; all 0 if it is the same everywhere.
     """
+    from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (rarely needed)
+
     size = (picture.shape[1], picture.shape[2])
     small = _shrunk(picture, SIDE)
-    lab = _lab(small)
+    lab: np.ndarray = to_lab(small.reshape(-1, 3).astype(np.float64)).reshape(small.shape)
     sigma = BLUR * max(lab.shape[:2])
-    found = np.sqrt(_smooth(signature(lab), sigma) * _smooth(slope(lab), sigma)) * _middle(lab.shape[:2])
+    saliency, detail = (gaussian_filter(values, sigma) for values in (_signature(lab), _slope(lab)))
+    height, width = lab.shape[:2]
+    rows, columns = (np.arange(height) + 0.5) / height - 0.5, (np.arange(width) + 0.5) / width - 0.5
+    middle = np.exp(-(rows[:, None] ** 2 + columns**2) / (2 * CENTRE**2))
+    found = np.sqrt((saliency - saliency.min()) * (detail - detail.min())) * middle
     highest = found.max()
     found = found / highest if highest > SAME else np.zeros_like(found)
     wide = functional.interpolate(torch.from_numpy(found)[None, None], size, mode="bilinear", align_corners=False)
     seen = faces(picture)
     attended = wide[0, 0] * (BESIDE_FACES if seen else 1)
-    for middle, side in seen:
-        attended = torch.maximum(attended, _around(middle, FACE_REACH * side, size))
+    for (y, x), side in seen:  # a round plateau, 1 in the middle, 1/e at ``FACE_REACH`` sides, and soon 0 beyond
+        down, across = torch.arange(size[0]) + 0.5 - y, torch.arange(size[1]) + 0.5 - x
+        distance = (down[:, None].square() + across.square()) / (FACE_REACH * side) ** 2
+        attended = torch.maximum(attended, torch.exp(-distance.square()))
     return attended.to(torch.float32).clamp(0, 1)
 
 
-def signature(lab: np.ndarray) -> np.ndarray:
+def _signature(lab: np.ndarray) -> np.ndarray:
     """Squared inverse cosine transform of the signs of that of each channel (h, w, 3), summed over channels (h, w)."""
     from scipy.fft import dctn, idctn  # noqa: PLC0415  (rarely needed)
 
@@ -98,7 +96,7 @@ def signature(lab: np.ndarray) -> np.ndarray:
     return found
 
 
-def slope(lab: np.ndarray) -> np.ndarray:
+def _slope(lab: np.ndarray) -> np.ndarray:
     """Length of the gradient (h, w) of all channels (h, w, 3), at a scale of one pixel."""
     from scipy.ndimage import gaussian_gradient_magnitude  # noqa: PLC0415  (rarely needed)
 
@@ -114,19 +112,18 @@ def faces(picture: Tensor) -> list[tuple[tuple[float, float], float]]:
     from skimage.data import lbp_frontal_face_cascade_filename  # noqa: PLC0415  (slow to import)
     from skimage.feature import Cascade  # noqa: PLC0415
 
-    cascade, short = Cascade(lbp_frontal_face_cascade_filename()), min(small.shape[:2])
+    cascade, (short, _) = Cascade(lbp_frontal_face_cascade_filename()), sorted(small.shape[:2])
 
     def look(at: np.ndarray) -> list[tuple[float, float, float]]:
         pixels = np.ascontiguousarray(np.rint(255 * at).astype(np.uint8))
         found = cascade.detect_multi_scale(pixels, 1.2, 1, (FACE_LEAST,) * 2, (short,) * 2)
         return [(face["r"] + face["height"] / 2, face["c"] + face["width"] / 2, face["width"]) for face in found]
 
-    # Most of what it takes for a face by mistake is none in the mirror.
     mirrored = [(y, small.shape[1] - x) for y, x, _ in look(small[:, ::-1])]
     zoom = max(picture.shape[1:]) / max(small.shape[:2])
     return [
         ((zoom * y, zoom * x), zoom * side)
-        for y, x, side in look(small)
+        for y, x, side in look(small)  # most of what it takes for a face by mistake is none in the mirror
         if any(max(abs(y - other_y), abs(x - other_x)) < side / 2 for other_y, other_x in mirrored)
     ]
 
@@ -138,30 +135,3 @@ def _shrunk(picture: Tensor, side: int) -> np.ndarray:
     size = (max(1, round(zoom * height)), max(1, round(zoom * width)))
     small: np.ndarray = functional.adaptive_avg_pool2d(picture, size).permute(1, 2, 0).clamp(0, 1).cpu().numpy()
     return small
-
-
-def _lab(picture: np.ndarray) -> np.ndarray:
-    from skimage.color import rgb2lab  # noqa: PLC0415  (slow to import)
-
-    lab: np.ndarray = rgb2lab(picture.astype(np.float64))
-    return lab
-
-
-def _smooth(values: np.ndarray, sigma: float) -> np.ndarray:
-    from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (rarely needed)
-
-    found: np.ndarray = gaussian_filter(values, sigma)
-    return found - found.min()
-
-
-def _middle(size: tuple[int, ...]) -> np.ndarray:
-    """Gaussian (h, w) around the middle."""
-    down, across = ((np.arange(side) + 0.5) / side - 0.5 for side in size)
-    bell: np.ndarray = np.exp(-(down[:, None] ** 2 + across**2) / (2 * CENTRE**2))
-    return bell
-
-
-def _around(middle: tuple[float, float], reach: float, size: tuple[int, int]) -> Tensor:
-    """A round plateau (H, W), 1 in the middle, 1/e at a distance of ``reach`` pixels, and soon 0 beyond."""
-    down, across = (torch.arange(side) + 0.5 - place for side, place in zip(size, middle, strict=True))
-    return torch.exp(-(((down[:, None].square() + across.square()) / reach**2).square()))

@@ -25,8 +25,7 @@ def load_picture(image: str, resolution: int | None, key: str = "image") -> Tens
 
     Args:
         image: path of a picture file, or one of ``sample_names()``; a file wins over a sample of its name.
-        resolution: longer side in pixels, 1 to 16384; the shorter side follows in proportion and is at least 1.
-            None keeps the size of the file.
+        resolution: longer side in pixels; the shorter one is at least 1. None keeps the size of the file.
         key: what the user types before the path, for messages.
 
     Returns:
@@ -54,9 +53,9 @@ def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Te
     """Read a picture as grey values, at the size of another one, resampled as that is.
 
     Args:
-        image: path of a picture file, or a sample's name; transparent pixels are black.
+        image: as in `load_picture`; transparent pixels are black.
         size: height and width in pixels.
-        key: what the user types before the path, for messages.
+        key: as there.
         also: what else the key takes, for messages; "auto, " for instance.
 
     Returns:
@@ -79,17 +78,10 @@ def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Te
 
 
 def background_color(spec: str, target: Tensor) -> Tensor:
-    """Colour of the bare canvas.
-
-    Args:
-        spec: ``mean`` (of the target), ``white``, ``black``, or ``#rrggbb`` in hexadecimal digits.
-        target: (3, H, W) in [0, 1].
-
-    Returns:
-        (3,) float32 in [0, 1], on the device of ``target``.
+    """Colour (3,) of the bare canvas, float32 in [0, 1], for a target (3, H, W) and on its device.
 
     Raises:
-        UserError: if ``spec`` is none of these.
+        UserError: if ``spec`` is not ``mean`` (of the target), ``white``, ``black`` or ``#rrggbb`` (hexadecimal).
     """
     if spec == "mean":
         return target.mean((1, 2), dtype=torch.float64).to(torch.float32)
@@ -119,12 +111,11 @@ def _path_of(image: str, key: str, also: str = "") -> Path:
     samples = _samples()
     if image in samples:
         return samples[image]
+    there = (
+        "a folder" if os.path.isdir(path) else "a device or a pipe, not a file" if os.path.exists(path) else "not there"
+    )
     choices = f"{also}the path of a picture or one of the samples {', '.join(sorted(samples))}"
-    if os.path.isdir(path):
-        raise UserError(f"{key}={image} is a folder; give {choices}")
-    if os.path.exists(path):
-        raise UserError(f"{key}={image} is a device or a pipe, not a file; give {choices}")
-    raise UserError(f"{key}={image} is not there; give {choices}")
+    raise UserError(f"{key}={image} is {there}; give {choices}")
 
 
 def _size_at(resolution: int, height: int, width: int) -> tuple[int, int]:

@@ -14,12 +14,12 @@ def palette(lab: Array, weight: Array, count: int) -> Array:
     it, and no further ink makes the error larger.
 
     Args:
-        lab: (N, 3) colours in CIELAB.
+        lab: (N, 3) colours.
         weight: (N,) how much of the picture has each, >= 0.
         count: of inks at most.
 
     Returns:
-        Inks (K, 3) in CIELAB, K <= count: no more than there are different colours.
+        Inks (K, 3), K <= count: no more than there are different colours.
     """
     lab, weight = lab[weight > 0], weight[weight > 0]
     if len(lab) == 0:

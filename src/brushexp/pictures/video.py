@@ -1,23 +1,20 @@
-"""Films as MP4 and GIF, written picture by picture, so that a long one takes no more memory than a short one."""
+"""Films as MP4 and GIF, made picture by picture: a video is written on the way, the frames of a GIF at the end."""
 
 from __future__ import annotations
 
 import importlib
 import logging
-import struct
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from enum import Enum
 from fractions import Fraction
 from pathlib import Path
 from types import ModuleType
-from typing import BinaryIO
+from typing import NamedTuple
 
 import numpy as np
-from PIL import GifImagePlugin, Image
+from PIL import Image
 
-from brushexp.errors import UserError
 from brushexp.system.files import replacing
 
 log = logging.getLogger(__name__)
@@ -27,10 +24,8 @@ LARGEST_SIDE = 4096  # pixels: what players of H.264 take
 X264 = {"crf": "18", "preset": "veryfast"}  # on canvases of this size slower presets save little
 BT709 = 1  # FFmpeg's number for the usual colour space of video, and for its usual range of values
 GIF_SIDE = 480  # pixels: larger GIFs take many megabytes
-GIF_COLORS = 255  # of one frame, besides the transparent one
 SAME = 6  # levels of 255: a pixel of a GIF that changes by no more than this stays as it is shown
 KEEP = 1  # GIF's number for "leave this frame where it is; the next one is laid over it"
-FOREVER = b"!\xff\x0bNETSCAPE2.0\x03\x01\x00\x00\x00"  # extension of GIF: play it again and again
 
 Array = np.ndarray
 Show = Callable[[Array, int], None]  # a picture (H, W, 3) of bytes, and for how many ticks it stays
@@ -44,14 +39,8 @@ class Format(Enum):
     both = "both"
 
 
-@dataclass(frozen=True)
-class Film:
-    """A film that is being written.
-
-    Attributes:
-        paths: its files, which are there when it is finished.
-        show: adds a picture.
-    """
+class Film(NamedTuple):
+    """Files that are there when the film is finished, and what adds a picture to them."""
 
     paths: list[Path]
     show: Show
@@ -75,35 +64,24 @@ def filming(stem: Path, kind: Format, size: tuple[int, int], rate: Fraction) -> 
     if av is None and kind is not Format.gif:
         log.info("%s becomes a GIF; for a video: pip install av", stem.name)
     with ExitStack() as opened:
-        paths, shows = [], []
+        files = {}
         if av is not None:
-            paths.append(stem.with_name(f"{stem.name}.mp4"))
-            shows.append(opened.enter_context(_mp4(paths[-1], size, rate, av)))
+            path = stem.with_name(f"{stem.name}.mp4")
+            files[path] = opened.enter_context(_mp4(path, size, rate, av))
         if av is None or kind is Format.both:
-            paths.append(stem.with_name(f"{stem.name}.gif"))
-            shows.append(opened.enter_context(_gif(paths[-1], size, rate)))
+            path = stem.with_name(f"{stem.name}.gif")
+            files[path] = opened.enter_context(_gif(path, rate))
 
         def show(picture: Array, ticks: int) -> None:
-            for each in shows:
+            for each in files.values():
                 each(picture, ticks)
 
-        yield Film(paths, show)
+        yield Film(list(files), show)
 
 
 def largest_side(kind: Format) -> int:
     """Pixels that the longer side of a film has at most."""
     return GIF_SIDE if _encoder(kind) is None else LARGEST_SIDE
-
-
-def format_of(name: str, key: str) -> Format:
-    """The format that a config calls ``name``.
-
-    Raises:
-        UserError: if there is none; it names the ``key`` and those that there are.
-    """
-    if name not in Format.__members__:
-        raise UserError(f"{key}={name} is not a kind of film; choose {', '.join(Format.__members__)}")
-    return Format[name]
 
 
 def _encoder(kind: Format) -> ModuleType | None:
@@ -142,83 +120,42 @@ def _mp4(path: Path, size: tuple[int, int], rate: Fraction, av: ModuleType) -> I
 
 
 @contextmanager
-def _gif(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Show]:
-    zoom = min(1.0, GIF_SIDE / max(size))
-    height, width = (max(1, round(side * zoom)) for side in size)
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        file.write(b"GIF89a" + struct.pack("<HHBBB", width, height, 0x70, 0, 0) + FOREVER)
-        frames = _Changes(file, rate)
+def _gif(path: Path, rate: Fraction) -> Iterator[Show]:
+    """Frames that hold only the pixels which have changed: small, and what stays the same does not flicker."""
+    frames: list[Image.Image] = []
+    begins: list[int] = []  # of the frames, in ticks
+    now = 0
+    shown: Array = np.array(-1000)  # each pixel as it was when it last changed; at first unlike any
 
-        def show(picture: Array, ticks: int) -> None:
-            if picture.shape[:2] != (height, width):
-                small = Image.fromarray(picture).resize((width, height), Image.Resampling.LANCZOS, reducing_gap=2)
-                picture = np.asarray(small)
-            frames.show(picture, ticks)
-
-        yield show
-        frames.finish()
-        file.write(b";")
-
-
-class _Changes:
-    """Frames of a GIF that hold only the pixels which have changed, each with a palette of its own.
-
-    A pixel that stays the same is transparent, which costs next to nothing, keeps its colour from flickering, and
-    leaves the whole palette to those that are new.
-
-    Args:
-        file: takes the frames.
-        rate: ticks per second.
-    """
-
-    def __init__(self, file: BinaryIO, rate: Fraction) -> None:
-        self.file = file
-        self.rate = rate
-        self.shown: Array | None = None  # (H, W, 3) int16: each pixel as it was when it was last written
-        self.frame: tuple[Image.Image, tuple[int, int], int] | None = None  # is written when its end is known
-        self.ticks = 0  # so far
-        self.begin = 0  # of that frame, in GIF's hundredths of a second
-
-    def show(self, picture: Array, ticks: int) -> None:
-        levels = picture.astype(np.int16)
-        if self.shown is None:
-            self.shown, changed = levels.copy(), np.ones(levels.shape[:2], bool)
-        else:
-            changed = (np.abs(levels - self.shown) > SAME).any(2)
+    def show(picture: Array, ticks: int) -> None:
+        nonlocal now, shown
+        small = Image.fromarray(picture)
+        small.thumbnail((GIF_SIDE, GIF_SIDE), Image.Resampling.LANCZOS)
+        levels = np.asarray(small).astype(np.int16)
+        changed: Array = (np.abs(levels - shown) > SAME).any(2)
         if changed.any():
-            self.finish()
-            self.shown[changed] = levels[changed]
-            self.frame = _cut_out(picture, changed)
-        self.ticks += ticks
+            shown = np.where(changed[..., None], levels, shown)
+            frames.append(_cut_out(np.asarray(small), changed))
+            begins.append(now)
+        now += ticks
 
-    def finish(self) -> None:
-        """Write the frame that waits, if there is one: it lasts until now."""
-        if self.frame is None:
-            return
-        image, place, transparent = self.frame
-        end = round(100 * self.ticks / self.rate)
-        data = GifImagePlugin.getdata(
-            image, place, duration=10 * (end - self.begin), transparency=transparent, disposal=KEEP,
-            include_color_table=True,
+    yield show
+    times = [10 * round(100 * tick / rate) for tick in [*begins, now]]  # GIF counts hundredths of a second
+    lengths = np.diff(times).tolist()
+    with replacing(path) as temporary:
+        frames[0].save(
+            temporary, "GIF", save_all=True, append_images=frames[1:], duration=lengths, loop=0, disposal=KEEP,
+            optimize=False,
         )  # fmt: skip
-        self.file.writelines(data)
-        self.frame, self.begin = None, end
 
 
-def _cut_out(picture: Array, changed: Array) -> tuple[Image.Image, tuple[int, int], int]:
-    """The box around some pixels of a picture, with a palette for them and everything else transparent.
-
-    Returns:
-        The box, where its upper left corner lies (x, y), and its transparent colour.
-    """
-    rows, columns = np.flatnonzero(changed.any(1)), np.flatnonzero(changed.any(0))
-    box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    found = Image.fromarray(picture[changed][None]).quantize(GIF_COLORS)
-    assert found.palette is not None
-    palette = bytes(found.palette.palette)
-    transparent = len(palette) // 3
-    index = np.full(changed[box].shape, transparent, np.uint8)
-    index[changed[box]] = np.asarray(found)[0]
+def _cut_out(picture: Array, changed: Array) -> Image.Image:
+    """Some pixels of a picture in 255 colours of their own, everything else transparent."""
+    found = Image.fromarray(picture[changed][None]).quantize(255)
+    palette = found.getpalette() or []
+    index = np.full(changed.shape, len(palette) // 3, np.uint8)
+    index[changed] = np.asarray(found)[0]
     image = Image.fromarray(index)
-    image.putpalette(palette + bytes(3))
-    return image, (int(columns[0]), int(rows[0])), transparent
+    image.putpalette([*palette, 0, 0, 0])
+    image.info["transparency"] = len(palette) // 3
+    return image

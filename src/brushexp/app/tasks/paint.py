@@ -20,7 +20,7 @@ from brushexp.painting.outputs import export_job, renderer_of, summary_line
 from brushexp.painting.painter import Painter
 from brushexp.painting.timelapse import Timelapse
 from brushexp.pictures.load import background_color, load_picture
-from brushexp.pictures.video import format_of
+from brushexp.pictures.video import Format
 from brushexp.plugins.export.svg import Svg
 from brushexp.plugins.loss.style import Style
 from brushexp.registry import plugin_of
@@ -57,7 +57,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     painter = Painter(
         catalogue, parts, target, background, seed=cfg.seed, focus=focus, budget=budget, coarse=cfg.coarse
     ).to(device)
-    kind = format_of(cfg.timelapse, "timelapse")
+    kind = Format(cfg.timelapse)
     timelapse = Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds, kind=kind)
     write_picture(folder / "target.png", target)
     with trackers:

@@ -47,6 +47,11 @@ class Blend(ABC):
         """What one chooses a blend by."""
         return {"cost": cls.cost, "exact": cls.exact, "runs on": cls.runs_on}
 
+    @property
+    def layered(self) -> bool:
+        """Whether strokes that are laid over others look as if both had been laid at once: nothing deep is left out."""
+        return True
+
     @abstractmethod
     def __call__(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None

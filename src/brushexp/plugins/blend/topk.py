@@ -35,6 +35,10 @@ class TopK(Blend):
         self._exact = Tiled(opaque=0)
         self.k = k
 
+    @property
+    def layered(self) -> bool:
+        return self.k is None
+
     def __call__(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None
     ) -> Canvas:
