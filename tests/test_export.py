@@ -176,7 +176,6 @@ def test_several_outlines_make_a_soft_edge(soft, tmp_path):
 
 @pytest.mark.parametrize("taper", [0.0, 0.6])
 def test_curves_that_fold_and_strokes_without_length_are_drawn(taper, tmp_path):
-    there = torch.tensor([[26.0, 18.0]])
     shapes = {
         "fold": ([-0.5, 0.0], [1.5, 0.0], [-0.5, 0.02]),
         "sharp": ([-0.8, -0.2], [1.2, 0.0], [-0.8, 0.3]),
@@ -184,11 +183,10 @@ def test_curves_that_fold_and_strokes_without_length_are_drawn(taper, tmp_path):
         "control at the start": ([-0.6, 0.3], [-0.6, 0.3], [0.6, -0.3]),
         "control at the end": ([-0.6, 0.3], [0.6, -0.3], [0.6, -0.3]),
     }
+    window = (torch.tensor([[26.0, 18.0]]), torch.tensor([30.0]))
+    look = (torch.tensor([0.3]), torch.zeros(1, 3), torch.ones(1))
     for name, points in shapes.items():
-        start, control, end = (torch.tensor([point]) for point in points)
-        stroke = Strokes(
-            there, torch.tensor([30.0]), start, control, end, torch.tensor([0.3]), torch.zeros(1, 3), torch.ones(1)
-        )
+        stroke = Strokes(*window, *(torch.tensor([point]) for point in points), *look)
         what = replace(job_of(stroke, taper=taper), blend=Dense())
         (path,) = Svg(outlines=2).write(what, tmp_path)
         assert psnr(drawn(path.read_bytes()), pixels(what)) > 30, name
@@ -197,12 +195,9 @@ def test_curves_that_fold_and_strokes_without_length_are_drawn(taper, tmp_path):
 @pytest.mark.parametrize("width", [0.05, 0.3, 1.0, 1.9, 2.1, 5.0])
 def test_a_thin_stroke_fades_as_it_does_in_the_painting(width, tmp_path):
     what = job_of(straight((8, 6.3), (44, 29.6), width=width, color=(0.0, 0.0, 0.0)))
-    ours, theirs = (
-        255 - picture.astype(float) for picture in (pixels(what), drawn(Svg().write(what, tmp_path)[0].read_bytes()))
-    )
-    bare = 255 - to_bytes(what.background[:, None, None])[0, 0].astype(float)
-    paint = (ours - bare).sum()
-    assert (theirs - bare).sum() == pytest.approx(paint, rel=0.03, abs=260)
+    bare = to_bytes(what.background[:, None, None])[0, 0].astype(float)
+    ours, theirs = pixels(what), drawn(Svg().write(what, tmp_path)[0].read_bytes())
+    assert (bare - theirs).sum() == pytest.approx((bare - ours).sum(), rel=0.03, abs=260)
 
 
 def test_outlines_cover_what_a_soft_stroke_does():
@@ -247,14 +242,8 @@ def test_no_name_of_a_file_breaks_the_svg(source, tmp_path):
     root = ET.fromstring(path.read_text(encoding="utf-8"))
     seen = re.sub("[\x00-\x1f\ud800]", "?", source)
     assert f"from {seen};" in root.find("{http://www.w3.org/2000/svg}desc").text
-    assert {element.tag.rpartition("}")[2] for element in root.iter()} == {
-        "svg",
-        "title",
-        "desc",
-        "clipPath",
-        "g",
-        "path",
-    }
+    tags = {element.tag.rpartition("}")[2] for element in root.iter()}
+    assert tags == {"svg", "title", "desc", "clipPath", "g", "path"}
 
 
 def test_the_svg_says_when_the_renderer_has_textures(tmp_path):
@@ -271,9 +260,6 @@ def test_coordinates_have_as_many_decimals_as_wanted(tmp_path):
     sizes = [Svg(digits=digits).write(what, tmp_path)[0].stat().st_size for digits in (0, 2, 6)]
     assert sizes == sorted(sizes)
     assert sizes[1] / 200 < 110, "10,000 strokes are about a megabyte"
-    for options in ({"digits": 7}, {"digits": -1}, {"outlines": 0}, {"outlines": 9}):
-        with pytest.raises(UserError, match=r"to\.svg\."):
-            build_named("to", "svg", options)
 
 
 # JSON
@@ -315,12 +301,6 @@ def test_every_number_comes_back_to_the_last_bit(numbers):
         assert getattr(read, name).numpy().tobytes() == getattr(what, name).numpy().tobytes()
 
 
-def test_the_json_holds_what_the_hdf5_holds(tmp_path):
-    save_catalogue(tmp_path / "catalogue.h5", saved())
-    first = load_catalogue(tmp_path / "catalogue.h5")
-    assert_same(load_catalogue(exported(first, tmp_path)), first)
-
-
 def test_the_json_is_readable(tmp_path):
     text = exported(saved(), tmp_path).read_text(encoding="utf-8")
     data = json.loads(text)
@@ -357,7 +337,6 @@ def test_edited_strokes_are_painted(tmp_path):
         (lambda d: d.update(width=3.5), "width is 3.5; a whole number is needed"),
         (lambda d: d.update(background=[0.1, 0.2]), r"background is \[0.1, 0.2\]; a list of 3 numbers is needed"),
         (lambda d: d.update(background=[0, 0, 2]), r"background is \[0.0, 0.0, 2.0\]; three numbers in \[0, 1\]"),
-        (lambda d: d.update(background=[0, 0, 1e40]), "background is .*three numbers"),
         (lambda d: d.update(renderer=None), "renderer is None; text is needed"),
         (lambda d: d.update(seed="x"), "seed is 'x'; a whole number is needed"),
         (lambda d: d.update(config="a: 1"), "config is 'a: 1'; a list is needed"),
@@ -499,14 +478,8 @@ def test_the_table_has_the_strokes_in_pixels_bottom_first(tmp_path):
 
 def test_a_point_has_no_direction_in_the_table(tmp_path):
     (path,) = Csv().write(job_of(degenerate()), tmp_path)
-    rows = {row["stroke"]: row for row in csv.DictReader(path.read_text().splitlines())}
-    assert rows["0"]["direction_deg"] == ""
-    assert float(rows["0"]["length_px"]) < 1e-6
-
-
-def test_the_table_of_no_strokes_has_a_header(tmp_path):
-    (path,) = Csv().write(job_of(some(0)), tmp_path)
-    assert len(path.read_text().splitlines()) == 1
+    (point,) = [row for row in csv.DictReader(path.read_text().splitlines()) if row["stroke"] == "0"]
+    assert (point["direction_deg"], float(point["length_px"])) == ("", pytest.approx(0, abs=1e-6))
 
 
 # PNG
@@ -518,11 +491,6 @@ def test_the_png_has_the_pixels_of_the_painting(compression, tmp_path, monkeypat
     what = job_of(some(40))
     (path,) = Png(compression=compression).write(what, tmp_path)
     assert np.array_equal(picture(path), pixels(what))
-
-
-def test_a_level_of_compression_that_is_none_is_refused():
-    with pytest.raises(UserError, match=r"to.png.compression=0 is not 1 to 9; try to.png.compression=1"):
-        build_named("to", "png", {"compression": 0})
 
 
 def test_a_large_picture_has_a_bar_and_is_the_same(tmp_path, monkeypatch):
@@ -560,16 +528,11 @@ def test_the_program_writes_all_of_them_at_once(tmp_path):
     assert result.returncode == 0, result.stderr
     assert_same(load_catalogue(tmp_path / "out" / "strokes.json"), saved())
     for name in ("strokes.svg", "strokes.json", "strokes.csv", "painting.png"):
-        assert re.search(rf"{name}: [\d.]+ (bytes|kB) \([\d.]+ s\)", result.stdout), "each with its size and time"
+        assert re.search(rf"{name}: [\d.e-]+ MB \([\d.]+ s\)", result.stdout), "each with its size and time"
     assert psnr(drawn((tmp_path / "out" / "strokes.svg").read_bytes()), picture(tmp_path / "out" / "painting.png")) > 30
 
 
-def test_what_is_typed_reaches_the_exporters(config):
-    cfg = config(*in_full(["task=export", "catalogue=a.h5", "to=svg,json", "to.svg.digits=3"]))
-    assert list(cfg.to) == ["svg", "json"]
-    assert cfg.to.svg.digits == 3
-
-
-@pytest.mark.parametrize("to", ["svg", "[svg]"])
-def test_a_sweep_may_go_over_exporters(config, to):
-    assert list(config("task=export", "catalogue=a.h5", f"to={to}").to) == ["svg"]
+@pytest.mark.parametrize(("to", "names"), [("svg,json", ["svg", "json"]), ("[svg]", ["svg"])])
+def test_what_is_typed_reaches_the_exporters(config, to, names):
+    cfg = config(*in_full(["task=export", "catalogue=a.h5", f"to={to}", "to.svg.digits=3"]))
+    assert (list(cfg.to), cfg.to.svg.digits) == (names, 3)

@@ -1,6 +1,5 @@
 """The strokes as a table."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import torch
@@ -12,7 +11,7 @@ from brushexp.strokes.bezier import curve_of, length_of
 from brushexp.system.files import replacing
 
 POINTS = tuple(f"{point}_{axis}_px" for point in ("start", "control", "end") for axis in "xy")
-COLUMNS = ("stroke", *POINTS, "width_px", "red", "green", "blue", "opacity", "length_px", "direction_deg")
+COLUMNS = (*POINTS, "width_px", "red", "green", "blue", "opacity", "length_px", "direction_deg")
 
 
 @register("to", "csv")
@@ -29,23 +28,16 @@ class Csv(Exporter):
     def __init__(self) -> None: ...
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        path = folder / "strokes.csv"
-        with replacing(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
-            file.write(",".join(COLUMNS) + "\n")
-            file.writelines(lines(job))
+        from pandas import DataFrame, Index  # noqa: PLC0415  (slow to import)
+
+        path, order = folder / "strokes.csv", job.bottom_up.cpu()
+        strokes = job.strokes.map(lambda value: value.detach().cpu().double()[order])
+        curve, width = curve_of(strokes), strokes.width * strokes.scale
+        columns = (curve.flatten(1), width, strokes.color, strokes.opacity, length_of(curve), heading_degrees(curve))
+        table = DataFrame(torch.column_stack(columns).numpy(), Index(order.numpy(), name="stroke"), COLUMNS)
+        with replacing(path) as temporary:
+            table.to_csv(temporary, float_format="%.7g", lineterminator="\n")
         return [path]
-
-
-def lines(job: ExportJob) -> Iterator[str]:
-    """One line for each stroke."""
-    order = job.bottom_up.cpu()
-    strokes = job.strokes.map(lambda value: value.detach().cpu().double())[order]
-    curve = curve_of(strokes)
-    numbers = [curve.flatten(1), (strokes.width * strokes.scale)[:, None], strokes.color, strokes.opacity[:, None]]
-    rows = torch.cat([*numbers, length_of(curve)[:, None]], dim=1).tolist()
-    form = "%d" + ",%.7g" * (len(COLUMNS) - 2) + ",%s\n"
-    for number, row, angle in zip(order.tolist(), rows, heading_degrees(curve).tolist(), strict=True):
-        yield form % (number, *row, "" if angle != angle else f"{angle:.7g}")  # noqa: PLR0124  (NaN)
 
 
 def heading_degrees(curve: Tensor) -> Tensor:

@@ -25,7 +25,7 @@ class Png(Exporter):
     It is painted and packed in bands, so that memory does not grow with the picture.
 
     Args:
-        compression: 1 (fast) to 9 (small).
+        compression: 1 is fast, 9 small.
     """
 
     def __init__(self, *, compression: Annotated[int, between(1, 9)] = 6) -> None:
@@ -47,13 +47,9 @@ def pixels(job: ExportJob) -> np.ndarray:
 
 
 def write_png(file: BinaryIO, bands: Iterable[np.ndarray], size: tuple[int, int], compression: int) -> None:
-    """Write a PNG (ISO/IEC 15948) piece by piece: Pillow wants the whole picture, and packs it in four bytes a pixel.
+    """Write a PNG (ISO/IEC 15948) from bands of pixels (h, W, 3) in 8 bits, as they come, from top to bottom.
 
-    Args:
-        file: where to.
-        bands: pixels (h, W, 3) in 8 bits, from top to bottom.
-        size: height and width of them all.
-        compression: level of zlib.
+    Pillow wants the whole picture, and packs it in four bytes a pixel.
     """
     height, width = size
     file.write(SIGNATURE)

@@ -1,7 +1,7 @@
 """The strokes as vector paths."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from html import escape
 from pathlib import Path
 from typing import Annotated
@@ -36,8 +36,8 @@ class Svg(Exporter):
     Renderers with textures (``textured``, ``neural``) have no paths: here are their strokes without the texture.
 
     Args:
-        digits: decimals of coordinates and widths, 0 to 6.
-        outlines: how many paths, one on another, make the soft edge of a stroke, 1 to 8.
+        digits: decimals of coordinates and widths.
+        outlines: how many paths, one on another, make the soft edge of a stroke.
     """
 
     def __init__(
@@ -74,21 +74,21 @@ class Svg(Exporter):
             for value in (profile.curve, profile.half_width, profile.color, profile.opacity)
         )
         middle, offset, alpha = soft_edge(half, opacity, profile.soft, self.outlines)
-        widths = _whole(2 * (middle[:, None] + offset), self.digits)
-        faint, colors = _whole(alpha, ALPHA), hexadecimal(color)
+        widths = 2 * (middle[:, None] + offset)
         kind = "fill" if profile.taper else "stroke"
-        shapes: Iterator[list[str]]
+        shapes: Iterable[list[str]]
         if profile.taper:
             shapes = tapered(curve, middle, offset, profile.taper, self.digits)
         else:
-            shapes = ([line(row, self.digits)] * self.outlines for row in _whole(curve.flatten(1), self.digits))
-        for i, shape in enumerate(shapes):
-            for k, d in enumerate(shape):
-                if d and widths[i][k] > 0 and faint[i][k] > 0:
-                    width = "" if profile.taper else f' stroke-width="{number(widths[i][k], self.digits)}"'
-                    opaque = faint[i][k] == 10**ALPHA
-                    clear = "" if opaque else f' {kind}-opacity="{number(faint[i][k], ALPHA)}"'
-                    yield f'<path d="{d}" {kind}="{colors[i]}"{width}{clear}/>\n'
+            shapes = ([line(row, self.digits)] * self.outlines for row in curve.flatten(1).tolist())
+        rows = zip(shapes, hexadecimal(color), widths.tolist(), alpha.tolist(), strict=True)
+        for paths, paint, path_widths, opacities in rows:
+            for d, width, opaque in zip(paths, path_widths, opacities, strict=True):
+                size, clear = number(width, self.digits), number(opaque, ALPHA)
+                if float(size) > 0 and float(clear) > 0:
+                    more = "" if profile.taper else f' stroke-width="{size}"'
+                    more += "" if clear == "1" else f' {kind}-opacity="{clear}"'
+                    yield f'<path d="{d}" {kind}="{paint}"{more}/>\n'
 
 
 @torch.no_grad()
@@ -117,7 +117,7 @@ def soft_edge(half: Tensor, opacity: Tensor, soft: float, count: int) -> tuple[T
         count: K, of outlines.
 
     Returns:
-        half width of one stroke alone (N,); what to add to it (N, K), the widest first; opacities (N, K).
+        Half width of one stroke alone (N,); what to add to it (N, K), the widest first; opacities (N, K).
     """
     peak = 2 * smooth_rise(half / soft)
     middle = half / peak.clamp_min(torch.finfo(half.dtype).tiny)
@@ -146,9 +146,3 @@ def hexadecimal(color: Tensor) -> list[str]:
     """Colours (N, 3) in [0, 1] as ``#rrggbb``."""
     levels = (color * 255 + 0.5).clamp(0, 255).long().tolist()
     return [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in levels]
-
-
-def _whole(values: Tensor, digits: int) -> list[list[int]]:
-    """Numbers (N, M) in units of ``10 ** -digits``."""
-    rows: list[list[int]] = (values * 10**digits).round().long().tolist()
-    return rows
