@@ -214,7 +214,7 @@ def test_gradients_of_pixels_are_weighted(name, power):
     x = image.clone().requires_grad_()
     expected = ((x - target).abs() ** power * focus).sum() / 120
     (wanted,) = torch.autograd.grad(expected, x)
-    assert float(value) == pytest.approx(float(expected))
+    assert float(value) == pytest.approx(expected.item())
     assert_close(slope, wanted)
 
 
