@@ -17,7 +17,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import plugins
 from brushexp.strokes.prior import parameters_of, sample_prior
-from brushexp.training import writer
+from brushexp.training import datamodule, writer
 from brushexp.training.datamodule import SimulatedData, StoredData
 from brushexp.training.dataset import (
     BLOCK,
@@ -206,9 +206,11 @@ def test_sets_that_do_not_fit_together_are_refused(kept, tmp_path):
             StoredData(paths, limit=limit)
 
 
-def test_an_engine_simulates_no_stroke_twice_and_the_batch_size_changes_none(config):
+def test_an_engine_simulates_no_stroke_twice_and_the_batch_size_changes_none(config, monkeypatch):
+    monkeypatch.setattr(datamodule, "EPOCH_STEPS", 4)
+
     def data(batch_size: int) -> SimulatedData:
-        return SimulatedData(Spot(), Origin("spot", {}, 6), batch_size=batch_size, seed=3, steps=4, held_out=25)
+        return SimulatedData(Spot(), Origin("spot", {}, 6), batch_size=batch_size, seed=3, held_out=25)
 
     eight = data(8)
     loader = eight.train_dataloader()

@@ -73,17 +73,10 @@ def test_an_engine_returns_what_the_contract_says(engine):
     assert engine.window == WINDOW
     assert (painted.images[:, 3].amax((1, 2)) > 0.2).all()
     assert (painted.heights.amax((1, 2)) > 0).all()
-    corner = painted.images[:, 3, 0, 0]
-    assert_close(corner, torch.zeros_like(corner))
-
-
-def test_where_there_is_no_paint_lies_the_colour_of_the_stroke(engine):
-    parameters = valid(6)
-    color, alpha = engine(parameters, seed=1).images.split([3, 1], dim=1)
-    expected = strokes_of(parameters).color[:, :, None, None].expand_as(color)
+    color, alpha = painted.images.split([3, 1], dim=1)
+    assert_close(alpha[..., 0, 0], torch.zeros(6, 1))
     bare = (alpha == 0).expand_as(color)
-    assert bare.any()
-    assert_close(color[bare], expected[bare])
+    assert_close(color[bare], strokes_of(parameters).color[:, :, None, None].expand_as(color)[bare])
 
 
 def test_a_stroke_depends_on_its_number_and_not_on_its_batch(engine):
@@ -95,39 +88,26 @@ def test_a_stroke_depends_on_its_number_and_not_on_its_batch(engine):
         assert torch.equal(part.heights, whole.heights[start:stop])
 
 
-def test_a_stroke_does_not_depend_on_the_number_of_threads(engine):
+@pytest.mark.parametrize("seed", [0, 2**63, 2**64 - 1])
+def test_every_seed_is_taken_and_gives_the_same_again_on_any_number_of_threads(engine, seed):
     parameters = valid(6)
-    one = engine(parameters, seed=3)
+    one = engine(parameters, seed=seed)
     try:
         torch.set_num_threads(2)
-        two = engine(parameters, seed=3)
+        two = engine(parameters, seed=seed)
     finally:
         torch.set_num_threads(1)
     assert torch.equal(one.images, two.images)
     assert torch.equal(one.heights, two.heights)
 
 
-@pytest.mark.parametrize("seed", [0, 2**63, 2**64 - 1])
-def test_every_seed_is_taken_and_gives_the_same_again(engine, seed):
-    parameters = valid(2)
-    assert torch.equal(engine(parameters, seed=seed).images, engine(parameters, seed=seed).images)
-
-
-@pytest.mark.parametrize("case", EXTREMES)
-def test_anything_finite_is_drawn(engine, case):
-    parameters = torch.tensor([EXTREMES[case]])
-    check(parameters, engine(parameters, seed=1))
-
-
-def test_extreme_strokes_leave_their_neighbours_alone(engine):
+def test_anything_finite_is_drawn_and_leaves_its_neighbours_alone(engine):
     alone = valid(1)
     parameters = torch.cat([torch.tensor(list(EXTREMES.values())), alone])
     painted = engine(parameters, seed=1)
+    check(parameters, painted)
     assert torch.equal(painted.images[-1:], engine(alone, seed=1, first=len(EXTREMES)).images)
-
-
-def test_no_strokes_are_no_pictures(engine):
-    check(torch.empty(0, 10), engine(torch.empty(0, 10), seed=1))
+    check(parameters[:0], engine(parameters[:0], seed=1))
 
 
 def test_gradients_and_the_parameters_themselves_are_left_alone(engine):
@@ -170,9 +150,9 @@ def test_a_wider_stroke_covers_more(engine):
 def test_a_turned_stroke_is_a_turned_picture(engine):
     parameters = torch.tensor([[-0.6, 0.3, 0.1, -0.4, 0.5, 0.1, 0.5, 0, 0, 0]]).repeat(24, 1)  # grains average out
     straight, round_the_corner = (engine(p, seed=1).images[:, 3].mean(0) for p in (parameters, turned(parameters)))
-    coarse = torch.nn.functional.avg_pool2d(torch.rot90(straight, -1)[None], 4)
-    assert_close(torch.nn.functional.avg_pool2d(round_the_corner[None], 4), coarse, atol=0.2, rtol=0)
-    assert (torch.nn.functional.avg_pool2d(round_the_corner[None], 4) - coarse).abs().mean() < 0.03
+    off = torch.nn.functional.avg_pool2d((round_the_corner - torch.rot90(straight, -1))[None], 4).abs()
+    assert off.max() < 0.2
+    assert off.mean() < 0.03
 
 
 def test_dabs_differ_from_number_to_number_and_from_seed_to_seed():
@@ -184,20 +164,17 @@ def test_dabs_differ_from_number_to_number_and_from_seed_to_seed():
 
 
 def test_discs_agree_with_the_loop():
-    engine = build_named("engine", "disc", {"window": WINDOW})
-    parameters = valid(3)
-    strokes, side = strokes_of(parameters.double()), 2 * WINDOW
+    parameters, side = valid(3), 2 * WINDOW
     y, x = np.mgrid[:side, :side] + 0.5
-    for alpha, start, control, end, width in zip(
-        engine(parameters, seed=1).images[:, 3],
-        strokes.start.numpy(), strokes.control.numpy(), strokes.end.numpy(), strokes.width.numpy(), strict=True,
-    ):  # fmt: skip
+    drawn = build_named("engine", "disc", {"window": WINDOW})(parameters, seed=1).images[:, 3]
+    strokes = strokes_of(parameters.double())
+    fields = (getattr(strokes, name).numpy() for name in ("start", "control", "end", "width"))
+    for alpha, start, control, end, width in zip(drawn, *fields, strict=True):
         canvas = np.zeros((side, side))
         for t in np.arange(100) / 100:
             u, v = ((1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end + 1) * side / 2
             canvas[np.hypot(x - u, y - v) <= width * side / 2] = 1
-        expected = canvas.reshape(WINDOW, 2, WINDOW, 2).mean((1, 3))
-        assert_close(alpha, torch.from_numpy(expected).float())
+        assert_close(alpha, torch.from_numpy(canvas.reshape(WINDOW, 2, WINDOW, 2).mean((1, 3))).float())
 
 
 def band(**settings: float) -> Tensor:
@@ -247,22 +224,15 @@ def test_one_dab_has_the_profile_of_libmypaint():
     assert_close(alpha, expected, atol=0.02, rtol=0)
 
 
-def test_linearized_dabs_add_up_to_the_opacity():
-    from brushexp.plugins.engine._stamps import opacity_of  # noqa: PLC0415
+def test_dabs_add_up_to_an_opacity_that_follows_the_pressure():
+    from brushexp.plugins.engine._stamps import opacity_of, pressure_at  # noqa: PLC0415
 
     assert math.isclose(opacity_of(0.5, 0.8, 0.2, 0.0, 12.0), 0.45)
     assert math.isclose(1 - (1 - opacity_of(0.5, 0.8, 0.2, 1.0, 12.0)) ** 24, 0.45)
     assert opacity_of(1.0, 1.0, 1.0, 0.9, 12.0) == 1
     assert opacity_of(0.0, 0.8, 0.2, 0.9, 12.0) == 0
-
-
-def test_pressure_rises_over_the_head_and_sinks_over_the_tail():
-    from brushexp.plugins.engine._stamps import pressure_at  # noqa: PLC0415
-
-    expected = {0.0: 0.4, 0.125: 0.6, 0.25: 0.8, 0.5: 0.8, 0.75: 0.8, 0.875: 0.6, 1.0: 0.4}
-    for share, pressure in expected.items():
+    for share, pressure in {0.0: 0.4, 0.125: 0.6, 0.25: 0.8, 0.5: 0.8, 0.75: 0.8, 0.875: 0.6, 1.0: 0.4}.items():
         assert math.isclose(pressure_at(share, 0.8, 0.4, 0.25, 0.75), pressure)
-    for share in (0.0, 0.5, 1.0):
         assert math.isclose(pressure_at(share, 0.8, 0.4, 0.0, 1.0), 0.8)
 
 

@@ -74,16 +74,6 @@ def test_fid_and_kid_are_their_formulas():
     assert figures["kid_mine"] == pytest.approx(within - 2 * near[2].mean(), rel=1e-6)
 
 
-def test_distances_do_not_depend_on_the_order_or_the_batches():
-    ours, truth = sample_set(30), sample_set(30, shift=0.05)
-    one, other = distance(), distance()
-    one.add(ours, truth)
-    order = torch.randperm(30)
-    for part in order.split(7):
-        other.add(ours[part], truth[part])
-    assert other.figures() == pytest.approx(one.figures(), rel=1e-9)
-
-
 def test_a_set_of_one_has_no_distance():
     found = distance()
     assert all(math.isnan(value) for value in found.figures().values())
@@ -126,19 +116,17 @@ def test_inception_comes_from_a_file(tmp_path):
     measure = inception_distance(scripted(tmp_path / "i.pt", 2048), CPU)
     images = torch.rand(4, 4, 8, 9)
     measure.add(images, images)
-    assert int(measure.fid.fake_features_num_samples) == int(measure.fid.real_features_num_samples) == 4
     assert measure.fid.real_features_sum.shape == (2048,)
     assert measure.name == "inception"
-
-
-def test_a_wrong_inception_file_is_refused(tmp_path):
-    with pytest.raises(UserError, match=r"there is no such file; give inception-2015-12-05.pt"):
-        inception_distance(tmp_path / "no.pt", CPU)
     (tmp_path / "text.pt").write_text("hello")
-    with pytest.raises(UserError, match="is not that network as TorchScript"):
-        inception_distance(tmp_path / "text.pt", CPU)
-    with pytest.raises(UserError, match=r"makes features \(1, 7\); a network that makes \(1, 2048\)"):
-        inception_distance(scripted(tmp_path / "small.pt", 7), CPU)
+    scripted(tmp_path / "small.pt", 7)
+    for name, message in (
+        ("no.pt", "there is no such file; give inception-2015-12-05.pt"),
+        ("text.pt", "is not that network as TorchScript"),
+        ("small.pt", r"makes features \(1, 7\); a network that makes \(1, 2048\)"),
+    ):
+        with pytest.raises(UserError, match=message):
+            inception_distance(tmp_path / name, CPU)
 
 
 def test_paint_lies_on_white():
@@ -159,12 +147,6 @@ def test_the_figures_are_those_of_all_strokes_together():
     expected = error_figures(error_sums(drawn, batch.images))
     assert {key: figures[key] for key in expected} == pytest.approx(expected)
     assert math.isfinite(figures["fid_mine"])
-
-
-def test_the_true_pictures_are_without_error():
-    figures = benchmark.evaluate(Analytic(), [strokes(4)], 4, 32, [])
-    assert figures["l2"] == 0
-    assert figures["psnr_alpha"] == figures["psnr_color"] == math.inf
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -195,10 +177,7 @@ def test_no_stroke_makes_what_a_user_gets_other_than_a_number(name):
 
 def test_one_extreme_is_ordinary_and_the_others_are_at_or_beyond_the_edge():
     found = extreme_strokes()
-    within = clamp_to_prior(found)
-    same = (parameters_of(found) - parameters_of(within)).abs().amax(1) == 0
-    assert bool(same[0])
-    assert set(EXTREMES) >= {"width 0", "width 1", "length 0", "control at 5", "red -0.5", "red 1.5"}
+    assert torch.equal(parameters_of(found)[0], parameters_of(clamp_to_prior(found))[0])
     assert float(found.width.min()) < WIDTH[0] < WIDTH[1] < float(found.width.max())
     assert float(found.control.abs().max()) > INSET
     assert float(found.color.min()) < 0
@@ -226,24 +205,18 @@ def test_a_perfect_renderer_has_the_mass_of_the_nearest_stroke():
 @pytest.fixture
 def run(tmp_path, monkeypatch, config):
     """Run the task in this process."""
-
-    def run_with(*overrides: str) -> dict[str, object]:
-        hydra = SimpleNamespace(runtime=SimpleNamespace(output_dir=str(tmp_path)))
-        monkeypatch.setattr(evaluate, "HydraConfig", SimpleNamespace(get=lambda: hydra))
-        monkeypatch.setattr(benchmark, "ACROSS", 2)
-        monkeypatch.setattr(benchmark, "REPETITIONS", 1)
-        cfg = config("task=evaluate", "engine=disc", "engine.window=32", "n=20", "device=cpu", *overrides)
-        return evaluate.run(cfg, time.monotonic())
-
-    return run_with
+    hydra = SimpleNamespace(runtime=SimpleNamespace(output_dir=str(tmp_path)))
+    monkeypatch.setattr(evaluate, "HydraConfig", SimpleNamespace(get=lambda: hydra))
+    monkeypatch.setattr(benchmark, "ACROSS", 2)
+    monkeypatch.setattr(benchmark, "REPETITIONS", 1)
+    common = ("task=evaluate", "engine=disc", "engine.window=32", "n=20", "device=cpu")
+    return lambda *overrides: evaluate.run(config(*common, *overrides), time.monotonic())
 
 
 def test_a_run_leaves_numbers_and_pictures(run, tmp_path):
     metrics = run("renderer=analytic", "renderer.soft=1")
     assert json.loads((tmp_path / "metrics.json").read_text()).keys() == metrics.keys()
-    assert metrics["n"] == 20
-    assert metrics["parameters"] == 0
-    assert metrics["file_mb"] is None
+    assert (metrics["n"], metrics["parameters"], metrics["file_mb"]) == (20, 0, None)
     assert metrics["finite_outside"]
     assert metrics["psnr_alpha"] > 15
     for key in ("l2", "fid_effl0", "kid_effl0", "strokes_per_second", "strokes_per_second_backward"):

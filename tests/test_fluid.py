@@ -6,7 +6,7 @@ import torch
 
 from brushexp.plugins.engine import _bristles, _deposition
 from brushexp.plugins.engine.fluid import Fluid
-from brushexp.strokes.prior import parameters_of, sample_prior, strokes_of
+from brushexp.strokes.prior import parameters_of, sample_prior
 
 RNG = np.random.default_rng(0)
 
@@ -84,21 +84,14 @@ def test_splats_keep_the_amount_of_paint_on_any_grid():
     p[:2] = RNG.uniform(80, 170, (2, _bristles.VERTICES, n))
     before = p + RNG.uniform(-10, 10, p.shape).astype(np.float32)
     before[2] = 0
-    radius, expected = 0.05 * scale, 0.0
+    t = (np.arange(8)[:, None, None] + 0.5) / 8
+    now, then = (s[:2, None, :-1] + t * (s[:2, None, 1:] - s[:2, None, :-1]) for s in (p, before))
+    radius, ways = 0.05 * scale, np.linalg.norm(now - then, axis=0)
+    expected = (opacity * (radius * ways + np.pi / 3 * radius**2)).sum()  # max(1 - d / R, 0) over all capsules
     for side in (66, 258, 514):
         grid, area = np.zeros((3, side * side), np.float32), np.array([side, -1, side, -1])
-        _deposition._splat(
-            p, before, p - before, np.float32(scale), np.float32(opacity), np.float32(0), side, grid, area
-        )
-        total = grid[0].sum() * (256 / (side - 2)) ** 2
-        for v in range(_bristles.VERTICES - 1):  # the integral of max(1 - d / R, 0) over a capsule
-            for i in range(n):
-                for t in (np.arange(8) + 0.5) / 8:
-                    now, then = (s[:2, v, i] + t * (s[:2, v + 1, i] - s[:2, v, i]) for s in (p, before))
-                    way = np.linalg.norm(now - then)
-                    expected += opacity * (radius * way + np.pi / 3 * radius**2)
-        assert total == pytest.approx(expected, rel=0.01)
-        expected = 0.0
+        _deposition._splat(p, before, p - before, *map(np.float32, (scale, opacity, 0)), side, grid, area)
+        assert grid[0].sum() * (256 / (side - 2)) ** 2 == pytest.approx(expected, rel=0.01)
 
 
 def test_the_closed_form_of_a_frame_agrees_with_splat_after_splat():
@@ -133,9 +126,8 @@ def test_projection_agrees_with_whole_arrays(rounds):
     state = np.zeros((4, side * side), np.float32)
     state[:2] = flow(side).reshape(2, -1)
     before = state[:2].reshape(2, side, side).astype(float)
-    _deposition._project(
-        state, np.zeros((3, side * side), np.float32), side, np.array([1, side - 2, 1, side - 2]), rounds
-    )
+    scratch, area = np.zeros((3, side * side), np.float32), np.array([1, side - 2, 1, side - 2])
+    _deposition._project(state, scratch, side, area, rounds)
     pressure = np.zeros((side, side))
     for _ in range(rounds):
         near = pressure[1:-1, :-2] + pressure[1:-1, 2:] + pressure[:-2, 1:-1] + pressure[2:, 1:-1]
@@ -143,17 +135,6 @@ def test_projection_agrees_with_whole_arrays(rounds):
     before[0, 1:-1, 1:-1] -= 0.5 * (pressure[1:-1, 2:] - pressure[1:-1, :-2])
     before[1, 1:-1, 1:-1] -= 0.5 * (pressure[2:, 1:-1] - pressure[:-2, 1:-1])
     np.testing.assert_allclose(state[:2].reshape(2, side, side), before, atol=1e-6)
-
-
-def test_more_rounds_leave_less_divergence():
-    side, left = 34, []
-    for rounds in (0, 2, 100):
-        state = np.zeros((4, side * side), np.float32)
-        state[:2] = flow(side).reshape(2, -1)
-        scratch = np.zeros((3, side * side), np.float32)
-        _deposition._project(state, scratch, side, np.array([1, side - 2, 1, side - 2]), rounds)
-        left.append(np.abs(divergence(state[:2].reshape(2, side, side))[4:-4, 4:-4]).mean())
-    assert left[0] > left[1] > left[2]
 
 
 def bilinear(field, x, y):
@@ -199,13 +180,6 @@ def test_paint_reaches_from_start_to_end():
     assert rows.max() - rows.min() == pytest.approx(0.2, abs=0.04), "as wide as the width says"
 
 
-def test_a_turned_stroke_leaves_a_turned_picture():
-    flat = Fluid(relief=0.0)
-    along = flat(stroke((-0.5, 0.1), (0, -0.2), (0.6, 0.1)), seed=0).images[0, 3]
-    down = flat(stroke((-0.1, -0.5), (0.2, 0), (-0.1, 0.6)), seed=0).images[0, 3]
-    torch.testing.assert_close(torch.rot90(along, -1), down, atol=0.02, rtol=0)
-
-
 def test_bristles_leave_streaks():
     """Across the stroke the paint goes up and down more often than a smooth profile, which does it once."""
     alpha = Fluid(window=256, supersample=1)(stroke((-0.7, 0), (0, 0), (0.7, 0), width=0.19), seed=0).images[0, 3]
@@ -245,13 +219,3 @@ def test_strokes_of_the_prior_stay_in_their_windows():
     alpha = Fluid()(parameters_of(sample_prior(300, seed=1)), seed=0).images[:, 3]
     edge = torch.cat([alpha[:, 0], alpha[:, -1], alpha[:, :, 0], alpha[:, :, -1]], 1)
     assert (edge.max(1).values > 0.1).float().mean() < 0.01
-
-
-def test_the_centre_of_the_paint_is_the_centre_of_the_stroke():
-    parameters = parameters_of(sample_prior(200, seed=2))
-    alpha, strokes = Fluid()(parameters, seed=0).images[:, 3], strokes_of(parameters)
-    place = (torch.arange(64) + 0.5) / 32 - 1
-    total = alpha.sum((1, 2))
-    centre = torch.stack([(alpha.sum(1) * place).sum(1) / total, (alpha.sum(2) * place).sum(1) / total], 1)
-    middle = (strokes.start + 2 * strokes.control + strokes.end) / 4
-    assert (centre - middle).norm(dim=1).mean() < 0.06  # half-windows: two pixels

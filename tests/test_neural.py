@@ -3,6 +3,7 @@
 import json
 import pickle
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ from brushexp.plugins.renderer import base, neural
 from brushexp.plugins.renderer.base import FAINT, RENDERERS, PatchRenderer, Precision, window_pictures
 from brushexp.plugins.renderer.neural import Activation, Coordinates, Neural, Normalisation, Upsampling, stroke_planes
 from brushexp.registry import build_named, plugins
-from brushexp.strokes.prior import WIDTH, clamp_to_prior, parameters_of, sample_prior, strokes_of
+from brushexp.strokes.prior import clamp_to_prior, parameters_of, sample_prior, strokes_of
 from brushexp.system.checkpoint import weights_hash
 
 NAMES = [plugin.name for plugin in plugins("renderer") if issubclass(plugin.cls, PatchRenderer)]
@@ -93,19 +94,16 @@ def test_the_pictures_of_a_canvas_are_those_of_the_windows(renderer):
     torch.testing.assert_close(layers.images, drawn)
 
 
-@pytest.mark.parametrize("noise", [False, True])
-@pytest.mark.parametrize("coordconv", Coordinates)
-@pytest.mark.parametrize("tint", [False, True])
-def test_the_layers_can_be_combined(noise, coordconv, tint):
-    renderer = tiny(noise=noise, coordconv=coordconv, tint=tint).train()
-    assert renderer.draw(parameters()).shape == (5, 4, 64, 64)
+COMBINED = [{"coordconv": c, "noise": n, "tint": t} for c, n, t in product(Coordinates, (False, True), (False, True))]
+COMBINED += [{"activation": a, "normalisation": n} for a, n in product(Activation, Normalisation)]
 
 
-@pytest.mark.parametrize("activation", Activation)
-@pytest.mark.parametrize("normalisation", Normalisation)
-def test_every_activation_and_normalisation_trains(activation, normalisation):
-    renderer = tiny(activation=activation, normalisation=normalisation).train()
-    renderer.draw(parameters()).mean().backward()
+@pytest.mark.parametrize("options", COMBINED, ids=str)
+def test_the_layers_can_be_combined_and_trained(options):
+    renderer = tiny(**options).train()
+    pictures = renderer.draw(parameters())
+    assert pictures.shape == (5, 4, 64, 64)
+    pictures.mean().backward()
     assert all(bool(weight.grad.isfinite().all()) for weight in renderer.parameters())
 
 
@@ -156,20 +154,6 @@ def test_the_planes_of_a_bent_stroke_are_0_on_its_curve():
         assert here.quantile(0.9) < 0.6
 
 
-def test_places_on_a_straight_stroke_are_measured_from_its_axis():
-    side = 64
-    given = torch.zeros(1, 10)
-    given[0, 0], given[0, 4] = -0.5, 0.5  # from left to right through the middle
-    along, across, beyond = stroke_planes(given, side)[0, :3]
-    half = 0.5 * sum(WIDTH)  # of the middle width, half-windows
-    line = (torch.arange(side) + 0.5) * (2 / side) - 1
-    middle = (line / 0.5).clamp(-2, 2)
-    torch.testing.assert_close(along, middle.expand(side, -1), rtol=1e-4, atol=1e-5)
-    torch.testing.assert_close(across, (line / half).clamp(-3, 3)[:, None].expand(-1, side), rtol=1e-4, atol=1e-5)
-    outside = ((line.abs() - 0.5).clamp_min(0) / half).clamp_max(3)
-    torch.testing.assert_close(beyond, outside.expand(side, -1), rtol=1e-4, atol=1e-5)
-
-
 @pytest.mark.parametrize("name", ["start", "control", "end"])
 def test_places_on_a_degenerate_stroke_are_finite_with_their_gradient(name):
     given = 0.6 * torch.ones(2, 10)
@@ -193,13 +177,6 @@ def test_noise_is_fresh_in_training_and_fixed_in_painting():
         again = tiny(noise=True)
         again.load_state_dict(renderer.state_dict())
         assert torch.equal(again.draw(parameters()), renderer.draw(parameters()))
-
-
-def test_the_default_is_as_small_as_promised():
-    renderer = Neural(checkpoint=None)
-    numbers = sum(weight.numel() for weight in renderer.parameters())
-    assert numbers <= 2_000_000
-    assert not renderer.training
 
 
 @pytest.mark.parametrize(
@@ -268,10 +245,7 @@ def test_a_checkpoint_works_for_any_renderer(tmp_path):
         build_named("renderer", "dual", {**options, "shading": 0.5, "checkpoint": str(path)})
     with pytest.raises(UserError, match="is of renderer=dual, not of neural"):
         tiny(checkpoint=str(path))
-
-
-def test_a_renderer_without_weights_has_no_hash():
-    assert weights_hash(build_named("renderer", "analytic", {})) == ""
+    assert weights_hash(build_named("renderer", "analytic", {})) == "", "it has no weights"
     assert RENDERERS.restore(torch.nn.Linear(1, 1), "mine", None, {}) == ""
 
 
@@ -308,87 +282,50 @@ def test_other_options_are_refused_with_what_to_type(kept, option, value, typed)
         tiny(**{**OPTIONS, option: value, "checkpoint": str(kept)})
 
 
-def tensors_of(path: Path) -> dict[str, torch.Tensor]:
-    """Copies: those of load_file lie in the file itself, which is about to be written over."""
-    return {name: value.clone() for name, value in load_file(path).items()}
+def retold(path: Path, **changes: object) -> None:
+    """Change the recipe; None takes something out."""
+    recipe = json.loads(path.with_suffix(".json").read_text()) | changes
+    told = {key: value for key, value in recipe.items() if value is not None}
+    path.with_suffix(".json").write_text(json.dumps(told))
 
 
-def broken_weights(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:1000])
-
-
-def other_weights(path: Path) -> None:
-    save_file({name: value + 1 for name, value in tensors_of(path).items()}, path)
-
-
-def missing_tensor(path: Path) -> None:
-    save_file({name: value for name, value in tensors_of(path).items() if name != "last.bias"}, path)
-
-
-def other_shape(path: Path) -> None:
-    save_file({**tensors_of(path), "last.bias": torch.zeros(3)}, path)
-
-
-def not_finite(path: Path) -> None:
-    save_file({**tensors_of(path), "last.bias": torch.full((16,), torch.nan)}, path)
-
-
-def pickled(path: Path) -> None:
-    torch.save(tensors_of(path), path)
-
-
-def pickled_plainly(path: Path) -> None:
-    path.write_bytes(pickle.dumps({"weights": [1.0]}))
-
-
-def no_recipe(path: Path) -> None:
-    path.with_suffix(".json").unlink()
-
-
-def broken_recipe(path: Path) -> None:
-    path.with_suffix(".json").write_text("{")
-
-
-def another_json(path: Path) -> None:
-    path.with_suffix(".json").write_text("[]")
-
-
-def newer_recipe(path: Path) -> None:
-    recipe = {**json.loads(path.with_suffix(".json").read_text()), "format_version": 99}
-    path.with_suffix(".json").write_text(json.dumps(recipe))
-
-
-def half_a_recipe(path: Path) -> None:
-    recipe = json.loads(path.with_suffix(".json").read_text())
-    del recipe["options"]
-    path.with_suffix(".json").write_text(json.dumps(recipe))
-
-
-def missing(path: Path) -> None:
-    path.unlink()
+def rewritten(path: Path, **changes: torch.Tensor | None) -> None:
+    """Change tensors; None takes one out. Those of load_file lie in the file itself, so copies are written."""
+    names = {name.replace("_", "."): value for name, value in changes.items()}
+    found = {name: value.clone() for name, value in load_file(path).items()} | names
+    save_file({name: value for name, value in found.items() if value is not None}, path)
 
 
 DAMAGE = {
-    missing: "there is no such file; give the .safetensors of task=train",
-    broken_weights: "is damaged or no .safetensors file",
-    other_weights: "describes other weights; copy both files",
-    missing_tensor: "another renderer; train it again with task=train: .*Missing.*last.bias",
-    other_shape: "another renderer; train it again with task=train: .*size mismatch for last.bias",
-    not_finite: "last.bias has numbers that are not finite",
-    pickled: "no .safetensors file .*; pickles are refused, because they can run code",
-    pickled_plainly: "pickles are refused",
-    no_recipe: r"has no recipe beside it; copy mine.json",
-    broken_recipe: "is not JSON",
-    another_json: "is not the recipe of a renderer",
-    newer_recipe: "has format_version 99, and this brushexp reads 1; update it",
-    half_a_recipe: "has no options",
+    "missing": (Path.unlink, "there is no such file; give the .safetensors of task=train"),
+    "broken": (lambda p: p.write_bytes(p.read_bytes()[:1000]), "is damaged or no .safetensors file"),
+    "other weights": (lambda p: rewritten(p, last_bias=torch.ones(16)), "describes other weights; copy both files"),
+    "no tensor": (lambda p: rewritten(p, last_bias=None), "train it again with task=train: .*Missing.*last.bias"),
+    "shape": (
+        lambda p: rewritten(p, last_bias=torch.zeros(3)),
+        "another renderer; train it again .*size mismatch for last.bias",
+    ),
+    "nan": (
+        lambda p: rewritten(p, last_bias=torch.full((16,), torch.nan)),
+        "last.bias has numbers that are not finite",
+    ),
+    "pickle": (lambda p: torch.save({"a": torch.ones(1)}, p), "no .safetensors file .*; pickles are refused"),
+    "old pickle": (
+        lambda p: p.write_bytes(pickle.dumps({"weights": [1.0]})),
+        "pickles are refused, because they can run code",
+    ),
+    "no recipe": (lambda p: p.with_suffix(".json").unlink(), r"has no recipe beside it; copy mine.json"),
+    "no JSON": (lambda p: p.with_suffix(".json").write_text("{"), "is not JSON"),
+    "other JSON": (lambda p: p.with_suffix(".json").write_text("[]"), "is not the recipe of a renderer"),
+    "newer": (lambda p: retold(p, format_version=99), "has format_version 99, and this brushexp reads 1; update it"),
+    "half": (lambda p: retold(p, options=None), "has no options"),
 }
 
 
-@pytest.mark.parametrize("damage", DAMAGE, ids=lambda damage: damage.__name__)
-def test_a_bad_checkpoint_is_refused_in_one_clear_line(kept, damage):
+@pytest.mark.parametrize(("damage", "message"), DAMAGE.values(), ids=DAMAGE.keys())
+def test_a_bad_checkpoint_is_refused_in_one_clear_line(kept, damage, message):
     damage(kept)
-    with pytest.raises(UserError, match=DAMAGE[damage]) as caught:
+    with pytest.raises(UserError, match=message) as caught:
         tiny(**{**OPTIONS, "checkpoint": str(kept)})
     assert "\n" not in str(caught.value)
 

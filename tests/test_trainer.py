@@ -145,12 +145,11 @@ def test_so_many_steps_are_taken_and_counted(settings):
     assert module.critic is None or float(module.critic.layers[-1].weight.grad.abs().sum()) > 0
 
 
-def test_time_ends_a_training(tmp_path):
-    trainer = fit(module_of(), max_time=timedelta(seconds=0.3), max_epochs=-1)
-    assert trainer.global_step > 0
+def test_time_ends_a_training():
+    assert fit(module_of(), max_time=timedelta(seconds=0.3), max_epochs=-1).global_step > 0
     timer, module = Timer(timedelta(seconds=0.3)), module_of()
     fit(module, None, timer, max_epochs=-1)
-    assert 0.3 <= module.seconds == timer.time_elapsed() < 20
+    assert module.seconds == timer.time_elapsed() >= 0.3
     assert module.progress == 1
     assert module.figures, "what it has is validated"
 
@@ -171,11 +170,8 @@ def test_callbacks_loggers_and_profilers_of_lightning_work(tmp_path):
     assert all(float(row["loss/critic"]) and float(row["loss/adversarial"]) for row in trained)
     assert len([row for row in rows if row["validation/psnr_alpha"]]) == 3
     assert [row for row in rows if row["lr-AdamW"]]
-
-
-def test_early_stopping_ends_a_training():
-    trainer = fit(module_of(), None, EarlyStopping("validation/l2", patience=1, min_delta=10.0), max_epochs=50)
-    assert trainer.current_epoch == 2
+    stopped = fit(module_of(), None, EarlyStopping("validation/l2", patience=1, min_delta=10.0), max_epochs=50)
+    assert stopped.current_epoch == 2
 
 
 @pytest.mark.parametrize("settings", [RendererSettings(), CRITIC], ids=["plain", "critic"])
@@ -203,6 +199,9 @@ def test_the_rate_rises_and_falls_to_its_end():
     assert taken[: peak + 1] == sorted(taken[: peak + 1])
     assert taken[peak:] == sorted(taken[peak:], reverse=True)
     assert taken[-1] < 0.011
+    unlimited = Rates()
+    fit(module_of(RendererSettings(lr=1.0)), Strokes(8), unlimited, StopAt(WARMUP_STEPS + 3), max_epochs=-1)
+    assert unlimited.taken[-1] == 1, "without a limit it stays up"
 
 
 def test_the_critic_has_the_same_schedule_on_a_faster_scale(config):
@@ -215,18 +214,12 @@ def test_the_critic_has_the_same_schedule_on_a_faster_scale(config):
     assert renderer_settings(cfg) == RendererSettings()
 
 
-def test_without_a_limit_the_rate_stays_up():
-    rates = Rates()
-    module = module_of(RendererSettings(lr=1.0))
-    fit(module, None, rates, StopAt(WARMUP_STEPS + 3), max_epochs=-1)
-    assert rates.taken[-1] == 1
-
-
 # what is ours
 
 
-@pytest.mark.parametrize("step", [1, 5, 8, 11])
-@pytest.mark.parametrize("settings", [RendererSettings(), CRITIC], ids=["plain", "critic"])
+@pytest.mark.parametrize(
+    ("step", "settings"), [(1, RendererSettings()), (8, RendererSettings()), (11, RendererSettings()), (5, CRITIC)]
+)
 def test_a_resumed_training_ends_with_the_same_weights(tmp_path, step, settings):
     # Four steps an epoch: in the middle of the first one, right after one, and at the end of one.
     def beside():
@@ -240,9 +233,7 @@ def test_a_resumed_training_ends_with_the_same_weights(tmp_path, step, settings)
     resumed = module_of(settings, seed=99)
     fit(resumed, None, *beside(), resume=str(path), max_epochs=3)
     assert resumed.global_step == whole.global_step == 12
-    expected, found = whole.state_dict(), resumed.state_dict()
-    assert expected.keys() == found.keys()
-    assert all(torch.equal(expected[name], found[name]) for name in expected)
+    torch.testing.assert_close(resumed.state_dict(), whole.state_dict(), rtol=0, atol=0)
     assert resumed.figures == whole.figures
 
 
@@ -250,14 +241,13 @@ def test_a_critic_without_weight_changes_nothing():
     weights = []
     for critic in (False, True):
         module = module_of(RendererSettings(critic=critic, critic_weight=0.0, critic_width=2), seed=5)
-        module.configure_optimizers = partial(_same_optimizer, module)
+        module.configure_optimizers = partial(same_optimizer, module)
         fit(module, None, max_epochs=2)
         weights.append(module.renderer.state_dict())
-    for name, value in weights[0].items():
-        torch.testing.assert_close(weights[1][name], value, msg=name)
+    torch.testing.assert_close(*weights)
 
 
-def _same_optimizer(module: RendererModule) -> torch.optim.Optimizer:
+def same_optimizer(module: RendererModule) -> torch.optim.Optimizer:
     """A plain one, because beside a critic the renderer's has another momentum."""
     if module.critic is not None:
         module.critic_optimizer = torch.optim.SGD(module.critic.parameters(), 1e-3)
@@ -281,12 +271,9 @@ def test_held_out_strokes_are_shown_and_compared_at_every_validation(tmp_path):
 
     few = FrechetDistance(3)
     fit(module, None, HeldOutSheet(tmp_path), few, Watch(), max_epochs=2)
-    assert int(few.distance.fid.fake_features_num_samples) == int(few.distance.fid.real_features_num_samples) == 3
-    assert len(seen) == 2
-    assert seen[0] != seen[1]
-    assert min(seen) > 0
-    names = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.png")}
-    assert names == {"pictures/epoch_000.png", "pictures/epoch_001.png", "validation.png"}
+    assert int(few.distance.fid.fake_features_num_samples) == 3
+    assert 0 < min(seen) < max(seen)
+    assert {path.name for path in tmp_path.rglob("*.png")} == {"epoch_000.png", "epoch_001.png", "validation.png"}
 
 
 def test_a_renderer_that_cannot_be_trained_is_refused():

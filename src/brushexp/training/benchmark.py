@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import chain
 from typing import NamedTuple
 
 import torch
@@ -52,14 +51,7 @@ EXTREMES: dict[str, dict[str, object]] = {
 def evaluate(
     renderer: Renderer, batches: Iterable[StrokeBatch], n: int, window: int, distances: Sequence[FeatureDistance]
 ) -> dict[str, float]:
-    """Errors of a renderer on strokes that it has not seen, with a progress bar.
-
-    Args:
-        renderer: any, on some device.
-        batches: strokes with their true pictures.
-        n: how many they are.
-        window: pixels on the side of those.
-        distances: fresh ones; they take to the strokes' device what they need.
+    """Errors of a renderer on ``n`` strokes that it has not seen, in batches with their true pictures.
 
     Returns:
         ``l2``, ``psnr_alpha``, ``psnr_color`` (see `error_figures`), then the figures of the distances.
@@ -70,8 +62,10 @@ def evaluate(
         sums += error_sums(drawn, truth)
         for distance in distances:
             distance.add(drawn, truth)
-    measured = (distance.figures().items() for distance in distances)
-    return error_figures(sums) | dict(chain.from_iterable(measured))
+    figures = error_figures(sums)
+    for distance in distances:
+        figures |= distance.figures()
+    return figures
 
 
 @torch.no_grad()
@@ -86,13 +80,7 @@ def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backwar
     """How fast strokes are painted, `ACROSS` x `DOWN` at once, each alone in its window's place on a canvas.
 
     So compiled kernels count as they do in painting, and a stroke costs what its window costs. The best of some
-    repetitions after a first one, with as many threads as PyTorch has now.
-
-    Args:
-        renderer: any, with frozen weights, as in painting.
-        blend: paints its layers.
-        window: pixels on the side of a window.
-        backward: also compute the gradient of the sum of all pixels in the parameters of the strokes.
+    repetitions after a first one; ``backward``, with the gradient of the sum of all pixels in the strokes' parameters.
     """
     device, n = device_of_weights(renderer), ACROSS * DOWN
     strokes = sample_prior(n)
@@ -119,8 +107,8 @@ class ExtremeDrawings(NamedTuple):
 
     Attributes:
         nearest: (n, 4, S, S) the engine's pictures of the nearest strokes of the range of training.
-        pictures: by how they were made: ``painted``, what a user gets, and of a patch renderer ``bare``, what its
-            network draws if the parameters are not brought into the range first.
+        pictures: ``painted``, what a user gets, and of a patch renderer ``bare``, what its network draws if the
+            parameters are not brought into the range first.
         rows: what `outside.csv` holds: the stroke's name, how it was drawn, whether all numbers are finite and in
             [0, 1], the sum of alpha against that of the nearest stroke, and the L2 to it.
     """

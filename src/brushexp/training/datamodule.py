@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.training.dataset import BLOCK, Bytes, Numbers, Origin, Split, StrokeSet, pictures_of
 
 GROUP = 32  # blocks whose strokes are shuffled together
+EPOCH_STEPS = 500  # batches that are called an epoch, where strokes never come twice
 HELD_OUT = {Split.VALIDATION: 2**40, Split.TEST: 2**41}  # first number of those simulated on the way
 
 
@@ -126,27 +128,18 @@ class SimulatedData(StrokeData):
         origin: what the engine is, `dataset.origin_of`.
         batch_size: strokes of a batch.
         seed: of the prior and the engine.
-        steps: batches that are called an epoch.
         held_out: strokes for validation, and as many for the test.
     """
 
     def __init__(
-        self,
-        engine: Engine,
-        origin: Origin,
-        *,
-        batch_size: int = 64,
-        seed: int = 0,
-        steps: int = 500,
-        held_out: int = 1000,
+        self, engine: Engine, origin: Origin, *, batch_size: int = 64, seed: int = 0, held_out: int = 1000
     ) -> None:
         super().__init__()
-        self.engine, self.origin, self.batch_size, self.seed = engine, origin, batch_size, seed
-        self.steps, self.held_out = steps, held_out
+        self.engine, self.origin, self.batch_size, self.seed, self.held_out = engine, origin, batch_size, seed, held_out
         self._kept: dict[int, StrokeBatch] = {}  # held-out strokes, which every validation looks at
 
     def size(self, split: Split) -> int:
-        return self.steps * self.batch_size if split is Split.TRAINING else self.held_out
+        return EPOCH_STEPS * self.batch_size if split is Split.TRAINING else self.held_out
 
     def batches(self, split: Split, epoch: int, first: int) -> Iterator[StrokeBatch]:
         size = self.size(split)
@@ -228,18 +221,15 @@ def require_compatible(sets: Sequence[StrokeSet]) -> None:
     """
     if not sets:
         raise UserError("no set of strokes is given; give one, made with python run.py task=simulate")
-    for k, found in enumerate(sets):
+    for one, other in combinations(sets, 2):
         for name in ("engine", "window"):
-            ours, theirs = getattr(sets[0].origin, name), getattr(found.origin, name)
+            ours, theirs = getattr(one.origin, name), getattr(other.origin, name)
             if ours != theirs:
-                difference = f"{sets[0].path} has {name} {ours}, and {found.path} has {name} {theirs}"
+                difference = f"{one.path} has {name} {ours}, and {other.path} has {name} {theirs}"
                 raise UserError(f"{difference}; give sets that agree")
-        for other in sets[:k]:
-            if (other.origin, other.seed) == (found.origin, found.seed):
-                raise UserError(
-                    f"{other.path} and {found.path} hold the same strokes (seed {found.seed}); "
-                    "drop one, or simulate it again with another seed"
-                )
+        if (one.origin, one.seed) == (other.origin, other.seed):
+            repeated = f"{one.path} and {other.path} hold the same strokes (seed {one.seed})"
+            raise UserError(f"{repeated}; drop one, or simulate it again with another seed")
 
 
 def shuffled_groups(places: Numbers, blocks: Numbers, random: np.random.Generator) -> list[Numbers]:

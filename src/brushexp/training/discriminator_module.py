@@ -17,25 +17,17 @@ from torch.nn import functional
 from brushexp.plugins.loss.discriminator import DISCRIMINATORS, NAME, Discriminator, shapes_of
 from brushexp.strokes.prior import sample_prior
 from brushexp.training.corruption import CORRUPTIONS, corrupt
-from brushexp.training.datamodule import HELD_OUT, StrokeLoader
+from brushexp.training.datamodule import EPOCH_STEPS, HELD_OUT, StrokeLoader
 from brushexp.training.dataset import Split
 from brushexp.training.network_module import NetworkModule
 
-EPOCH_STEPS = 500  # batches that are called an epoch
 THRESHOLD_QUANTILE = 0.05  # share of valid strokes whose score is below the threshold: a lower one lies well outside
 HELD_OUT_STROKES = 20_000  # of either sort
 BETAS = (0.9, 0.99)  # of Adam
 
 
 class ShapeBatch(NamedTuple):
-    """Valid and corrupted strokes as shapes (n, 7), see `plugins.loss.discriminator.shapes_of`.
-
-    Attributes:
-        valid: of the prior.
-        corrupted: others of it, corrupted.
-        hard: the same, some of their numbers half as corrupted.
-        kind: (n,) how they were corrupted, see `corrupt`.
-    """
+    """Valid strokes as shapes (n, 7) of `plugins.loss.discriminator`, and others as `corrupt` returns them."""
 
     valid: Tensor
     corrupted: Tensor
@@ -44,12 +36,7 @@ class ShapeBatch(NamedTuple):
 
 
 class ShapeData(L.LightningDataModule):
-    """New strokes of the prior at every step, half of them corrupted; what a step gets depends on its number alone.
-
-    Args:
-        batch_size: valid strokes of a step, and as many corrupted ones.
-        seed: decides the strokes and what becomes of them.
-    """
+    """``batch_size`` new strokes of the prior at every step, and as many corrupted ones; its number decides which."""
 
     def __init__(self, *, batch_size: int, seed: int) -> None:
         super().__init__()
@@ -71,11 +58,7 @@ class DiscriminatorModule(NetworkModule):
 
     The loss is -log sigma(D(valid)) - log(1 - sigma(D(corrupted))) (Goodfellow et al., 2014), and, so that the slope
     leads back from anywhere and not only at the border, -log sigma(D(hard) - D(corrupted)): a stroke that is half as
-    corrupted scores higher.
-
-    Args:
-        network: trained in place.
-        lr: highest learning rate.
+    corrupted scores higher. The network is trained in place; ``lr`` is the highest learning rate.
     """
 
     def __init__(self, network: Discriminator, lr: float) -> None:
@@ -141,7 +124,7 @@ def discriminator_figures(network: Discriminator, batch: ShapeBatch) -> dict[str
 
 
 def save_discriminator(network: Discriminator, path: Path, seed: int, training: dict[str, Any]) -> dict[str, object]:
-    """Set the threshold, measure on test strokes, and write the discriminator with its recipe.
+    """Set the threshold, measure on test strokes, and write the discriminator with its recipe; what it is in numbers.
 
     The threshold is the score that `THRESHOLD_QUANTILE` of held-out valid strokes stay below.
 
@@ -150,9 +133,6 @@ def save_discriminator(network: Discriminator, path: Path, seed: int, training: 
         path: of the .safetensors.
         seed: of the data.
         training: settings, for the recipe.
-
-    Returns:
-        the `discriminator_figures`, and what the files are.
     """
     network.eval()
     with torch.no_grad():

@@ -43,14 +43,10 @@ def squared_error(images: Tensor, truth: Tensor) -> Tensor:
 
 @torch.no_grad()
 def error_sums(images: Tensor, truth: Tensor) -> Tensor:
-    """Sums (5,) over strokes, which can be added and compared with `error_figures`; float64.
+    """Sums (5,) over pictures (n, 4, S, S), RGBA in [0, 1], straight alpha, which can be added; float64.
 
     They are the pixels, the squared error of the four premultiplied channels (their mean per pixel), that of alpha, the
     true alpha, and the squared error of the straight colour (mean of R, G, B) times true alpha.
-
-    Args:
-        images: (n, 4, S, S) RGBA in [0, 1], straight alpha.
-        truth: the same.
     """
     images, truth = images.double(), truth.double()
     paint, squared = truth[:, 3], (premultiplied(images) - premultiplied(truth)).square().mean(1)
@@ -80,12 +76,7 @@ class FeatureDistance:
     in double precision; KID the squared maximum mean discrepancy with the cubic kernel (Binkowski et al., 2018,
     arXiv:1801.01401), here over all pictures at once instead of random subsets, so that it is the same each time.
     Both depend on how many pictures there are: state n with them. With the features "effl0" they are no published FID
-    or KID, and do not compare with any.
-
-    Args:
-        name: of the features, which the figures bear.
-        features: makes them.
-        count: how many there are of a picture.
+    or KID, and do not compare with any. ``count`` features of that ``name`` are made of each picture.
     """
 
     def __init__(self, name: str, features: Features, count: int) -> None:

@@ -19,16 +19,14 @@ SHOWN_PAIRS, PAIR_COLUMNS = 24, 6  # held-out strokes on a sheet, and in a row o
 class HeldOutSheet(L.Callback):
     """After every validation ``pictures/epoch_XXX.png``: held-out strokes as drawn on the left, the truth on the right.
 
-    Args:
-        folder: of the run; the latest sheet is also there as ``validation.png``.
+    The latest sheet is also ``validation.png`` in the run's folder.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.pairs: list[Tensor] = []
 
     def on_validation_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        self.pairs = []
+        self.pairs: list[Tensor] = []
 
     def on_validation_batch_end(
         self, trainer: L.Trainer, pl_module: L.LightningModule, outputs: Any, batch: Any, *_: object
@@ -44,11 +42,7 @@ class HeldOutSheet(L.Callback):
 
 
 class FrechetDistance(L.Callback):
-    """Logs ``validation/fid_effl0`` of the first held-out strokes at every validation, see `FeatureDistance`.
-
-    Args:
-        n: strokes that are compared; an FID depends on how many there are.
-    """
+    """Logs ``validation/fid_effl0`` of the first ``n`` held-out strokes at every validation, see `FeatureDistance`."""
 
     def __init__(self, n: int) -> None:
         self.n = n

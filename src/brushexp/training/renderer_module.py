@@ -30,8 +30,7 @@ class RendererSettings:
     Attributes:
         lr: highest learning rate.
         critic: whether a critic judges the pictures beside L2.
-        critic_lr: its learning rate, four times the renderer's or so: the two-time-scale rule has the critic on the
-            faster scale (Heusel et al., 2017, arXiv:1706.08500).
+        critic_lr: its learning rate, on the faster of two time scales (Heusel et al., 2017, arXiv:1706.08500).
         critic_weight: how hard the critic pulls at the pictures, as a share of how hard L2 does (`balanced`).
         critic_width: its channels at full size.
     """

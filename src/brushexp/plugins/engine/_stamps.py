@@ -37,14 +37,10 @@ def one_colour(strokes: Strokes, alpha: Array) -> Simulated:
 
 @kernel
 def discs(curve, radius, count, block, alpha):  # type: ignore[no-untyped-def]
-    """Union of ``count`` discs at t = i / count.
+    """Union of ``count`` discs at t = i / count of curves (n, 6), with radii (n,).
 
-    Args:
-        curve: (n, 6).
-        radius: (n,).
-        count: discs of a stroke.
-        block: pixels of the canvas per pixel of the picture, in each direction.
-        alpha: (n, S, S) share of the pixel that is covered; written.
+    The share of each pixel that is covered is written to ``alpha`` (n, S, S); it has ``block`` pixels of the canvas in
+    each direction.
     """
     side = alpha.shape[1] * block
     for i in prange(len(curve)):
@@ -57,7 +53,7 @@ def discs(curve, radius, count, block, alpha):  # type: ignore[no-untyped-def]
 
 @kernel
 def dabs(curve, radius, per_radius, look, pressure, seed, number, block, alpha):  # type: ignore[no-untyped-def]
-    """Soft dabs at equal steps along each curve, displaced at random.
+    """Soft dabs at equal steps along each curve, displaced at random; the rest is as in `discs`.
 
     Args:
         curve: (n, 6).
@@ -67,7 +63,7 @@ def dabs(curve, radius, per_radius, look, pressure, seed, number, block, alpha):
         pressure: in the middle, at both ends, the share of the length where the middle begins, and where it ends.
         seed: uint64.
         number: (n,) uint64, of the strokes.
-        block: pixels of the canvas per pixel of the picture, in each direction.
+        block: pixels of the canvas per pixel of the picture.
         alpha: (n, S, S); written.
     """
     side = alpha.shape[1] * block
@@ -94,7 +90,7 @@ def _dab_along(bare, curve, radius, per_radius, look, pressure, key):  # type: i
             piece += 1
         step = way[piece + 1] - way[piece]
         x, y = _point(curve, (piece + (reached - way[piece]) / step if step > 0 else 0.0) / PIECES)
-        force = pressure_at(share, pressure[0], pressure[1], pressure[2], pressure[3])
+        force = pressure_at(share, *pressure)
         spread = look[4] * force * radius
         x += spread * _gauss(key, DRAWS * j)
         y += spread * _gauss(key, DRAWS * j + 1)
@@ -113,10 +109,9 @@ def pressure_at(share, middle, ends, head, tail):  # type: ignore[no-untyped-def
 
 @function
 def opacity_of(pressure, opaque, by_pressure, linearize, per_radius):  # type: ignore[no-untyped-def]
-    """Opacity of one dab, libmypaint's formula.
+    """Opacity of one dab, libmypaint's formula: (opaque + by_pressure * pressure) * pressure.
 
-    What is wanted is (opaque + by_pressure * pressure) * pressure. With ``linearize`` = 1 a dab gets the opacity of
-    which all dabs over one point of the axis, two radii's worth, add up to that; with 0 each dab gets it by itself.
+    With ``linearize`` = 1 all dabs over one point of the axis, two radii's worth, add up to that; with 0 each has it.
     """
     wanted = min(max((opaque + by_pressure * pressure) * pressure, 0.0), 1.0)
     over_each_other = 1 + linearize * max(2 * per_radius - 1, 0.0)

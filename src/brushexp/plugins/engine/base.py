@@ -23,8 +23,8 @@ class Simulated:
 class Engine(ABC):
     """Simulates what one stroke leaves on an empty canvas.
 
-    Lengths in the parameters are relative to the window: points of the curve in half windows from its centre (-1 and 1
-    are its borders), the width in whole windows. So an engine with a larger window draws the same strokes, larger.
+    Points of the curve are in half windows from the window's centre (-1 and 1 are its borders), the width in whole
+    windows. So an engine with a larger window draws the same strokes, larger.
 
     >>> import torch
     >>> from brushexp.plugins.engine.disc import Disc

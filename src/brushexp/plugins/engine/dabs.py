@@ -73,13 +73,10 @@ class Dabs(Engine):
         from brushexp.plugins.engine import _stamps  # noqa: PLC0415  (Numba takes a second; --help should not)
 
         self._stamps = _stamps
-        self.window = window
-        self.supersample = supersample
-        self.dabs_per_radius = float(dabs_per_radius)
+        self.window, self.supersample, self.dabs_per_radius = window, supersample, float(dabs_per_radius)
         hard = min(max(hardness, EDGE), 1 - EDGE)
         look = (hard, opaque, opaque_by_pressure, opaque_linearize, offset_by_random, radius_by_random)
-        self.look = np.array(look, np.float64)
-        self.pressure = np.array([pressure, end_pressure, head, tail], np.float64)
+        self.look, self.pressure = tuple(map(float, look)), tuple(map(float, (pressure, end_pressure, head, tail)))
         opacity = _stamps.opacity_of(pressure, opaque, opaque_by_pressure, opaque_linearize, self.dabs_per_radius)
         self.half_width = half_width(hard, opacity, self.dabs_per_radius, pressure * offset_by_random)
 
@@ -91,10 +88,8 @@ class Dabs(Engine):
         radius = np.maximum(0.5 * width / self.half_width, SMALLEST * side)
         number = np.uint64(first) + np.arange(len(curve), dtype=np.uint64)
         alpha = np.empty((len(curve), self.window, self.window), np.float32)
-        self._stamps.dabs(
-            curve, radius, self.dabs_per_radius, self.look, self.pressure, np.uint64(seed), number, self.supersample,
-            alpha,
-        )  # fmt: skip
+        settings = (self.dabs_per_radius, self.look, self.pressure, np.uint64(seed))
+        self._stamps.dabs(curve, radius, *settings, number, self.supersample, alpha)
         return self._stamps.one_colour(strokes, alpha)
 
 
@@ -102,13 +97,9 @@ def half_width(hardness: float, opacity: float, per_radius: float, offset: float
     """Distance from the axis of a long straight band, in radii, at which its expected alpha is half of the axis's.
 
     At distance y the expected alpha is 1 - exp(-s(y)): s is the opacity that the dabs of the whole axis add up to
-    there, which is the integral of a dab's profile along the axis, averaged over its displacement.
-
-    Args:
-        hardness: of a dab, above 0 and below 1.
-        opacity: of its centre.
-        per_radius: dabs on a way of one radius.
-        offset: spread of their displacement, radii.
+    there, which is the integral of a dab's profile along the axis, averaged over its displacement. ``opacity`` is that
+    of a dab's centre, ``per_radius`` of them lie on a way of one radius, and ``offset`` is the spread of their
+    displacement in radii.
     """
     across = np.linspace(-1, 1, GRID)
     square = across[:, None] ** 2 + across**2
