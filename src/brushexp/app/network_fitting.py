@@ -74,14 +74,7 @@ def save_renderer(
 ) -> str:  # fmt: skip
     """Write a trained renderer, and return the hash of its weights.
 
-    Args:
-        path: of the .safetensors.
-        module: with the renderer.
-        data: what it learned from.
-        cfg: of the run.
-        figures: how good it is.
-        options: of the plugin that are not those of the config.
-        training: what the recipe tells of its training besides.
+    ``options`` of the plugin win over those of the config; ``training`` is what the recipe tells of it besides.
     """
     chosen = OmegaConf.to_container(cfg.renderer, resolve=True, enum_to_str=True)
     assert isinstance(chosen, dict)

@@ -15,11 +15,7 @@ def relativistic_loss(above: Tensor, below: Tensor) -> Tensor:
 
     -E[log sigma(D(a) - E D(b))] - E[log(1 - sigma(D(b) - E D(a)))], through softplus, so that it is finite for any
     score. The critic minimises it with the true pictures above the drawn ones, the renderer with the drawn ones above.
-    Differs from the thesis (4.6 to 4.10): there a bracket is misplaced.
-
-    Args:
-        above: (n,) raw scores, before any sigmoid.
-        below: (m,) the same.
+    Scores (n,) and (m,) are before any sigmoid. Differs from the thesis (4.6 to 4.10): there a bracket is misplaced.
     """
     return functional.softplus(below.mean() - above).mean() + functional.softplus(below - above.mean()).mean()
 
@@ -27,11 +23,8 @@ def relativistic_loss(above: Tensor, below: Tensor) -> Tensor:
 class Critic(nn.Module):
     """VGG encoder: three convolutions and pooling until 4 x 4 pixels, then three dense layers to one number.
 
-    Source: thesis 2020, 6.2.
-
-    Args:
-        window: side of the pictures, 4 times a power of two.
-        width: channels at full size; twice as many after each pooling, at most 256.
+    Source: thesis 2020, 6.2. The ``window`` has 4 times a power of two pixels; there are ``width`` channels at full
+    size and twice as many after each pooling, at most 256.
     """
 
     def __init__(self, window: int, width: int) -> None:
@@ -51,9 +44,8 @@ class Critic(nn.Module):
             layers += [nn.Linear(inputs, outputs), nn.LeakyReLU(SLOPE)]
         layers.append(nn.Linear(DENSE[-1], 1))
         self.layers = nn.Sequential(*layers)
-        for layer in self.layers:
-            if isinstance(layer, nn.Conv2d):
-                nn.init.kaiming_normal_(layer.weight, a=SLOPE)
+        for convolution in (layer for layer in layers if isinstance(layer, nn.Conv2d)):
+            nn.init.kaiming_normal_(convolution.weight, a=SLOPE)
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # a fifth faster on a processor
 
     def forward(self, pictures: Tensor) -> Tensor:

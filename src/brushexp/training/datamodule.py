@@ -123,12 +123,8 @@ class StrokeData(L.LightningDataModule, ABC):
 class SimulatedData(StrokeData):
     """Strokes that an engine simulates when they are needed, in training never the same twice.
 
-    Args:
-        engine: simulates them.
-        origin: what the engine is, `dataset.origin_of`.
-        batch_size: strokes of a batch.
-        seed: of the prior and the engine.
-        held_out: strokes for validation, and as many for the test.
+    ``origin`` describes the engine, ``seed`` is that of the prior, too, and ``held_out`` strokes are for validation and
+    as many for the test.
     """
 
     def __init__(
@@ -163,7 +159,7 @@ class StoredData(StrokeData):
         paths: sets of `task=simulate`, all of one engine and window.
         batch_size: strokes of a batch.
         seed: of the order.
-        limit: use only the first so many training strokes; None uses all.
+        limit: of the training strokes only the first so many are used; None uses all.
 
     Raises:
         UserError: if a set cannot be read, the sets do not fit together, or a split is empty.

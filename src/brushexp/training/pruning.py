@@ -29,9 +29,6 @@ def prune(renderer: Neural, ratio: float, batches: Iterable[StrokeBatch]) -> Neu
         ratio: 0 to below 1; what is left is rounded to multiples of `MULTIPLE`, and no layer gets narrower than that.
         batches: some strokes that the loss is computed on.
 
-    Returns:
-        one whose option ``channels`` would be its `Neural.widths`, on the same device, in `eval` mode.
-
     Raises:
         UserError: if torch-pruning is not installed, or the network's channels cannot be told apart.
     """
@@ -76,15 +73,11 @@ def check_prunable(renderer: nn.Module) -> None:
         raise UserError(f"{type(renderer).__name__} has no option for the widths of its layers; use renderer=neural")
     kinds = {type(module) for module in renderer.modules()}
     if nn.GroupNorm in kinds:
-        raise UserError(
-            "renderer.normalisation=group or instance mixes channels in fixed groups; "
-            "prune a renderer that was trained with renderer.normalisation=none or batch"
-        )
+        cure = "prune a renderer that was trained with renderer.normalisation=none or batch"
+        raise UserError(f"renderer.normalisation=group or instance mixes channels in fixed groups; {cure}")
     if nn.PixelShuffle in kinds:
-        raise UserError(
-            "renderer.upsampling=pixel_shuffle ties channels to pixels; "
-            "prune a renderer that was trained with renderer.upsampling=nearest or bilinear"
-        )
+        cure = "prune a renderer that was trained with renderer.upsampling=nearest or bilinear"
+        raise UserError(f"renderer.upsampling=pixel_shuffle ties channels to pixels; {cure}")
 
 
 def _ratios(renderer: Neural, ratio: float) -> dict[nn.Module, float]:

@@ -49,13 +49,8 @@ class RendererModule(NetworkModule):
     ``global_step``. The critic takes its own step within ``training_step``, as part of computing the renderer's loss;
     its optimiser is in the checkpoints, too.
 
-    Args:
-        renderer: any with weights; it is trained in place.
-        window: pixels on the side of the pictures.
-        settings: how.
-
     Raises:
-        UserError: if the renderer has nothing to train, or its windows are of another size.
+        UserError: if the renderer, which is trained in place, has no weights, or its windows are of another size.
     """
 
     def __init__(self, renderer: Renderer, window: int, settings: RendererSettings) -> None:
@@ -64,9 +59,8 @@ class RendererModule(NetworkModule):
             raise UserError("this renderer has no weights to train; try renderer=neural")
         own = getattr(renderer, "window", window)
         if own != window:
-            raise UserError(
-                f"renderer.window={own}, but the strokes have {window} pixels; set renderer.window={window}"
-            )
+            difference = f"renderer.window={own}, but the strokes have {window} pixels"
+            raise UserError(f"{difference}; set renderer.window={window}")
         self.renderer, self.window, self.settings = renderer.train(), window, settings
         self.critic = Critic(window, settings.critic_width) if settings.critic else None
         self.loss = math.nan  # L2, as last noted

@@ -44,7 +44,7 @@ Rows = dict[str, NDArray[Any]]  # of some strokes, by name of the dataset
 
 
 def simulate_set(path: Path, engine: Engine, origin: Origin, seed: int, n: int, *, wait: bool = False) -> int:
-    """Simulate what a set of ``n`` strokes lacks, with a progress bar.
+    """Simulate what a set of ``n`` strokes lacks, with a progress bar, and return how many that were.
 
     Args:
         path: folder of the set.
@@ -53,9 +53,6 @@ def simulate_set(path: Path, engine: Engine, origin: Origin, seed: int, n: int, 
         seed: of the prior and the engine.
         n: how many strokes the set will have.
         wait: wait for another process that makes the same set, instead of stopping.
-
-    Returns:
-        how many were simulated now.
 
     Raises:
         UserError: if what is there was made otherwise or is larger, or nothing can be written.

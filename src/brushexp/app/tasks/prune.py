@@ -90,16 +90,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
 def carry_out(
     cfg: DictConfig, whole: Path, data: StrokeData, n: int, trained: Neural, ratio: float
 ) -> tuple[Row, Renderer]:
-    """Prune by ``ratio``, fine-tune, measure, and write the checkpoint.
-
-    Args:
-        cfg: of the run.
-        whole: its folder.
-        data: strokes to fine-tune and measure on.
-        n: test strokes to measure on.
-        trained: what is pruned; it stays as it is.
-        ratio: of the channels.
-    """
+    """Prune a copy by ``ratio``, fine-tune it, measure it on ``n`` strokes, and write the checkpoint."""
     name, path = f"{100 * ratio:g}", whole / f"{plugin_of(cfg.renderer).name}_{100 * ratio:g}.safetensors"
     folder, window, device = whole / f"ratio_{name}", data.origin.window, device_of_weights(trained)
     folder.mkdir(exist_ok=True)

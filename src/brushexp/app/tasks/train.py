@@ -139,10 +139,8 @@ def check_used(overrides: Sequence[str]) -> None:
     for override in overrides:
         key = override.lstrip("+~").partition("=")[0]
         if key.partition(".")[0] not in USED_BY_DISCRIMINATOR:
-            raise UserError(
-                f"{override} means nothing to model=discriminator, which learns from the prior of strokes alone; "
-                f"drop it (there are: {', '.join(sorted(USED_BY_DISCRIMINATOR))})"
-            )
+            reason = f"{override} means nothing to model=discriminator, which learns from the prior of strokes alone"
+            raise UserError(f"{reason}; drop it (there are: {', '.join(sorted(USED_BY_DISCRIMINATOR))})")
 
 
 def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:
