@@ -31,11 +31,8 @@ ConfigStore.instance().store(
 class SettingsSweeper(BasicSweeper):
     """One job for every setting, times all combinations of what else is swept.
 
-    Args:
-        max_batch_size: jobs that are started together; None for all.
-        params: swept or fixed overrides that every setting begins with; the command line comes after them.
-        settings: overrides as the command line has them, ``"density=adaptive steps=200"`` for instance; ``""`` is none.
-            They stand above those of the command line, which says what all settings have in common.
+    ``settings`` are overrides as the command line has them, such as ``"density=adaptive steps=200"``; ``""`` is none.
+    They stand above those of the command line, which says what all settings have in common. ``params`` stand below it.
     """
 
     def __init__(self, max_batch_size: int | None, params: dict[str, str] | None, settings: list[str]) -> None:

@@ -1,7 +1,6 @@
 """What is wrong with a command line, in the words of the program; Hydra and OmegaConf have their own."""
 
 import re
-from dataclasses import fields
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -66,17 +65,12 @@ def nearest_first(word: str, names: list[str]) -> str:
     return ", ".join(get_close_matches(word, names, max(1, len(names)), 0))
 
 
-def option_names(plugin: Plugin) -> list[str]:
-    """Options of a plugin."""
-    return [field.name for field in fields(plugin.config) if field.name != "_target_"]
-
-
 def unknown_option(option: str, plugin: Plugin) -> str:
     """An option that a plugin does not have."""
-    family, names = plugin.family, option_names(plugin)
+    family, names = plugin.family, list(plugin.meanings)
     text = f"{plugin.path}.{option} is no option of {family}={plugin.name}; "
     text += f"its options, nearest first: {nearest_first(option, names)}" if names else "it has none"
-    owners = [other.name for other in plugins(family) if option in option_names(other)]
+    owners = [other.name for other in plugins(family) if option in other.meanings]
     if owners and family not in MULTI_SELECT:
         text += f". It is one of {', '.join(f'{family}={name}' for name in owners)}; a sweep over both: "
         text += f"-m \"hydra.sweeper.settings=['{family}={plugin.name}','{family}={owners[0]} {family}.{option}=...']\""
@@ -118,5 +112,5 @@ def wrong_type(text: str, task: str) -> str | None:
 def default_of(path: str) -> object:
     """Of an option of a plugin, by what is typed; None if it is not known."""
     above, _, option = path.rpartition(".")
-    owners = [plugin for plugin in plugins() if plugin.path == above and option in option_names(plugin)]
+    owners = [plugin for plugin in plugins() if plugin.path == above and option in plugin.meanings]
     return OmegaConf.structured(owners[0].config).get(option) if owners else None

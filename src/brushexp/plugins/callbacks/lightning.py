@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from brushexp.plugins.callbacks.base import Callback
 from brushexp.registry import register
@@ -24,6 +25,7 @@ class LearningRate(Callback):
 
 
 @register("callbacks", "early_stopping")
+@dataclass(kw_only=True)
 class StopOnPlateau(Callback):
     """End the fit when a logged value no longer improves (Lightning's EarlyStopping).
 
@@ -35,26 +37,28 @@ class StopOnPlateau(Callback):
         every: steps between two looks where there is no validation.
     """
 
-    def __init__(
-        self, *, monitor: str = "psnr", mode: str = "max", min_delta: float = 0.0, patience: int = 3, every: int = 100
-    ) -> None:
-        self.options: dict[str, Any] = {"mode": mode, "min_delta": min_delta, "patience": patience}
-        self.monitor, self.every = monitor, every
+    monitor: str = "psnr"
+    mode: str = "max"
+    min_delta: float = 0.0
+    patience: int = 3
+    every: int = 100
 
     def open(self, folder: Path) -> L.Callback:
         from lightning.pytorch.callbacks import EarlyStopping  # noqa: PLC0415
 
-        every = self.every
+        options = vars(self).copy()
+        every = options.pop("every")
 
         class EveryFewSteps(EarlyStopping):
             def on_train_batch_end(self, trainer: L.Trainer, *_: object) -> None:
                 if not trainer.enable_validation and trainer.global_step % every == 0:
                     self._run_early_stopping_check(trainer)
 
-        return EveryFewSteps(self.monitor, strict=False, **self.options)
+        return EveryFewSteps(strict=False, **options)
 
 
 @register("callbacks", "model_checkpoint")
+@dataclass(kw_only=True)
 class BestCheckpoints(Callback):
     """Keep checkpoints of Lightning in the folder ``checkpoints`` of the run (ModelCheckpoint).
 
@@ -65,19 +69,19 @@ class BestCheckpoints(Callback):
         every_n_train_steps: steps between two of them.
     """
 
-    def __init__(
-        self, *, monitor: str | None = None, mode: str = "max", save_top_k: int = 1, every_n_train_steps: int = 100
-    ) -> None:
-        self.options: dict[str, Any] = {"monitor": monitor, "mode": mode, "save_top_k": save_top_k}
-        self.options["every_n_train_steps"] = every_n_train_steps
+    monitor: str | None = None
+    mode: str = "max"
+    save_top_k: int = 1
+    every_n_train_steps: int = 100
 
     def open(self, folder: Path) -> L.Callback:
         from lightning.pytorch.callbacks import ModelCheckpoint  # noqa: PLC0415
 
-        return ModelCheckpoint(folder / "checkpoints", **self.options)
+        return ModelCheckpoint(folder / "checkpoints", **vars(self))
 
 
 @register("callbacks", "timer")
+@dataclass(kw_only=True)
 class TimeLimit(Callback):
     """End the fit after some time, and say how long it took (Lightning's Timer).
 
@@ -85,13 +89,12 @@ class TimeLimit(Callback):
         duration: days:hours:minutes:seconds, ``00:00:10:00`` for ten minutes.
     """
 
-    def __init__(self, *, duration: str = "00:01:00:00") -> None:
-        self.duration = duration
+    duration: str = "00:01:00:00"
 
     def open(self, folder: Path) -> L.Callback:
         from lightning.pytorch.callbacks import Timer  # noqa: PLC0415
 
-        return Timer(self.duration)
+        return Timer(**vars(self))
 
 
 @register("callbacks", "device_stats")
