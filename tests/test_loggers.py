@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -110,18 +109,6 @@ def records(path: Path) -> Iterator:
             message = b""
 
 
-def row_of(items) -> dict[str, Any]:
-    """What was logged at once, nested as it was."""
-    row: dict[str, Any] = {}
-    for item in items:
-        *above, key = item.nested_key or [item.key]
-        inner = row
-        for name in above:
-            inner = inner.setdefault(name, {})
-        inner[key] = json.loads(item.value_json)
-    return row
-
-
 def test_a_tracker_that_fails_is_named_once_and_the_run_goes_on(tracked):
     log = (tracked.run / "run.log").read_text()
     assert log.count("logger=bad stopped: ZeroDivisionError: division by zero; the run goes on without it") == 1
@@ -154,11 +141,9 @@ def test_tensorboard_has_all_pictures_and_tables(tracked):
         assert image.step == 20
         shown = picture(io.BytesIO(image.encoded_image_string))
         assert np.array_equal(shown, picture(tracked.run / f"{name}.png"))
-    steps = [image.step for image in found.Images("frames")]
-    assert steps == sorted(steps)
-    assert 4 <= len(steps) <= 8
-    assert steps[0] == 0
-    assert max(steps) < 20
+    first, *steps = [image.step for image in found.Images("frames")]
+    assert 3 <= len(steps) <= 7
+    assert first == 0 < steps[0] <= steps[-1] < 20
     assert found.Scalars("loss/mse")[-1].step == 20
     assert found.Scalars("final/psnr")[0].value == pytest.approx(tracked.metrics["psnr"])
     texts = {
@@ -185,22 +170,23 @@ def test_wandb_has_all_pictures_the_table_and_the_catalogue(tracked):
     config = {item.key: json.loads(item.value_json) for item in run.config.update}
     assert config["renderer"]["soft"] == 2.0
     assert config["steps"] == 20
-    rows = [row_of(record.history.item) for record in found if record.HasField("history")]
+    rows = [
+        {".".join(item.nested_key): json.loads(item.value_json) for item in record.history.item}
+        for record in found
+        if record.HasField("history")
+    ]
     assert any(row.get("loss/mse") and row["trainer/global_step"] == 20 for row in rows)
-    frames = [row for row in rows if "frames" in row]
+    frames = [row["frames.path"] for row in rows if "frames.path" in row]
     assert 4 <= len(frames) <= 8
-    assert all((kept / "files" / row["frames"]["path"]).is_file() for row in frames)
-    (last,) = [row for row in rows if "painting" in row]
+    assert all((kept / "files" / path).is_file() for path in frames)
+    (last,) = [row for row in rows if "painting.path" in row]
     for name in ("target", "painting"):
-        shown = picture(kept / "files" / last[name]["path"])
-        assert np.array_equal(shown, picture(tracked.run / f"{name}.png"))
-    table = json.loads((kept / "files" / last["metrics"]["path"]).read_text())
+        assert np.array_equal(picture(kept / "files" / last[f"{name}.path"]), picture(tracked.run / f"{name}.png"))
+    table = json.loads((kept / "files" / last["metrics.path"]).read_text())
     assert dict(zip(table["columns"], table["data"][0], strict=True))["psnr"] == pytest.approx(tracked.metrics["psnr"])
-    artifacts = [record.request.log_artifact.artifact for record in found if record.request.HasField("log_artifact")]
-    artifacts += [record.artifact for record in found if record.HasField("artifact")]
-    (catalogue,) = [artifact for artifact in artifacts if artifact.type == "catalogue"]
-    assert [entry.path for entry in catalogue.manifest.contents] == ["catalogue.h5"]
-    assert catalogue.manifest.contents[0].local_path == str(tracked.run / "catalogue.h5")
+    (catalogue,) = [record.artifact.manifest for record in found if record.artifact.type == "catalogue"]
+    (entry,) = catalogue.contents
+    assert (entry.path, entry.local_path) == ("catalogue.h5", str(tracked.run / "catalogue.h5"))
     (end,) = [record.exit for record in found if record.HasField("exit")]
     assert end.exit_code == 0
 

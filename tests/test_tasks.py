@@ -82,7 +82,7 @@ def test_the_metrics_are_those_of_the_saved_pictures(painted):
 
 def test_a_saved_catalogue_renders_to_the_painting_and_larger(painted, tmp_path):
     export = ["task=export", f"catalogue={painted}/catalogue.h5"]
-    carried_out(*export, output=tmp_path / "same")
+    assert "painted with other weights" not in carried_out(*export, output=tmp_path / "same")
     assert np.abs(picture(tmp_path / "same" / "painting.png") - picture(painted / "painting.png")).max() <= 1
     carried_out(*export, "resolution=192", output=tmp_path / "large")
     with Image.open(tmp_path / "large" / "painting.png") as large:
@@ -94,9 +94,8 @@ def test_a_saved_catalogue_renders_to_the_painting_and_larger(painted, tmp_path)
 def test_a_catalogue_tells_when_the_weights_are_others(painted, tmp_path):
     other = tmp_path / "catalogue.h5"
     save_catalogue(other, replace(load_catalogue(painted / "catalogue.h5"), renderer_hash="0123"))
-    for path, warned in ((painted / "catalogue.h5", False), (other, True)):
-        said = carried_out("task=export", f"catalogue={path}", output=tmp_path / "a")
-        assert ("painted with other weights of renderer=analytic" in said) is warned
+    said = carried_out("task=export", f"catalogue={other}", output=tmp_path / "a")
+    assert "painted with other weights of renderer=analytic" in said
 
 
 def test_painting_goes_on_from_a_catalogue(painted, tmp_path):
@@ -170,12 +169,6 @@ def test_a_slow_renderer_takes_over_from_a_fast_one(windowed, tmp_path):
     assert np.abs(same - picture(tmp_path / "a" / "painting.png")).max() <= 1
 
 
-def test_a_run_stops_when_nothing_is_gained(tmp_path):
-    carried_out(*SMALL, "steps=100000", "early_stop=20", output=tmp_path / "a")
-    metrics = metrics_of(tmp_path / "a")
-    assert (metrics["status"], metrics["steps"]) == ("stopped early", 200)
-
-
 def test_a_sweep_ends_in_one_table_and_one_sheet(tmp_path):
     swept = ["steps=5", "frames=0", "loss=mse,perceptual", "init=grid,scatter", "strokes=15,100000"]
     result = run("-m", *SMALL, *swept, f"output={tmp_path}/s", cwd=tmp_path)
@@ -205,12 +198,10 @@ def test_help_lists_every_plugin_in_one_line(tmp_path):
 REFUSED = {  # by each part of the program in turn; tests/test_mistakes.py has the others
     "nothing.png": "image=nothing.png",
     "image=chelsea stepz=3": "nearest first: steps",
-    "image=chelsea steps=-1": "try steps=0",
     "image=nothing.png": "image=nothing.png",
     "image=chelsea strokes=999999": "picture has pixels",
     "image=chelsea device=cuda:7": "CUDA devices; use device=cpu",
     "image=chelsea catalogue=nothing.h5": "nothing.h5",
-    "image=chelsea background=pinkish": "background=pinkish",
     "resume=nowhere": "give the folder of an interrupted run",
     "-m image=chelsea steps=5,-3": "job 1 of the sweep",
 }
