@@ -169,6 +169,11 @@ def test_a_slow_renderer_takes_over_from_a_fast_one(windowed, tmp_path):
     assert np.abs(same - picture(tmp_path / "a" / "painting.png")).max() <= 1
 
 
+def test_a_run_stops_when_nothing_is_gained(tmp_path):
+    carried_out(*SMALL, "steps=100000", "early_stop=20", output=tmp_path / "a")
+    assert (metrics_of(tmp_path / "a")["status"], metrics_of(tmp_path / "a")["steps"]) == ("stopped early", 200)
+
+
 def test_a_sweep_ends_in_one_table_and_one_sheet(tmp_path):
     swept = ["steps=5", "frames=0", "loss=mse,perceptual", "init=grid,scatter", "strokes=15,100000"]
     result = run("-m", *SMALL, *swept, f"output={tmp_path}/s", cwd=tmp_path)

@@ -125,7 +125,7 @@ class TrainTask(Task):
     simulate: int | None = key(10000, "without data: strokes of a set to be kept; null = fresh ones", at_least(1))
     sets: str = key("data", "folder of such sets")
     batch_size: int = key(64, "strokes of a step", at_least(1))
-    epochs: int | None = key(None, "through the data; null = no limit; 0 = read off strokes, no fit", at_least(0))
+    epochs: int | None = key(None, "passes through the data; null = no limit; 0 = no gradient step", at_least(0))
     minutes: float | None = key(60, "of wall time; null = no limit. The rate falls to the first limit", at_least(0))
     lr: float = key(5.0e-4, "highest learning rate; from 1e-3 on some starts end in blank pictures", above(0))
     ema: float = key(0.999, EMA, between(0, 1))
