@@ -1,23 +1,19 @@
 """The painter goes through its stages, and a large picture is drawn in bands."""
 
-import numpy as np
 import pytest
 import torch
 from painters import painter_of as some_painter
 from painters import take
 from scenes import Windowed, random_strokes
 
-from brushexp.compositing import bands as bands_module
+from brushexp.compositing import bands
 from brushexp.painting.components import Stage
-from brushexp.painting.outputs import export_job
 from brushexp.painting.painter import Painter
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.export.png import pixels
 from brushexp.plugins.order.area import Area
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.prior import clamp_to_prior
-from brushexp.strokes.storage import Saved
 
 SIZE = (24, 33)
 
@@ -70,20 +66,18 @@ def test_what_a_run_leaves_is_drawn_by_the_last_renderer():
     assert (curve_of(painter.strokes()).mean(1) - before).norm(dim=1).mean() < 1
 
 
+def tall(renderer: Windowed) -> Painter:
+    return some_painter(strokes=clamp_to_prior(random_strokes(60, (1000, 33))), size=(1000, 33), renderer=renderer)
+
+
 def test_bands_draw_only_the_strokes_that_touch_them(monkeypatch):
-    strokes = clamp_to_prior(random_strokes(60, (1000, 33)))
-    saved = Saved(strokes, torch.randperm(60).int(), (1000, 33), torch.rand(3), "", "", 0, "")
-    renderer = Windowed()
-    monkeypatch.setattr(bands_module, "BAND", 33 * 50)
-    pixels(export_job(saved, renderer, Tiled(), ""))
-    assert renderer.drawn < 2 * 60
+    painter = tall(Windowed())
+    monkeypatch.setattr(bands, "BAND", 33 * 50)
+    painter.drawn()
+    assert painter.renderer.drawn < 2 * 60
 
 
 def test_bands_get_lower_where_strokes_are_many(monkeypatch):
-    strokes = clamp_to_prior(random_strokes(60, (1000, 33)))
-    saved = Saved(strokes, torch.randperm(60).int(), (1000, 33), torch.rand(3), "", "", 0, "")
-    held = []
-
     class Few(Windowed):
         at_once = 10
 
@@ -91,10 +85,11 @@ def test_bands_get_lower_where_strokes_are_many(monkeypatch):
             held.append(len(strokes))
             return super().forward(strokes, number)
 
-    picture = pixels(export_job(saved, Few(), Tiled(), ""))
+    painter, held = tall(Few()), []
+    picture = painter.drawn()
     assert max(held) <= 10
     monkeypatch.setattr(Few, "at_once", None)
-    assert np.abs(picture - pixels(export_job(saved, Few(), Tiled(), "")).astype(int)).max() <= 1
+    torch.testing.assert_close(picture, painter.drawn(), atol=1 / 255, rtol=0)
     assert held[-1] > 10
 
 

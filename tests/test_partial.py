@@ -200,28 +200,18 @@ def test_touched_pixels_are_those_in_the_boxes():
     assert not touched(strokes[:0], region).any()
 
 
-def test_kept_pictures_are_those_of_the_renderer_and_are_drawn_once():
+def test_kept_pictures_are_those_of_the_renderer_drawn_once_and_within_their_memory():
     strokes, renderer = clamp_to_prior(random_strokes(30, SIZE)), Windowed()
-    kept, number = PatchCache(renderer), torch.tensor([3, 17, 4, 29])
-    for _ in range(3):
-        layers = kept.layers(strokes[number], number)
-    assert renderer.drawn == 4
-    with torch.no_grad():
-        wanted = renderer(strokes[number], number)
-    assert_close(layers.images, wanted.images, rtol=0, atol=1e-3)
-    assert_close(layers.position, wanted.position)
-    renderer.drawn = 0
-    kept.forget(torch.tensor([17, 5]))
-    kept.layers(strokes[number], number)
-    assert renderer.drawn == 1
-
-
-def test_kept_pictures_stay_within_their_memory():
-    strokes, renderer = clamp_to_prior(random_strokes(30, SIZE)), Windowed()
-    kept = PatchCache(renderer, most_bytes=8 * 2 * 4 * 16 * 16)  # eight windows
     with torch.no_grad():
         wanted = renderer(strokes).images
-    generator = torch.Generator().manual_seed(0)
+    renderer.drawn, generator = 0, torch.Generator().manual_seed(0)
+    kept, number = PatchCache(renderer, most_bytes=8 * 2 * 4 * 16 * 16), torch.tensor([3, 17, 4, 29])  # eight windows
+    for _ in range(3):
+        kept.layers(strokes[number], number)
+    assert renderer.drawn == 4
+    kept.forget(torch.tensor([17, 5]))
+    kept.layers(strokes[number], number)
+    assert renderer.drawn == 4 + 1
     for size in [5, 8, 8, 13, 30, 2, 8] * 3:
         number = torch.randperm(30, generator=generator)[:size]
         assert_close(kept.layers(strokes[number], number).images, wanted[number], rtol=0, atol=1e-3)
