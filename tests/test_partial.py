@@ -104,7 +104,7 @@ FEATURES = {"perceptual": Perceptual(), "kl": KullbackLeibler(), "mse": MeanSqua
     [
         {"optimizer": TorchOptim(name="SGD", lr=3.0)},
         {"optimizer": TorchOptim(name="RMSprop")},
-        {"optimizer": TorchOptim(name="LBFGS", lr=0.5)},
+        {"optimizer": TorchOptim(name="LBFGS", lr=0.5, options={"max_iter": 4})},
         {"losses": FEATURES, "order": Accuracy(every=1)},
     ],
 )
