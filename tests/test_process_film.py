@@ -26,7 +26,6 @@ BLENDS = {
     "tiled in torch": lambda: Tiled(kernel=Backend.torch),
     "dense": Dense,
     "topk 5": lambda: TopK(k=5),
-    "topk all": lambda: TopK(k=None),
 }
 
 

@@ -33,9 +33,8 @@ BLENDS: dict[str, Blend] = {
     "tiled, all strokes": Tiled(opaque=0.0),
     "tiled in torch": Tiled(opaque=0.0, kernel=Backend.torch),
     "topk": TopK(k=3),
-    "topk_all": TopK(k=None),
 }
-COMPILED = ("tiled", "tiled, all strokes", "topk_all")
+COMPILED = ("tiled", "tiled, all strokes")
 RENDERERS: dict[str, Renderer] = {
     "analytic": Analytic(),
     "analytic, tapered": Analytic(taper=0.5, soft=0.75),

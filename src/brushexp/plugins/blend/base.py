@@ -36,21 +36,18 @@ class Blend(ABC):
         cost: of a gradient step against that of ``tiled``, at 1024 pixels and 10,000 strokes.
         exact: what it leaves out.
         runs_on: devices and precisions.
+        layered: whether strokes that are laid over others look as if both had been laid at once.
     """
 
     cost: ClassVar[str] = "not measured"
     exact: ClassVar[str] = "yes"
     runs_on: ClassVar[str] = "any device, any precision"
+    layered: ClassVar[bool] = True
 
     @classmethod
     def facts(cls) -> dict[str, str]:
         """What one chooses a blend by."""
         return {"cost": cls.cost, "exact": cls.exact, "runs on": cls.runs_on}
-
-    @property
-    def layered(self) -> bool:
-        """Whether strokes that are laid over others look as if both had been laid at once: nothing deep is left out."""
-        return True
 
     @abstractmethod
     def __call__(

@@ -11,7 +11,6 @@ from brushexp.compositing.eager import paint_tiles
 from brushexp.compositing.layers import Layers, Size
 from brushexp.plugins.blend.base import Blend, Canvas, alike
 from brushexp.plugins.blend.dense import over
-from brushexp.plugins.blend.tiled import Tiled
 from brushexp.registry import register
 
 
@@ -24,35 +23,21 @@ class TopK(Blend):
     background.
 
     Args:
-        k: strokes that are blended per pixel; null: as many as the fullest pixel has, as in the thesis.
-            Then none is left out, so ``tiled`` computes it.
+        k: strokes that are blended per pixel; in the thesis as many as the fullest pixel has (``blend=topk_all``).
     """
 
     cost = "about 300"
     exact = "the k uppermost strokes"
+    layered = False
 
-    def __init__(self, *, k: Annotated[int, at_least(1)] | None = 8) -> None:
-        self._exact = Tiled(opaque=0)
+    def __init__(self, *, k: Annotated[int, at_least(1)] = 8) -> None:
         self.k = k
-
-    @property
-    def layered(self) -> bool:
-        return self.k is None
 
     def __call__(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None
     ) -> Canvas:
-        if self.k is None:
-            return self._exact(layers, front_to_back, size, background, target)
         background, target = alike(layers, background, target)
         return paint_tiles(layers, front_to_back, size, background, target, partial(_uppermost, self.k))
-
-    def importance(
-        self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor, weight: Tensor
-    ) -> Tensor | None:
-        if self.k is None:
-            return self._exact.importance(layers, front_to_back, size, background, target, weight)
-        return None
 
 
 def _uppermost(k: int, alpha: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
