@@ -104,12 +104,10 @@ def check_drawing(renderer: Renderer, reference: Reference, blend: Blend, dtype:
     scene, strokes = reference.scene, reference.scene.strokes
     note = f"{len(strokes)} of {scene.wanted:,} strokes" if len(strokes) < scene.wanted else ""
     try:
-        in_full = compare("float64", reference.by(blend, "float64"), reference.by(None, "float64"), strokes, note)
         if dtype == "float64":
-            return in_full
+            return compare(dtype, reference.by(blend, dtype), reference.by(None, dtype), strokes, note)
         drawn = draw_scene(renderer, blend, scene, strokes.map(lambda value: value.to(DTYPES[dtype])))
-        exact = reference.by(None if in_full.outcome is Outcome.exact else blend, dtype)
-        return compare(dtype, drawn, exact, strokes, note)
+        return compare(dtype, drawn, reference.by(blend, dtype), strokes, note)
     except (UserError, *CRASHES) as error:
         return check_of_error(error)
 
