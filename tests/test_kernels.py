@@ -126,7 +126,7 @@ def test_importance_is_what_the_error_grows_by_without_a_stroke(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_skipped_cannot_be_seen_and_threads_do_not_change_a_bit(kind):
-    strokes, size, weight, results = random_strokes(200, (40, 46)), (40, 46), torch.randn(3, 40, 46), []
+    strokes, size, weight, results = random_strokes(300, (40, 40)), (40, 40), torch.randn(3, 40, 40), []
     exact = paint(KINDS[kind], DENSE, strokes, size).image
     for opaque in (1e-4, 0.1):
         image = paint(KINDS[kind], Tiled(opaque=opaque), strokes, size).image
