@@ -7,8 +7,9 @@ from pathlib import Path
 import lightning as L
 import pytest
 import torch
-from lightning.pytorch.callbacks import Checkpoint
 from program import run
+from test_trainer import StopAt
+from test_trainer import fit as fit_module
 from torch import Tensor, optim
 
 from brushexp.app.tasks.train import check_used
@@ -19,7 +20,7 @@ from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, Strokes
 from brushexp.strokes.prior import INSET, SPREAD, WIDTH, bend_of, sample_prior, strokes_of
-from brushexp.system.callbacks import INTERRUPTED, TimedCheckpoint
+from brushexp.system.callbacks import TimedCheckpoint
 from brushexp.training.corruption import CORRUPTIONS, corrupt
 from brushexp.training.dataset import Split
 from brushexp.training.discriminator_module import (
@@ -30,7 +31,6 @@ from brushexp.training.discriminator_module import (
     save_discriminator,
 )
 
-QUIET = dict.fromkeys(("logger", "enable_progress_bar", "enable_model_summary"), False)
 POINTS = ("start", "control", "end")
 
 
@@ -62,11 +62,8 @@ def wild(n: int, size: float) -> Strokes:
     return replace(made, start=start, control=control, end=end, width=size * torch.rand(n, generator=generator(5)))
 
 
-def fit(module: DiscriminatorModule, batch_size: int, *callbacks, resume=None, **options) -> DiscriminatorModule:
-    keeps = any(isinstance(callback, Checkpoint) for callback in callbacks)
-    options = {"accelerator": "cpu", "enable_checkpointing": keeps, "num_sanity_val_steps": 0, **QUIET, **options}
-    data = ShapeData(batch_size=batch_size, seed=3)
-    L.Trainer(callbacks=list(callbacks), **options).fit(module, data, ckpt_path=resume)
+def fit(module: DiscriminatorModule, batch_size: int, *callbacks: L.Callback, **options) -> DiscriminatorModule:
+    fit_module(module, ShapeData(batch_size=batch_size, seed=3), *callbacks, **options)
     return module
 
 
@@ -124,14 +121,9 @@ def test_it_learns_in_a_few_hundred_steps(trained):
 
 
 def test_a_resumed_training_ends_with_the_same_weights(tmp_path):
-    class Stop(L.Callback):
-        def on_train_batch_end(self, trainer, pl_module, *_):
-            if pl_module.global_step == 4:
-                pl_module.stop, trainer.should_stop = INTERRUPTED, True
-
     path = tmp_path / "checkpoint.ckpt"
     whole = fit(fresh(), 8, max_steps=9)
-    assert fit(fresh(), 8, Stop(), TimedCheckpoint(path, None), max_steps=9).global_step == 4
+    assert fit(fresh(), 8, StopAt(4), TimedCheckpoint(path, None), max_steps=9).global_step == 4
     resumed = fit(fresh(99), 8, TimedCheckpoint(path, None), resume=path, max_steps=9)
     assert resumed.global_step == 9
     torch.testing.assert_close(resumed.state_dict(), whole.state_dict(), rtol=0, atol=0)

@@ -71,7 +71,6 @@ class DiscriminatorModule(NetworkModule):
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": self.schedule(optimizer), "interval": "step"}}
 
     def training_step(self, batch: ShapeBatch, batch_idx: int) -> Tensor:
-        batch = ShapeBatch(*batch)
         valid, corrupted, hard = self.network(torch.cat(batch[:3])).split(len(batch.valid))
         logistic = functional.softplus(-valid).mean() + functional.softplus(corrupted).mean()
         order = functional.softplus(corrupted - hard).mean()
@@ -81,7 +80,7 @@ class DiscriminatorModule(NetworkModule):
         return total
 
     def validation_step(self, batch: ShapeBatch, batch_idx: int) -> None:
-        self.figures, self.validated = discriminator_figures(self.network, ShapeBatch(*batch)), self.global_step
+        self.figures, self.validated = discriminator_figures(self.network, batch), self.global_step
         self.log_dict({f"validation/{name}": self.figures[name] for name in ("accuracy", "auc")})
 
     def state_line(self) -> str:

@@ -92,7 +92,6 @@ class RendererModule(NetworkModule):
         self.clip_gradients(optimizer, gradient_clip_val or CLIP_NORM, gradient_clip_algorithm or "norm")
 
     def training_step(self, batch: StrokeBatch, batch_idx: int) -> Tensor:
-        batch = StrokeBatch(*batch)
         drawn = window_pictures(self.renderer, batch.parameters, self.window, batch.number).float()
         drawn, truth = premultiplied(drawn), premultiplied(batch.images)
         loss = (drawn - truth).square().mean()
@@ -112,7 +111,6 @@ class RendererModule(NetworkModule):
 
     def validation_step(self, batch: StrokeBatch, batch_idx: int) -> Tensor:
         """The pictures (B, 4, S, S) of a batch, for callbacks; in 32 bits, as in painting."""
-        batch = StrokeBatch(*batch)
         with torch.autocast(self.device.type, enabled=False):
             drawn = window_pictures(self.renderer, batch.parameters, self.window, batch.number)
         self._sums += error_sums(drawn, batch.images)
