@@ -15,12 +15,7 @@ def recolored(picture: Tensor, like: Tensor) -> Tensor:
     eigen-decomposition, so that A S A = S_like. Differs: in the roots a variance counts as one grey level at least,
     and no direction is spread more than 8 times, so that even pictures stay finite and their noise small.
 
-    Args:
-        picture: (3, H, W) in [0, 1].
-        like: (3, h, w) in [0, 1], the colours to take; of any size.
-
-    Returns:
-        (3, H, W) in [0, 1], clipped; of the dtype of ``picture``.
+    Both are (3, H, W) in [0, 1], of any sizes; what is returned is like ``picture`` in shape and dtype, and clipped.
     """
     mean, covariance = _moments(picture)
     wanted_mean, wanted = _moments(like)

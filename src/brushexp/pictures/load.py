@@ -53,9 +53,9 @@ def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Te
     """Read a picture as grey values, at the size of another one, resampled as that is.
 
     Args:
-        image: as in `load_picture`; transparent pixels are black.
+        image: as in `load_picture`, like ``key``; transparent pixels are black.
         size: height and width in pixels.
-        key: as there.
+        key: for messages.
         also: what else the key takes, for messages; "auto, " for instance.
 
     Returns:

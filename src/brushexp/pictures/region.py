@@ -32,11 +32,13 @@ class Region:
         It begins at multiples of ``grid``, and its sides leave the same remainder as those of the canvas: a network
         whose positions are so many pixels apart then pads both alike, and looks at the same places in both.
         """
-        rows, columns = (
-            _widened(first, length, margin, side, grid)
-            for first, length, side in ((self.top, self.height, size[0]), (self.left, self.width, size[1]))
-        )
-        return Region(rows[0], columns[0], rows[1] - rows[0], columns[1] - columns[0])
+
+        def span(first: int, length: int, side: int) -> tuple[int, int]:
+            begin, end = max(first - margin, 0) // grid * grid, first + length + margin
+            return begin, min(end + (side - end) % grid, side) - begin
+
+        (top, height), (left, width) = span(self.top, self.height, size[0]), span(self.left, self.width, size[1])
+        return Region(top, left, height, width)
 
     def tiles(self, side: int) -> Iterator[Region]:
         """The region in parts of at most ``side`` x ``side`` pixels."""
@@ -44,10 +46,3 @@ class Region:
             for left in range(self.left, self.left + self.width, side):
                 height, width = self.top + self.height - top, self.left + self.width - left
                 yield Region(top, left, min(side, height), min(side, width))
-
-
-def _widened(first: int, length: int, margin: int, side: int, grid: int) -> tuple[int, int]:
-    """Begin and end of a span with a margin, on a grid, as far as the ``side`` of the canvas reaches."""
-    begin = max(first - margin, 0) // grid * grid
-    end = first + length + margin
-    return begin, min(end + (side - end) % grid, side)

@@ -40,7 +40,7 @@ class PenPlan:
         document: vpype's: a layer for each layer of the painting and each pen in it, numbered
             (layer - 1) * len(tools) + tool from 1.
         paper: width and height.
-        pen_mm: width of the pen.
+        pen_mm: of a pen.
         tools: colours in hexadecimal, tool 1 first: from light to dark, so that no light pen takes up dark ink.
         strokes: how many strokes each tool draws, or parts of.
         left_out: how many strokes are not drawn, since nothing of them is to be seen.

@@ -70,11 +70,10 @@ class PenExporter(Exporter):
 
     def __post_init__(self) -> None:
         self.own_pens  # noqa: B018  (refused before anything is drawn)
-        (width, height), margin = self.page, self.margin
-        if width <= 2 * margin:
+        if self.page[0] <= 2 * self.margin:
             raise UserError(
-                f"margins of {margin:g} mm leave nothing of {width:g} x {height:g} mm; choose a larger paper, "
-                f"{self.key}.paper=a3, or smaller margins, {self.key}.margin_mm=5"
+                f"margins of {self.margin:g} mm leave nothing of {self.page[0]:g} x {self.page[1]:g} mm; "
+                f"choose a larger paper, {self.key}.paper=a3, or smaller margins, {self.key}.margin_mm=5"
             )
 
     @abstractmethod

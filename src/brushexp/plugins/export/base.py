@@ -25,12 +25,10 @@ class ExportJob:
         depth: (N,) int32 ranks, 0 is the bottom stroke.
         size: height and width of the canvas, pixels.
         background: (3,) RGB of the bare canvas, in [0, 1].
-        renderer: draws the strokes.
+        renderer: draws the strokes; its ``name``: vector formats hold plain strokes, whatever it is.
         blend: lays them over each other.
-        name: the name of the renderer; vector formats hold plain strokes, whatever it is.
         source: where the catalogue came from, for titles.
-        seed: of the run that painted it.
-        config: its settings as YAML: text to show, never to run.
+        seed: of the run that painted it; its ``config`` is YAML: text to show, never to run.
     """
 
     strokes: Strokes

@@ -56,7 +56,14 @@ class Hpgl(PenExporter):
         vpype = load_vpype()
         device, page, count = UNKNOWN_PLOTTER, UNKNOWN_PLOTTER, max(1, len(plan.tools))
         if self.plotter is None:
-            vpype.config_manager.config.setdefault("device", {})[device] = _unknown_plotter(plan, count)
+            width, height = (f"{side}mm" for side in plan.paper)
+            sheet = {"name": page, "paper_size": [width, height], "y_axis_up": True, "origin_location": ["0mm", height]}
+            vpype.config_manager.config.setdefault("device", {})[device] = {
+                "name": device,
+                "plotter_unit_length": "0.025mm",
+                "pen_count": count,
+                "paper": [sheet | {"final_pu_params": "0,0"}],
+            }
         else:
             plotter, paper = self._device(self.plotter)
             device, page, count = self.plotter, paper.name, plotter.pen_count
@@ -90,16 +97,3 @@ class Hpgl(PenExporter):
             names = ", ".join(page.name for page in plotter.paper_configs)
             raise UserError(f"plotter {name} does not take to.hpgl.paper={self.paper}; it takes {names}")
         return plotter, paper
-
-
-def _unknown_plotter(plan: "PenPlan", pens: int) -> dict[str, Any]:
-    """A plotter in the words of vpype's configuration, on the paper of a plan."""
-    width, height = (f"{side}mm" for side in plan.paper)
-    page = {
-        "name": UNKNOWN_PLOTTER,
-        "paper_size": [width, height],
-        "y_axis_up": True,
-        "origin_location": ["0mm", height],
-        "final_pu_params": "0,0",
-    }
-    return {"name": UNKNOWN_PLOTTER, "plotter_unit_length": "0.025mm", "pen_count": pens, "paper": [page]}
