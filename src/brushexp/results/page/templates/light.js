@@ -3,7 +3,7 @@
 "use strict";
 {
   const DIRECT = 0.7, GAMMA = 2.2, SHININESS = 24;
-  const { byId, drag, whenSeen } = window.brushexp;
+  const { byId, drag } = window.brushexp;
   const stage = byId("light-stage");
   const canvas = stage.querySelector("canvas");
   const lamp = stage.querySelector(".lamp");
@@ -85,5 +85,5 @@
   });
   for (const name of names) byId(name).addEventListener("input", show);
   show();
-  whenSeen(stage, load);
+  load();
 }

@@ -1,5 +1,5 @@
-// What pieces.html.j2 needs, for all that is in the page when it is loaded; other scripts take byId, drag, whenSeen and
-// fit from window.brushexp too.
+// What pieces.html.j2 needs, for all that is in the page when it is loaded; other scripts take byId, drag and fit from
+// window.brushexp too.
 "use strict";
 {
   const brushexp = (window.brushexp ??= {});
@@ -19,14 +19,6 @@
     });
     element.addEventListener("pointermove", (event) => { if (element.hasPointerCapture(event.pointerId)) at(event); });
   };
-
-  // Call load() once, when an element is nearly in view.
-  brushexp.whenSeen = (element, load) =>
-    new IntersectionObserver((entries, observer) => {
-      if (!entries.some((entry) => entry.isIntersecting)) return;
-      observer.disconnect();
-      load();
-    }, { rootMargin: "300px" }).observe(element);
 
   // <img data-of="#id"> shows the same picture as another image, so that it is in the file once.
   for (const one of document.querySelectorAll("img[data-of]")) one.src = document.querySelector(one.dataset.of).src;
@@ -60,7 +52,7 @@
     button.addEventListener("click", async () => {
       const copied = await navigator.clipboard?.writeText(code.textContent).then(() => true, () => false);
       if (!copied) getSelection().selectAllChildren(code); // for browsers that keep the clipboard from files
-      button.textContent = copied || document.execCommand("copy") ? "Copied" : "Press Ctrl+C";
+      button.textContent = copied ? "Copied" : "Press Ctrl+C";
       setTimeout(() => { button.textContent = label; }, 1600);
     });
   }

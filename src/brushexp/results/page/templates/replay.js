@@ -1,34 +1,32 @@
 // The painting laid down again, stroke by stroke, on a canvas: play, scrub, look at single strokes, leave out layers.
 //
-// What is shown is always the first `shown` strokes of those in the chosen layers. Every few hundred strokes the canvas
-// is kept as it is (a key frame), so that going back costs no more than drawing from the last one; since a key frame is
-// a copy, the same place always looks the same. Work is done in slices, so that the page stays responsive.
+// What is shown is always the first `shown` strokes of those in the chosen layers. A dozen times on the way the canvas is
+// kept as it is (a key frame), so that going back costs no more than drawing from the last one; since a key frame is a
+// copy, the same place always looks the same. Work is done in slices, so that the page stays responsive.
 "use strict";
 {
-  const KEY_MEMORY = 96 * 2 ** 20; // bytes of key frames
-  const KEY_STROKES = 250; // between two key frames, if they fit
+  const KEYS = 12; // key frames
   const SLICE = 10; // milliseconds of drawing in one frame
   const SECONDS = 20; // for the whole painting at speed 1
-  const EASE = 1.6; // the first strokes, large ones, are laid more slowly
-  const MOST_PIXELS = 2.5e6; // of the canvas: more are slow to show where there is no graphics card
+  const MOST_PIXELS = 2e6; // of the canvas: more are slow to show, and so many key frames are large
   const LAYERS = ["small", "medium", "large"];
 
-  const { byId, strokes: unpacked, whenSeen } = window.brushexp;
+  const { byId, strokes: unpacked } = window.brushexp;
   const [stage, play, scrubber, speed] = ["replay-stage", "play", "scrubber", "speed"].map(byId);
   const card = byId("stroke"); // what is known of the selected stroke
-  const [canvas, over, label] = stage.querySelectorAll(".replay-paint, .replay-over, .replay-label");
+  const [canvas, over] = stage.querySelectorAll("canvas");
   const end = stage.querySelector(".replay-end"); // the painting itself, where strokes have more than a canvas can draw
   const context = canvas.getContext("2d", { alpha: false });
   const strokes = unpacked(JSON.parse(byId("strokes").textContent));
+  const every = Math.ceil(strokes.count / KEYS);
 
   let scale = 0; // device pixels per pixel of the painting; 0 before anything is drawn
   let shown = 0; // strokes that are on the canvas
   let goal = strokes.count; // strokes that should be
   let keys = new Map(); // number of strokes -> canvas
-  let every = KEY_STROKES;
   const chosen = [true, true, true]; // layers, small to large
   let playing = false;
-  let played = 0; // share of the time
+  let played = 0; // strokes, and parts of them
   let last = 0; // when the last frame was
   let waiting = false; // for a frame
   let selected = -1; // stroke, counted from the bottom
@@ -47,8 +45,6 @@
     if (!stage.clientWidth || (scale && width === canvas.width && height === canvas.height)) return;
     for (const one of [canvas, over]) [one.width, one.height] = [width, height];
     scale = width / strokes.width;
-    const fit = Math.max(4, Math.floor(KEY_MEMORY / (4 * width * height)));
-    every = Math.max(KEY_STROKES, Math.ceil(strokes.count / fit));
     begin();
   }
 
@@ -69,12 +65,6 @@
     shown = count;
   }
 
-  function keep() {
-    const key = new OffscreenCanvas(canvas.width, canvas.height);
-    key.getContext("2d", { alpha: false }).drawImage(canvas, 0, 0);
-    keys.set(shown, key);
-  }
-
   // Go towards the goal for some milliseconds; the rest is done in the next frames.
   function advance() {
     let from = Math.floor(goal / every) * every;
@@ -86,7 +76,11 @@
     while (shown < goal) {
       if (chosen[strokes.layer[shown]]) strokes.lay(context, shown);
       shown++;
-      if (shown % every === 0 && !keys.has(shown)) keep();
+      if (shown % every === 0 && !keys.has(shown)) {
+        const key = new OffscreenCanvas(canvas.width, canvas.height);
+        key.getContext("2d", { alpha: false }).drawImage(canvas, 0, 0);
+        keys.set(shown, key);
+      }
       if (shown % 8 === 0 && performance.now() > until) break;
     }
   }
@@ -100,10 +94,10 @@
   function frame(now) {
     waiting = false;
     if (playing) {
-      played += (Math.min(100, now - last) / 1000) * (speed.value / SECONDS);
+      played += (Math.min(100, now - last) / 1000) * strokes.count * (speed.value / SECONDS);
       last = now;
-      goal = Math.round(strokes.count * Math.min(1, played) ** EASE);
-      if (played >= 1) run(false);
+      goal = Math.min(strokes.count, Math.round(played));
+      if (goal === strokes.count) run(false);
     }
     advance();
     show();
@@ -133,10 +127,10 @@
     play.textContent = on ? "Pause" : "Play";
     stage.dataset.playing = on;
     if (!on) return;
-    played = goal >= strokes.count ? 0 : (goal / strokes.count) ** (1 / EASE);
+    played = goal % strokes.count;
     last = performance.now();
     select(-1);
-    go(strokes.count * played ** EASE);
+    go(played);
   }
 
   // ---- pointing at strokes ----
@@ -145,9 +139,7 @@
     pinned = stay && k >= 0;
     if (k === selected) return;
     selected = k;
-    stage.dataset.selected = k < 0 ? "" : strokes.number[k];
     card.dataset.empty = k < 0;
-    label.hidden = k < 0;
     if (k >= 0) describe(k);
     light(k);
   }
@@ -166,7 +158,6 @@
       size: LAYERS[strokes.layer[k]],
     };
     for (const [name, text] of Object.entries(words)) card.querySelector(`[data-field=${name}]`).textContent = text;
-    label.textContent = `${words.number}: ${words.length} × ${words.width}, ${words.direction}`;
     card.querySelector(".swatch").style.background = strokes.color[k];
     card.querySelector(".needle").style.rotate = `${Math.max(0, turn)}deg`;
   }
@@ -201,24 +192,24 @@
   });
   stage.addEventListener("pointerleave", () => { if (!pinned) select(-1); });
   stage.addEventListener("click", (event) => {
-    if (playing) return run(false);
-    const k = under(event);
-    return select(k, !(pinned && k === selected)); // a second click lets go
+    const k = playing ? -1 : under(event);
+    run(false);
+    select(k, !(pinned && k === selected)); // a second click lets go
   });
   stage.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
     const by = event.shiftKey ? 100 : 1;
     const steps = {
       ArrowRight: by, ArrowUp: by, ArrowLeft: -by, ArrowDown: -by, Home: -strokes.count, End: strokes.count,
     };
-    const moves = { " ": () => run(!playing), Escape: () => select(-1) };
-    const move = moves[event.key] ?? (steps[event.key] && (() => {
+    if (event.key === " ") run(!playing);
+    else if (event.key === "Escape") select(-1);
+    else if (event.key in steps) {
       run(false);
       go(goal + steps[event.key]);
       select(goal - 1, true);
-    }));
-    if (!move || event.ctrlKey || event.metaKey || event.altKey) return;
+    } else return;
     event.preventDefault();
-    move();
   });
   play.addEventListener("click", () => run(!playing));
   scrubber.addEventListener("input", () => {
@@ -227,18 +218,15 @@
     go(Number(scrubber.value));
   });
   for (const box of document.querySelectorAll("[data-layer]")) {
-    const which = LAYERS.indexOf(box.dataset.layer);
-    box.closest(".chip").title = `${thousands(strokes.layer.filter((layer) => layer === which).length)} strokes`;
     box.addEventListener("change", () => {
-      chosen[which] = box.checked;
+      chosen[LAYERS.indexOf(box.dataset.layer)] = box.checked;
       select(-1);
       go(goal);
       begin();
     });
   }
+  addEventListener("resize", measure);
   run(false);
   show();
-
-  addEventListener("resize", () => { if (scale) measure(); });
-  whenSeen(stage, measure);
+  measure();
 }

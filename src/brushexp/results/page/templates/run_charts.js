@@ -1,4 +1,4 @@
-// The charts of a run's page, from the numbers of charts.py: <div data-chart='{"kind": "line", ...}'>. Until they are
+// The charts of a run's page, from the numbers of drawings.py: <div data-chart='{"kind": "line", ...}'>. Until they are
 // drawn, and without scripts, a sentence stands there.
 "use strict";
 {
@@ -27,8 +27,7 @@
       const [x, y, right] = [across.place(edge(k)), up.place(count), across.place(edge(k + 1))];
       const size = { x: x + 0.7, y, width: right - x - 1.4, height: area.floor - y };
       const bar = node(area.svg, "rect", { class: "bin", rx: 1, ...size });
-      const upper = k + 1 === counts.length ? Math.max(largest, end) : edge(k + 1);
-      const [from, to] = [edge(k), upper].map((value) => plain(Number(value.toFixed(2))));
+      const [from, to] = [edge(k), edge(k + 1)].map((value) => plain(Number(value.toFixed(2))));
       node(bar, "title", {}, `${from} to ${to}: ${count.toLocaleString("en")} strokes`);
     }
     const x = across.place(median);

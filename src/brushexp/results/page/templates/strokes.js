@@ -52,8 +52,7 @@
         pen.quadraticCurveTo(x1, y1, x2, y2);
         return "stroke";
       }
-      const left = []; // one side, and back on the other around the ends
-      const right = [];
+      const [left, right] = [[], []];
       let turn = 0;
       for (let i = 0; i <= PIECES; i++) {
         const t = i / PIECES;
@@ -62,13 +61,13 @@
         const x = (1 - t) ** 2 * x0 + 2 * t * (1 - t) * x1 + t * t * x2;
         const y = (1 - t) ** 2 * y0 + 2 * t * (1 - t) * y1 + t * t * y2;
         const h = wide * (1 - taper * (2 * t - 1) ** 2);
-        left.push([x - Math.sin(turn) * h, y + Math.cos(turn) * h, turn]);
-        right.unshift([x + Math.sin(turn) * h, y - Math.cos(turn) * h, turn]);
+        left.push([x - Math.sin(turn) * h, y + Math.cos(turn) * h]);
+        right.unshift([x + Math.sin(turn) * h, y - Math.cos(turn) * h]);
       }
-      for (const [side, x, y] of [[left, x2, y2], [right, x0, y0]]) {
-        for (const [px, py] of side) pen.lineTo(px, py);
-        const from = side.at(-1)[2] + (side === left ? 0.5 : -0.5) * Math.PI;
-        pen.arc(x, y, end, from, from - Math.PI, true);
+      for (const [x, y] of [...left, ...right]) pen.lineTo(x, y);
+      for (const [x, y] of [[x0, y0], [x2, y2]]) { // round ends, turning as the outline does
+        pen.moveTo(x + end, y);
+        pen.arc(x, y, end, 0, 2 * Math.PI, true);
       }
       return "fill";
     }
@@ -88,15 +87,12 @@
     // The uppermost of the first `shown` strokes at (x, y), pixels of the painting, in the chosen layers; -1 for none.
     // Thinner ones than `least` pixels to either side can be pointed at as if they were so wide.
     function at(x, y, shown, chosen, least) {
-      const { points } = strokes;
+      const isBeside = (a, b, c, place, wide) => Math.min(a, b, c) > place + wide || Math.max(a, b, c) < place - wide;
       for (let k = shown - 1; k >= 0; k--) {
-        const wide = Math.max(strokes.half[k], least);
-        const p = 6 * k;
-        if (Math.min(points[p], points[p + 2], points[p + 4]) > x + wide) continue;
-        if (Math.max(points[p], points[p + 2], points[p + 4]) < x - wide) continue;
-        if (Math.min(points[p + 1], points[p + 3], points[p + 5]) > y + wide) continue;
-        if (Math.max(points[p + 1], points[p + 3], points[p + 5]) < y - wide) continue;
         if (!chosen[strokes.layer[k]] || strokes.opacity[k] < FAINTEST) continue;
+        const wide = Math.max(strokes.half[k], least);
+        const [x0, y0, x1, y1, x2, y2] = strokes.points.subarray(6 * k, 6 * k + 6);
+        if (isBeside(x0, x1, x2, x, wide) || isBeside(y0, y1, y2, y, wide)) continue;
         if (outline(probe, k, wide) === "fill" ? probe.isPointInPath(x, y) : probe.isPointInStroke(x, y)) return k;
       }
       return -1;

@@ -36,7 +36,6 @@
     byId("pointed-report").hidden = !runs[0].report;
     byId("pointed-report").setAttribute("href", runs[0].report);
     byId("pointed-compare").disabled = !picture;
-    byId("pointed-compare").setAttribute("aria-pressed", chosen.includes(told));
   };
 
   const draw = brushexp.sweepCharts(data, tell);
@@ -50,10 +49,7 @@
 
   const filters = [...document.querySelectorAll(".choices")]; // in the order of data.axes
   const ticked = (filter) => [...filter.querySelectorAll("input:checked")].map((input) => Number(input.value));
-  const texts = data.rows.map((run) => {
-    const settings = data.axes.map((axis, k) => `${axis.key}=${axis.values[run.chosen[k]]}`);
-    return [`run ${run.name}`, run.label, run.error, ...settings].join(" ").toLowerCase();
-  });
+  const texts = data.rows.map((run) => `run ${run.name} ${run.command} ${run.error}`.toLowerCase());
 
   const filter = () => {
     const words = byId("words").value.toLowerCase().split(/\s+/).filter(Boolean);
@@ -68,13 +64,11 @@
     const shown = rows.filter((row) => !row.hidden).length;
     write("count", `${shown} of ${rows.length} runs`);
     byId("clear").hidden = !words.length && !wanted.flat().length;
-    byId("none").hidden = shown > 0;
-    byId("table").hidden = shown === 0;
     drawCharts();
   };
   on(["words"], "input", filter);
   for (const one of filters) one.addEventListener("change", filter);
-  on(["clear", "clear-too"], "click", () => {
+  on(["clear"], "click", () => {
     byId("words").value = "";
     for (const input of filters.flatMap((one) => [...one.querySelectorAll("input")])) input.checked = false;
     filter();
@@ -116,23 +110,14 @@
 
   // ---- two side by side ----
 
-  let chosen = []; // rows, two at most; a third takes the place of the first
-  const choose = (found) => {
-    chosen = found.slice(-2);
-    for (const [k, row] of rows.entries()) {
-      row.querySelector(".choose input").checked = chosen.includes(k);
-      row.classList.toggle("chosen", chosen.includes(k));
-    }
-    byId("pointed-compare")?.setAttribute("aria-pressed", chosen.includes(told));
-    byId("tray").hidden = chosen.length === 0;
-    const names = chosen.map((k) => `run ${runOf(k).name} (${runOf(k).label})`);
-    write("tray-say", names.length === 1 ? `${names[0]}: choose one more` : names.join(" and "));
-    byId("tray-open").disabled = chosen.length < 2;
+  let chosen = null; // row that waits for another one
+  const choose = (k) => {
+    if (chosen !== null && k !== chosen) open(`run ${chosen}`, `run ${k}`);
+    chosen = chosen === null ? k : null;
+    for (const [each, row] of rows.entries()) row.querySelector(".choose input").checked = each === chosen;
   };
-  const toggle = (k) => choose(chosen.includes(k) ? chosen.filter((one) => one !== k) : [...chosen, k]);
-  for (const [k, row] of rows.entries()) row.querySelector("input").addEventListener("change", () => toggle(k));
-  on(["pointed-compare"], "click", () => toggle(told));
-  on(["tray-clear"], "click", () => choose([]));
+  for (const [k, row] of rows.entries()) row.querySelector(".choose input").addEventListener("change", () => choose(k));
+  on(["pointed-compare"], "click", () => choose(told));
 
   // A side of the comparison is "target 0" or "run 12".
   const dialog = byId("beside");
@@ -150,33 +135,30 @@
       const row = body.insertRow();
       make("th", name, row).scope = "row";
       for (const text of texts) make("td", text, row).className = "number";
-      return row.lastElementChild;
     };
     body.replaceChildren();
     for (const [k, axis] of data.axes.entries()) {
       const values = [left, right].map((run) => (run ? axis.shown[run.chosen[k]] : "–"));
       if (values[0] !== values[1]) line(axis.key, ...values, "");
     }
-    for (const { key, name, digits, better } of data.metrics) {
-      const gain = Number((right?.numbers[key] - left?.numbers[key]).toFixed(digits));
-      const sign = gain > 0 ? "+" : gain < 0 ? "−" : "";
-      const text = Number.isFinite(gain) ? sign + Math.abs(gain).toFixed(digits) : "";
-      const cell = line(name, left?.cells[key] ?? "–", right?.cells[key] ?? "–", text);
-      if (better && gain) cell.classList.add(gain > 0 === (better === "higher") ? "good" : "alarm");
+    for (const { key, name, digits } of data.metrics) {
+      const gain = right?.numbers[key] - left?.numbers[key];
+      const change = Number.isFinite(gain) ? (gain > 0 ? "+" : "") + gain.toFixed(digits).replace("-", "−") : "";
+      line(name, left?.cells[key] ?? "–", right?.cells[key] ?? "–", change);
     }
   };
   const showSides = () => {
-    const chosen = ["left", "right"].map((id) => byId(id).value);
+    const shown = ["left", "right"].map((id) => byId(id).value);
     const [images, labels] = ["img", ".wipe-label"].map((name) => stage.querySelectorAll(name));
-    for (const [k, { src, alt }] of chosen.map((side) => sides.get(side)).entries()) {
+    for (const [k, { src, alt }] of shown.map((side) => sides.get(side)).entries()) {
       Object.assign(images[k], { src, alt });
       labels[k].textContent = alt;
       write(["left-name", "right-name"][k], alt.split(":")[0]);
     }
-    const { width, height } = sides.get(chosen[1]).attributes;
+    const { width, height } = sides.get(shown[1]).attributes;
     Object.assign(stage.dataset, { width: width.value, height: height.value });
     brushexp.fit(stage);
-    tabulate(...chosen.map((side) => (side.startsWith("run ") ? runOf(Number(side.slice(4))) : null)));
+    tabulate(...shown.map((side) => (side.startsWith("run ") ? runOf(Number(side.slice(4))) : null)));
   };
   const open = (left, right) => {
     [byId("left").value, byId("right").value] = [left, right];
@@ -185,13 +167,11 @@
     dialog.querySelector("input[type=range]").focus();
   };
   on(["left", "right"], "change", showSides);
-  on(["tray-open"], "click", () => open(...chosen.map((k) => `run ${k}`)));
   document.addEventListener("click", (event) => {
     const picture = event.target.closest("[data-right]");
     if (picture) open(picture.dataset.left, picture.dataset.right);
   });
 
   view();
-  choose([]);
   filter(); // a reload keeps what was typed and ticked
 }

@@ -14,7 +14,7 @@
 
   window.brushexp.sweepCharts = (data, pointed) => {
     const [pointsBox, curvesBox] = [byId("points"), byId("curves")];
-    let drawn = null; // rows, x and y of the last drawing, its points, their front, and groups that have a label
+    let drawn = null; // rows, x and y of the last drawing, its points, and their front
     let current = null; // group that is pointed at
     let pinned = false; // whether it stays when the pointer goes elsewhere
 
@@ -55,39 +55,31 @@
         if (Math.abs(y - last) < 15) continue;
         const place = isRight ? { x: p.left + 9, y } : { x: p.left - 9, y, "text-anchor": "end" };
         node(area.svg, "text", { class: "label", "aria-hidden": "true", ...place }, text);
-        if (text === p.label) drawn.labelled.add(p.group);
         last = y;
       }
     };
 
-    // The line through the front, or through the means at each value of a setting; gives the points of the front.
-    const drawLine = (area, points, { x, y }) => {
+    // The line through the front; gives its points.
+    const drawFront = (area, points, { x, y }) => {
       const isCost = !x.isSetting && x.better !== "higher" && x.key !== y.key;
       const sign = y.better === "higher" ? 1 : -1;
       const first = isCost && y.better ? front(points, sign) : [];
-      let say = "";
       if (first.length) {
         const steps = first.slice(1).map((p) => `H${p.left}V${p.above}`).join("");
         node(area.svg, "path", { class: "front", d: `M${first[0].left} ${first[0].above}${steps}H${area.right}` });
         label(area, first, sign);
-        say = "On the line: nothing else is as cheap and as good. ";
-      } else if (x.isSetting) {
-        const columns = [...Map.groupBy(points, (p) => p.left)];
-        const means = columns.map(([left, same]) => [left, mean(same.map((p) => p.above))]);
-        node(area.svg, "polyline", { class: "front mean", points: path(means) });
-        say = "The line is the mean of the points. ";
       }
-      if (y.better) say += sign > 0 ? "Higher is better." : "Lower is better.";
-      byId("points-say").textContent = say;
+      const better = y.better && (sign > 0 ? "Higher is better." : "Lower is better.");
+      const line = first.length ? "On the line: nothing else is as cheap and as good." : "";
+      byId("points-say").textContent = `${line} ${better}`;
       return first;
     };
 
     const drawPoints = () => {
       const { x, y } = drawn;
-      const focused = pointsBox.contains(document.activeElement);
       const points = pointsOf(drawn);
       const area = areaOf(pointsBox);
-      Object.assign(drawn, { points, front: new Set(), labelled: new Set() });
+      drawn.points = points;
       byId("points-say").textContent = "";
       if (!points.length) return node(area.svg, "text", { x: area.left, y: area.top }, "nothing to plot");
       const [scaleOf, values] = x.words ? [bands, x.words] : [scale, extent(points.map((p) => p.x))];
@@ -95,7 +87,7 @@
       const up = scale(extent(points.map((p) => p.y)), area.floor, area.top);
       axes(area, across, up, [x.name, y.name]);
       for (const p of points) Object.assign(p, { left: across.place(p.x), above: up.place(p.y) });
-      const first = drawLine(area, points, drawn);
+      const first = drawFront(area, points, drawn);
       drawn.front = new Set(first.map((p) => p.group));
       for (const p of points) {
         const on = first.includes(p) || (!first.length && x.isSetting);
@@ -106,6 +98,7 @@
           class: `point${on ? " on" : ""}`, role: "option", tabindex: -1, "data-group": p.group,
           "aria-label": `${p.label}: ${y.name} ${plain(p.y)}, ${x.name} ${value}${ends}`,
         });
+        node(option, "title", {}, p.label);
         node(option, "circle", { class: "reach", cx: p.left, cy: p.above, r: 13 });
         node(option, "circle", { class: "dot", cx: p.left, cy: p.above, r: on ? 6 : 4.5 });
       }
@@ -113,8 +106,6 @@
         current = (first.at(-1) ?? points.at(-1)).group;
         pinned = false;
       }
-      tell(current);
-      if (focused) pointsBox.querySelector(`[data-group="${current}"]`).focus();
     };
 
     const drawCurves = () => {
@@ -155,34 +146,19 @@
       if (coloured.length < groups.length) byId("curves-say").textContent = "In colour: what was ahead at some time.";
     };
 
-    // Light up a setting in both charts, with its name beside its point.
-    const mark = (group) => {
+    // Point at a setting: light it up in both charts, and say all about it.
+    const tell = (group) => {
+      current = group;
       for (const one of document.querySelectorAll("#points [data-group], #curves [data-group], #legend [data-group]")) {
         const is = one.dataset.group === String(group);
         if (is && one.matches("g.curve:not(.hot)")) one.parentNode.append(one); // above the others
         one.classList.toggle("hot", is);
-      }
-      pointsBox?.querySelector(".hint")?.remove();
-      const p = drawn.points?.find((one) => one.group === group);
-      if (!p || drawn.labelled.has(group)) return;
-      const { clientWidth } = pointsBox;
-      const anchor = ["start", "middle", "end"][Math.floor((3 * p.left) / clientWidth)];
-      const place = { x: p.left, y: p.above + (p.above < 46 ? 26 : -16), "text-anchor": anchor };
-      const text = cut(p.label, Math.floor(clientWidth / LETTER / 2));
-      node(pointsBox.firstChild, "text", { class: "hint", ...place }, text);
-    };
-
-    // Point at a setting: say all about it.
-    const tell = (group) => {
-      current = group;
-      for (const one of pointsBox?.querySelectorAll(".point") ?? []) {
-        const is = one.dataset.group === String(group);
+        if (!one.matches(".point")) continue;
         one.setAttribute("aria-selected", is);
         one.setAttribute("tabindex", is ? 0 : -1);
       }
-      mark(group);
       const rows = drawn.rows.filter((k) => data.rows[k].group === group);
-      if (rows.length) pointed(group, rows, drawn.front?.has(group) ?? false);
+      if (rows.length) pointed(group, rows, drawn.front.has(group));
     };
 
     // Listen to events of what belongs to a setting.
@@ -192,11 +168,8 @@
     });
     for (const box of [pointsBox, curvesBox]) {
       listen(box, "pointerover", (group) => {
-        if (group === null) return;
-        if (pinned) mark(group);
-        else if (group !== current) tell(group);
+        if (group !== null && group !== current && !pinned) tell(group);
       });
-      listen(box, "pointerout", (group) => { if (group !== null) mark(current); });
       listen(box, "click", (group) => {
         pinned = group !== null;
         if (pinned) tell(group);
@@ -209,13 +182,12 @@
     });
     pointsBox?.addEventListener("keydown", (event) => {
       const order = drawn.points.map((p) => p.group);
-      const [left, right] = [-1, 1].map((by) => order.indexOf(current) + by);
-      const arrows = { ArrowRight: right, ArrowDown: right, ArrowLeft: left, ArrowUp: left };
-      const next = { ...arrows, Home: 0, End: order.length - 1 }[event.key];
+      const [at, last] = [order.indexOf(current), order.length - 1];
+      const by = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1, Home: -last, End: last }[event.key];
       if (event.key === "Escape") pinned = false;
-      if (next === undefined) return;
+      if (by === undefined) return;
       event.preventDefault();
-      const group = order[Math.min(Math.max(next, 0), order.length - 1)];
+      const group = order[Math.min(Math.max(at + by, 0), last)];
       pointsBox.querySelector(`[data-group="${group}"]`)?.focus();
     });
 
@@ -223,13 +195,13 @@
       if (!drawn) return;
       if (pointsBox) drawPoints();
       if (curvesBox) drawCurves();
-      mark(current);
+      tell(current);
     };
     addEventListener("resize", draw);
 
     return (shown, x, y, picture) => {
       const rows = shown.filter((k) => data.groups[data.rows[k].group]?.picture === picture);
-      drawn = { rows, x: x && variable(x), y: y && variable(y) };
+      drawn = { rows, front: new Set(), x: x && variable(x), y: y && variable(y) };
       draw();
     };
   };

@@ -14,7 +14,6 @@
       try { localStorage.brushexpTheme = dataset.theme; } catch {}
       show();
     });
-    system.addEventListener("change", show);
     show();
   });
 }
