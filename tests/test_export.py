@@ -341,7 +341,6 @@ def test_edited_strokes_are_painted(tmp_path):
         (lambda d: d.update(seed="x"), "seed is 'x'; a whole number is needed"),
         (lambda d: d.update(config="a: 1"), "config is 'a: 1'; a list is needed"),
         (lambda d: d.update(config=[1]), r"config is \[1\]; a list of the lines"),
-        (lambda d: d.update(config=["a: &x [1]", "b: *x"]), "config contains a YAML alias"),
         (lambda d: d.update(config=["a: [1"]), "config is not YAML"),
         (lambda d: d.pop("config"), "config is None; a list is needed"),
         (lambda d: d.update(strokes={}), r"strokes is \{\}; a list is needed"),
@@ -447,12 +446,6 @@ def test_damage_is_noticed_or_harmless(tmp_path_factory, data):
         why = str(error)
     assert str(path) in why
     assert "\n" not in why
-
-
-def test_a_text_that_is_too_long_is_refused_before_it_is_read(tmp_path, monkeypatch):
-    path = exported(saved(), tmp_path)
-    monkeypatch.setattr("brushexp.strokes.storage.LARGEST_TEXT", 100)
-    assert_refused(path, "bytes of JSON; at most 100 can be read")
 
 
 # CSV

@@ -169,7 +169,6 @@ def test_an_unreadable_file_is_explained(stored, monkeypatch):
         ("config", "a: [1, 2", "config is not YAML"),
         ("config", "a: b: c", "config is not YAML"),
         ("config", "just words", "config is not a YAML mapping"),
-        ("config", "a: &x [1]\nb: *x", "config contains a YAML alias"),
     ],
 )
 def test_a_wrong_attribute_is_explained(stored, name, value, message):
@@ -220,12 +219,3 @@ def test_a_wrong_dataset_is_explained(stored, name, data, message):
         del file[name]
         file.create_dataset(name, data=data).attrs["unit"] = ""
     assert re.search(message, refused(stored))
-
-
-def test_a_file_that_claims_to_be_huge_is_refused_before_it_is_read(stored):
-    with h5py.File(stored, "a") as file:
-        for name in (*FIELDS, "depth"):
-            kind, width = file[name].dtype, file[name].shape[1:]
-            del file[name]
-            file.create_dataset(name, shape=(10**10, *width), dtype=kind, chunks=(1000, *width)).attrs["unit"] = ""
-    assert "10000000000 strokes; at most" in refused(stored)

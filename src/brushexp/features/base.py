@@ -100,11 +100,16 @@ def mean_squares(ours: Tensor, theirs: Tensor, weights: Tensor | None = None) ->
     return squares.sum((0, 2, 3)) / (difference.numel() / difference.shape[1])
 
 
-def packaged(package: str, file: str) -> Path | None:
-    """Path of a file in an installed package, whose code is not run; None without the package."""
+def packaged(package: str, file: str) -> Path:
+    """Path of a file in an installed package, whose code is not run.
+
+    Raises:
+        UserError: without the package.
+    """
     spec = find_spec(package)
-    folders = spec.submodule_search_locations if spec else None
-    return Path(folders[0]) / file if folders else None
+    if spec is None or not spec.submodule_search_locations:
+        raise UserError(f"{package} is not installed; pip install {package.replace('_', '-')}")
+    return Path(spec.submodule_search_locations[0]) / file
 
 
 def read_tensors(path: Path) -> dict[str, Tensor]:

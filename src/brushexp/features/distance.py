@@ -6,7 +6,6 @@ from functools import cache
 import torch
 from torch import Tensor, nn
 
-from brushexp.errors import UserError
 from brushexp.features import open_backbone
 from brushexp.features.base import Backbone, mean_squares, packaged, read_tensors
 
@@ -76,10 +75,7 @@ def open_distance(backbone: str = "effl0", weights: str | None = None, option: s
         return Distance(open_backbone(backbone, weights, option), tensors, backbone)
     network = open_backbone(backbone, weights, option)
     file, taps = CALIBRATED[backbone]
-    path = packaged(PACKAGE, f"{FOLDER}/{file}")
-    if path is None:
-        raise UserError("the published weights of LPIPS come with torchmetrics; pip install torchmetrics")
-    found = read_tensors(path)
+    found = read_tensors(packaged(PACKAGE, f"{FOLDER}/{file}"))
     tensors = {tap: found[f"lin{number}.model.1.weight"].flatten() for number, tap in enumerate(taps)}
     return Distance(network, tensors, f"lpips-{backbone}")
 

