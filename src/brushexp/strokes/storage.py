@@ -27,27 +27,16 @@ LARGEST_SIDE = 1_000_000  # pixels
 
 @dataclass(frozen=True)
 class Saved:
-    """A finished catalogue and where it came from.
+    """A finished catalogue and where it came from."""
 
-    Attributes:
-        strokes: N strokes, float32.
-        depth: (N,) int32 ranks, a permutation of 0 to N - 1; 0 is the bottom stroke.
-        size: height and width of the canvas, pixels.
-        background: (3,) RGB in [0, 1].
-        renderer: name of the renderer plugin.
-        renderer_hash: of its checkpoint; empty when it has none.
-        seed: of the run.
-        config: the resolved config of the run as YAML. It is text from a file: show it, never instantiate from it.
-    """
-
-    strokes: Strokes
-    depth: Tensor
-    size: tuple[int, int]
-    background: Tensor
-    renderer: str
-    renderer_hash: str
-    seed: int
-    config: str
+    strokes: Strokes  # N strokes, float32
+    depth: Tensor  # (N,) int32 ranks, a permutation of 0 to N - 1; 0 is the bottom stroke
+    size: tuple[int, int]  # height and width of the canvas, pixels
+    background: Tensor  # (3,) RGB in [0, 1]
+    renderer: str  # name of the renderer plugin
+    renderer_hash: str  # of its checkpoint; empty when it has none
+    seed: int  # of the run
+    config: str  # the resolved config of the run as YAML: text from a file, of which only plugins may be built
 
 
 def save_catalogue(path: Path, saved: Saved) -> None:

@@ -19,21 +19,13 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Painting:
-    """Everything a loss may look at after one forward pass.
+    """Everything a loss may look at after one forward pass."""
 
-    Attributes:
-        image: (3, h, w) the painting where this step looks, display-referred RGB in [0, 1].
-        target: (3, h, w) what it should look like; the same object as long as steps look at the same place.
-        strokes: all N strokes of the painting; those that this step does not move have no gradient.
-        surroundings: the canvas around it; None if ``image`` is all of the canvas.
-        focus: (h, w) how much each pixel of ``image`` counts, of mean 1 over the whole canvas; None if all count alike.
-    """
-
-    image: Tensor
-    target: Tensor
-    strokes: Strokes
-    surroundings: Surroundings | None = None
-    focus: Tensor | None = None
+    image: Tensor  # (3, h, w) the painting where this step looks, display-referred RGB in [0, 1]
+    target: Tensor  # (3, h, w) what it should look like; the same object as long as steps look at the same place
+    strokes: Strokes  # all N strokes of the painting; those that this step does not move have no gradient
+    surroundings: Surroundings | None = None  # the canvas around it; None if ``image`` is all of the canvas
+    focus: Tensor | None = None  # (h, w) how much each pixel counts, of mean 1 over the whole canvas; None: all alike
 
     @property
     def whole_target(self) -> Tensor:
@@ -65,25 +57,15 @@ class Painting:
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """The canvas around the region that a step looks at; one object for all steps that look at the same place.
+    """The canvas around the region that a step looks at; one object for all steps that look at the same place."""
 
-    Attributes:
-        region: where the step looks.
-        picture: (3, H, W) the whole picture as it was last seen, without gradient.
-        target: (3, H, W) the whole target.
-        focus: (H, W) how much each of its pixels counts; None if all count alike.
-        core: the part of the region in which steps change the picture; None for all of it.
-        part: (3, h, w) the target in the region.
-        part_focus: (h, w) the focus there.
-    """
-
-    region: Region
-    picture: Tensor
-    target: Tensor
-    focus: Tensor | None = None
-    core: Region | None = None
-    part: Tensor = field(init=False)
-    part_focus: Tensor | None = field(init=False)
+    region: Region  # where the step looks
+    picture: Tensor  # (3, H, W) the whole picture as it was last seen, without gradient
+    target: Tensor  # (3, H, W) the whole target
+    focus: Tensor | None = None  # (H, W) how much each of its pixels counts; None if all count alike
+    core: Region | None = None  # the part of the region in which steps change the picture; None for all of it
+    part: Tensor = field(init=False)  # (3, h, w) the target in the region
+    part_focus: Tensor | None = field(init=False)  # (h, w) the focus there
     _wider: dict[tuple[int, int], Surroundings] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
