@@ -41,11 +41,9 @@ def closest_parameter(curve: Tensor, points: Tensor) -> Tensor:
     """Parameter t (...) in [0, 1] of the point of each curve (..., 3, 2) nearest to ``points`` (..., 2).
 
     The distance has at most two valleys, one to each side of the inflection of its derivative. In each the best of a
-    few samples (65 if a curve bends as much as it is long) is refined by Newton's method on the derivative of the
-    squared distance, between the neighbouring samples, with bisection where it would leave what is left between them;
-    the nearer of both is taken. Its derivative with respect to curve and points is that of the implicit function
-    theorem, and 0 where t is held at an end. It grows without bound where a curve is short, and is limited there
-    (`MIN_SLOPE_PX2`).
+    few samples is refined by Newton's method, with bisection where it would leave the neighbouring samples; the nearer
+    of both is taken. Its derivative is that of the implicit function theorem, 0 where t is held at an end, and limited
+    where a curve is so short that it would grow without bound (`MIN_SLOPE_PX2`).
     """
     cubic = distance_cubic(curve, points)
     with torch.no_grad():

@@ -154,7 +154,6 @@ class Catalogue(nn.Module):
                 f"strokes are {strokes.position.dtype}, in which small steps are lost; "
                 "optimise them as strokes.map(lambda value: value.float())"
             )
-        check_strokes(strokes)
         if unknown := sorted(set(units) - set(FIELDS)):
             raise UserError(f"no stroke field is called {unknown[0]!r}; the fields are {', '.join(FIELDS)}")
         self.units = {name: float(units.get(name, 0.0)) for name in FIELDS}
