@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.plugins.init._cells import Orient, nearest
+from brushexp.plugins.init._cells import nearest
 from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.init.grid import Grid, lattice
 from brushexp.plugins.init.random import Random
@@ -19,7 +19,7 @@ from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
 
 OVERLAPPING = partial(Grid, shift=True, length=1.8, width=1.4)  # as the preset has it
-BUILT_IN = [Grid(), OVERLAPPING(), Slic(), Slic(detail=0.0), Slic(detail=1.0, orient=Orient.random), Random()]
+BUILT_IN = [Grid(), OVERLAPPING(), Slic(), Slic(detail=0.0), Slic(detail=1.0, orient="random"), Random()]
 NAMES = ["grid", "overlapping_grid", "slic", "slic_even", "slic_random", "random"]
 every_init = pytest.mark.parametrize("init", BUILT_IN, ids=NAMES)
 
@@ -135,7 +135,7 @@ def test_the_control_point_is_midway_and_the_window_is_a_few_strokes_wide(init):
     assert strokes.start.abs().max() < 1
 
 
-@pytest.mark.parametrize("init", [Grid(orient=Orient.random), BUILT_IN[4]], ids=["grid", "slic"])
+@pytest.mark.parametrize("init", [Grid(orient="random"), BUILT_IN[4]], ids=["grid", "slic"])
 def test_the_random_start_is_that_of_the_thesis(init):
     strokes = made(init, noise(100, 120), 1200)
     points = torch.stack([strokes.start, strokes.control, strokes.end])

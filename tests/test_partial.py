@@ -20,7 +20,7 @@ from brushexp.plugins.order.accuracy import Accuracy
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.textured import Textured
 from brushexp.plugins.sampler.base import View
-from brushexp.plugins.sampler.patches import Coverage, Patches, places
+from brushexp.plugins.sampler.patches import Patches, places
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.strokes.prior import clamp_to_prior
 
@@ -32,7 +32,7 @@ def few(**options) -> Patches:
     return Patches(**{"n_active": 15, "n_ring": 15, "patch": 32, **options})
 
 
-@pytest.mark.parametrize("coverage", Coverage)
+@pytest.mark.parametrize("coverage", ["fair", "random"])
 @pytest.mark.parametrize("renderer", RENDERERS)
 def test_a_patch_that_covers_the_canvas_paints_the_same_picture_as_the_whole(renderer, coverage):
     everything = Patches(n_active=10**6, n_ring=0, patch=10**6, coverage=coverage)
@@ -159,7 +159,7 @@ def test_fair_coverage_visits_every_stroke_equally_often():
 
 
 def test_random_coverage_takes_the_nearest_strokes_to_a_point():
-    sampler, generator = Patches(n_active=12, n_ring=6, patch=1000, coverage=Coverage.random), torch.Generator()
+    sampler, generator = Patches(n_active=12, n_ring=6, patch=1000, coverage="random"), torch.Generator()
     strokes = random_strokes(100, SIZE)
     view = sampler(strokes, SIZE, 0, generator.manual_seed(4))
     point = torch.rand(2, generator=generator.manual_seed(4)) * torch.tensor([70.0, 48.0])
@@ -172,7 +172,7 @@ def test_random_coverage_takes_the_nearest_strokes_to_a_point():
 
 
 @pytest.mark.parametrize("n", [1, 2, 33])
-@pytest.mark.parametrize("options", [{}, {"n_ring": 0}, {"patch": 1}, {"patch": 5, "coverage": Coverage.random}])
+@pytest.mark.parametrize("options", [{}, {"n_ring": 0}, {"patch": 1}, {"patch": 5, "coverage": "random"}])
 def test_odd_sizes_are_defined(n, options):
     painter = painter_of(sampler=Patches(**options), n=n)
     take(painter, 6)
@@ -234,7 +234,7 @@ def test_features_of_a_part_see_what_surrounds_it():
     assert (image.grad == 1).all()
 
 
-@pytest.mark.parametrize("coverage", Coverage)
+@pytest.mark.parametrize("coverage", ["fair", "random"])
 @pytest.mark.parametrize("patch", [12, 30, 500])
 def test_a_round_is_as_many_steps_as_move_each_stroke_once(coverage, patch):
     sampler = Patches(n_active=20, n_ring=0, patch=patch, steps_per_patch=1, coverage=coverage)

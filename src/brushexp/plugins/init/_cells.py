@@ -3,14 +3,13 @@
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
-from enum import Enum
 from typing import Annotated
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.bounds import above, between
+from brushexp.bounds import above, between, one_of
 from brushexp.pictures.structure import along_edges, structure_tensor
 from brushexp.plugins.init.base import Initializer
 from brushexp.strokes.catalogue import Strokes
@@ -22,13 +21,6 @@ ELONGATION_WEIGHT = 0.25  # of the cell's own elongation beside the picture's st
 MIN_GRADIENT_POWER = 1e-4  # squared grey levels per pixel: gradients below 1 % of the range say little of direction
 
 Array = np.ndarray
-
-
-class Orient(Enum):
-    """Where a stroke points at first."""
-
-    structure = "structure"
-    random = "random"
 
 
 @dataclass(kw_only=True)
@@ -44,7 +36,7 @@ class CellInitializer(Initializer):
         jitter: random shift of each stroke in mean distances between strokes (its deviation), so that seeds differ.
     """
 
-    orient: Orient = Orient.structure
+    orient: Annotated[str, one_of("structure", "random")] = "structure"
     length: Annotated[float, above(0, 10)] = 1.4
     width: Annotated[float, above(0, 10)] = 1.0
     opacity: Annotated[float, between(0, 1)] = 0.95
@@ -62,7 +54,7 @@ class CellInitializer(Initializer):
         color = cell_means(picture.reshape(3, -1), flat, n)
         pitch = math.sqrt(height * width / n)
         scale = max(WINDOW_PITCHES * pitch, MIN_WINDOW_PIXELS)
-        if self.orient is Orient.random:
+        if self.orient == "random":
             start, control, end = (RANDOM_SPREAD * torch.randn(3, n, 2, generator=generator)).clamp(-1, 1)
             thickness = torch.full((n,), RANDOM_WIDTH)
         else:

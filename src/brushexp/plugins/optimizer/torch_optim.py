@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from torch import nn, optim
 
-from brushexp.bounds import above, between
+from brushexp.bounds import above, between, one_of
 from brushexp.errors import UserError
 from brushexp.plugins.optimizer.base import Optimizer
 from brushexp.registry import register
@@ -23,14 +23,6 @@ class Library(Enum):
 
     torch = "torch.optim"
     pytorch_optimizer = "pytorch_optimizer"
-
-
-class RateSchedule(Enum):
-    """How the learning rate goes from ``lr`` to its end."""
-
-    constant = "constant"
-    linear = "linear"
-    cosine = "cosine"
 
 
 @register("optimizer", "torch")
@@ -60,7 +52,7 @@ class TorchOptim(Optimizer):
         library: Library = Library.torch,
         lr: Annotated[float, above(0)] = 0.02,
         units: dict[str, float] = UNITS,
-        schedule: RateSchedule = RateSchedule.linear,
+        schedule: Annotated[str, one_of("constant", "linear", "cosine")] = "linear",
         hold: Annotated[float, between(0, 1)] = 0.5,
         warmup: Annotated[float, between(0, 1)] = 0.0,
         options: dict[str, Any] = {},  # noqa: B006
@@ -88,11 +80,7 @@ class TorchOptim(Optimizer):
     def share(self, progress: float) -> float:
         rise = min(1.0, (progress + 1e-9) / self.warmup) if self.warmup else 1.0
         falling = max(0.0, (progress - self.hold) / (1 - self.hold)) if self.hold < 1 else 0.0
-        fall = {
-            RateSchedule.constant: 1.0,
-            RateSchedule.linear: 1 - falling,
-            RateSchedule.cosine: 0.5 * (1 + math.cos(math.pi * falling)),
-        }
+        fall = {"constant": 1.0, "linear": 1 - falling, "cosine": 0.5 * (1 + math.cos(math.pi * falling))}
         return rise * fall[self.schedule]
 
 

@@ -2,27 +2,19 @@
 
 import math
 from dataclasses import dataclass, field
-from enum import Enum
 from functools import partial
 from typing import Annotated, Any
 
 import torch
 from torch import Tensor
 
-from brushexp.bounds import at_least
+from brushexp.bounds import at_least, one_of
 from brushexp.pictures.region import Region
 from brushexp.plugins.sampler.base import Sampler, View
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
 SAMPLED_POINTS = 200  # random points by which it is estimated how many strokes are active at one
-
-
-class Coverage(Enum):
-    """How places are chosen."""
-
-    fair = "fair"
-    random = "random"
 
 
 @register("sampler", "patches")
@@ -47,7 +39,7 @@ class Patches(Sampler):
     n_ring: Annotated[int, at_least(0)] = 128
     patch: Annotated[int, at_least(1)] = 320
     steps_per_patch: Annotated[int, at_least(1)] = 5
-    coverage: Coverage = Coverage.fair
+    coverage: Annotated[str, one_of("fair", "random")] = "fair"
     _round: Tensor = field(default_factory=partial(torch.empty, 0, dtype=torch.long), init=False)  # (N,) places now
     _turn: int = field(default=0, init=False)  # place whose turn it is
     _point: Tensor = field(default_factory=partial(torch.zeros, 2), init=False)
@@ -58,7 +50,7 @@ class Patches(Sampler):
             return View(Region(0, 0, *size))
         position = on_canvas(strokes.position, size)
         begins = step % self.steps_per_patch == 0
-        if self.coverage is Coverage.fair:
+        if self.coverage == "fair":
             active = self._turn_of(position, generator, begins)
             low, high = position[active].aminmax(dim=0)
             region = self._patch_at(0.5 * (low + high), size)
@@ -78,7 +70,7 @@ class Patches(Sampler):
         if not len(strokes):
             return 1
         position, generator = on_canvas(strokes.position, size).cpu(), torch.Generator().manual_seed(0)
-        if self.coverage is Coverage.fair:
+        if self.coverage == "fair":
             return int(places(position, self.n_active, self.patch, generator).max()) + 1
         points = torch.rand(SAMPLED_POINTS, 2, generator=generator) * torch.tensor([size[1], size[0]])
         moved = [len(self._active_at(point, position, size)) for point in points]
