@@ -17,8 +17,7 @@ from scipy.spatial.distance import cdist
 
 from brushexp.analysis import figures
 from brushexp.analysis.columns import ALIGNED_WITHIN, MEASURES, RADIUS_PITCHES, measure_strokes
-from brushexp.analysis.figures import write_figure
-from brushexp.analysis.maps import coherence_map, direction_colors, stroke_map
+from brushexp.analysis.figures import coherence_map, direction_colors, stroke_map, write_figure
 from brushexp.analysis.samples import (
     DIRECTION_BINS,
     cliffs_delta,
