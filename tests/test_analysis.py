@@ -15,19 +15,8 @@ from PIL import Image
 from scenes import random_strokes, straight
 from scipy.spatial.distance import cdist
 
-from brushexp.analysis import figures
+from brushexp.analysis import figures, samples
 from brushexp.analysis.columns import ALIGNED_WITHIN, MEASURES, RADIUS_PITCHES, measure_strokes
-from brushexp.analysis.figures import coherence_map, direction_colors, stroke_map, write_figure
-from brushexp.analysis.samples import (
-    DIRECTION_BINS,
-    cliffs_delta,
-    direction_shares,
-    effect_size,
-    entropy_of,
-    standardised,
-    statistics_of,
-    turning_distance,
-)
 from brushexp.analysis.summary import Analysis, analysis_of, comparison_of, overall_of, summary_of, thinnest_of
 from brushexp.analysis.summary_text import brushwork_text, strokes_csv, three_digits, write_summary
 from brushexp.app.tasks import analyse
@@ -78,16 +67,14 @@ def combed(n: int, angle: float = 0.5) -> Strokes:
 
 @pytest.mark.parametrize(("end", "degrees"), [((50, 20), 0), ((40, 40), 45), ((10, 30), 135), ((15, 20), 0)])
 def test_a_straight_stroke_has_its_length_and_direction(end, degrees):
-    one = measured(straight((20, 20), end, width=3))
-    length = math.dist((20, 20), end)
-    assert one.length == pytest.approx(length, rel=1e-5)
-    assert one.width == pytest.approx(3)
-    assert one.area == pytest.approx(3 * length + math.pi * 9 / 4, rel=1e-5)
-    assert one.elongatedness == pytest.approx(length / 3, rel=1e-5)
-    assert one.straightness == pytest.approx(1)
-    assert one.curvature == pytest.approx(0, abs=1e-5)
-    assert np.degrees(one.orientation) == pytest.approx(degrees, abs=1e-3)
-    assert (one.x, one.y) == (pytest.approx((20 + end[0]) / 2), pytest.approx((20 + end[1]) / 2))
+    one, length = measured(straight((20, 20), end, width=3)), math.dist((20, 20), end)
+    expected = {
+        "length": length, "width": 3, "area": 3 * length + math.pi * 9 / 4, "elongatedness": length / 3,
+        "straightness": 1, "curvature": 0, "orientation": math.radians(degrees),
+        "x": (20 + end[0]) / 2, "y": (20 + end[1]) / 2,
+    }  # fmt: skip
+    for name, value in expected.items():
+        assert one[name] == pytest.approx(value, rel=1e-5, abs=1e-5), name
 
 
 def test_a_dot_has_no_direction():
@@ -227,24 +214,24 @@ def test_a_huge_canvas_is_looked_at_reduced():
 
 def test_statistics_of_many_of_one_and_of_nothing():
     values = np.arange(1.0, 6.0)
-    assert statistics_of(values) == {"n": 5, "mean": 3, "sd": math.sqrt(2.5), "q25": 2, "median": 3, "q75": 4}
-    assert statistics_of(np.array([3.0])) == {"n": 1, "mean": 3, "sd": None, "q25": 3, "median": 3, "q75": 3}
+    assert samples.statistics_of(values) == {"n": 5, "mean": 3, "sd": math.sqrt(2.5), "q25": 2, "median": 3, "q75": 4}
+    assert samples.statistics_of(np.array([3.0])) == {"n": 1, "mean": 3, "sd": None, "q25": 3, "median": 3, "q75": 3}
     for axial in (False, True):
-        assert statistics_of(np.array([]), axial)["mean"] is None
+        assert samples.statistics_of(np.array([]), axial)["mean"] is None
 
 
 def test_directions_have_a_mean_across_the_turn():
-    numbers = statistics_of(np.array([175.0, 5.0]), axial=True)
+    numbers = samples.statistics_of(np.array([175.0, 5.0]), axial=True)
     assert min(numbers["mean"], 180 - numbers["mean"]) == pytest.approx(0, abs=1e-9)
     assert numbers["sd"] == pytest.approx(5, abs=0.01)
     assert numbers["median"] is None
 
 
 def test_shares_of_directions_are_centred_on_the_axes_and_their_entropy_tells_one_from_all():
-    share = direction_shares(np.array([0.0, 4.9, 175.1, 90.0]))
-    assert (share[0], share[DIRECTION_BINS // 2], share.sum()) == (0.75, 0.25, 1)
-    assert entropy_of(np.full(50, 1.0)) == 0
-    assert entropy_of(np.arange(DIRECTION_BINS * 7) * 180 / DIRECTION_BINS % 180) == pytest.approx(1)
+    share = samples.direction_shares(np.array([0.0, 4.9, 175.1, 90.0]))
+    assert (share[0], share[samples.DIRECTION_BINS // 2], share.sum()) == (0.75, 0.25, 1)
+    assert samples.entropy_of(np.full(50, 1.0)) == 0
+    assert samples.entropy_of(np.arange(0.0, 1260, 10) % 180) == pytest.approx(1)
 
 
 def test_the_whole_of_parallel_strokes():
@@ -313,7 +300,7 @@ def test_turned_strokes_are_as_far_as_they_were_turned():
 def test_cliffs_delta_counts_pairs(n, m):
     source = np.random.default_rng(n + m)
     a, b = source.normal(size=n).round(1), source.normal(0.5, size=m).round(1)
-    assert cliffs_delta(a, b) == pytest.approx(np.sign(a[:, None] - b[None]).mean())
+    assert samples.cliffs_delta(a, b) == pytest.approx(np.sign(a[:, None] - b[None]).mean())
 
 
 @pytest.mark.parametrize("n", [1, 8, 25])
@@ -321,16 +308,16 @@ def test_on_a_circle_the_best_cut_is_taken(n):
     source = np.random.default_rng(n)
     a, b = source.uniform(0, 180, n), source.uniform(0, 180, n)
     pairings = [np.abs((np.sort(a) - np.roll(np.sort(b), k) + 90) % 180 - 90).mean() for k in range(n)]
-    assert turning_distance(a, b) == pytest.approx(min(pairings))
+    assert samples.turning_distance(a, b) == pytest.approx(min(pairings))
 
 
 def test_effects_are_cohens_and_have_words():
     a, b = np.array([1.0, 2.0, 3.0]), np.array([3.0, 4.0, 5.0])
-    assert standardised(a, b) == pytest.approx(-2)
-    assert standardised(np.array([1.0]), np.array([2.0])) is None
-    assert standardised(np.ones(3), np.ones(3)) is None
+    assert samples.standardised(a, b) == pytest.approx(-2)
+    assert samples.standardised(np.array([1.0]), np.array([2.0])) is None
+    assert samples.standardised(np.ones(3), np.ones(3)) is None
     words = {0: "negligible", -0.1: "negligible", 0.2: "small", -0.4: "medium", 0.5: "large", -1: "large"}
-    assert {delta: effect_size(delta) for delta in words} == words
+    assert {delta: samples.effect_size(delta) for delta in words} == words
 
 
 # files
@@ -391,28 +378,29 @@ def test_numbers_have_the_digits_that_tell_something():
 )
 def test_the_sheet_can_be_drawn(rows, tmp_path, monkeypatch):
     monkeypatch.setattr(figures, "PRINT_DPI", 40)
-    with Image.open(write_figure(tmp_path / "brushwork.png", rows())) as sheet:
+    with Image.open(figures.write_figure(tmp_path / "brushwork.png", rows())) as sheet:
         assert sheet.width == 560
         assert np.asarray(sheet).std() > 5
 
 
 def test_strokes_are_drawn_in_the_colours_of_their_directions_which_go_round():
-    picture = stroke_map(analysis_of(saved(straight((10, 30), (80, 30), width=20)), "a", "a"))
+    picture = figures.stroke_map(analysis_of(saved(straight((10, 30), (80, 30), width=20)), "a", "a"))
     assert picture.shape == (600, 900, 3)
-    colors = direction_colors(np.array([0.0, math.pi - 1e-9, math.pi / 2, np.nan]))
+    colors = figures.direction_colors(np.array([0.0, math.pi - 1e-9, math.pi / 2, np.nan]))
     assert picture[300, 450] == pytest.approx(colors[0], abs=0.01)
     assert picture[20, 20] == pytest.approx(1)
     assert colors[0] == pytest.approx(colors[1], abs=1e-6)
     assert np.abs(colors[0] - colors[2]).max() > 0.2
     assert np.ptp(colors[3]) < 0.01
-    light = direction_colors(np.linspace(0, math.pi, 100))
+    light = figures.direction_colors(np.linspace(0, math.pi, 100))
     assert ((light > 0) & (light < 1)).all()  # no colour was cut off
 
 
 def test_the_map_of_coherence_says_nothing_where_no_strokes_are():
     left = combed(100)
     left = replace(left, position=left.position * torch.tensor([0.3, 1.0]))
-    points, mean = coherence_map(analysis_of(saved(replace(left, opacity=torch.ones(100))), "a", "a", radius=9), 30)
+    one = analysis_of(saved(replace(left, opacity=torch.ones(100))), "a", "a", radius=9)
+    points, mean = figures.coherence_map(one, 30)
     assert points.shape == (20, 30, 2)
     assert np.hypot(*mean[10, 3]) == pytest.approx(1)
     assert np.isnan(mean[10, 29]).all()
@@ -444,7 +432,7 @@ def test_the_task_writes_all_files(config, tmp_path, monkeypatch):
     assert numbers["catalogue"] == paths[0]
     assert (numbers["name"], numbers["against"]["name"], numbers["radius"]) == ("a", "b", 20)
     one = analysis_of(load_catalogue(Path(paths[0])), "a", "a", radius=20)
-    assert numbers["measures"]["length"]["mean"] == pytest.approx(statistics_of(one.values("length"))["mean"])
+    assert numbers["measures"]["length"]["mean"] == pytest.approx(samples.statistics_of(one.values("length"))["mean"])
 
 
 def test_a_missing_catalogue_is_named(config, tmp_path, monkeypatch):

@@ -185,10 +185,10 @@ def markdown_table(
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def latex_table(rows: Rows, digits: Mapping[str, int] | None = None, align: str | None = None) -> str:
+def latex_table(rows: Rows, digits: Mapping[str, int] | None = None) -> str:
     """A table as LaTeX, with the rules of the package booktabs; arguments as of `markdown_table`."""
     shown = as_text(_frame(rows), digits or {})
-    text = str(shown.to_latex(index=False, escape=True, column_format=align or _alignment(shown)))
+    text = str(shown.to_latex(index=False, escape=True, column_format=_alignment(shown)))
     return text.replace("±", r"$\pm$").replace(MISSING, "--")
 
 
@@ -200,7 +200,7 @@ def as_text(frame: DataFrame, digits: Mapping[str, int]) -> DataFrame:
 def _frame(rows: Rows) -> DataFrame:
     import pandas as pd  # noqa: PLC0415
 
-    return rows.astype(object) if isinstance(rows, pd.DataFrame) else pd.DataFrame(rows, dtype=object)
+    return pd.DataFrame(rows, dtype=object)
 
 
 def _shown(value: Any, digits: int | None) -> str:
