@@ -27,7 +27,6 @@ TALL = 1.7  # height of a picture with its label, of its side, at most
 LETTER, LETTER_WIDTH, LINE = 0.04, 0.58, 1.35  # height of letters by side; their mean width and a line by that height
 PAPER, INK, BOX = "white", "#202020", "#ededed"
 COLUMNS = 6  # up to 48 pictures; larger sheets are about square
-MATRIX_COLUMNS = 12  # a wider matrix is laid out row by row instead
 TARGET = "target"
 UNITS = {"psnr": "dB", "psnr_alpha": "dB in alpha", "seconds": "s"}  # of the metrics below a picture
 
@@ -59,10 +58,9 @@ def write_contact_sheet(folder: Path, frame: DataFrame) -> Path | None:
 def _rows(frame: DataFrame) -> list[list[SheetCell]]:
     axes = varying(frame)
     settings = frame["setting"][list(axes)].fillna("")
-    across = max(reversed(axes), key=lambda key: (len(axes[key]) <= MATRIX_COLUMNS, len(axes[key])), default="")
     complete = not settings.duplicated().any() and len(frame) == math.prod(map(len, axes.values()))
-    if len(axes) == 2 and complete and len(axes[across]) <= MATRIX_COLUMNS:
-        (down,) = axes.keys() - {across}
+    if len(axes) == 2 and complete:
+        down, across = sorted(axes, key=lambda key: len(axes[key]))
         table = settings.reset_index(names="run").pivot(index=down, columns=across, values="run")
         rows = [_cells(frame.loc[list(row)], axes) for row in table.loc[axes[down], axes[across]].to_numpy()]
         return [sorted(row, key=lambda cell: cell.label != (TARGET,)) for row in rows]
@@ -96,13 +94,7 @@ def _cell(name: str, run: Series, label: str, found: Series) -> SheetCell:
 
 
 def draw_sheet(rows: Sequence[Sequence[SheetCell]], title: str, side: int = SIDE) -> Image.Image:
-    """Draw pictures in rows, with a title above them.
-
-    Args:
-        rows: what stands where.
-        title: of the sheet.
-        side: pixels of the longer side of a picture, at most; less where the sheet would be too large.
-    """
+    """Draw pictures in rows, their longer side of so many pixels, or fewer if the sheet would be too large."""
     columns = max(map(len, rows))
     side = max(1, min(side, int(LIMIT / max(columns, TALL * len(rows))) - GAP))
     letter = max(10, round(LETTER * side))
@@ -146,12 +138,11 @@ def _box(words: str, side: int, letters: int, font: ImageFont.FreeTypeFont) -> I
 
 def _picture(cell: SheetCell, side: int) -> Image.Image | None:
     """The picture, its longer side of so many pixels; None if there is none or it cannot be read."""
-    if cell.picture is None:
+    source = cell.picture
+    if source is None:
         return None
     try:
-        with (
-            nullcontext(cell.picture) if isinstance(cell.picture, Image.Image) else Image.open(cell.picture) as picture
-        ):
+        with nullcontext(source) if isinstance(source, Image.Image) else Image.open(source) as picture:
             zoom = side / max(picture.size)
             size = max(1, round(picture.width * zoom)), max(1, round(picture.height * zoom))
             method = Image.Resampling.NEAREST if zoom > 1 else Image.Resampling.BICUBIC  # small ones show their pixels

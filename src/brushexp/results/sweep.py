@@ -78,16 +78,13 @@ def result_of(run: str, config: DictConfig, job_return: JobReturn) -> dict[str, 
     from brushexp.results.runs import parse_overrides  # noqa: PLC0415
 
     result: dict[str, Any] = {"run": run, "status": job_return.status.name.lower()}
-    numbers: dict[str, Any] = {}
-    if job_return.status is JobStatus.COMPLETED:
-        numbers = job_return.return_value or {}
-    else:
+    if job_return.status is not JobStatus.COMPLETED:
         result["error"] = first_line(job_return._return_value)
     result["overrides"] = parse_overrides(config.hydra.overrides.task)
     losses = OmegaConf.select(config, "loss")
     if losses is not None:
         result["loss"] = "+".join(losses)  # the choices that Hydra records leave out groups chosen by a list
-    return result | numbers
+    return result if "error" in result else result | (job_return.return_value or {})
 
 
 def first_line(error: BaseException) -> str:
