@@ -43,14 +43,13 @@ def effects(frame: DataFrame) -> dict[str, DataFrame] | None:
     across = max(axes, key=lambda key: len(axes[key]))
     means = over_seeds(frame)
     found = means[["mean", "std"]].set_index(means["setting", across].fillna("").rename(across))
-    metrics = [
-        next((m for m in panel if m in found["mean"] and found["mean"][m].notna().any()), None) for panel in PANELS
-    ]
-    found = found[[(part, metric) for part in ("mean", "std") for metric in metrics if metric]]
+    known = list(found["mean"].dropna(axis=1, how="all"))
+    metrics = [key for panel in PANELS for key in [key for key in panel if key in known][:1]]
+    found = found[[(part, metric) for part in ("mean", "std") for metric in metrics]]
     others = means["setting"][[key for key in axes if key != across]]
     typed = [{key: value for key, value in one.items() if isinstance(value, str)} for one in others.to_dict("records")]
     names = [" ".join(parts) or "default" for parts in differences(typed)]
-    most = found["mean"].notna().sum().max() if len(found.columns) else 0
+    most = found["mean"].notna().sum().max() if metrics else 0
     if most < 2 or most < SPARSE * len(set(names)) * len(axes[across]):
         return None
     values = pd.to_numeric(pd.Series(axes[across]), errors="coerce")
