@@ -45,9 +45,8 @@ def alone(names: list[str], folder: Path) -> None:
     with trackers:
         opened = time.perf_counter()
         for step in range(POINTS):
-            for logger in trackers.loggers:
-                logger.log_metrics({"loss/mse": 1 / (1 + step), "psnr": 20.0 + step, "seconds": 0.2 * step}, step)
-                logger.save()
+            trackers.log_metrics({"loss/mse": 1 / (1 + step), "psnr": 20.0 + step, "seconds": 0.2 * step}, step)
+            trackers.save()
         point = (time.perf_counter() - opened) / POINTS
         trackers.report(
             json.loads((folder / "metrics.json").read_text()),

@@ -1,7 +1,8 @@
 """The loggers of a run: opened when it begins, told of its end, and dropped when they fail."""
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from textwrap import shorten
@@ -19,72 +20,42 @@ log = logging.getLogger(__name__)
 NO_SETTINGS = ("output", "logger")  # keys that do not tell how a run was made
 
 
-class FailSafeLogger(LightningLogger):
-    """A logger as Lightning takes it: its first exception is logged, it then gets no more curves, and the run goes on.
+class Trackers(LightningLogger):
+    """All trackers of a run, open inside ``with``, as one logger of Lightning.
 
-    Args:
-        choice: its name on the command line.
-        tracker: the plugin.
-    """
-
-    name = version = ""
-
-    def __init__(self, choice: str, tracker: Logger) -> None:
-        super().__init__()
-        self.choice, self.tracker = choice, tracker
-        self.curves: LightningLogger | None = None
-        self.stopped = False
-
-    def open(self, run: Run) -> None:
-        """Begin."""
-        self.curves = self._safely(self.tracker.open, run)
-
-    def log_metrics(self, metrics: dict[str, float], step: int | None = None) -> None:
-        if self.curves is not None and not self.stopped:
-            self._safely(self.curves.log_metrics, metrics, step)
-
-    def log_hyperparams(self, *_: Any, **__: Any) -> None:
-        pass  # trackers get the settings when they open
-
-    def save(self) -> None:
-        if self.curves is not None and not self.stopped:
-            self._safely(self.curves.save)
-
-    def finish(self, run: Run) -> None:
-        """End."""
-        self._safely(self.tracker.finish, run)
-        if self.curves is not None:
-            self._safely(self.curves.finalize, "success" if run.status == "completed" else run.status)
-
-    def _safely(self, call: Callable[..., Any], *arguments: Any) -> Any:
-        """What the call returns, or None if it fails."""
-        try:
-            return call(*arguments)
-        except Exception as error:
-            reason = shorten(f"{type(error).__name__}: {error}", 200)
-            if not self.stopped:
-                log.warning("logger=%s stopped: %s; the run goes on without it", self.choice, reason)
-            log.debug("logger=%s", self.choice, exc_info=True)
-            self.stopped = True
-            return None
-
-
-class Trackers:
-    """All trackers of a run, open inside ``with``.
+    The first exception of a tracker is logged, it then gets no more curves, and the run goes on.
 
     Args:
         chosen: name -> tracker.
         run: what is known of it.
     """
 
+    name = version = ""
+
     def __init__(self, chosen: Mapping[str, Logger], run: Run) -> None:
-        self.run = run
-        self.loggers = [FailSafeLogger(name, tracker) for name, tracker in chosen.items()]
+        super().__init__()
+        self.chosen, self.run = chosen, run
+        self.curves: dict[str, LightningLogger] = {}
+        self.stopped: set[str] = set()
 
     def __enter__(self) -> Self:
-        for logger in self.loggers:
-            logger.open(self.run)
+        for name, tracker in self.chosen.items():
+            with self._caught(name):
+                self.curves[name] = tracker.open(self.run)
         return self
+
+    def log_metrics(self, metrics: dict[str, float], step: int | None = None) -> None:
+        for name in self.curves.keys() - self.stopped:
+            with self._caught(name):
+                self.curves[name].log_metrics(metrics, step)
+
+    def log_hyperparams(self, *_: Any, **__: Any) -> None:
+        pass  # trackers get the settings when they open
+
+    def save(self) -> None:
+        for name in self.curves.keys() - self.stopped:
+            with self._caught(name):
+                self.curves[name].save()
 
     def report(self, metrics: Mapping[str, Any], **results: Any) -> None:
         """Note what the trackers are told when the run ends: its numbers and its pictures, frames, files; see `Run`."""
@@ -94,8 +65,23 @@ class Trackers:
         status = "interrupted" if self.run.metrics.get("status") == "interrupted" else "completed"
         if kind is not None:  # Lightning makes a second Ctrl-C a SystemExit
             status = "interrupted" if issubclass(kind, KeyboardInterrupt | SystemExit) else "failed"
-        for logger in self.loggers:
-            logger.finish(replace(self.run, status=status))
+        for name, tracker in self.chosen.items():
+            with self._caught(name):
+                tracker.finish(replace(self.run, status=status))
+            with self._caught(name):
+                if name in self.curves:
+                    self.curves[name].finalize("success" if status == "completed" else status)
+
+    @contextmanager
+    def _caught(self, name: str) -> Iterator[None]:
+        try:
+            yield
+        except Exception as error:
+            if name not in self.stopped:
+                reason = shorten(f"{type(error).__name__}: {error}", 200)
+                log.warning("logger=%s stopped: %s; the run goes on without it", name, reason)
+            log.debug("logger=%s", name, exc_info=True)
+            self.stopped.add(name)
 
 
 def trackers_of(cfg: DictConfig, folder: Path) -> Trackers:

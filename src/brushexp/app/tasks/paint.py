@@ -63,7 +63,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     with trackers:
         if painter.schedule.steps or cfg.seconds:
             goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
-            trainer = trainer_of(cfg, device, folder, trackers.loggers, [timelapse, *goals])
+            trainer = trainer_of(cfg, device, folder, [trackers], [timelapse, *goals])
             trainer.fit(painter, ckpt_path=None if checkpoint is None else str(checkpoint))
         metrics = finish(painter, cfg, folder, start, lpips)
         timelapse.write(folder)

@@ -103,7 +103,7 @@ def carry_out(
     before = measured()
     module = RendererModule(pruned.requires_grad_(True), window, renderer_settings(cfg))
     with trackers_of(cfg, folder) as trackers:
-        fit_network(module, data, cfg, folder, device, trackers.loggers, [HeldOutSheet(folder)])
+        fit_network(module, data, cfg, folder, device, [trackers], [HeldOutSheet(folder)])
         started = RENDERERS.read_recipe(RENDERERS.path_of(cfg.renderer.checkpoint)).get("training")
         figures, more = {"validation": module.figures}, {"pruned": ratio, "before": started}
         save_renderer(path, module, data, cfg, figures, {"channels": pruned.widths}, more)

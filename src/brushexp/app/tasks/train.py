@@ -58,7 +58,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     job = JOBS[cfg.model](cfg, folder, device)
     module = job.module
     with trackers:
-        fit_network(module, job.data, cfg, folder, device, trackers.loggers, job.callbacks, resumed)
+        fit_network(module, job.data, cfg, folder, device, [trackers], job.callbacks, resumed)
         seen = module.global_step * cfg.batch_size
         metrics = {
             **job.finish(),
