@@ -1,5 +1,6 @@
 """Registering a class makes it a typed Hydra choice; plugins are found in three kinds of places."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -113,29 +114,22 @@ def test_a_broken_plugin_or_folder_stops_the_program(tmp_path, monkeypatch, name
         load_plugins(ROOT / "plugins")
 
 
-def test_published_plugins_are_found(tmp_path):
+def test_published_plugins_are_found_and_all_load_without_the_extras(tmp_path):
     """A distribution with an entry point in the group ``brushexp.plugins`` is loaded."""
     (tmp_path / "published_order.py").write_text(PLUGIN.format(name="published"))
     info = tmp_path / "published-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: published\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text("[brushexp.plugins]\npublished = published_order\n")
-    code = (
-        "from pathlib import Path; from brushexp.registry import load_plugins, plugins;"
-        "load_plugins(Path('nowhere')); print([p.name for p in plugins('order')])"
-    )
-    result = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={"PYTHONPATH": str(tmp_path)}
-    )
-    assert "published" in result.stdout
-
-
-def test_all_plugins_load_without_the_extras():
     extras = ["av", "joblib", "torch_pruning", "pytorch_optimizer", "vpype", "vpype_cli", "shapely", "tensorboard"]
     code = f"""
 import sys
 sys.modules.update(dict.fromkeys({extras!r}))
 from pathlib import Path
-from brushexp.registry import load_plugins
-load_plugins(Path({str(ROOT / "plugins")!r}))"""
-    assert subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True).stderr == ""
+from brushexp.registry import load_plugins, plugins
+load_plugins(Path({str(ROOT / "plugins")!r}))
+print([plugin.name for plugin in plugins("order")])"""
+    environment = {"PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=environment)
+    assert done.stderr == ""
+    assert "published" in done.stdout
