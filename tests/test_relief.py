@@ -138,14 +138,6 @@ def test_paint_is_pushed_aside_and_stands_about_as_high_on_either_side():
     np.testing.assert_array_less(mean[:9], max(sides))
 
 
-def test_a_window_drawn_symmetrically_is_symmetrically_high():
-    strokes = straight((8.5, 15.5), (42.5, 15.5), width=8)
-    height = height_of(export_job(strokes, (31, 51), renderer=Windowed()))
-    assert height.max() > 0
-    np.testing.assert_allclose(height, height[::-1], atol=1e-5)
-    assert np.unravel_index(height.argmax(), height.shape)[0] == pytest.approx(15, abs=2)
-
-
 def test_turning_the_canvas_turns_the_paint():
     size, strokes = (24, 24), thick(12, (24, 24))
 

@@ -45,24 +45,17 @@ EDGE = (0.85, 1.1)  # half widths between which a plain stroke ends
 def height_of(job: ExportJob) -> np.ndarray:
     """Height of the paint (H, W), float32, in pixels of the picture; the bare canvas is 0.
 
-    Strokes are laid from the bottom to the top. Each carries away a share of the paint that it covers and adds its own,
+    Strokes are laid from the bottom to the top: h <- h (1 - CARRIED a) + a t, with the opacity a of a stroke at a pixel
+    and the thickness t of its film there, at most ``FILM`` times the geometric mean of its width and the typical one:
+    a broader brush leaves thicker paint, but the first broad strokes do not outdo what is painted over them. A picture
+    twice as large has the same slopes. A blend makes all this of strokes of opacity CARRIED a and "colour" t / CARRIED,
+    in bands, so that memory is little more than that of the result.
 
-        h <- h (1 - CARRIED a) + a t,
-
-    with its opacity a at a pixel, 0 to 1, and the thickness t of its film there. That is at most ``FILM`` times the
-    geometric mean of its width and the typical (median) one: a broader brush leaves thicker paint, but not so thick
-    that the first broad strokes outdo what is painted over them. A picture twice as large has heights twice as large,
-    and so the same slopes. All this is what a blend makes of strokes of opacity CARRIED a and "colour" t / CARRIED.
-
-    Where renderers say how their strokes cover and shine, t is higher where their bristles left more paint
-    (`thickness_of`); plain strokes get bristles, and ridges where a brush pushes paint aside, from textures
-    drawn at random, of which a stroke's number chooses one.
+    Where renderers say how their strokes cover and shine, t is higher where their bristles left more paint; plain
+    strokes get bristles, and ridges where a brush pushes paint aside, from textures drawn at random.
 
     Source: Hertzmann, "Fast paint texture" (2002): strokes with textures of opacity and height are laid over each other
-    as colours are. Differs: paint that is covered still shows in the surface, instead of each stroke's height standing
-    alone, and the thickness depends on the brush.
-
-    The picture is made in bands, so that memory is little more than that of the result.
+    as colours are. Differs: covered paint still shows in the surface, and the thickness depends on the brush.
     """
     height = np.empty(job.size, np.float32)
     renderer = Impasto(job.renderer, typical_width(job.strokes))
@@ -77,17 +70,11 @@ def typical_width(strokes: Strokes) -> float:
 
 
 class Impasto(Renderer):
-    """Strokes whose colour is the height of their paint: what a blend makes of them is the height of the painting.
-
-    Args:
-        renderer: draws the strokes.
-        typical: width of a stroke in the painting, pixels.
-    """
+    """Strokes whose colour is the height of their paint; ``typical`` is the width of one in the painting, pixels."""
 
     def __init__(self, renderer: Renderer, typical: float) -> None:
         super().__init__()
-        self.renderer = renderer
-        self.typical = typical
+        self.renderer, self.typical = renderer, typical
 
     @property
     def at_once(self) -> int | None:  # type: ignore[override]

@@ -49,13 +49,7 @@ class Light:
 
 
 def normals_of(height: Array, scale: float = 1.0, rows: slice = slice(None)) -> Array:
-    """Unit normals (3, h, W), right, up and to the viewer, of some rows of a height map.
-
-    Args:
-        height: (H, W) float32, pixels.
-        scale: heights are multiplied by it.
-        rows: which ones.
-    """
+    """Unit normals (3, h, W), right, up and to the viewer, of some rows of heights (H, W), float32, times ``scale``."""
     chosen = range(len(height))[rows]
     around = np.clip(np.arange(chosen.start - 1, chosen.stop + 1), 0, len(height) - 1)
     padded = np.pad(height[around], ((0, 0), (1, 1)), mode="edge")
@@ -66,14 +60,7 @@ def normals_of(height: Array, scale: float = 1.0, rows: slice = slice(None)) -> 
 
 
 def shaded(color: Array, normals: Array, light: Light, gloss: float) -> Array:
-    """A picture (3, H, W) in [0, 1] under a light; see the formula above.
-
-    Args:
-        color: (3, H, W) float32 in [0, 1], display-referred.
-        normals: (3, H, W) from `normals_of`.
-        light: where it comes from.
-        gloss: strength of the highlights, 0 (matt) to 1.
-    """
+    """A display-referred picture (3, H, W) in [0, 1] under a light, by the formula above; gloss 0 is matt, 1 wet."""
     to_light = light.direction
     halfway = to_light + np.array([0, 0, 1], np.float32)
     halfway /= np.linalg.norm(halfway)
