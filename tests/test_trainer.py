@@ -200,7 +200,7 @@ def test_the_rate_rises_and_falls_to_its_end():
     assert taken[peak:] == sorted(taken[peak:], reverse=True)
     assert taken[-1] < 0.011
     unlimited = Rates()
-    fit(module_of(RendererSettings(lr=1.0)), Strokes(8), unlimited, StopAt(WARMUP_STEPS + 3), max_epochs=-1)
+    fit(module_of(RendererSettings(lr=1.0)), None, unlimited, StopAt(WARMUP_STEPS + 3), max_epochs=-1)
     assert unlimited.taken[-1] == 1, "without a limit it stays up"
 
 
