@@ -133,7 +133,8 @@ class Neural(PatchRenderer):
         by_size = [min(width * sides[-1] // side, widest) for side in sides]
         widths = [*dense, by_size[0], *(after for after in by_size[1:] for _ in range(CONVOLUTIONS))]
         if channels is not None:
-            if len(channels) != len(widths) or not all(1 <= value <= 65536 for value in channels):
+            possible = all(isinstance(value, int) and 1 <= value <= 65536 for value in channels)
+            if len(channels) != len(widths) or not possible:
                 raise UserError(
                     f"renderer.channels={channels} are not {len(widths)} widths, one of each layer but the last; "
                     "leave it at null, or give those of task=prune"
