@@ -29,7 +29,7 @@ from brushexp.plugins.optimizer.torch_optim import TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.system.callbacks import INTERRUPTED
 
-SMALL = ["image=chelsea", "resolution=48", "threads=1", "frames=0"]
+SMALL = ["image=chelsea", "resolution=48", "threads=1", "frames=0", "report=false"]
 
 
 class Work:
