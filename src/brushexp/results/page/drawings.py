@@ -81,12 +81,9 @@ def histogram_chart(title: str, values: np.ndarray, x_label: str) -> dict | None
 
 
 def rose_chart(title: str, angles: np.ndarray, lengths: np.ndarray) -> dict | None:
-    """Share of the strokes' length by direction, in sectors of a circle; None without directions.
+    """Share of the strokes' length (N,) by direction, in sectors of a circle; None without directions.
 
-    Args:
-        title: above it.
-        angles: (N,) radians in [0, pi), clockwise from the x axis as seen; NaN for none.
-        lengths: (N,) >= 0.
+    Angles (N,) are radians in [0, pi), clockwise from the x axis as seen, NaN for none.
     """
     kept = np.isfinite(angles) & (lengths > 0)
     if not kept.any():
@@ -110,12 +107,7 @@ def _rounded(values: np.ndarray) -> list[float]:
 
 
 def swatches_of(colors: np.ndarray, weights: np.ndarray) -> list[dict[str, Any]]:
-    """At most ``SWATCHES`` colours from dark to light, the means of clusters in CIELAB: ``color`` and ``share``.
-
-    Args:
-        colors: (N, 3) sRGB in [0, 1].
-        weights: (N,) how much each counts, >= 0.
-    """
+    """At most ``SWATCHES`` of sRGB colours (N, 3), dark ones first, as clusters in CIELAB: ``color``, ``share``."""
     colors, weights = colors[weights > 0], weights[weights > 0]
     if not len(weights):
         return []

@@ -57,13 +57,9 @@ def readable_number(value: object, digits: int = 0) -> str:
 
 
 def embedded(picture: Image.Image, largest: int, format: str = "PNG", **options: Any) -> dict[str, Any]:
-    """A picture that is in the page itself, as templates take it: ``source``, ``width`` and ``height``.
+    """A picture as templates take it, in the page itself: ``source``, ``width`` and ``height``.
 
-    Args:
-        picture: shrunk in place to at most ``largest`` pixels on its longer side.
-        largest: see there.
-        format: PNG, JPEG or WEBP.
-        options: for Pillow's encoder.
+    It is shrunk in place to at most ``largest`` pixels on its longer side; ``options`` are for Pillow's encoder.
     """
     picture.thumbnail((largest, largest), Image.Resampling.LANCZOS, reducing_gap=3.0)
     file = io.BytesIO()

@@ -17,14 +17,7 @@ from PIL import Image
 from brushexp.analysis.columns import StrokeTable, measure_strokes
 from brushexp.errors import UserError
 from brushexp.registry import plugins
-from brushexp.results.page.drawings import (
-    error_map,
-    height_map,
-    histogram_chart,
-    line_chart,
-    rose_chart,
-    swatches_of,
-)
+from brushexp.results.page import drawings
 from brushexp.results.page.html import embedded, page, readable_number
 from brushexp.results.page.replay import recorded_config, replay_of
 from brushexp.results.runs import UNREADABLE, command_of, read_result
@@ -177,7 +170,7 @@ def _error(painting: np.ndarray | None, target: np.ndarray | None) -> dict[str, 
     """The error map and its legend; None without two pictures of one size."""
     if painting is None or target is None or painting.shape != target.shape:
         return None
-    found = error_map(painting, target)
+    found = drawings.error_map(painting, target)
     return found | {"picture": _shown(found["pixels"])}
 
 
@@ -187,23 +180,25 @@ def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -
     pairs = [pair for pair in metrics.get("anytime") or [] if len(pair) == 2 and None not in pair]
     times, psnr = zip(*pairs, strict=True) if pairs else ((), ())
     charts = [
-        line_chart("PSNR by steps", steps, curves.get("psnr", [math.nan] * len(steps)), "steps", "dB"),
-        line_chart("PSNR by time", times, psnr, "seconds of optimisation", "dB"),
+        drawings.line_chart("PSNR by steps", steps, curves.get("psnr", [math.nan] * len(steps)), "steps", "dB"),
+        drawings.line_chart("PSNR by time", times, psnr, "seconds of optimisation", "dB"),
     ]
     losses = [name for name in curves if name.startswith("loss/")]
-    charts += [line_chart(f"Loss {name.removeprefix('loss/')}", steps, curves[name], "steps") for name in losses]
+    charts += [
+        drawings.line_chart(f"Loss {name.removeprefix('loss/')}", steps, curves[name], "steps") for name in losses
+    ]
     return [chart for chart in charts if chart]
 
 
 def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
     """How long, wide, bent and turned the strokes are, and in which colours."""
     charts = [
-        histogram_chart("Length", measures.length, "pixels"),
-        histogram_chart("Width", measures.width, "pixels"),
-        histogram_chart("Elongatedness", measures.elongatedness, "length / width"),
-        histogram_chart("Curvature", np.degrees(measures.curvature), "degrees from end to end"),
-        histogram_chart("Visible share", 100 * measures.visible, "% of a stroke's paint"),
-        rose_chart("Direction", measures.orientation, measures.length),
+        drawings.histogram_chart("Length", measures.length, "pixels"),
+        drawings.histogram_chart("Width", measures.width, "pixels"),
+        drawings.histogram_chart("Elongatedness", measures.elongatedness, "length / width"),
+        drawings.histogram_chart("Curvature", np.degrees(measures.curvature), "degrees from end to end"),
+        drawings.histogram_chart("Visible share", 100 * measures.visible, "% of a stroke's paint"),
+        drawings.rose_chart("Direction", measures.orientation, measures.length),
     ]
     paint = measures.area * measures.visible * saved.strokes.opacity.numpy()
     hidden = float((measures.visible < 0.01).mean())
@@ -213,13 +208,13 @@ def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
         if len(measures) > 1
         else f"The only stroke is {measures.length[0]:.1f} px long and {measures.width[0]:.1f} px wide."
     )
-    swatches = swatches_of(saved.strokes.color.numpy().astype(float), paint)
+    swatches = drawings.swatches_of(saved.strokes.color.numpy().astype(float), paint)
     return {"lead": lead, "charts": [chart for chart in charts if chart], "swatches": swatches}
 
 
 def _light(saved: Saved) -> dict[str, Any] | None:
     try:
-        return height_map(saved)
+        return drawings.height_map(saved)
     except UserError as error:
         log.warning("the page shows no relief: %s", error)
         return None

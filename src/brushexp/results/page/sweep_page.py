@@ -9,20 +9,10 @@ from urllib.parse import quote
 
 from PIL import Image
 
+from brushexp.results import tables
 from brushexp.results.anytime_curves import ahead, curve_from, curves_by_image, mean_curves
 from brushexp.results.page.html import embedded, page
 from brushexp.results.runs import UNREADABLE, differences, shortened
-from brushexp.results.tables import (
-    DIGITS,
-    METRICS,
-    as_text,
-    means_table,
-    numbers,
-    over_seeds,
-    run_count,
-    shown_metrics,
-    varying,
-)
 from brushexp.system.files import write_text
 
 if TYPE_CHECKING:
@@ -58,9 +48,9 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
     return page(
         "sweep.html.j2",
         title=folder.resolve().name,
-        summary=run_count(frame),
+        summary=tables.run_count(frame),
         shown=shown,
-        metrics=METRICS,
+        metrics=tables.METRICS,
         means=_means(frame),
         best=_best(shown),
         plotted=_plotted(shown),
@@ -77,7 +67,7 @@ def _page_data(frame: DataFrame) -> dict[str, Any]:
         and ``picture``; ``filters``, what runs can be chosen by: the axes, and how they ended if that differs;
         ``in_columns``, whether each axis has a column of its own.
     """
-    typed = varying(frame)
+    typed = tables.varying(frame)
     axes = {key: {v: name or NOT_SET for v, name in shortened(values).items()} for key, values in typed.items()}
     settings = frame["setting"].fillna("").iloc[0]
     targets = {run["target"]: run["folder"] / "target.png" for _, run in frame["run"].iterrows()}
@@ -90,7 +80,7 @@ def _page_data(frame: DataFrame) -> dict[str, Any]:
     return {
         "axes": axes,
         "same": {key: value for key, value in settings.items() if key not in typed and value},
-        "metrics": [{"key": key, **vars(METRICS[key])} for key in shown_metrics(frame)],
+        "metrics": [{"key": key, **vars(tables.METRICS[key])} for key in tables.shown_metrics(frame)],
         "groups": groups,
         "pictures": pictures,
         "targets": [
@@ -113,7 +103,8 @@ def _rows(frame: DataFrame, targets: list[str], groups: dict[tuple[str, str], in
         failed; ``command``; ``report``, address of its own page, quoted, so that it is no address of another kind,
         or ""; ``picture``; ``curve``, pairs of seconds and PSNR.
     """
-    settings, texts, values = frame["setting"].fillna(""), as_text(shown_metrics(frame), DIGITS), numbers(frame)
+    settings, values = frame["setting"].fillna(""), tables.numbers(frame)
+    texts = tables.as_text(tables.shown_metrics(frame), tables.DIGITS)
     called = shortened([PurePath(name).as_posix() for name in frame.index])
     rows = []
     for (name, run), parts in zip(frame["run"].iterrows(), differences(list(frame["run", "overrides"])), strict=True):
@@ -146,7 +137,7 @@ def _groups(frame: DataFrame) -> tuple[list[dict[str, Any]], list[str]]:
     A setting has a ``label``, a ``picture``, the number of what was painted (numbers of two are never compared), and
     ``ahead_from``, seconds from which on it was ahead of the others for the last time, None if it never was.
     """
-    keys = list(over_seeds(frame).index)
+    keys = list(tables.over_seeds(frame).index)
     pictures = list(dict.fromkeys(image for image, _ in keys))
     means = {image: mean_curves(curves) for image, curves in curves_by_image(frame).items()}
     last = {image: {label: time for time, label in ahead(curves)} for image, curves in means.items() if curves}
@@ -159,7 +150,7 @@ def _groups(frame: DataFrame) -> tuple[list[dict[str, Any]], list[str]]:
 
 def _means(frame: DataFrame) -> DataFrame | None:
     """Means over seeds; with many settings, one column says what was set."""
-    means = means_table(frame)
+    means = tables.means_table(frame)
     if means is None:
         return None
     keys = list(means)[: list(means).index("runs")]
@@ -197,7 +188,7 @@ def _plotted(shown: dict[str, Any]) -> dict[str, Any]:
         if len({row["group"] for row in rows if metric["key"] in row["numbers"]}) > 1
     }
     axes = sorted((key for key in shown["axes"] if key != "seed"), key=lambda key: -len(shown["axes"][key]))
-    y = next((key for key in names if METRICS[key].better and key != COST), "")
+    y = next((key for key in names if tables.METRICS[key].better and key != COST), "")
     front = bool(y) and COST in names
     x = COST if front else f"axis:{axes[0]}" if y and axes else ""
     return {
