@@ -21,8 +21,6 @@ from types import ModuleType, UnionType
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
 from hydra.core.config_store import ConfigStore
-from hydra.errors import InstantiationException
-from hydra.utils import instantiate
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -207,20 +205,22 @@ def plugin_of(node: DictConfig) -> Plugin:
 
 
 def build(node: DictConfig, *runtime: object) -> Any:
-    """Turn a config node into its object; nothing else in brushexp calls ``instantiate``."""
-    plugin = plugin_of(node)  # configs may come from files: only registered classes are ever called
+    """Turn a config node into its object: only a registered class is called, once, and its options are plain values.
+
+    Raises:
+        UserError: if the class is not registered, or an option does not fit it.
+    """
+    plugin = plugin_of(node)
     typed: DictConfig = OmegaConf.structured(plugin.config)
     try:
         typed.merge_with(OmegaConf.to_container(node, resolve=True))  # in a worker its types are copies of ours
     except OmegaConfBaseException as error:
         raise UserError(f"{plugin.family}={plugin.name} does not take these options: {error}") from error
     plugin.check(plugin.path, typed)
-    try:
-        return instantiate(typed, *runtime, _convert_="all")  # plain lists and dicts, not OmegaConf's
-    except InstantiationException as error:
-        if isinstance(error.__cause__, UserError):
-            raise error.__cause__ from None
-        raise
+    options = OmegaConf.to_container(typed, throw_on_missing=True)
+    assert isinstance(options, dict)
+    del options["_target_"]
+    return plugin.cls(*runtime, **options)
 
 
 def build_named(family: str, name: str, options: dict[str, Any]) -> Any:
@@ -233,7 +233,19 @@ def build_named(family: str, name: str, options: dict[str, Any]) -> Any:
     if plugin is None:
         choices = ", ".join(p.name for p in plugins(family))
         raise UserError(f"{family}={name} is not among the plugins here ({choices}); add the file that defines it")
-    return build(OmegaConf.create(options | {"_target_": plugin.target}))
+    return build(plain_config(options | {"_target_": plugin.target}))
+
+
+def plain_config(values: dict[str, Any]) -> DictConfig:
+    """Values from a file as a config, in which nothing is looked up or run.
+
+    Raises:
+        UserError: if one of them is an interpolation, which could read what is none of the file's business.
+    """
+    found: DictConfig = OmegaConf.create(values)
+    if "${" in OmegaConf.to_yaml(found):
+        raise UserError("a config from a file holds an interpolation, ${...}; write the value instead")
+    return found
 
 
 def load_plugins(directory: Path) -> list[str]:

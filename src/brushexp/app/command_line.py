@@ -22,6 +22,7 @@ from brushexp.app.mistakes import explanation
 from brushexp.app.schema import TASKS
 from brushexp.errors import UserError
 from brushexp.registry import MULTI_SELECT, load_plugins
+from brushexp.system.runtime import end_on_signals, interrupted_code
 
 UNKNOWN_LETTERS = r"[^\x20-\x7e]|[<>&;#!^`']"  # that Hydra's grammar of values does not take without quotes
 LISTS = {name for schema in TASKS.values() for name, key in keys_of(schema).items() if key.is_list}
@@ -122,10 +123,11 @@ def explained(root: Path) -> Iterator[None]:
     """Turn what a user can mend into one line on stderr and an exit code; let bugs through with their traceback."""
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # Hydra then leaves exceptions to us
     warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)  # Lightning calls a name that torch deprecates
+    end_on_signals()
     try:
         yield
     except KeyboardInterrupt:
-        sys.exit(130)
+        sys.exit(interrupted_code())
     except BrokenPipeError:  # whoever read this has seen enough: --help | head
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains once more at its end
         sys.exit(1)

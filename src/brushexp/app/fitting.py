@@ -1,5 +1,7 @@
 """The Lightning Trainer of a task, with the device, options and callbacks of its config; an interrupted fit goes on."""
 
+import hashlib
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,10 +15,11 @@ from omegaconf import DictConfig, OmegaConf
 
 from brushexp.app.composition import check
 from brushexp.errors import UserError
-from brushexp.registry import build
+from brushexp.registry import build, plain_config
 from brushexp.system.callbacks import ProgressBar, TimedCheckpoint
 
 CHECKPOINT = "checkpoint.ckpt"  # in a run's folder
+RECORD = "brushexp"  # key of the settings in it
 OVERRIDABLE = ("output", "device", "threads", "checkpoint_every")  # keys that may change when a run is resumed
 
 
@@ -45,28 +48,74 @@ def trainer_of(
             devices=[device.index or 0] if cuda else 1,
             default_root_dir=folder,
             logger=list(loggers),
-            callbacks=[*callbacks, *chosen, ProgressBar(), checkpoint],
+            callbacks=[*callbacks, *chosen, RunRecord(cfg), ProgressBar(), checkpoint],
             **options | {str(key): value for key, value in cfg.trainer.items()},
         )
     except (TypeError, ValueError, MisconfigurationException) as error:
         raise UserError(f"trainer: {error}; see the options of Lightning's Trainer") from error
 
 
+class RunRecord(L.Callback):
+    """Puts the settings of a run into its checkpoints, and the digests of the files that they name.
+
+    Args:
+        cfg: of the run.
+    """
+
+    def __init__(self, cfg: DictConfig) -> None:
+        settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)
+        self.record = {"settings": settings, "files": digests(settings)}
+
+    def on_save_checkpoint(self, trainer: L.Trainer, pl_module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
+        checkpoint[RECORD] = self.record
+
+
 def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
     """Checkpoint and settings of a run that is to be continued.
 
+    A checkpoint may be a stranger's: nothing in it is run, and its settings are plain values.
+
     Raises:
-        UserError: if there is nothing to continue there, or the command line changes what must stay.
+        UserError: if there is nothing to continue there, the command line changes what must stay, or a file that the
+            run began with is another now.
     """
-    settings, checkpoint = folder / ".hydra" / "config.yaml", folder / CHECKPOINT
-    for path in (settings, checkpoint):
-        if not path.is_file():
-            raise UserError(f"resume={folder}: there is no {path.name}; give the folder of an interrupted run")
+    path = folder / CHECKPOINT
+    if not path.is_file():
+        raise UserError(f"resume={folder}: there is no {path.name}; give the folder of an interrupted run")
     for override in HydraConfig.get().overrides.task:
         if override.lstrip("+~").partition("=")[0] not in (*OVERRIDABLE, "resume", "task"):
             raise UserError(f"resume continues a run with its own settings; drop {override}")
-    kept = OmegaConf.load(settings)
-    assert isinstance(kept, DictConfig)
+    try:
+        record = torch.load(path, map_location="cpu", weights_only=True, mmap=True)[RECORD]
+        settings, files = record["settings"], record["files"]
+        task, paths = settings["task"], {key: (Path(name), digest) for key, (name, digest) in files.items()}
+    except Exception as error:  # of pickle, zip, and what else a file may hold
+        raise UserError(f"resume={folder}: {path.name} is damaged ({type(error).__name__}); start anew") from error
+    if task != cfg.task:
+        raise UserError(f"resume={folder} is a run of task={task}; add task={task}")
+    for key, (file, digest) in paths.items():
+        if not file.is_file() or digest_of(file) != digest:
+            raise UserError(f"resume={folder}: {key}={file} is not the file that the run began with; put it back")
+    kept = plain_config(settings)
     kept.merge_with({key: cfg[key] for key in OVERRIDABLE})
     check(kept)
-    return checkpoint, kept
+    return path, kept
+
+
+def digests(settings: Any, above: str = "") -> dict[str, tuple[str, str]]:
+    """Of all files that settings name: key -> path and digest."""
+    if isinstance(settings, str) and os.path.isfile(settings):  # False too for what can be no path
+        return {above: (str(Path(settings).resolve()), digest_of(Path(settings)))}
+    found: dict[str, tuple[str, str]] = {}
+    pairs = (
+        settings.items() if isinstance(settings, dict) else enumerate(settings) if isinstance(settings, list) else ()
+    )
+    for key, value in pairs:
+        found |= digests(value, f"{above}.{key}".lstrip("."))
+    return found
+
+
+def digest_of(path: Path) -> str:
+    """SHA-256 of what a file holds."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

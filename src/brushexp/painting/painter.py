@@ -28,6 +28,7 @@ from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Catalogue, Strokes
 
 log = logging.getLogger(__name__)
+DIVERGED = "diverged"
 CHANGE_PIXELS = 0.01  # by which a renderer may change a stroke without its being counted
 
 
@@ -52,6 +53,8 @@ class Painter(L.LightningModule):
         schedule: steps, stages and seconds.
         stage: number of the one whose renderer draws the strokes.
         stop: why the fit ends before its last step; "" while it goes on.
+        trouble: where and how the strokes would have become no numbers (`stop` is then `DIVERGED`); they stay as they
+            were before that step.
         terms: the losses of the last step, unweighted.
         evaluations: of the losses so far; an optimiser may need several for a step.
         visits: (N,) steps that each stroke has taken.
@@ -98,7 +101,7 @@ class Painter(L.LightningModule):
         self.densification = Densification(components.density, budget or len(catalogue), *parts)
         self.register_buffer("visits", torch.zeros(len(catalogue), dtype=torch.long), persistent=False)
         self.evaluations = 0
-        self.stop = ""
+        self.stop = self.trouble = ""
         self.anytime = Anytime()
         self.terms: dict[str, Tensor] = {}
         self._curves = Curves()
@@ -188,6 +191,8 @@ class Painter(L.LightningModule):
             accuracy = self.depth.needs_accuracy(schedule, partial=view.active is not None)
             self.look_at(view, before, moving, accuracy=accuracy)
             optimizer.step(closure=optimizer_closure)
+            if not self._went_well(moving):
+                moving.replace(before if view.active is None else before[view.active])
             moving.keep_in_range()
             strokes = moving()
             clamped = self.renderer.clamp(strokes)
@@ -197,6 +202,15 @@ class Painter(L.LightningModule):
         schedule.step += 1
         if not coarse:
             self.visits = self.densification.update(self.catalogue, self.visits, unwrapped(optimizer))
+
+    def _went_well(self, moving: Catalogue) -> bool:
+        """Whether a step has left numbers; if not, the fit ends with it."""
+        wrong = next((name for name, term in self.terms.items() if not term.isfinite()), None)
+        if wrong is None and moving.is_finite():
+            return True
+        what = f"loss={wrong} is {float(self.terms[wrong])}" if wrong else "the gradient is not finite"
+        self.stop, self.trouble = DIVERGED, f"step {self.schedule.step + 1}: {what}"
+        return False
 
     def on_fit_start(self) -> None:
         rehearse(self)

@@ -168,6 +168,10 @@ class Catalogue(nn.Module):
     def __len__(self) -> int:
         return len(self.scale)
 
+    def is_finite(self) -> bool:
+        """Whether all that moves is a number."""
+        return all(bool(value.isfinite().all()) for value in self.parameters())
+
     @torch.no_grad()
     def keep_in_range(self) -> None:
         """Project every moving field into its range; a NaN becomes 0 (or the nearest bound)."""

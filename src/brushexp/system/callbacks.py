@@ -21,6 +21,7 @@ from brushexp.system.progress import showing
 from brushexp.system.runtime import interruptible
 
 INTERRUPTED = "interrupted"
+FIRST_SECONDS = 10  # until the first checkpoint, at most
 REFRESH_SECONDS = 0.2  # between two updates of the bar: reading the loss and writing a line cost time
 
 
@@ -59,14 +60,14 @@ class TimedCheckpoint(Checkpoint):
     Lightning calls callbacks of this kind after all others, so the file knows what those have done in the step.
 
     Args:
-        path: the file; a finished fit does not leave it behind.
-        every: seconds between two of them; None writes it only when the fit is interrupted.
+        path: the file; who has written all that a finished fit leaves removes it.
+        every: seconds between two of them, the first sooner; None writes it only when the fit is interrupted.
     """
 
     def __init__(self, path: Path, every: float | None) -> None:
         self.path = path
         self.every = math.inf if every is None else every
-        self.last = time.monotonic()
+        self.due = time.monotonic() + min(self.every, FIRST_SECONDS)
         self.pressed, self.handler = Event(), ExitStack()
 
     def on_train_start(self, *_: object) -> None:
@@ -78,16 +79,13 @@ class TimedCheckpoint(Checkpoint):
             return  # between two epochs Lightning's counters cannot be continued
         if self.pressed.is_set() and not pl_module.stop:
             pl_module.stop, trainer.should_stop = INTERRUPTED, True
-        due = time.monotonic() - self.last > self.every
-        if pl_module.stop == INTERRUPTED or (due and not pl_module.stop):
+        if pl_module.stop == INTERRUPTED or (time.monotonic() > self.due and not pl_module.stop):
             with replacing(self.path) as temporary:
                 trainer.save_checkpoint(temporary)
-            self.last = time.monotonic()
+            self.due = time.monotonic() + self.every
 
-    def on_train_end(self, trainer: L.Trainer, pl_module: Any) -> None:
+    def on_train_end(self, *_: object) -> None:
         self.handler.close()
-        if pl_module.stop != INTERRUPTED:
-            self.path.unlink(missing_ok=True)
 
     def on_exception(self, *_: object) -> None:
         self.handler.close()

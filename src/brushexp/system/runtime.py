@@ -6,12 +6,16 @@ import os
 import resource
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
 log = logging.getLogger(__name__)
+
+ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+_received: list[int] = []  # signals so far
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # names of malloc.h
 
@@ -41,24 +45,54 @@ def share_threads() -> None:
         torch.set_num_threads(n)
 
 
+def end_on_signals() -> None:
+    """Let what ends jobs on a cluster (SIGTERM) or with a terminal (SIGHUP) do as Ctrl-C does: what is open is closed.
+
+    A signal that whoever started us has switched off (nohup) stays so.
+    """
+
+    def interrupt(signum: int, frame: FrameType | None) -> None:
+        _received.append(signum)
+        raise KeyboardInterrupt
+
+    for number in ENDING:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, interrupt)
+
+
+def interrupted_code() -> int:
+    """Exit code of an interrupted process: 128 and the number of the signal, 130 for Ctrl-C."""
+    return 128 + (_received[-1] if _received else signal.SIGINT)
+
+
 @contextmanager
 def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
-    """Let the first Ctrl-C call ``stop`` and log the ``promise`` of an end in order; the second one ends at once."""
+    """Let the first Ctrl-C, SIGTERM or SIGHUP call ``stop`` and log the ``promise`` of an end in order.
+
+    The second one ends at once.
+    """
 
     def finish(signum: int, frame: FrameType | None) -> None:
+        _received.append(signum)
         stop()
-        signal.signal(signal.SIGINT, before)
+        restore()
         log.warning("%s (Ctrl-C again: at once)", promise)
 
-    try:
-        before = signal.signal(signal.SIGINT, finish)
-    except ValueError:  # not the main thread: nobody can press Ctrl-C here
+    def restore() -> None:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, *ENDING)}
+    if threading.current_thread() is not threading.main_thread():  # which alone gets signals
         yield
         return
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:
+            signal.signal(number, finish)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        restore()
 
 
 def peak_memory() -> float:

@@ -9,7 +9,7 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.app.fitting import interrupted_run, trainer_of
+from brushexp.app.fitting import CHECKPOINT, interrupted_run, trainer_of
 from brushexp.app.tracking import trackers_of
 from brushexp.errors import UserError
 from brushexp.features.distance import Distance, open_distance
@@ -17,7 +17,7 @@ from brushexp.painting.assembly import STYLE, components_of, first_strokes, focu
 from brushexp.painting.goals import goals_of
 from brushexp.painting.metrics import measure
 from brushexp.painting.outputs import export_job, renderer_of, summary_line
-from brushexp.painting.painter import Painter
+from brushexp.painting.painter import DIVERGED, Painter
 from brushexp.painting.timelapse import Timelapse
 from brushexp.pictures.load import background_color, load_picture
 from brushexp.pictures.video import Format
@@ -79,6 +79,9 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     if painter.stop == INTERRUPTED:
         log.warning("interrupted at step %d; continue with: python run.py resume=%s", painter.schedule.step, folder)
         raise KeyboardInterrupt
+    if painter.stop == DIVERGED:
+        raise UserError(f"{painter.trouble}; {folder} has the painting before that; lower the rate, or drop the loss")
+    (folder / CHECKPOINT).unlink(missing_ok=True)  # all that it would bring back is written
     return metrics
 
 

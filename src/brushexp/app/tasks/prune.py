@@ -13,6 +13,7 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, open_dict
 
+from brushexp.app.fitting import CHECKPOINT
 from brushexp.app.network_fitting import fit_network, renderer_settings, save_renderer
 from brushexp.app.stroke_data import check_origin, stroke_data
 from brushexp.app.stroke_sheets import COLUMNS, sheet_of_strokes
@@ -112,6 +113,7 @@ def carry_out(
     if module.stop == INTERRUPTED:
         log.warning("interrupted; %s was not trained to the end", path)
         raise KeyboardInterrupt
+    (folder / CHECKPOINT).unlink(missing_ok=True)
     after = measured()
     row: Row = {"ratio": ratio, **speed_and_size(pruned, build(cfg.blend), window)}
     row["file_mb"] = path.stat().st_size / 1e6

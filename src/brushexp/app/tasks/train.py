@@ -13,7 +13,7 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from brushexp.app.fitting import interrupted_run
+from brushexp.app.fitting import CHECKPOINT, interrupted_run
 from brushexp.app.network_fitting import fit_network, renderer_settings, save_renderer, training_recipe
 from brushexp.app.stroke_data import stroke_data
 from brushexp.app.tracking import trackers_of
@@ -77,6 +77,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         resume = f"python run.py task=train resume={folder}"
         log.warning("interrupted at step %d; continue with: %s", module.global_step, resume)
         raise KeyboardInterrupt
+    (folder / CHECKPOINT).unlink(missing_ok=True)  # all that it would bring back is written
     figures = ", ".join(f"{key} {metrics[key]:.4g}" for key in MAIN_FIGURES if key in metrics)
     log.info(
         "%s: %s on held-out strokes, %d steps in %.1f s; paint with it: %s",
