@@ -16,20 +16,13 @@ class Bounds:
     Traceback (most recent call last):
     ...
     brushexp.errors.UserError: blend.opaque=1.5 is not 0 to 1; try blend.opaque=1
-
-    Attributes:
-        low: the least number.
-        high: the greatest.
-        above: whether ``low`` itself is too small.
-        step: whole numbers only in multiples of this.
-        names: the only values, texts or whole numbers; empty if any number between will do.
     """
 
     low: float = -math.inf
     high: float = math.inf
-    above: bool = False
-    step: int = 1
-    names: tuple[str | int, ...] = ()
+    above: bool = False  # whether ``low`` itself is too small
+    step: int = 1  # whole numbers only in multiples of this
+    names: tuple[str | int, ...] = ()  # the only values; empty if any number between will do
 
     def __str__(self) -> str:
         if self.names:

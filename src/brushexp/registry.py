@@ -52,21 +52,13 @@ C = TypeVar("C", bound=type)
 
 @dataclass(frozen=True)
 class Plugin:
-    """One registered class, what it is called, and its options.
-
-    Attributes:
-        family: key that chooses it.
-        name: value of the key.
-        cls: the class.
-        config: dataclass of its options.
-        bounds: of those options that have some.
-    """
+    """One registered class, chosen by ``family=name``, and its options."""
 
     family: str
     name: str
     cls: type
-    config: type
-    bounds: dict[str, Bounds]
+    config: type  # dataclass of its options
+    bounds: dict[str, Bounds]  # of those options that have some
 
     @property
     def target(self) -> str:
@@ -168,10 +160,11 @@ def options_of(cls: type) -> list[tuple[str, Any, Any]]:
 
 def structured_config(cls: type) -> type:
     """Derive a structured config: one field per option of a class, without bounds, which OmegaConf does not know."""
-    options: list[tuple[str, Any, Any]] = [("_target_", str, f"{cls.__module__}.{cls.__qualname__}")]
-    for name, annotation, default in options_of(cls):
-        options.append((name, plain_type(annotation), field(default_factory=partial(copy, default))))
-    return make_dataclass(f"{cls.__name__}Config", options)
+    target = ("_target_", str, f"{cls.__module__}.{cls.__qualname__}")
+    options = [
+        (name, plain_type(kind), field(default_factory=partial(copy, value))) for name, kind, value in options_of(cls)
+    ]
+    return make_dataclass(f"{cls.__name__}Config", [target, *options])
 
 
 def plain_type(annotation: Any) -> Any:

@@ -42,11 +42,7 @@ class SettingsSweeper(BasicSweeper):
     def split_arguments(  # type: ignore[override]  # a static method there
         self, overrides: list[Override], max_batch_size: int | None
     ) -> list[list[list[str]]]:
-        """The overrides of every job, in batches; called by ``sweep`` before anything of it is written.
-
-        Raises:
-            UserError: if a job has a mistake: names the job, the mistake, and what to type instead.
-        """
+        """The overrides of every job, in batches, each checked before anything of the sweep is written."""
         from brushexp.app.composition import check  # noqa: PLC0415  (Hydra imports this file for any program)
         from brushexp.errors import UserError  # noqa: PLC0415
 

@@ -30,12 +30,7 @@ SUFFIXES = {"catalogue": (".h5", ".json"), "image": (".png", ".jpg", ".jpeg", ".
 
 
 def prepare(root: Path, arguments: list[str] = []) -> None:  # noqa: B006
-    """Load the plugins of the program and of ``root/plugins``, and offer tasks and presets to Hydra.
-
-    Args:
-        root: folder of run.py.
-        arguments: words of the command line; ``--config-dir`` names one more folder with presets.
-    """
+    """Load the plugins of the program and of ``root/plugins``, and offer tasks and presets to Hydra."""
     load_plugins(root / "plugins")
     offer(folders_of(root, arguments))
 

@@ -68,11 +68,7 @@ def offer_presets(family: str, paths: dict[str, Path]) -> None:
 
 
 def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
-    """Stop at whatever is wrong with a composed config and no error of Hydra.
-
-    Args:
-        cfg: config of a run.
-        overrides: what was typed.
+    """Stop at whatever is wrong with a composed config, or with what was typed, and no error of Hydra.
 
     Raises:
         UserError: with the override that would mend the config.

@@ -56,11 +56,7 @@ def trainer_of(
 
 
 class RunRecord(L.Callback):
-    """Puts the settings of a run into its checkpoints, and the digests of the files that they name.
-
-    Args:
-        cfg: of the run.
-    """
+    """Puts the settings of a run into its checkpoints, and the digests of the files that they name."""
 
     def __init__(self, cfg: DictConfig) -> None:
         settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)

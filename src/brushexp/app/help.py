@@ -30,13 +30,7 @@ COLUMN = 28  # letters up to a meaning
 
 
 def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]) -> str:
-    """What ``--help`` says for a composed config.
-
-    Args:
-        cfg: of the task.
-        overrides: what was typed.
-        folders: where presets are.
-    """
+    """What ``--help`` says for a composed config and the overrides that were typed; presets are in the folders."""
     schema = TASKS[cfg.task]
     lines = [INTRODUCTION, f"task={cfg.task}: {schema.__doc__}", "", "Its keys and their values now, key=value:"]
     for name, key in keys_of(schema).items():

@@ -20,15 +20,10 @@ log = logging.getLogger(__name__)
 
 
 def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
-    """Run ``cfg.task`` and return its numbers.
-
-    Args:
-        cfg: the composed config.
-        start: `time.monotonic` when the program started; in a sweep each job counts from its own start.
-    """
+    """Run ``cfg.task`` and return its numbers; ``start`` is `time.monotonic` when the program started."""
     hydra = HydraConfig.get()
     if hydra.mode is RunMode.MULTIRUN:
-        start = time.monotonic()  # each job by itself
+        start = time.monotonic()  # each job counts from its own start
     task = importlib.import_module(f"brushexp.app.tasks.{cfg.task}")
     gc.freeze()  # what is loaded now stays
     gc.enable()  # run.py has disabled it

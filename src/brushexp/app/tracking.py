@@ -24,10 +24,6 @@ class Trackers(LightningLogger):
     """All trackers of a run, open inside ``with``, as one logger of Lightning.
 
     The first exception of a tracker is logged, it then gets no more curves, and the run goes on.
-
-    Args:
-        chosen: name -> tracker.
-        run: what is known of it.
     """
 
     name = version = ""

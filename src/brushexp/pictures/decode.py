@@ -33,18 +33,11 @@ def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0) -> np
 
     An embedded ICC profile is converted, unless it is broken; for pictures of more than 8 bits the conversion is
     accurate to 8 bits. Of 16 bits, PNG other than plain grey, CMYK, and TIFF that Pillow alone can unpack keep 8.
-
-    Args:
-        path: the file.
-        key: what the user types before the path, for messages.
-        backdrop: what is below transparent pixels.
-
-    Returns:
-        (H, W, 3) uint8, or float32 in [0, 1] where more than 8 bits per channel are kept.
+    It is (H, W, 3) uint8, or float32 in [0, 1] where more than 8 bits per channel are kept.
 
     Raises:
-        UserError: if the file cannot be read, is damaged or too large, is of a format or kind that has no plain
-            meaning as a picture, or holds floats that are not in [0, 1].
+        UserError: with the ``key`` that the user types before the path, if the file cannot be read, is damaged or too
+            large, has no plain meaning as a picture, or holds floats that are not in [0, 1].
     """
     with _silence():
         try:

@@ -21,11 +21,7 @@ BESIDE_FACES = 0.5  # of the attention that everything else keeps where there is
 
 
 def focus_map(focus: str, target: Tensor) -> Tensor:
-    """How much each pixel of a picture (3, H, W) matters, 0 to 1 (H, W) float32.
-
-    Args:
-        focus: ``auto``, or a picture file of the same shape, whose grey values it is.
-        target: the picture.
+    """How much each pixel of a picture (3, H, W) matters, 0 to 1 (H, W) float32, by ``auto`` or a file of grey values.
 
     Raises:
         UserError: if the file cannot be read, or is of a picture of another shape.

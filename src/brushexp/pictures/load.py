@@ -50,16 +50,10 @@ def load_picture(image: str, resolution: int | None, key: str = "image") -> Tens
 
 
 def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Tensor:
-    """Read a picture as grey values, at the size of another one, resampled as that is.
+    """Read a picture as grey values (H, W), at the ``size`` of another one, resampled as that is.
 
-    Args:
-        image: as in `load_picture`, like ``key``; transparent pixels are black.
-        size: height and width in pixels.
-        key: for messages.
-        also: what else the key takes, for messages; "auto, " for instance.
-
-    Returns:
-        (H, W) float32, brightness (Rec. 601) of the sRGB values in [0, 1].
+    They are float32, brightness (Rec. 601) of the sRGB values in [0, 1]; transparent pixels are black. ``image`` and
+    ``key`` are as in `load_picture`, and ``also`` is what else the key takes, for messages: "auto, " for instance.
 
     Raises:
         UserError: if there is no such picture, it cannot be read, or its sides have another ratio.

@@ -8,18 +8,11 @@ ROUNDS = 100  # of k-means; it settles in a dozen
 
 
 def palette(lab: Array, weight: Array, count: int) -> Array:
-    """The inks that a picture can best be drawn with: k-means in CIELAB (Lloyd, 1982).
+    """The inks (K <= count, 3) that a picture can best be drawn with: k-means in CIELAB (Lloyd, 1982).
 
-    It starts from one ink and adds, where the error is largest, one after the other; so that there is nothing random in
-    it, and no further ink makes the error larger.
-
-    Args:
-        lab: (N, 3) colours.
-        weight: (N,) how much of the picture has each, >= 0.
-        count: of inks at most.
-
-    Returns:
-        Inks (K, 3), K <= count: no more than there are different colours.
+    ``weight`` (N,) >= 0 is how much of the picture has each of the colours ``lab`` (N, 3). It starts from one ink and
+    adds, where the error is largest, one after the other, never more than there are different colours; so that there
+    is nothing random in it, and no further ink makes the error larger.
     """
     lab, weight = lab[weight > 0], weight[weight > 0]
     if len(lab) == 0:

@@ -50,12 +50,8 @@ class Film(NamedTuple):
 def filming(stem: Path, kind: Format, size: tuple[int, int], rate: Fraction) -> Iterator[Film]:
     """Write ``stem`` with .mp4, .gif or both behind it; where PyAV is missing, a GIF takes the place of the video.
 
-    Args:
-        stem: folder and name without suffix.
-        kind: which files.
-        size: height and width of the pictures. A video whose sides are odd repeats its last row or column, and a GIF
-            is shrunk to at most ``GIF_SIDE`` pixels.
-        rate: ticks per second, at most ``MOST_FPS``.
+    A video whose ``size`` (height, width) is odd repeats its last row or column, and a GIF is shrunk to at most
+    ``GIF_SIDE`` pixels. The ``rate`` is ticks per second, at most ``MOST_FPS``.
 
     Raises:
         UserError: if a file cannot be written.

@@ -94,9 +94,7 @@ class TimedCheckpoint(Checkpoint):
 class MovingAverage(WeightAveraging):
     """An exponential moving average of the weights, which is validated and left in place of them at the end.
 
-    Args:
-        decay: share of the old weights that the average keeps at each step, below 1; early averages forget faster, as
-            they are mostly of random weights.
+    At each step it keeps ``decay`` < 1 of the old weights; early averages forget faster, being mostly of random ones.
     """
 
     def __init__(self, decay: float) -> None:

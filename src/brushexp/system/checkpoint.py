@@ -24,23 +24,14 @@ PROGRAM = "brushexp "  # how every format begins
 
 @dataclass(frozen=True)
 class CheckpointFormat:
-    """What a checkpoint is of, and how users speak of it.
+    """What a checkpoint is of, and how users speak of it."""
 
-    Attributes:
-        noun: what it is, "renderer".
-        family: that of its plugins, under which the recipe keeps the plugin's name.
-        node: where the plugin's options are in the config, "renderer".
-        task: what trains it, as one would type it.
-        without: what ``checkpoint=null`` means.
-        shipped: folder of those that come with the program.
-    """
-
-    noun: str
-    family: str
-    node: str
-    task: str
-    without: str
-    shipped: Path
+    noun: str  # what it is, "renderer"
+    family: str  # that of its plugins, under which the recipe keeps the plugin's name
+    node: str  # where the plugin's options are in the config, "renderer"
+    task: str  # what trains it, as one would type it
+    without: str  # what ``checkpoint=null`` means
+    shipped: Path  # folder of those that come with the program
 
     def restore(self, module: nn.Module, name: str, checkpoint: str | None, options: Mapping[str, Any]) -> str:
         """Put trained weights into a module and set it to ``eval``; call it at the end of ``__init__``.
@@ -48,11 +39,8 @@ class CheckpointFormat:
         Args:
             module: with all of its parameters and buffers made.
             name: of the plugin in the registry.
-            checkpoint: see `path_of`; None leaves the weights as they are.
+            checkpoint: see `path_of`; None leaves the weights as they are, and the hash that is returned is "".
             options: those that the weights depend on, see `plain_options`; what differs from the recipe is refused.
-
-        Returns:
-            the hash of the weights, "" without a checkpoint.
 
         Raises:
             UserError: if the file is missing, damaged, or of another plugin or other options.
@@ -84,15 +72,8 @@ class CheckpointFormat:
     def save(self, path: Path, name: str, module: nn.Module, recipe: Mapping[str, Any], *, half: bool = True) -> str:
         """Write ``path`` (.safetensors) and the recipe beside it; the module then holds the weights as written.
 
-        Args:
-            path: where to; a suffix other than .safetensors is replaced.
-            name: of the plugin in the registry.
-            module: every parameter and every buffer that `state_dict` names is written.
-            recipe: ``options`` and, as far as they are known, ``data``, ``training`` and ``figures``.
-            half: store 16-bit floats, half the bytes; numbers that do not fit into them stay 32-bit.
-
-        Returns:
-            the hash of the weights.
+        The recipe has ``options`` and, as far as they are known, ``data``, ``training`` and ``figures``. With ``half``
+        floats have 16 bits; numbers that do not fit into them stay 32-bit. The hash of the weights is returned.
         """
         from safetensors.torch import save  # noqa: PLC0415  (--help needs none of it)
 

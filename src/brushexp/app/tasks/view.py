@@ -41,10 +41,9 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
 
 
 def pages_of(cfg: DictConfig, folder: Path) -> dict[str, Path]:
-    """Write ``report.html`` into a folder.
+    """Write ``report.html`` into a folder, and tell what is to be served: path of the address -> file.
 
-    Returns:
-        what is to be served: path of the address -> file. With a sweep, the pages of its runs too.
+    With a sweep these are the pages of its runs too.
 
     Raises:
         UserError: if there is nothing at ``cfg.catalogue`` that has a page, or its renderer cannot be built.

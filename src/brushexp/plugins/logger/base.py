@@ -15,31 +15,18 @@ if TYPE_CHECKING:  # Lightning takes seconds to import; --help should not
 
 @dataclass(frozen=True)
 class Run:
-    """What is known of a run: at its beginning its place and its settings, at its end everything.
+    """What is known of a run: at its beginning its place and its settings, at its end everything."""
 
-    Attributes:
-        folder: its own; what a logger writes belongs below it.
-        name: what to call it; of a job of a sweep, its number.
-        group: name of the sweep that it belongs to; empty for a single run.
-        chosen: what the command line set, key -> value as Hydra writes it; in a sweep this is what tells runs apart.
-        settings: the config of the whole run, resolved.
-        status: running, completed, interrupted or failed.
-        metrics: what metrics.json holds; empty if the run failed.
-        pictures: name -> PNG, in the order in which they should be shown.
-        frames: step -> JPEG of the picture on the way, a few of them.
-        files: name -> what the run was made for, the catalogue for instance.
-    """
-
-    folder: Path
-    name: str = ""
-    group: str = ""
-    chosen: Mapping[str, str] = field(default_factory=dict)
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    status: str = "running"
-    metrics: Mapping[str, Any] = field(default_factory=dict)
-    pictures: Mapping[str, Path] = field(default_factory=dict)
-    frames: Mapping[int, bytes] = field(default_factory=dict)
-    files: Mapping[str, Path] = field(default_factory=dict)
+    folder: Path  # its own; what a logger writes belongs below it
+    name: str = ""  # of a job of a sweep: its number
+    group: str = ""  # name of the sweep that it belongs to; empty for a single run
+    chosen: Mapping[str, str] = field(default_factory=dict)  # key -> value of the command line, which tells runs apart
+    settings: Mapping[str, Any] = field(default_factory=dict)  # the config of the whole run, resolved
+    status: str = "running"  # or completed, interrupted, failed
+    metrics: Mapping[str, Any] = field(default_factory=dict)  # what metrics.json holds; empty if the run failed
+    pictures: Mapping[str, Path] = field(default_factory=dict)  # name -> PNG, in the order in which they are shown
+    frames: Mapping[int, bytes] = field(default_factory=dict)  # step -> JPEG of the picture on the way, a few of them
+    files: Mapping[str, Path] = field(default_factory=dict)  # name -> what the run was made for, the catalogue say
 
     @property
     def step(self) -> int:
