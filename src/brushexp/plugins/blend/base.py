@@ -12,10 +12,9 @@ from brushexp.compositing.layers import Layers, Size
 
 @dataclass(frozen=True)
 class Canvas:
-    """A picture made of layers: ``image`` (3, H, W), display-referred RGB.
+    """A picture: ``image`` (3, H, W), display-referred RGB; ``accuracy`` (N,), without gradient, if a target was given.
 
-    ``accuracy`` (N,), without gradient, is as ``order.base.Order.depth`` defines it, NaN for a stroke that covers
-    nothing here; None unless a target was given.
+    Accuracy is as ``order.base.Order.depth`` defines it, NaN for a stroke that covers nothing here.
     """
 
     image: Tensor
@@ -57,7 +56,7 @@ class Blend(ABC):
 
         Args:
             layers: of N strokes.
-            front_to_back: (N,) indices of the strokes, the uppermost first.
+            front_to_back: (N,) their indices, the uppermost first.
             size: height and width in pixels; pixel (row, column) lies at (column + 0.5, row + 0.5).
             background: (3,) colour of the bare canvas; the picture has the precision of ``layers``, not of this.
             target: (3, H, W); if given, ``accuracy`` is measured against it in the same pass.

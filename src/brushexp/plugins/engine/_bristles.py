@@ -90,8 +90,7 @@ def move(p, velocity, before, q, roots, x, y, scale, stiffness, gravity, damping
     """One frame of the brush with its handle at (x, y, 2 scale); ``scale`` is the radius of the brush.
 
     Positions ``p`` (3, V, N) and ``velocity`` per frame are updated, the old positions left in ``before``; ``q`` is
-    scratch. Given are the ``roots`` (2, N) of the bristles around the handle in brush scales, their ``stiffness`` (N,),
-    ``gravity`` per frame and frame, and the share ``damping`` of the velocity that is kept.
+    scratch. ``roots`` (2, N) are in brush scales, ``damping`` is the share of the velocity that is kept.
     """
     n = roots.shape[1]
     for axis in range(3):
@@ -119,10 +118,9 @@ def move(p, velocity, before, q, roots, x, y, scale, stiffness, gravity, damping
 def settle(scales, roots, stiffness, gravity, damping, iterations, frames, approach, out):  # type: ignore[no-untyped-def]
     """Let brushes come to rest on the canvas, trailing behind the way that they came.
 
-    Without it a stroke would begin with a smear from wherever the brush came from. For the first half of the ``frames``
-    the brush moves to the right, by ``approach`` brush scales per frame; then it stands. ``scales`` (B,) are the radii
-    of the brushes, ``roots`` (B, 2, N) and ``stiffness`` (B, N) as in `move`; the positions around the handle, in brush
-    scales, are written to ``out`` (B, 3, V, N).
+    Without it a stroke would begin with a smear. For the first half of the ``frames`` the brush moves to the right, by
+    ``approach`` brush scales per frame; then it stands. Of brushes with radii ``scales`` (B,), ``roots`` (B, 2, N) and
+    ``stiffness`` (B, N) the positions around the handle, in brush scales, are written to ``out`` (B, 3, V, N).
     """
     for b in prange(len(scales)):
         scale = scales[b]

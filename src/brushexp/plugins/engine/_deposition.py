@@ -41,11 +41,8 @@ def _splat(p, before, velocity, scale, opacity, drag, side, grid, area):  # type
 
     Each capsule's paint and momentum are spread evenly along its path and shared by the four nearest cells, so that
     they are conserved however thin it is; the source draws it pixel by pixel and loses what falls between them.
-
-    ``p``, ``before`` and ``velocity`` (3, V, N) are positions, those a frame ago, and velocities per frame; ``drag`` is
-    the velocity of the paint per velocity of the bristle. Sums of opacity * weight and of the two velocities are added
-    to ``grid`` (3, side * side), and ``area`` (4,), top, bottom, left and right of what was touched, is updated. A row
-    has ``side`` cells, margin included.
+    Sums of opacity * weight and of the two velocities are added to ``grid`` (3, side * side), and ``area`` (4,), top,
+    bottom, left and right of what was touched, is updated. A row has ``side`` cells, margin included.
     """
     cells = F(side - 2)
     fine = cells / UNITS  # cells per unit
@@ -246,21 +243,12 @@ def _picture(state, side, fine, color, relief, image, heights):  # type: ignore[
 
 @kernel
 def paint(strokes, brush, first_pose, poses, reach, roots, stiffness, physics, counts, projection, images, heights):  # type: ignore[no-untyped-def]
-    """Paint every stroke on a canvas of its own.
+    """Paint every stroke on a canvas of its own: ``images`` (n, 4, S, S) and ``heights`` (n, S, S) are written.
 
-    Args:
-        strokes: (n, 10): start, control, end (x, y each, units), radius of the brush, red, green, blue.
-        brush: (n,) which brush.
-        first_pose: (n,) which of ``poses`` the brush begins with.
-        poses: (B, 3, V, N) from `settle`, brush scales.
-        reach: (B, 2) how far behind the handle the brush touches: hindmost and foremost part, brush scales.
-        roots: (brushes, 2, N).
-        stiffness: (brushes, N).
-        physics: gravity, damping, opacity of a splat, drag, fluidity, relief.
-        counts: frames, constraint iterations, Jacobi iterations, fine cells per pixel, frames after the stroke.
-        projection: whether the flow is kept free of divergence.
-        images: (n, 4, S, S), written.
-        heights: (n, S, S), written.
+    ``strokes`` (n, 10) are start, control, end (x, y each, units), radius of the brush, red, green, blue; ``brush`` and
+    ``first_pose`` (n,) are which brush, with ``roots`` (., 2, N) and ``stiffness`` (., N), and which of the ``poses``
+    (B, 3, V, N) of `settle` it begins with; ``reach`` (B, 2) is how far behind the handle its hindmost and its foremost
+    part touch, brush scales.
     """
     gravity, damping, opacity, drag, fluidity, relief = physics
     frames, iterations, rounds, fine, after = counts

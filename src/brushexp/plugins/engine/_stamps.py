@@ -39,8 +39,7 @@ def one_colour(strokes: Strokes, alpha: Array) -> Simulated:
 def discs(curve, radius, count, block, alpha):  # type: ignore[no-untyped-def]
     """Union of ``count`` discs at t = i / count of curves (n, 6), with radii (n,).
 
-    The share of each pixel that is covered is written to ``alpha`` (n, S, S); it has ``block`` pixels of the canvas in
-    each direction.
+    The covered share of each pixel, ``block`` x ``block`` of the canvas, is written to ``alpha`` (n, S, S).
     """
     side = alpha.shape[1] * block
     for i in prange(len(curve)):
@@ -55,16 +54,9 @@ def discs(curve, radius, count, block, alpha):  # type: ignore[no-untyped-def]
 def dabs(curve, radius, per_radius, look, pressure, seed, number, block, alpha):  # type: ignore[no-untyped-def]
     """Soft dabs at equal steps along each curve, displaced at random; the rest is as in `discs`.
 
-    Args:
-        curve: (n, 6).
-        radius: (n,) basic radius.
-        per_radius: dabs on a way of one radius.
-        look: hardness, opaque, what pressure adds to it, linearize, offset_by_random, radius_by_random.
-        pressure: in the middle, at both ends, the share of the length where the middle begins, and where it ends.
-        seed: uint64.
-        number: (n,) uint64, of the strokes.
-        block: pixels of the canvas per pixel of the picture.
-        alpha: (n, S, S); written.
+    ``look`` is hardness, opaque, what pressure adds to it, linearize, offset_by_random, radius_by_random; ``pressure``
+    that in the middle, at both ends, and the shares of the length where the middle begins and ends. ``seed`` and the
+    strokes' ``number`` (n,) are uint64.
     """
     side = alpha.shape[1] * block
     for i in prange(len(curve)):

@@ -9,15 +9,10 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class Simulated:
-    """What n strokes left behind, each on a canvas of its own.
+    """What n strokes left behind, each on a canvas of its own."""
 
-    Attributes:
-        images: (n, 4, S, S) float32 RGBA in [0, 1], straight alpha; where there is no paint, the colour of the stroke.
-        heights: (n, S, S) float32 >= 0, how much paint lies there; 1 is about what covers the canvas.
-    """
-
-    images: Tensor
-    heights: Tensor
+    images: Tensor  # (n, 4, S, S) float32 RGBA in [0, 1], straight alpha; without paint, the colour of the stroke
+    heights: Tensor  # (n, S, S) float32 >= 0, how much paint lies there; 1 is about what covers the canvas
 
 
 class Engine(ABC):
@@ -26,16 +21,11 @@ class Engine(ABC):
     Points of the curve are in half windows from the window's centre (-1 and 1 are its borders), the width in whole
     windows. So an engine with a larger window draws the same strokes, larger.
 
-    >>> import torch
     >>> from brushexp.plugins.engine.disc import Disc
-    >>> from brushexp.strokes.prior import parameters_of, sample_prior, strokes_of
-    >>> parameters = parameters_of(sample_prior(3, seed=0))
-    >>> simulated = Disc(window=32)(parameters, seed=0)
+    >>> from brushexp.strokes.prior import parameters_of, sample_prior
+    >>> simulated = Disc(window=32)(parameters_of(sample_prior(3)), seed=0)
     >>> simulated.images.shape, simulated.heights.shape
     (torch.Size([3, 4, 32, 32]), torch.Size([3, 32, 32]))
-    >>> strokes = strokes_of(parameters)  # and back, in units of the window
-    >>> bool((strokes.start.abs() <= 1).all() and (strokes.width < 1).all())
-    True
 
     Attributes:
         window: S, pixels on the side of a picture.
@@ -60,9 +50,6 @@ class Engine(ABC):
         """Paint strokes number ``first`` to ``first + n - 1``.
 
         Stroke i depends on its parameters, ``seed`` and its own number alone: never on n, nor on the number of threads.
-
-        Args:
-            parameters: (n, 10) in [-1, 1], as `strokes.prior.parameters_of` writes them; anything finite is drawn.
-            seed: 0 to 2**64 - 1, of everything random.
-            first: number of the first one.
+        ``parameters`` (n, 10) in [-1, 1] are as `strokes.prior.parameters_of` writes them, but anything finite is
+        drawn; ``seed`` is 0 to 2**64 - 1.
         """

@@ -97,9 +97,7 @@ def half_width(hardness: float, opacity: float, per_radius: float, offset: float
     """Distance from the axis of a long straight band, in radii, at which its expected alpha is half of the axis's.
 
     At distance y the expected alpha is 1 - exp(-s(y)): s is the opacity that the dabs of the whole axis add up to
-    there, which is the integral of a dab's profile along the axis, averaged over its displacement. ``opacity`` is that
-    of a dab's centre, ``per_radius`` of them lie on a way of one radius, and ``offset`` is the spread of their
-    displacement in radii.
+    there, which is the integral of a dab's profile along the axis, averaged over its displacement of spread ``offset``.
     """
     across = np.linspace(-1, 1, GRID)
     square = across[:, None] ** 2 + across**2

@@ -1,8 +1,8 @@
 """What every renderer receives and returns.
 
 A renderer says what each stroke covers (`Layers`); a blend decides which pixels to ask and puts the answers together.
-The layers come in several kinds: formulas that are evaluated where the stroke is (`Profile`, `TexturedProfile`),
-windows that a network drew (`Windows`), and those of plugins; tests/dabs.py has one with a compiled kernel of its own.
+Layers are formulas that are evaluated where the stroke is (`Profile`, `TexturedProfile`), windows that a network drew
+(`Windows`), or those of plugins; tests/dabs.py has one with a compiled kernel of its own.
 """
 
 from abc import ABC, abstractmethod
@@ -35,10 +35,7 @@ RENDERERS = CheckpointFormat(
 
 
 class Precision(Enum):
-    """In what numbers a network computes in painting: 32 bits, or 16 where that is known to be harmless (autocast).
-
-    The weights and the pictures that come out have 32 bits either way.
-    """
+    """In what numbers a network computes in painting; the weights and the pictures have 32 bits either way."""
 
     float32 = "float32"
     bfloat16 = "bfloat16"
@@ -133,11 +130,7 @@ class Renderer(nn.Module, ABC):
 
 
 class PatchRenderer(Renderer):
-    """Draws the window of every stroke with a network: (n, 10) -> (n, 4, S, S).
-
-    What a subclass has to say is `draw`, and ``window``, S: placing the windows, memory, ``precision`` in painting and
-    the valid range are dealt with here.
-    """
+    """Draws the window of every stroke with a network: a subclass says `draw` and ``window``, S in pixels."""
 
     cost = "high: a network draws every stroke"
     weights = "trained (task=train)"

@@ -156,8 +156,7 @@ def unrolled(picture: Tensor, width: float, rows: int, length: int) -> Tensor:
 def bristles(variants: int, widths: int, rows: int, columns: int) -> Tensor:
     """Textures (variants, widths, 2, rows, rows + columns) of brushes drawn at random, the same ones every time.
 
-    Before sigmoid (opacity) and tanh (light). Each brush has bristles of its own: how much paint they leave, where they
-    touch down and lift off, and how far those at the sides stray. The thicker the stroke, the more the bristles show.
+    Before sigmoid (opacity) and tanh (light). The thicker the stroke, the more the bristles show.
     """
     generator = torch.Generator().manual_seed(0)
     load, begin, finish, ridge = torch.randn(4, variants, 1, rows, 1, generator=generator)
