@@ -29,51 +29,26 @@ from brushexp.plugins.logger.wandb import WeightsAndBiases, mode_of
 from brushexp.system.files import write_picture
 
 ROOT = Path(__file__).parents[1]
-FAILING = '''
-"""A tracker that fails at the first point of a curve."""
-from lightning.pytorch.loggers import CSVLogger
-from brushexp.plugins.logger.base import Logger
-from brushexp.registry import register
-
-
-@register("logger", "bad")
-class Bad(Logger):
-    """Fails at the first point of a curve."""
-
-    def __init__(self) -> None: ...
-
-    def open(self, run):
-        logger = CSVLogger(run.folder, name="", version="others")
-        logger.log_metrics = lambda metrics, step: 1 / 0
-        return logger
-'''
 
 
 @pytest.fixture(scope="module")
 def tracked(tmp_path_factory) -> SimpleNamespace:
-    """A small run, the only one of a sweep, with every tracker and one that fails; all traffic would meet a proxy."""
+    """A small run, the only one of a sweep, with every tracker; all traffic would meet a proxy."""
     folder = tmp_path_factory.mktemp("tracked")
-    for name in ("plugins", "home"):
-        (folder / name).mkdir()
-    (folder / "plugins" / "failing.py").write_text(FAILING)
+    (folder / "home").mkdir()
     rows, columns = np.mgrid[:40, :56]
     write_picture(folder / "picture.png", np.stack([4 * columns, 6 * rows, 255 - 4 * columns], -1).astype(np.uint8))
     command = [sys.executable, "-W", "ignore::FutureWarning", str(ROOT / "run.py"), "hydra.mode=MULTIRUN"]
     settings = ["steps=20", "frames=12", "threads=1", "report=false", f"output={folder}/my sweep"]
-    loggers = ["logger=[csv,bad,tensorboard,wandb]", "logger.wandb.tags=[a,b]"]
+    loggers = ["logger=[csv,tensorboard,wandb]", "logger.wandb.tags=[a,b]"]
     with socket.create_server(("127.0.0.1", 0)) as proxy:
         proxy.setblocking(False)
         url = f"http://127.0.0.1:{proxy.getsockname()[1]}"
         environment = {key: value for key, value in os.environ.items() if not key.startswith("WANDB_")}
         for name in ("http_proxy", "https_proxy", "all_proxy"):
             environment |= {name: url, name.upper(): url}
-        environment |= {
-            "no_proxy": "",
-            "NO_PROXY": "",
-            "HOME": str(folder / "home"),
-            "MPLCONFIGDIR": str(Path.home() / ".cache" / "matplotlib"),  # to look for fonts anew takes seconds
-            "BRUSHEXP_PLUGINS": str(folder / "plugins"),
-        }
+        environment |= {"no_proxy": "", "NO_PROXY": "", "HOME": str(folder / "home")}
+        environment["MPLCONFIGDIR"] = str(Path.home() / ".cache" / "matplotlib")  # to look for fonts takes seconds
         done = subprocess.run(
             [*command, f"image={folder}/picture.png", *settings, *loggers], stdin=subprocess.DEVNULL,
             check=False, capture_output=True, text=True, cwd=folder, env=environment, timeout=250,
@@ -109,22 +84,13 @@ def records(path: Path) -> Iterator:
             message = b""
 
 
-def test_a_tracker_that_fails_is_named_once_and_the_run_goes_on(tracked):
-    log = (tracked.run / "run.log").read_text()
-    assert log.count("logger=bad stopped: ZeroDivisionError: division by zero; the run goes on without it") == 1
-    assert log.count(" stopped: ") == 1
-    assert tracked.metrics["status"] == "completed"
-
-
 def test_trackers_write_below_the_run_and_are_quiet(tracked):
+    assert " stopped: " not in (tracked.run / "run.log").read_text()
     assert not [path for path in (tracked.folder / "home").rglob("*") if "wandb" in str(path).lower()]
-    assert {path.name for path in tracked.folder.iterdir()} == {"plugins", "home", "picture.png", "my sweep"}
+    assert {path.name for path in tracked.folder.iterdir()} == {"home", "picture.png", "my sweep"}
     assert "Warning" not in tracked.said
     (line,) = [line for line in tracked.said.splitlines() if "wandb: " in line]
     assert f"to send this run: wandb sync '{tracked.run}/wandb/offline-run-" in line
-
-
-def test_csv_holds_the_curves(tracked):
     lines = (tracked.run / "curves" / "metrics.csv").read_text().splitlines()
     assert set(lines[0].split(",")) == {"loss/mse", "psnr", "seconds", "step"}
     assert lines[-1].endswith(",20")
@@ -139,8 +105,7 @@ def test_tensorboard_has_all_pictures_and_tables(tracked):
     for name in ("target", "painting"):
         (image,) = found.Images(name)
         assert image.step == 20
-        shown = picture(io.BytesIO(image.encoded_image_string))
-        assert np.array_equal(shown, picture(tracked.run / f"{name}.png"))
+        assert np.array_equal(picture(io.BytesIO(image.encoded_image_string)), picture(tracked.run / f"{name}.png"))
     first, *steps = [image.step for image in found.Images("frames")]
     assert 3 <= len(steps) <= 7
     assert first == 0 < steps[0] <= steps[-1] < 20
@@ -255,7 +220,7 @@ def test_a_tracker_that_failed_takes_no_more_curves_but_is_told_of_the_end(fails
         (None, "completed"),
         (KeyboardInterrupt(), "interrupted"),
         (SystemExit(1), "interrupted"),
-        (UserError("x; y"), "failed"),
+        (UserError("x"), "failed"),
     ],
 )
 def test_trackers_are_told_how_the_run_ended(error, status):
@@ -334,7 +299,6 @@ def account(monkeypatch, tmp_path):
         ({}, "machine api.wandb.ai login user password x", None),
         ({"base_url": "https://api.forge.coreweave.com"}, "machine api.wandb.ai login user password x", None),
         ({"base_url": "https://wandb.example.org"}, "machine api.wandb.ai login user password x", "offline"),
-        ({}, "what is this", "offline"),
     ],
 )
 def test_wandb_is_offline_unless_somebody_is_logged_in_or_says_otherwise(account, settings, netrc, mode, tmp_path):

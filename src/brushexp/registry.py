@@ -101,9 +101,8 @@ class Plugin:
         for option, bounds in self.bounds.items():
             value = options[option]
             plain = OmegaConf.to_object(value) if OmegaConf.is_config(value) else value
-            bounds.check(
-                f"{path}.{option}", plain, None if OmegaConf.is_missing(defaults, option) else defaults[option]
-            )
+            default = None if OmegaConf.is_missing(defaults, option) else defaults[option]
+            bounds.check(f"{path}.{option}", plain, default)
 
 
 _plugins: dict[tuple[str, str], Plugin] = {}
@@ -210,8 +209,7 @@ def build(node: DictConfig, *runtime: object) -> Any:
     except OmegaConfBaseException as error:
         raise UserError(f"{plugin.family}={plugin.name} does not take these options: {error}") from error
     plugin.check(plugin.path, typed)
-    options = OmegaConf.to_container(typed, throw_on_missing=True)
-    assert isinstance(options, dict)
+    options: Any = OmegaConf.to_container(typed, throw_on_missing=True)
     del options["_target_"]
     return plugin.cls(*runtime, **options)
 

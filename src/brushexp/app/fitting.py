@@ -102,11 +102,9 @@ def digests(settings: Any, above: str = "") -> dict[str, tuple[str, str]]:
     """Of all files that settings name: key -> path and digest."""
     if isinstance(settings, str) and os.path.isfile(settings):  # False too for what can be no path
         return {above: (str(Path(settings).resolve()), digest_of(Path(settings)))}
+    settings = dict(enumerate(settings)) if isinstance(settings, list) else settings
     found: dict[str, tuple[str, str]] = {}
-    pairs = (
-        settings.items() if isinstance(settings, dict) else enumerate(settings) if isinstance(settings, list) else ()
-    )
-    for key, value in pairs:
+    for key, value in settings.items() if isinstance(settings, dict) else ():
         found |= digests(value, f"{above}.{key}".lstrip("."))
     return found
 

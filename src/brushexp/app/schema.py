@@ -19,18 +19,13 @@ RESUME = "folder of an interrupted run: continue it exactly, with its own settin
 
 @dataclass
 class Task:
-    """Keys of every task.
+    """Keys of every task."""
 
-    Attributes:
-        groups: of configs, most of them families of plugins, and what is chosen of each; ``loss@style.loss`` is a loss
-            whose options are below ``style.loss``.
-        presets: groups that are values of the keys below: they win over those here, and an experiment wins over both.
-        settings: values below the groups that differ from the defaults of their plugins.
-    """
-
+    # Groups of configs, most of them families of plugins, and what is chosen of each; ``loss@style.loss`` is a loss
+    # whose options are below ``style.loss``. Presets are values of the keys and win over those here.
     groups: ClassVar[dict[str, Any]] = {}
     presets: ClassVar[dict[str, str]] = {}
-    settings: ClassVar[dict[str, Any]] = {}
+    settings: ClassVar[dict[str, Any]] = {}  # values below the groups that differ from the defaults of their plugins
 
     seed: int = key(0, "everything random follows from it", between(0, LARGEST_SEED))
     device: str = key("auto", "auto, cpu, cuda, cuda:1, ...")

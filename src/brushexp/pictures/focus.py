@@ -56,8 +56,7 @@ def attention(picture: Tensor) -> Tensor:
     cascade of local binary patterns that scikit-image ships, asked about the picture and its mirror image. Differs from
     the sources in this combination, which was chosen by eye on three photographs (a portrait, a cup, a cat).
 
-    Returns:
-        (H, W) float32 from 0 to 1 for a picture (3, H, W) in [0, 1]; all 0 if it is the same everywhere.
+    It is (H, W) float32 from 0 to 1 for a picture (3, H, W) in [0, 1]; all 0 if that is the same everywhere.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (rarely needed)
 

@@ -21,15 +21,12 @@ SAMPLE_SUFFIXES = (".png", ".jpg")  # the GIF and TIFF files beside the samples 
 
 
 def load_picture(image: str, resolution: int | None, key: str = "image") -> Tensor:
-    """Read a picture, upright, over white, in sRGB, and resample it.
+    """Read a picture, upright, over white, and resample it: (3, H, W) float32, contiguous, sRGB in [0, 1].
 
     Args:
         image: path of a picture file, or one of ``sample_names()``; a file wins over a sample of its name.
         resolution: longer side in pixels; the shorter one is at least 1. None keeps the size of the file.
         key: what the user types before the path, for messages.
-
-    Returns:
-        (3, H, W) float32, contiguous, display-referred sRGB in [0, 1].
 
     Raises:
         UserError: if there is no such picture, it cannot be read, it or the result has more than 100 megapixels, or

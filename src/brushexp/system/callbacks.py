@@ -57,11 +57,9 @@ class ProgressBar(L.Callback):
 class TimedCheckpoint(Checkpoint):
     """Ctrl-C ends the fit after the present step; a file is kept from which an interrupted fit continues exactly.
 
-    Lightning calls callbacks of this kind after all others, so the file knows what those have done in the step.
-
-    Args:
-        path: the file; who has written all that a finished fit leaves removes it.
-        every: seconds between two of them, the first sooner; None writes it only when the fit is interrupted.
+    Lightning calls callbacks of this kind after all others, so the file knows what those have done in the step. It is
+    written ``every`` so many seconds, first sooner; None: only when the fit is interrupted. Who has written all that a
+    finished fit leaves removes it.
     """
 
     def __init__(self, path: Path, every: float | None) -> None:

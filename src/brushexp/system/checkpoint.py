@@ -34,13 +34,10 @@ class CheckpointFormat:
     shipped: Path  # folder of those that come with the program
 
     def restore(self, module: nn.Module, name: str, checkpoint: str | None, options: Mapping[str, Any]) -> str:
-        """Put trained weights into a module and set it to ``eval``; call it at the end of ``__init__``.
+        """Put trained weights into a plugin's module and set it to ``eval``; call it at the end of ``__init__``.
 
-        Args:
-            module: with all of its parameters and buffers made.
-            name: of the plugin in the registry.
-            checkpoint: see `path_of`; None leaves the weights as they are, and the hash that is returned is "".
-            options: those that the weights depend on, see `plain_options`; what differs from the recipe is refused.
+        What differs from the recipe in ``options`` (`plain_options`, on which the weights depend) is refused. The hash
+        of the weights is returned; a checkpoint of None (see `path_of`) leaves them as they are, and returns "".
 
         Raises:
             UserError: if the file is missing, damaged, or of another plugin or other options.

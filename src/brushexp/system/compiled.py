@@ -24,10 +24,8 @@ OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": MATHS}
 class Compiled:
     """A function that is compiled when it is called for the first time, for the types it is then called with.
 
-    Args:
-        function: plain Python; it may call functions marked by `inline`, and other compiled ones.
-        parts: functions that take the place of those it calls, by their names there.
-        options: of `numba.njit`.
+    It is plain Python, may call functions marked by `inline` and other compiled ones, and ``parts`` take the place of
+    those that it calls by their names. The ``options`` are of `numba.njit`.
     """
 
     def __init__(self, function: FunctionType, parts: Mapping[str, Callable[..., Any]], **options: Any) -> None:
@@ -35,7 +33,6 @@ class Compiled:
         self.__doc__ = function.__doc__
 
     def __call__(self, *args: Any) -> Any:
-        """Call the compiled function."""
         return self.dispatcher(*args)
 
     def having(self, **parts: Callable[..., Any]) -> "Compiled":
@@ -44,7 +41,6 @@ class Compiled:
 
     @cached_property
     def dispatcher(self) -> Any:
-        """What Numba makes of the function."""
         import numba  # noqa: PLC0415  (it takes a second)
 
         function, digest = self._linked(self.function, {})
