@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 import torch
 from networks import saved, state_of, torchvision_features
-from PIL import Image
+from PIL import Image, ImageOps
 from safetensors.torch import save_file
 from skimage import data
-from skimage.filters import gaussian
 from torch import Tensor
 from torch.nn import functional
 from torch.testing import assert_close
@@ -88,28 +87,14 @@ def test_folded_network_agrees_with_the_published_one(size):
         assert_close(value.double(), wanted[name], rtol=1e-4, atol=1e-3, msg=lambda text, name=name: f"{name}: {text}")
 
 
-@pytest.mark.parametrize(
-    ("photograph", "classes", "least"), [("coffee", (967,), 0.9), ("chelsea", (281, 282, 285), 0.8)]
-)
-def test_network_recognises(photograph, classes, least):
-    picture = Image.fromarray(getattr(data, photograph)())
-    side = min(picture.size)
-    picture = picture.resize([round(s * 224 / side) for s in picture.size], Image.Resampling.BILINEAR)
-    left, top = [(s - 224) // 2 for s in picture.size]
-    pixels = torch.tensor(np.array(picture.crop((left, top, left + 224, top + 224)))).permute(2, 0, 1)[None] / 255
+@pytest.mark.parametrize(("photo", "classes", "least"), [("coffee", (967,), 0.9), ("chelsea", (281, 282, 285), 0.8)])
+def test_network_recognises(photo, classes, least):
+    picture = ImageOps.fit(Image.fromarray(getattr(data, photo)()), (224, 224), Image.Resampling.BILINEAR)
+    pixels = torch.tensor(np.array(picture)).permute(2, 0, 1)[None] / 255
     head = functional.relu6(step(effl0()(pixels, ["b15"])["b15"], "_conv_head", "_bn1")).mean((2, 3))
     scores = functional.linear(head, published()["_fc.weight"], published()["_fc.bias"]).softmax(1)[0]
     assert int(scores.argmax()) in classes
     assert scores[list(classes)].sum() > least
-
-
-def test_taps_have_the_documented_size():
-    found = effl0()(torch.rand(1, 3, 64, 96), effl0().taps)
-    documented = {"stem": (32, 2), "b0": (16, 2), "b1.expand": (96, 2), "b2": (24, 4), "b3.expand": (144, 4)}
-    documented |= {"b4": (40, 8), "b5.expand": (240, 8), "b7": (80, 16), "b8.expand": (480, 16), "b10": (112, 16)}
-    documented |= {"b11.expand": (672, 16), "b14": (192, 32)}
-    for name, (channels, stride) in documented.items():
-        assert found[name].shape == (1, channels, 64 // stride, 96 // stride), name
 
 
 def test_nothing_below_the_last_tap_is_computed():
@@ -121,15 +106,7 @@ def test_nothing_below_the_last_tap_is_computed():
     assert set(found) == {"stem", "b3.expand"}
 
 
-def test_tiny_pictures_have_all_activations():
-    for network in every_network():
-        for size in TINY:
-            found = network(torch.rand(1, 3, *size), network.taps)
-            assert tuple(found) == network.taps
-            assert all(value.numel() and value.isfinite().all() for value in found.values())
-
-
-def test_networks_are_frozen_and_stay_out_of_checkpoints():
+def test_networks_are_frozen_stay_out_of_checkpoints_and_have_all_activations_of_tiny_pictures():
     picture = torch.rand(1, 3, 12, 9, requires_grad=True)
     for network in every_network():
         assert not list(network.parameters())
@@ -141,6 +118,10 @@ def test_networks_are_frozen_and_stay_out_of_checkpoints():
             (slope,) = torch.autograd.grad(value.square().mean(), picture)
             assert slope.isfinite().all()
             assert slope.abs().max() > 0
+        for size in TINY:
+            found = network(torch.rand(1, 3, *size), network.taps)
+            assert tuple(found) == network.taps
+            assert all(value.numel() and value.isfinite().all() for value in found.values())
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 4), (6, 5), (7, 8), (8, 6), (9, 7)])
@@ -173,13 +154,6 @@ def test_relu6_in_place_has_the_value_and_slope_of_pytorch():
     found, wanted = Relu6.apply(x * 1), functional.relu6(x)
     assert_close(found, wanted, rtol=0, atol=0)
     assert_close(*(torch.autograd.grad(y.square().sum(), x)[0] for y in (found, wanted)), rtol=0, atol=0)
-
-
-def test_activations_keep_their_value_while_the_network_goes_on():
-    network, picture = effl0(), torch.rand(1, 3, 16, 16)
-    every = network(picture, network.taps)
-    for name in ("stem", "b0", "b1.expand", "b4"):
-        assert_close(network(picture, [name])[name], every[name], rtol=0, atol=0)
 
 
 def test_unknown_taps_and_networks_are_refused():
@@ -252,29 +226,12 @@ def test_files_that_are_no_weights_are_refused(tmp_path):
             open_backbone("vgg16", str(tmp_path / file))
 
 
-def photograph() -> np.ndarray:
-    return np.asarray(Image.fromarray(data.astronaut()).resize((96, 72))) / 255
-
-
-def tensor(pixels: np.ndarray) -> Tensor:
-    return torch.tensor(pixels, dtype=torch.float32).permute(2, 0, 1)
-
-
 def test_distance_is_the_weighted_difference_of_unit_vectors():
-    image, target = tensor(photograph()), torch.rand(3, 72, 96)
+    image, target = torch.rand(2, 3, 72, 96)
     wanted = 0.0
     for tap, weight in WEIGHTS.items():
         a, b = (unfolded(x[None])[tap][0].flatten(1).T.numpy() for x in (image, target))
         a, b = (x / np.linalg.norm(x, axis=1, keepdims=True).clip(1e-10) for x in (a, b))
         wanted += weight * np.mean(2 - 2 * (a * b).sum(1))
     assert perceptual_distance(image, target) == pytest.approx(wanted, rel=1e-3)
-
-
-def test_distance_grows_with_blur_and_is_symmetric():
-    sharp = photograph()
-    blurs = [tensor(gaussian(sharp, s, channel_axis=2)) for s in (0.5, 1, 2, 4, 8)]
-    distances = [perceptual_distance(blur, tensor(sharp)) for blur in blurs]
-    assert distances == sorted(distances)
-    assert 0 < distances[0] < 0.1
-    assert perceptual_distance(tensor(sharp), tensor(sharp)) == 0
-    assert perceptual_distance(tensor(sharp), blurs[2]) == pytest.approx(distances[2], rel=1e-5)
+    assert perceptual_distance(image, image) == 0

@@ -75,19 +75,6 @@ def test_samples_keep_the_constraints():
     assert (strokes.opacity == 1).all()
 
 
-def test_bends_far_from_the_edge_have_the_wanted_covariance():
-    strokes = sample_prior(4 * N)
-    middle = 0.5 * (strokes.start + strokes.end)
-    room = INSET - middle.abs().amax(1)
-    free = room > (strokes.start - strokes.end).norm(dim=1)  # five standard deviations: the window redraws nothing here
-    bend = bend_of(strokes[free]).double()
-    n = len(bend)
-    assert n > 2000
-    wanted = torch.tensor(SPREAD).double().diag()
-    assert_close(bend.T.cov(), wanted, rtol=5 * (2 / n) ** 0.5, atol=5 * (0.005 * 0.04 / n) ** 0.5)
-    assert (bend.mean(0).abs() < 5 * (torch.tensor(SPREAD) / n).sqrt()).all()
-
-
 def test_a_stroke_depends_on_seed_and_number_alone():
     many = table(sample_prior(1000, seed=7))
     for n in (0, 1, 2, 999):
@@ -129,24 +116,17 @@ def test_parameters_are_start_control_end_width_and_colour():
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7, 3.0, -2.0])
-def test_bends_are_measured_in_the_frame_of_the_stroke(angle):
+def test_bends_are_measured_in_the_frame_of_the_stroke_and_are_0_for_a_point(angle):
     turn = torch.tensor([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     start, end = torch.tensor([0.4, 0.1]).double(), torch.tensor([-0.2, 0.1]).double()  # s - e = (0.6, 0)
     control = 0.5 * (start + end) + torch.tensor([0.06, -0.12])
     points = torch.stack([start, control, end]) @ turn.T
     numbers = torch.cat([points.flatten(), torch.zeros(4)])[None]
     assert_close(bend_of(strokes_of(numbers)), torch.tensor([[0.1, -0.2]]).double())
-
-
-def test_bends_of_a_point_are_finite():
-    numbers = torch.zeros(2, 10, dtype=torch.float64)
-    numbers[0, 2:4] = torch.tensor([0.3, -0.4])
-    numbers.requires_grad_()
-    bend = bend_of(strokes_of(numbers))
+    point = torch.zeros(1, 10, requires_grad=True)
+    bend = bend_of(strokes_of(point))
     assert (bend == 0).all()
-    (slope,) = torch.autograd.grad(bend.sum(), numbers)
-    assert slope.isfinite().all()
-    assert slope.abs().max() < 1 / SHORTEST**2
+    assert torch.autograd.grad(bend.sum(), point)[0].abs().max() < 1 / SHORTEST**2
 
 
 def in_pixels(strokes: Strokes) -> torch.Tensor:
