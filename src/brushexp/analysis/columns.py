@@ -41,13 +41,10 @@ MEASURES = ruler.MEASURES | {
 
 @torch.no_grad()
 def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radius: float | None = None) -> StrokeTable:
-    """Measure every stroke.
+    """Measure N strokes, all of which count as neighbours of each other; see `strokes.brushwork.is_visible`.
 
-    Args:
-        strokes: N strokes, all of which count as neighbours of each other; see `strokes.brushwork.is_visible`.
-        depth: (N,) ranks, 0 is the bottom stroke.
-        size: height and width of the canvas, pixels.
-        radius: within which neighbours are counted, pixels; None means ``RADIUS_PITCHES`` pitches.
+    ``depth`` (N,) are ranks, 0 is the bottom stroke; ``size`` is height and width of the canvas in pixels; neighbours
+    are counted within ``radius`` pixels, None means ``RADIUS_PITCHES`` pitches.
 
     Returns:
         (N,) records of float64: x and y, the centre of the curve in pixels from the left and the top, and ``MEASURES``,

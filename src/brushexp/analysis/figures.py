@@ -192,11 +192,10 @@ def stroke_map(found: Analysis) -> NDArray[np.float32]:
 
 @torch.no_grad()
 def coherence_map(found: Analysis, cells: int) -> tuple[Array, Array]:
-    """Mean doubled direction of the nearest strokes to places in a grid over the canvas, ``cells`` on its longer side.
+    """Places (h, w, 2) in pixels of a grid, ``cells`` on the longer side, and doubled directions (h, w, 2) around them.
 
-    Returns:
-        Places (h, w, 2) in pixels, and directions (h, w, 2), as long as the coherence; NaN where fewer than
-        ``LEAST_AROUND`` strokes are within the radius of the analysis.
+    These are means of the nearest strokes, as long as the coherence; NaN where fewer than ``LEAST_AROUND`` strokes are
+    within the radius of the analysis.
     """
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 

@@ -87,7 +87,7 @@ def standardised(a: Array, b: Array) -> float | None:
 
 
 def cliffs_delta(a: Array, b: Array) -> float:
-    """P(a > b) - P(a < b) over all pairs of two samples (Cliff, 1993)."""
+    """P(a > b) - P(a < b) over all pairs of two samples (Cliff, 1993), in [-1, 1]."""
     from scipy.stats import mannwhitneyu  # noqa: PLC0415  (slow to import)
 
     return float(2 * mannwhitneyu(a, b, method="asymptotic").statistic / (len(a) * len(b)) - 1)

@@ -41,31 +41,18 @@ OVERALL = {
 
 @dataclass(frozen=True)
 class Analysis:
-    """A painting and what was measured of it.
+    """A painting and what was measured of it."""
 
-    Attributes:
-        name: what it is called in tables and figures.
-        source: its file.
-        size: height and width of the canvas, pixels.
-        total: strokes of the catalogue.
-        number: (N,) which of them count, in the order of the catalogue.
-        strokes: those N.
-        depth: (N,) their ranks among each other, 0 is the bottom one.
-        pitch: sqrt(pixels of the canvas / N).
-        radius: within which neighbours were counted, pixels.
-        measures: of the N strokes, see `columns.measure_strokes`.
-    """
-
-    name: str
-    source: str
-    size: tuple[int, int]
-    total: int
-    number: NDArray[np.intp]
-    strokes: Strokes
-    depth: NDArray[np.intp]
-    pitch: float
-    radius: float
-    measures: StrokeTable
+    name: str  # in tables and figures
+    source: str  # its file
+    size: tuple[int, int]  # height and width of the canvas, pixels
+    total: int  # strokes of the catalogue
+    number: NDArray[np.intp]  # (N,) which of them count, in the order of the catalogue
+    strokes: Strokes  # those N
+    depth: NDArray[np.intp]  # (N,) their ranks among each other, 0 is the bottom one
+    pitch: float  # sqrt(pixels of the canvas / N)
+    radius: float  # pixels: within which neighbours were counted
+    measures: StrokeTable  # of the N strokes, see `columns.measure_strokes`
 
     def values(self, key: str) -> Array:
         """One measure of the strokes for which it is defined, in the unit in which it is shown."""
@@ -82,16 +69,9 @@ def analysis_of(
 ) -> Analysis:
     """Measure the strokes of a catalogue that count, see `strokes.brushwork.is_visible` and `thinnest_of`.
 
-    Args:
-        saved: the catalogue.
-        name: see `Analysis`.
-        source: likewise.
-        radius: within which neighbours are counted, pixels; None means ``RADIUS_PITCHES`` pitches.
-        visible: share of a stroke that must be seen, or it is left out and is no neighbour of others.
-        option: what sets the file, for messages.
-
-    Raises:
-        UserError: if none counts.
+    Neighbours are counted within ``radius`` pixels, None means ``RADIUS_PITCHES`` pitches. A stroke of which less than
+    the share ``visible`` is seen is left out and is no neighbour of others. If none counts, there is a UserError about
+    the ``option`` that sets the file.
     """
     thinnest = thinnest_of(len(saved.strokes), saved.size)
     number = is_visible(saved.strokes, thinnest / MIN_WIDTH_PITCHES).nonzero()[:, 0]
@@ -169,13 +149,10 @@ def summary_of(found: Analysis) -> dict[str, object]:
 def comparison_of(one: Analysis, other: Analysis) -> dict[str, dict[str, float | str | None]]:
     """How far two paintings are apart in each measure; lengths in pitches, areas in square pitches.
 
-    Of each:
-        difference: mean of the first less that of the other; of directions, the angle from the other to the first, in
-            (-90, 90].
-        standardised: the difference in standard deviations (pooled; Cohen's d).
-        delta: Cliff's (1993): P(a > b) - P(a < b) for a stroke a of the first and b of the other, in [-1, 1].
-        effect: delta in words, see `samples.effect_size`.
-        distance: Wasserstein-1, how far a stroke's value must move on average to turn one distribution into the other.
+    Of each: ``difference``, mean of the first less that of the other (of directions, the angle from the other to the
+    first, in (-90, 90]); ``standardised``, that in pooled standard deviations (Cohen's d); ``delta`` of Cliff and its
+    ``effect`` in words, see `samples`; and ``distance``, Wasserstein-1: how far a stroke's value must move on average
+    to turn one distribution into the other.
     """
     return {
         key: compared(one.relative(key), other.relative(key), axial=measure.axial) for key, measure in MEASURES.items()

@@ -28,12 +28,10 @@ LABEL = 26  # letters in a line of a label
 
 
 def effects(frame: DataFrame) -> dict[str, DataFrame] | None:
-    """The main metrics by what varies beside the seed.
+    """The main metrics by the setting with most values, a data frame for each combination of the others but the seed.
 
-    Returns:
-        a data frame for each combination of the other settings, by its name: a row per value of that with most values,
-        rising if all are numbers, and columns ("mean", metric) and ("std", metric). None if there is nothing to
-        compare, or if hardly any combination was run: a list of settings has its front, see `brushexp.results.pareto`.
+    It has a row per value, rising if all are numbers, and columns ("mean", metric) and ("std", metric). None if there
+    is nothing to compare, or if hardly any combination was run: a list of settings has its front, see `pareto`.
     """
     import pandas as pd  # noqa: PLC0415
 

@@ -37,11 +37,9 @@ def front(costs: Any) -> np.ndarray:
 
 
 def front_table(frame: DataFrame) -> DataFrame:
-    """The settings of every image with at least two, in the order of seconds; numbers are means over seeds.
+    """The settings of every image with at least two, numbered in the order of seconds; values are means over seeds.
 
-    Returns:
-        ``picture``, ``number`` (in the order of seconds, from 1), ``seconds``, ``psnr``, ``perceptual``, ``runs``,
-        ``front_psnr`` and ``front_perceptual`` (whether it is on them), ``overrides``, and ``command`` of a first run.
+    The columns are ``COLUMNS``: ``FLAGS`` tell whether it is on the fronts, ``command`` is that of a first run.
     """
     import pandas as pd  # noqa: PLC0415
 

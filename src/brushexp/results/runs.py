@@ -40,12 +40,8 @@ UNREADABLE = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)  #
 def gather(folders: Iterable[Path], into: Path) -> DataFrame:
     """All runs at or below some folders, of sweeps in the order of the job numbers.
 
-    Args:
-        folders: of sweeps, single runs, or above many of either.
-        into: where their comparison is written: a run's name is its folder as seen from there.
-
-    Raises:
-        UserError: if there is no run in one of them.
+    A run's name is its folder as seen from ``into``, where their comparison is written. A folder without a run is a
+    UserError.
     """
     into = into.resolve()
     found: dict[str, Result] = {}
@@ -65,12 +61,7 @@ def gather(folders: Iterable[Path], into: Path) -> DataFrame:
 
 
 def frame_of(folder: Path, results: Mapping[str, Result]) -> DataFrame:
-    """The data frame of some runs, see the top of this module.
-
-    Args:
-        folder: a run's folder is ``folder / name``.
-        results: what each run has noted, by its name.
-    """
+    """The data frame (see the top of this module) of what runs have noted, by name; each lies in ``folder / name``."""
     import pandas as pd  # noqa: PLC0415
 
     told = [_told(folder / name, result) for name, result in results.items()]

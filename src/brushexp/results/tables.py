@@ -16,7 +16,7 @@ from brushexp.system.files import write_text
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    # A row per element, or a column per key, or a data frame, whose index is not shown.
+    # A row per element, a column per key, or a data frame, whose index is not shown.
     Rows: TypeAlias = DataFrame | Sequence[Mapping[str, Any]] | Mapping[str, Sequence[Any]]
 
 MISSING = "–"  # in place of a number that is not known
@@ -121,11 +121,10 @@ def numbers(frame: DataFrame) -> DataFrame:
 
 
 def over_seeds(frame: DataFrame) -> DataFrame:
-    """Means of the runs that are compared and differ in the seed alone.
+    """Means of the runs that are compared and differ in the seed alone: a row per setting, by image and label.
 
-    Returns:
-        a row per setting, indexed by image and label, with columns in four parts: "run" (``command`` of the first,
-        and ``runs``, how many), "setting", "mean" and "std" (of a sample; missing for a single run) of each metric.
+    Columns are in four parts: "run" (``command`` of the first, and ``runs``, how many), "setting", "mean" and "std" (of
+    a sample; missing for a single run) of each metric.
     """
     import pandas as pd  # noqa: PLC0415
 
@@ -155,12 +154,7 @@ def run_count(frame: DataFrame) -> str:
 
 
 def csv_table(rows: Rows, significant: int | None = None) -> str:
-    """A table as CSV: what is missing is empty.
-
-    Args:
-        rows: a list with a dictionary per row, a dictionary with a list per column, or a data frame.
-        significant: digits of a finite float; None writes it in full precision.
-    """
+    """A table as CSV: what is missing is empty, and finite floats have so many digits, None for full precision."""
     frame = _frame(rows)
     if significant is not None:
         frame = frame.map(lambda x: f"{x:.{significant}g}" if isinstance(x, float) and math.isfinite(x) else x)
@@ -173,7 +167,7 @@ def markdown_table(
     """A table as Markdown, without a line break at its end.
 
     Args:
-        rows: as of `csv_table`.
+        rows: a dictionary per row, a dictionary with a list per column, or a data frame.
         digits: column -> digits after the point of its numbers; the other values are shown as they are.
         align: "l" or "r" for each column, as in LaTeX; None sets columns of numbers on the right.
         escape: show every letter as it is, also those that mean something to Markdown.

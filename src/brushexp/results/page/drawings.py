@@ -123,9 +123,8 @@ def swatches_of(colors: np.ndarray, weights: np.ndarray) -> list[dict[str, Any]]
 def error_map(painting: np.ndarray, target: np.ndarray) -> dict[str, Any]:
     """Mean |difference| of the channels of two pictures (H, W, 3) uint8, in levels of 255.
 
-    Returns:
-        ``pixels`` (H, W, 3) uint8, in the colours of ``scale``, which ends at ``top`` levels; ``above``, the share of
-        pixels beyond it; ``mean``; and ``below``: how many pixels, in words, have how many levels at most.
+    ``pixels`` (H, W, 3) uint8 are in the colours of ``scale``, which ends at ``top`` levels; ``above`` is the share of
+    pixels beyond it, and ``below`` tells how many pixels, in words, have how many levels at most.
     """
     difference = np.abs(painting.astype(np.int16) - target).sum(2)  # thirds of a level, 0 to 765
     shares = (0.5, 0.9, 0.99, 1.0, SHARE_ON_SCALE)
@@ -147,10 +146,8 @@ def error_map(painting: np.ndarray, target: np.ndarray) -> dict[str, Any]:
 def height_map(saved: Saved) -> dict[str, Any]:
     """What ``light.js`` needs: heights in pixels of the map are ``top`` * (256 red + green) / 65535.
 
-    A renderer that is slow to draw is replaced by its stand-in, whose name is then in ``drawn_as``.
-
-    Raises:
-        UserError: if the renderer cannot be built, because its checkpoint is not there for instance.
+    A renderer that is slow to draw is replaced by its stand-in, whose name is then in ``drawn_as``; one that cannot be
+    built, because its checkpoint is not there for instance, is a UserError.
     """
     renderer = renderer_of(saved)
     drawn_as = renderer.warm_up

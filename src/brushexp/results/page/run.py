@@ -49,11 +49,7 @@ def write_run_page(folder: Path) -> Path:
 
 
 def page_of_run(folder: Path) -> str:
-    """The page of a run, from what it has left in its folder; writes nothing.
-
-    Raises:
-        UserError: if there is no catalogue, or it is damaged.
-    """
+    """The page of a run, from what it has left in its folder; a UserError without a whole catalogue."""
     saved = load_catalogue(folder / "catalogue.h5")
     metrics = read_result(folder / "metrics.json") if (folder / "metrics.json").is_file() else {}
     image = recorded_config(saved).get("image")
@@ -99,24 +95,14 @@ def _float(text: str) -> float:
 
 
 def run_page(
-    saved: Saved,
-    *,
-    name: str,
-    pictures: Mapping[str, np.ndarray] | None = None,
-    metrics: Mapping[str, Any] | None = None,
-    curves: Mapping[str, Sequence[float]] | None = None,
+    saved: Saved, *, name: str, pictures: Mapping[str, np.ndarray] | None = None,
+    metrics: Mapping[str, Any] | None = None, curves: Mapping[str, Sequence[float]] | None = None,
     command: str | None = None,
-) -> str:
+) -> str:  # fmt: skip
     """The page of a painting, HTML that needs nothing else; a part of which nothing is known is left out.
 
-    Args:
-        saved: its catalogue.
-        name: of the picture, a title.
-        pictures: by name, (H, W, 3) uint8: ``target``, ``painting`` (without it there are no error map and no light),
-            and others.
-        metrics: as in metrics.json.
-        curves: columns by name: ``step``, ``seconds``, ``psnr``, ``loss/...``.
-        command: what repeats the run.
+    Pictures are (H, W, 3) uint8 by name: ``target``, ``painting`` (without it there are no error map and no light), and
+    others; curves are columns by name: ``step``, ``psnr``, ``loss/...``; ``command`` repeats the run.
     """
     metrics, pictures = metrics or {}, pictures or {}
     shown = {key: _shown(pixels) for key, pixels in pictures.items()}

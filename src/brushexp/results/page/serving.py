@@ -23,12 +23,8 @@ TIMEOUT_SECONDS = 10  # that a silent connection may take
 def served(pages: Mapping[str, Path], port: int = 0) -> Iterator[str]:
     """Serve pages while the context lasts; yields the address of the first one.
 
-    Args:
-        pages: path of the address, ``/`` for the first page -> file, read whenever it is asked for.
-        port: of this machine, up to 65535; 0 for any that is free.
-
-    Raises:
-        UserError: if the port cannot be had.
+    ``pages`` are files by the path of their address, ``/`` for the first; they are read whenever they are asked for.
+    Port 0 is any that is free; one that cannot be had is a UserError.
     """
     try:
         server = _Server((HOST, port), _Handler)

@@ -35,14 +35,9 @@ def write_sweep_page(folder: Path, frame: DataFrame) -> Path:
 
 
 def sweep_page(folder: Path, frame: DataFrame) -> str:
-    """The page about some runs, with their pictures in it.
+    """The page about at least one run, with their pictures in it; names of runs are folders as seen from ``folder``.
 
-    A picture has at most 640 pixels on its longer side; the more pictures, the smaller they are, so that all have
-    16 million pixels together, which makes 3 to 5 MB.
-
-    Args:
-        folder: where the page will lie; the name of a run is its folder as seen from there.
-        frame: at least one run.
+    The more pictures, the smaller they are, so that all have 16 million pixels together, which makes 3 to 5 MB.
     """
     shown = _page_data(frame)
     return page(
@@ -59,14 +54,7 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
 
 
 def _page_data(frame: DataFrame) -> dict[str, Any]:
-    """All that the page shows.
-
-    Returns:
-        ``axes``, what varies: key -> value as typed -> value as it is shown; ``same``, settings that all runs share;
-        ``metrics``; ``rows``, see `_rows`; ``groups`` and ``pictures``, see `_groups`; ``targets``, each with ``name``
-        and ``picture``; ``filters``, what runs can be chosen by: the axes, and how they ended if that differs;
-        ``in_columns``, whether each axis has a column of its own.
-    """
+    """All that the page shows; ``axes`` is what varies: key -> value as typed -> value as it is shown."""
     typed = tables.varying(frame)
     axes = {key: {v: name or NOT_SET for v, name in shortened(values).items()} for key, values in typed.items()}
     settings = frame["setting"].fillna("").iloc[0]
@@ -94,14 +82,9 @@ def _page_data(frame: DataFrame) -> dict[str, Any]:
 
 
 def _rows(frame: DataFrame, targets: list[str], groups: dict[tuple[str, str], int], side: int) -> list[dict[str, Any]]:
-    """The runs.
+    """The runs; ``target`` and ``group`` are their numbers on the page, ``curve`` pairs of seconds and PSNR.
 
-    Returns:
-        of each ``name``, its number or the end of the path to it; ``parts``, the overrides by which it differs from
-        the others, and ``label``, these on one line; ``chosen``, its settings; ``cells``, each metric as text, and
-        ``numbers``; ``target`` and ``group``, their numbers on the page or None; ``status``, and ``error`` if it
-        failed; ``command``; ``report``, address of its own page, quoted, so that it is no address of another kind,
-        or ""; ``picture``; ``curve``, pairs of seconds and PSNR.
+    ``report``, the address of a run's own page, is quoted, so that it is no address of another kind.
     """
     settings, values = frame["setting"].fillna(""), tables.numbers(frame)
     texts = tables.as_text(tables.shown_metrics(frame), tables.DIGITS)
@@ -134,8 +117,8 @@ def _rows(frame: DataFrame, targets: list[str], groups: dict[tuple[str, str], in
 def _groups(frame: DataFrame) -> tuple[list[dict[str, Any]], list[str]]:
     """The settings that are compared, runs that differ in the seed alone, and names of what was painted.
 
-    A setting has a ``label``, a ``picture``, the number of what was painted (numbers of two are never compared), and
-    ``ahead_from``, seconds from which on it was ahead of the others for the last time, None if it never was.
+    ``picture`` is the number of what was painted (numbers of two are never compared), and ``ahead_from`` the seconds
+    from which on a setting was ahead of the others for the last time, None if it never was.
     """
     keys = list(tables.over_seeds(frame).index)
     pictures = list(dict.fromkeys(image for image, _ in keys))
@@ -174,12 +157,9 @@ def _best(shown: dict[str, Any]) -> dict[str, str]:
 
 
 def _plotted(shown: dict[str, Any]) -> dict[str, Any]:
-    """What the plots begin with.
+    """What the plots begin with: ``x`` (a metric, or a setting as ``axis:steps``) and ``y`` (a metric) of the points.
 
-    Returns:
-        ``x`` (metric, or a setting as ``axis:steps``) and ``y`` (metric) of the points, both "" if there are no two to
-        compare; ``xs``, all that can be chosen for ``x``, with names; ``front``, whether quality is plotted against
-        cost; ``curves``, whether there are curves.
+    Both are "" if there are no two to compare; ``xs`` is all that can be chosen for ``x``, with names.
     """
     rows = [row for row in shown["rows"] if row["group"] is not None]
     names = {
