@@ -11,9 +11,17 @@ from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import FAINT
 from brushexp.registry import build_named, plugins
 from brushexp.stress import check
-from brushexp.stress.check import DTYPES, Check, DrawnScene, Outcome, Reference, check_drawing
+from brushexp.stress.check import (
+    DTYPES,
+    EXERCISES,
+    Check,
+    DrawnScene,
+    Outcome,
+    Reference,
+    check_drawing,
+    check_painting,
+)
 from brushexp.stress.matrix import MANY_STEPS, ONE_PICTURE, MatrixCell, cells_in, chosen_axes, examine, frozen_renderer
-from brushexp.stress.painting import CANVAS, EXERCISES, Exercise, check_painting
 from brushexp.stress.report import draw_matrix, matrix_csv, matrix_text, outcome_counts
 from brushexp.stress.scenes import SCENES, random_strokes, random_target
 from brushexp.strokes.catalogue import Catalogue, check_strokes, drawable
@@ -71,12 +79,14 @@ def test_no_target_and_no_rate_spoils_the_strokes(name):
 
 @pytest.mark.parametrize("dtype", ["bfloat16", "float16"])
 def test_strokes_of_16_bits_are_drawn_in_float32_and_not_optimised(dtype):
-    strokes = random_strokes(4, CANVAS).map(lambda value: value.to(DTYPES[dtype]).requires_grad_())
-    image = Dense()(Analytic()(strokes), torch.arange(4), CANVAS, torch.zeros(3, dtype=DTYPES[dtype])).image
+    strokes = random_strokes(4, check.CANVAS).map(lambda value: value.to(DTYPES[dtype]).requires_grad_())
+    image = Dense()(Analytic()(strokes), torch.arange(4), check.CANVAS, torch.zeros(3, dtype=DTYPES[dtype])).image
     image.sum().backward()
     assert image.dtype == torch.float32
     assert strokes.position.grad.dtype == DTYPES[dtype]
-    found = check_painting("analytic", Analytic(), Exercise(random_target(CANVAS), 2), 60.0, BLENDS["tiled"], dtype)
+    found = check_painting(
+        "analytic", Analytic(), check.Exercise(random_target(check.CANVAS), 2), 60.0, BLENDS["tiled"], dtype
+    )
     assert found.outcome is Outcome.refused
     assert "value.float()" in found.note
 
@@ -89,7 +99,7 @@ def test_strokes_that_a_precision_cannot_hold_are_refused():
         drawable(far.map(lambda value: value.long()))
     assert drawable(far) is far
     with pytest.raises(UserError, match="small steps are lost"):
-        Catalogue(random_strokes(2, CANVAS).map(lambda value: value.bfloat16()), {})
+        Catalogue(random_strokes(2, check.CANVAS).map(lambda value: value.bfloat16()), {})
 
 
 @pytest.mark.parametrize("scene", SCENES)
@@ -115,8 +125,8 @@ def test_outcomes_are_what_they_say():
     for outcome, drawn in cases.items():
         for image, gradient, fault in drawn:
             given = DrawnScene(image, {"opacity": gradient}, 1.0, fault)
-            assert check.compare("float32", given, exact, random_strokes(2, CANVAS)).outcome is outcome
-    strokes = random_strokes(2, CANVAS)
+            assert check.compare("float32", given, exact, random_strokes(2, check.CANVAS)).outcome is outcome
+    strokes = random_strokes(2, check.CANVAS)
     assert check.range_fault(strokes) == ""
     assert check.range_fault(replace(strokes, color=strokes.color * torch.nan)) == "color is not finite"
     assert "opacity goes from" in check.range_fault(replace(strokes, opacity=strokes.opacity + 1))

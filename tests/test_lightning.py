@@ -13,7 +13,7 @@ from torch.testing import assert_close
 from brushexp.painting.components import Stage
 from brushexp.plugins.density.adaptive import Adaptive
 from brushexp.plugins.optimizer.torch_optim import TorchOptim
-from brushexp.plugins.order.accuracy import Accuracy
+from brushexp.plugins.order.orders import Accuracy
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole

@@ -16,7 +16,7 @@ from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.loss.pixel import MeanSquaredError
 from brushexp.plugins.loss.stroke import KullbackLeibler
 from brushexp.plugins.optimizer.torch_optim import TorchOptim
-from brushexp.plugins.order.accuracy import Accuracy
+from brushexp.plugins.order.orders import Accuracy
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.textured import Textured
 from brushexp.plugins.sampler.base import View

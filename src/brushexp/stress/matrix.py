@@ -9,8 +9,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build_named, plugins
-from brushexp.stress.check import DTYPES, Check, Reference, check_drawing
-from brushexp.stress.painting import EXERCISES, check_painting
+from brushexp.stress.check import DTYPES, EXERCISES, Check, Reference, check_drawing, check_painting
 from brushexp.stress.scenes import SCENES
 
 ONE_PICTURE, MANY_STEPS = "one picture", "many steps"
