@@ -6,10 +6,9 @@ import torch
 from scenes import straight
 from torch import Tensor
 
-from brushexp.plugins.blend.base import Blend, Canvas
+from brushexp.plugins.blend.base import Canvas
 from brushexp.plugins.blend.dense import Dense
-from brushexp.plugins.renderer.base import Renderer
-from brushexp.strokes.catalogue import FIELDS, Strokes
+from brushexp.strokes.catalogue import FIELDS
 
 BACKGROUND = torch.tensor([0.2, 0.5, 0.9])
 DENSE = Dense()
@@ -29,24 +28,14 @@ DEGENERATE = {
 }
 
 
-def paint(
-    renderer: Renderer,
-    blend: Blend,
-    strokes: Strokes,
-    size: tuple[int, int],
-    *,
-    order: Tensor | None = None,
-    target: Tensor | None = None,
-) -> Canvas:
+def paint(renderer, blend, strokes, size, *, order=None, target=None) -> Canvas:
     """Picture of strokes in the dtype they have."""
     order = torch.arange(len(strokes)) if order is None else order
     dtype = strokes.position.dtype
     return blend(renderer(strokes), order, size, BACKGROUND.to(dtype), None if target is None else target.to(dtype))
 
 
-def paint_with_gradient(
-    renderer: Renderer, blend: Blend, strokes: Strokes, size: tuple[int, int], weight: Tensor, *, order=None
-) -> tuple[Tensor, dict[str, Tensor]]:
+def paint_with_gradient(renderer, blend, strokes, size, weight, *, order=None) -> tuple[Tensor, dict[str, Tensor]]:
     """Picture, and the gradient of its weighted sum with respect to each field, in float64."""
     leaves = strokes.map(lambda value: value.detach().clone().requires_grad_())
     image = paint(renderer, blend, leaves, size, order=order).image

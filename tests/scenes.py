@@ -22,19 +22,11 @@ class Windowed(PatchRenderer):
         return window_pictures(self.brush, parameters, self.window)
 
 
-def random_strokes(
-    n: int,
-    size: tuple[int, int],
-    *,
-    seed: int = 0,
-    bend: float = 0.3,
-    width: tuple[float, float] = (0.02, 0.3),
-    dtype: torch.dtype = torch.float32,
-) -> Strokes:
+def random_strokes(n, size, *, seed=0, bend=0.3, width=(0.02, 0.3), dtype=torch.float32) -> Strokes:
     """``n`` strokes on and around a canvas of ``size`` (H, W); ``bend`` is how far controls stray from the middle."""
     generator = torch.Generator().manual_seed(seed)
 
-    def uniform(*shape: int) -> torch.Tensor:
+    def uniform(*shape):
         return torch.rand(*shape, generator=generator)
 
     start, end = uniform(n, 2) * 2 - 1, uniform(n, 2) * 2 - 1
@@ -56,26 +48,12 @@ def leaves(strokes: Strokes, dtype: torch.dtype = torch.float32) -> Strokes:
     return strokes.map(lambda value: value.detach().to(dtype).clone().requires_grad_())
 
 
-def straight(
-    start: tuple[float, float],
-    end: tuple[float, float],
-    *,
-    width: float = 4.0,
-    color: tuple[float, float, float] = (1.0, 0.0, 0.0),
-    opacity: float = 1.0,
-) -> Strokes:
+def straight(start, end, *, width=4.0, color=(1.0, 0.0, 0.0), opacity=1.0) -> Strokes:
     """One straight stroke given in pixels."""
     points = torch.tensor([start, end], dtype=torch.float32)
     centre = points.mean(0)
     scale = max(float((points - centre).abs().max()) * 2, 8.0)
     ends = (points - centre) * 2 / scale
-    return Strokes(
-        position=centre[None],
-        scale=torch.tensor([scale]),
-        start=ends[:1],
-        control=torch.zeros(1, 2),
-        end=ends[1:],
-        width=torch.tensor([width / scale]),
-        color=torch.tensor([color]),
-        opacity=torch.tensor([opacity]),
-    )
+    points = {"start": ends[:1], "control": torch.zeros(1, 2), "end": ends[1:]}
+    numbers = {"scale": scale, "width": width / scale, "color": color, "opacity": opacity}
+    return Strokes(position=centre[None], **points, **{name: torch.tensor([v]) for name, v in numbers.items()})

@@ -80,9 +80,6 @@ def test_ctrl_c_ends_cleanly_and_the_fit_continues_exactly(tmp_path):
     assert trainer.global_step == 8
     assert second.stop == ""
     assert torch.equal(second.weight, straight.weight)
-
-
-def test_an_error_gives_ctrl_c_back(tmp_path):
     with pytest.raises(ZeroDivisionError):
         fit(tmp_path, Line(beside=lambda step: 1 / 0))
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -6,7 +6,6 @@ import re
 import signal
 import socket
 import time
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -23,14 +22,13 @@ from brushexp.strokes.storage import Saved, save_catalogue
 from brushexp.system.files import write_json, write_picture
 
 
-def make_catalogue(path: Path, renderer: str = "analytic", config: str = "renderer: {taper: 0.5}\n") -> Path:
+def make_catalogue(path, renderer="analytic", config="renderer: {taper: 0.5}\n"):
     depth = torch.arange(3, dtype=torch.int32)
-    saved = Saved(random_strokes(3, (32, 48)), depth, (32, 48), torch.ones(3), renderer, "", 0, config)
-    save_catalogue(path, saved)
+    save_catalogue(path, Saved(random_strokes(3, (32, 48)), depth, (32, 48), torch.ones(3), renderer, "", 0, config))
     return path
 
 
-def make_run(folder: Path, **chosen: str) -> Path:
+def make_run(folder, **chosen):
     folder.mkdir(parents=True)
     make_catalogue(folder / "catalogue.h5")
     metrics = {"psnr": 20.0, "ssim": 0.5, "l1": 0.1, "seconds": 1.0, "n_strokes": 3, "status": "completed"}
@@ -41,12 +39,12 @@ def make_run(folder: Path, **chosen: str) -> Path:
     return folder
 
 
-def pages(config, catalogue: Path, into: Path, *overrides: str) -> dict[str, Path]:
+def pages(config, catalogue, into, *overrides):
     into.mkdir(exist_ok=True)
     return pages_of(config("task=view", f"catalogue='{catalogue}'", *overrides), into)
 
 
-def ask(address: str, path: str, host: str | None = None, method: str = "GET") -> tuple[int, bytes, dict[str, str]]:
+def ask(address, path, host=None, method="GET"):
     connection = http.client.HTTPConnection(HOST, urlsplit(address).port, timeout=20)
     connection.request(method, path, headers={"Host": host} if host else {})
     answer = connection.getresponse()
@@ -79,11 +77,10 @@ def test_a_page_is_served_to_this_machine_and_nothing_else(tmp_path):
 def test_a_catalogue_is_drawn_by_its_own_renderer(tmp_path, config):
     path = make_catalogue(tmp_path / "strokes <b>.h5")
     found = pages(config, path, tmp_path / "out")
-    html = found["/"].read_text()
     assert found == {"/": tmp_path / "out" / "report.html"}
+    html = found["/"].read_text()
     assert "strokes &lt;b&gt;" in html
     assert "strokes <b>" not in html
-    assert "data:image/png" in html
 
 
 def test_a_renderer_that_is_not_here_is_named_and_another_one_helps(tmp_path, config):
@@ -104,26 +101,18 @@ def test_the_folder_of_a_run_is_shown_with_its_pictures(tmp_path, config):
     assert sorted(run.iterdir()) == before  # it may be somebody else's, and read-only
 
 
-def test_folders_whose_names_are_not_text_are_shown(tmp_path, config):
-    sweep = tmp_path / os.fsdecode(b"sw\xe9")
-    make_run(sweep / "0", steps="1")
-    (sweep / "0" / "report.html").write_text("page of run 0")
-    found = pages_of(OmegaConf.create({"catalogue": str(sweep)}), tmp_path)
-    with served(found) as address:
-        assert ask(address, "/sw%E9/0/report.html")[1] == b"page of run 0"
-
-
-def test_the_folder_of_a_sweep_is_shown_with_the_pages_of_its_runs(tmp_path, config):
-    for k in range(2):
-        make_run(tmp_path / "sweep é" / str(k), steps=str(k))
-    (tmp_path / "sweep é" / "1" / "report.html").write_text("page of run 1")
-    found = pages(config, tmp_path / "sweep é", tmp_path / "out")
-    assert 'href="../sweep%20%C3%A9/1/report.html"' in found["/"].read_text()
+@pytest.mark.parametrize(("name", "path"), [("sweep é", "sweep%20%C3%A9"), (os.fsdecode(b"sw\xe9"), "sw%E9")])
+def test_the_folder_of_a_sweep_is_shown_with_the_pages_of_its_runs(tmp_path, name, path):
+    runs = [make_run(tmp_path / name / str(k), steps=str(k)) for k in range(2)]
+    (runs[1] / "report.html").write_text("page of run 1")
+    (tmp_path / "out").mkdir()
+    found = pages_of(OmegaConf.create({"catalogue": str(tmp_path / name)}), tmp_path / "out")
+    assert f'href="../{path}/1/report.html"' in found["/"].read_text()
     with served(found) as address:
         assert ask(address, "/")[0] == 200
-        assert ask(address, "/sweep%20%C3%A9/1/report.html")[1] == b"page of run 1"
-        assert ask(address, "/sweep%20%C3%A9/0/report.html")[0] == 404
-        assert ask(address, "/sweep%20%C3%A9/1/catalogue.h5")[0] == 404
+        assert ask(address, f"/{path}/1/report.html")[1] == b"page of run 1"
+        assert ask(address, f"/{path}/0/report.html")[0] == 404
+        assert ask(address, f"/{path}/1/catalogue.h5")[0] == 404
 
 
 def test_what_has_no_page_is_refused(tmp_path, config):

@@ -23,10 +23,6 @@ class TileKernel:
     Args:
         columns: numbers that ``pull`` writes.
         rows: of ``own``; row ABOVE is the skeleton's, and row NEAREST too if ``curved``.
-        cover: what a stroke is in a tile.
-        tint: constant numbers of a stroke.
-        shade: a pixel.
-        pull: gradient.
         temporary: rows for use within a part.
         curved: find nearest points first. The first six numbers of a stroke are then its control points in pixels,
             start, control and end, x and y each.

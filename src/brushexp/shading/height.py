@@ -88,15 +88,13 @@ class Impasto(Renderer):
         number = torch.arange(len(strokes), device=strokes.position.device) if number is None else number
         layers = self.renderer(strokes, number)
         film = FILM * (self.typical * 2 * half_width_of(strokes)).sqrt()
-        match layers:
-            case Profile():
-                return _plain(layers, film, number)
-            case TexturedProfile():
-                return _textured(layers, film)
-            case Windows():
-                return _windows(layers, film)
-            case _:
-                return HeightLayers(layers.curve, layers.reach, layers.color, layers, film)
+        if isinstance(layers, Profile):
+            return _plain(layers, film, number)
+        if isinstance(layers, TexturedProfile):
+            return _textured(layers, film)
+        if isinstance(layers, Windows):
+            return _windows(layers, film)
+        return HeightLayers(layers.curve, layers.reach, layers.color, layers, film)
 
 
 @dataclass(frozen=True)
@@ -127,16 +125,11 @@ def _plain(layers: Profile, film: Tensor, number: Tensor) -> TexturedProfile:
     """Strokes without a texture, with that of a brush."""
     textures, extent, cells = (part.to(film.device) for part in _plain_brush(layers.taper))
     half = (layers.half_width.square() + THIN**2).sqrt()
-    look = number % (len(textures) // LEVELS) * LEVELS + _level_of(half)
-    return TexturedProfile(
-        curve=layers.curve,
-        half_width=half,
-        textures=textures,
-        extent=extent.to(film.dtype),
-        look=look,
-        cells=cells,
-        **_as_layers(film, layers.opacity * layers.half_width / half),
-    )
+    texel = half * (2 * SPREAD / ROWS)  # of the size whose texels are about as large as pixels
+    look = number % VARIANTS * LEVELS + texel.log2().neg().round().clamp(0, LEVELS - 1).long()
+    shown = _as_layers(film, layers.opacity * layers.half_width / half)
+    extent = extent.to(film.dtype)
+    return TexturedProfile(layers.curve, half, textures=textures, extent=extent, look=look, cells=cells, **shown)
 
 
 def _textured(layers: TexturedProfile, film: Tensor) -> TexturedProfile:
@@ -189,12 +182,6 @@ def _plain_brush(taper: float) -> tuple[Tensor, Tensor, Tensor]:
     thickness = film.clamp(THINNEST, 1) * shoulder
     levels = [smoothed(opacity * room, thickness, room, level) for level in range(LEVELS)]
     return _packed(*torch.stack(levels, dim=1).flatten(0, 1).unbind(1))
-
-
-def _level_of(half_width: Tensor) -> Tensor:
-    """Which size (N,) of a plain brush has texels about as large as pixels, for half widths (N,) in pixels."""
-    texel = half_width * (2 * SPREAD / ROWS)
-    return texel.log2().neg().round().clamp(0, LEVELS - 1).long()
 
 
 def _packed(opacity: Tensor, thickness: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -59,7 +59,7 @@ class Check:
 
 @dataclass(frozen=True)
 class DrawnScene:
-    """A scene drawn forwards and backwards: the picture (3, H, W), and the gradient of its mean squared error by field.
+    """A picture (3, H, W), and the gradient of its mean squared error by field.
 
     ``pull`` is the sum of |dL/dI| over the picture, what a gradient is large or small against; ``fault`` is "" or what
     is already known to be broken.
@@ -144,11 +144,15 @@ def check_painting(
 
     After ``patience`` seconds no further step is taken.
     """
-    precise = deepcopy(renderer).double()
+    precise, kind = deepcopy(renderer).double(), DTYPES[dtype]
+    stage = Stage(name, precise if dtype == "float64" else renderer, exercise.steps)
+    components = standard_components(stages=[stage], blend=blend, optimizer=TorchOptim(lr=exercise.rate))
+    strokes = random_strokes(STROKES if renderer.warm_up is None else FEW, CANVAS).map(lambda value: value.to(kind))
+    quiet: dict[str, Any] = dict.fromkeys(("logger", "enable_checkpointing", "enable_progress_bar"), False)
+    timer = Timer(timedelta(seconds=patience), verbose=False)
     try:
-        painter = painter_of(name, precise if dtype == "float64" else renderer, blend, DTYPES[dtype], exercise)
-        quiet: dict[str, Any] = {"logger": False, "enable_checkpointing": False, "enable_progress_bar": False}
-        timer = Timer(timedelta(seconds=patience), verbose=False)
+        catalogue = Catalogue(strokes, components.optimizer.units)
+        painter = Painter(catalogue, components, exercise.target.to(kind), torch.tensor(BACKGROUND).to(kind), seed=0)
         L.Trainer(accelerator="cpu", max_epochs=1, callbacks=[timer], enable_model_summary=False, **quiet).fit(painter)
         picture = painter.drawn()
         strokes = painter.catalogue().map(Tensor.detach)
@@ -161,16 +165,6 @@ def check_painting(
     return compare(dtype, DrawnScene(picture, {}, fault=range_fault(strokes)), exact, strokes, note)
 
 
-def painter_of(name: str, renderer: Renderer, blend: Blend, dtype: torch.dtype, exercise: Exercise) -> Painter:
-    """What optimises the strokes of an exercise."""
-    components = standard_components(
-        stages=[Stage(name, renderer, exercise.steps)], blend=blend, optimizer=TorchOptim(lr=exercise.rate)
-    )
-    strokes = random_strokes(STROKES if renderer.warm_up is None else FEW, CANVAS).map(lambda value: value.to(dtype))
-    catalogue = Catalogue(strokes, components.optimizer.units)
-    return Painter(catalogue, components, exercise.target.to(dtype), torch.tensor(BACKGROUND).to(dtype), seed=0)
-
-
 def check_of_error(error: Exception) -> Check:
     """Refused if a user can act on the message of an exception, else broken."""
     if isinstance(error, UserError):
@@ -180,13 +174,15 @@ def check_of_error(error: Exception) -> Check:
 
 def compare(dtype: str, drawn: DrawnScene, exact: DrawnScene, strokes: Strokes, note: str = "") -> Check:
     """Compare what was drawn of strokes that came in the precision ``dtype`` with the same in float64."""
-    fault = drawn.fault or _fault_of(drawn, PICTURE_BOUNDS[dtype])
-    if fault:
-        return Check(Outcome.broken, note=fault)
+    bound = PICTURE_BOUNDS[dtype]
+    wrong = [f"the gradient of {name} is not finite" for name, g in drawn.gradient.items() if not g.isfinite().all()]
+    faults = [drawn.fault, _interval_fault("the picture", drawn.image, -bound, 1 + bound), *wrong]
+    if any(faults):
+        return Check(Outcome.broken, note=next(filter(None, faults)))
     picture = float((drawn.image.double() - exact.image).abs().max())
     slopes = [gradient_error(g, exact.gradient[name], name, strokes, exact.pull) for name, g in drawn.gradient.items()]
     slope = max(slopes, default=None)
-    within = picture <= PICTURE_BOUNDS[dtype] and (slope is None or slope <= GRADIENT_BOUNDS[dtype])
+    within = picture <= bound and (slope is None or slope <= GRADIENT_BOUNDS[dtype])
     return Check(Outcome.exact if within else Outcome.degraded, picture, slope, note)
 
 
@@ -205,18 +201,11 @@ def gradient_error(value: Tensor, exact: Tensor, name: str, strokes: Strokes, pu
 
 def range_fault(strokes: Strokes, slack: float = 1e-6) -> str:
     """Which field of strokes is not finite or outside `FIELDS`; "" if none is."""
+    faults = []
     for name, field in FIELDS.items():
         room = slack * max(abs(field.low), abs(field.high))
-        fault = _interval_fault(name, getattr(strokes, name).detach(), field.low - room, field.high + room)
-        if fault:
-            return fault
-    return ""
-
-
-def _fault_of(drawn: DrawnScene, slack: float) -> str:
-    """What is broken about a picture or its gradient; "" if nothing is."""
-    wrong = [f"the gradient of {name} is not finite" for name, v in drawn.gradient.items() if not v.isfinite().all()]
-    return _interval_fault("the picture", drawn.image, -slack, 1 + slack) or "".join(wrong[:1])
+        faults.append(_interval_fault(name, getattr(strokes, name).detach(), field.low - room, field.high + room))
+    return next(filter(None, faults), "")
 
 
 @torch.no_grad()

@@ -55,8 +55,7 @@ def matrix_text(cells: Sequence[MatrixCell]) -> str:
             mark = f" [{notes.setdefault(note, len(notes) + 1)}]" if note else ""
             row = rows.setdefault(cell.scene, {"scene": cell.scene})
             row[f"{cell.blend} {cell.dtype}"] = f"{cell.check.outcome.value} {number_of(cell)}".rstrip() + mark
-        table = list(rows.values())
-        text = markdown_table(table, align="l" * len(table[0]), escape=False)
+        text = markdown_table(list(rows.values()), align="l" * len(row), escape=False)
         lines += [f"## {kind}: renderer={renderer}", "", KINDS[kind], "", text, ""]
     return "\n".join([*lines, *(f"{number}. {note}" for note, number in notes.items()), ""])
 
@@ -72,13 +71,10 @@ def draw_matrix(cells: Sequence[MatrixCell], path: Path) -> None:
     for cell in cells:
         y, x = rows.index((cell.kind, cell.scene)), columns.index((cell.renderer, cell.blend, cell.dtype))
         levels[y, x] = list(Outcome).index(cell.check.outcome)
-        text = number_of(cell).replace("*", "")
-        axes.text(x, y, text, ha="center", va="center", fontsize=5, color=INK)
+        axes.text(x, y, number_of(cell).replace("*", ""), ha="center", va="center", fontsize=5, color=INK)
     axes.imshow(levels, cmap=ListedColormap(COLORS), vmin=-0.5, vmax=len(COLORS) - 0.5, aspect="auto")
     axes.set_yticks(range(len(rows)), [without_math(f"{scene}, {kind}") for kind, scene in rows], fontsize=7)
-    axes.set_xticks(
-        range(len(columns)), [without_math(" ".join(column)) for column in columns], fontsize=7, rotation=90
-    )
+    axes.set_xticks(range(len(columns)), [without_math(" ".join(words)) for words in columns], fontsize=7, rotation=90)
     axes.set_title(outcomes_in_words(cells), fontsize=11, loc="left", color=INK)
     save_figure(figure, path)
 
