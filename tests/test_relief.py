@@ -13,7 +13,6 @@ from scenes import Windowed, random_strokes, straight
 
 from brushexp.compositing import bands as banding
 from brushexp.errors import UserError
-from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.relief import Relief
@@ -76,14 +75,6 @@ def test_every_renderer_has_heights_between_the_canvas_and_the_thickest_paint(na
     assert height.min() >= 0
     thickest = 2 * float(half_width_of(strokes).max())
     assert height.max() <= FILM * math.sqrt(thickest * typical_width(strokes)) / CARRIED + 1e-4
-
-
-@pytest.mark.parametrize("name", [plugin.name for plugin in plugins("blend")])
-def test_every_blend_computes_them(name):
-    size, strokes = (17, 30), thick(8, (17, 30))
-    exact = height_of(export_job(strokes, size, blend=Dense()))
-    found = height_of(export_job(strokes, size, blend=build_named("blend", name, {})))
-    np.testing.assert_allclose(found, exact, atol=2e-4)
 
 
 @pytest.mark.parametrize("name", RENDERERS)
@@ -167,8 +158,8 @@ def test_bands_make_the_same_as_the_whole(name, monkeypatch):
 # Light
 
 
-def hills(height, width, *, seed=0, roughness=1.0):
-    return (roughness * np.random.default_rng(seed).random((height, width))).astype(np.float32)
+def hills(height, width, *, roughness=1.0):
+    return (roughness * np.random.default_rng(0).random((height, width))).astype(np.float32)
 
 
 def lit_grey(value, height, azimuth, elevation, gloss=0.0):
@@ -184,11 +175,11 @@ def test_a_flat_canvas_keeps_its_colours():
             np.testing.assert_allclose(shaded(color.astype(np.float32), normals, light, gloss), color, atol=1e-6)
 
 
-def test_directions_are_clockwise_from_the_top():
-    directions = {0: (0, 1), 90: (1, 0), 180: (0, -1), 270: (-1, 0), 315: (-math.sqrt(0.5), math.sqrt(0.5))}
-    for azimuth, (right, up) in directions.items():
-        expected = np.array([right, up, 1]) * math.sqrt(0.5)
-        np.testing.assert_allclose(Light(azimuth, 45).direction, expected, atol=1e-6)
+@pytest.mark.parametrize(
+    ("azimuth", "right", "up"), [(0, 0, 1), (90, 1, 0), (180, 0, -1), (315, -(0.5**0.5), 0.5**0.5)]
+)
+def test_directions_are_clockwise_from_the_top(azimuth, right, up):
+    np.testing.assert_allclose(Light(azimuth, 45).direction, np.array([right, up, 1]) * math.sqrt(0.5), atol=1e-6)
 
 
 def test_light_from_the_left_brightens_slopes_that_face_left():
