@@ -7,9 +7,6 @@ down from the paper's upper left corner; lines are complex numbers, as vpype has
 
 from __future__ import annotations
 
-import io
-import re
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +14,7 @@ import shapely
 from PIL import Image, ImageDraw
 
 from brushexp.pictures.palette import nearest_ink, palette, to_lab, to_rgb
-from brushexp.plugins.export._pens import MM, Hidden, PenExporter, load_vpype, quiet_vpype
+from brushexp.plugins.export._pens import MM, Hidden, PenExporter, PenPlan, load_vpype, quiet_vpype
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.png import pixels
 from brushexp.strokes.bezier import curve_of, half_width_of
@@ -26,88 +23,13 @@ Array = np.ndarray
 
 LEAST_OPACITY = 0.05  # fainter strokes are not drawn
 OPAQUE = 0.5  # opacity from which a stroke hides what lies below it
-LIFT_SECONDS = 1.0  # to lift a pen, set it down, and turn the machine round: an estimate
 JOINED_PENS = 2.0  # widths of the pen, of which one is ink: where the next line begins as near, the pen stays down
 CELLS = 500, 2000  # along the picture's longer side: the grid on which is seen what is hidden
 CHORDS = 256  # of a curve, before those that are not needed are left out
 
 
-@dataclass(frozen=True)
-class PenPlan:
-    """All that is to be drawn.
-
-    Attributes:
-        document: vpype's: a layer for each layer of the painting and each pen in it, numbered
-            (layer - 1) * len(tools) + tool from 1.
-        paper: width and height.
-        pen_mm: of a pen.
-        tools: colours in hexadecimal, tool 1 first: from light to dark, so that no light pen takes up dark ink.
-        strokes: how many strokes each tool draws, or parts of.
-        left_out: how many strokes are not drawn, since nothing of them is to be seen.
-        source: where the painting came from.
-    """
-
-    document: Any
-    paper: tuple[float, float]
-    pen_mm: float
-    tools: list[str]
-    strokes: list[int]
-    left_out: int
-    source: str
-
-    def runs(self) -> list[tuple[int, int, Any]]:
-        """Layer and tool, both from 1, and lines of vpype, in the order in which they are drawn."""
-        count = max(1, len(self.tools))
-        numbers = sorted(self.document.ids())
-        return [((k - 1) // count + 1, (k - 1) % count + 1, self.document.layers[k]) for k in numbers]
-
-    @property
-    def lifts(self) -> int:
-        """How often the pen is lifted."""
-        return sum(len(lines) for _, _, lines in self.runs())
-
-    @property
-    def drawn(self) -> float:
-        """How far pens draw, mm."""
-        return float(self.document.length()) / MM
-
-    @property
-    def travel(self) -> float:
-        """How far pens move without drawing, mm, from one line of a layer to the next."""
-        return float(self.document.pen_up_length()) / MM
-
-    def report(self, draws: float, moves: float) -> list[str]:
-        """What people want to know before they start the machine, at ``draws`` and ``moves`` mm per minute.
-
-        In letters that every machine takes: some obey single characters (! ? ~) even within a comment.
-        """
-        layers = len({layer for layer, _, _ in self.runs()})
-        minutes = self.drawn / draws + self.travel / moves + LIFT_SECONDS / 60 * self.lifts
-        rows = [
-            f"stroke plan of {self.source}",
-            f"paper {self.paper[0]:g} x {self.paper[1]:g} mm, pen {self.pen_mm:g} mm",
-            f"{sum(self.strokes)} strokes and {self.left_out} more that cannot be seen, {len(self.tools)} tools, "
-            f"{layers} layer{'' if layers == 1 else 's'}, {self.lifts} pen lifts",
-            f"drawn {self.drawn / 1000:.2f} m, travel {self.travel / 1000:.2f} m",
-            f"about {minutes:.0f} minutes at {draws:.10g} mm/min and {moves:.10g} mm/min in travel",
-        ]
-        tools = enumerate(zip(self.tools, self.strokes, strict=True), start=1)
-        rows += [f"tool {k}: {color}, {n} strokes" for k, (color, n) in tools]
-        return [re.sub(r"[^A-Za-z0-9 .,:/#_+-]", "_", row) for row in rows]
-
-    def svg(self) -> str:
-        """The plan as an SVG at the size of the paper, with an Inkscape layer for each run; plotters take it, too."""
-        text = io.StringIO()
-        load_vpype().write_svg(text, self.document, set_date=False)
-        return text.getvalue()
-
-
 def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
-    """What pens have to draw for a painting to appear on paper.
-
-    Raises:
-        UserError: if the picture does not fit on the paper.
-    """
+    """What pens have to draw for a painting to appear on paper; a UserError if the picture does not fit on it."""
     paper, corner, scale = machine.frame(job.size)
     frame = (*corner, *(corner + scale * np.array(job.size[::-1])))
     strokes = job.strokes.map(lambda value: value.detach().cpu().double()[job.bottom_up.cpu()])
@@ -147,13 +69,9 @@ def _document(
     for (layer, tool), lines in sorted(runs.items()):
         number, color = layer * len(tools) + tool + 1, tools[tool]
         document.add(vpype.LineCollection([MM * line for line in lines]), number)
-        for key, value in (
-            ("vp_color", color),
-            ("vp_name", f"layer {layer + 1}, tool {tool + 1}, {color}"),
-            ("vp_pen_width", MM * machine.pen_mm),
-            ("tool", tool + 1),
-            ("color", color),
-        ):
+        name, properties = f"layer {layer + 1}, tool {tool + 1}, {color}", {"tool": tool + 1, "color": color}
+        properties |= {"vp_color": color, "vp_name": name, "vp_pen_width": MM * machine.pen_mm}
+        for key, value in properties.items():
             document.layers[number].set_property(key, value)
     if document.is_empty():
         return document
@@ -179,9 +97,8 @@ def _filled(
 ) -> list[Array]:
     """Lines (M,) that fill a stroke with round ends, as far as they are on the picture.
 
-    They are offsets of its curve, from the outline to the middle, at most a pen apart, and one line as long as they
-    stay on the picture, with points at most a ``step`` apart; no ink leaves the stroke. A stroke that is not wider than
-    the pen is drawn along its middle.
+    They are offsets of its curve, from the outline to the middle, at most a pen apart, and one line while they stay on
+    the picture, with points at most a ``step`` apart. A stroke that is not wider than the pen is its middle.
     """
     pen = machine.pen_mm
     farthest = shapely.distance(middle, shapely.points(shapely.get_coordinates(shapely.box(*frame)))).max()
@@ -202,9 +119,7 @@ def _filled(
 class _Grid:
     """Cells over the picture on which is seen which stroke is the uppermost.
 
-    Args:
-        frame: left, top, right and bottom of the picture on the paper.
-        pen: width of the pen; cells are half as wide where that is neither too coarse nor too fine.
+    Of ``frame``, the picture's left, top, right and bottom; cells are half a ``pen`` wide, or coarser, or finer.
     """
 
     def __init__(self, frame: tuple[float, ...], pen: float) -> None:

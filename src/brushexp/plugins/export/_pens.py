@@ -1,6 +1,8 @@
 """What exporters for plotters and painting robots share: their options, the paper, and the files beside the program."""
 
+import io
 import logging
+import re
 from abc import abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -9,7 +11,7 @@ from enum import Enum
 from functools import cached_property
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from PIL import ImageColor
@@ -19,12 +21,10 @@ from brushexp.errors import UserError
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.system.files import write_text
 
-if TYPE_CHECKING:
-    from brushexp.plugins.export._pen_plan import PenPlan
-
 log = logging.getLogger(__name__)
 Array = np.ndarray
 MM = 96 / 25.4  # vpype counts in pixels of CSS
+LIFT_SECONDS = 1.0  # to lift a pen, set it down, and turn the machine round: an estimate
 
 
 class Hidden(Enum):
@@ -33,6 +33,71 @@ class Hidden(Enum):
     cut = "cut"
     skip = "skip"
     draw = "draw"
+
+
+@dataclass(frozen=True)
+class PenPlan:
+    """All that is to be drawn.
+
+    Attributes:
+        document: vpype's; layer and tool, both from 1, have its layer (layer - 1) * len(tools) + tool.
+        paper: width and height.
+        tools: colours in hexadecimal, tool 1 first: from light to dark, so that no light pen takes up dark ink.
+        strokes: how many strokes each tool draws, or parts of; ``left_out`` more cannot be seen and are not drawn.
+        source: where the painting came from.
+    """
+
+    document: Any
+    paper: tuple[float, float]
+    pen_mm: float
+    tools: list[str]
+    strokes: list[int]
+    left_out: int
+    source: str
+
+    def runs(self) -> list[tuple[int, int, Any]]:
+        """Layer and tool, both from 1, and lines of vpype, in the order in which they are drawn."""
+        count = max(1, len(self.tools))
+        numbers = sorted(self.document.ids())
+        return [((k - 1) // count + 1, (k - 1) % count + 1, self.document.layers[k]) for k in numbers]
+
+    @property
+    def lifts(self) -> int:
+        """How often the pen is lifted."""
+        return sum(len(lines) for _, _, lines in self.runs())
+
+    @property
+    def drawn(self) -> float:
+        """How far pens draw, mm."""
+        return float(self.document.length()) / MM
+
+    @property
+    def travel(self) -> float:
+        """How far pens move without drawing, mm, from one line of a layer to the next."""
+        return float(self.document.pen_up_length()) / MM
+
+    def report(self, draws: float, moves: float) -> list[str]:
+        """What people want to know before the machine starts; it ``draws`` and ``moves`` at so many mm per minute."""
+        layers = len({layer for layer, _, _ in self.runs()})
+        minutes = self.drawn / draws + self.travel / moves + LIFT_SECONDS / 60 * self.lifts
+        rows = [
+            f"stroke plan of {self.source}",
+            f"paper {self.paper[0]:g} x {self.paper[1]:g} mm, pen {self.pen_mm:g} mm",
+            f"{sum(self.strokes)} strokes and {self.left_out} more that cannot be seen, {len(self.tools)} tools, "
+            f"{layers} layer{'' if layers == 1 else 's'}, {self.lifts} pen lifts",
+            f"drawn {self.drawn / 1000:.2f} m, travel {self.travel / 1000:.2f} m",
+            f"about {minutes:.0f} minutes at {draws:.10g} mm/min and {moves:.10g} mm/min in travel",
+        ]
+        tools = enumerate(zip(self.tools, self.strokes, strict=True), start=1)
+        rows += [f"tool {k}: {color}, {n} strokes" for k, (color, n) in tools]
+        # Some machines obey single characters (! ? ~) even within a comment.
+        return [re.sub(r"[^A-Za-z0-9 .,:/#_+-]", "_", row) for row in rows]
+
+    def svg(self) -> str:
+        """The plan as an SVG at the size of the paper, with an Inkscape layer for each run; plotters take it, too."""
+        text = io.StringIO()
+        load_vpype().write_svg(text, self.document, set_date=False)
+        return text.getvalue()
 
 
 @dataclass(kw_only=True)
@@ -77,7 +142,7 @@ class PenExporter(Exporter):
             )
 
     @abstractmethod
-    def programs(self, plan: "PenPlan") -> dict[str, str]:
+    def programs(self, plan: PenPlan) -> dict[str, str]:
         """Names and texts of the files for the machine, the program first."""
 
     @property
@@ -137,11 +202,7 @@ class PenExporter(Exporter):
             raise UserError(f"{self.key}.pens: {error}; write '{self.key}.pens=[black,\"#c03020\"]'") from None
 
     def frame(self, size: tuple[int, int]) -> tuple[tuple[float, float], Array, float]:
-        """Where a picture of ``size`` (H, W) lies, mm.
-
-        Returns:
-            Width and height of the paper, the picture's upper left corner (2,) in its middle, and mm per pixel.
-        """
+        """Width and height of the paper, the corner (2,) of a picture (H, W) in its middle, all mm, and mm per pixel."""
 
         def room(paper: tuple[float, float]) -> float:
             return round(min((side - 2 * self.margin) / n for side, n in zip(paper, size[::-1], strict=True)), 9)
@@ -160,11 +221,7 @@ class PenExporter(Exporter):
 
 
 def load_vpype() -> ModuleType:
-    """The library vpype, which is optional and slow to import.
-
-    Raises:
-        UserError: if it is not installed.
-    """
+    """The library vpype, which is optional (a UserError says so) and slow to import."""
     try:
         with quiet_vpype():
             import vpype  # noqa: PLC0415

@@ -25,8 +25,7 @@ class ExportJob:
         depth: (N,) int32 ranks, 0 is the bottom stroke.
         size: height and width of the canvas, pixels.
         background: (3,) RGB of the bare canvas, in [0, 1].
-        renderer: draws the strokes; its ``name``: vector formats hold plain strokes, whatever it is.
-        blend: lays them over each other.
+        renderer: draws the strokes, ``blend`` lays them over each other; ``name`` is the renderer's.
         source: where the catalogue came from, for titles.
         seed: of the run that painted it; its ``config`` is YAML: text to show, never to run.
     """
@@ -64,8 +63,5 @@ class Exporter(ABC):
         """Write one or more files into ``folder`` and return their paths, the main one first.
 
         Nothing else is written, the job stays as it is, and the same job gives the same bytes. A painting without
-        strokes is written, too, unless that has no meaning in this form.
-
-        Raises:
-            UserError: if this painting cannot be written in this form.
+        strokes is written, too; a UserError says why one cannot be written in this form.
         """

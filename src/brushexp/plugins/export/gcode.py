@@ -2,15 +2,12 @@
 
 import io
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from brushexp.bounds import between
 from brushexp.errors import UserError
-from brushexp.plugins.export._pens import PenExporter, load_vpype
+from brushexp.plugins.export._pens import PenExporter, PenPlan, load_vpype
 from brushexp.registry import register
-
-if TYPE_CHECKING:
-    from brushexp.plugins.export._pen_plan import PenPlan
 
 Speed = Annotated[float, between(1, 1_000_000)]
 
@@ -48,7 +45,7 @@ class Gcode(PenExporter):
     def speeds(self) -> tuple[float, float]:
         return self.feed, self.travel
 
-    def programs(self, plan: "PenPlan") -> dict[str, str]:
+    def programs(self, plan: PenPlan) -> dict[str, str]:
         vpype = load_vpype()
         from click import BadParameter  # noqa: PLC0415  (slow to import, with vpype)
         from vpype_cli.state import State  # noqa: PLC0415

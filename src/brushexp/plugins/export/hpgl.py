@@ -2,15 +2,12 @@
 
 import io
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from brushexp.bounds import between
 from brushexp.errors import UserError
-from brushexp.plugins.export._pens import MM, PenExporter, load_vpype
+from brushexp.plugins.export._pens import MM, PenExporter, PenPlan, load_vpype
 from brushexp.registry import register
-
-if TYPE_CHECKING:
-    from brushexp.plugins.export._pen_plan import PenPlan
 
 UNKNOWN_PLOTTER = "brushexp"  # under which vpype knows one whose origin is the lower left corner of the paper
 DRAW_SPEED, MOVE_SPEED = 20, 38  # cm/s while drawing and between: usual for plotters that were built when HPGL was
@@ -52,7 +49,7 @@ class Hpgl(PenExporter):
         beyond_reach = max(min(acrosses), width - max(acrosses), min(ups), height - max(ups))
         return max(self.margin_mm, beyond_reach / MM)
 
-    def programs(self, plan: "PenPlan") -> dict[str, str]:
+    def programs(self, plan: PenPlan) -> dict[str, str]:
         vpype = load_vpype()
         device, page, count = UNKNOWN_PLOTTER, UNKNOWN_PLOTTER, max(1, len(plan.tools))
         if self.plotter is None:

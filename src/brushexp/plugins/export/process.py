@@ -68,10 +68,7 @@ class Process(Exporter):
 
 
 def schedule(n: int, frames: int, seconds: float, pace: Pace, *, growing: bool) -> Iterator[np.ndarray]:
-    """How much of each of ``n`` strokes, the bottom one first, there is in each frame: (n,) in [0, 1].
-
-    The first frame has none and the last one all of them.
-    """
+    """How much (n,) in [0, 1] of each stroke, the bottom one first, is in each frame: first nothing, at last all."""
     growth = min(GROWTH, 0.5 * seconds)
     share = np.arange(n) / max(n, 1)
     begin = (seconds - growth) * (share if pace is Pace.even else np.sqrt(share))
@@ -94,8 +91,8 @@ def fitted(job: ExportJob, side: int) -> ExportJob:
 def states(job: ExportJob, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
     """The canvas (3, H, W), to be looked at before the next one is asked for, with ``shares`` of each stroke on it.
 
-    Shares (N,) are those of the strokes from the bottom up, falling from 1 to 0; none of them falls from state to
-    state. Finished strokes are laid over what is there, so that each is drawn once, unless the blend is not `layered`.
+    Shares (N,) fall from 1 to 0 from the bottom stroke up, and never from state to state. Finished strokes are laid
+    over what is there, so that each is drawn once, unless the blend is not `layered`.
     """
     bare = job.background[:, None, None].expand(3, *job.size)
     canvas, order, done = bare.clone(), job.bottom_up, 0
@@ -133,7 +130,6 @@ def lay(canvas: Tensor, number: Tensor, job: ExportJob, share: Tensor | None = N
 
 def unfinished(strokes: Strokes, share: Tensor) -> Strokes:
     """Strokes (n) from their start to parameter ``share`` (n,) of their curve (de Casteljau)."""
-    done = share[:, None]
-    left = 1 - done
+    done, left = share[:, None], 1 - share[:, None]
     first, second = left * strokes.start + done * strokes.control, left * strokes.control + done * strokes.end
     return replace(strokes, control=first, end=left * first + done * second)
