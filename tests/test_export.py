@@ -10,10 +10,12 @@ import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from catalogues import CONFIG, assert_same, catalogue, refused
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
@@ -39,15 +41,10 @@ from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.strokes.text import json_lines, parse
 from brushexp.system.files import to_bytes
-from brushexp.system.progress import with_progress
 
 ROOT = Path(__file__).parents[1]
 SIZE = (36, 52)
 EXPORTERS = [plugin.name for plugin in plugins("to")]
-CONFIG = (
-    "renderer:\n  _target_: brushexp.plugins.renderer.analytic.Analytic\n  soft: 1.5\n  taper: 0.0\nimage: größe.png\n"
-)
-ATTRIBUTES = {"height": 3, "width": 4, "renderer": "analytic", "renderer_hash": "", "seed": 0}
 resvg = pytest.importorskip("resvg_py", reason="pip install resvg-py: it draws our SVG independently")
 
 
@@ -101,6 +98,24 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
     return 10 * math.log10(255**2 / max(float(((a.astype(float) - b) ** 2).mean()), 1e-9))
 
 
+def degenerate() -> Strokes:
+    """Strokes without length, width, opacity, and off the canvas."""
+    strokes = some(4)
+    strokes.start[0] = strokes.control[0] = strokes.end[0] = 0.0
+    strokes.width[1], strokes.opacity[2] = 0.0, 0.0
+    strokes.position[3] = 9e5
+    return strokes
+
+
+EXTREMES = {
+    "no strokes": lambda: job_of(some(0)),
+    "one stroke": lambda: job_of(some(1)),
+    "one pixel": lambda: job_of(some(3, (1, 1)), (1, 1)),
+    "a column": lambda: job_of(some(3, (40, 1)), (40, 1)),
+    "nothing to see": lambda: job_of(degenerate()),
+}
+
+
 # The contract of every exporter.
 
 
@@ -119,18 +134,11 @@ def test_an_exporter_writes_the_same_files_again_and_leaves_the_work_as_it_was(n
 
 
 @pytest.mark.parametrize("name", EXPORTERS)
-@pytest.mark.parametrize("scene", ["no strokes", "one stroke", "one pixel", "a column", "nothing to see"])
+@pytest.mark.parametrize("scene", EXTREMES)
 def test_an_exporter_writes_an_extreme_painting_or_says_why_not(name, scene, tmp_path):
-    what = {
-        "no strokes": lambda: job_of(some(0)),
-        "one stroke": lambda: job_of(some(1)),
-        "one pixel": lambda: job_of(some(3, (1, 1)), (1, 1)),
-        "a column": lambda: job_of(some(3, (40, 1)), (40, 1)),
-        "nothing to see": lambda: job_of(degenerate()),
-    }[scene]()
     why = ""
     try:
-        assert written(name, what, tmp_path / "a")
+        assert written(name, EXTREMES[scene](), tmp_path / "a")
     except UserError as error:
         why = str(error)
     assert "\n" not in why
@@ -142,15 +150,6 @@ def test_an_exporter_that_may_not_write_says_so_in_one_line(name, tmp_path):
     with pytest.raises(UserError, match=r"cannot (write|use)") as caught:
         exporter(name).write(job_of(some(3)), tmp_path / "missing")
     assert "\n" not in str(caught.value)
-
-
-def degenerate() -> Strokes:
-    """Strokes without length, width, opacity, and off the canvas."""
-    strokes = some(4)
-    strokes.start[0] = strokes.control[0] = strokes.end[0] = 0.0
-    strokes.width[1], strokes.opacity[2] = 0.0, 0.0
-    strokes.position[3] = 9e5
-    return strokes
 
 
 # SVG
@@ -259,17 +258,9 @@ def test_coordinates_have_as_many_decimals_as_wanted(tmp_path):
     what = job_of(some(200, (300, 400)), (300, 400))
     sizes = [Svg(digits=digits).write(what, tmp_path)[0].stat().st_size for digits in (0, 2, 6)]
     assert sizes == sorted(sizes)
-    assert sizes[1] / 200 < 110, "10,000 strokes are about a megabyte"
 
 
 # JSON
-
-
-def saved(n: int = 7, size: tuple[int, int] = (30, 50)) -> Saved:
-    torch.manual_seed(n)
-    strokes = {name: torch.rand(field.shape(n)).clamp(min=0.01) for name, field in FIELDS.items()}
-    depth = torch.randperm(n).int()
-    return Saved(Strokes(**strokes), depth, size, torch.rand(3), "analytic", "", 3, CONFIG)
 
 
 def exported(what: Saved, folder: Path) -> Path:
@@ -277,45 +268,34 @@ def exported(what: Saved, folder: Path) -> Path:
     return path
 
 
-def assert_same(read: Saved, what: Saved) -> None:
-    for name in FIELDS:
-        torch.testing.assert_close(getattr(read.strokes, name), getattr(what.strokes, name), rtol=0, atol=0)
-    assert torch.equal(read.depth, what.depth)
-    assert read.depth.dtype == torch.int32
-    assert torch.equal(read.background, what.background)
-    for name in ("size", "renderer", "renderer_hash", "seed", "config"):
-        assert getattr(read, name) == getattr(what, name)
-
-
 @pytest.mark.parametrize("n", [0, 1, 7, 3000])
 def test_a_catalogue_comes_back_from_json_as_it_was(n, tmp_path):
-    assert_same(load_catalogue(exported(saved(n), tmp_path)), saved(n))
+    assert_same(load_catalogue(exported(catalogue(n), tmp_path)), catalogue(n))
 
 
 @given(st.lists(st.floats(width=32, allow_nan=False, allow_infinity=False), min_size=6, max_size=6))
 def test_every_number_comes_back_to_the_last_bit(numbers):
-    what = saved(1).strokes
+    what, attributes = (
+        catalogue(1).strokes,
+        {"height": 3, "width": 4, "renderer": "analytic", "renderer_hash": "", "seed": 0},
+    )
     what.start[0], what.control[0], what.end[0] = torch.tensor(numbers).split(2)
-    read, *_ = parse("".join(json_lines(what, torch.tensor([0]), torch.zeros(3), "", ATTRIBUTES)))
+    read, *_ = parse("".join(json_lines(what, torch.tensor([0]), torch.zeros(3), "", attributes)))
     for name in FIELDS:
         assert getattr(read, name).numpy().tobytes() == getattr(what, name).numpy().tobytes()
 
 
-def test_the_json_is_readable(tmp_path):
-    text = exported(saved(), tmp_path).read_text(encoding="utf-8")
-    data = json.loads(text)
-    assert list(data)[:4] == ["format", "format_version", "height", "width"]
-    assert set(data["units"]) == set(data["strokes"][0]) == {*FIELDS, "depth"}
-    assert "image: größe.png" in data["config"]
-    assert "größe" in text
-    rows = [line for line in text.splitlines() if '"position": [' in line]
-    assert len(rows) == 7
-    assert all(json.loads(row.strip().rstrip(",")) for row in rows)
+def edited(folder: Path) -> tuple[Path, dict[str, Any]]:
+    """An exported catalogue, and what it holds."""
+    path = exported(catalogue(), folder)
+    return path, json.loads(path.read_text(encoding="utf-8"))
 
 
 def test_edited_strokes_are_painted(tmp_path):
-    path = exported(saved(), tmp_path)
-    data = json.loads(path.read_text())
+    path, data = edited(tmp_path)
+    assert list(data)[:4] == ["format", "format_version", "height", "width"]
+    assert set(data["units"]) == set(data["strokes"][0]) == {*FIELDS, "depth"}
+    assert sum('"position": [' in line for line in path.read_text().splitlines()) == 7, "each on a line of its own"
     order = np.argsort([stroke.pop("depth") for stroke in data["strokes"]])
     data["strokes"] = [data["strokes"][i] for i in order][1:]
     data["strokes"][0]["color"] = [1, 0, 0.5]
@@ -333,42 +313,32 @@ def test_edited_strokes_are_painted(tmp_path):
         (lambda d: d.update(format="x"), "not a brushexp catalogue"),
         (lambda d: d.update(format_version=2), "has format_version 2, and this brushexp reads 1; update brushexp"),
         (lambda d: d.update(format_version=True), "format_version is True; a whole number is needed"),
-        (lambda d: d.update(height=0), "the canvas is 0 x 50 pixels"),
         (lambda d: d.update(width=3.5), "width is 3.5; a whole number is needed"),
         (lambda d: d.update(background=[0.1, 0.2]), r"background is \[0.1, 0.2\]; a list of 3 numbers is needed"),
-        (lambda d: d.update(background=[0, 0, 2]), r"background is \[0.0, 0.0, 2.0\]; three numbers in \[0, 1\]"),
         (lambda d: d.update(renderer=None), "renderer is None; text is needed"),
-        (lambda d: d.update(seed="x"), "seed is 'x'; a whole number is needed"),
-        (lambda d: d.update(config="a: 1"), "config is 'a: 1'; a list is needed"),
         (lambda d: d.update(config=[1]), r"config is \[1\]; a list of the lines"),
-        (lambda d: d.update(config=["a: [1"]), "config is not YAML"),
         (lambda d: d.pop("config"), "config is None; a list is needed"),
-        (lambda d: d.update(strokes={}), r"strokes is \{\}; a list is needed"),
         (lambda d: d["strokes"].append(3), "stroke 7 is 3; {...} with its fields is needed"),
-        (lambda d: d["strokes"][2].pop("end"), "stroke 2: end is None; a list of 2 numbers is needed"),
         (lambda d: d["strokes"][2].pop("depth"), "stroke 2: depth is None; a whole number is needed"),
         (lambda d: d["strokes"][2].update(colour=[]), "stroke 2 has a field 'colour'; it takes position"),
-        (lambda d: d["strokes"][2].update(width="1"), "stroke 2: width is '1'; a number is needed"),
         (lambda d: d["strokes"][2].update(width=True), "stroke 2: width is True; a number is needed"),
         (lambda d: d["strokes"][2].update(start=[1]), r"stroke 2: start is \[1\]; a list of 2 numbers is needed"),
         (lambda d: d["strokes"][2].update(opacity=1.5), r"stroke 2: opacity is 1.5; it must lie in \[0, 1\]"),
         (lambda d: d["strokes"][2].update(scale=1e300), "stroke 2: scale is inf; it must lie in"),
         (lambda d: d["strokes"][2].update(scale=10**400), "int too large"),
         (lambda d: d["strokes"][2].update(scale=math.nan), "stroke 2: scale is nan; it must lie in"),
-        (lambda d: d["strokes"][2].update(depth=0.5), "stroke 2: depth is 0.5; a whole number is needed"),
         (lambda d: d["strokes"][2].update(depth=d["strokes"][5]["depth"]), "2 strokes have depth"),
     ],
 )
 def test_a_wrong_value_is_explained(change, message, tmp_path):
-    path = exported(saved(), tmp_path)
-    data = json.loads(path.read_text())
+    path, data = edited(tmp_path)
     change(data)
     path.write_text(json.dumps(data))
-    assert_refused(path, message)
+    assert re.search(message, refused(path))
 
 
 def test_strokes_that_could_not_be_read_back_are_not_written(tmp_path):
-    small = replace(saved(), strokes=replace(saved().strokes, scale=torch.full((7,), 0.01)))
+    small = replace(catalogue(), strokes=replace(catalogue().strokes, scale=torch.full((7,), 0.01)))
     job = export_job(small, renderer_of(small), Tiled(), small.renderer, resolution=1)
     with pytest.raises(UserError, match=r"to=json .*scale is .*; choose another resolution"):
         Json().write(job, tmp_path)
@@ -376,12 +346,11 @@ def test_strokes_that_could_not_be_read_back_are_not_written(tmp_path):
 
 
 def test_strokes_may_be_deleted_and_the_others_keep_their_order(tmp_path):
-    path = exported(saved(), tmp_path)
-    data = json.loads(path.read_text())
+    path, data = edited(tmp_path)
     bottom = min(range(7), key=lambda k: data["strokes"][k]["depth"])
     del data["strokes"][bottom]
     path.write_text(json.dumps(data))
-    read, before = load_catalogue(path), saved()
+    read, before = load_catalogue(path), catalogue()
     kept = torch.tensor([k for k in range(7) if k != bottom])
     assert torch.equal(read.strokes.position, before.strokes.position[kept])
     assert torch.equal(read.depth, before.depth[kept] - 1)
@@ -395,7 +364,7 @@ def test_strokes_may_be_deleted_and_the_others_keep_their_order(tmp_path):
     ],
 )  # fmt: skip
 def test_settings_that_someone_spoilt_are_explained(config, tmp_path):
-    save_catalogue(tmp_path / "a.h5", replace(saved(), config=config))
+    save_catalogue(tmp_path / "a.h5", replace(catalogue(), config=config))
     with pytest.raises(UserError, match="config of the catalogue") as caught:
         renderer_of(load_catalogue(tmp_path / "a.h5"))
     assert "\n" not in str(caught.value)
@@ -408,31 +377,19 @@ def test_settings_that_someone_spoilt_are_explained(config, tmp_path):
         ('{"format": "brushexp catalogue",\n}', r"not JSON \(line 2, column 1"),
         ("[1, 2]", "not a brushexp catalogue"),
         ("[" * 100_000, "too many brackets"),
+        ("\x89HDF\r\n\x1a\n\xff\xfe", "is damaged or cut short"),
     ],
 )
 def test_a_wrong_text_is_explained(text, message, tmp_path):
-    (tmp_path / "a.json").write_text(text)
-    assert_refused(tmp_path / "a.json", message)
-
-
-def test_bytes_that_are_no_text_are_explained(tmp_path):
-    (tmp_path / "a.JSON").write_bytes(b"\x89HDF\r\n\x1a\n\xff\xfe")
-    assert_refused(tmp_path / "a.JSON", "is damaged or cut short")
-
-
-def assert_refused(path: Path, message: str) -> None:
-    with pytest.raises(UserError, match=message) as caught:
-        load_catalogue(path)
-    assert str(path) in str(caught.value)
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 400 + len(str(path))
+    (tmp_path / "a.JSON").write_bytes(text.encode("latin-1"))
+    assert re.search(message, refused(tmp_path / "a.JSON"))
 
 
 @settings(deadline=None, max_examples=60)
 @given(st.data())
 def test_damage_is_noticed_or_harmless(tmp_path_factory, data):
     folder = tmp_path_factory.mktemp("damaged")
-    path = exported(saved(2), folder)
+    path = exported(catalogue(2), folder)
     text = path.read_bytes()
     place = data.draw(st.integers(0, len(text) - 1))
     cut = data.draw(st.integers(0, 30))
@@ -480,32 +437,20 @@ def test_a_point_has_no_direction_in_the_table(tmp_path):
 
 @pytest.mark.parametrize("compression", [1, 9])
 def test_the_png_has_the_pixels_of_the_painting(compression, tmp_path, monkeypatch):
-    monkeypatch.setattr("brushexp.compositing.bands.BAND", 52 * 7)
     what = job_of(some(40))
+    expected = pixels(what)
+    monkeypatch.setattr("brushexp.compositing.bands.BAND", 52 * 7)
+    monkeypatch.setattr("brushexp.plugins.export.base.LARGE", 1)  # as large pictures are painted, with a bar
     (path,) = Png(compression=compression).write(what, tmp_path)
-    assert np.array_equal(picture(path), pixels(what))
-
-
-def test_a_large_picture_has_a_bar_and_is_the_same(tmp_path, monkeypatch):
-    what = job_of(some(20))
-    small = pixels(what)
-    monkeypatch.setattr("brushexp.plugins.export.base.LARGE", 1)
-    assert np.array_equal(pixels(what), small)
-    assert list(with_progress(iter("abc"), 3, "writing")) == ["a", "b", "c"]
+    assert np.array_equal(picture(path), expected)
 
 
 # All of them, and what is typed.
 
 
-@pytest.mark.parametrize("name", ["svg", "json", "csv", "png"])
-def test_ten_thousand_strokes_are_written(name, tmp_path):
-    what = job_of(random_strokes(10_000, (120, 90), width=(0.05, 0.2)), (120, 90))
-    assert written(name, what, tmp_path / "a")
-
-
 def test_a_chosen_renderer_becomes_that_of_the_catalogue(tmp_path):
     chosen = OmegaConf.create({"_target_": "brushexp.plugins.renderer.analytic.Analytic", "soft": 5.0, "taper": 0.5})
-    made, renderer = with_renderer(saved(), chosen, "a.h5")
+    made, renderer = with_renderer(catalogue(), chosen, "a.h5")
     assert (renderer.soft, renderer.taper) == (5.0, 0.5)
     (path,) = Json().write(export_job(made, renderer, Tiled(), made.renderer), tmp_path)
     again = renderer_of(load_catalogue(path))
@@ -514,12 +459,12 @@ def test_a_chosen_renderer_becomes_that_of_the_catalogue(tmp_path):
 
 
 def test_the_program_writes_all_of_them_at_once(tmp_path):
-    path = exported(saved(), tmp_path)
+    path = exported(catalogue(), tmp_path)
     typed = ["task=export", f"catalogue={path}", "to=svg,json,csv,png", "threads=1", f"output={tmp_path}/out"]
     command = [sys.executable, "-W", "ignore::FutureWarning", str(ROOT / "run.py"), *typed]
     result = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
     assert result.returncode == 0, result.stderr
-    assert_same(load_catalogue(tmp_path / "out" / "strokes.json"), saved())
+    assert_same(load_catalogue(tmp_path / "out" / "strokes.json"), catalogue())
     for name in ("strokes.svg", "strokes.json", "strokes.csv", "painting.png"):
         assert re.search(rf"{name}: [\d.e-]+ MB \([\d.]+ s\)", result.stdout), "each with its size and time"
     assert psnr(drawn((tmp_path / "out" / "strokes.svg").read_bytes()), picture(tmp_path / "out" / "painting.png")) > 30

@@ -202,7 +202,7 @@ class PenExporter(Exporter):
             raise UserError(f"{self.key}.pens: {error}; write '{self.key}.pens=[black,\"#c03020\"]'") from None
 
     def frame(self, size: tuple[int, int]) -> tuple[tuple[float, float], Array, float]:
-        """Width and height of the paper, the corner (2,) of a picture (H, W) in its middle, all mm, and mm per pixel."""
+        """Width and height of the paper, corner (2,) of a picture (H, W) in its middle, both in mm; mm per pixel."""
 
         def room(paper: tuple[float, float]) -> float:
             return round(min((side - 2 * self.margin) / n for side, n in zip(paper, size[::-1], strict=True)), 9)

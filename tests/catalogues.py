@@ -1,0 +1,40 @@
+"""Catalogues for tests, and what is asked of them when they are read."""
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from brushexp.errors import UserError
+from brushexp.strokes.catalogue import FIELDS, Strokes
+from brushexp.strokes.storage import Saved, load_catalogue
+
+CONFIG = "renderer: {_target_: brushexp.plugins.renderer.analytic.Analytic, soft: 1.5, taper: 0.0}\nimage: größe.png\n"
+
+
+def catalogue(n: int = 7) -> Saved:
+    """Random strokes of a small painting."""
+    torch.manual_seed(n)
+    strokes = {name: torch.rand(field.shape(n)).clamp(min=0.01) for name, field in FIELDS.items()}
+    return Saved(Strokes(**strokes), torch.randperm(n).int(), (30, 50), torch.rand(3), "analytic", "", 3, CONFIG)
+
+
+def assert_same(read: Saved, saved: Saved) -> None:
+    """Both hold the same, to the last bit."""
+    for name in FIELDS:
+        torch.testing.assert_close(getattr(read.strokes, name), getattr(saved.strokes, name), rtol=0, atol=0)
+    torch.testing.assert_close(read.depth, saved.depth, rtol=0, atol=0)
+    torch.testing.assert_close(read.background, saved.background, rtol=0, atol=0)
+    for name in ("size", "renderer", "renderer_hash", "seed", "config"):
+        assert getattr(read, name) == getattr(saved, name)
+
+
+def refused(path: Path) -> str:
+    """The message with which reading is refused: one line that names the file."""
+    with pytest.raises(UserError) as caught:
+        load_catalogue(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert str(path) in message
+    assert len(message) < 400 + len(str(path))
+    return message
