@@ -22,7 +22,6 @@ from omegaconf import OmegaConf
 from PIL import Image
 from scenes import random_strokes, straight
 
-from brushexp.app.command_line import in_full
 from brushexp.compositing.profile import smooth_rise
 from brushexp.errors import UserError
 from brushexp.painting.assembly import strokes_from
@@ -48,18 +47,15 @@ EXPORTERS = [plugin.name for plugin in plugins("to")]
 resvg = pytest.importorskip("resvg_py", reason="pip install resvg-py: it draws our SVG independently")
 
 
-def job_of(
-    strokes: Strokes, size: tuple[int, int] = SIZE, *, soft: float = 2.0, taper: float = 0.0, seed: int = 0
-) -> ExportJob:
+def job_of(strokes: Strokes, size: tuple[int, int] = SIZE, *, soft: float = 2.0, taper: float = 0.0) -> ExportJob:
     """Strokes in a random order on a coloured canvas."""
-    depth = torch.randperm(len(strokes), generator=torch.Generator().manual_seed(seed)).int()
-    renderer = Analytic(soft=soft, taper=taper)
-    background = torch.tensor([0.9, 0.85, 0.7])
+    depth = torch.randperm(len(strokes), generator=torch.Generator().manual_seed(0)).int()
+    background, renderer = torch.tensor([0.9, 0.85, 0.7]), Analytic(soft=soft, taper=taper)
     return ExportJob(strokes, depth, size, background, renderer, Tiled(), "analytic", "run <1> & more.h5", 7, CONFIG)
 
 
-def some(n: int = 9, size: tuple[int, int] = SIZE, seed: int = 0) -> Strokes:
-    return random_strokes(n, size, seed=seed, width=(0.1, 0.3))
+def some(n: int = 9, size: tuple[int, int] = SIZE) -> Strokes:
+    return random_strokes(n, size, width=(0.1, 0.3))
 
 
 def exporter(name: str) -> Exporter:
@@ -233,9 +229,7 @@ def test_the_svg_has_a_path_for_each_stroke_that_can_be_seen_bottom_first(tmp_pa
     assert float(dot.get("stroke-opacity")) == pytest.approx(float(what.strokes.opacity[0]), abs=1e-3)
 
 
-@pytest.mark.parametrize(
-    "source", ["a\x00b\x1b\ud800.h5", "<script>alert(1)</script>", "--> ]]> &amp; \"'", "größe 画.h5"]
-)
+@pytest.mark.parametrize("source", ["a\x00b\x1b\ud800.h5", "<script>alert(1)</script>", "--> ]]> &amp; \"'", "ö 画"])
 def test_no_name_of_a_file_breaks_the_svg(source, tmp_path):
     (path,) = Svg().write(replace(job_of(some(2)), source=source), tmp_path)
     root = ET.fromstring(path.read_text(encoding="utf-8"))
@@ -424,12 +418,9 @@ def test_the_table_has_the_strokes_in_pixels_bottom_first(tmp_path):
         }
     )  # fmt: skip
     assert (second["stroke"], second["direction_deg"], second["length_px"]) == ("0", "0", "20")
-
-
-def test_a_point_has_no_direction_in_the_table(tmp_path):
     (path,) = Csv().write(job_of(degenerate()), tmp_path)
     (point,) = [row for row in csv.DictReader(path.read_text().splitlines()) if row["stroke"] == "0"]
-    assert (point["direction_deg"], float(point["length_px"])) == ("", pytest.approx(0, abs=1e-6))
+    assert (point["direction_deg"], float(point["length_px"])) == ("", pytest.approx(0, abs=1e-6)), "of a point"
 
 
 # PNG
@@ -468,9 +459,3 @@ def test_the_program_writes_all_of_them_at_once(tmp_path):
     for name in ("strokes.svg", "strokes.json", "strokes.csv", "painting.png"):
         assert re.search(rf"{name}: [\d.e-]+ MB \([\d.]+ s\)", result.stdout), "each with its size and time"
     assert psnr(drawn((tmp_path / "out" / "strokes.svg").read_bytes()), picture(tmp_path / "out" / "painting.png")) > 30
-
-
-@pytest.mark.parametrize(("to", "names"), [("svg,json", ["svg", "json"]), ("[svg]", ["svg"])])
-def test_what_is_typed_reaches_the_exporters(config, to, names):
-    cfg = config(*in_full(["task=export", "catalogue=a.h5", f"to={to}", "to.svg.digits=3"]))
-    assert (list(cfg.to), cfg.to.svg.digits) == (names, 3)

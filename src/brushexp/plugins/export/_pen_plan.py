@@ -14,7 +14,7 @@ import shapely
 from PIL import Image, ImageDraw
 
 from brushexp.pictures.palette import nearest_ink, palette, to_lab, to_rgb
-from brushexp.plugins.export._pens import MM, Hidden, PenExporter, PenPlan, load_vpype, quiet_vpype
+from brushexp.plugins.export._pens import MM, PenExporter, PenPlan, load_vpype, quiet_vpype
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.png import pixels
 from brushexp.strokes.bezier import curve_of, half_width_of
@@ -44,9 +44,9 @@ def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
     lines: list[list[Array]] = [[] for _ in widths]
     for k in np.flatnonzero(drawn).tolist():
         filled = _filled(middles[k], widths[k], machine, frame, grid.cell / 2)
-        if machine.hidden is Hidden.draw or any(grid.seen(above_all, line, k).any() for line in filled):
+        if machine.hidden == "draw" or any(grid.seen(above_all, line, k).any() for line in filled):
             lines[k] = filled
-            if machine.hidden is Hidden.cut:
+            if machine.hidden == "cut":
                 lines[k] = [piece for line in filled for piece in grid.pieces(tops[layer[k]], line, k, machine.pen_mm)]
     shown = np.array([bool(found) for found in lines], dtype=bool)
     colors, area = grid.colors(pixels(job), above_all, strokes.color.numpy())
@@ -77,7 +77,7 @@ def _document(
         return document
     import vpype_cli  # noqa: PLC0415  (slow to import)
 
-    merge = f"linemerge --tolerance {JOINED_PENS * machine.pen_mm}mm" if machine.hidden is Hidden.cut else ""
+    merge = f"linemerge --tolerance {JOINED_PENS * machine.pen_mm}mm" if machine.hidden == "cut" else ""
     with quiet_vpype():
         return vpype_cli.execute(
             f"linesimplify --tolerance {machine.tolerance_mm / 2}mm {merge} linesort --two-opt --passes 5", document

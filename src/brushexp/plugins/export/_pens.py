@@ -7,7 +7,6 @@ from abc import abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from enum import Enum
 from functools import cached_property
 from pathlib import Path
 from types import ModuleType
@@ -16,7 +15,7 @@ from typing import Annotated, Any
 import numpy as np
 from PIL import ImageColor
 
-from brushexp.bounds import between
+from brushexp.bounds import between, one_of
 from brushexp.errors import UserError
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.system.files import write_text
@@ -25,14 +24,6 @@ log = logging.getLogger(__name__)
 Array = np.ndarray
 MM = 96 / 25.4  # vpype counts in pixels of CSS
 LIFT_SECONDS = 1.0  # to lift a pen, set it down, and turn the machine round: an estimate
-
-
-class Hidden(Enum):
-    """What becomes of strokes that lie below others."""
-
-    cut = "cut"
-    skip = "skip"
-    draw = "draw"
 
 
 @dataclass(frozen=True)
@@ -130,7 +121,7 @@ class PenExporter(Exporter):
     layers: Annotated[int, between(1, 10_000)] = 1
     pen_mm: Annotated[float, between(0.05, 500)] = 0.5
     passes: Annotated[int, between(1, 2000)] | None = None
-    hidden: Hidden = Hidden.cut
+    hidden: Annotated[str, one_of("cut", "skip", "draw")] = "cut"
     tolerance_mm: Annotated[float, between(0.001, 10)] = 0.05
 
     def __post_init__(self) -> None:

@@ -9,7 +9,7 @@ from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.text import json_lines
-from brushexp.system.files import replacing
+from brushexp.system.files import write_text
 
 
 @register("to", "json")
@@ -37,9 +37,5 @@ class Json(Exporter):
         except UserError as error:
             raise UserError(f"to=json cannot hold this size ({error}); choose another resolution") from error
         text = json_lines(strokes, job.depth, job.background.float(), job.config, attributes)
-        with (
-            replacing(path) as temporary,
-            temporary.open("w", encoding="utf-8", errors="backslashreplace", newline="\n") as file,
-        ):
-            file.writelines(text)
+        write_text(path, "".join(text))
         return [path]

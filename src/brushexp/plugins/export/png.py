@@ -2,7 +2,6 @@
 
 import struct
 import zlib
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, BinaryIO
 
@@ -32,9 +31,20 @@ class Png(Exporter):
         self.compression = compression
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        path = folder / "painting.png"
+        path, (height, width) = folder / "painting.png", job.size
+        packer, above = zlib.compressobj(self.compression), np.zeros((1, 3 * width), dtype=np.uint8)
+        # As in ISO/IEC 15948; Pillow wants the whole picture, and packs it in four bytes a pixel.
         with replacing(path) as temporary, temporary.open("wb") as file:
-            write_png(file, (to_bytes(band) for _, band in job.bands()), job.size, self.compression)
+            file.write(SIGNATURE)
+            _chunk(file, b"IHDR", struct.pack(">IIBBBBB", width, height, DEPTH, RGB, 0, 0, 0))
+            for _, band in job.bands():
+                rows = to_bytes(band).reshape(-1, 3 * width)
+                filtered = np.full((len(rows), 1 + 3 * width), UP, dtype=np.uint8)
+                np.subtract(rows, np.concatenate([above, rows[:-1]]), out=filtered[:, 1:])
+                _chunk(file, b"IDAT", packer.compress(filtered.data))
+                above = rows[-1:]
+            _chunk(file, b"IDAT", packer.flush())
+            _chunk(file, b"IEND", b"")
         return [path]
 
 
@@ -44,26 +54,6 @@ def pixels(job: ExportJob) -> np.ndarray:
     for top, band in job.bands():
         picture[top : top + band.shape[1]] = to_bytes(band)
     return picture
-
-
-def write_png(file: BinaryIO, bands: Iterable[np.ndarray], size: tuple[int, int], compression: int) -> None:
-    """Write a PNG (ISO/IEC 15948) from bands of pixels (h, W, 3) in 8 bits, as they come, from top to bottom.
-
-    Pillow wants the whole picture, and packs it in four bytes a pixel.
-    """
-    height, width = size
-    file.write(SIGNATURE)
-    _chunk(file, b"IHDR", struct.pack(">IIBBBBB", width, height, DEPTH, RGB, 0, 0, 0))
-    packer = zlib.compressobj(compression)
-    above = np.zeros((1, 3 * width), dtype=np.uint8)
-    for band in bands:
-        rows = band.reshape(len(band), 3 * width)
-        filtered = np.full((len(rows), 1 + 3 * width), UP, dtype=np.uint8)
-        np.subtract(rows, np.concatenate([above, rows[:-1]]), out=filtered[:, 1:])
-        _chunk(file, b"IDAT", packer.compress(filtered.data))
-        above = rows[-1:]
-    _chunk(file, b"IDAT", packer.flush())
-    _chunk(file, b"IEND", b"")
 
 
 def _chunk(file: BinaryIO, name: bytes, data: bytes) -> None:

@@ -3,7 +3,6 @@
 import logging
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from enum import Enum
 from fractions import Fraction
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.bounds import between
+from brushexp.bounds import between, one_of
 from brushexp.compositing.bands import cuts
 from brushexp.pictures.video import Format, filming, largest_side
 from brushexp.plugins.export.base import Exporter, ExportJob
@@ -23,13 +22,6 @@ from brushexp.system.progress import with_progress
 
 log = logging.getLogger(__name__)
 GROWTH = 0.25  # seconds from the beginning of a stroke to its end
-
-
-class Pace(Enum):
-    """Strokes per second: as many all the time, or few at first, when they are large, and ever more."""
-
-    even = "even"
-    quickening = "quickening"
 
 
 @register("to", "process")
@@ -53,7 +45,7 @@ class Process(Exporter):
     fps: Annotated[int, between(1, 50)] = 25
     format: Format = Format.mp4
     hold: Annotated[float, between(0, 300)] = 1.5
-    pace: Pace = Pace.quickening
+    pace: Annotated[str, one_of("even", "quickening")] = "quickening"
     growing: bool | None = None
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
@@ -67,11 +59,11 @@ class Process(Exporter):
         return film.paths
 
 
-def schedule(n: int, frames: int, seconds: float, pace: Pace, *, growing: bool) -> Iterator[np.ndarray]:
+def schedule(n: int, frames: int, seconds: float, pace: str, *, growing: bool) -> Iterator[np.ndarray]:
     """How much (n,) in [0, 1] of each stroke, the bottom one first, is in each frame: first nothing, at last all."""
     growth = min(GROWTH, 0.5 * seconds)
     share = np.arange(n) / max(n, 1)
-    begin = (seconds - growth) * (share if pace is Pace.even else np.sqrt(share))
+    begin = (seconds - growth) * (share if pace == "even" else np.sqrt(share))
     for now in np.linspace(0, seconds, frames) if frames > 1 else [seconds]:
         drawn = np.clip((now - begin) / growth, 0, 1)
         yield drawn if growing else np.floor(drawn)

@@ -14,7 +14,7 @@ from brushexp.compositing.profile import Profile, smooth_rise
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of, point_at
-from brushexp.system.files import replacing
+from brushexp.system.files import write_text
 
 CRISP = 1.0  # pixels: soft edge of strokes whose renderer is no profile
 PIXEL = 1 / 12  # square pixels: variance of an edge where a program fills pixels by the share that is covered
@@ -49,8 +49,7 @@ class Svg(Exporter):
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         path = folder / "strokes.svg"
-        with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
-            file.writelines(self._lines(job))
+        write_text(path, "".join(self._lines(job)))
         return [path]
 
     def _lines(self, job: ExportJob) -> Iterator[str]:
