@@ -4,6 +4,7 @@ Every process is a fork of one that has imported what takes long, and nothing of
 ``python run.py`` is: its own environment, folder, output, signals and exit code.
 """
 
+import json
 import multiprocessing
 import os
 import runpy
@@ -11,6 +12,7 @@ import shutil
 import signal
 import sys
 import tempfile
+import time
 import warnings
 from pathlib import Path
 from subprocess import CompletedProcess, TimeoutExpired
@@ -77,3 +79,17 @@ def _main(words: list[str], folder: str, environment: dict[str, str], said: Path
     warnings.simplefilter("ignore", FutureWarning)
     sys.argv = words
     runpy.run_path(words[0], run_name="__main__")
+
+
+def stopped(number: int, *settings: str, output: Path, **environment: str) -> dict:
+    """Numbers of a run that gets a signal after a new checkpoint."""
+    checkpoint = output / "checkpoint.ckpt"
+    before = checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0
+    process = Program(*settings, "checkpoint_every=0", f"output={output}", cwd=output.parent, **environment)
+    while process.poll() is None and not (checkpoint.exists() and checkpoint.stat().st_mtime_ns > before):
+        time.sleep(0.02)
+    process.send_signal(number)
+    _, err = process.communicate(timeout=200)
+    assert process.returncode == 128 + number, err
+    assert checkpoint.exists()
+    return json.loads((output / "metrics.json").read_text())

@@ -3,9 +3,7 @@
 import json
 import pickle
 import signal
-import time
 from functools import partial
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -13,7 +11,7 @@ import torch
 from omegaconf import OmegaConf
 from painters import fit, painter_of
 from PIL import Image
-from program import Program, run
+from program import run, stopped
 
 from brushexp.app import fitting
 from brushexp.app.fitting import CHECKPOINT, RECORD, interrupted_run
@@ -26,20 +24,6 @@ from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS
 from brushexp.strokes.storage import load_catalogue
-
-
-def stopped(number: int, *settings: str, output: Path) -> dict:
-    """Numbers of a run that gets a signal after a new checkpoint."""
-    checkpoint = output / CHECKPOINT
-    before = checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0
-    process = Program(*settings, "checkpoint_every=0", f"output={output}", cwd=output.parent)
-    while process.poll() is None and not (checkpoint.exists() and checkpoint.stat().st_mtime_ns > before):
-        time.sleep(0.02)
-    process.send_signal(number)
-    _, err = process.communicate(timeout=200)
-    assert process.returncode == 128 + number, err
-    assert checkpoint.exists()
-    return json.loads((output / "metrics.json").read_text())
 
 
 def test_a_run_goes_on_in_its_own_folder_whatever_signals_end_it(tmp_path):
@@ -96,9 +80,7 @@ def test_strokes_stay_as_they_were_before_a_step_that_gives_no_numbers(how, samp
     broken = painter_of(losses={"broken": Breaking(how)}, steps=9, sampler=sampler())
     trainer = fit(broken)
     assert (broken.stop, trainer.global_step) == (DIVERGED, 3)
-    assert broken.trouble == "step 3: " + (
-        "the gradient is not finite" if how == "gradient" else f"loss=broken is {how}"
-    )
+    assert broken.trouble == f"step 3: {'the gradient is not finite' if how == 'gradient' else f'loss=broken is {how}'}"
     for name, value in broken.strokes().items():
         torch.testing.assert_close(value, getattr(before.strokes(), name), atol=1e-6, rtol=1e-6)
 
@@ -109,9 +91,8 @@ def test_strokes_stay_as_they_were_before_a_step_that_gives_no_numbers(how, samp
     ids=["empty", "text", "binary", "pickle", "foreign", "list", "no-task"],
 )
 def test_what_is_no_checkpoint_is_refused(content, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        fitting, "HydraConfig", SimpleNamespace(get=lambda: OmegaConf.create({"overrides": {"task": []}}))
-    )
+    hydra = OmegaConf.create({"overrides": {"task": []}})
+    monkeypatch.setattr(fitting, "HydraConfig", SimpleNamespace(get=lambda: hydra))
     if isinstance(content, bytes):
         (tmp_path / CHECKPOINT).write_bytes(content)
     else:

@@ -3,50 +3,18 @@
 import json
 import math
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from PIL import Image
+from scenes import random_strokes
 
 from brushexp.errors import UserError
-from brushexp.system.files import replacing, to_bytes, write_bytes, write_json, write_picture
-
-FULL_DISK = """
-import resource, sys
-from pathlib import Path
-import numpy as np, torch
-from brushexp.errors import UserError
-from brushexp.system.files import write_json, write_picture
 from brushexp.painting.timelapse import Timelapse
-from brushexp.strokes.catalogue import FIELDS, Strokes
 from brushexp.strokes.storage import Saved, save_catalogue
-
-folder = Path(sys.argv[1])
-noise = np.random.default_rng(0).integers(0, 256, (128, 128, 3), np.uint8)
-strokes = Strokes(**{name: torch.rand(field.shape(2000)) + 0.001 for name, field in FIELDS.items()}).map(
-    lambda value: value.clamp(max=1.0)
-)
-saved = Saved(strokes, torch.arange(2000), (8, 8), torch.ones(3), "analytic", "", 0, "a: 1")
-timelapse = Timelapse(4, 128)
-for step in range(4):
-    timelapse.add(torch.from_numpy(noise).permute(2, 0, 1) / 255, step)
-resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
-jobs = {
-    "painting.png": lambda path: write_picture(path, noise),
-    "metrics.json": lambda path: write_json(path, list(range(10_000))),
-    "catalogue.h5": lambda path: save_catalogue(path, saved),
-    "timelapse.mp4": lambda path: timelapse.write(path.parent),
-}
-for name, write in jobs.items():
-    try:
-        write(folder / name)
-    except UserError as error:
-        print(error)
-"""
+from brushexp.system.files import replacing, to_bytes, write_bytes, write_json, write_picture
 
 
 def write_old(path: Path) -> Path:
@@ -54,18 +22,35 @@ def write_old(path: Path) -> Path:
     return path
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="needs a limit on the size of files")
-def test_a_full_disk_is_explained_and_leaves_the_previous_files(tmp_path):
-    names = ["catalogue.h5", "metrics.json", "painting.png", "timelapse.mp4"]
-    for name in names:
-        write_old(tmp_path / name)
-    command = [sys.executable, "-c", FULL_DISK, str(tmp_path)]
-    threads = os.environ | {"OMP_NUM_THREADS": "1"}
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=threads)
+@pytest.fixture
+def full_disk():
+    """No file of this process may become larger than 10 kB."""
+    resource = pytest.importorskip("resource")  # not on Windows
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("name", ["painting.png", "metrics.json", "catalogue.h5", "timelapse.mp4"])
+@pytest.mark.usefixtures("full_disk")
+def test_a_full_disk_is_explained_and_leaves_the_previous_file(name, tmp_path):
+    path, picture, timelapse = write_old(tmp_path / name), torch.rand(3, 128, 128), Timelapse(4, 128)
+    for step in range(4):
+        timelapse.add(picture, step)
+    saved = Saved(random_strokes(2000, (8, 8)), torch.arange(2000), (8, 8), torch.ones(3), "analytic", "", 0, "a: 1")
+    write = {
+        "painting.png": lambda: write_picture(path, picture),
+        "metrics.json": lambda: write_json(path, list(range(10_000))),
+        "catalogue.h5": lambda: save_catalogue(path, saved),
+        "timelapse.mp4": lambda: timelapse.write(tmp_path),
+    }[name]
+    with pytest.raises(UserError) as caught:
+        write()
     reason = "File too large; mend that or choose another folder with output=..."
-    assert sorted(done.stdout.splitlines()) == [f"cannot write {tmp_path / name}: {reason}" for name in names]
-    assert sorted(os.listdir(tmp_path)) == names
-    assert {(tmp_path / name).read_text() for name in names} == {"old"}
+    assert str(caught.value) == f"cannot write {path}: {reason}"
+    assert os.listdir(tmp_path) == [name]
+    assert path.read_text() == "old"
 
 
 def test_the_new_file_takes_the_place_of_the_old_one(tmp_path):

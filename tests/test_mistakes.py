@@ -12,7 +12,7 @@ from brushexp.app.help import help_text
 from brushexp.app.keys import keys_of
 from brushexp.app.mistakes import explanation
 from brushexp.app.schema import TASKS
-from brushexp.bounds import above, at_least, between, bounds_of, multiple_of, one_of
+from brushexp.bounds import above, at_least, between, multiple_of, one_of
 from brushexp.errors import UserError
 
 ROOT = Path(__file__).parents[1]
@@ -51,11 +51,7 @@ MISTAKES = {
     "blend.kernel=fast": "blend.kernel=fast is not there; choose one of ",
     "optimizer.options=3": "optimizer.options",
     "steps=-1": "steps=-1 is not at least 0; try steps=0",
-    "strokes=0": "strokes=0 is not at least 1; try strokes=1",
-    "seconds=inf": "seconds=inf is not at least 0",
-    "timelapse=mp5": "timelapse=mp5 is not one of mp4, gif, both; try timelapse=mp4",
     "task=prune ratios=0,2": "ratios=2 is not 0 to 1; try ratios=1",
-    "task=analyse catalogue=a.h5 visible=2": "visible=2 is not 0 to 1; try visible=1",
     "loss.mse.weight=-1": "loss.mse.weight=-1 is not at least 0; try loss.mse.weight=0",
     "style.content=-1": "style.content=-1 is not at least 0",
     "warm_up=nope": "warm_up=nope is not a renderer; choose auto, null or one of analytic",
@@ -83,7 +79,6 @@ def test_a_mistake_is_told_with_what_to_type_instead(config, overrides, monkeypa
         ("ratios=0,0.5", "ratios=[0,0.5]"),
         ("data=a b.h5", "data=[a b.h5]"),
         ("data=a&b.h5,c.h5", 'data=["a&b.h5",c.h5]'),
-        ("data=[a.h5]", "data=[a.h5]"),
         ("data=null", "data=null"),
         ("-m data=a,b", "-m data=[a],[b]"),
         ("-m to=svg,json", "-m to=svg,json"),
@@ -92,7 +87,6 @@ def test_a_mistake_is_told_with_what_to_type_instead(config, overrides, monkeypa
         ("light=[-20.5,45]", "to.relief.light=[-20.5,45]"),
         ("style=a.jpg", "style.image=a.jpg"),
         ("catalogue=it's.h5", 'catalogue="it\'s.h5"'),
-        ("image=grün.jpg", 'image="grün.jpg"'),
         ("--config-dir mine steps=3", "--config-dir mine steps=3"),
     ],
 )
@@ -114,7 +108,6 @@ def test_short_forms_are_written_out(typed, meant):
         (at_least(0), [0.0], float("nan"), "x=nan is not at least 0; try x=3"),
         (between(0, 9), [[], [0, 9], {"a": 3}], [3, -1], "x=-1 is not 0 to 9; try x=0"),
         (between(0, 9), [], {"a": 10}, "x=10 is not 0 to 9; try x=9"),
-        (between(0, 9), [], float("inf"), "x=inf is not 0 to 9; try x=3"),
     ],
 )
 def test_bounds_hold_and_propose_the_nearest_value(bounds, fine, wrong, message):
@@ -122,11 +115,7 @@ def test_bounds_hold_and_propose_the_nearest_value(bounds, fine, wrong, message)
         bounds.check("x", value)
     with pytest.raises(UserError) as caught:
         bounds.check("x", wrong, 3)
-    assert str(caught.value).startswith(message)
-
-
-def test_a_type_without_bounds_has_none():
-    assert bounds_of(dict[str, int | None]) is None
+    assert str(caught.value) == message
 
 
 @pytest.mark.parametrize("task", TASKS)

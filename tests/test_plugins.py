@@ -107,8 +107,7 @@ def test_loss_is_finite_differentiable_and_zero_at_best(config, name):
     assert value.isfinite()
     assert value >= 0
     value.backward()
-    for gradient in [image.grad, *(tensor.grad for _, tensor in strokes.items())]:
-        assert gradient is None or gradient.isfinite().all()
+    assert all(grad is None or grad.isfinite().all() for grad in [image.grad, *(x.grad for _, x in strokes.items())])
     if image.grad is not None and image.grad.abs().sum() > 0:
         assert loss(Painting(image.detach(), image.detach(), strokes)) < 1e-8, "a perfect picture costs nothing"
     for n in (0, 1):
@@ -145,8 +144,7 @@ def test_sampler_stays_on_the_canvas(config, name):
         assert len(torch.cat([torch.arange(0), *known]).unique()) == sum(map(len, known)) <= 9
         assert 0 <= region.top <= region.top + region.height <= SIZE[0]
         assert 0 <= region.left <= region.left + region.width <= SIZE[1]
-        assert region.height > 0
-        assert region.width > 0
+        assert min(region.height, region.width) > 0
 
 
 @pytest.mark.parametrize("name", names("optimizer"))

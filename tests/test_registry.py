@@ -63,12 +63,9 @@ def test_defaults_are_not_shared(config):
     assert config("optimizer=torch").optimizer.units["position"] != 99.0
 
 
-@pytest.mark.parametrize(
-    ("override", "chosen"),
-    [("loss=mse", ["mse"]), ("loss=[width,mse]", ["width", "mse"]), ("loss=[]", [])],
-)
-def test_loss_selects_one_several_or_none(config, override, chosen):
-    assert list(config(override).loss) == chosen
+def test_loss_selects_one_several_or_none(config):
+    for override, chosen in {"loss=mse": ["mse"], "loss=[width,mse]": ["width", "mse"], "loss=[]": []}.items():
+        assert list(config(override).loss) == chosen
 
 
 def test_only_registered_classes_are_built_and_options_from_a_file_are_checked_like_those_typed():
@@ -96,12 +93,7 @@ def test_plugins_in_folders_of_the_environment_are_found(tmp_path, monkeypatch):
     ("name", "text", "message"),
     [
         ("broken.py", "def broken(:\n", r"broken\.py, line 1: .*; correct it or move it away"),
-        (
-            "broken.py",
-            "import nothing_like_this\n",
-            r"cannot be loaded: ModuleNotFoundError: No module named 'nothing_",
-        ),
-        ("broken.py", "1 / 0\n", r"ZeroDivisionError: division by zero"),
+        ("broken.py", "1 / 0\n", r"cannot be loaded: ZeroDivisionError: division by zero"),
         ("scatter.py", "", "have the same name; rename one"),
         (None, "", "BRUSHEXP_PLUGINS names /nowhere/at/all, which is not a folder"),
     ],

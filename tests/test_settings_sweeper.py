@@ -47,10 +47,7 @@ def test_settings_stand_above_the_command_line_and_are_combined_with_what_it_swe
     ("override", "message"),
     [
         ("steps=5,-3", "job 1 of the sweep.*steps=-3 is not at least 0; try steps=0"),
-        ("loss=[mse],[]", "no loss is chosen"),
         ("task=paint,export", "task=export needs catalogue"),
-        ("steps=5,abc", "abc"),
-        ("stepz=1,2", "stepz"),
         ("renderer.soft=1,wide", "wide"),
         ("init=grid,nope", "nope"),
     ],

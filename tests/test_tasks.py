@@ -4,7 +4,6 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
-from program import ROOT, Program, run
+from program import ROOT, run, stopped
 
 from brushexp.strokes.prior import clamp_to_prior
 from brushexp.strokes.storage import load_catalogue, save_catalogue
@@ -65,9 +64,8 @@ def test_a_run_leaves_all_its_results(painted):
     assert "checkpoint.ckpt" not in files
     metrics = metrics_of(painted)
     assert (metrics["status"], metrics["steps"], metrics["n_strokes"]) == ("completed", 30, round(48 * 32 / 100))
-    assert {"ssim", "l1", "perceptual", "seconds", "seconds_total", "seconds_per_step", "peak_memory_mb", "device"} <= (
-        metrics.keys()
-    )
+    named = {"ssim", "l1", "perceptual", "seconds", "seconds_total", "seconds_per_step", "peak_memory_mb", "device"}
+    assert named <= metrics.keys()
 
 
 def test_the_metrics_are_those_of_the_saved_pictures(painted):
@@ -119,25 +117,12 @@ def windowed(tmp_path_factory) -> dict[str, str]:
     return {"BRUSHEXP_PLUGINS": str(folder), "PYTHONPATH": str(ROOT / "tests")}
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [["frames=5", "order=accuracy"], ["frames=0", "renderer=windowed", "warm_up=analytic", "finish_steps=4"]],
-    ids=["painting", "warm-up"],
-)
-def test_an_interrupted_run_continues_exactly(settings, windowed, tmp_path):
-    settings = [*SMALL, "steps=400", *settings]
-    process = Program(*settings, "checkpoint_every=0", f"output={tmp_path}/a", cwd=tmp_path, **windowed)
-    checkpoint = tmp_path / "a" / "checkpoint.ckpt"
-    while not checkpoint.exists() and process.poll() is None:
-        time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=120)
-    assert process.returncode == 130, err
-    metrics = metrics_of(tmp_path / "a")
+def test_an_interrupted_warm_up_continues_exactly(windowed, tmp_path):
+    settings = [*SMALL, "steps=400", "order=accuracy", "renderer=windowed", "warm_up=analytic", "finish_steps=4"]
+    metrics = stopped(signal.SIGINT, *settings, output=tmp_path / "a", **windowed)
     assert metrics["status"] == "interrupted"
     assert 0 < metrics["steps"] < 400
     assert (tmp_path / "a" / "painting.png").exists()
-    assert checkpoint.exists()
     carried_out(f"resume={tmp_path}/a", output=tmp_path / "b", **windowed)
     carried_out(*settings, output=tmp_path / "c", **windowed)
     first, resumed, whole = (load_catalogue(tmp_path / name / "catalogue.h5") for name in "abc")
@@ -223,16 +208,11 @@ def test_bad_input_ends_in_one_clear_line(overrides, tmp_path):
     assert left <= {".hydra", "run.log"}
 
 
-def test_a_folder_that_cannot_be_written_and_a_broken_plugin_end_in_one_clear_line(tmp_path):
+def test_a_folder_that_cannot_be_written_ends_in_one_clear_line(tmp_path):
     (tmp_path / "file").write_text("in the way")
     result = run(*SMALL, f"output={tmp_path}/file/run", cwd=tmp_path)
     assert result.returncode == 1
     assert "choose another place with output=" in result.stderr
-    assert len(result.stderr.splitlines()) == 1
-    (tmp_path / "mine.py").write_text("class Half(\n")
-    result = run(*SMALL, cwd=tmp_path, BRUSHEXP_PLUGINS=str(tmp_path))
-    assert result.returncode == 1
-    assert "mine.py, line 1" in result.stderr
     assert len(result.stderr.splitlines()) == 1
 
 
