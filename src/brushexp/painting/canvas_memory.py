@@ -101,13 +101,12 @@ class PatchCache:
     """The render image catalogue (thesis 2020, 6.3): keeps what a network has drawn of strokes that surround others.
 
     Pictures are drawn when they are first asked for; beyond ``most_bytes`` of memory the oldest give way, and those of
-    strokes that have changed go. They are kept as 16-bit floats (an error of 1/4096 at most). A renderer
-    of profiles has none; its strokes are just described again. The thesis keeps all and replaces them at every step.
+    strokes that have changed go. They are kept as 16-bit floats (an error of 1/4096 at most). A renderer of profiles
+    has none; its strokes are just described again. The thesis keeps all and replaces them at every step.
     """
 
     def __init__(self, renderer: Renderer, most_bytes: int = MAX_CACHE_BYTES) -> None:
-        self.renderer = renderer
-        self.most_bytes = most_bytes
+        self.renderer, self.most_bytes = renderer, most_bytes
         self._pictures: dict[int, Tensor] = {}  # number of a stroke -> (4, side, side), the oldest first
 
     def forget(self, number: Tensor) -> None:

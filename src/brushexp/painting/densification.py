@@ -9,8 +9,7 @@ import torch
 from torch import Tensor, optim
 
 from brushexp.compositing.bands import cuts
-from brushexp.painting.depth import Depth
-from brushexp.painting.picture import Picture
+from brushexp.painting.picture import Depth, Picture
 from brushexp.painting.schedule import Schedule
 from brushexp.plugins.density.base import DensificationState, Density
 from brushexp.strokes.catalogue import Catalogue, Strokes
@@ -34,8 +33,8 @@ class Densification:
         picture, front_to_back = self.picture, self.depth.front_to_back
         image = picture.draw(strokes, front_to_back) if picture.last is None else picture.last
         judge = partial(importance, strokes, front_to_back, picture, self.generator)
-        size = (self.budget, self.schedule.step, self.schedule.steps)
-        return DensificationState(image, picture.target, picture.focus, strokes, *size, judge)
+        numbers = (self.budget, self.schedule.step, self.schedule.steps)
+        return DensificationState(image, picture.target, picture.focus, strokes, *numbers, judge)
 
     def update(self, catalogue: Catalogue, visits: Tensor, optimizer: optim.Optimizer) -> Tensor:
         """Let the policy change the strokes of a catalogue and what their optimiser remembers, if it wants to now.
@@ -65,17 +64,8 @@ def importance(strokes: Strokes, front_to_back: Tensor, picture: Picture, genera
     The picture is linear in the opacity of each stroke, so without one it changes by d = -opacity * dP/dopacity, and
     the squared error by sum(d^2) + 2 sum(error * d). A blend may know both sums (`Blend.importance`). If not, the
     second is one backward pass for all strokes, and the first is estimated without bias by the square of sum(s * d) for
-    random signs s (Hutchinson, 1990), so the numbers scatter.
-
-    Args:
-        strokes: N strokes.
-        front_to_back: (N,) their indices, the uppermost first.
-        picture: how they are painted, and what they are compared with.
-        generator: of the signs.
-
-    Returns:
-        (N,) squared error, summed over pixels and channels and weighted by the focus; about 0 for a stroke that cannot
-        be seen, negative for one that does harm.
+    random signs s (Hutchinson, 1990), so the numbers (N,) scatter. They are summed over pixels and channels and
+    weighted by the focus; about 0 for a stroke that cannot be seen, negative for one that does harm.
     """
     renderer, blend, background = picture.renderer, picture.blend, picture.background
     place = torch.empty_like(front_to_back)

@@ -15,18 +15,12 @@ SSIM_WINDOW = 11  # pixels, side of the windows that SSIM compares
 def measure(
     painting: np.ndarray, target: np.ndarray, lpips: Distance | None = None, focus: Tensor | None = None
 ) -> dict[str, float | str | None]:
-    """Compare two 8-bit RGB pictures (H, W, 3) as they are saved, over all pixels.
+    """Metrics of two 8-bit RGB pictures (H, W, 3) as they are saved, over all pixels.
 
-    Args:
-        painting: one.
-        target: the other.
-        lpips: one more distance to measure; it becomes the metric of its label, lpips_alexnet for instance.
-        focus: (H, W) how much each pixel counts; adds psnr_focus, of the mean squared error weighted so.
-
-    Returns:
-        psnr (dB, infinite for equal pictures), ssim (Wang et al., 2004; None for a picture smaller than its window),
-        l1 (mean |difference|, 0 to 1), edges (the same of the differences between neighbouring pixels: how well edges
-        are kept), perceptual (distance in the network perceptual_backbone).
+    They are psnr (dB, infinite for equal pictures), ssim (Wang et al., 2004; None for a picture smaller than its
+    window), l1 (mean |difference|, 0 to 1), edges (the same of the differences between neighbouring pixels: how well
+    edges are kept), perceptual (distance in the network perceptual_backbone); with ``lpips`` the metric of its label,
+    lpips_alexnet for instance; with ``focus`` (H, W) psnr_focus, of the mean squared error weighted so.
     """
     from torchmetrics.functional.image import (  # noqa: PLC0415  (takes seconds to import)
         structural_similarity_index_measure,

@@ -66,15 +66,10 @@ def with_renderer(saved: Saved, chosen: DictConfig | None, path: str) -> tuple[S
 def export_job(
     saved: Saved, renderer: Renderer, blend: Blend, name: str, resolution: int | None = None, source: str = ""
 ) -> ExportJob:
-    """A catalogue as exporters take it, crisp at any size: the strokes are scaled, not the picture.
+    """A catalogue, from ``source``, as exporters take it; ``name`` is that of the renderer.
 
-    Args:
-        saved: the catalogue.
-        renderer: draws its strokes.
-        blend: lays them over each other.
-        name: of the renderer.
-        resolution: longer side in pixels, ``LARGEST_SIDE_PIXELS`` at most; None means as it was painted.
-        source: where the catalogue came from.
+    It is crisp at any size: the strokes are scaled, not the picture. ``resolution`` is the longer side in pixels,
+    ``LARGEST_SIDE_PIXELS`` at most; None means as it was painted.
     """
     height, width = saved.size
     resolution = resolution or max(height, width)
@@ -82,9 +77,8 @@ def export_job(
         raise UserError(f"resolution={resolution} is more than {LARGEST_SIDE_PIXELS} pixels; choose a smaller one")
     zoom = resolution / max(height, width)
     size = (max(1, round(height * zoom)), max(1, round(width * zoom)))
-    strokes = saved.strokes.moved(zoom=zoom)
-    made = (saved.seed, saved.config)
-    return ExportJob(strokes, saved.depth, size, saved.background, renderer, blend, name, source, *made)
+    painting = saved.strokes.moved(zoom=zoom), saved.depth, size, saved.background
+    return ExportJob(*painting, renderer, blend, name, source, saved.seed, saved.config)
 
 
 def summary_line(folder: Path, metrics: dict[str, object]) -> str:

@@ -14,11 +14,10 @@ from torch.optim.lr_scheduler import LambdaLR
 from brushexp.painting.components import Components
 from brushexp.painting.curves import Anytime, Curves
 from brushexp.painting.densification import Densification
-from brushexp.painting.depth import Depth
 from brushexp.painting.metrics import psnr_of
 from brushexp.painting.painter_state import load_painter_state, painter_state, rehearse
 from brushexp.painting.partial import partial_update, unwrapped
-from brushexp.painting.picture import Picture
+from brushexp.painting.picture import Depth, Picture
 from brushexp.painting.schedule import Schedule
 from brushexp.pictures.region import Region
 from brushexp.plugins.loss.base import weighted_sum
@@ -39,8 +38,6 @@ class Painter(L.LightningModule):
     optimiser and the schedule of its learning rate start afresh. An epoch is the whole plan.
 
     Args:
-        catalogue: the strokes.
-        components: how they are drawn, compared and moved.
         target: (3, H, W) in [0, 1].
         background: (3,) colour of the bare canvas.
         seed: of everything random in the steps.

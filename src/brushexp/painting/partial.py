@@ -22,17 +22,12 @@ STEP_COUNT = "step"  # under this name optimisers count their steps, to correct 
 def partial_update(
     catalogue: Catalogue, optimizer: optim.Optimizer, rows: Tensor | None, visits: Tensor
 ) -> Iterator[Catalogue]:
-    """Let an optimiser see only strokes number ``rows``, as a catalogue of their own; None for all of them.
+    """Let an optimiser see only strokes number ``rows`` (A,), as a catalogue of their own; None for all of them.
 
     An optimiser that saw all strokes would move those too whose gradient is 0: their averages go on. What it remembers
     of a stroke goes with it if it is one number per parameter; what is not (the history of L-BFGS) starts afresh.
-
-    Args:
-        catalogue: all N strokes; what becomes of some is written into it in the end.
-        optimizer: of all strokes.
-        rows: (A,) strokes that move, without repetition.
-        visits: (N,) steps that each stroke has taken; counted here. Optimisers know one number of steps for all
-            strokes of a step: the median.
+    ``visits`` (N,), the steps that each stroke has taken, are counted here; optimisers know one number of steps for all
+    strokes of a step: the median.
     """
     if rows is None:
         yield catalogue

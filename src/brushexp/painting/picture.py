@@ -1,9 +1,10 @@
-"""The picture that the strokes make: all of it, a smaller one, or the part that a view shows."""
+"""The picture that the strokes make (all of it, a smaller one, or the part that a view shows), and their depth."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -11,9 +12,11 @@ from torch.nn.functional import interpolate
 
 from brushexp.compositing.bands import bands
 from brushexp.painting.canvas_memory import CanvasMemory
+from brushexp.painting.schedule import Schedule
 from brushexp.pictures.focus import resized
 from brushexp.plugins.blend.base import Blend, Canvas
 from brushexp.plugins.loss.base import Painting
+from brushexp.plugins.order.base import Order, front_to_back
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.base import View
 from brushexp.strokes.catalogue import Strokes
@@ -37,7 +40,6 @@ class Picture(nn.Module):
         target: (3, H, W) in [0, 1].
         focus: (H, W) how much each pixel counts, of mean 1; None for all alike.
         background: (3,) colour of the bare canvas.
-        blend: lays the strokes over each other.
 
     Attributes:
         renderer: draws the strokes; set before the first picture.
@@ -103,15 +105,10 @@ class Picture(nn.Module):
     def see(
         self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, coarse: bool, accuracy: bool
     ) -> tuple[Canvas, Painting]:
-        """What a view shows.
+        """What a view shows of N ``strokes``; the active ones are ``moving``, with gradient.
 
-        Args:
-            moving: the active strokes, with gradient.
-            strokes: all N, without.
-            view: where the step looks.
-            front_to_back: (N,) indices of all strokes, the uppermost first.
-            coarse: look at the smaller picture; only for views of the whole.
-            accuracy: measure the accuracy of the active strokes, too.
+        ``coarse``, for views of the whole only, looks at the smaller picture; ``accuracy`` measures that of the active
+        strokes, too.
         """
         if view.active is None:
             return self._see_whole(moving, front_to_back, self.level(coarse=coarse), accuracy)
@@ -142,3 +139,42 @@ class Picture(nn.Module):
         """The strokes are others now, or drawn by another renderer."""
         if self.memory is not None:
             self._error, self.memory = self.memory.error, None
+
+
+class Depth:
+    """Which of N strokes lies on top, as an order says every few steps.
+
+    Attributes:
+        front_to_back: (N,) indices of the strokes, the uppermost first.
+        accuracy: (N,) of each stroke when it was last measured, see `Order.depth`; None before that.
+    """
+
+    def __init__(self, order: Order) -> None:
+        self.order = order
+        self.front_to_back = torch.empty(0, dtype=torch.long)
+        self.accuracy: Tensor | None = None
+
+    @torch.no_grad()
+    def renew(self, strokes: Strokes) -> None:
+        self.front_to_back = front_to_back(self.order.depth(strokes, self.accuracy))
+
+    def needs_accuracy(self, schedule: Schedule, *, partial: bool) -> bool:
+        """Whether this step has to measure accuracy: before a renewal, and for a part of the strokes always."""
+        done, steps = schedule.stage_progress
+        return self.order.needs_accuracy and (partial or self.order.due(done + 1, steps))
+
+    def measured(self, accuracy: Tensor | None, rows: Tensor | None, n: int) -> None:
+        """Take over the accuracy of strokes number ``rows`` of ``n``, all for None; NaN says nothing."""
+        if accuracy is None:
+            return
+        if self.accuracy is None:
+            self.accuracy = accuracy.new_zeros(n)
+        seen = slice(None) if rows is None else rows
+        self.accuracy[seen] = torch.where(accuracy.isnan(), self.accuracy[seen], accuracy)
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"front_to_back": self.front_to_back, "accuracy": self.accuracy}
+
+    def load_state_dict(self, state: dict[str, Any], device: torch.device) -> None:
+        self.front_to_back = state["front_to_back"].to(device)
+        self.accuracy = None if state["accuracy"] is None else state["accuracy"].to(device)

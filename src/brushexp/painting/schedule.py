@@ -31,7 +31,6 @@ class Schedule:
 
     @property
     def steps(self) -> int:
-        """Gradient steps in all."""
         return self.ends[-1]
 
     @property
@@ -41,7 +40,6 @@ class Schedule:
 
     @property
     def is_last_stage(self) -> bool:
-        """Whether no stage follows."""
         return self.stage == len(self.ends) - 1
 
     @property
@@ -56,11 +54,10 @@ class Schedule:
         return self._seconds + (0.0 if self._since is None else self.clock() - self._since)
 
     def start(self) -> None:
-        """A fit begins."""
+        """A fit begins, until `pause`."""
         self._since = self.clock()
 
     def pause(self) -> None:
-        """It ends."""
         self._seconds, self._since = self.seconds, None
 
     def end_stage(self) -> bool:
@@ -72,9 +69,7 @@ class Schedule:
         return True
 
     def state_dict(self) -> dict[str, Any]:
-        """What an interrupted run needs to go on."""
         return {"ends": list(self.ends), "step": self.step, "seconds": self.seconds}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take over what `state_dict` gave."""
         self.ends, self.step, self._seconds = list(state["ends"]), state["step"], state["seconds"]

@@ -32,9 +32,7 @@ class Timelapse(L.Callback):
     Args:
         n_frames: about how many in all; 0 for no timelapse.
         side: longer side of a frame in pixels; smaller pictures are not enlarged.
-        seconds: how long they take in all; None for ``FPS`` frames per second. The last one stays for ``HOLD_SECONDS``
-            more.
-        kind: which files.
+        seconds: how long they take in all, but for ``HOLD_SECONDS`` of the last one; None for ``FPS`` frames a second.
     """
 
     def __init__(self, n_frames: int, side: int, *, seconds: float | None = None, kind: Format = Format.mp4) -> None:
@@ -42,22 +40,16 @@ class Timelapse(L.Callback):
         if seconds is not None and not least <= seconds <= MOST_SECONDS:
             choices = f"{least:g} to {MOST_SECONDS} for {n_frames} frames"
             raise UserError(f"timelapse_seconds is {seconds:g}; choose {choices}")
-        self.n_frames = n_frames
-        self.side = side
-        self.seconds = seconds
-        self.kind = kind
+        self.n_frames, self.side, self.seconds, self.kind = n_frames, side, seconds, kind
         self._frames: dict[int, bytes] = {}  # step -> JPEG
 
     def on_train_start(self, trainer: L.Trainer, painter: Any) -> None:
         self.on_train_batch_end(trainer, painter)
 
     def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
-        if self.due(painter.schedule.step, painter.schedule.steps):
-            self.add(painter.latest(), painter.schedule.step)
-
-    def due(self, step: int, n_steps: int) -> bool:
-        """Whether the picture after this step belongs in the timelapse."""
-        return self.n_frames > 0 and step in moments(self.n_frames, n_steps)
+        schedule = painter.schedule
+        if self.n_frames and schedule.step in moments(self.n_frames, schedule.steps):
+            self.add(painter.latest(), schedule.step)
 
     def add(self, image: Tensor, step: int) -> None:
         """Keep a picture (3, H, W) in [0, 1]; a second one of the same step takes the place of the first."""
@@ -80,15 +72,11 @@ class Timelapse(L.Callback):
         return film.paths
 
     def _frame(self, step: int) -> np.ndarray:
-        """Bytes (H, W, 3)."""
         return np.asarray(Image.open(io.BytesIO(self._frames[step])).convert("RGB"))
 
     def state_dict(self) -> dict[str, Any]:
-        """All frames, as tensors of bytes."""
-        return {
-            "steps": list(self._frames),
-            "frames": [torch.frombuffer(bytearray(jpeg), dtype=torch.uint8) for jpeg in self._frames.values()],
-        }
+        frames = [torch.frombuffer(bytearray(jpeg), dtype=torch.uint8) for jpeg in self._frames.values()]
+        return {"steps": list(self._frames), "frames": frames}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         jpegs = [frame.numpy().tobytes() for frame in state_dict["frames"]]

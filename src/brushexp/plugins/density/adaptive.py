@@ -102,11 +102,8 @@ class Adaptive(Density):
 def new_strokes(state: DensificationState, n: int, size: float, tolerance: float) -> Strokes:
     """Strokes at the ``n`` worst places, or fewer, the worst first: in the target's colour, along its edges.
 
-    Args:
-        state: the painting.
-        n: strokes that are wanted; there is at most one in each cell of a lattice, where its error is largest.
-        size: of a new stroke, in pitches (mean distances between strokes).
-        tolerance: root mean square of the error over a stroke below which a place is good enough.
+    There is at most one in each cell of a lattice, where its error is largest. ``size`` (in pitches) and ``tolerance``
+    are those of `Adaptive`.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
 

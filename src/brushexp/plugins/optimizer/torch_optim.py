@@ -58,14 +58,9 @@ class TorchOptim(Optimizer):
         options: dict[str, Any] = {},  # noqa: B006
     ) -> None:
         self.kind = class_of(library, name, options)
-        self.name = name
-        self.library = library
-        self.lr = lr
-        self.units = units
-        self.schedule = schedule
-        self.hold = hold
-        self.warmup = warmup
-        self.options = options
+        self.name, self.library, self.options = name, library, options
+        self.lr, self.units = lr, units
+        self.schedule, self.hold, self.warmup = schedule, hold, warmup
 
     def over(self, parameters: Iterable[nn.Parameter]) -> optim.Optimizer:
         try:
@@ -94,11 +89,7 @@ class Lbfgs(optim.LBFGS):
 
 
 def class_of(library: Library, name: str, options: dict[str, Any]) -> Callable[..., optim.Optimizer]:
-    """The class ``name`` of a library, which takes these options.
-
-    Raises:
-        UserError: if the library is not installed, or has no such class, or would drop an option without a word.
-    """
+    """The class ``name`` of a library; refuses options that the library would drop without a word."""
     try:
         found = vars(importlib.import_module(library.value))
     except ImportError as error:
