@@ -14,18 +14,18 @@ from brushexp.registry import build_named, plugins
 from brushexp.strokes.prior import parameters_of, sample_prior, strokes_of
 
 WINDOW = 32
-EXTREMES = {
-    "no width": [-0.5, 0, 0, 0.2, 0.5, 0, -1.3529, 0, 0, 0],
-    "less than no width": [-0.5, 0, 0, 0.2, 0.5, 0, -30, 0, 0, 0],
-    "as wide as the window": [-0.5, 0, 0, 0.2, 0.5, 0, 10.41, 0, 0, 0],
-    "no length": [0.3, 0.1, 0.3, 0.1, 0.3, 0.1, 0, 0, 0, 0],
-    "neither": [0.3, 0.1, 0.3, 0.1, 0.3, 0.1, -1.3529, 0, 0, 0],
-    "back and forth": [0.3, 0.1, -0.6, 0.1, 0.3, 0.1, 0, 0, 0, 0],
-    "control far outside": [-0.5, 0, 3, -40, 0.5, 0, 0, 0, 0, 0],
-    "all outside": [5, 5, 6, 5, 7, 6, 0, 0, 0, 0],
-    "out of all bounds": [-1e30, 1e30, 1e30, -1e30, 3e38, 3e38, 3e38, -3e38, 3e38, 1e30],
-    "colour outside": [-0.5, 0, 0, 0.2, 0.5, 0, 0, -3, 3, 1.5],
-}
+EXTREMES = [
+    [-0.5, 0, 0, 0.2, 0.5, 0, -1.3529, 0, 0, 0],  # no width
+    [-0.5, 0, 0, 0.2, 0.5, 0, -30, 0, 0, 0],  # less than that
+    [-0.5, 0, 0, 0.2, 0.5, 0, 10.41, 0, 0, 0],  # as wide as the window
+    [0.3, 0.1, 0.3, 0.1, 0.3, 0.1, 0, 0, 0, 0],  # no length
+    [0.3, 0.1, 0.3, 0.1, 0.3, 0.1, -1.3529, 0, 0, 0],  # neither
+    [0.3, 0.1, -0.6, 0.1, 0.3, 0.1, 0, 0, 0, 0],  # back and forth
+    [-0.5, 0, 3, -40, 0.5, 0, 0, 0, 0, 0],  # control far outside
+    [5, 5, 6, 5, 7, 6, 0, 0, 0, 0],  # all outside
+    [-1e30, 1e30, 1e30, -1e30, 3e38, 3e38, 3e38, -3e38, 3e38, 1e30],  # out of all bounds
+    [-0.5, 0, 0, 0.2, 0.5, 0, 0, -3, 3, 1.5],  # colour outside
+]
 
 
 @pytest.fixture(scope="module", params=[plugin.name for plugin in plugins("engine")])
@@ -35,13 +35,6 @@ def engine(request):
 
 def valid(n: int) -> Tensor:
     return parameters_of(sample_prior(n, seed=4))
-
-
-def turned(parameters: Tensor) -> Tensor:
-    """Strokes turned by 90 degrees about the centre: x, y -> -y, x."""
-    result = parameters.clone()
-    result[:, 0:6:2], result[:, 1:6:2] = -parameters[:, 1:6:2], parameters[:, 0:6:2]
-    return result
 
 
 def distances(parameters: Tensor) -> Tensor:
@@ -61,15 +54,17 @@ def check(parameters: Tensor, painted: Simulated) -> None:
     assert painted.heights.shape == (n, WINDOW, WINDOW)
     for values in (painted.images, painted.heights):
         assert values.dtype == torch.float32
-        assert values.isfinite().all()
         assert (values >= 0).all()
+        assert values.isfinite().all()
     assert (painted.images <= 1).all()
 
 
 def test_an_engine_returns_what_the_contract_says(engine):
-    parameters = valid(6)
+    parameters = valid(6).requires_grad_()
     painted = engine(parameters, seed=1)
     check(parameters, painted)
+    assert not painted.images.requires_grad
+    assert torch.equal(parameters, valid(6))
     assert engine.window == WINDOW
     assert (painted.images[:, 3].amax((1, 2)) > 0.2).all()
     assert (painted.heights.amax((1, 2)) > 0).all()
@@ -103,18 +98,11 @@ def test_every_seed_is_taken_and_gives_the_same_again_on_any_number_of_threads(e
 
 def test_anything_finite_is_drawn_and_leaves_its_neighbours_alone(engine):
     alone = valid(1)
-    parameters = torch.cat([torch.tensor(list(EXTREMES.values())), alone])
+    parameters = torch.cat([torch.tensor(EXTREMES), alone])
     painted = engine(parameters, seed=1)
     check(parameters, painted)
     assert torch.equal(painted.images[-1:], engine(alone, seed=1, first=len(EXTREMES)).images)
     check(parameters[:0], engine(parameters[:0], seed=1))
-
-
-def test_gradients_and_the_parameters_themselves_are_left_alone(engine):
-    parameters = valid(2).requires_grad_()
-    before = parameters.detach().clone()
-    assert not engine(parameters, seed=1).images.requires_grad
-    assert torch.equal(parameters, before)
 
 
 def test_paint_lies_where_the_stroke_is(engine):
@@ -137,19 +125,14 @@ def test_the_centre_of_the_paint_is_the_centre_of_the_stroke(engine):
     y = (alpha.sum(2) * middle).sum(1) / alpha.sum((1, 2))
     assert_close(x, torch.full((3,), 0.5), atol=0.06, rtol=0)
     assert_close(y, torch.full((3,), 0.65), atol=0.04, rtol=0)
-
-
-def test_a_wider_stroke_covers_more(engine):
-    widths = torch.linspace(-1, 1, 4)
-    parameters = torch.tensor([[-0.6, 0.3, 0, -0.2, 0.6, 0.3, 0, 0, 0, 0]]).repeat(4, 1)
-    parameters[:, 6] = widths
-    area = engine(parameters, seed=1).images[:, 3].mean((1, 2))
-    assert (area.diff() > 0.01).all()
+    assert (alpha.mean((1, 2)).diff() > 0.01).all(), "a wider stroke covers more"
 
 
 def test_a_turned_stroke_is_a_turned_picture(engine):
     parameters = torch.tensor([[-0.6, 0.3, 0.1, -0.4, 0.5, 0.1, 0.5, 0, 0, 0]]).repeat(24, 1)  # grains average out
-    straight, round_the_corner = (engine(p, seed=1).images[:, 3].mean(0) for p in (parameters, turned(parameters)))
+    turned = parameters.clone()
+    turned[:, 0:6:2], turned[:, 1:6:2] = -parameters[:, 1:6:2], parameters[:, 0:6:2]
+    straight, round_the_corner = (engine(p, seed=1).images[:, 3].mean(0) for p in (parameters, turned))
     off = torch.nn.functional.avg_pool2d((round_the_corner - torch.rot90(straight, -1))[None], 4).abs()
     assert off.max() < 0.2
     assert off.mean() < 0.03
@@ -177,11 +160,7 @@ def test_discs_agree_with_the_loop():
         assert_close(alpha, torch.from_numpy(canvas.reshape(WINDOW, 2, WINDOW, 2).mean((1, 3))).float())
 
 
-def band(**settings: float) -> Tensor:
-    """Mean alpha across the middle of level strokes 0.2 wide in a window of 64."""
-    engine = build_named("engine", "dabs", {"window": 64} | settings)
-    parameters = torch.tensor([[-0.7, 0, 0, 0, 0.7, 0, 1.0, 0, 0, 0]]).repeat(100, 1)
-    return engine(parameters, seed=1).images[:, 3, :, 24:40].mean((0, 2))
+LEVEL = torch.tensor([[-0.7, 0, 0, 0, 0.7, 0, 1.0, 0, 0, 0]])  # 0.2 windows wide
 
 
 @pytest.mark.parametrize(
@@ -198,15 +177,15 @@ def band(**settings: float) -> Tensor:
     ids=str,
 )
 def test_a_band_of_dabs_is_as_wide_as_the_stroke_at_half_its_height(settings):
-    profile = band(**settings)
+    engine = build_named("engine", "dabs", {"window": 64} | settings)
+    profile = engine(LEVEL.repeat(100, 1), seed=1).images[:, 3, :, 24:40].mean((0, 2))
     half = 0.5 * profile[30:34].mean()
     assert_close((profile >= half).sum().item() / 64, 0.2, atol=2.5 / 64, rtol=0)
 
 
 def test_a_dry_stroke_has_grain():
-    parameters = torch.tensor([[-0.7, 0, 0, 0, 0.7, 0, 1.0, 0, 0, 0]])
     inside = (slice(None), 3, slice(29, 35), slice(16, 48))
-    dry, tube = (build_named("engine", name, {"window": 64})(parameters, seed=1).images for name in ("dabs", "disc"))
+    dry, tube = (build_named("engine", name, {"window": 64})(LEVEL, seed=1).images for name in ("dabs", "disc"))
     assert dry[inside].std() > 0.1
     assert_close(tube[inside], torch.ones(1, 6, 32))
 
@@ -239,25 +218,12 @@ def test_dabs_add_up_to_an_opacity_that_follows_the_pressure():
 def test_random_numbers_of_dabs_are_normal_and_independent():
     from brushexp.plugins.engine._stamps import _gauss  # noqa: PLC0415
 
-    draws = np.array([[_gauss(np.uint64(key), counter) for counter in range(400)] for key in range(50)])
-    assert abs(draws.mean()) < 5 / np.sqrt(draws.size)
+    draws = np.array([[_gauss(np.uint64(key), counter) for counter in range(200)] for key in range(50)])
     assert abs(draws.var() - 1) < 5 * np.sqrt(2 / draws.size)
-    assert np.abs(draws).max() <= 2 * np.sqrt(3)
-    for shifted in (draws[:, 1:] * draws[:, :-1], draws[1:] * draws[:-1]):
-        assert abs(shifted.mean()) < 5 / np.sqrt(draws.size)
+    for values in (draws, draws[:, 1:] * draws[:, :-1], draws[1:] * draws[:-1]):
+        assert abs(values.mean()) < 5 / np.sqrt(values.size)
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "message"),
-    [
-        ("disc", {"window": 7}, "engine.window=7 .* try engine.window=8"),
-        ("disc", {"window": 513}, "8 to 512"),
-        ("dabs", {"dabs_per_radius": 0.0}, "engine.dabs_per_radius=0 "),
-        ("dabs", {"head": 0.8}, "engine.head=0.8 is not 0 to 0.75"),
-        ("dabs", {"pressure": float("nan")}, "engine.pressure=nan"),
-        ("fluid", {"bristles": 3}, "engine.bristles=3 is not 10 to 200"),
-    ],
-)
-def test_wrong_settings_are_refused_with_the_cure(name, options, message):
-    with pytest.raises(UserError, match=message):
-        build_named("engine", name, options)
+def test_a_head_that_ends_behind_the_tail_is_refused_with_the_cure():
+    with pytest.raises(UserError, match=r"engine.head=0.8 is not 0 to 0.75; try engine.head=0.75"):
+        build_named("engine", "dabs", {"head": 0.8})

@@ -14,7 +14,14 @@ from brushexp.compositing.windows import Windows
 from brushexp.errors import UserError
 from brushexp.plugins.renderer import base, neural
 from brushexp.plugins.renderer.base import FAINT, RENDERERS, PatchRenderer, Precision, window_pictures
-from brushexp.plugins.renderer.neural import Activation, Coordinates, Neural, Normalisation, Upsampling, stroke_planes
+from brushexp.plugins.renderer.neural import (
+    ACTIVATIONS,
+    COORDINATES,
+    NORMALISATIONS,
+    UPSAMPLING,
+    Neural,
+    stroke_planes,
+)
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, sample_prior, strokes_of
 from brushexp.system.checkpoint import weights_hash
@@ -87,8 +94,8 @@ def test_the_pictures_of_a_canvas_are_those_of_the_windows(renderer):
     torch.testing.assert_close(layers.images, drawn)
 
 
-COMBINED = [{"coordconv": c, "noise": n, "tint": t} for c, n, t in product(Coordinates, (False, True), (False, True))]
-COMBINED += [{"activation": a, "normalisation": n} for a, n in product(Activation, Normalisation)]
+COMBINED = [{"coordconv": c, "noise": n, "tint": t} for c, n, t in product(COORDINATES, (False, True), (False, True))]
+COMBINED += [{"activation": a, "normalisation": n} for a, n in product(ACTIVATIONS, NORMALISATIONS)]
 
 
 @pytest.mark.parametrize("options", COMBINED, ids=str)
@@ -100,7 +107,7 @@ def test_the_layers_can_be_combined_and_trained(options):
     assert all(bool(weight.grad.isfinite().all()) for weight in renderer.parameters())
 
 
-@pytest.mark.parametrize("upsampling", Upsampling)
+@pytest.mark.parametrize("upsampling", UPSAMPLING)
 @pytest.mark.parametrize(("window", "subpixel"), [(64, 1), (64, 4), (128, 2), (256, 4)])
 def test_every_window_is_reached(upsampling, window, subpixel):
     renderer = tiny(upsampling=upsampling, window=window, subpixel=subpixel)
@@ -109,9 +116,9 @@ def test_every_window_is_reached(upsampling, window, subpixel):
 
 
 def test_coordinates_act_as_two_more_channels():
-    layer = tiny(coordconv=Coordinates.window).convolving[0]
+    renderer = tiny(coordconv="window")
+    layer, planes = renderer.convolving[0], renderer._planes(parameters(2), 8)
     x = torch.randn(2, layer.convolution.in_channels, 8, 8)
-    planes = tiny(coordconv=Coordinates.window)._planes(parameters(2), 8)
     known = torch.cat([x, planes.expand(2, -1, -1, -1)], dim=1)
     pointwise = torch.nn.functional.pad(layer.coordinates.weight, (1, 1, 1, 1))  # a 3 x 3 kernel of its middle alone
     weights = torch.cat([layer.convolution.weight, pointwise], dim=1)
@@ -147,11 +154,10 @@ def test_the_planes_of_a_bent_stroke_are_0_on_its_curve():
         assert here.quantile(0.9) < 0.6
 
 
-@pytest.mark.parametrize("name", ["start", "control", "end"])
-def test_places_on_a_degenerate_stroke_are_finite_with_their_gradient(name):
+@pytest.mark.parametrize("first", [0, 2, 4], ids=["start", "control", "end"])
+def test_places_on_a_degenerate_stroke_are_finite_with_their_gradient(first):
     given = 0.6 * torch.ones(2, 10)
     given[1] = 0
-    first = {"start": 0, "control": 2, "end": 4}[name]
     given[0, first : first + 2] = -0.6  # two of the three points coincide; in the second stroke all of them do
     given.requires_grad_()
     planes = stroke_planes(given, 16)
@@ -176,8 +182,7 @@ def test_noise_is_fresh_in_training_and_fixed_in_painting():
     ("options", "message"),
     [
         ({"window": 100}, "renderer.window=100 is not one of 64, 128, 256; try renderer.window=128"),
-        ({"subpixel": 3}, "try renderer.subpixel=2"),
-        ({"width": 0}, "renderer.width=0 is not 1 to 4096"),
+        ({"activation": "rellu"}, "renderer.activation=rellu is not one of .*; try renderer.activation=relu"),
         ({"dense": []}, "renderer.dense"),
     ],
 )
@@ -187,8 +192,7 @@ def test_wrong_options_are_refused(options, message):
 
 
 OPTIONS = {"window": 64, "width": 4, "widest": 8, "dense": [16], "subpixel": 2, "tint": True, "noise": False}
-OPTIONS |= {"coordconv": Coordinates.stroke, "activation": Activation.relu}
-OPTIONS |= {"normalisation": Normalisation.none, "upsampling": Upsampling.nearest}
+OPTIONS |= {"coordconv": "stroke", "activation": "relu", "normalisation": "none", "upsampling": "nearest"}
 
 
 @pytest.fixture
@@ -200,7 +204,7 @@ def kept(tmp_path) -> Path:
 
 
 @pytest.mark.parametrize("half", [False, True])
-@pytest.mark.parametrize("normalisation", Normalisation)
+@pytest.mark.parametrize("normalisation", NORMALISATIONS)
 def test_a_checkpoint_brings_the_same_pictures_and_hash_back(tmp_path, half, normalisation):
     options = {**OPTIONS, "normalisation": normalisation}
     renderer = tiny(**options).train()
@@ -219,8 +223,7 @@ def test_a_checkpoint_brings_the_same_pictures_and_hash_back(tmp_path, half, nor
 def test_a_checkpoint_works_for_any_renderer(tmp_path):
     options = {"window": 32, "width": 2, "shading": 0.25}
     renderer = build_named("renderer", "dual", options)
-    path = tmp_path / "a" / "dual.safetensors"
-    path.parent.mkdir()
+    path = tmp_path / "dual.safetensors"
     RENDERERS.save(path, "dual", renderer, {"options": {**options, "checkpoint": None}})
     again = build_named("renderer", "dual", {**options, "checkpoint": str(path)})
     assert weights_hash(again) == weights_hash(renderer) != ""
@@ -251,18 +254,14 @@ def test_a_plain_name_is_one_that_comes_with_the_program(kept, monkeypatch):
         tiny(checkpoint="yours")
 
 
-@pytest.mark.parametrize(
-    ("option", "value", "typed"),
-    [
-        ("width", 5, "renderer.width=4"),
-        ("dense", [16, 16], r"renderer.dense=\[16\]"),
-        ("activation", Activation.elu, "renderer.activation=relu"),
-        ("tint", False, "renderer.tint=true"),
-    ],
-)
-def test_other_options_are_refused_with_what_to_type(kept, option, value, typed):
-    with pytest.raises(UserError, match=f"set {typed}"):
-        tiny(**{**OPTIONS, option: value, "checkpoint": str(kept)})
+def test_other_options_are_refused_with_what_to_type(kept):
+    for other, typed in (
+        ({"dense": [16, 16]}, r"dense=\[16\]"),
+        ({"activation": "elu"}, "activation=relu"),
+        ({"tint": False}, "tint=true"),
+    ):
+        with pytest.raises(UserError, match=f"set renderer.{typed}"):
+            tiny(**{**OPTIONS, **other, "checkpoint": str(kept)})
 
 
 def retold(path: Path, **changes: object) -> None:
@@ -272,31 +271,21 @@ def retold(path: Path, **changes: object) -> None:
     path.with_suffix(".json").write_text(json.dumps(told))
 
 
-def rewritten(path: Path, **changes: torch.Tensor | None) -> None:
-    """Change tensors; None takes one out. Those of load_file lie in the file itself, so copies are written."""
-    names = {name.replace("_", "."): value for name, value in changes.items()}
-    found = {name: value.clone() for name, value in load_file(path).items()} | names
+def rebiased(path: Path, bias: torch.Tensor | None) -> None:
+    """Change the bias of the last layer; None takes it out. What load_file gives lies in the file, so copies go out."""
+    found = {name: value.clone() for name, value in load_file(path).items()} | {"last.bias": bias}
     save_file({name: value for name, value in found.items() if value is not None}, path)
 
 
 DAMAGE = {
     "missing": (Path.unlink, "there is no such file; give the .safetensors of task=train"),
     "broken": (lambda p: p.write_bytes(p.read_bytes()[:1000]), "is damaged or no .safetensors file"),
-    "other weights": (lambda p: rewritten(p, last_bias=torch.ones(16)), "describes other weights; copy both files"),
-    "no tensor": (lambda p: rewritten(p, last_bias=None), "train it again with task=train: .*Missing.*last.bias"),
-    "shape": (
-        lambda p: rewritten(p, last_bias=torch.zeros(3)),
-        "another renderer; train it again .*size mismatch for last.bias",
-    ),
-    "nan": (
-        lambda p: rewritten(p, last_bias=torch.full((16,), torch.nan)),
-        "last.bias has numbers that are not finite",
-    ),
+    "other weights": (lambda p: rebiased(p, torch.ones(16)), "describes other weights; copy both files"),
+    "no tensor": (lambda p: rebiased(p, None), "train it again with task=train: .*Missing.*last.bias"),
+    "shape": (lambda p: rebiased(p, torch.zeros(3)), "another renderer; .*size mismatch for last.bias"),
+    "nan": (lambda p: rebiased(p, torch.full((16,), torch.nan)), "last.bias has numbers that are not finite"),
     "pickle": (lambda p: torch.save({"a": torch.ones(1)}, p), "no .safetensors file .*; pickles are refused"),
-    "old pickle": (
-        lambda p: p.write_bytes(pickle.dumps({"weights": [1.0]})),
-        "pickles are refused, because they can run code",
-    ),
+    "old pickle": (lambda p: p.write_bytes(pickle.dumps({"weights": [1.0]})), "refused, because they can run code"),
     "no recipe": (lambda p: p.with_suffix(".json").unlink(), r"has no recipe beside it; copy mine.json"),
     "no JSON": (lambda p: p.with_suffix(".json").write_text("{"), "is not JSON"),
     "other JSON": (lambda p: p.with_suffix(".json").write_text("[]"), "is not the recipe of a renderer"),
@@ -340,8 +329,6 @@ def test_sixteen_bits_draw_and_pull_as_thirty_two_do(name):
 
 
 def test_training_has_its_own_precision():
-    given = sample_prior(3)
     same = [tiny(precision=precision) for precision in Precision]
     same[1].load_state_dict(same[0].state_dict())
-    images = [renderer.train()(given).images for renderer in same]
-    assert torch.equal(*images)
+    assert torch.equal(*(renderer.train()(sample_prior(3)).images for renderer in same))

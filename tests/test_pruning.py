@@ -14,7 +14,7 @@ from brushexp.app.tasks import prune as task
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import RENDERERS, window_pictures
-from brushexp.plugins.renderer.neural import Activation, Coarsest, Coordinates, Neural, Normalisation, Upsampling
+from brushexp.plugins.renderer.neural import Coarsest, Neural
 from brushexp.registry import build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.checkpoint import weights_hash
@@ -25,13 +25,12 @@ from brushexp.training.pruning import MULTIPLE, _Spread, check_prunable, prune
 from brushexp.training.writer import simulate_set
 
 OPTIONS = {"window": 64, "width": 16, "widest": 32, "dense": [32, 16], "subpixel": 4, "activation": "relu"}
-OPTIONS |= {"coordconv": Coordinates.stroke, "tint": True, "noise": False}
-OPTIONS |= {"normalisation": Normalisation.none, "upsampling": Upsampling.nearest}
+OPTIONS |= {"coordconv": "stroke", "tint": True, "noise": False}
+OPTIONS |= {"normalisation": "none", "upsampling": "nearest"}
 
 
 def tiny(**options) -> Neural:
-    chosen = {key: getattr(value, "name", value) for key, value in {**OPTIONS, **options}.items()}
-    return build_named("renderer", "neural", {"checkpoint": None, **chosen})
+    return build_named("renderer", "neural", {"checkpoint": None, **OPTIONS, **options})
 
 
 def batch(n: int = 6) -> StrokeBatch:
@@ -58,9 +57,9 @@ def silence_every_other_channel(renderer: Neural) -> None:
     "options",
     [
         {},
-        {"upsampling": Upsampling.bilinear, "coordconv": Coordinates.window},
-        {"coordconv": Coordinates.none, "tint": False, "noise": True},
-        {"normalisation": Normalisation.batch},
+        {"upsampling": "bilinear", "coordconv": "window"},
+        {"coordconv": "none", "tint": False, "noise": True},
+        {"normalisation": "batch"},
     ],
 )
 def test_channels_that_do_nothing_are_the_ones_to_go(options):
@@ -121,16 +120,16 @@ def test_a_pruned_checkpoint_loads_by_its_name_alone(tmp_path):
 @pytest.mark.parametrize("channels", [[8], [8] * 30, [0] * 9, [8] * 8 + ["x"]])
 def test_channels_that_do_not_fit_are_refused(channels):
     with pytest.raises(UserError, match=r"renderer.channels=\[.*\] are not 9 widths"):
-        Neural(**{**OPTIONS, "activation": Activation.relu}, channels=channels, checkpoint=None)
+        Neural(**OPTIONS, channels=channels, checkpoint=None)
     assert tiny(channels=[8] * 9).widths == [8] * 9
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"normalisation": Normalisation.group}, "renderer.normalisation=group or instance mixes channels"),
-        ({"normalisation": Normalisation.instance}, "renderer.normalisation=group or instance mixes channels"),
-        ({"upsampling": Upsampling.pixel_shuffle}, "renderer.upsampling=pixel_shuffle ties channels to pixels"),
+        ({"normalisation": "group"}, "renderer.normalisation=group or instance mixes channels"),
+        ({"normalisation": "instance"}, "renderer.normalisation=group or instance mixes channels"),
+        ({"upsampling": "pixel_shuffle"}, "renderer.upsampling=pixel_shuffle ties channels to pixels"),
     ],
 )
 def test_networks_whose_channels_cannot_be_told_apart_are_refused(options, message):

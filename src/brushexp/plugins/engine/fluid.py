@@ -97,7 +97,8 @@ class Fluid(Engine):
 
     def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:
         share_threads()
-        self._take_brushes(seed)
+        if seed != self._seed:
+            self._take_brushes(seed)
         strokes = strokes_of(parameters.detach().cpu().float())
         units = 0.5 * float(self._deposition.UNITS)
         points = torch.cat([strokes.start, strokes.control, strokes.end], dim=1).clamp(-FAR, FAR)
@@ -116,8 +117,6 @@ class Fluid(Engine):
 
     def _take_brushes(self, seed: int) -> None:
         """Draw the bristles: a jittered sunflower of places, and how stiff each one is."""
-        if seed == self._seed:
-            return
         n = self.bristles
         sources = (np.random.Philox(key=np.array([seed, brush], np.uint64)) for brush in range(self.brushes))
         words = np.stack([source.random_raw(3 * n).reshape(3, n) for source in sources])
@@ -128,7 +127,7 @@ class Fluid(Engine):
         self._roots = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1).astype(np.float32)
         self._stiffness = (self.stiffness * u[:, 2]).astype(np.float32)
         self._seed, self._place = seed, dict[tuple[int, int], int]()
-        self._poses, self._reach = list[Array](), list[tuple[float, float]]()
+        self._poses, self._reach = list[Array](), list[Array]()
 
     def _poses_for(self, brush: Array, scale: Array) -> Array:
         """Which pose (n,) each brush begins with; poses that are new are found by letting brushes come to rest."""
@@ -144,10 +143,6 @@ class Fluid(Engine):
             for key, pose in zip(fresh, poses, strict=True):
                 self._place[key] = len(self._poses)
                 self._poses.append(pose)
-                self._reach.append(self._touching(pose))
+                behind = -pose[0][pose[2] <= self._bristles.TOUCH]  # of where it touches the canvas
+                self._reach.append(np.quantile(behind, [0.95, 0.05]) if behind.size else np.zeros(2))
         return np.array([self._place[key] for key in keys], np.int64)
-
-    def _touching(self, pose: Array) -> tuple[float, float]:
-        """How far behind the handle a resting brush touches the canvas: its hindmost and its foremost part, radii."""
-        behind = -pose[0][pose[2] <= self._bristles.TOUCH]
-        return (float(np.quantile(behind, 0.95)), float(np.quantile(behind, 0.05))) if behind.size else (0.0, 0.0)

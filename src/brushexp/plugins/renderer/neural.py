@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from enum import Enum
 from itertools import pairwise
 from typing import Annotated
 
@@ -29,46 +28,14 @@ THINNEST = 1e-3  # half width that is divided by, half-windows; valid strokes ha
 FARTHEST = 3.0  # half widths from the axis
 
 
-class Coordinates(Enum):
-    """What convolutions know about where they are: nothing, x and y in the window, or the place on the stroke."""
-
-    none = "none"
-    window = "window"
-    stroke = "stroke"
-
-
-class Activation(Enum):
-    """What follows every layer but the last."""
-
-    relu = "relu"
-    leaky_relu = "leaky_relu"
-    elu = "elu"
-    gelu = "gelu"
-    silu = "silu"
-
-
-class Normalisation(Enum):
-    """What precedes the activation of a convolution: nothing, or over the batch, groups of channels, each channel."""
-
-    none = "none"
-    batch = "batch"
-    group = "group"
-    instance = "instance"
-
-
-class Upsampling(Enum):
-    """How a picture becomes twice as large."""
-
-    nearest = "nearest"
-    bilinear = "bilinear"
-    pixel_shuffle = "pixel_shuffle"
-
-
-NORMALISATIONS: dict[Normalisation, Callable[[int], nn.Module]] = {
-    Normalisation.none: lambda channels: nn.Identity(),
-    Normalisation.batch: nn.BatchNorm2d,
-    Normalisation.group: lambda channels: nn.GroupNorm(min(GROUPS, channels), channels),
-    Normalisation.instance: lambda channels: nn.GroupNorm(channels, channels),
+COORDINATES = ("none", "window", "stroke")
+ACTIVATIONS = ("relu", "leaky_relu", "elu", "gelu", "silu")
+UPSAMPLING = ("nearest", "bilinear", "pixel_shuffle")
+NORMALISATIONS: dict[str, Callable[[int], nn.Module]] = {
+    "none": lambda channels: nn.Identity(),
+    "batch": nn.BatchNorm2d,
+    "group": lambda channels: nn.GroupNorm(min(GROUPS, channels), channels),
+    "instance": lambda channels: nn.GroupNorm(channels, channels),
 }
 
 
@@ -94,7 +61,7 @@ class Neural(PatchRenderer):
         noise: add noise to every convolution, of a strength learned per channel (Karras et al., 2019,
             arXiv:1812.04948); fresh in training, in painting the same for every stroke.
         activation: after every layer but the last.
-        normalisation: in every convolution but the last.
+        normalisation: of every convolution but the last, over the batch, groups of channels, or each channel.
         upsampling: between the sizes; pixel_shuffle learns it.
         channels: widths of all layers but the last, as task=prune leaves them: of the dense ones, of the coarsest
             picture, and of every convolution. null: those of the checkpoint, else as width, widest and dense say.
@@ -112,12 +79,12 @@ class Neural(PatchRenderer):
         widest: Annotated[int, between(1, 4096)] = 96,
         dense: Annotated[list[int], between(1, 65536)] = [256, 256],  # noqa: B006
         subpixel: Annotated[int, one_of(1, 2, 4)] = 2,
-        coordconv: Coordinates = Coordinates.stroke,
+        coordconv: Annotated[str, one_of(*COORDINATES)] = "stroke",
         tint: bool = True,
         noise: bool = False,
-        activation: Activation = Activation.relu,
-        normalisation: Normalisation = Normalisation.none,
-        upsampling: Upsampling = Upsampling.nearest,
+        activation: Annotated[str, one_of(*ACTIVATIONS)] = "relu",
+        normalisation: Annotated[str, one_of(*NORMALISATIONS)] = "none",
+        upsampling: Annotated[str, one_of(*UPSAMPLING)] = "nearest",
         channels: list[int] | None = None,
         precision: Precision = Precision.float32,
         checkpoint: str | None = RENDERERS.shipped_name("neural"),
@@ -128,7 +95,7 @@ class Neural(PatchRenderer):
         if not dense:
             raise UserError("renderer.dense=[] has no width; try 'renderer.dense=[256,256]'")
         self.window, self.subpixel, self.precision = window, subpixel, precision
-        self.coordconv, self.tint, self.activate = coordconv, tint, getattr(functional, activation.name)
+        self.coordconv, self.tint, self.activate = coordconv, tint, getattr(functional, activation)
         sides = [COARSEST * 2**k for k in range((window // subpixel // COARSEST).bit_length())]
         by_size = [min(width * sides[-1] // side, widest) for side in sides]
         widths = [*dense, by_size[0], *(after for after in by_size[1:] for _ in range(CONVOLUTIONS))]
@@ -147,8 +114,8 @@ class Neural(PatchRenderer):
         self.convolving = nn.ModuleList()
         for k, (before, after) in enumerate(pairwise(seen)):
             side = sides[1 + k // CONVOLUTIONS]
-            planes = 2 if coordconv is Coordinates.window else 0
-            if coordconv is Coordinates.stroke and k % CONVOLUTIONS == 0:
+            planes = 2 if coordconv == "window" else 0
+            if coordconv == "stroke" and k % CONVOLUTIONS == 0:
                 planes = PLANES * (subpixel**2 if side == sides[-1] else 1)
             self.convolving.append(_Layer(before, after, side, planes, noise, normalisation))
         self.last = nn.Conv2d(seen[-1], 4 * subpixel**2, 3, padding=1)
@@ -183,10 +150,10 @@ class Neural(PatchRenderer):
 
     def _planes(self, parameters: Tensor, side: int) -> Tensor | None:
         """Coordinates of the pixels (n or 1, ., side, side); the finest are those of the picture, folded."""
-        if self.coordconv is Coordinates.stroke:
+        if self.coordconv == "stroke":
             zoom = self.subpixel if side * self.subpixel == self.window else 1
             return functional.pixel_unshuffle(stroke_planes(parameters, side * zoom), zoom)
-        if self.coordconv is Coordinates.window:
+        if self.coordconv == "window":
             line = (torch.arange(side, device=parameters.device, dtype=parameters.dtype) + 0.5) * (2 / side) - 1
             return torch.stack([line.expand(side, side), line[:, None].expand(side, side)])[None]
         return None
@@ -203,11 +170,11 @@ class Coarsest(nn.Linear):
         return super().forward(x).reshape(len(x), COARSEST, COARSEST, -1).permute(0, 3, 1, 2)
 
 
-def _enlarge(channels: int, upsampling: Upsampling) -> nn.Module:
+def _enlarge(channels: int, upsampling: str) -> nn.Module:
     """(n, C, h, w) -> (n, C, 2h, 2w)."""
-    if upsampling is Upsampling.pixel_shuffle:
+    if upsampling == "pixel_shuffle":
         return nn.Sequential(nn.Conv2d(channels, 4 * channels, 1), nn.PixelShuffle(2))
-    return nn.Upsample(scale_factor=2, mode=upsampling.name)
+    return nn.Upsample(scale_factor=2, mode=upsampling)
 
 
 class _Layer(nn.Module):
@@ -215,9 +182,7 @@ class _Layer(nn.Module):
 
     grain: Tensor
 
-    def __init__(
-        self, before: int, after: int, side: int, planes: int, noise: bool, normalisation: Normalisation
-    ) -> None:
+    def __init__(self, before: int, after: int, side: int, planes: int, noise: bool, normalisation: str) -> None:
         super().__init__()
         self.convolution = nn.Conv2d(before, after, 3, padding=1)
         self.coordinates = nn.Conv2d(planes, after, 1, bias=False) if planes else None
@@ -248,11 +213,8 @@ def stroke_planes(parameters: Tensor, side: int) -> Tensor:
     """Planes (n, PLANES, side, side) of strokes (n, 10) as `strokes.prior.parameters_of` writes them.
 
     Along the chord from -1 (start) to 1 (end); across it in half widths; how far beyond an end, in half widths; and
-    waves across, which fade away from the stroke. Differentiable in the parameters.
-
-    They are approximate (a network corrects them) so that they need no search for the nearest point: the curve is taken
-    as a parabola over its chord, whose lean along the chord is undone to first order. Valid strokes, whose control
-    points lie near the middle, deviate little from that.
+    waves across, which fade away from the stroke. The curve is taken as a parabola over its chord, whose lean is undone
+    to first order: valid strokes deviate little from that, a network corrects it, and nothing is searched for.
     """
     line = (torch.arange(side, device=parameters.device, dtype=parameters.dtype) + 0.5) * (2 / side) - 1
     start, control, end, width, _ = parameters[:, :, None, None].split([2, 2, 2, 1, 3], dim=1)  # (n, ., 1, 1)
