@@ -56,14 +56,6 @@ class Scene:
         return BLENDS[blend](RENDERERS[renderer](strokes), order, self.size, background).image
 
 
-def changed(strokes: Strokes, i: int, **fields: object) -> Strokes:
-    """Stroke ``i`` with other numbers."""
-    found = strokes.map(Tensor.clone)
-    for name, value in fields.items():
-        getattr(found, name)[i] = torch.as_tensor(value)
-    return found
-
-
 def degenerate(strokes: Strokes, i: int, kind: str) -> Strokes:
     """Make stroke ``i`` one of ``KINDS``."""
     fields: dict[str, dict[str, object]] = {
@@ -78,7 +70,10 @@ def degenerate(strokes: Strokes, i: int, kind: str) -> Strokes:
         "off the canvas": {"position": -5000.0},
         "a copy": {name: getattr(strokes, name)[max(i - 1, 0)] for name in FIELDS},
     }
-    return changed(strokes, i, **fields[kind])
+    found = strokes.map(Tensor.clone)
+    for name, value in fields[kind].items():
+        getattr(found, name)[i] = torch.as_tensor(value)
+    return found
 
 
 @st.composite
@@ -115,10 +110,12 @@ over_blends = pytest.mark.parametrize("blend", BLENDS)
 over_renderers = pytest.mark.parametrize("renderer", RENDERERS)
 
 
-@over_renderers
-@over_blends
-@PROFILE
-@given(scene=scenes(bend=1.0), seed=st.integers(0, 100))
+def over_all(**strategies):
+    """Random examples with every blend and every renderer."""
+    return lambda test: over_renderers(over_blends(PROFILE(given(**strategies)(test))))
+
+
+@over_all(scene=scenes(bend=1.0), seed=st.integers(0, 100))
 def test_pictures_lie_in_range_and_gradients_are_finite(blend, renderer, scene, seed):
     strokes = leaves(scene.strokes)
     image = scene.paint(blend, renderer, strokes)
@@ -144,10 +141,7 @@ def test_alpha_lies_between_nothing_and_the_opacity(dtype, renderer, scene):
     assert ((color >= -ROUNDING) & (color <= 1 + ROUNDING)).all()
 
 
-@over_renderers
-@over_blends
-@PROFILE
-@given(seed=st.integers(0, 10_000), rows=st.integers(1, 3), columns=st.integers(1, 4))
+@over_all(seed=st.integers(0, 10_000), rows=st.integers(1, 3), columns=st.integers(1, 4))
 def test_strokes_that_do_not_meet_may_come_in_any_order(blend, renderer, seed, rows, columns):
     n, cell = rows * columns, 11
     grid = torch.stack(torch.meshgrid(torch.arange(columns), torch.arange(rows), indexing="xy"), -1).reshape(-1, 2)
@@ -160,10 +154,7 @@ def test_strokes_that_do_not_meet_may_come_in_any_order(blend, renderer, seed, r
     assert torch.equal(one, other), "where one alpha is not 0, all others are"
 
 
-@over_renderers
-@over_blends
-@PROFILE
-@given(scene=scenes(), right=st.integers(0, 40), down=st.integers(0, 40), tiles=st.booleans())
+@over_all(scene=scenes(), right=st.integers(0, 40), down=st.integers(0, 40), tiles=st.booleans())
 def test_a_shift_by_whole_pixels_shifts_the_picture(blend, renderer, scene, right, down, tiles):
     """By multiples of eight pixels, exactly, in the compiled kernels; otherwise within 1e-4."""
     right, down = (8 * (right // 8), 8 * (down // 8)) if tiles else (right, down)
@@ -173,10 +164,7 @@ def test_a_shift_by_whole_pixels_shifts_the_picture(blend, renderer, scene, righ
     assert_same(found[:, down:, right:], wanted, blend in COMPILED and tiles, slack(blend))
 
 
-@over_renderers
-@over_blends
-@PROFILE
-@given(
+@over_all(
     scene=scenes(),
     place=st.integers(0, 10),
     kind=st.sampled_from(["transparent", "no width", "off the canvas", "far off", "beside"]),
@@ -233,10 +221,7 @@ def test_the_opacity_of_what_hides_others_has_the_slope_of_what_would_be_seen(re
     assert (slopes[0] - slopes[1]).norm() <= 1e-3 * slopes[1].norm() + 1e-5
 
 
-@over_renderers
-@over_blends
-@PROFILE
-@given(scene=scenes(), rows=st.integers(1, 30), tiles=st.booleans())
+@over_all(scene=scenes(), rows=st.integers(1, 30), tiles=st.booleans())
 def test_bands_of_a_picture_are_the_picture(blend, renderer, scene, rows, tiles):
     rows = 8 * -(-rows // 8) if tiles else rows
     with pytest.MonkeyPatch.context() as patch:

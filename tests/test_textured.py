@@ -20,6 +20,7 @@ from brushexp.training.evaluation import squared_error
 
 PAINTER = Textured(checkpoint=None).requires_grad_(False)  # as in painting: textures of 8 bits
 TILED = Tiled(opaque=0.0)
+BARE = BACKGROUND.view(3, 1, 1)
 
 
 def image_of(blend, strokes, size, renderer=PAINTER):
@@ -64,21 +65,17 @@ def test_nothing_lies_beyond_the_reach_where_a_curve_stands_still(kind):
 
 
 def test_thinner_strokes_fade_to_nothing():
-    bare = BACKGROUND.view(3, 1, 1)
     lines = [straight((4.2, 8.3), (30.1, 9.7), width=width) for width in (0.0, 0.05, 0.2, 0.8, 3.0)]
-    sums = [(image_of(TILED, line, (18, 34)) - bare).abs().sum() for line in lines]
+    sums = [(image_of(TILED, line, (18, 34)) - BARE).abs().sum() for line in lines]
     assert sums[0] == 0
     assert all(a < b for a, b in pairwise(sums))
 
 
 def test_a_number_has_one_look_in_any_batch_and_order():
-    strokes, number = sample_prior(12), torch.arange(12)
-    shuffled = torch.randperm(12)
-    whole = window_pictures(PAINTER, parameters_of(strokes), 32, number)
-    parts = window_pictures(PAINTER, parameters_of(strokes)[shuffled], 32, number[shuffled])
+    parameters, shuffled = parameters_of(sample_prior(12)), torch.randperm(12)
+    whole, parts = (window_pictures(PAINTER, parameters[n], 32, n) for n in (torch.arange(12), shuffled))
     torch.testing.assert_close(parts, whole[shuffled])
-    one = parameters_of(strokes)[:1].expand(12, -1)
-    looks = window_pictures(PAINTER, one, 32, number)
+    looks = window_pictures(PAINTER, parameters[:1].expand(12, -1), 32)
     assert torch.equal(looks[0], looks[PAINTER.variants])
     assert not torch.equal(looks[0], looks[1])
 
@@ -105,7 +102,7 @@ def test_painting_follows_the_weights_and_training_reaches_them():
     renderer.textures[:, :, 0] = -20.0
     after = image_of(TILED, stroke, size, renderer)
     assert not torch.equal(before, after)
-    torch.testing.assert_close(after, BACKGROUND.view(3, 1, 1).expand(3, *size))
+    torch.testing.assert_close(after, BARE.expand(3, *size))
 
 
 def test_distilled_strokes_look_like_those_of_the_engine():
@@ -114,10 +111,9 @@ def test_distilled_strokes_look_like_those_of_the_engine():
     parameters = parameters_of(sample_prior(20, seed=4))
     truth = engine(parameters, seed=3).images
 
+    @torch.no_grad()
     def off() -> float:
-        number = torch.arange(20)
-        with torch.no_grad():
-            return float(squared_error(window_pictures(renderer.eval(), parameters, 64, number), truth))
+        return float(squared_error(window_pictures(renderer.eval(), parameters, 64), truth))
 
     before = off()
     renderer.distil(lambda parameters, first: engine(parameters, seed=3, first=first).images)

@@ -68,20 +68,19 @@ def composed(folder, *overrides):
     return cfg
 
 
-@pytest.mark.parametrize(
-    ("chosen", "weights"),
-    [
-        ("loss=mse_strong", {"mse_strong": 2.0}),
-        ("loss=[mse,mse_strong]", {"mse": 1.0, "mse_strong": 2.0}),
-        ("loss=stronger", {"stronger": 3.0}),
-        ("loss=own_package", {"own_package": 4.0}),
-        ("loss=both", {"mse": 5.0, "l1": 1.0}),
-    ],
-)
-def test_a_preset_of_a_loss_is_a_loss_of_that_name(presets, chosen, weights):
-    cfg = composed(presets, chosen)
-    assert {name: node.weight for name, node in cfg.loss.items()} == weights
-    assert all(build(node).weight == weights[name] for name, node in cfg.loss.items())
+WEIGHTS = {
+    "[mse,mse_strong]": {"mse": 1.0, "mse_strong": 2.0},
+    "stronger": {"stronger": 3.0},
+    "own_package": {"own_package": 4.0},
+    "both": {"mse": 5.0, "l1": 1.0},
+}
+
+
+def test_a_preset_of_a_loss_is_a_loss_of_that_name(presets):
+    for chosen, weights in WEIGHTS.items():
+        cfg = composed(presets, f"loss={chosen}")
+        assert {name: node.weight for name, node in cfg.loss.items()} == weights
+        assert all(build(node).weight == weights[name] for name, node in cfg.loss.items())
 
 
 def test_a_preset_is_typed_and_tuned_as_its_plugin_is(presets):
@@ -94,8 +93,7 @@ def test_a_preset_is_typed_and_tuned_as_its_plugin_is(presets):
 
 def test_presets_work_in_every_family_of_which_several_can_be_chosen(presets):
     cfg = composed(presets, "logger=[table,csv]", "callbacks=[rates]")
-    assert list(cfg.logger) == ["table", "csv"]
-    assert list(cfg.callbacks) == ["rates"]
+    assert (list(cfg.logger), list(cfg.callbacks)) == (["table", "csv"], ["rates"])
     assert list(composed(presets, "task=export", "to=[large,svg]", "catalogue=a.h5").to) == ["large", "svg"]
     assert {path.partition("/")[0] for path in PRESETS} == set(MULTI_SELECT)
 

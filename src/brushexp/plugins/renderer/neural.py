@@ -54,15 +54,15 @@ class Neural(PatchRenderer):
         widest: most channels of a size.
         dense: widths of the dense layers before the one that makes the coarsest picture.
         subpixel: side of the squares that the last convolution draws at once: 1 (the source), 2 or 4.
-        coordconv: coordinates that are told to the network. window: x and y, as two more channels of every convolution
-            (Liu et al., 2018, arXiv:1807.03247); stroke: along and across the stroke, at the first convolution of each
-            size (`stroke_planes`), so that the network only has to learn what paint looks like, not where a curve goes.
+        coordconv: coordinates that are told to the network. none; window: x and y, as two more channels of every
+            convolution (Liu et al., 2018, arXiv:1807.03247); stroke: along and across the stroke, at the first one of
+            each size (`stroke_planes`), so that the network only has to learn what paint looks like, not where it goes.
         tint: add the stroke's colour to what the network draws, which then only has to learn the light on it.
         noise: add noise to every convolution, of a strength learned per channel (Karras et al., 2019,
             arXiv:1812.04948); fresh in training, in painting the same for every stroke.
-        activation: after every layer but the last.
-        normalisation: of every convolution but the last, over the batch, groups of channels, or each channel.
-        upsampling: between the sizes; pixel_shuffle learns it.
+        activation: after every layer but the last: relu, leaky_relu, elu, gelu or silu.
+        normalisation: of every convolution but the last: none, or over batch, group (of channels) or instance.
+        upsampling: between the sizes: nearest, bilinear, or pixel_shuffle, which learns it.
         channels: widths of all layers but the last, as task=prune leaves them: of the dense ones, of the coarsest
             picture, and of every convolution. null: those of the checkpoint, else as width, widest and dense say.
         precision: of the network in painting. bfloat16 is faster on processors that have it (AVX-512 BF16, AMX) and
