@@ -62,9 +62,6 @@ def combed(n: int, angle: float = 0.5) -> Strokes:
     return replace(made, start=-0.5 * way, control=0 * way, end=0.5 * way, scale=torch.full((n,), 12.0))
 
 
-# known strokes
-
-
 @pytest.mark.parametrize(("end", "degrees"), [((50, 20), 0), ((40, 40), 45), ((10, 30), 135), ((15, 20), 0)])
 def test_a_straight_stroke_has_its_length_and_direction(end, degrees):
     one, length = measured(straight((20, 20), end, width=3)), math.dist((20, 20), end)
@@ -77,7 +74,7 @@ def test_a_straight_stroke_has_its_length_and_direction(end, degrees):
         assert one[name] == pytest.approx(value, rel=1e-5, abs=1e-5), name
 
 
-def test_a_dot_has_no_direction():
+def test_a_dot_has_no_direction_and_what_is_not_defined_is_nan():
     one = measured(Strokes.join(straight((20, 20), (20, 20), width=4), straight((22, 20), (30, 20))))
     assert one.length[0] == 0
     assert one.curvature[0] == 0
@@ -86,9 +83,6 @@ def test_a_dot_has_no_direction():
     assert one.coherence[0] == pytest.approx(1)  # of the one direction there is
     assert one.aligned.tolist() == [0, 0]
     assert one.neighbours.tolist() == [1, 1]
-
-
-def test_what_is_not_defined_is_nan():
     assert np.isnan(measured(straight((10, 10), (30, 10), width=0)).elongatedness).all()
     alone = measured(straight((10, 10), (30, 10)))
     assert alone.neighbours == alone.aligned == 0
@@ -100,20 +94,13 @@ def test_what_is_not_defined_is_nan():
 def test_measures_of_extreme_strokes_are_finite(far):
     made = random_strokes(20, SIZE)
     wild = replace(made, position=made.position * far, scale=made.scale * far, width=made.width * 1e3)
-    for name, values in columns(measured(wild)).items():
-        if name not in AROUND:
-            assert np.isfinite(values).all(), name
-
-
-# what is around
+    assert all(np.isfinite(values).all() for name, values in columns(measured(wild)).items() if name not in AROUND)
 
 
 def test_parallel_strokes_cohere_and_crossed_ones_do_not():
     one = measured(combed(80))
-    assert one.coherence == pytest.approx(1)
-    assert one.deviation == pytest.approx(0, abs=1e-3)
-    assert (one.aligned == 10).all()
-    assert one.homogeneity == pytest.approx(1, abs=1e-3)
+    for name, value in {"coherence": 1, "deviation": 0, "aligned": 10, "homogeneity": 1}.items():
+        assert one[name] == pytest.approx(value, abs=1e-3), name
     crossed = measured(Strokes.join(straight((20, 10), (40, 10)), straight((30, 5), (30, 25))), radius=20)
     assert crossed.coherence == pytest.approx(0, abs=1e-6)
     assert crossed.deviation == pytest.approx(math.sqrt(0.5))
@@ -138,9 +125,6 @@ def test_neighbours_agree_with_the_obvious_loop():
         assert one.aligned[k] == (apart <= ALIGNED_WITHIN).sum()
     within = RADIUS_PITCHES * math.sqrt(60 * 90 / 70)
     assert measured(made).neighbours.tolist() == ((gaps <= within).sum(1) - 1).tolist()
-
-
-# invariances
 
 
 def test_turned_strokes_differ_in_direction_only():
@@ -177,9 +161,6 @@ def test_the_order_of_strokes_changes_nothing():
         np.testing.assert_allclose(other[name], values[mixed.numpy()], rtol=1e-5, atol=1e-5, err_msg=name)
 
 
-# visible
-
-
 def test_what_lies_above_hides_a_stroke_by_its_opacity_and_area():
     below, cover = straight((20, 30), (40, 30), width=6), straight((10, 30), (60, 30), width=20)
     assert measured(Strokes.join(below, cover)).visible == pytest.approx([0, 1], abs=2e-3)
@@ -189,6 +170,9 @@ def test_what_lies_above_hides_a_stroke_by_its_opacity_and_area():
     half = straight((60, -200), (60, 300), width=60)  # from x = 30 on
     assert measured(Strokes.join(below, half)).visible[0] == pytest.approx(0.5, abs=0.02)
     assert measured(straight((300, 300), (320, 300))).visible == 0
+    ends = (4000, 4000), (9000, 4000)  # a huge canvas is looked at reduced
+    strokes = Strokes.join(straight(*ends, width=500), straight(*ends, width=900))
+    assert measured(strokes, (8000, 12_000)).visible == pytest.approx([0, 1], abs=2e-3)
 
 
 def test_visible_shares_agree_with_the_obvious_sum():
@@ -203,15 +187,6 @@ def test_visible_shares_agree_with_the_obvious_sum():
     np.testing.assert_allclose(found[depth.argsort(descending=True)], share, atol=2e-3)
 
 
-def test_a_huge_canvas_is_looked_at_reduced():
-    ends = (4000, 4000), (9000, 4000)
-    strokes = Strokes.join(straight(*ends, width=500), straight(*ends, width=900))
-    assert measured(strokes, (8000, 12_000)).visible == pytest.approx([0, 1], abs=2e-3)
-
-
-# a painting in numbers
-
-
 def test_statistics_of_many_of_one_and_of_nothing():
     values = np.arange(1.0, 6.0)
     assert samples.statistics_of(values) == {"n": 5, "mean": 3, "sd": math.sqrt(2.5), "q25": 2, "median": 3, "q75": 4}
@@ -220,14 +195,11 @@ def test_statistics_of_many_of_one_and_of_nothing():
         assert samples.statistics_of(np.array([]), axial)["mean"] is None
 
 
-def test_directions_have_a_mean_across_the_turn():
+def test_directions_have_a_mean_across_the_turn_shares_centred_on_the_axes_and_an_entropy():
     numbers = samples.statistics_of(np.array([175.0, 5.0]), axial=True)
     assert min(numbers["mean"], 180 - numbers["mean"]) == pytest.approx(0, abs=1e-9)
     assert numbers["sd"] == pytest.approx(5, abs=0.01)
     assert numbers["median"] is None
-
-
-def test_shares_of_directions_are_centred_on_the_axes_and_their_entropy_tells_one_from_all():
     share = samples.direction_shares(np.array([0.0, 4.9, 175.1, 90.0]))
     assert (share[0], share[samples.DIRECTION_BINS // 2], share.sum()) == (0.75, 0.25, 1)
     assert samples.entropy_of(np.full(50, 1.0)) == 0
@@ -237,13 +209,11 @@ def test_shares_of_directions_are_centred_on_the_axes_and_their_entropy_tells_on
 def test_the_whole_of_parallel_strokes():
     numbers = overall_of(analysis_of(saved(replace(combed(50), opacity=torch.ones(50))), "a", "a"))
     assert numbers["per_1000_px"] == pytest.approx(1000 * 50 / (60 * 90))
-    assert numbers["agreement"] == pytest.approx(1)
-    assert numbers["coherence"] == pytest.approx(1)
-    assert numbers["entropy"] == 0
+    assert [numbers[key] for key in ("agreement", "coherence", "entropy")] == pytest.approx([1, 1, 0])
     assert numbers["direction"] == pytest.approx(math.degrees(0.5), abs=1e-3)
 
 
-def test_faint_and_thin_strokes_are_left_out():
+def test_faint_and_thin_strokes_are_left_out_and_hidden_ones_if_asked():
     source = painting(40)
     opacity, width = source.strokes.opacity.clone(), source.strokes.width.clone()
     opacity[3], width[7] = 0.05, 1e-5
@@ -251,9 +221,6 @@ def test_faint_and_thin_strokes_are_left_out():
     assert (one.total, len(one.number)) == (40, 38)
     assert set(range(40)) - set(one.number.tolist()) == {3, 7}
     assert sorted(one.depth.tolist()) == list(range(38))
-
-
-def test_hidden_strokes_are_left_out_if_asked():
     strokes = Strokes.join(straight((20, 30), (40, 30), width=6), straight((10, 30), (60, 30), width=20))
     one = analysis_of(saved(strokes), "a", "a", visible=0.5)
     assert (one.number.tolist(), one.measures.neighbours.tolist()) == ([1], [0])
@@ -272,9 +239,6 @@ def test_a_thin_stroke_counts_even_if_it_is_the_only_one(size):
     assert one.number.tolist() == [0]
     assert thinnest_of(1, size) == pytest.approx(0.02 * math.sqrt(size[0] * size[1] / 400))
     assert "thinner than" in brushwork_text([one])
-
-
-# two paintings
 
 
 @pytest.mark.parametrize("zoom", [1, 2])
@@ -320,10 +284,7 @@ def test_effects_are_cohens_and_have_words():
     assert {delta: samples.effect_size(delta) for delta in words} == words
 
 
-# files
-
-
-def test_the_table_can_be_read_back():
+def test_the_table_can_be_read_back_and_the_summary_is_in_pixels_and_in_pitches():
     one = found()
     rows = list(csv.DictReader(io.StringIO(strokes_csv(one))))
     assert len(rows) == 60
@@ -332,6 +293,10 @@ def test_the_table_can_be_read_back():
     angles = [float(row["orientation [deg]"]) for row in rows]
     assert angles == pytest.approx(np.degrees(one.measures.orientation), rel=1e-5)
     assert {"area [px^2]", "curvature [deg]", "visible", "x [px]"} <= rows[0].keys()
+    numbers = summary_of(one)["measures"]
+    for key, power in (("length", 1), ("area", 2)):
+        assert numbers[key]["in_pitches"]["median"] == pytest.approx(numbers[key]["median"] / one.pitch**power)
+    assert "in_pitches" not in numbers["straightness"]
 
 
 def test_what_is_not_defined_is_empty_null_or_a_dash(tmp_path):
@@ -344,25 +309,7 @@ def test_what_is_not_defined_is_empty_null_or_a_dash(tmp_path):
     text = (tmp_path / "summary.md").read_text()
     assert "–" in text
     assert "nan" not in text.replace("hidden", "").replace("means", "")
-
-
-def test_the_summary_is_in_pixels_and_in_pitches():
-    one = found()
-    numbers = summary_of(one)["measures"]
-    for key, power in (("length", 1), ("area", 2)):
-        assert numbers[key]["in_pitches"]["median"] == pytest.approx(numbers[key]["median"] / one.pitch**power)
-    assert "in_pitches" not in numbers["straightness"]
-
-
-def test_the_text_names_both_and_every_measure():
-    text = brushwork_text([found(name="early_work"), found(seed=1, name="late | work")])
-    assert "early\\_work less late \\| work" in text
-    assert all(measure.name in text for measure in MEASURES.values())
-
-
-def test_numbers_have_the_digits_that_tell_something():
-    values = (None, math.nan, 12345.6, 7, 0.12345, 2621)
-    assert [three_digits(value) for value in values] == ["–", "–", "12,346", "7", "0.123", "2,621"]
+    assert three_digits(12345.6) == "12,346"
 
 
 @pytest.mark.parametrize(
@@ -406,16 +353,13 @@ def test_the_map_of_coherence_says_nothing_where_no_strokes_are():
     assert np.isnan(mean[10, 29]).all()
 
 
-# the task
-
-
 def start(config, folder: Path, monkeypatch, *overrides: str) -> dict[str, object]:
     runtime = SimpleNamespace(runtime=SimpleNamespace(output_dir=str(folder)))
     monkeypatch.setattr(analyse.HydraConfig, "get", lambda: runtime)
     return analyse.run(config("task=analyse", *overrides), 0.0)
 
 
-def test_the_task_writes_all_files(config, tmp_path, monkeypatch):
+def test_the_task_writes_all_files_and_names_a_missing_one(config, tmp_path, monkeypatch):
     for name, seed in (("a", 0), ("b", 1)):
         (tmp_path / name).mkdir()
         save_catalogue(tmp_path / name / "catalogue.h5", painting(40, seed))
@@ -433,12 +377,8 @@ def test_the_task_writes_all_files(config, tmp_path, monkeypatch):
     assert (numbers["name"], numbers["against"]["name"], numbers["radius"]) == ("a", "b", 20)
     one = analysis_of(load_catalogue(Path(paths[0])), "a", "a", radius=20)
     assert numbers["measures"]["length"]["mean"] == pytest.approx(samples.statistics_of(one.values("length"))["mean"])
-
-
-def test_a_missing_catalogue_is_named(config, tmp_path, monkeypatch):
-    save_catalogue(tmp_path / "a.h5", painting(5))
     with pytest.raises(UserError, match=r"there is no file nowhere.h5; .* against="):
-        start(config, tmp_path, monkeypatch, f"catalogue={tmp_path}/a.h5", "against=nowhere.h5")
+        start(config, tmp_path, monkeypatch, f"catalogue={paths[0]}", "against=nowhere.h5")
 
 
 def test_names_tell_catalogues_apart():

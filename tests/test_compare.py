@@ -38,9 +38,6 @@ def sweep(folder: Path, *settings: str, **numbers: object) -> Path:
     return folder
 
 
-# curves
-
-
 def test_quality_at_a_time_is_the_best_so_far_and_time_to_a_quality_the_first():
     assert [quality_at(CURVE, t) for t in (1, 1.5, 2, 3, 4, 5)] == pytest.approx([10, 15, 20, 20, 20, 30])
     assert quality_at(CURVE, 0.9) is quality_at(CURVE, 5.1) is None
@@ -66,15 +63,12 @@ def test_curves_are_read_in_order_and_a_run_without_one_is_passed_over():
     assert (seconds.tolist(), psnr.tolist()) == ([1.0, 2.0], [20.0, 25.0])
 
 
-def test_a_run_that_has_ended_keeps_its_picture_in_the_mean():
+def test_a_run_that_has_ended_keeps_its_picture_in_the_mean_and_the_lead():
     times, psnr = mean_curve(
         [(np.array([0.0, 1.0]), np.array([10.0, 20.0])), (np.array([0.5, 2.0]), np.array([20.0, 30.0]))]
     )
     assert times.tolist() == [0.5, 1.0, 2.0]
     assert psnr.tolist() == pytest.approx([(15 + 20) / 2, (20 + 20 + 10 / 3) / 2, (20 + 30) / 2])
-
-
-def test_who_is_ahead_when():
     fast = (np.array([0.0, 1.0]), np.array([10.0, 20.0]))
     slow = (np.array([0.5, 3.0, 4.0]), np.array([5.0, 20.05, 30.0]))
     assert ahead({"fast": fast, "slow": slow}) == [(0.0, "fast"), (4.0, "slow")]
@@ -90,9 +84,6 @@ def test_equal_time_and_equal_quality_are_told(tmp_path):
     assert "| steps=1 | 0.10 | 1.05 | 2.00 | – | – |" in lines
     assert "| steps=2 | 0.20 | 0.20 | 0.60 | 0.90 | 1.10 |" in lines
     assert lines[-2:] == ["| 0.1 s | steps=1 |", "| 0.2 s | steps=2 |"]
-
-
-# gathering
 
 
 def test_sweeps_and_single_runs_are_gathered(tmp_path):
@@ -111,9 +102,6 @@ def test_a_folder_without_runs_is_explained(tmp_path, name, reason):
     (tmp_path / "empty").mkdir()
     with pytest.raises(UserError, match=rf"runs=.*{name}: there is {reason}; give the folder of a run or of a sweep"):
         gather([tmp_path / name], tmp_path)
-
-
-# task=compare
 
 
 @pytest.fixture
@@ -143,7 +131,7 @@ def test_everything_is_written(tmp_path, compare):
     assert "| ../b | 3 |" in (folder / "table.md").read_text()
 
 
-def test_other_and_unfinished_runs_are_left_out(tmp_path, compare, caplog):
+def test_other_and_unfinished_runs_are_left_out_and_nothing_to_compare_is_explained(tmp_path, compare, caplog):
     sweep(tmp_path / "a", "steps=1", "steps=2", anytime=None)
     single_run(tmp_path / "b", "task=train", psnr=None)
     single_run(tmp_path / "c", "steps=3", status="interrupted")
@@ -152,10 +140,5 @@ def test_other_and_unfinished_runs_are_left_out(tmp_path, compare, caplog):
     assert numbers["runs"] == 2
     assert "2 of 4 runs are left out" in caplog.text
     assert not {"anytime.md", "curves.png"} & {path.name for path in folder.iterdir()}
-
-
-def test_nothing_to_compare_is_explained(tmp_path, compare):
-    single_run(tmp_path / "a", "steps=1")
-    single_run(tmp_path / "b", "task=train", psnr=None)
     with pytest.raises(UserError, match=r"1 of 2 runs are finished paintings, and no two .*'runs=\[\.\.\.\]'"):
-        compare(f"runs={tmp_path}")
+        compare(f"runs=[{tmp_path}/a/0,{tmp_path}/b]")

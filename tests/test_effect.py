@@ -12,7 +12,6 @@ from sweeps import collect, make_grid, make_run, note
 
 from brushexp.results.anytime_curves import MOST_CURVES, write_curves
 from brushexp.results.effect import effects, write_effect
-from brushexp.results.plotting import without_math
 from brushexp.results.runs import shortened
 from brushexp.results.sweep import renew
 
@@ -109,10 +108,6 @@ def test_every_plot_is_drawn_whole_and_the_same_every_time(tmp_path, axes, heigh
         assert heights[0] <= pixels.shape[0] <= heights[1]
         for edge in (pixels[:2], pixels[-2:], pixels[:, :2], pixels[:, -2:]):
             assert edge.min() > 250, "there is white all around"
-
-
-def test_letters_that_the_font_lacks_are_replaced():
-    assert without_math("a$b$\n画 é") == r"a\$b\$ ? é"
 
 
 def test_values_are_shortened_as_long_as_they_differ():

@@ -147,8 +147,6 @@ def _histogram(axes: Axes, key: str, found: Sequence[Analysis]) -> None:
         axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, fontsize=8.5, frameon=False, borderaxespad=0)
     axes.set_xlabel(label if filled else f"{label}: not defined", fontsize=10)
     axes.set_xlim(low, high)
-    if high == 180.0:
-        axes.set_xticks([0, 45, 90, 135, 180])
 
 
 def _range(key: str, samples: Sequence[Array]) -> tuple[float, float]:

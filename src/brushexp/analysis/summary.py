@@ -9,15 +9,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from brushexp.analysis import samples
 from brushexp.analysis.columns import MEASURES, RADIUS_PITCHES, Array, StrokeTable, measure_strokes
-from brushexp.analysis.samples import (
-    DIRECTION_BINS,
-    compared,
-    degrees_of,
-    entropy_of,
-    mean_of_directions,
-    statistics_of,
-)  # fmt: skip
 from brushexp.errors import UserError
 from brushexp.strokes.brushwork import MIN_OPACITY, MIN_WIDTH_PITCHES, is_visible, pitch_of
 from brushexp.strokes.catalogue import Strokes
@@ -35,7 +28,9 @@ OVERALL = {
     "agreement": Measure("agreement", "coherence of all strokes together; 1 is parallel, 0 no direction prevails"),
     "coherence": Measure("local coherence", "mean of the coherence around each stroke"),
     "disorder": Measure("coherence in disorder", f"what chance makes of n = {NEIGHBOURS + 1} strokes, sqrt(pi / 4 n)"),
-    "entropy": Measure("entropy of directions", f"1: all {DIRECTION_BINS} are equally frequent, 0: there is one"),
+    "entropy": Measure(
+        "entropy of directions", f"1: all {samples.DIRECTION_BINS} are equally frequent, 0: there is one"
+    ),
 }
 
 
@@ -110,17 +105,17 @@ def overall_of(found: Analysis) -> dict[str, float | None]:
     """The numbers of ``OVERALL``; None where one is not defined."""
     measures, pixels = found.measures, found.size[0] * found.size[1]
     angle = found.values("orientation")
-    mean = mean_of_directions(angle) if len(angle) else None
+    mean = samples.mean_of_directions(angle) if len(angle) else None
     around = min(NEIGHBOURS, len(measures) - 1) + 1
     return {
         "per_1000_px": 1000 * len(measures) / pixels,
         "layers": float(measures.area.sum()) / pixels,
         "hidden": float((measures.visible <= HIDDEN_SHARE).mean()),
-        "direction": None if mean is None else degrees_of(mean),
+        "direction": None if mean is None else samples.degrees_of(mean),
         "agreement": None if mean is None else min(abs(mean), 1.0),
         "coherence": float(measures.coherence.mean()) if around > 1 else None,
         "disorder": math.sqrt(math.pi / (4 * around)) if around > 1 else None,
-        "entropy": entropy_of(angle) if len(angle) else None,
+        "entropy": samples.entropy_of(angle) if len(angle) else None,
     }
 
 
@@ -128,9 +123,9 @@ def summary_of(found: Analysis) -> dict[str, object]:
     """All of it as plain data, in pixels and in pitches."""
     measures: dict[str, dict[str, object]] = {}
     for key, measure in MEASURES.items():
-        measures[key] = {"unit": measure.unit, **statistics_of(found.values(key), measure.axial)}
+        measures[key] = {"unit": measure.unit, **samples.statistics_of(found.values(key), measure.axial)}
         if measure.power:
-            relative = statistics_of(found.relative(key))
+            relative = samples.statistics_of(found.relative(key))
             measures[key]["in_pitches"] = {name: value for name, value in relative.items() if name != "n"}
     return {
         "name": found.name,
@@ -154,11 +149,10 @@ def comparison_of(one: Analysis, other: Analysis) -> dict[str, dict[str, float |
     ``effect`` in words, see `samples`; and ``distance``, Wasserstein-1: how far a stroke's value must move on average
     to turn one distribution into the other.
     """
-    return {
-        key: compared(one.relative(key), other.relative(key), axial=measure.axial) for key, measure in MEASURES.items()
-    }
+    pairs = {key: (one.relative(key), other.relative(key)) for key in MEASURES}
+    return {key: samples.compared(*pair, axial=MEASURES[key].axial) for key, pair in pairs.items()}
 
 
 def mean_measures(found: Analysis) -> dict[str, float | int | None]:
     """One number per measure, for the table of a sweep."""
-    return {key: statistics_of(found.values(key), measure.axial)["mean"] for key, measure in MEASURES.items()}
+    return {key: samples.statistics_of(found.values(key), measure.axial)["mean"] for key, measure in MEASURES.items()}

@@ -101,7 +101,7 @@ def draw_sheet(rows: Sequence[Sequence[SheetCell]], title: str, side: int = SIDE
     font, large, line = _font(letter), _font(letter * 5 // 4), round(LINE * letter)
     letters = max(1, int(side / (LETTER_WIDTH * letter)))
     pictures = [[_picture(cell, side) or _box(cell.words, side, letters, font) for cell in row] for row in rows]
-    labels = [[_lines(cell.label, letters, 3) for cell in row] for row in rows]
+    labels = [["\n".join(folded(text, letters) for text in cell.label) for cell in row] for row in rows]
     height = max(picture.height for row in pictures for picture in row)
     step = height + GAP + line * max(1 + text.count("\n") for row in labels for text in row)
     width = max(columns * (side + GAP), math.ceil(large.getlength(title)) + GAP) + GAP
@@ -124,15 +124,10 @@ def _font(size: int) -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(Path(get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", size)
 
 
-def _lines(texts: Sequence[str], letters: int, most: int) -> str:
-    """Each text in at most so many lines."""
-    return "\n".join(folded(text, letters, most) for text in texts)
-
-
 def _box(words: str, side: int, letters: int, font: ImageFont.FreeTypeFont) -> Image.Image:
     box = Image.new("RGB", (side, max(1, side * 3 // 5)), BOX)
     place = side // 2, box.height // 2
-    ImageDraw.Draw(box).multiline_text(place, _lines([words], letters, 8), INK, font, anchor="mm", align="center")
+    ImageDraw.Draw(box).multiline_text(place, folded(words, letters, most=8), INK, font, anchor="mm", align="center")
     return box
 
 

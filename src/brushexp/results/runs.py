@@ -48,7 +48,7 @@ def gather(folders: Iterable[Path], into: Path) -> DataFrame:
     for folder in folders:
         if not folder.is_dir():
             raise UserError(f"runs={folder}: there is no such folder; give the folder of a run or of a sweep")
-        paths = sorted(_runs_below(folder.resolve()), key=lambda path: (str(path.parent), _run_number(path.name)))
+        paths = sorted(_runs_below(folder.resolve()), key=_place_of)
         if not paths:
             raise UserError(f"runs={folder}: there is no finished run in it; give the folder of a run or of a sweep")
         for path in paths:
@@ -198,6 +198,6 @@ def read_result(path: Path) -> Result:
         return {"status": "failed", "error": f"its {path.name} cannot be read: {error}", "overrides": {}}
 
 
-def _run_number(run: str) -> tuple[bool, int, str]:
-    """Puts runs in the order of their numbers, and those without one behind."""
-    return (not run.isdecimal(), int(run) if run.isdecimal() else 0, run)
+def _place_of(run: Path) -> tuple[str, bool, int, str]:
+    """Puts the runs of a folder in the order of their numbers, and those without one behind."""
+    return str(run.parent), not run.name.isdecimal(), int(run.name) if run.name.isdecimal() else 0, run.name

@@ -136,8 +136,7 @@ def _shown(pixels: np.ndarray) -> dict[str, Any]:
 
 def _lead(saved: Saved, metrics: Mapping[str, Any]) -> str:
     """One line below the title."""
-    height, width = saved.size
-    count = len(saved.strokes)
+    (height, width), count = saved.size, len(saved.strokes)
     words = f"{count:,} stroke{'s' * (count != 1)} on {width:,} × {height:,} pixels, renderer {saved.renderer}"
     return words + (f", painted on {metrics['device']}" if metrics.get("device") else "")
 
@@ -169,10 +168,8 @@ def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -
         drawings.line_chart("PSNR by steps", steps, curves.get("psnr", [math.nan] * len(steps)), "steps", "dB"),
         drawings.line_chart("PSNR by time", times, psnr, "seconds of optimisation", "dB"),
     ]
-    losses = [name for name in curves if name.startswith("loss/")]
-    charts += [
-        drawings.line_chart(f"Loss {name.removeprefix('loss/')}", steps, curves[name], "steps") for name in losses
-    ]
+    losses = {name.removeprefix("loss/"): loss for name, loss in curves.items() if name.startswith("loss/")}
+    charts += [drawings.line_chart(f"Loss {name}", steps, loss, "steps") for name, loss in losses.items()]
     return [chart for chart in charts if chart]
 
 
