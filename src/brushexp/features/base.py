@@ -40,11 +40,7 @@ class Backbone(nn.Module, ABC):
         """Yield name and activation, in the order of ``taps``; computes nothing beyond what is asked for."""
 
     def forward(self, pictures: Tensor, taps: Collection[str]) -> dict[str, Tensor]:
-        """Activations (B, C, h, w) of pictures (B, 3, H, W), sRGB in [0, 1]; nothing below the last tap is computed.
-
-        Raises:
-            UserError: if a tap does not exist, or none is asked for.
-        """
+        """Activations (B, C, h, w) of pictures (B, 3, H, W), sRGB in [0, 1]; nothing below the last tap is computed."""
         self.check(taps)
         found: dict[str, Tensor] = {}
         for name, value in self.walk(pictures):
@@ -55,7 +51,7 @@ class Backbone(nn.Module, ABC):
         return found
 
     def check(self, taps: Collection[str]) -> None:
-        """Refuse taps that this network does not have."""
+        """Refuse taps that this network does not have, and an empty list (UserError)."""
         wrong = [tap for tap in taps if tap not in self.taps]
         if wrong or not taps:
             asked = repr(wrong[0]) if wrong else "an empty list"
@@ -101,11 +97,7 @@ def mean_squares(ours: Tensor, theirs: Tensor, weights: Tensor | None = None) ->
 
 
 def packaged(package: str, file: str) -> Path:
-    """Path of a file in an installed package, whose code is not run.
-
-    Raises:
-        UserError: without the package.
-    """
+    """Path of a file in an installed package, whose code is not run; a UserError without the package."""
     spec = find_spec(package)
     if spec is None or not spec.submodule_search_locations:
         raise UserError(f"{package} is not installed; pip install {package.replace('_', '-')}")
@@ -113,11 +105,7 @@ def packaged(package: str, file: str) -> Path:
 
 
 def read_tensors(path: Path) -> dict[str, Tensor]:
-    """Tensors of a .pth or .safetensors file, by name.
-
-    Raises:
-        UserError: if there is no such file, or it holds something else.
-    """
+    """Tensors of a .pth or .safetensors file, by name; a UserError if there is none, or it holds something else."""
     if not path.is_file():
         raise UserError(f"weights: there is no file {path}; name one that exists")
     try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from textwrap import shorten
 
 import torch
@@ -13,7 +12,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from brushexp.errors import UserError
-from brushexp.features.base import OPTION, Backbone, read_tensors
+from brushexp.features.base import Backbone
 
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet, as torchvision trains its networks
 VGG_DEPTHS = (2, 2, 3, 3, 3)  # convolutions of each block
@@ -85,8 +84,7 @@ ARCHITECTURES = {
 class ClassicNetwork(Backbone):
     """One of ``ARCHITECTURES``, with weights under torchvision's names (``features.0.weight`` ...).
 
-    Raises:
-        UserError: if ``state`` lacks some of those; others, of a classifier for instance, do not matter.
+    A ``state`` that lacks some of those is refused (UserError); others, of a classifier for instance, do not matter.
     """
 
     mean: Tensor
@@ -122,17 +120,3 @@ class ClassicNetwork(Backbone):
             x = layer(x)
             if isinstance(layer, nn.ReLU | Fire):
                 yield next(taps), x
-
-
-def load_classic(name: str, weights: str | None = None, option: str = OPTION) -> ClassicNetwork:
-    """A network from a file with torchvision's names, .pth or .safetensors.
-
-    Raises:
-        UserError: if no such file is named, or it does not hold the network.
-    """
-    if weights is None:
-        raise UserError(
-            f"backbone {name} needs a file with torchvision's weights; set {option}=path, "
-            f"or take another network: {option.replace('weights', 'backbone')}=effl0"
-        )
-    return ClassicNetwork(name, read_tensors(Path(weights)))

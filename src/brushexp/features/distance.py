@@ -30,10 +30,7 @@ class Distance(nn.Module):
     length 1, averages over positions and weighs the channels of several taps. With the network ``effl0`` there is one
     weight per tap instead of one per channel; so it is called effl0, never LPIPS, and the numbers do not compare.
 
-    Args:
-        network: sees the pictures.
-        weights: of each tap, (C,) or (1,) for all of its channels.
-        label: what logs and metrics call it.
+    The ``weights`` of each tap are (C,), or (1,) for all of its channels; ``label`` is what logs and metrics call it.
     """
 
     def __init__(self, network: Backbone, weights: Mapping[str, Tensor], label: str) -> None:
@@ -43,10 +40,7 @@ class Distance(nn.Module):
             self.register_buffer(f"weight{number}", weight, persistent=False)
 
     def look(self, picture: Tensor) -> list[Tensor]:
-        """Unit vectors (1, C, h, w) of each tap for a picture (3, H, W), sRGB in [0, 1]; differentiable.
-
-        Those of features not much longer than 1e-4 are shorter.
-        """
+        """Unit vectors (1, C, h, w), shorter for features below 1e-4, of each tap for a picture (3, H, W) in sRGB."""
         found = self.network(picture[None], self.taps)
         return [found[tap] / (found[tap].square().sum(1, keepdim=True) + FLOOR).sqrt() for tap in self.taps]
 
@@ -63,17 +57,10 @@ class Distance(nn.Module):
 
 
 def open_distance(backbone: str = "effl0", weights: str | None = None, option: str = OPTION) -> Distance:
-    """Distance in the network ``backbone``; LPIPS with its published weights for those networks that have them.
-
-    See `open_backbone`.
-
-    Raises:
-        UserError: if the network cannot be opened.
-    """
-    if backbone == "effl0":
-        tensors = {tap: torch.tensor([weight]) for tap, weight in WEIGHTS.items()}
-        return Distance(open_backbone(backbone, weights, option), tensors, backbone)
+    """Distance in a network of `open_backbone`; LPIPS with its published weights for those networks that have them."""
     network = open_backbone(backbone, weights, option)
+    if backbone == "effl0":
+        return Distance(network, {tap: torch.tensor([weight]) for tap, weight in WEIGHTS.items()}, backbone)
     file, taps = CALIBRATED[backbone]
     found = read_tensors(packaged(PACKAGE, f"{FOLDER}/{file}"))
     tensors = {tap: found[f"lin{number}.model.1.weight"].flatten() for number, tap in enumerate(taps)}

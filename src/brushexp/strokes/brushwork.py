@@ -61,11 +61,7 @@ class Brushwork:
 
 
 def load_brushwork(path: Path, option: str = OPTION) -> Brushwork:
-    """The brushwork of a saved catalogue; ``option`` is what sets the path, for messages.
-
-    Raises:
-        UserError: if it is no catalogue, or fewer than ``MIN_STROKES`` of its strokes count.
-    """
+    """The brushwork of a saved catalogue; ``option`` is what sets the path, for messages."""
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415  (slow to import)
 
     saved = load_catalogue(path, option)
@@ -79,8 +75,7 @@ def load_brushwork(path: Path, option: str = OPTION) -> Brushwork:
 def brushwork_of(strokes: Strokes, size: tuple[int, int]) -> Brushwork:
     """The brushwork of strokes on a canvas of ``size`` (height, width), of those that can be seen (`is_visible`).
 
-    Raises:
-        UserError: if those are fewer than ``MIN_STROKES``.
+    Fewer than ``MIN_STROKES`` of these are refused (UserError).
     """
     pitch = pitch_of(strokes, size)
     counted = strokes[is_visible(strokes, pitch)]

@@ -97,11 +97,7 @@ class Strokes:
 
 
 def check_strokes(strokes: Strokes) -> None:
-    """Refuse strokes of a wrong shape, with numbers that are not finite, or outside ``FIELDS``.
-
-    Raises:
-        UserError: names the field, and the first stroke at fault.
-    """
+    """Refuse strokes of a wrong shape, not finite, or outside ``FIELDS``: a UserError names field and first stroke."""
     for name, field in FIELDS.items():
         value = getattr(strokes, name)
         if tuple(value.shape) != field.shape(len(strokes)):
@@ -120,10 +116,8 @@ def drawable(strokes: Strokes) -> Strokes:
     """Strokes as renderers take them: those of 16 bits in float32, and their gradients come back in 16 bits.
 
     A coordinate of 16 bits is coarse (at 300 px steps of 1/4 px in float16, of 2 px in bfloat16), but it is a place.
-    What is computed from it in 16 bits is not: squares of distances overflow, and nearest points are lost.
-
-    Raises:
-        UserError: for numbers that 16 bits cannot hold, and for strokes of whole or complex numbers.
+    What is computed from it in 16 bits is not: squares of distances overflow, and nearest points are lost. Refused
+    (UserError) are numbers that 16 bits cannot hold, and strokes of whole or complex numbers.
     """
     dtype = strokes.position.dtype
     if dtype in PRECISE:

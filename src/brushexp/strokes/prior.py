@@ -28,10 +28,8 @@ def sample_prior(n: int, seed: int = 0, first: int = 0) -> Strokes:
     Start and end are uniform in the window and the thickness w is uniform in ``WIDTH``, redrawn until |s - e| >= 2 w
     (in sides of the window); the control point is normal about the middle with variances ``SPREAD``, redrawn until it
     lies in the window; then all three points are scaled by ``INSET``. Hence the length of a stroke is at least 1.4 w.
-    Differs from the source: its eq. 6.1 prints the inequality the other way round.
-
-    Returns:
-        float32 on the CPU, at position 0 in a window of 64 pixels, opaque, colours uniform.
+    They are float32 on the CPU, opaque, of uniform colours, at position 0 in a window of 64 pixels. Differs from the
+    source: its eq. 6.1 prints the inequality the other way round.
     """
     draw = partial(_uniform, seed, first, n)
     body = _redraw(lambda attempt: draw(2 * attempt, 8), _long_enough)  # (n, 8): start 2, end 2, width, colour 3
@@ -120,10 +118,7 @@ def rewindow(strokes: Strokes) -> Strokes:
 
 
 def bend_of(strokes: Strokes) -> Tensor:
-    """Control point (N, 2) along and across s - e, from the middle between s and e, in units of |s - e|.
-
-    A stroke shorter than ``SHORTEST`` is measured as if it had that length; no valid stroke is that short.
-    """
+    """`control_offset` (N, 2) of strokes; those shorter than ``SHORTEST``, which are not valid, count as that long."""
     return control_offset(torch.stack([strokes.start, strokes.control, strokes.end], dim=1), SHORTEST)
 
 

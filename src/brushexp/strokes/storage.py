@@ -40,11 +40,7 @@ class Saved:
 
 
 def save_catalogue(path: Path, saved: Saved) -> None:
-    """Write a catalogue whole or not at all; same catalogue, same bytes.
-
-    Raises:
-        UserError: if `load_catalogue` would refuse it, or the file cannot be written.
-    """
+    """Write a catalogue whole or not at all; same catalogue, same bytes. What cannot be loaded again is refused."""
     saved = replace(saved, strokes=saved.strokes.map(lambda value: value.detach().to("cpu", torch.float32)))
     _check(saved)
     memory = io.BytesIO()  # h5py does not say why writing to a file failed
@@ -72,11 +68,7 @@ def _put(file: h5py.File, name: str, value: np.ndarray, unit: str) -> None:
 
 
 def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
-    """Read a catalogue and check all of it; ``option`` is what sets the path, for messages.
-
-    Raises:
-        UserError: says what is wrong with the file.
-    """
+    """Read a catalogue and check all of it; a UserError says what is wrong. ``option`` is what sets the path."""
     if path.is_dir():
         raise UserError(f"{path} is a folder; give the file in it, {option}={path / 'catalogue.h5'}")
     if not path.exists():

@@ -49,11 +49,7 @@ def _exact(value: Any) -> Any:
 
 
 def parse(text: str) -> tuple[Strokes, Tensor, Tensor, str, dict[str, Any]]:
-    """Read what `json_lines` wrote: strokes, depth as int64, background, config and attributes; types are checked.
-
-    Raises:
-        UserError: says what is wrong with the text.
-    """
+    """Strokes, depth (int64), background, config and attributes that `json_lines` wrote; a UserError if it did not."""
     try:
         data = json.loads(text)
     except json.JSONDecodeError as error:

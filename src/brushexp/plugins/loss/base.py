@@ -137,10 +137,7 @@ class Loss(nn.Module, ABC):
         """Return a scalar, 0 for a perfect painting."""
 
     def of_target(self, target: Tensor, compute: Callable[[Tensor], T], key: Hashable = None) -> T:
-        """``compute(target)`` without gradient, kept until another target object comes.
-
-        ``key`` tells apart what differs beside the target, if anything.
-        """
+        """``compute(target)`` without gradient, kept until another target comes; ``key`` tells computations apart."""
         if target is not self._target:  # the object is kept, so that its identity cannot be reused
             self._target, self._found = target, {}
         if key not in self._found:

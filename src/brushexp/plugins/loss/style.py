@@ -155,22 +155,16 @@ class Style(Loss):
         self._rest: list[Tensor] = []  # sums over the canvas without those over what the steps look at
 
     def picture(self, target: Tensor) -> Tensor:
-        """The style picture (3, h, w) as it is used for a whole target (3, H, W).
-
-        Raises:
-            UserError: if it is smaller than the context of the network.
-        """
+        """The style picture (3, h, w) as it is used for a whole target (3, H, W); not smaller than ``context``."""
         if self.image is None:
             return target
         side = max(1, round(self.scale * max(target.shape[1:])))
         picture = load_picture(self.image, side, key="style").to(target)
-        short = min(picture.shape[1:])
-        field = self.network.context
-        if short < field:
-            least = math.ceil(10 * self.scale * field / short) / 10
+        if (short := min(picture.shape[1:])) < self.context:
+            least = math.ceil(10 * self.scale * self.context / short) / 10
             raise UserError(
                 f"style={self.image} has {picture.shape[2]} x {picture.shape[1]} pixels at the scale {self.scale:g} of "
-                f"this canvas, but the network needs {field} x {field}; set style.loss.scale={least:g} "
+                f"this canvas, but the network needs {self.context} x {self.context}; set style.loss.scale={least:g} "
                 "or more, or a larger resolution"
             )
         return recolored(picture, like=target) if self.colors == "content" else picture
