@@ -1,6 +1,7 @@
 """Partial updates: places, rings, what is kept, and that parts agree with the whole."""
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 import torch
@@ -27,9 +28,7 @@ from brushexp.strokes.prior import clamp_to_prior
 RENDERERS = {"analytic": Analytic, "textured": Textured, "windowed": Windowed}
 
 
-def few(**options) -> Patches:
-    """Fifteen strokes at a time, with as many around them."""
-    return Patches(**{"n_active": 15, "n_ring": 15, "patch": 32, **options})
+few = partial(Patches, n_active=15, n_ring=15, patch=32)
 
 
 @pytest.mark.parametrize("coverage", ["fair", "random"])
@@ -81,8 +80,8 @@ def test_only_active_strokes_move():
     for _ in range(8):
         before = [value.clone() for _, value in painter.strokes().items()]
         take(painter, 1, loop)
-        after = [value for _, value in painter.strokes().items()]
-        moved = [(a != b).reshape(60, -1).any(1) for a, b in zip(before, after, strict=True)]
+        pairs = zip(before, painter.strokes().items(), strict=True)
+        moved = [(old != new).reshape(60, -1).any(1) for old, (_, new) in pairs]
         assert 0 < torch.stack(moved).any(0).sum() <= 7
 
 
@@ -99,23 +98,20 @@ def test_the_past_of_a_stroke_is_remembered_from_visit_to_visit():
 FEATURES = {"perceptual": Perceptual(), "kl": KullbackLeibler(), "mse": MeanSquaredError()}
 
 
-@pytest.mark.parametrize(
-    "parts",
-    [
-        {"optimizer": TorchOptim(name="SGD", lr=3.0)},
-        {"optimizer": TorchOptim(name="RMSprop")},
-        {"optimizer": TorchOptim(name="LBFGS", lr=0.5, options={"max_iter": 4})},
-        {"losses": FEATURES, "order": Accuracy(every=1)},
-    ],
-)
-def test_partial_steps_lower_the_error_with_any_optimiser_and_loss(parts):
-    painter = painter_of(sampler=few(), **parts)
+OPTIMIZERS = {"SGD": {"lr": 3.0}, "RMSprop": {}, "LBFGS": {"lr": 0.5, "options": {"max_iter": 4}}}
+PARTS = {name: {"optimizer": TorchOptim(name=name, **options)} for name, options in OPTIMIZERS.items()}
+PARTS |= {"losses": {"losses": FEATURES, "order": Accuracy(every=1)}}
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_partial_steps_lower_the_error_with_any_optimiser_and_loss(name):
+    painter = painter_of(sampler=few(), **PARTS[name])
     before = error_of(painter)
     take(painter, 40)
     assert error_of(painter) < before
     assert all(term.isfinite() for term in painter.terms.values())
     assert sorted(painter.depth.front_to_back.tolist()) == list(range(60))
-    if "order" in parts:
+    if name == "losses":
         assert (painter.depth.accuracy != 0).sum() > 40
 
 
