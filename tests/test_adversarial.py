@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from brushexp.training.adversarial import Critic, relativistic_loss
+from brushexp.training.renderer_module import Critic, relativistic_loss
 
 
 def test_the_loss_is_rasgan_as_written():

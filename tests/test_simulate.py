@@ -17,7 +17,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Simulated
 from brushexp.training import writer
 from brushexp.training.dataset import Origin, StrokeSet
-from brushexp.training.sheets import GAP_PIXELS, stroke_sheet
+from brushexp.training.evaluation import GAP_PIXELS, stroke_sheet
 from brushexp.training.writer import BATCH_STROKES, simulate_set, to_rows
 
 N = 5 * SHARD_STROKES + 70

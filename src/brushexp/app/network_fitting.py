@@ -34,11 +34,7 @@ def fit_network(
     callbacks: Sequence[L.Callback] = (),
     resumed: Path | None = None,
 ) -> None:
-    """Train until the first limit of the config, then validate what will be kept, unless that is done.
-
-    Raises:
-        UserError: if there is no limit, or an option of the Trainer is wrong.
-    """
+    """Train until the first limit of the config, then validate what will be kept, unless that is done."""
     if cfg.epochs is None and cfg.minutes is None and cfg.trainer.max_steps < 0:
         raise UserError("neither epochs nor minutes is set, so training would never end; set minutes=60")
     options = {"log_every_n_steps": min(cfg.trainer.log_every_n_steps, len(data.train_dataloader()))}

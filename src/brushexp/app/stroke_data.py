@@ -55,11 +55,7 @@ def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:
 
 
 def check_origin(cfg: DictConfig, found: Origin) -> None:
-    """Stop if a trained renderer knows another brush than that of the strokes, unless that is wanted.
-
-    Raises:
-        UserError: says what differs, and how to use the strokes all the same.
-    """
+    """Stop with a UserError if a trained renderer knows another brush than that of the strokes, unless wanted."""
     checkpoint = cfg.renderer.get("checkpoint")
     recipe = {} if checkpoint is None else RENDERERS.read_recipe(RENDERERS.path_of(checkpoint)).get("data", {})
     if cfg.other_data or not isinstance(recipe, dict) or not {"engine", "engine_config", "window"} <= recipe.keys():

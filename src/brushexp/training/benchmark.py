@@ -21,41 +21,24 @@ from brushexp.training.evaluation import FeatureDistance, error_figures, error_s
 
 ACROSS, DOWN = 16, 8  # strokes that are painted at once when time is taken
 REPETITIONS, TIMING_SECONDS = 7, 6.0  # at most so many, and no further one after so many seconds
-ORDINARY = {  # a stroke in the middle of the range of training, of which the others differ in one thing
-    "start": (-0.5, 0.25),
-    "control": (0.05, 0.0),
-    "end": (0.5, 0.2),
-    "width": 0.1,
-    "color": (0.2, 0.45, 0.75),
-}
+# A stroke in the middle of the range of training, of which the others differ in one thing.
+ORDINARY = {"start": (-0.5, 0.25), "control": (0.05, 0.0), "end": (0.5, 0.2), "width": 0.1, "color": (0.2, 0.45, 0.75)}
 EXTREMES: dict[str, dict[str, object]] = {
     "ordinary": {},
-    "width 0": {"width": 0.0},
-    "width 0.01": {"width": 0.01},
-    "width 0.03": {"width": 0.03},
-    "width 0.2": {"width": 0.2},
-    "width 0.5": {"width": 0.5},
-    "width 1": {"width": 1.0},
+    **{f"width {width:g}": {"width": width} for width in (0.0, 0.01, 0.03, 0.2, 0.5, 1.0)},
     "length 0": {"start": (0.1, 0.1), "control": (0.1, 0.1), "end": (0.1, 0.1)},
     "length 0.02": {"start": (0.09, 0.1), "control": (0.1, 0.1), "end": (0.11, 0.1)},
     "length 2.8": {"start": (-1.0, -1.0), "control": (0.0, 0.0), "end": (1.0, 1.0)},
-    "control at 1": {"control": (0.0, -1.0)},
-    "control at 2": {"control": (0.0, -2.0)},
-    "control at 5": {"control": (0.0, -5.0)},
+    **{f"control at {place}": {"control": (0.0, -float(place))} for place in (1, 2, 5)},
     "ends at 1.5": {"start": (-1.5, 0.25), "end": (1.5, 0.2)},
-    "red -0.5": {"color": (-0.5, 0.45, 0.75)},
-    "red 1.5": {"color": (1.5, 0.45, 0.75)},
+    **{f"red {red}": {"color": (red, 0.45, 0.75)} for red in (-0.5, 1.5)},
 }  # lengths and places in half-windows, widths in sides of the window
 
 
 def evaluate(
     renderer: Renderer, batches: Iterable[StrokeBatch], n: int, window: int, distances: Sequence[FeatureDistance]
 ) -> dict[str, float]:
-    """Errors of a renderer on ``n`` strokes that it has not seen, in batches with their true pictures.
-
-    Returns:
-        ``l2``, ``psnr_alpha``, ``psnr_color`` (see `error_figures`), then the figures of the distances.
-    """
+    """`error_figures` of ``n`` strokes that a renderer has not seen, then the figures of the distances."""
     sums = torch.zeros(5, dtype=torch.float64)
     for batch in with_progress(batches, n, "evaluating strokes", lambda batch: len(batch.number)):
         drawn, truth = drawn_and_true(renderer, batch, window)
@@ -79,8 +62,7 @@ def drawn_and_true(renderer: Renderer, batch: StrokeBatch, window: int) -> tuple
 def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backward: bool) -> float:
     """How fast strokes are painted, `ACROSS` x `DOWN` at once, each alone in its window's place on a canvas.
 
-    So compiled kernels count as they do in painting, and a stroke costs what its window costs. The best of some
-    repetitions after a first one; ``backward``, with the gradient of the sum of all pixels in the strokes' parameters.
+    The best of some repetitions after a first one; ``backward``, with the gradient of the sum of all pixels.
     """
     device, n = device_of_weights(renderer), ACROSS * DOWN
     strokes = sample_prior(n)
@@ -107,10 +89,9 @@ class ExtremeDrawings(NamedTuple):
 
     Attributes:
         nearest: (n, 4, S, S) the engine's pictures of the nearest strokes of the range of training.
-        pictures: ``painted``, what a user gets, and of a patch renderer ``bare``, what its network draws if the
+        pictures: ``painted``, what a user gets, and of a patch renderer ``bare``, drawn by its network alone, whose
             parameters are not brought into the range first.
-        rows: what `outside.csv` holds: the stroke's name, how it was drawn, whether all numbers are finite and in
-            [0, 1], the sum of alpha against that of the nearest stroke, and the L2 to it.
+        rows: of `outside.csv`; ``alpha_mass`` is the sum of alpha against that of the nearest stroke, ``l2`` is to it.
     """
 
     nearest: Tensor

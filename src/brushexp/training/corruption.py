@@ -21,9 +21,8 @@ THICKEST = 1e3  # sides of the window, as in FIELDS
 def corrupt(valid: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
     """Corrupt valid strokes (n, 7), each by one of the `CORRUPTIONS`, drawn at random.
 
-    Returns:
-        Corrupted strokes (n, 7); hard negatives (n, 7), which are the same strokes with some of their groups of numbers
-        half as corrupted; and how each was corrupted, (n,) int64 indices into `CORRUPTIONS`.
+    Returns them; hard negatives (n, 7), which are the same strokes with some of their groups of numbers half as
+    corrupted; and how each was corrupted, (n,) int64 indices into `CORRUPTIONS`.
     """
     kind = torch.randint(len(CORRUPTIONS), (len(valid),), generator=generator)
     shapes = valid.clone()
@@ -69,12 +68,13 @@ def _mixed(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 def _noisy(valid: Tensor, generator: torch.Generator) -> Tensor:
     """Normal noise on all numbers, of a strength between a tenth of a half-window and many windows."""
-    return valid + _noise(valid, generator)
+    strength = _log_uniform(len(valid), 0.1, FARTHEST, generator)
+    return valid + strength * torch.randn(valid.shape, generator=generator)
 
 
 def _partly_noisy(valid: Tensor, generator: torch.Generator) -> Tensor:
     """Such noise on one group of numbers."""
-    return valid + torch.where(_one_group(len(valid), generator), _noise(valid, generator), 0.0)
+    return torch.where(_one_group(len(valid), generator), _noisy(valid, generator), valid)
 
 
 def _off_width(valid: Tensor, generator: torch.Generator) -> Tensor:
@@ -120,11 +120,6 @@ def _uniform(n: int, columns: int, generator: torch.Generator) -> Tensor:
 def _log_uniform(n: int, low: float, high: float, generator: torch.Generator) -> Tensor:
     """(n, 1), as often between 1 and 10 as between 10 and 100."""
     return low * (high / low) ** _uniform(n, 1, generator)
-
-
-def _noise(valid: Tensor, generator: torch.Generator) -> Tensor:
-    strength = _log_uniform(len(valid), 0.1, FARTHEST, generator)
-    return strength * torch.randn(valid.shape, generator=generator)
 
 
 def _thickness(n: int, generator: torch.Generator) -> Tensor:

@@ -25,26 +25,15 @@ HELD_OUT = {Split.VALIDATION: 2**40, Split.TEST: 2**41}  # first number of those
 
 
 class StrokeBatch(NamedTuple):
-    """Strokes and their pictures.
+    """Strokes and their pictures; the number of a stroke decides its split."""
 
-    Attributes:
-        parameters: (B, 10) float32 in [-1, 1], as `strokes.prior.parameters_of` writes them.
-        images: (B, 4, S, S) float32 in [0, 1], RGBA, straight alpha.
-        number: (B,) int64 number of each stroke, which decides its split.
-    """
-
-    parameters: Tensor
-    images: Tensor
-    number: Tensor
+    parameters: Tensor  # (B, 10) float32 in [-1, 1], as `strokes.prior.parameters_of` writes them
+    images: Tensor  # (B, 4, S, S) float32 in [0, 1], RGBA, straight alpha
+    number: Tensor  # (B,) int64
 
 
 class StrokeLoader:
-    """Batches of one split, epoch after epoch, in an order that the epoch's number decides.
-
-    Args:
-        batches: those of an epoch, from one on: (epoch, first batch) -> iterator.
-        length: batches of an epoch.
-    """
+    """The ``length`` batches of an epoch, ``batches(epoch, first batch)``, epoch after epoch."""
 
     def __init__(self, batches: Callable[[int, int], Iterator[Any]], length: int) -> None:
         self.batches, self.length = batches, length
@@ -71,16 +60,10 @@ class StrokeLoader:
 
 
 class StrokeData(L.LightningDataModule, ABC):
-    """Training, validation and test strokes; the last batch of an epoch may be smaller.
+    """Training, validation and test strokes; the last batch of an epoch may be smaller."""
 
-    Attributes:
-        origin: what made the strokes (of several sets, the first).
-        sets: the opened sets; none if the strokes are simulated on the way.
-        batch_size: strokes of a batch.
-    """
-
-    origin: Origin
-    sets: Sequence[StrokeSet] = ()
+    origin: Origin  # what made the strokes (of several sets, the first)
+    sets: Sequence[StrokeSet] = ()  # the opened sets; none if the strokes are simulated on the way
     batch_size: int
 
     @abstractmethod
@@ -155,14 +138,8 @@ class SimulatedData(StrokeData):
 class StoredData(StrokeData):
     """Strokes from files; every training stroke comes once in an epoch, in an order decided by seed and epoch.
 
-    Args:
-        paths: sets of `task=simulate`, all of one engine and window.
-        batch_size: strokes of a batch.
-        seed: of the order.
-        limit: of the training strokes only the first so many are used; None uses all.
-
-    Raises:
-        UserError: if a set cannot be read, the sets do not fit together, or a split is empty.
+    ``paths`` are sets of `task=simulate`, all of one engine and window; of their training strokes only the first
+    ``limit`` are used. UserError if a set cannot be read, the sets do not fit together, or a split is empty.
     """
 
     def __init__(self, paths: Sequence[Path], *, batch_size: int = 64, seed: int = 0, limit: int | None = None) -> None:
@@ -210,11 +187,7 @@ class StoredData(StrokeData):
 
 
 def require_compatible(sets: Sequence[StrokeSet]) -> None:
-    """Stop unless the sets are of one engine and window, and none repeats another.
-
-    Raises:
-        UserError: names the first difference.
-    """
+    """Stop with a UserError unless the sets are of one engine and window, and none repeats another."""
     if not sets:
         raise UserError("no set of strokes is given; give one, made with python run.py task=simulate")
     for one, other in combinations(sets, 2):

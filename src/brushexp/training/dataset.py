@@ -56,17 +56,11 @@ class Split(Enum):
 
 @dataclass(frozen=True)
 class Origin:
-    """What made a set of strokes, but for the seed.
+    """What made a set of strokes, but for the seed."""
 
-    Attributes:
-        engine: name of the engine plugin.
-        engine_config: all of its options.
-        window: pixels on the side of a picture.
-    """
-
-    engine: str
-    engine_config: dict[str, Any]
-    window: int
+    engine: str  # name of the plugin
+    engine_config: dict[str, Any]  # all of its options
+    window: int  # pixels on the side of a picture
 
     def settings(self) -> dict[str, object]:
         """One value for each thing that can differ, as one would type it."""
@@ -92,16 +86,9 @@ def first_difference(here: dict[str, object], there: dict[str, object]) -> tuple
 
 
 class Shard:
-    """One file of a set; all but the pictures is read and checked at once, pictures when they are asked for.
+    """One file of a set: strokes ``first`` and on, made by ``origin`` with ``seed``, and their ``parameters`` (n, 10).
 
-    Attributes:
-        first: number of its first stroke.
-        origin: what made it.
-        seed: of the prior and the engine.
-        parameters: (n, 10) float32 in [-1, 1].
-
-    Raises:
-        UserError: says what is wrong with the file.
+    All but the pictures is read and checked at once, pictures when they are asked for. UserError says what is wrong.
     """
 
     def __init__(self, path: Path) -> None:
@@ -148,11 +135,7 @@ class Shard:
         return len(self.parameters)
 
     def rows(self, dataset: h5py.Dataset, rows: Numbers) -> NDArray[Any]:
-        """These rows of ``images`` or ``heights``, whose blocks are read once each.
-
-        Raises:
-            UserError: if they are damaged.
-        """
+        """These rows of ``images`` or ``heights``, whose blocks are read once each; UserError if they are damaged."""
         found = np.empty((len(rows), *dataset.shape[1:]), dataset.dtype)
         blocks = rows // BLOCK
         try:
@@ -169,17 +152,10 @@ class Shard:
 
 
 class StrokeSet:
-    """All shards of a set, strokes 0 to n - 1.
+    """All shards of a set, strokes 0 to n - 1, made by ``origin`` with ``seed``.
 
-    Args:
-        path: the folder of its shards; or a file, the only shard of a small set.
-
-    Attributes:
-        origin: what made it.
-        seed: of the prior and the engine.
-
-    Raises:
-        UserError: says what is wrong with the set, or with which of its files.
+    ``path`` is the folder of the shards; or a file, the only shard of a small set. UserError says what is wrong with
+    the set, or with which of its files.
     """
 
     def __init__(self, path: Path) -> None:
@@ -206,11 +182,7 @@ class StrokeSet:
 
 
 def pictures_of(shards: Sequence[Shard], places: Numbers) -> Bytes:
-    """Images (n, S, S, 4) of strokes, counted through all the shards; quickest where many of them share a block.
-
-    Raises:
-        UserError: if they are damaged.
-    """
+    """Images (n, S, S, 4) of strokes, counted through all the shards; quickest where many of them share a block."""
     starts = np.cumsum([0, *map(len, shards)])
     owner = np.searchsorted(starts, places, side="right") - 1
     found = np.empty((len(places), *shards[0].images.shape[1:]), np.uint8)

@@ -104,10 +104,9 @@ def held_out_shapes(seed: int, split: Split) -> ShapeBatch:
 def discriminator_figures(network: Discriminator, batch: ShapeBatch) -> dict[str, float]:
     """How well valid and corrupted strokes are told apart.
 
-    Returns:
-        ``accuracy`` at a score of 0, ``auc`` (a corrupted stroke scores below a valid one so often) of all and by the
-        kind of corruption, ``threshold``, and the ``hinge`` max(0, threshold - score) of valid and of corrupted
-        strokes. Some that are called corrupted are valid, so neither accuracy nor AUC can reach 1.
+    ``accuracy`` at a score of 0, ``auc`` (a corrupted stroke scores below a valid one so often) of all and by the kind
+    of corruption, ``threshold``, and the ``hinge`` max(0, threshold - score) of valid and of corrupted strokes. Some
+    that are called corrupted are valid, so neither accuracy nor AUC can reach 1.
     """
     device, threshold = network.threshold.device, float(network.threshold)
     valid, bad = (network(shapes.to(device)).cpu() for shapes in (batch.valid, batch.corrupted))
@@ -125,13 +124,7 @@ def discriminator_figures(network: Discriminator, batch: ShapeBatch) -> dict[str
 def save_discriminator(network: Discriminator, path: Path, seed: int, training: dict[str, Any]) -> dict[str, object]:
     """Set the threshold, measure on test strokes, and write the discriminator with its recipe; what it is in numbers.
 
-    The threshold is the score that `THRESHOLD_QUANTILE` of held-out valid strokes stay below.
-
-    Args:
-        network: a trained one.
-        path: of the .safetensors.
-        seed: of the data.
-        training: settings, for the recipe.
+    The threshold is the score that `THRESHOLD_QUANTILE` of held-out valid strokes stay below; ``seed`` is the data's.
     """
     network.eval()
     with torch.no_grad():

@@ -1,4 +1,4 @@
-"""How good the pictures of a renderer are, in numbers: errors of single strokes, distances of sample sets."""
+"""How good the pictures of a renderer are: errors of single strokes, distances of sample sets, contact sheets."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ from brushexp.features import open_backbone
 TAP, TAP_CHANNELS = "b10", 112  # of effl0: with more features than pictures, an FID says little
 INCEPTION_FEATURES = 2048
 SEEN_SIDE = 128  # pixels: smaller pictures are enlarged for effl0, whose tap is 16 times coarser
+SHOWN_SIDE = 128  # pixels that a picture of a sheet is magnified to, as far as whole factors allow
+GAP_PIXELS, GAP_LEVEL = 4, 0.88  # between its pictures, and their grey
 KID_PICTURES = 5000  # pictures at most that are compared with each other; memory grows with the square
 
 _known = cache(open_backbone)
@@ -29,9 +31,8 @@ Features = Callable[[Tensor], Tensor]  # pictures (n, 3, H, W) in [0, 1] -> (n, 
 def premultiplied(images: Tensor) -> Tensor:
     """RGBA with straight alpha -> colour times alpha, and alpha; (..., 4, H, W).
 
-    What a stroke adds to a picture below it is alpha * colour - alpha * below. Errors of these four channels are hence
-    what errors in paintings come from; a colour where there is no paint, which nobody sees, counts nothing, and one at
-    a faint edge little. So this is what renderers are trained on and what a critic looks at.
+    A stroke adds alpha * colour - alpha * below to a picture, so errors in paintings come from those of these four
+    channels. Hence renderers are trained on them, and a critic looks at them.
     """
     return torch.cat([images[..., :3, :, :] * images[..., 3:, :, :], images[..., 3:, :, :]], dim=-3)
 
@@ -55,10 +56,7 @@ def error_sums(images: Tensor, truth: Tensor) -> Tensor:
 
 
 def error_figures(sums: Tensor) -> dict[str, float]:
-    """``l2``, ``psnr_alpha`` (dB, over all pixels of the windows) and ``psnr_color`` (dB) of `error_sums`.
-
-    The colour is compared where there is paint: every pixel counts as much as it has true alpha.
-    """
+    """``l2``, ``psnr_alpha`` (dB, over all pixels) and ``psnr_color`` (dB, weighted by true alpha) of `error_sums`."""
     pixels, squared, alpha, paint, color = sums.tolist()
     psnr_color = decibels(color / paint) if paint else math.nan
     return {"l2": squared / pixels, "psnr_alpha": decibels(alpha / pixels), "psnr_color": psnr_color}
@@ -118,14 +116,9 @@ def effl0_distance(device: torch.device) -> FeatureDistance:
 def inception_distance(path: Path, device: torch.device) -> FeatureDistance:
     """`FeatureDistance` "inception": the published FID and KID, in the 2048 features of Inception v3.
 
-    Args:
-        path: of the network as TorchScript, which takes bytes (n, 3, H, W) and ``return_features=True`` and enlarges
-            the pictures itself; such a one was published as inception-2015-12-05.pt beside StyleGAN2-ADA. An FID of
-            fewer than 2048 strokes is too low.
-        device: where to compute it.
-
-    Raises:
-        UserError: if the file is missing or not such a network.
+    ``path`` holds the network as TorchScript, which takes bytes (n, 3, H, W) and ``return_features=True`` and enlarges
+    the pictures itself; such a one was published as inception-2015-12-05.pt beside StyleGAN2-ADA. An FID of fewer than
+    2048 strokes is too low. UserError if the file is missing or not such a network.
     """
     if not path.is_file():
         raise UserError(f"inception={path}: there is no such file; give inception-2015-12-05.pt, or null")
@@ -153,3 +146,13 @@ def over_white(images: Tensor) -> Tensor:
     """RGBA (n, 4, H, W), straight alpha, on white paper: (n, 3, H, W) in [0, 1]."""
     alpha = images[:, 3:]
     return (alpha * images[:, :3] + (1 - alpha)).clamp(0, 1)
+
+
+def stroke_sheet(images: Tensor, columns: int) -> Tensor:
+    """Pictures (n, 4, H, W), RGBA in [0, 1], straight alpha, over white in rows: (3, height, width) in [0, 1]."""
+    from skimage.util import montage  # noqa: PLC0415  (a second)
+
+    zoom, columns = max(1, SHOWN_SIDE // images.shape[-2]), min(columns, len(images))
+    large = over_white(images).repeat_interleave(zoom, 2).repeat_interleave(zoom, 3).movedim(1, 3).cpu().numpy()
+    layout = {"grid_shape": (-(-len(images) // columns), columns), "padding_width": GAP_PIXELS}
+    return torch.from_numpy(montage(large, [GAP_LEVEL] * 3, channel_axis=3, **layout)).movedim(2, 0)

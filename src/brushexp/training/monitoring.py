@@ -10,8 +10,7 @@ import torch
 from torch import Tensor
 
 from brushexp.system.files import write_picture
-from brushexp.training.evaluation import effl0_distance
-from brushexp.training.sheets import stroke_sheet
+from brushexp.training.evaluation import effl0_distance, stroke_sheet
 
 SHOWN_PAIRS, PAIR_COLUMNS = 24, 6  # held-out strokes on a sheet, and in a row of it
 
@@ -28,9 +27,7 @@ class HeldOutSheet(L.Callback):
     def on_validation_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         self.pairs: list[Tensor] = []
 
-    def on_validation_batch_end(
-        self, trainer: L.Trainer, pl_module: L.LightningModule, outputs: Any, batch: Any, *_: object
-    ) -> None:
+    def on_validation_batch_end(self, trainer: L.Trainer, pl_module: Any, outputs: Any, batch: Any, *_: object) -> None:
         if sum(map(len, self.pairs)) < SHOWN_PAIRS:
             self.pairs.append(torch.cat([outputs, batch.images], dim=3).cpu())
 
@@ -50,9 +47,7 @@ class FrechetDistance(L.Callback):
     def on_validation_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         self.left, self.distance = self.n, effl0_distance(pl_module.device)
 
-    def on_validation_batch_end(
-        self, trainer: L.Trainer, pl_module: L.LightningModule, outputs: Any, batch: Any, *_: object
-    ) -> None:
+    def on_validation_batch_end(self, trainer: L.Trainer, pl_module: Any, outputs: Any, batch: Any, *_: object) -> None:
         if self.left > 0:
             self.distance.add(outputs[: self.left].clamp(0, 1), batch.images[: self.left])
             self.left -= len(outputs)

@@ -20,14 +20,10 @@ MULTIPLE = 8  # widths stay multiples of this: processors compute so many channe
 def prune(renderer: Neural, ratio: float, batches: Iterable[StrokeBatch]) -> Neural:
     """A copy of the network without those channels that its pictures depend on least.
 
-    Of every layer but the last, the share ``ratio`` of its channels goes. Those that are used together are found by
-    torch-pruning (Fang et al., 2023, arXiv:2301.12900) and ranked by what the loss would change to first order if their
-    weights were 0 (Molchanov et al., 2019, arXiv:1906.10771).
-
-    Args:
-        renderer: a trained one; it is left as it is.
-        ratio: 0 to below 1; what is left is rounded to multiples of `MULTIPLE`, and no layer gets narrower than that.
-        batches: some strokes that the loss is computed on.
+    Of every layer but the last, the share ``ratio``, 0 to below 1, of its channels goes; what is left is rounded to
+    multiples of `MULTIPLE`, and no layer gets narrower than that. Channels that are used together are found by
+    torch-pruning (Fang et al., 2023, arXiv:2301.12900) and ranked by what the loss on ``batches`` would change to first
+    order if their weights were 0 (Molchanov et al., 2019, arXiv:1906.10771).
 
     Raises:
         UserError: if torch-pruning is not installed, or the network's channels cannot be told apart.
@@ -64,11 +60,7 @@ def prune(renderer: Neural, ratio: float, batches: Iterable[StrokeBatch]) -> Neu
 
 
 def check_prunable(renderer: nn.Module) -> None:
-    """Stop if single channels cannot be taken out, or the rest could not be described by options.
-
-    Raises:
-        UserError: says why.
-    """
+    """Stop with a UserError if single channels cannot be taken out, or options could not describe the rest."""
     if not isinstance(renderer, Neural):
         raise UserError(f"{type(renderer).__name__} has no option for the widths of its layers; use renderer=neural")
     kinds = {type(module) for module in renderer.modules()}

@@ -46,13 +46,8 @@ Rows = dict[str, NDArray[Any]]  # of some strokes, by name of the dataset
 def simulate_set(path: Path, engine: Engine, origin: Origin, seed: int, n: int, *, wait: bool = False) -> int:
     """Simulate what a set of ``n`` strokes lacks, with a progress bar, and return how many that were.
 
-    Args:
-        path: folder of the set.
-        engine: what ``origin`` describes.
-        origin: what makes the strokes.
-        seed: of the prior and the engine.
-        n: how many strokes the set will have.
-        wait: wait for another process that makes the same set, instead of stopping.
+    ``origin`` describes the engine, ``seed`` is that of the prior, too. ``wait`` for another process that makes the
+    same set, instead of stopping.
 
     Raises:
         UserError: if what is there was made otherwise or is larger, or nothing can be written.
@@ -154,11 +149,7 @@ def shard_rows(shard: Shard) -> Rows:
 
 
 def to_rows(parameters: Tensor, simulated: Simulated, first: int) -> Rows:
-    """What a shard keeps of n strokes.
-
-    Raises:
-        UserError: if the engine made something that is not finite.
-    """
+    """What a shard keeps of n strokes; UserError if the engine made something that is not finite."""
     images, heights = simulated.images.detach().cpu(), simulated.heights.detach().cpu()
     for value in (images, heights):
         broken = ~value.flatten(1).sum(1).isfinite()  # one pass, and no sum of finite numbers here is infinite

@@ -15,7 +15,7 @@ from brushexp.plugins.engine.base import Engine
 from brushexp.registry import build
 from brushexp.system.files import write_picture
 from brushexp.training.dataset import StrokeSet, origin_of, pictures_of
-from brushexp.training.sheets import stroke_sheet
+from brushexp.training.evaluation import stroke_sheet
 from brushexp.training.writer import simulate_set
 
 SHOWN_STROKES, SHOWN_COLUMNS = 60, 10  # on the contact sheet, and in a row of it

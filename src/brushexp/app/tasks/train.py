@@ -132,11 +132,7 @@ class DiscriminatorJob:
 
 
 def check_used(overrides: Sequence[str]) -> None:
-    """Stop when the command line sets something that a discriminator has no use for.
-
-    Raises:
-        UserError: with the override to drop.
-    """
+    """Stop with a UserError when the command line sets something that a discriminator has no use for."""
     for override in overrides:
         key = override.lstrip("+~").partition("=")[0]
         if key.partition(".")[0] not in USED_BY_DISCRIMINATOR:
