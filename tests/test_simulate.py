@@ -23,11 +23,7 @@ from brushexp.training.writer import BATCH_STROKES, simulate_set, to_rows
 N = 5 * SHARD_STROKES + 70
 ORIGIN = Origin("spot", {"radius": 0.25}, 6)  # as `write` has it
 PLUGIN = '''
-"""An engine for the test of simulate."""
-
 import time
-
-import torch
 
 from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import register
@@ -35,36 +31,23 @@ from brushexp.registry import register
 
 @register("engine", "test_spot")
 class Spot(Engine):
-    """A grey window, its opacity decided by the number of the stroke."""
+    """A grey window, its opacity decided by the stroke's parameters."""
 
-    def __init__(self, *, window: int = 6, rest: float = 0.0, radius: float = 0.5) -> None:
-        self.window, self.rest, self.radius = window, rest, radius
+    window = 6
+
+    def __init__(self, *, rest: float = 0.0) -> None:
+        self.rest = rest
 
     def __call__(self, parameters, *, seed, first=0):
         time.sleep(self.rest)
-        alpha = torch.sin(torch.arange(first, first + len(parameters)) + seed * self.radius).square()
-        alpha = alpha[:, None, None].expand(-1, self.window, self.window)
-        return Simulated(torch.stack([0.5 * alpha, alpha, 1 - alpha, alpha], 1), alpha)
+        alpha = parameters[:, :1, None].square().expand(-1, 6, 6)
+        return Simulated(alpha[:, None].expand(-1, 4, -1, -1), alpha)
 '''
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory) -> Path:
-    """A folder with a plugin."""
-    path = tmp_path_factory.mktemp("simulate")
-    (path / "plugins").mkdir()
-    (path / "plugins" / "spot.py").write_text(PLUGIN)
-    return path
 
 
 @pytest.fixture
 def small_shards(monkeypatch) -> None:
     monkeypatch.setattr(writer, "SHARD_STROKES", SHARD_STROKES)
-
-
-def start(folder: Path, *overrides: str) -> Program:
-    """The program, which finds the plugin."""
-    return Program("task=simulate", "threads=1", *overrides, cwd=folder, BRUSHEXP_PLUGINS=str(folder / "plugins"))
 
 
 def contents(path: Path) -> dict[str, bytes]:
@@ -96,14 +79,24 @@ def whole(tmp_path_factory) -> dict[str, bytes]:
 
 
 @pytest.mark.slow
-def test_a_killed_run_continues_and_makes_the_same_strokes(folder):
+def test_a_killed_run_continues_and_makes_the_same_strokes(tmp_path):
+    def start(*overrides: str) -> Program:
+        words = ["task=simulate", "threads=1", *settings, f"path={path}", *overrides]
+        return Program(*words, cwd=tmp_path, BRUSHEXP_PLUGINS=str(tmp_path / "plugins"))
+
+    def drawn(parameters: torch.Tensor, *, seed: int, first: int) -> Simulated:
+        alpha = parameters[:, :1, None].square().expand(-1, 6, 6)
+        return Simulated(alpha[:, None].expand(-1, 4, -1, -1), alpha)
+
+    (tmp_path / "plugins").mkdir()
+    (tmp_path / "plugins" / "spot.py").write_text(PLUGIN)
     n = 3 * writer.SHARD_STROKES + 5
     settings = ["engine=test_spot", "engine.rest=0.03", f"n={n}", f"seed={2**64 - 1}"]
-    path = folder / "killed" / "strokes"
+    path = tmp_path / "killed" / "strokes"
     chance = random.Random(0)
     found = [0]
     for stop in (signal.SIGKILL, signal.SIGINT):
-        process = start(folder, *settings, f"path={path}")
+        process = start()
         while len(list(path.glob("0*.h5"))) <= found[-1] and process.poll() is None:
             time.sleep(0.005)
         time.sleep(chance.random() * 0.1)
@@ -112,24 +105,17 @@ def test_a_killed_run_continues_and_makes_the_same_strokes(folder):
         assert process.returncode in (-9, 130), err
         found.append(len(StrokeSet(path).shards))
     assert 0 < found[1] < found[2] <= 4
-    process = start(folder, *settings, f"path={path}", "output=go")
+    process = start("output=go")
     said = "".join(process.communicate(timeout=120))
     assert process.returncode == 0, said
     assert "strokes are there already; going on" in said
-    with Image.open(folder / "go" / "strokes.png") as sheet:
+    with Image.open(tmp_path / "go" / "strokes.png") as sheet:
         assert sheet.width > 1000
     strokes = StrokeSet(path)
     assert (len(strokes), strokes.seed) == (n, 2**64 - 1)
-    assert strokes.origin == Origin("test_spot", {"window": 6, "rest": 0.03, "radius": 0.5}, 6)
-    simulate_set(folder / "again", engine_of_the_plugin, strokes.origin, strokes.seed, n)
-    assert contents(folder / "again") == contents(path)
-
-
-def engine_of_the_plugin(parameters, *, seed: int, first: int) -> Simulated:
-    """What the plugin draws, without its rests."""
-    alpha = torch.sin(torch.arange(first, first + len(parameters)) + seed * 0.5).square()
-    alpha = alpha[:, None, None].expand(-1, 6, 6)
-    return Simulated(torch.stack([0.5 * alpha, alpha, 1 - alpha, alpha], 1), alpha)
+    assert strokes.origin == Origin("test_spot", {"rest": 0.03}, 6)
+    simulate_set(tmp_path / "again", drawn, strokes.origin, strokes.seed, n)
+    assert contents(tmp_path / "again") == contents(path)
 
 
 @pytest.mark.parametrize("stops", [[0], [BATCH_STROKES], [300, 300, 1000], list(range(0, N - 70, 100))])
