@@ -1,7 +1,9 @@
 """Fixtures every test may use."""
 
+import time
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 
 import pytest
 import torch
@@ -35,3 +37,17 @@ def config() -> Callable[..., DictConfig]:
             return compose("config", overrides=in_full(list(overrides)))
 
     return compose_with
+
+
+@pytest.fixture
+def run_task(config, tmp_path, monkeypatch) -> Callable[..., dict[str, object]]:
+    """Run the task of a module in this process; its folder is ``tmp_path``, and speed is measured on few strokes."""
+
+    def run(module: ModuleType, *overrides: str) -> dict[str, object]:
+        hydra = SimpleNamespace(runtime=SimpleNamespace(output_dir=str(tmp_path)))
+        monkeypatch.setattr(module, "HydraConfig", SimpleNamespace(get=lambda: hydra))
+        monkeypatch.setattr("brushexp.training.benchmark.ACROSS", 2)
+        monkeypatch.setattr("brushexp.training.benchmark.REPETITIONS", 1)
+        return module.run(config(*overrides), time.monotonic())
+
+    return run

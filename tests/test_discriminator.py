@@ -221,9 +221,8 @@ def test_value_and_slope_are_finite_at_the_extremes(n, size, width):
 def test_following_the_slope_makes_wild_strokes_valid(size):
     loss, made = Discriminated(), wild(300, size)
     moving = {name: getattr(made, name).clone().requires_grad_() for name in (*POINTS, "width")}
-    optimizer = optim.Adam(
-        [{"params": [moving[name] for name in POINTS]}, {"params": [moving["width"]], "lr": 0.015}], lr=0.05
-    )
+    rates = {"start": 0.05, "control": 0.05, "end": 0.05, "width": 0.015}
+    optimizer = optim.Adam([{"params": [moving[name]], "lr": rate} for name, rate in rates.items()])
     assert valid(made).float().mean() < 0.02
     for _ in range(200):
         optimizer.zero_grad()
@@ -234,18 +233,13 @@ def test_following_the_slope_makes_wild_strokes_valid(size):
     assert valid(replace(made, **moving)).float().mean() > 0.6
 
 
-def test_what_a_discriminator_has_no_use_for_is_refused():
+def test_a_discriminator_has_defaults_of_its_own_and_what_it_has_no_use_for_is_refused(config):
+    cfg = config("task=train", "model=discriminator", "lr=0.1")
+    assert (cfg.lr, cfg.minutes, config("task=train").minutes) == (0.1, None, 60)
     check_used(["task=train", "model=discriminator", "lr=0.1", "~logger.csv", "trainer.profiler=simple"])
     for word in ("critic=true", "renderer=dual", "+engine.window=64", "data=a.h5"):
         with pytest.raises(UserError, match="means nothing to model=discriminator"):
             check_used(["task=train", word])
-
-
-def test_the_config_of_a_discriminator_is_its_own_and_that_of_a_renderer_unchanged(config):
-    assert config("task=train").model == "renderer"
-    assert (config("task=train").batch_size, config("task=train").minutes) == (64, 60)
-    cfg = config("task=train", "model=discriminator", "lr=0.1")
-    assert (cfg.model, cfg.lr, cfg.minutes) == ("discriminator", 0.1, None)
 
 
 @pytest.mark.slow

@@ -3,9 +3,7 @@
 import csv
 import json
 import sys
-import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import torch
@@ -14,19 +12,17 @@ from brushexp.app.tasks import prune as task
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import RENDERERS, window_pictures
-from brushexp.plugins.renderer.neural import Coarsest, Neural
+from brushexp.plugins.renderer.neural import Neural
 from brushexp.registry import build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.checkpoint import weights_hash
-from brushexp.training import benchmark
 from brushexp.training.datamodule import StrokeBatch
 from brushexp.training.dataset import Origin
-from brushexp.training.pruning import MULTIPLE, _Spread, check_prunable, prune
+from brushexp.training.pruning import MULTIPLE, check_prunable, prune
 from brushexp.training.writer import simulate_set
 
 OPTIONS = {"window": 64, "width": 16, "widest": 32, "dense": [32, 16], "subpixel": 4, "activation": "relu"}
-OPTIONS |= {"coordconv": "stroke", "tint": True, "noise": False}
-OPTIONS |= {"normalisation": "none", "upsampling": "nearest"}
+OPTIONS |= {"coordconv": "stroke", "tint": True, "noise": False, "normalisation": "none", "upsampling": "nearest"}
 
 
 def tiny(**options) -> Neural:
@@ -85,23 +81,11 @@ def test_widths_are_multiples_and_shrink_with_the_ratio():
         assert ratio or weights_hash(pruned) == weights_hash(renderer)
     assert numbers == sorted(numbers, reverse=True)
     assert numbers[3] < 0.3 * numbers[0]
-
-
-def test_a_pruned_renderer_still_learns_and_can_be_pruned_again():
-    pruned = prune(tiny(), 0.5, [batch(2)])
-    assert all(b <= a for a, b in zip(pruned.widths, prune(pruned, 0.5, [batch(2)]).widths, strict=True))
-    assert all(weight.requires_grad and weight.grad is None for weight in pruned.parameters())
-    pruned.draw(batch(2).parameters).square().mean().backward()
-    assert all(bool(weight.grad.isfinite().all()) for weight in pruned.parameters())
-
-
-def test_the_coarsest_picture_is_a_transposed_convolution():
-    layer = Coarsest(5, 3)
-    spread = _Spread(layer)
-    given = torch.randn(4, 5)
-    with torch.no_grad():
-        torch.testing.assert_close(spread(given), layer(given))
-        torch.testing.assert_close(spread.as_linear()(given), layer(given))
+    again = prune(pruned, 0.5, [batch(2)])
+    assert all(b <= a for a, b in zip(pruned.widths, again.widths, strict=True))
+    assert all(weight.requires_grad and weight.grad is None for weight in again.parameters())
+    again.draw(batch(2).parameters).square().mean().backward()
+    assert all(bool(weight.grad.isfinite().all()) for weight in again.parameters())
 
 
 def test_a_pruned_checkpoint_loads_by_its_name_alone(tmp_path):
@@ -120,21 +104,21 @@ def test_a_pruned_checkpoint_loads_by_its_name_alone(tmp_path):
 @pytest.mark.parametrize("channels", [[8], [8] * 30, [0] * 9, [8] * 8 + ["x"]])
 def test_channels_that_do_not_fit_are_refused(channels):
     with pytest.raises(UserError, match=r"renderer.channels=\[.*\] are not 9 widths"):
-        Neural(**OPTIONS, channels=channels, checkpoint=None)
+        tiny(channels=channels)
     assert tiny(channels=[8] * 9).widths == [8] * 9
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("key", "value", "message"),
     [
-        ({"normalisation": "group"}, "renderer.normalisation=group or instance mixes channels"),
-        ({"normalisation": "instance"}, "renderer.normalisation=group or instance mixes channels"),
-        ({"upsampling": "pixel_shuffle"}, "renderer.upsampling=pixel_shuffle ties channels to pixels"),
+        ("normalisation", "group", "group or instance mixes channels"),
+        ("normalisation", "instance", "group or instance mixes channels"),
+        ("upsampling", "pixel_shuffle", "pixel_shuffle ties channels to pixels"),
     ],
 )
-def test_networks_whose_channels_cannot_be_told_apart_are_refused(options, message):
-    with pytest.raises(UserError, match=message):
-        prune(tiny(**options), 0.5, [batch(2)])
+def test_networks_whose_channels_cannot_be_told_apart_are_refused(key, value, message):
+    with pytest.raises(UserError, match=f"renderer.{key}={message}"):
+        prune(tiny(**{key: value}), 0.5, [batch(2)])
     with pytest.raises(UserError, match="Analytic has no option for the widths of its layers; use renderer=neural"):
         check_prunable(Analytic())
 
@@ -149,20 +133,16 @@ def test_a_missing_library_is_named_with_what_to_install(monkeypatch):
 
 
 @pytest.fixture
-def run(tmp_path, monkeypatch, config):
+def run(tmp_path, run_task):
     """Run the task in this process, on strokes of the plainest engine."""
     strokes, trained = tmp_path / "strokes", tmp_path / "trained.safetensors"
     simulate_set(strokes, build_named("engine", "disc", {}), Origin("disc", {"window": 64}, 64), 0, 350)
     origin = {"engine": "disc", "engine_config": {"window": 64}, "window": 64}
     RENDERERS.save(trained, "neural", tiny(), {"options": OPTIONS, "data": origin})
-    monkeypatch.setattr(benchmark, "ACROSS", 2)
-    monkeypatch.setattr(benchmark, "REPETITIONS", 1)
-    hydra = SimpleNamespace(runtime=SimpleNamespace(output_dir=str(tmp_path)))
-    monkeypatch.setattr(task, "HydraConfig", SimpleNamespace(get=lambda: hydra))
     chosen = {"width": 16, "widest": 32, "dense": "[32,16]", "subpixel": 4, "checkpoint": trained}
     common = ["task=prune", "device=cpu", f"data={strokes}", "epochs=1", "limit=64", "n=8"]
     common += ["trainer.precision=32-true", *(f"renderer.{key}={value}" for key, value in chosen.items())]
-    return lambda *overrides: task.run(config(*common, *overrides), time.monotonic())
+    return lambda *overrides: run_task(task, *common, *overrides)
 
 
 def test_a_run_leaves_a_table_and_renderers_that_paint(run, tmp_path):
@@ -186,15 +166,12 @@ def test_a_run_leaves_a_table_and_renderers_that_paint(run, tmp_path):
     assert Path(recipe["training"]["started_from"]).name == "trained.safetensors"
 
 
-@pytest.mark.parametrize(
-    ("overrides", "message"),
-    [
+def test_wrong_keys_are_refused(run):
+    for overrides, message in (
         (["ratios=[]"], r"ratios=\[\] are not shares from 0 to below 1; try 'ratios="),
         (["ratios=[1.0]"], r"ratios=\[1.0\] are not shares"),
         (["renderer.checkpoint=null"], "there are no trained weights to prune; give those of task=train"),
         (["epochs=null", "minutes=null"], "neither epochs nor minutes is set"),
-    ],
-)
-def test_wrong_keys_are_refused(run, overrides, message):
-    with pytest.raises(UserError, match=message):
-        run(*overrides)
+    ):
+        with pytest.raises(UserError, match=message):
+            run(*overrides)

@@ -8,7 +8,6 @@ import time
 from datetime import timedelta
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
 import lightning as L
 import pytest
@@ -34,7 +33,7 @@ from brushexp.training.datamodule import StrokeBatch, StrokeLoader
 from brushexp.training.evaluation import decibels, error_figures, error_sums, premultiplied, squared_error
 from brushexp.training.monitoring import FrechetDistance, HeldOutSheet
 from brushexp.training.network_module import WARMUP_STEPS
-from brushexp.training.renderer_module import RendererModule, RendererSettings, balanced
+from brushexp.training.renderer_module import Critic, RendererModule, RendererSettings, balanced, relativistic_loss
 
 SIDE = 16
 TINY = ("renderer.width=4", "renderer.widest=8", "renderer.dense=[16]")
@@ -136,17 +135,7 @@ def test_a_few_strokes_are_learned_and_validated():
 # what Lightning's manual says
 
 
-@pytest.mark.parametrize("settings", [RendererSettings(), CRITIC], ids=["plain", "critic"])
-def test_so_many_steps_are_taken_and_counted(settings):
-    module, rates = module_of(settings), Rates()
-    assert fit(module, None, rates, max_steps=7).global_step == 7
-    assert module.progress == 1
-    assert len(rates.taken) == 7
-    assert module.critic is None or float(module.critic.layers[-1].weight.grad.abs().sum()) > 0
-
-
 def test_time_ends_a_training():
-    assert fit(module_of(), max_time=timedelta(seconds=0.3), max_epochs=-1).global_step > 0
     timer, module = Timer(timedelta(seconds=0.3)), module_of()
     fit(module, None, timer, max_epochs=-1)
     assert module.seconds == timer.time_elapsed() >= 0.3
@@ -175,17 +164,19 @@ def test_callbacks_loggers_and_profilers_of_lightning_work(tmp_path):
 
 
 @pytest.mark.parametrize("settings", [RendererSettings(), CRITIC], ids=["plain", "critic"])
-def test_half_precision_trains_and_validates_in_32_bit_weights(settings):
+def test_so_many_steps_in_half_precision_are_taken_and_validated_in_32_bit_weights(settings):
     seen = []
 
     class Watch(L.Callback):
         def on_validation_batch_end(self, trainer, pl_module, outputs, *_):
             seen.append(outputs.dtype)
 
-    module = module_of(settings)
-    fit(module, None, Watch(), max_epochs=1, precision="bf16-mixed")
+    module, rates = module_of(settings), Rates()
+    assert fit(module, None, Watch(), rates, max_steps=7, precision="bf16-mixed").global_step == 7 == len(rates.taken)
+    assert module.progress == 1
+    assert module.critic is None or float(module.critic.layers[-1].weight.grad.abs().sum()) > 0
     assert {value.dtype for value in module.parameters()} == {torch.float32}
-    assert seen == [torch.float32]
+    assert set(seen) == {torch.float32}
     assert math.isfinite(module.figures["l2"])
 
 
@@ -262,6 +253,53 @@ def test_the_critic_pulls_as_hard_as_its_weight_says():
     assert torch.equal(balanced(push, torch.zeros_like(pull), 0.25), push)
 
 
+def test_the_loss_is_rasgan_as_written():
+    real, drawn = torch.randn(7, dtype=torch.float64), torch.randn(5, dtype=torch.float64)
+    critic = -torch.sigmoid(real - drawn.mean()).log().mean() - (1 - torch.sigmoid(drawn - real.mean())).log().mean()
+    renderer = -torch.sigmoid(drawn - real.mean()).log().mean() - (1 - torch.sigmoid(real - drawn.mean())).log().mean()
+    torch.testing.assert_close(relativistic_loss(real, drawn), critic)
+    torch.testing.assert_close(relativistic_loss(drawn, real), renderer)
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32, torch.bfloat16, torch.float16])
+@pytest.mark.parametrize("score", [1e4, -1e4, 0.0])
+def test_the_loss_and_its_gradient_are_finite_for_any_score(score, dtype):
+    real = torch.full((4,), score, dtype=dtype, requires_grad=True)
+    drawn = torch.full((3,), -score, dtype=dtype, requires_grad=True)
+    loss = relativistic_loss(real, drawn)
+    loss.backward()
+    assert bool(real.grad.isfinite().all())
+    assert bool(drawn.grad.isfinite().all())
+    wanted = 2 * torch.tensor(-2 * score, dtype=torch.float64).exp().log1p() if score >= 0 else 4e4
+    assert float(loss.detach()) == pytest.approx(float(wanted), rel=1e-2, abs=1e-3)
+
+
+@pytest.mark.parametrize("window", [16, 64, 128])
+def test_the_critic_gives_one_score_a_picture(window):
+    critic = Critic(window, 4)
+    pictures = torch.rand(3, 4, window, window, requires_grad=True)
+    scores = critic(pictures)
+    assert scores.shape == (3,)
+    torch.testing.assert_close(critic(pictures[1:2]), scores[1:2], rtol=1e-4, atol=1e-6)
+    scores.sum().backward()
+    assert bool(pictures.grad.isfinite().all())
+    assert float(pictures.grad.abs().sum()) > 0
+
+
+def test_the_critic_learns_to_tell_two_kinds_of_pictures_apart():
+    critic = Critic(16, 4)
+    optimizer = torch.optim.Adam(critic.parameters(), 1e-3)
+    smooth = torch.rand(16, 4, 1, 1).expand(-1, -1, 16, 16)
+    rough = torch.rand(16, 4, 16, 16)
+    first = float(relativistic_loss(critic(smooth), critic(rough)).detach())
+    for _ in range(60):
+        optimizer.zero_grad()
+        loss = relativistic_loss(critic(smooth), critic(rough))
+        loss.backward()
+        optimizer.step()
+    assert float(loss.detach()) < 0.3 * first
+
+
 def test_held_out_strokes_are_shown_and_compared_at_every_validation(tmp_path):
     module, seen = module_of(), []
 
@@ -315,16 +353,9 @@ def stored(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def trained(config, stored, tmp_path, monkeypatch):
-    """Run the task in this process."""
-
-    def run_with(*overrides: str) -> dict[str, object]:
-        hydra = SimpleNamespace(runtime=SimpleNamespace(output_dir=str(tmp_path)))
-        monkeypatch.setattr(train, "HydraConfig", SimpleNamespace(get=lambda: hydra))
-        common = ["task=train", f"data=[{stored}]", "minutes=null", "batch_size=32", "device=cpu"]
-        return train.run(config(*common, *overrides), time.monotonic())
-
-    return run_with
+def trained(run_task, stored):
+    common = ["task=train", f"data=[{stored}]", "minutes=null", "batch_size=32", "device=cpu"]
+    return partial(run_task, train, *common)
 
 
 def test_the_task_leaves_a_renderer_that_can_be_loaded(trained, stored, tmp_path):
