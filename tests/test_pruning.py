@@ -102,9 +102,11 @@ def test_a_pruned_checkpoint_loads_by_its_name_alone(tmp_path):
 
 
 @pytest.mark.parametrize("channels", [[8], [8] * 30, [0] * 9, [8] * 8 + ["x"]])
-def test_channels_that_do_not_fit_are_refused(channels):
+def test_channels_of_a_file_that_do_not_fit_are_refused(channels, tmp_path):
+    path = tmp_path / "pruned.safetensors"
+    RENDERERS.save(path, "neural", tiny(), {"options": {**OPTIONS, "channels": channels}})
     with pytest.raises(UserError, match=r"renderer.channels=\[.*\] are not 9 widths"):
-        tiny(channels=channels)
+        tiny(checkpoint=str(path))
     assert tiny(channels=[8] * 9).widths == [8] * 9
 
 
