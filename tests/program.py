@@ -76,6 +76,8 @@ def _main(words: list[str], folder: str, environment: dict[str, str], said: Path
     os.environ.update(environment)
     os.chdir(folder)
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    for number in (signal.SIGTERM, signal.SIGHUP):  # whatever started the tests may ignore them
+        signal.signal(number, signal.SIG_DFL)
     warnings.simplefilter("ignore", FutureWarning)
     sys.argv = words
     runpy.run_path(words[0], run_name="__main__")

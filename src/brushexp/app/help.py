@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import Enum
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -33,9 +35,9 @@ def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]
     """What ``--help`` says for a composed config and the overrides that were typed; presets are in the folders."""
     schema = TASKS[cfg.task]
     lines = [INTRODUCTION, f"task={cfg.task}: {schema.__doc__}", "", "Its keys and their values now, key=value:"]
+    raw: Any = OmegaConf.to_container(cfg, resolve=False)
     for name, key in keys_of(schema).items():
-        raw = OmegaConf.to_container(cfg, resolve=False)
-        lines += two_columns(f"{name}={as_typed(_at(raw, name))}", key.meaning)
+        lines += two_columns(f"{name}={as_typed(reduce(getitem, name.split('.'), raw))}", key.meaning)
     typed = {word.lstrip("+~").partition("=")[0] for word in overrides}
     lines += ["", "Its plugins, family=name; a family that you type shows the options: renderer=neural --help"]
     for group in groups_of(schema):
@@ -86,10 +88,3 @@ def as_typed(value: Any) -> str:
     if isinstance(plain, Enum):
         return plain.name
     return str(plain) if not isinstance(plain, list) else f"[{','.join(map(as_typed, plain))}]"
-
-
-def _at(values: Any, path: str) -> Any:
-    """The value below a path of keys."""
-    for name in path.split("."):
-        values = values[name]
-    return values

@@ -67,10 +67,7 @@ def interrupted_code() -> int:
 
 @contextmanager
 def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
-    """Let the first Ctrl-C, SIGTERM or SIGHUP call ``stop`` and log the ``promise`` of an end in order.
-
-    The second one ends at once.
-    """
+    """Let a first Ctrl-C, SIGTERM or SIGHUP call ``stop`` and log the ``promise`` of an end; a second ends at once."""
 
     def finish(signum: int, frame: FrameType | None) -> None:
         _received.append(signum)

@@ -3,6 +3,7 @@
 from functools import partial
 from typing import Annotated
 
+import torch
 from torch import Tensor
 
 from brushexp.bounds import at_least
@@ -41,5 +42,13 @@ class TopK(Blend):
 
 def _uppermost(k: int, alpha: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
     """What `over` makes of the k uppermost layers that are not empty, of K layers (T, K, P) and their colours."""
+    k = min(k, alpha.shape[1])
     filled = alpha > 0
-    return over(alpha * (filled & (filled.cumsum(1) <= k)), color)
+    rank = torch.where(filled, filled.cumsum(1) - 1, k).clamp_max(k)  # (T, K, P): place from the top; k: dropped
+    place = torch.zeros(alpha.shape[0], k + 1, alpha.shape[2], dtype=torch.long, device=alpha.device)
+    layer = torch.arange(alpha.shape[1], device=alpha.device)[:, None].expand_as(rank)
+    place.scatter_(1, rank, layer)
+    chosen = place[:, :k]  # (T, k, P): which stroke is at each place
+    present = torch.arange(k, device=alpha.device)[:, None] < filled.sum(1, keepdim=True)
+    color = color.expand(*alpha.shape, 3).gather(1, chosen[..., None].expand(*chosen.shape, 3))
+    return over(alpha.gather(1, chosen) * present, color)
