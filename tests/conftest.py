@@ -1,5 +1,6 @@
 """Fixtures every test may use."""
 
+import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +21,7 @@ settings.load_profile("repeatable")
 
 ROOT = Path(__file__).parents[1]
 prepare(ROOT)  # at import, so that @parametrize can list what is registered
+signal.signal(signal.SIGINT, signal.default_int_handler)  # tests that run in the background may begin without it
 torch.set_num_threads(1)  # tiny tensors: threads cost more than they give, most of all on a busy machine
 
 

@@ -69,7 +69,6 @@ def test_a_fit_tells_where_it_stands_and_leaves_a_checkpoint(tmp_path, caplog):
 
 
 def test_ctrl_c_ends_cleanly_and_the_fit_continues_exactly(tmp_path):
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # tests in the background may ignore it
     straight = Line()
     fit(tmp_path, straight)
     first = Line(beside=lambda step: step == 3 and signal.raise_signal(signal.SIGINT))
