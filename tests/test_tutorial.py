@@ -35,7 +35,7 @@ def test_the_plugins_of_the_tutorial_keep_their_contracts(tmp_path):
     environment = os.environ | {"BRUSHEXP_PLUGINS": str(tmp_path)}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-4000:]
-    assert int(re.search(r"(\d+) passed", done.stdout)[1]) >= 25
+    assert int(re.search(r"(\d+) passed", done.stdout)[1]) >= 18
 
 
 PRESETS = {
