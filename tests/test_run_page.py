@@ -363,6 +363,19 @@ def test_play_lays_strokes_and_stops_at_the_end_and_arrow_keys_step_through_them
     stage.press("Space")
 
 
+def test_a_frame_that_began_before_the_click_does_not_play_into_the_negative(opened, tmp_path):
+    write_text(tmp_path / "report.html", run_page(saved_with(COUNT), name="x"))
+    watched = opened(tmp_path / "report.html")
+    scrub(watched, 0)
+    watched.page.select_option("#speed", "10")
+    watched.evaluate(
+        "() => { window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now() - 200)); }"
+    )
+    watched.page.click("#play")
+    watched.page.wait_for_selector(f"#replay-stage[data-playing=false][data-shown='{COUNT}']", timeout=60_000)
+    assert not watched.errors
+
+
 def oracle(saved: Saved, points: np.ndarray) -> list[int | None]:
     """The uppermost stroke at each point; None where rounding may decide."""
     curve, half = curve_of(saved.strokes), half_width_of(saved.strokes)

@@ -94,7 +94,8 @@
   function frame(now) {
     waiting = false;
     if (playing) {
-      played += (Math.min(100, now - last) / 1000) * strokes.count * (speed.value / SECONDS);
+      const passed = Math.max(0, Math.min(100, now - last)); // a frame may have begun before the click that plays
+      played += (passed / 1000) * strokes.count * (speed.value / SECONDS);
       last = now;
       goal = Math.min(strokes.count, Math.round(played));
       if (goal === strokes.count) run(false);
