@@ -169,8 +169,7 @@ def direction_colors(angle: Array) -> Array:
     known, turn = np.isfinite(angle), 2 * np.nan_to_num(angle)
     lightness = LIGHTNESS + LIGHTNESS_SPAN * np.where(known, np.cos(turn), 0.0)
     chroma = np.where(known, CHROMA, 0.0) * np.array([np.cos(turn + LEVEL_HUE), np.sin(turn + LEVEL_HUE)])
-    colors: Array = np.clip(lab2rgb(np.stack([lightness, *chroma], axis=-1)), 0, 1)
-    return colors
+    return np.clip(lab2rgb(np.stack([lightness, *chroma], axis=-1)), 0, 1)
 
 
 @torch.no_grad()

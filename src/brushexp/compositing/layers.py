@@ -47,35 +47,23 @@ class TileKernel:
 class KernelInput:
     """Layers as a compiled kernel takes them: float32, on the CPU.
 
-    Attributes:
-        kernel: of this kind of layer.
-        strokes: (N, C) numbers of each stroke, differentiable.
-        data: whatever else the parts of the kernel need; tensors reach them as arrays.
-        learnt: how many of ``data``, counted from the first, are differentiable.
-        boxes: curve (N, 3, 2) and reach (N,) of strokes that fill the boxes around them, corners too; None: as layers.
+    ``boxes`` are curve (N, 3, 2) and reach (N,) of strokes that fill the boxes around them; None: those of the layers.
     """
 
     kernel: TileKernel
-    strokes: Tensor
-    data: tuple[Any, ...] = ()
-    learnt: int = 0
+    strokes: Tensor  # (N, C) numbers of each stroke, differentiable
+    data: tuple[Any, ...] = ()  # whatever else the parts of the kernel need; tensors reach them as arrays
+    learnt: int = 0  # how many of ``data``, counted from the first, are differentiable
     boxes: tuple[Tensor, Tensor] | None = None
 
 
 class Layers(ABC):
-    """Coverage of N strokes: their curves, how far they reach, and alpha and colour at any points.
+    """Coverage of N strokes: their curves, how far they reach, and alpha and colour at any points."""
 
-    Attributes:
-        curve: (N, 3, 2) control points in pixels; all of a stroke lies within ``reach`` of its curve.
-        reach: (N,) pixels beyond which its alpha is exactly 0; 0 or less for a stroke that is nowhere.
-        color: (N, 3) mean colour.
-        per_stroke: names of the fields that have a row for each stroke.
-    """
-
-    curve: Tensor
-    reach: Tensor
-    color: Tensor
-    per_stroke: ClassVar[tuple[str, ...]]
+    curve: Tensor  # (N, 3, 2) control points in pixels; all of a stroke lies within ``reach`` of its curve
+    reach: Tensor  # (N,) pixels beyond which its alpha is exactly 0; 0 or less for a stroke that is nowhere
+    color: Tensor  # (N, 3) mean colour
+    per_stroke: ClassVar[tuple[str, ...]]  # names of the fields that have a row for each stroke
 
     def joined(self, other: Self) -> Self:
         """These strokes, and then those of ``other``, which the same renderer drew."""

@@ -29,22 +29,16 @@ class Profile(Layers):
     alpha = opacity * C(d), where d is the distance to the curve, h = half_width * (1 - taper * (2t - 1)^2) the half
     thickness at the nearest parameter t, and C(d) = S(h + d) + S(h - d) - 1 with the smooth step S of width ``soft``:
     the box of half width h smoothed by S, so that a line thinner than the edge fades instead of disappearing.
-
-    Attributes:
-        half_width: (N,) pixels.
-        opacity: (N,).
-        soft: width of the edge, pixels, > 0.
-        taper: how much thinner the ends are, 0 (not) to 1 (pointed).
     """
 
     per_stroke = ("curve", "half_width", "color", "opacity")
 
     curve: Tensor
-    half_width: Tensor
+    half_width: Tensor  # (N,) pixels
     color: Tensor
-    opacity: Tensor
-    soft: float
-    taper: float
+    opacity: Tensor  # (N,)
+    soft: float  # width of the edge, pixels, > 0
+    taper: float  # how much thinner the ends are, 0 (not) to 1 (pointed)
 
     @property
     def reach(self) -> Tensor:  # type: ignore[override]

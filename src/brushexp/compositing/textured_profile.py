@@ -34,25 +34,19 @@ class TexturedProfile(Layers):
     The second channel moves the colour: light > 0 mixes it with white, light < 0 with black, by |light|. So a colour
     stays a colour without being clamped.
 
-    Attributes:
-        half_width: (N,) pixels, > 0.
-        opacity: (N,).
-        textures: (M, 2, rows + 2, rows + columns + 2) opacity in [0, 1] and light in [-1, 1]; rows is even.
-        extent: (M,) half widths beyond which a texture is transparent, at least 0.
-        look: (N,) int64, each stroke's texture.
-        cells: (M, rows + 1, rows + columns + 1, 2) int32 for the compiled kernel, see `textures.cells_of`; None if
-            there are none because the textures are being trained.
+    ``cells`` (M, rows + 1, rows + columns + 1, 2) int32 are for the compiled kernel, see `textures.cells_of`; there are
+    none while textures are being trained.
     """
 
     per_stroke = ("curve", "half_width", "color", "opacity", "look")
 
     curve: Tensor
-    half_width: Tensor
+    half_width: Tensor  # (N,) pixels, > 0
     color: Tensor
-    opacity: Tensor
-    textures: Tensor
-    extent: Tensor
-    look: Tensor
+    opacity: Tensor  # (N,)
+    textures: Tensor  # (M, 2, rows + 2, rows + columns + 2) opacity in [0, 1] and light in [-1, 1]; rows is even
+    extent: Tensor  # (M,) half widths beyond which a texture is transparent, at least 0
+    look: Tensor  # (N,) int64, each stroke's texture
     cells: Tensor | None = None
 
     @property

@@ -26,21 +26,13 @@ Array = np.ndarray[Any, Any]
 
 @dataclass(frozen=True)
 class TileLists:
-    """The pairs of one canvas.
+    """The pairs of one canvas."""
 
-    Attributes:
-        first: (tiles + 1,) where each tile's list begins in ``stroke`` and ``slot``; tiles go row by row.
-        stroke: (pairs,) index of the stroke, front to back within a tile.
-        slot: (pairs,) the pair's place when pairs are sorted by stroke.
-        row: (N + 1,) where each stroke's slots begin.
-        shape: tile rows and columns.
-    """
-
-    first: Array
-    stroke: Array
-    slot: Array
-    row: Array
-    shape: tuple[int, int]
+    first: Array  # (tiles + 1,) where each tile's list begins in ``stroke`` and ``slot``; tiles go row by row
+    stroke: Array  # (pairs,) index of the stroke, front to back within a tile
+    slot: Array  # (pairs,) the pair's place when pairs are sorted by stroke
+    row: Array  # (N + 1,) where each stroke's slots begin
+    shape: tuple[int, int]  # tile rows and columns
 
 
 def tile_lists(

@@ -29,22 +29,15 @@ class Windows(Layers):
 
     Texel (row, column) of a window of side ``scale`` lies at ``position`` + scale * ((column + 0.5) / S - 0.5, ...);
     beyond the outermost texel centres the picture fades to nothing within one texel.
-
-    Attributes:
-        images: (N, 4, S, S) RGBA in [0, 1], straight alpha.
-        position: (N, 2) centres of the windows, pixels.
-        scale: (N,) their sides, pixels, > 0.
-        opacity: (N,).
-        color: (N, 3) mean colour.
     """
 
     per_stroke = ("images", "position", "scale", "opacity", "color")
 
-    images: Tensor
-    position: Tensor
-    scale: Tensor
-    opacity: Tensor
-    color: Tensor
+    images: Tensor  # (N, 4, S, S) RGBA in [0, 1], straight alpha
+    position: Tensor  # (N, 2) centres of the windows, pixels
+    scale: Tensor  # (N,) their sides, pixels, > 0
+    opacity: Tensor  # (N,)
+    color: Tensor  # (N, 3) mean colour
 
     @property
     def curve(self) -> Tensor:  # type: ignore[override]

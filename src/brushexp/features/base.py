@@ -22,18 +22,14 @@ class Backbone(nn.Module, ABC):
 
     Its weights are constants that come from a file of their own: no parameters, and no part of a checkpoint.
 
-    Attributes:
-        taps: names of all activations, shallow to deep.
-        default_taps: those that serve best as a content loss.
-        context: pixels on every side of a part of a picture that its activations are looked at with. They see farther
-            (up to twice as far), but hardly: what a margin costs is measured in docs/performance.md.
-        grid: pixels; a part that begins at multiples of it has its activations where the whole picture has them.
+    A part of a picture is looked at with ``context`` pixels around it. Activations see farther (up to twice as far),
+    but hardly: what a margin costs is measured in docs/performance.md.
     """
 
-    taps: tuple[str, ...]
-    default_taps: tuple[str, ...]
+    taps: tuple[str, ...]  # names of all activations, shallow to deep
+    default_taps: tuple[str, ...]  # those that serve best as a content loss
     context: int = 32
-    grid: int = 16
+    grid: int = 16  # pixels; a part that begins at multiples of it has its activations where the whole picture has them
 
     @abstractmethod
     def walk(self, pictures: Tensor) -> Iterator[tuple[str, Tensor]]:

@@ -99,8 +99,7 @@ class SameConvolution(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         whole = self.stride == 2 and self.weight.shape[1:] == (3, 3, 3)
-        found: Tensor = (_Halve.apply if whole else _same)(x, self.weight, self.bias, self.stride)
-        return found
+        return (_Halve.apply if whole else _same)(x, self.weight, self.bias, self.stride)
 
 
 def _same(x: Tensor, weight: Tensor, bias: Tensor, stride: int) -> Tensor:
@@ -152,5 +151,4 @@ class Relu6(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, slope: Tensor) -> Tensor:
         (y,) = ctx.saved_tensors
-        found: Tensor = torch.ops.aten.hardtanh_backward(slope, y, 0, 6)
-        return found
+        return torch.ops.aten.hardtanh_backward(slope, y, 0, 6)

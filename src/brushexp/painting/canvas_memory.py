@@ -28,12 +28,9 @@ class CanvasMemory:
     Where strokes that a view neither moves nor draws around it touch the region, their pixels are taken from the
     whole picture as it was last seen; elsewhere the region is what it would be in the whole. Differs from the thesis,
     which leaves those strokes out: its ring hides the gap from the active ones.
-
-    Attributes:
-        picture: (3, H, W) the whole painting as it is; changed in place. The others are those of a `Picture`.
     """
 
-    picture: Tensor
+    picture: Tensor  # (3, H, W) the whole painting as it is; changed in place. The others are those of a `Picture`
     target: Tensor
     focus: Tensor | None
     background: Tensor

@@ -25,8 +25,7 @@ LARGEST_SIDE_PIXELS = 65_536  # of the longer side of a picture that is written
 
 def renderer_of(saved: Saved) -> Renderer:
     """The renderer that a catalogue was made with: looked up by name, because a file must not name code to run."""
-    renderer: Renderer = build_named("renderer", saved.renderer, painted_with(saved)["renderer"])
-    return renderer
+    return build_named("renderer", saved.renderer, painted_with(saved)["renderer"])
 
 
 def painted_with(saved: Saved) -> dict[str, Any]:

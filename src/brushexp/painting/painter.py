@@ -46,17 +46,6 @@ class Painter(L.LightningModule):
         coarse: share of the first stage's steps that come first and look at the whole picture at half its size;
             strokes are neither added nor removed meanwhile.
 
-    Attributes:
-        schedule: steps, stages and seconds.
-        stage: number of the one whose renderer draws the strokes.
-        stop: why the fit ends before its last step; "" while it goes on.
-        trouble: where and how the strokes would have become no numbers (`stop` is then `DIVERGED`); they stay as they
-            were before that step.
-        terms: the losses of the last step, unweighted.
-        evaluations: of the losses so far; an optimiser may need several for a step.
-        visits: (N,) steps that each stroke has taken.
-        anytime: how good the picture was after how many seconds.
-
     >>> from brushexp.plugins.init.random import Random
     >>> from brushexp.painting.components import standard_components
     >>> target, components = torch.rand(3, 24, 32), standard_components(steps=3)
@@ -69,7 +58,8 @@ class Painter(L.LightningModule):
     (3, torch.Size([3, 24, 32]))
     """
 
-    visits: Tensor
+    visits: Tensor  # (N,) steps that each stroke has taken
+    stage: int  # number of the one whose renderer draws the strokes
 
     def __init__(
         self,
@@ -97,10 +87,11 @@ class Painter(L.LightningModule):
         parts = self.picture, self.depth, self.schedule, self.generator
         self.densification = Densification(components.density, budget or len(catalogue), *parts)
         self.register_buffer("visits", torch.zeros(len(catalogue), dtype=torch.long), persistent=False)
-        self.evaluations = 0
-        self.stop = self.trouble = ""
-        self.anytime = Anytime()
-        self.terms: dict[str, Tensor] = {}
+        self.evaluations = 0  # of the losses so far; an optimiser may need several for a step
+        self.stop = ""  # why the fit ends before its last step
+        self.trouble = ""  # where strokes would have become no numbers (`DIVERGED`); they stay as before that step
+        self.anytime = Anytime()  # how good the picture was after how many seconds
+        self.terms: dict[str, Tensor] = {}  # the losses of the last step, unweighted
         self._curves = Curves()
         self._begin_stage()
 

@@ -40,10 +40,6 @@ class Picture(nn.Module):
         target: (3, H, W) in [0, 1].
         focus: (H, W) how much each pixel counts, of mean 1; None for all alike.
         background: (3,) colour of the bare canvas.
-
-    Attributes:
-        renderer: draws the strokes; set before the first picture.
-        memory: of the whole picture, while steps look at parts of it.
     """
 
     target: Tensor
@@ -56,8 +52,8 @@ class Picture(nn.Module):
         self.register_buffer("focus", focus, persistent=False)
         self.register_buffer("background", background, persistent=False)
         self.blend = blend
-        self.renderer: Renderer
-        self.memory: CanvasMemory | None = None
+        self.renderer: Renderer  # draws the strokes; set before the first picture
+        self.memory: CanvasMemory | None = None  # of the whole picture, while steps look at parts of it
         self._last: Tensor | None = None  # the picture, maybe a small one, if the last step looked at all of it
         self._small: PyramidLevel | None = None
         self._error = math.inf  # before there was one, or of the last one
@@ -142,17 +138,12 @@ class Picture(nn.Module):
 
 
 class Depth:
-    """Which of N strokes lies on top, as an order says every few steps.
-
-    Attributes:
-        front_to_back: (N,) indices of the strokes, the uppermost first.
-        accuracy: (N,) of each stroke when it was last measured, see `Order.depth`; None before that.
-    """
+    """Which of N strokes lies on top, as an order says every few steps."""
 
     def __init__(self, order: Order) -> None:
         self.order = order
-        self.front_to_back = torch.empty(0, dtype=torch.long)
-        self.accuracy: Tensor | None = None
+        self.front_to_back = torch.empty(0, dtype=torch.long)  # (N,) indices of the strokes, the uppermost first
+        self.accuracy: Tensor | None = None  # (N,) when it was last measured, see `Order.depth`; None before that
 
     @torch.no_grad()
     def renew(self, strokes: Strokes) -> None:

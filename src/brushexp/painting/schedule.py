@@ -11,11 +11,6 @@ from typing import Any
 class Schedule:
     """So many steps of each of the stages that follow one another; goals move their ends.
 
-    Attributes:
-        ends: step at which each stage is over.
-        step: steps that are done.
-        clock: seconds of wall time.
-
     >>> schedule = Schedule([4, 3])
     >>> schedule.step = 5
     >>> schedule.stage, schedule.stage_progress, schedule.steps
@@ -23,9 +18,9 @@ class Schedule:
     """
 
     def __init__(self, steps: Sequence[int]) -> None:
-        self.ends = list(accumulate(steps))
-        self.step = 0
-        self.clock: Callable[[], float] = time.monotonic
+        self.ends = list(accumulate(steps))  # step at which each stage is over
+        self.step = 0  # steps that are done
+        self.clock: Callable[[], float] = time.monotonic  # seconds of wall time
         self._seconds = 0.0  # of wall time in fits that are over
         self._since: float | None = None  # beginning of the present fit
 

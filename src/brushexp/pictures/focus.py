@@ -87,8 +87,7 @@ def _signature(lab: np.ndarray) -> np.ndarray:
 
     frequencies = dctn(lab, axes=(0, 1), norm="ortho")
     signs = np.where(np.abs(frequencies) > SAME, np.sign(frequencies), 0)
-    found: np.ndarray = np.square(idctn(signs, axes=(0, 1), norm="ortho")).sum(2)
-    return found
+    return np.square(idctn(signs, axes=(0, 1), norm="ortho")).sum(2)
 
 
 def _slope(lab: np.ndarray) -> np.ndarray:
@@ -128,5 +127,4 @@ def _shrunk(picture: Tensor, side: int) -> np.ndarray:
     height, width = picture.shape[1:]
     zoom = min(side / max(height, width), 1)
     size = (max(1, round(zoom * height)), max(1, round(zoom * width)))
-    small: np.ndarray = functional.adaptive_avg_pool2d(picture, size).permute(1, 2, 0).clamp(0, 1).cpu().numpy()
-    return small
+    return functional.adaptive_avg_pool2d(picture, size).permute(1, 2, 0).clamp(0, 1).cpu().numpy()

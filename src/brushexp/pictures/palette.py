@@ -28,8 +28,7 @@ def palette(lab: Array, weight: Array, count: int) -> Array:
 
 def nearest_ink(lab: Array, inks: Array) -> Array:
     """Number (N,) of the ink (K, 3) that is most like each colour (N, 3)."""
-    found: Array = (np.square(inks).sum(1) - 2 * lab @ inks.T).argmin(1)  # squared distances, but for |lab|^2
-    return found
+    return (np.square(inks).sum(1) - 2 * lab @ inks.T).argmin(1)  # squared distances, but for |lab|^2
 
 
 def _settled(lab: Array, weight: Array, inks: Array) -> Array:
@@ -49,8 +48,7 @@ def to_lab(rgb: Array) -> Array:
     """Colours (N, 3) of sRGB in [0, 1] in CIELAB."""
     from skimage.color import rgb2lab  # noqa: PLC0415  (slow to import)
 
-    lab: Array = rgb2lab(rgb.reshape(-1, 1, 3)).reshape(-1, 3)
-    return lab
+    return rgb2lab(rgb.reshape(-1, 1, 3)).reshape(-1, 3)
 
 
 def to_rgb(lab: Array) -> Array:

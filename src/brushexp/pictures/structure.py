@@ -19,5 +19,4 @@ def structure_tensor(picture: Array, sigma: float) -> Array:
 
 def along_edges(tensor: Array) -> Array:
     """Direction (...) in which a picture with this structure tensor (3, ...) changes least, radians from the x axis."""
-    angle: Array = 0.5 * np.arctan2(-2 * tensor[1], tensor[2] - tensor[0])
-    return angle
+    return 0.5 * np.arctan2(-2 * tensor[1], tensor[2] - tensor[0])

@@ -87,16 +87,13 @@ def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backwar
 class ExtremeDrawings(NamedTuple):
     """What became of the strokes `EXTREMES`.
 
-    Attributes:
-        nearest: (n, 4, S, S) the engine's pictures of the nearest strokes of the range of training.
-        pictures: ``painted``, what a user gets, and of a patch renderer ``bare``, drawn by its network alone, whose
-            parameters are not brought into the range first.
-        rows: of `outside.csv`; ``alpha_mass`` is the sum of alpha against that of the nearest stroke, ``l2`` is to it.
+    ``pictures`` are ``painted``, what a user gets, and of a patch renderer ``bare``, drawn by its network alone, whose
+    parameters are not brought into the range first.
     """
 
-    nearest: Tensor
+    nearest: Tensor  # (n, 4, S, S) the engine's pictures of the nearest strokes of the range of training
     pictures: dict[str, Tensor]
-    rows: list[dict[str, object]]
+    rows: list[dict[str, object]]  # of `outside.csv`; ``alpha_mass`` is against that of the nearest, ``l2`` to it
 
 
 @torch.no_grad()

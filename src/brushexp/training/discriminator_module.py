@@ -76,8 +76,7 @@ class DiscriminatorModule(NetworkModule):
         order = functional.softplus(corrupted - hard).mean()
         if self.note({"loss/logistic": logistic.detach(), "loss/order": order.detach()}):
             self.loss = float(logistic.detach())
-        total: Tensor = logistic + order
-        return total
+        return logistic + order
 
     def validation_step(self, batch: ShapeBatch, batch_idx: int) -> None:
         self.figures, self.validated = discriminator_figures(self.network, batch), self.global_step

@@ -128,8 +128,7 @@ def inception_distance(path: Path, device: torch.device) -> FeatureDistance:
             network = torch.jit.load(str(path), map_location=device).eval()
 
         def features(pictures: Tensor) -> Tensor:
-            found: Tensor = network((pictures * 255 + 0.5).to(torch.uint8), return_features=True)
-            return found
+            return network((pictures * 255 + 0.5).to(torch.uint8), return_features=True)
 
         shape = tuple(features(torch.zeros(1, 3, 64, 64, device=device)).shape)
     except (RuntimeError, ValueError, TypeError, AttributeError) as error:

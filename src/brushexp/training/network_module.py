@@ -16,22 +16,15 @@ FINAL_RATE = 0.01  # of the highest learning rate, at the end
 
 
 class NetworkModule(L.LightningModule):
-    """A network that is trained until the first limit of its Trainer: ``max_steps``, ``max_epochs`` or a `Timer`.
+    """A network that is trained until the first limit of its Trainer: ``max_steps``, ``max_epochs`` or a `Timer`."""
 
-    Attributes:
-        stop: why training ends before its limit; "" while it goes on (`system.callbacks`).
-        title: for the progress bar.
-        figures: of the last validation; empty before the first.
-        validated: the step at which they were measured; -1 before.
-    """
-
-    title = "training"
+    title = "training"  # for the progress bar
 
     def __init__(self) -> None:
         super().__init__()
-        self.stop = ""
-        self.figures: dict[str, float] = {}
-        self.validated = -1
+        self.stop = ""  # why training ends before its limit (`system.callbacks`)
+        self.figures: dict[str, float] = {}  # of the last validation
+        self.validated = -1  # the step at which they were measured
 
     @property
     def progress(self) -> float:

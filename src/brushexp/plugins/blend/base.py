@@ -30,22 +30,15 @@ class Blend(ABC):
     >>> blend = build_named("blend", "dense", {})
     >>> blend(layers, torch.tensor([1, 0]), (16, 24), torch.ones(3)).image.shape  # stroke 1 lies on stroke 0
     torch.Size([3, 16, 24])
-
-    Attributes:
-        cost: of a gradient step against that of ``tiled``, at 1024 pixels and 10,000 strokes.
-        exact: what it leaves out.
-        runs_on: devices and precisions.
-        layered: whether strokes that are laid over others look as if both had been laid at once.
     """
 
-    cost: ClassVar[str] = "not measured"
-    exact: ClassVar[str] = "yes"
+    cost: ClassVar[str] = "not measured"  # of a gradient step against that of ``tiled``, at 1024 px and 10,000 strokes
+    exact: ClassVar[str] = "yes"  # or what it leaves out
     runs_on: ClassVar[str] = "any device, any precision"
-    layered: ClassVar[bool] = True
+    layered: ClassVar[bool] = True  # whether strokes laid over others look as if both had been laid at once
 
     @classmethod
     def facts(cls) -> dict[str, str]:
-        """What one chooses a blend by."""
         return {"cost": cls.cost, "exact": cls.exact, "runs on": cls.runs_on}
 
     @abstractmethod

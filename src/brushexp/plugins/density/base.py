@@ -14,25 +14,17 @@ from brushexp.strokes.catalogue import Strokes
 class DensificationState:
     """The whole painting after a step.
 
-    Attributes:
-        image: (3, H, W) as the steps last saw it, display-referred RGB in [0, 1].
-        target: (3, H, W) what it should look like.
-        focus: (H, W) how much each pixel counts, of mean 1; None for all alike.
-        strokes: the N strokes, without gradient.
-        budget: strokes that the painting may have.
-        step: steps that are done, 1 or more.
-        steps: in all, as far as that is known: a run with a limit of seconds corrects it.
-        importance: computes (N,) by how much the squared error, summed over pixels and channels and weighted by the
-            focus, would grow without each stroke. It takes about as long as five steps.
+    ``importance()`` is (N,) by how much the squared error, summed over pixels and channels and weighted by the focus,
+    would grow without each stroke. It takes about as long as five steps.
     """
 
-    image: Tensor
-    target: Tensor
-    focus: Tensor | None
-    strokes: Strokes
-    budget: int
-    step: int
-    steps: int
+    image: Tensor  # (3, H, W) as the steps last saw it, display-referred RGB in [0, 1]
+    target: Tensor  # (3, H, W) what it should look like
+    focus: Tensor | None  # (H, W) how much each pixel counts, of mean 1; None for all alike
+    strokes: Strokes  # the N strokes, without gradient
+    budget: int  # strokes that the painting may have
+    step: int  # steps that are done, 1 or more
+    steps: int  # in all, as far as that is known: a run with a limit of seconds corrects it
     importance: Callable[[], Tensor]
 
 
@@ -47,10 +39,6 @@ class DensificationUpdate:
 class Density(ABC):
     """Adds strokes where they are needed and removes those that are not (densification and pruning).
 
-    Attributes:
-        uses_importance: whether `revise` asks for the importance of strokes; what computes it is then compiled before
-            the first step.
-
     >>> import torch
     >>> class Halve(Density):
     ...     def revise(self, state):
@@ -61,11 +49,11 @@ class Density(ABC):
     tensor([ True, False])
     """
 
+    # Whether `revise` asks for the importance of strokes; what computes it is then compiled before the first step.
     uses_importance: bool = False
 
     @classmethod
     def facts(cls) -> dict[str, str]:
-        """What one should know before choosing it."""
         return {"cost": "five steps a round" if cls.uses_importance else "none", "needs": "the picture as last seen"}
 
     def first(self, budget: int, steps: int) -> int:

@@ -26,20 +26,14 @@ class Engine(ABC):
     >>> simulated = Disc(window=32)(parameters_of(sample_prior(3)), seed=0)
     >>> simulated.images.shape, simulated.heights.shape
     (torch.Size([3, 4, 32, 32]), torch.Size([3, 32, 32]))
-
-    Attributes:
-        window: S, pixels on the side of a picture.
-        has_heights: whether ``heights`` says more than alpha does.
-        is_random: whether two strokes of the same parameters differ.
     """
 
-    window: int
-    has_heights: ClassVar[bool] = False
-    is_random: ClassVar[bool] = True
+    window: int  # S, pixels on the side of a picture
+    has_heights: ClassVar[bool] = False  # whether ``heights`` says more than alpha does
+    is_random: ClassVar[bool] = True  # whether two strokes of the same parameters differ
 
     @classmethod
     def facts(cls) -> dict[str, str]:
-        """What one should know before choosing it."""
         return {
             "height of the paint": "simulated" if cls.has_heights else "alpha",
             "strokes of the same parameters": "differ" if cls.is_random else "are alike",

@@ -28,23 +28,15 @@ LIFT_SECONDS = 1.0  # to lift a pen, set it down, and turn the machine round: an
 
 @dataclass(frozen=True)
 class PenPlan:
-    """All that is to be drawn.
+    """All that is to be drawn."""
 
-    Attributes:
-        document: vpype's; layer and tool, both from 1, have its layer (layer - 1) * len(tools) + tool.
-        paper: width and height.
-        tools: colours in hexadecimal, tool 1 first: from light to dark, so that no light pen takes up dark ink.
-        strokes: how many strokes each tool draws, or parts of; ``left_out`` more cannot be seen and are not drawn.
-        source: where the painting came from.
-    """
-
-    document: Any
-    paper: tuple[float, float]
+    document: Any  # vpype's; layer and tool, both from 1, have its layer (layer - 1) * len(tools) + tool
+    paper: tuple[float, float]  # width and height, mm
     pen_mm: float
-    tools: list[str]
-    strokes: list[int]
-    left_out: int
-    source: str
+    tools: list[str]  # colours in hexadecimal, tool 1 first: from light to dark, so that no light pen takes up dark ink
+    strokes: list[int]  # how many strokes each tool draws, or parts of
+    left_out: int  # more strokes, which cannot be seen and are not drawn
+    source: str  # where the painting came from
 
     def runs(self) -> list[tuple[int, int, Any]]:
         """Layer and tool, both from 1, and lines of vpype, in the order in which they are drawn."""

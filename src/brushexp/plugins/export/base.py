@@ -18,28 +18,18 @@ LARGE = 8 * BAND  # pixels from which painting takes so long that a bar is shown
 
 @dataclass(frozen=True)
 class ExportJob:
-    """A finished painting, at the size in which it is wanted.
+    """A finished painting, at the size in which it is wanted."""
 
-    Attributes:
-        strokes: N strokes in pixels of ``size``, numbered as in the catalogue: a renderer may tell them apart by it.
-        depth: (N,) int32 ranks, 0 is the bottom stroke.
-        size: height and width of the canvas, pixels.
-        background: (3,) RGB of the bare canvas, in [0, 1].
-        renderer: draws the strokes, ``blend`` lays them over each other; ``name`` is the renderer's.
-        source: where the catalogue came from, for titles.
-        seed: of the run that painted it; its ``config`` is YAML: text to show, never to run.
-    """
-
-    strokes: Strokes
-    depth: Tensor
-    size: tuple[int, int]
-    background: Tensor
+    strokes: Strokes  # N, in pixels of ``size``, numbered as in the catalogue: a renderer may tell them apart by it
+    depth: Tensor  # (N,) int32 ranks, 0 is the bottom stroke
+    size: tuple[int, int]  # height and width of the canvas, pixels
+    background: Tensor  # (3,) RGB of the bare canvas, in [0, 1]
     renderer: Renderer
     blend: Blend
-    name: str
-    source: str
-    seed: int = 0
-    config: str = ""
+    name: str  # of the renderer
+    source: str  # where the catalogue came from, for titles
+    seed: int = 0  # of the run that painted it
+    config: str = ""  # of that run, YAML: text to show, never to run
 
     @property
     def bottom_up(self) -> Tensor:

@@ -94,8 +94,7 @@ def nearest(points: Array, to: Array) -> Array:
     """Which of n points (n, 2) is nearest to each of others (m, 2)."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 
-    found: Array = cKDTree(points).query(to)[1]
-    return found
+    return cKDTree(points).query(to)[1]
 
 
 def cut(flat: Array, pieces: Array, height: int, width: int) -> Array:

@@ -143,12 +143,10 @@ class Loss(nn.Module, ABC):
         if key not in self._found:
             with torch.no_grad():
                 self._found[key] = compute(target)
-        found: T = self._found[key]
-        return found
+        return self._found[key]
 
     @classmethod
     def facts(cls) -> dict[str, str]:
-        """What to choose by, in words: cost, what it has a gradient in, whether parts are exact, focus."""
         return {
             "cost": cls.cost or "not measured",
             "gradient": "strokes only" if cls.looks_at == "strokes" else "picture",

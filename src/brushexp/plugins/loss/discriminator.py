@@ -50,8 +50,7 @@ class Discriminator(nn.Module):
         length = (square + SHORTEST**2).sqrt()  # with a slope where both ends are in one place
         bend = bend_of(strokes_of(functional.pad(shapes, (0, 3))))
         seen = torch.cat([points.abs(), width, length, bend.abs()], dim=1)
-        scores: Tensor = self.layers((STRETCH * seen).asinh())[:, 0]
-        return scores
+        return self.layers((STRETCH * seen).asinh())[:, 0]
 
 
 @register("loss", NAME)

@@ -7,13 +7,9 @@ from torch import nn, optim
 
 
 class Optimizer(ABC):
-    """Moves the strokes.
+    """Moves the strokes."""
 
-    Attributes:
-        units: stroke field -> its unit, see `strokes.catalogue.Catalogue`; what is missing or 0 stays as it is.
-    """
-
-    units: Mapping[str, float]
+    units: Mapping[str, float]  # stroke field -> unit, see `strokes.catalogue.Catalogue`; what is missing or 0 stays
 
     @abstractmethod
     def over(self, parameters: Iterable[nn.Parameter]) -> optim.Optimizer:

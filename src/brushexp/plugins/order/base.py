@@ -13,12 +13,8 @@ UNTIL = 0.5  # share of a stage's steps after which the order stays, by default
 class Order(ABC):
     """Decides which stroke lies on top. Depth is not a parameter: it is computed and has no gradient.
 
-    Attributes:
-        every: steps between two computations, as long as `due` allows any.
-        until: share of a stage's steps after which the order stays, 0 to 1. Strokes that change places are wrong for a
-            while, and when the learning rate has begun to fall they no longer recover (up to 1.4 dB lost in a run of
-            60 steps).
-        needs_accuracy: whether ``depth`` reads ``accuracy``; the blend then measures it in the same pass.
+    After the share ``until`` of a stage's steps the order stays: strokes that change places are wrong for a while, and
+    when the learning rate has begun to fall they no longer recover (up to 1.4 dB lost in a run of 60 steps).
 
     >>> class Brightest(Order):
     ...     every, until = 10, 1.0
@@ -28,13 +24,12 @@ class Order(ABC):
     [0, 10, 20]
     """
 
-    every: int
+    every: int  # steps between two computations, as long as `due` allows any
     until: float = UNTIL
-    needs_accuracy: bool = False
+    needs_accuracy: bool = False  # whether ``depth`` reads ``accuracy``; the blend then measures it in the same pass
 
     @classmethod
     def facts(cls) -> dict[str, str]:
-        """What one should know before choosing it."""
         return {"cost": "a tenth of a step" if cls.needs_accuracy else "none", "needs": "accuracy" * cls.needs_accuracy}
 
     @abstractmethod

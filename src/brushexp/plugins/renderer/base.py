@@ -53,22 +53,14 @@ class Renderer(nn.Module, ABC):
     >>> alpha, color = layers.sample(torch.tensor([[0, 1]]), torch.zeros(1, 5, 2))
     >>> alpha.shape, color.shape  # of two strokes at five points
     (torch.Size([1, 2, 5]), torch.Size([1, 2, 1, 3]))
-
-    Attributes:
-        cost: of a gradient step against that of ``analytic``, at 512 pixels and 2,621 strokes.
-        weights: what has to be trained.
-        strokes: which strokes it can draw.
-        warm_up: of a slow one, the renderer that had better take most of the steps of a painting.
-        weights_hash: of the trained weights, see `renderer.checkpoint`; "" without any.
-        at_once: strokes whose layers should be held at once at most; None if they are small.
     """
 
-    cost: ClassVar[str] = "not measured"
-    weights: ClassVar[str] = "none"
-    strokes: ClassVar[str] = "all"
-    warm_up: str | None = None
-    weights_hash: str = ""
-    at_once: int | None = None
+    cost: ClassVar[str] = "not measured"  # of a gradient step against that of ``analytic``, 512 px and 2,621 strokes
+    weights: ClassVar[str] = "none"  # what has to be trained
+    strokes: ClassVar[str] = "all"  # which it can draw
+    warm_up: str | None = None  # of a slow one, the renderer that had better take most of the steps of a painting
+    weights_hash: str = ""  # of the trained weights, see `renderer.checkpoint`; "" without any
+    at_once: int | None = None  # strokes whose layers should be held at once at most; None if they are small
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -90,13 +82,11 @@ class Renderer(nn.Module, ABC):
 
     @classmethod
     def facts(cls) -> dict[str, str]:
-        """What one chooses a renderer by."""
         return {"cost": cls.cost, "gradient": "all fields", "weights": cls.weights, "strokes": cls.strokes}
 
     def __call__(self, strokes: Strokes, number: Tensor | None = None) -> Layers:
         """As `forward`; strokes of 16 bits are drawn in float32, see `drawable`."""
-        layers: Layers = super().__call__(drawable(strokes), number)
-        return layers
+        return super().__call__(drawable(strokes), number)
 
     @abstractmethod
     def forward(self, strokes: Strokes, number: Tensor | None = None) -> Layers:

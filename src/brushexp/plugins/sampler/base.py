@@ -15,25 +15,15 @@ from brushexp.strokes.catalogue import Strokes
 
 @dataclass(frozen=True)
 class View:
-    """What one step looks at.
+    """What one step looks at."""
 
-    Attributes:
-        region: the part of the canvas that it renders and compares; all of it if ``active`` is None.
-        active: (A,) int64 numbers of the strokes that it moves, without repetition; None for all of them.
-        ring: (R,) int64 numbers of strokes around those, which are drawn and stay as they are; None for none.
-    """
-
-    region: Region
-    active: Tensor | None = None
-    ring: Tensor | None = None
+    region: Region  # the part of the canvas that it renders and compares; all of it if ``active`` is None
+    active: Tensor | None = None  # (A,) int64 numbers of the strokes that it moves, without repetition; None for all
+    ring: Tensor | None = None  # (R,) int64 numbers of strokes around those, which are drawn and stay; None for none
 
 
 class Sampler(ABC):
     """Decides which strokes a gradient step moves, and which part of the canvas it renders and compares.
-
-    Attributes:
-        cost: of a step, against one that looks at the whole canvas.
-        moves: which strokes a step moves.
 
     >>> class UpperHalf(Sampler):
     ...     cost, moves = "half", "those of the upper half"
@@ -47,12 +37,11 @@ class Sampler(ABC):
     (Region(top=0, left=0, height=12, width=32), True)
     """
 
-    cost: ClassVar[str] = "not measured"
-    moves: ClassVar[str] = "some"
+    cost: ClassVar[str] = "not measured"  # of a step, against one that looks at the whole canvas
+    moves: ClassVar[str] = "some"  # which strokes a step moves
 
     @classmethod
     def facts(cls) -> dict[str, str]:
-        """What one should know before choosing it."""
         return {"cost": cls.cost, "moves": cls.moves}
 
     @abstractmethod
