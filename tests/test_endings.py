@@ -97,14 +97,14 @@ def test_what_is_no_checkpoint_is_refused(content, tmp_path, monkeypatch):
         (tmp_path / CHECKPOINT).write_bytes(content)
     else:
         torch.save(content, tmp_path / CHECKPOINT)
-    with pytest.raises(UserError, match=r"checkpoint\.ckpt is damaged .*; start anew"):
+    with pytest.raises(UserError, match=r"checkpoint\.ckpt is (damaged|no checkpoint) .*; start anew"):
         interrupted_run(tmp_path, OmegaConf.create({"task": "paint"}))
 
 
 def test_a_config_from_a_file_runs_and_looks_up_nothing(tmp_path):
     touch = {"_target_": "pathlib.Path.touch", "_args_": [str(tmp_path / "it")]}
-    optimizer = build_named("optimizer", "torch", {"name": "SGD", "options": {"momentum": touch}})
-    assert optimizer.options == {"momentum": touch}, "plain values"
+    with pytest.raises(UserError, match="optimizer has an option _target_; nothing below a plugin is built"):
+        build_named("optimizer", "torch", {"name": "SGD", "options": {"momentum": touch}})
     assert not (tmp_path / "it").exists()
     with pytest.raises(UserError, match=r"holds an interpolation, \$\{\.\.\.\}; write the value"):
         build_named("optimizer", "torch", {"name": "${oc.env:HOME}"})

@@ -14,6 +14,7 @@ from catalogues import CONFIG, assert_same, catalogue, refused
 from brushexp.errors import UserError
 from brushexp.strokes.catalogue import FIELDS
 from brushexp.strokes.storage import load_catalogue, save_catalogue
+from brushexp.system.hdf5 import fixed
 
 
 @pytest.fixture
@@ -135,7 +136,7 @@ def test_an_unreadable_file_is_explained(stored, monkeypatch):
 )
 def test_a_wrong_attribute_is_explained(stored, name, value, message):
     with h5py.File(stored, "a") as file:
-        file.attrs[name] = value
+        file.attrs[name] = fixed(value) if isinstance(value, str) else value
     assert re.search(message, refused(stored))
 
 

@@ -6,6 +6,7 @@ Positional parameters are run-time objects; the framework passes them and no con
 
 import importlib
 import inspect
+import json
 import os
 import pkgutil
 import re
@@ -26,6 +27,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.bounds import Bounds, bounds_of
 from brushexp.errors import UserError
+from brushexp.system.reading import check_plain
 
 FAMILIES = {
     "init": "target picture -> first strokes",
@@ -206,12 +208,23 @@ def build(node: DictConfig, *runtime: object) -> Any:
     typed: DictConfig = OmegaConf.structured(plugin.config)
     try:
         typed.merge_with(OmegaConf.to_container(node, resolve=True))  # in a worker its types are copies of ours
+        options: Any = OmegaConf.to_container(typed, throw_on_missing=True)
     except OmegaConfBaseException as error:
-        raise UserError(f"{plugin.family}={plugin.name} does not take these options: {error}") from error
-    plugin.check(plugin.path, typed)
-    options: Any = OmegaConf.to_container(typed, throw_on_missing=True)
+        reason = " ".join(str(error).split())
+        raise UserError(f"{plugin.family}={plugin.name} does not take these options: {reason}") from error
     del options["_target_"]
+    if hidden := _hidden_key(options):
+        raise UserError(f"{plugin.path} has an option {hidden}; nothing below a plugin is built: drop that key")
+    plugin.check(plugin.path, typed)
     return plugin.cls(*runtime, **options)
+
+
+def _hidden_key(data: Any) -> str:
+    """The first key that begins with ``_``, as those do by which Hydra finds code; "" if there is none."""
+    if isinstance(data, dict):
+        own = (key for key in data if str(key).startswith("_"))
+        return str(next(own, "")) or _hidden_key(list(data.values()))
+    return next(filter(None, map(_hidden_key, data)), "") if isinstance(data, list) else ""
 
 
 def build_named(family: str, name: str, options: dict[str, Any]) -> Any:
@@ -233,9 +246,9 @@ def plain_config(values: dict[str, Any]) -> DictConfig:
     Raises:
         UserError: if one of them is an interpolation, which could read what is none of the file's business.
     """
-    found: DictConfig = OmegaConf.create(values)
-    if "${" in OmegaConf.to_yaml(found):
+    if "${" in json.dumps(check_plain(values)):
         raise UserError("a config from a file holds an interpolation, ${...}; write the value instead")
+    found: DictConfig = OmegaConf.create(values)
     return found
 
 

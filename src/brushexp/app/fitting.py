@@ -1,6 +1,5 @@
 """The Lightning Trainer of a task, with the device, options and callbacks of its config; an interrupted fit goes on."""
 
-import hashlib
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,14 +8,16 @@ from typing import Any
 import lightning as L
 import torch
 from hydra.core.hydra_config import HydraConfig
-from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.app.composition import check
+from brushexp.app.keys import typed
+from brushexp.app.schema import TASKS
 from brushexp.errors import UserError
 from brushexp.registry import build, plain_config
 from brushexp.system.callbacks import ProgressBar, TimedCheckpoint
+from brushexp.system.reading import check_plain, digest_of, read_pickled
 
 CHECKPOINT = "checkpoint.ckpt"  # in a run's folder
 RECORD = "brushexp"  # key of the settings in it
@@ -51,7 +52,7 @@ def trainer_of(
             callbacks=[*callbacks, *chosen, RunRecord(cfg), ProgressBar(), checkpoint],
             **options | {str(key): value for key, value in cfg.trainer.items()},
         )
-    except (TypeError, ValueError, MisconfigurationException) as error:
+    except Exception as error:  # a checkpoint's options may be anything
         raise UserError(f"trainer: {error}; see the options of Lightning's Trainer") from error
 
 
@@ -61,6 +62,10 @@ class RunRecord(L.Callback):
     def __init__(self, cfg: DictConfig) -> None:
         settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)
         self.record = {"settings": settings, "files": digests(settings)}
+        self.begun = False
+
+    def on_train_start(self, *_: object) -> None:
+        self.begun = True
 
     def on_save_checkpoint(self, trainer: L.Trainer, pl_module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
         checkpoint[RECORD] = self.record
@@ -82,20 +87,45 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
         if override.lstrip("+~").partition("=")[0] not in (*OVERRIDABLE, "resume", "task"):
             raise UserError(f"resume continues a run with its own settings; drop {override}")
     try:
-        record = torch.load(path, map_location="cpu", weights_only=True, mmap=True)[RECORD]
-        settings, files = record["settings"], record["files"]
-        task, paths = settings["task"], {key: (Path(name), digest) for key, (name, digest) in files.items()}
-    except Exception as error:  # of pickle, zip, and what else a file may hold
-        raise UserError(f"resume={folder}: {path.name} is damaged ({type(error).__name__}); start anew") from error
-    if task != cfg.task:
-        raise UserError(f"resume={folder} is a run of task={task}; add task={task}")
+        record = read_pickled(path, "start anew")[RECORD]
+        kept = plain_config(record["settings"])
+        paths = {key: (Path(name), digest) for key, (name, digest) in check_plain(record["files"]).items()}
+        if kept.task in TASKS:  # the keys that follow are those of this task
+            kept = typed(TASKS[kept.task], kept)
+        if kept.task == cfg.task:
+            kept.merge_with({key: cfg[key] for key in OVERRIDABLE})
+            check(kept)
+    except UserError as error:
+        raise UserError(f"resume={folder}: {error}") from error
+    except Exception as error:  # of whatever it holds instead
+        reason = f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
+        raise UserError(f"resume={folder}: {path} is no checkpoint of this program ({reason}); start anew") from error
+    if kept.task != cfg.task:
+        raise UserError(f"resume={folder} is a run of task={kept.task}; add task={kept.task}")
     for key, (file, digest) in paths.items():
         if not file.is_file() or digest_of(file) != digest:
             raise UserError(f"resume={folder}: {key}={file} is not the file that the run began with; put it back")
-    kept = plain_config(settings)
-    kept.merge_with({key: cfg[key] for key in OVERRIDABLE})
-    check(kept)
     return path, kept
+
+
+def fit(
+    trainer: L.Trainer, module: L.LightningModule, data: L.LightningDataModule | None, checkpoint: Path | None
+) -> None:
+    """Fit a module, from a checkpoint if there is one.
+
+    Raises:
+        UserError: if the checkpoint is of something else.
+    """
+    record = next(callback for callback in trainer.callbacks if isinstance(callback, RunRecord))  # type: ignore[attr-defined]
+    try:
+        trainer.fit(module, data, ckpt_path=None if checkpoint is None else str(checkpoint))
+    except UserError:
+        raise
+    except Exception as error:  # of Lightning or of whatever is to be restored
+        if checkpoint is None or record.begun:
+            raise
+        reason = f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
+        raise UserError(f"resume: {checkpoint} does not fit its own settings ({reason}); start anew") from error
 
 
 def digests(settings: Any, above: str = "") -> dict[str, tuple[str, str]]:
@@ -107,9 +137,3 @@ def digests(settings: Any, above: str = "") -> dict[str, tuple[str, str]]:
     for key, value in settings.items() if isinstance(settings, dict) else ():
         found |= digests(value, f"{above}.{key}".lstrip("."))
     return found
-
-
-def digest_of(path: Path) -> str:
-    """SHA-256 of what a file holds."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -71,6 +71,11 @@ def publish(tasks: Mapping[str, type[Any]]) -> None:
         ConfigStore.instance().store(group="task", name=name, node=node, package="_global_", provider="brushexp")
 
 
+def typed(schema: type[Any], values: DictConfig) -> DictConfig:
+    """Values of a task's keys and groups, those of its keys as the schema types them; OmegaConf's errors if not."""
+    return OmegaConf.merge(_untied(OmegaConf.structured(schema)), values)  # type: ignore[return-value]
+
+
 def _untied(node: DictConfig) -> DictConfig:
     """The same typed values in a mapping that belongs to no class, so that groups can stand beside them."""
     children = {name: node._get_node(name) for name in node}

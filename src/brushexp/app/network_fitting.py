@@ -13,7 +13,7 @@ from lightning.pytorch.callbacks import Timer
 from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.app.fitting import trainer_of
+from brushexp.app.fitting import fit, trainer_of
 from brushexp.app.stroke_data import data_recipe
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import RENDERERS
@@ -44,7 +44,7 @@ def fit_network(
     averages = [MovingAverage(cfg.ema)] if cfg.ema else []
     trainer = trainer_of(cfg, device, folder, loggers, [timer, *averages, *callbacks], num_sanity_val_steps=0)
     if cfg.epochs != 0:
-        trainer.fit(module, data, ckpt_path=None if resumed is None else str(resumed))
+        fit(trainer, module, data, resumed)
     if module.validated != module.global_step:
         trainer.validate(module, data, verbose=False)
 

@@ -5,13 +5,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from zipfile import is_zipfile
 
-import torch
 from torch import Tensor, nn
 
 from brushexp.errors import UserError
 from brushexp.pictures.region import Region
+from brushexp.system.reading import check_finite, read_pickled, read_safetensors
 
 OPTION = "loss.perceptual.weights"  # what an error tells a user to set, if nobody says otherwise
 TILE_PIXELS = 512  # side of the tiles: bounds the memory of a picture of any size
@@ -102,16 +101,13 @@ def packaged(package: str, file: str) -> Path:
 
 def read_tensors(path: Path) -> dict[str, Tensor]:
     """Tensors of a .pth or .safetensors file, by name; a UserError if there is none, or it holds something else."""
-    if not path.is_file():
-        raise UserError(f"weights: there is no file {path}; name one that exists")
+    cure = "name a .pth or .safetensors file that exists"
     try:
         if path.suffix == ".safetensors":
-            from safetensors.torch import load_file  # noqa: PLC0415  (only this format needs it)
-
-            return load_file(path)
-        zipped = is_zipfile(path)  # files of PyTorch before 1.6 are not, and cannot be mapped
-        return dict(torch.load(path, weights_only=True, map_location="cpu", mmap=zipped))
-    except Exception as error:  # pickle, zip and safetensors have a dozen kinds
-        raise UserError(
-            f"weights: {path} holds no table of tensors ({type(error).__name__}); name a .pth or .safetensors file"
-        ) from error
+            return read_safetensors(path, cure)
+        found = read_pickled(path, cure)
+    except UserError as error:
+        raise UserError(f"weights: {error}") from error
+    if not isinstance(found, dict) or not all(isinstance(value, Tensor) for value in found.values()):
+        raise UserError(f"weights: {path} holds no table of tensors; {cure}")
+    return check_finite(path, dict(found))

@@ -8,16 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import yaml  # type: ignore[import-untyped,unused-ignore]
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.renderer.base import Renderer
-from brushexp.registry import build, build_named, plugin_of
+from brushexp.registry import build, build_named, plain_config, plugin_of
 from brushexp.strokes.storage import Saved
+from brushexp.system.reading import yaml_of
 
 log = logging.getLogger(__name__)
 LARGEST_SIDE_PIXELS = 65_536  # of the longer side of a picture that is written
@@ -31,13 +30,13 @@ def renderer_of(saved: Saved) -> Renderer:
 def painted_with(saved: Saved) -> dict[str, Any]:
     """The settings that a catalogue was painted with; options of its renderer are under ``renderer``."""
     try:
-        settings: Any = OmegaConf.to_container(OmegaConf.create(saved.config), resolve=True)
+        settings = yaml_of(saved.config)
         options = settings.get("renderer", {})
         if not isinstance(options, dict):
-            raise ValueError(f"renderer is {options!r}; write renderer: {{}} there")
-    except (yaml.YAMLError, OmegaConfBaseException, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise UserError(f"the config of the catalogue cannot be read ({reason}); mend it, or make it empty") from error
+            raise UserError(f"renderer is {options!r}; write renderer: {{}} there")
+        plain_config(options)
+    except UserError as error:
+        raise UserError(f"the config of the catalogue cannot be read ({error}); mend it, or make it empty") from error
     options = {str(key): value for key, value in options.items() if not str(key).startswith("_")}
     return {**settings, "renderer": options}
 

@@ -24,7 +24,7 @@ from brushexp.plugins.loss.base import weighted_sum
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import curve_of, half_width_of
-from brushexp.strokes.catalogue import Catalogue, Strokes
+from brushexp.strokes.catalogue import Catalogue, Strokes, check_strokes
 
 log = logging.getLogger(__name__)
 DIVERGED = "diverged"
@@ -201,6 +201,7 @@ class Painter(L.LightningModule):
         return False
 
     def on_fit_start(self) -> None:
+        check_strokes(self.strokes())  # those of a checkpoint
         rehearse(self)
         self.schedule.start()
         self._curves.begin(self)

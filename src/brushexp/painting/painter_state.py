@@ -38,7 +38,7 @@ def load_painter_state(painter: Painter, state: dict[str, Any]) -> None:
     painter.components.sampler.load_state_dict(state["sampler"])
     painter.components.density.load_state_dict(state["density"])
     painter.evaluations, painter.visits = state["evaluations"], state["visits"].to(device)
-    painter.anytime.pairs = list(state["anytime"])
+    painter.anytime.pairs = [(float(seconds), float(psnr)) for seconds, psnr in state["anytime"]]
     if state["picture"] is not None:
         painter.picture.memory = painter.picture.remembered(state["picture"].to(device))
     painter.generator.set_state(state["generator"])

@@ -67,4 +67,4 @@ class Schedule:
         return {"ends": list(self.ends), "step": self.step, "seconds": self.seconds}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        self.ends, self.step, self._seconds = list(state["ends"]), state["step"], state["seconds"]
+        self.ends, self.step, self._seconds = [*map(int, state["ends"])], int(state["step"]), float(state["seconds"])

@@ -16,10 +16,12 @@ from PIL.ImageFile import ImageFile
 from PIL.TiffImagePlugin import TiffImageFile
 
 from brushexp.errors import UserError
+from brushexp.system.reading import check_file
 
 MAX_PIXELS = 100_000_000  # in float32 RGB that many take 1.2 GB
 # Raster formats only: for EPS, Pillow would start another program.
 FORMATS = ("AVIF", "BMP", "DIB", "GIF", "JPEG", "JPEG2000", "MPO", "PNG", "PPM", "PSD", "QOI", "TGA", "TIFF", "WEBP")
+WRITTEN = ("JPEG", "PNG", "WEBP")  # by runs
 TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 BITS, COMPRESSION, PHOTOMETRIC, ORIENTATION, PLANES, PROFILE = 258, 259, 262, 274, 284, 34675  # TIFF tags
 UNPACKED = (1, 8, 32946)  # values of COMPRESSION that tifffile reads by itself: none and deflate
@@ -55,6 +57,18 @@ def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0) -> np
                 words = " ".join(str(error).split()) or type(error).__name__
                 reason = f"is damaged or cannot be decoded ({words}); {CURE}"
     raise UserError(f"{key}={path} {reason}")
+
+
+@contextmanager
+def opened_picture(path: Path) -> Iterator[Image.Image]:
+    """A picture that a run has left, not decoded yet; whatever is wrong with it, found then too, is a UserError."""
+    check_file(path, "paint it again")
+    try:
+        with Image.open(path, formats=WRITTEN) as picture:
+            _check_size(*picture.size)
+            yield picture
+    except Exception as error:  # decoders have a dozen kinds
+        raise UserError(f"{path} cannot be read ({' '.join(str(error).split())}); paint it again") from error
 
 
 @contextmanager

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from brushexp.errors import UserError
+from brushexp.pictures.decode import opened_picture
 from brushexp.results.plotting import folded
-from brushexp.results.runs import UNREADABLE, shortened
+from brushexp.results.runs import shortened
 from brushexp.results.tables import DIGITS, numbers, run_count, varying
 from brushexp.system.files import write_picture
 
@@ -137,10 +139,10 @@ def _picture(cell: SheetCell, side: int) -> Image.Image | None:
     if source is None:
         return None
     try:
-        with nullcontext(source) if isinstance(source, Image.Image) else Image.open(source) as picture:
+        with nullcontext(source) if isinstance(source, Image.Image) else opened_picture(source) as picture:
             zoom = side / max(picture.size)
             size = max(1, round(picture.width * zoom)), max(1, round(picture.height * zoom))
             method = Image.Resampling.NEAREST if zoom > 1 else Image.Resampling.BICUBIC  # small ones show their pixels
             return picture.convert("RGB").resize(size, method, reducing_gap=2.0)
-    except UNREADABLE:
+    except UserError:
         return None

@@ -12,20 +12,18 @@ The frame has a row per run, indexed by its name, and columns in three parts:
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 import os
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
-from PIL import Image
-
 from brushexp.errors import UserError
+from brushexp.pictures.decode import opened_picture
 from brushexp.results.tables import numbers
+from brushexp.system.reading import digest_of, json_of, read_text, yaml_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -33,8 +31,9 @@ if TYPE_CHECKING:
 Result = dict[str, Any]
 UNFINISHED = ("failed", "interrupted")  # states of runs that are not compared
 REMOVED = "(removed)"  # value of an override "~key"
+TEXTS = ("status", "error", "loss", "picture")  # keys of a result that are words
+LARGEST_NUMBER = 1e300
 LONGEST_VALUE = 40  # letters of a value in a label; of a longer one the end is shown
-UNREADABLE = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)  # what Pillow raises
 
 
 def gather(folders: Iterable[Path], into: Path) -> DataFrame:
@@ -135,7 +134,7 @@ def _told(folder: Path, result: Result) -> dict[str, Any]:
         "error": result.get("error"),
         "folder": folder,
         "picture": picture if picture.is_file() else None,
-        "target": hashlib.sha256(target.read_bytes()).hexdigest() if target.is_file() else str(asked),
+        "target": digest_of(target) if target.is_file() else str(asked),
         "overrides": overrides,
         "anytime": result.get("anytime"),
         "command": command_of(folder, overrides),
@@ -163,23 +162,21 @@ def command_of(folder: Path, overrides: Mapping[str, str] | None = None) -> str:
 def _typed(folder: Path) -> list[str] | None:
     """The overrides of a run as they were typed, None if they were not kept."""
     try:
-        words = yaml.safe_load((folder / ".hydra" / "overrides.yaml").read_text(encoding="utf-8"))
-        return [str(word) for word in words] if isinstance(words, list) else []
-    except OSError:
+        return [str(word) for word in yaml_of(read_text(folder / ".hydra" / "overrides.yaml", ""), list)]
+    except UserError:
         return None
 
 
 def _image_name(run: Any) -> str:
     """Name and size of what a run painted, as far as they are known."""
-    name, config = run["overrides"].get("image"), run["folder"] / ".hydra" / "config.yaml"
-    if name is None and config.is_file():
-        name = (yaml.safe_load(config.read_text(encoding="utf-8")) or {}).get("image")
+    name = run["overrides"].get("image")
+    if name is None:
+        with suppress(UserError):
+            name = yaml_of(read_text(run["folder"] / ".hydra" / "config.yaml", "")).get("image")
     name = Path(str(name or "picture")).name
-    try:
-        with Image.open(run["folder"] / "target.png") as picture:
-            return f"{name}, {picture.width} x {picture.height} pixels"
-    except UNREADABLE:
-        return name
+    with suppress(UserError), opened_picture(run["folder"] / "target.png") as picture:
+        return f"{name}, {picture.width} x {picture.height} pixels"
+    return name
 
 
 def _runs_below(folder: Path) -> Iterator[Path]:
@@ -191,11 +188,25 @@ def _runs_below(folder: Path) -> Iterator[Path]:
 
 
 def read_result(path: Path) -> Result:
-    """What a file says of the run in whose folder it is; one that cannot be read counts as failed."""
-    try:
-        return {"status": "completed", "overrides": {}, **json.loads(path.read_text(encoding="utf-8"))}
-    except (OSError, ValueError, TypeError) as error:
-        return {"status": "failed", "error": f"its {path.name} cannot be read: {error}", "overrides": {}}
+    """What a file says of the run in whose folder it is, of the kinds that runs write; else it failed."""
+    found: Any = None
+    with suppress(UserError):
+        found = json_of(read_text(path, ""))
+    if not isinstance(found, dict):
+        return {"status": "failed", "error": f"its {path.name} cannot be read", "overrides": {}}
+    plain = {key: _measured(value) for key, value in found.items() if not isinstance(value, list | dict)}
+    words = {key: str(found[key]) for key in TEXTS if found.get(key) is not None}
+    overrides, pairs = found.get("overrides"), found.get("anytime")
+    chosen = {key: str(value) for key, value in overrides.items()} if isinstance(overrides, dict) else {}
+    told = {"status": "completed", **plain, **words, "overrides": chosen}
+    if isinstance(pairs, list):
+        told["anytime"] = [[*map(_measured, pair)] for pair in pairs if isinstance(pair, list) and len(pair) == 2]
+    return told
+
+
+def _measured(value: Any) -> Any:
+    """A value, but None for a number that is not finite or too large to be one that was measured."""
+    return None if isinstance(value, int | float) and not abs(value) < LARGEST_NUMBER else value
 
 
 def _place_of(run: Path) -> tuple[str, bool, int, str]:

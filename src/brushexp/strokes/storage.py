@@ -13,16 +13,27 @@ from pathlib import Path
 import h5py
 import numpy as np
 import torch
-import yaml  # type: ignore[import-untyped,unused-ignore]
 from torch import Tensor
 
 from brushexp.errors import UserError
 from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
 from brushexp.strokes.text import DEPTH_UNIT, FORMAT, VERSION, check_version, parse
 from brushexp.system.files import write_bytes
-from brushexp.system.hdf5 import HDF5, attribute_of, dataset_of, fixed, text_of, whole_number_of
+from brushexp.system.hdf5 import (
+    HDF5,
+    attribute_of,
+    dataset_of,
+    explaining,
+    fixed,
+    opened,
+    text_of,
+    whole_number_of,
+)
+from brushexp.system.reading import check_yaml, read_text
 
 LARGEST_SIDE = 1_000_000  # pixels
+MOST_STROKES = 10_000_000  # which take 0.7 GB
+LARGEST_TEXT = 2**29  # bytes of a catalogue as JSON, two million strokes
 
 
 @dataclass(frozen=True)
@@ -71,31 +82,24 @@ def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
     """Read a catalogue and check all of it; a UserError says what is wrong. ``option`` is what sets the path."""
     if path.is_dir():
         raise UserError(f"{path} is a folder; give the file in it, {option}={path / 'catalogue.h5'}")
-    if not path.exists():
-        raise UserError(f"there is no file {path}; give the catalogue.h5 of a finished run, {option}=...")
-    try:
-        path.open("rb").close()
-        if path.suffix.lower() == ".json":
-            saved = _read_text(path)
-        elif h5py.is_hdf5(path):
-            with h5py.File(path, "r") as file:
-                saved = _read(file, option)
-        else:
-            raise UserError(f"not an HDF5 file; give the catalogue.h5 of a finished run, {option}=...")
+    cure, again = f"give the catalogue.h5 of a finished run, {option}=...", "save it again or give another one"
+    if path.suffix.lower() == ".json":
+        text = read_text(path, cure, LARGEST_TEXT)
+        with explaining(path, again):
+            saved = _parsed(text)
+            _check(saved)
+        return saved
+    with opened(path, cure) as file, explaining(path, again):
+        saved = _read(file, cure)
         _check(saved)
-    except UserError as error:
-        raise UserError(f"{path}: {error}") from error
-    except (OSError, ArithmeticError, RuntimeError, ValueError, KeyError, TypeError) as error:  # h5py raises many
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error).partition("\n")[0]
-        raise UserError(f"{path} is damaged or cut short ({reason}); save it again or give another one") from error
     return saved
 
 
-def _read(file: h5py.File, option: str) -> Saved:
+def _read(file: h5py.File, cure: str) -> Saved:
     if "format" not in file.attrs or text_of(file, "format") != FORMAT:
-        raise UserError(f"an HDF5 file, but not a {FORMAT}; give the catalogue.h5 of a finished run, {option}=...")
+        raise UserError(f"an HDF5 file, but not a {FORMAT}; {cure}")
     check_version(whole_number_of(file, "format_version"))
-    count = dataset_of(file, "depth", np.int32, None).shape[0]
+    count = dataset_of(file, "depth", np.int32, None, MOST_STROKES).shape[0]
     values = {name: dataset_of(file, name, np.float32, field.shape(count)) for name, field in FIELDS.items()}
     background = np.asarray(attribute_of(file, "background"))
     if background.dtype.kind not in "fiu":
@@ -112,8 +116,8 @@ def _read(file: h5py.File, option: str) -> Saved:
     )
 
 
-def _read_text(path: Path) -> Saved:
-    strokes, depth, background, config, attributes = parse(path.read_text(encoding="utf-8-sig"))
+def _parsed(text: str) -> Saved:
+    strokes, depth, background, config, attributes = parse(text)
     canvas = (attributes.pop("height"), attributes.pop("width"))
     return Saved(strokes=strokes, depth=depth.int(), size=canvas, background=background, config=config, **attributes)
 
@@ -130,9 +134,9 @@ def _check(saved: Saved) -> None:
         )
     if tuple(background.shape) != (3,) or not bool(((background >= 0) & (background <= 1)).all()):
         raise UserError(f"background is {background.tolist()}; three numbers in [0, 1] are needed")
+    if not -(2**63) <= saved.seed < 2**64:
+        raise UserError(f"seed is {saved.seed}; a number of 64 bits is needed")
     try:
-        node = yaml.compose(saved.config, yaml.SafeLoader)  # constructs nothing
-    except yaml.YAMLError as error:
-        raise UserError(f"config is not YAML ({' '.join(str(error).split())})") from error
-    if not isinstance(node, yaml.MappingNode | None):
-        raise UserError("config is not a YAML mapping of keys to values")
+        check_yaml(saved.config)
+    except UserError as error:
+        raise UserError(f"config is {error}") from error

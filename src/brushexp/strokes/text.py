@@ -16,6 +16,7 @@ from torch import Tensor
 
 from brushexp.errors import UserError
 from brushexp.strokes.catalogue import FIELDS, Strokes
+from brushexp.system.reading import json_of
 
 FORMAT = "brushexp catalogue"
 VERSION = 1  # raise it whenever a file of the new kind would mislead an older reader
@@ -51,12 +52,9 @@ def _exact(value: Any) -> Any:
 def parse(text: str) -> tuple[Strokes, Tensor, Tensor, str, dict[str, Any]]:
     """Strokes, depth (int64), background, config and attributes that `json_lines` wrote; a UserError if it did not."""
     try:
-        data = json.loads(text)
-    except json.JSONDecodeError as error:
-        place = f"line {error.lineno}, column {error.colno}"
-        raise UserError(f"not JSON ({place}: {error.msg}); mend it there, or export it again with to=json") from error
-    except RecursionError as error:
-        raise UserError("JSON with too many brackets inside each other; export it again with to=json") from error
+        data = json_of(text)
+    except UserError as error:
+        raise UserError(f"{error}; mend it there, or export it again with to=json") from error
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise UserError(f"JSON, but not a {FORMAT}; give a strokes.json of task=export to=json")
     check_version(_typed(data, "format_version", int))

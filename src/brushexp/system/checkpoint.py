@@ -17,6 +17,7 @@ from torch import Tensor, nn
 
 from brushexp.errors import UserError
 from brushexp.system.files import write_bytes, write_json
+from brushexp.system.reading import check_plain, json_of, read_safetensors, read_text
 
 VERSION = 1  # raise it whenever a file of the new kind would mislead an older reader
 PROGRAM = "brushexp "  # how every format begins
@@ -110,13 +111,14 @@ class CheckpointFormat:
         Raises:
             UserError: if there is none, or it is not one.
         """
-        file = path.with_suffix(".json")
+        file, cure = path.with_suffix(".json"), "copy it again from where the checkpoint came from"
         if not file.is_file():
             raise UserError(f"{path} has no recipe beside it; copy {file.name} there too")
+        text = read_text(file, cure)
         try:
-            recipe = json.loads(file.read_text())
-        except ValueError as error:
-            raise UserError(f"{file} is not JSON ({error}); copy it again from where it came from") from error
+            recipe = check_plain(json_of(text))
+        except UserError as error:
+            raise UserError(f"{file} is {error}; {cure}") from error
         if not isinstance(recipe, dict) or recipe.get("format") != PROGRAM + self.noun:
             raise UserError(f"{file} is not the recipe of a {self.noun}; give the checkpoint that {self.task} wrote")
         version = recipe.get("format_version")
@@ -126,7 +128,7 @@ class CheckpointFormat:
             )
         for key, kind in ((self.family, str), ("options", dict), ("hash", str)):
             if not isinstance(recipe.get(key), kind):
-                raise UserError(f"{file} has no {key}; copy it again from where the checkpoint came from")
+                raise UserError(f"{file} has no {key}; {cure}")
         return recipe
 
 
@@ -136,18 +138,7 @@ def read_weights(path: Path) -> dict[str, Tensor]:
     Raises:
         UserError: if it is none, damaged, or not finite.
     """
-    from safetensors import SafetensorError  # noqa: PLC0415  (--help needs none of it)
-    from safetensors.torch import load  # noqa: PLC0415
-
-    try:
-        tensors = load(path.read_bytes())
-    except (SafetensorError, ValueError, KeyError) as error:
-        raise UserError(
-            f"{path} is damaged or no .safetensors file ({error}); pickles are refused, because they can run code"
-        ) from error
-    for name, value in tensors.items():
-        if not value.isfinite().all():
-            raise UserError(f"{path}: {name} has numbers that are not finite; train it again")
+    tensors = read_safetensors(path, "pickles are refused, because they can run code")
     return {name: value.float() if value.is_floating_point() else value for name, value in tensors.items()}
 
 

@@ -1,13 +1,23 @@
 """Parts of HDF5 files that are read by programs which trust nobody: every function says what is wrong with the file."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
 from brushexp.errors import UserError
+from brushexp.system.reading import check_file
 
 HDF5 = "v110"  # of the library whose format is written: the first with checksums of everything but free text
+LARGEST_ATTRIBUTE = 2**22  # bytes
+LARGEST_CHUNK = 2**26  # bytes of a chunk unpacked: 16 pictures of 1024 x 1024
+FILTERS = {1, 2, 3}  # gzip, shuffle, checksum: others could be libraries that HDF5 loads
+INFLATION = 1032  # bytes that gzip makes of one at most
+PLAIN = (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
+SPARE = 2**12  # bytes by which small data may grow when packed
 
 
 def fixed(text: str) -> np.ndarray:
@@ -16,18 +26,65 @@ def fixed(text: str) -> np.ndarray:
     return np.array(encoded, h5py.string_dtype("utf-8", max(1, len(encoded))))
 
 
-def dataset_of(file: h5py.File, name: str, dtype: type, shape: tuple[int, ...] | None) -> h5py.Dataset:
-    """The dataset, if it is what the format says; its numbers are not read yet. Without a shape: one axis."""
-    dataset = file.get(name)
-    if not isinstance(dataset, h5py.Dataset):
+@contextmanager
+def explaining(path: Path, cure: str) -> Iterator[None]:
+    """Turn whatever goes wrong with a file into a UserError that names it, with ``cure`` if it is damaged."""
+    try:
+        yield
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
+    except Exception as error:  # h5py raises all kinds
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error).partition("\n")[0]
+        raise UserError(f"{path} is damaged or cut short ({reason}); {cure}") from error
+
+
+def opened(path: Path, cure: str, **options: Any) -> h5py.File:
+    """The file, which is one of HDF5."""
+    check_file(path, cure)
+    with explaining(path, cure):
+        if not h5py.is_hdf5(path):
+            raise UserError(f"not an HDF5 file; {cure}")
+        return h5py.File(path, "r", **options)
+
+
+def dataset_of(
+    file: h5py.File, name: str, dtype: type, shape: tuple[int, ...] | None, most: int = 2**40
+) -> h5py.Dataset:
+    """The dataset, if it is what the format says, and here; its numbers are not read yet.
+
+    Without a shape it has one axis, of ``most`` values. Other files that it may point to are not opened, and more
+    numbers than its bytes can hold are refused.
+    """
+    if not isinstance(file.get(name, getlink=True), h5py.HardLink) or not isinstance(file[name], h5py.Dataset):
         raise UserError(f"has no dataset {name}; it is damaged or not complete")
+    dataset = file[name]
     if "unit" not in dataset.attrs:
         raise UserError(f"dataset {name} has no attribute unit; it is damaged or not complete")
     if dataset.dtype != dtype:
         raise UserError(f"{name} has type {dataset.dtype}; {np.dtype(dtype)} is needed")
     if (shape is None and len(dataset.shape) != 1) or (shape is not None and dataset.shape != shape):
         raise UserError(f"{name} has shape {dataset.shape}; {shape or '(N,)'} is needed")
+    if shape is None and dataset.shape[0] > most:
+        raise UserError(f"{name} has {dataset.shape[0]} values; at most {most} are read")
+    if dataset.is_virtual or dataset.external:
+        raise UserError(f"{name} is in another file; copy its numbers into this one")
+    _check_storage(name, dataset)
     return dataset
+
+
+def _check_storage(name: str, dataset: h5py.Dataset) -> None:
+    """Refuse what would unpack to more than it says, or says more than can be there."""
+    layout, held = dataset.id.get_create_plist(), dataset.id.get_storage_size()
+    used = {layout.get_filter(k)[0] for k in range(layout.get_nfilters())}
+    if not used <= FILTERS:
+        raise UserError(f"{name} is packed in a way that is not read here; pack it with gzip")
+    if dataset.chunks is not None:
+        unpacked = int(np.prod(dataset.chunks)) * dataset.dtype.itemsize
+        sizes = (dataset.id.get_chunk_info(k).size for k in range(dataset.id.get_num_chunks()))
+        if unpacked > LARGEST_CHUNK or max(sizes, default=0) > 1.01 * unpacked + SPARE:
+            raise UserError(f"{name} has chunks of {unpacked} bytes, more than {LARGEST_CHUNK} or than there are")
+    if dataset.nbytes > held * INFLATION + SPARE:
+        raise UserError(f"{name} claims {dataset.nbytes} bytes, of which it has only {held}; it is not complete")
 
 
 def text_of(file: h5py.File, name: str) -> str:
@@ -44,6 +101,12 @@ def attribute_of(file: h5py.File, name: str, kind: type = object, words: str = "
     """The attribute, if it is of a kind, which is called ``words``; bytes count as text."""
     if name not in file.attrs:
         raise UserError(f"has no attribute {name}; it is damaged or not complete")
+    stored = file.attrs.get_id(name)
+    kept = stored.get_type()
+    if kept.get_class() not in PLAIN or (isinstance(kept, h5py.h5t.TypeStringID) and kept.is_variable_str()):
+        raise UserError(f"attribute {name} has no fixed length, so damage can hang HDF5; write it as numpy.bytes_(...)")
+    if stored.get_storage_size() > LARGEST_ATTRIBUTE:
+        raise UserError(f"attribute {name} has more than {LARGEST_ATTRIBUTE} bytes")
     value = file.attrs[name]
     value = value.decode() if isinstance(value, bytes) else value
     if not isinstance(value, kind):

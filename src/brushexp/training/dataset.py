@@ -29,13 +29,16 @@ from omegaconf import DictConfig, OmegaConf
 from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine
 from brushexp.registry import plugin_of
-from brushexp.system.hdf5 import dataset_of, text_of, whole_number_of
+from brushexp.system.hdf5 import dataset_of, explaining, opened, text_of, whole_number_of
+from brushexp.system.reading import json_of
 
 FORMAT = "brushexp strokes"
 VERSION = 2  # raise it whenever a file of the new kind would mislead an older reader
 BLOCK = 16  # strokes of a chunk
 PERIOD = 20  # blocks after which the splits repeat
 SPLITS = "block = number // 16; block % 20: 0 test, 1 validation, others training"
+MOST_STROKES = 2**31  # of a set; a shard cannot claim more than its bytes can hold
+AGAIN = "simulate it again or give another one"
 HEIGHT_STEPS = 1024  # per unit of height: 16 bits reach to 64, and thick paint of the fluid engine to about 8
 
 Bytes = NDArray[np.uint8]
@@ -93,20 +96,13 @@ class Shard:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.file = opened(path, "give a set of task=simulate", rdcc_nbytes=0)  # whole chunks are read, once
         try:
-            path.open("rb").close()
-            if not h5py.is_hdf5(path):
-                raise UserError("not an HDF5 file; give a set of task=simulate")
-            self.file = h5py.File(path, "r", rdcc_nbytes=0)  # whole chunks are read, once
-            try:
+            with explaining(path, AGAIN):
                 self._read_head()
-            except BaseException:
-                self.file.close()
-                raise
-        except UserError as error:
-            raise UserError(f"{path}: {error}") from error
-        except (OSError, RuntimeError, ValueError, KeyError, TypeError, OverflowError) as error:  # h5py raises all
-            raise self._damaged(error) from error
+        except BaseException:
+            self.file.close()
+            raise
 
     def _read_head(self) -> None:
         file = self.file
@@ -117,12 +113,15 @@ class Shard:
             cure = "update brushexp" if version > VERSION else "simulate it again"
             raise UserError(f"has format_version {version}, and this brushexp reads {VERSION}; {cure}")
         config = text_of(file, "engine_config")
-        options = json.loads(config)
+        try:
+            options = json_of(config)
+        except UserError as error:
+            raise UserError(f"attribute engine_config is {error}; {AGAIN}") from error
         if not isinstance(options, dict):
-            raise UserError(f"attribute engine_config is {config}; JSON of the engine's options is needed")
+            raise UserError(f"attribute engine_config is {config[:40]}; JSON of the engine's options is needed")
         self.first, n, window, self.seed = (whole_number_of(file, name) for name in ("first", "n", "window", "seed"))
         self.origin = Origin(text_of(file, "engine"), options, window)
-        if self.first < 0 or n < 1 or window < 1:
+        if not (0 <= self.first < MOST_STROKES and 1 <= n < MOST_STROKES and window >= 1):
             raise UserError(f"first is {self.first}, n is {n} and window is {window}; 0, 1 and 1 are the least")
         params = _whole_dataset(file, "params", np.float32, (n, 10))
         self.images = _whole_dataset(file, "images", np.uint8, (n, window, window, 4))
@@ -138,17 +137,11 @@ class Shard:
         """These rows of ``images`` or ``heights``, whose blocks are read once each; UserError if they are damaged."""
         found = np.empty((len(rows), *dataset.shape[1:]), dataset.dtype)
         blocks = rows // BLOCK
-        try:
+        with explaining(self.path, AGAIN):
             for block in np.unique(blocks):
                 here = np.flatnonzero(blocks == block)
                 found[here] = dataset[block * BLOCK : (block + 1) * BLOCK][rows[here] - block * BLOCK]
-        except (OSError, RuntimeError) as error:
-            raise self._damaged(error) from error
         return found
-
-    def _damaged(self, error: Exception) -> UserError:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error).partition("\n")[0]
-        return UserError(f"{self.path} is damaged or cut short ({reason}); simulate it again or give another one")
 
 
 class StrokeSet:

@@ -9,7 +9,7 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.app.fitting import CHECKPOINT, interrupted_run, trainer_of
+from brushexp.app.fitting import CHECKPOINT, fit, interrupted_run, trainer_of
 from brushexp.app.tracking import trackers_of
 from brushexp.errors import UserError
 from brushexp.features.distance import Distance, open_distance
@@ -64,7 +64,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         if painter.schedule.steps or cfg.seconds:
             goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
             trainer = trainer_of(cfg, device, folder, [trackers], [timelapse, *goals])
-            trainer.fit(painter, ckpt_path=None if checkpoint is None else str(checkpoint))
+            fit(trainer, painter, None, checkpoint)
         metrics = finish(painter, cfg, folder, start, lpips)
         timelapse.write(folder)
         trackers.report(

@@ -25,6 +25,7 @@ WAVES = 4  # cosines and sines across the stroke, of 1/2, 1, 2, 4 periods per ha
 PLANES = 3 + 2 * WAVES
 SHORTEST = 1e-4  # least squared length that is divided by, half-windows; valid strokes have 0.007
 THINNEST = 1e-3  # half width that is divided by, half-windows; valid strokes have 0.03
+LARGEST = 10**9  # weights, which take 4 GB
 FARTHEST = 3.0  # half widths from the axis
 
 
@@ -100,13 +101,18 @@ class Neural(PatchRenderer):
         by_size = [min(width * sides[-1] // side, widest) for side in sides]
         widths = [*dense, by_size[0], *(after for after in by_size[1:] for _ in range(CONVOLUTIONS))]
         if channels is not None:
-            possible = all(isinstance(value, int) and 1 <= value <= 65536 for value in channels)
-            if len(channels) != len(widths) or not possible:
+            possible = isinstance(channels, list) and all(isinstance(n, int) and 1 <= n <= 65536 for n in channels)
+            if not possible or len(channels) != len(widths):
                 raise UserError(
                     f"renderer.channels={channels} are not {len(widths)} widths, one of each layer but the last; "
                     "leave it at null, or give those of task=prune"
                 )
             widths = channels
+        numbers = 9 * sum(a * b for a, b in pairwise(widths))
+        if numbers > LARGEST:
+            raise UserError(
+                f"renderer.width, widest and dense make {numbers:.0e} weights; take fewer than {LARGEST:.0e}"
+            )
         known, seen = widths[: len(dense)], widths[len(dense) :]
         self.dense = nn.ModuleList(nn.Linear(a, b) for a, b in zip([10, *known], known, strict=False))
         self.first = Coarsest(known[-1], seen[0])

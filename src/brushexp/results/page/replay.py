@@ -6,11 +6,12 @@ import base64
 from typing import Any
 
 import numpy as np
-import yaml  # type: ignore[import-untyped,unused-ignore]
 
 from brushexp.analysis.columns import StrokeTable
+from brushexp.errors import UserError
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.storage import Saved
+from brushexp.system.reading import yaml_of
 
 MAX_STROKES = 200_000  # strokes: more make a page that browsers choke on
 STEPS = 65_535  # of 16 bits
@@ -69,10 +70,10 @@ def replay_of(saved: Saved, measures: StrokeTable) -> dict[str, Any] | None:
 def recorded_config(saved: Saved) -> dict[str, Any]:
     """A run's config as plain data; nothing if it is not such, for the file may come from elsewhere."""
     try:
-        found = yaml.safe_load(saved.config)
-    except (yaml.YAMLError, RecursionError):
+        found: dict[str, Any] = yaml_of(saved.config)
+    except UserError:
         return {}
-    return found if isinstance(found, dict) else {}
+    return found
 
 
 def hex_of(color: np.ndarray) -> str:

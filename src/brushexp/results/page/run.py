@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import logging
 import math
@@ -16,13 +17,15 @@ from PIL import Image
 
 from brushexp.analysis.columns import StrokeTable, measure_strokes
 from brushexp.errors import UserError
+from brushexp.pictures.decode import opened_picture
 from brushexp.registry import plugins
 from brushexp.results.page import drawings
 from brushexp.results.page.html import embedded, page, readable_number
 from brushexp.results.page.replay import recorded_config, replay_of
-from brushexp.results.runs import UNREADABLE, command_of, read_result
+from brushexp.results.runs import command_of, read_result
 from brushexp.strokes.storage import Saved, load_catalogue
 from brushexp.system.files import write_text
+from brushexp.system.reading import read_text
 
 log = logging.getLogger(__name__)
 PAGE_NAME = "report.html"
@@ -67,22 +70,21 @@ def _pictures(folder: Path) -> dict[str, np.ndarray]:
     """The pictures of a run; one that is damaged is left out with a word in the log."""
     found = {}
     for path in (folder / f"{name}.png" for name in PICTURES):
-        try:
-            with Image.open(path) as image:
-                found[path.stem] = np.asarray(image.convert("RGB"))
-        except FileNotFoundError:
+        if not path.exists():
             continue
-        except UNREADABLE as error:
-            log.warning("%s is left out, for it cannot be read: %s", path, error)
+        try:
+            with opened_picture(path) as image:
+                found[path.stem] = np.asarray(image.convert("RGB"))
+        except UserError as error:
+            log.warning("%s is left out: %s", path, error)
     return found
 
 
 def read_curves(path: Path) -> dict[str, list[float]]:
     """The columns of a table of curves, NaN where there is nothing; none if it is not there or no table."""
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file, restkey="", restval=""))
-    except (OSError, UnicodeDecodeError, csv.Error):
+        rows = list(csv.DictReader(io.StringIO(read_text(path, ""), newline=""), restkey="", restval=""))
+    except (UserError, csv.Error):
         return {}
     return {name: [_float(row[name]) for row in rows] for name in (rows[0] if rows else ()) if name}
 

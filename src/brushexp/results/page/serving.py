@@ -13,9 +13,16 @@ from typing import Any
 from urllib.parse import unquote
 
 from brushexp.errors import UserError
+from brushexp.system.reading import check_file
 
 log = logging.getLogger(__name__)
 HOST = "127.0.0.1"  # nobody else can connect
+LARGEST_PAGE = 2**28  # bytes
+# A page that somebody else has made may run its own scripts, which reach neither other pages here nor the network.
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
+    "form-action 'none'"
+)
 TIMEOUT_SECONDS = 10  # that a silent connection may take
 
 
@@ -65,15 +72,20 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.FORBIDDEN, "ask for this page by its address")
             return
         page = self.server.pages.get(unquote(self.path.partition("?")[0], errors="surrogateescape"))
-        if page is None or not page.is_file():
+        try:
+            if page is None or page.is_symlink():  # a link may lead out of the folder that is shown
+                raise UserError("it is not among the pages")
+            check_file(page, "", LARGEST_PAGE)
+            body = page.read_bytes()
+        except (UserError, OSError):
             self.send_error(HTTPStatus.NOT_FOUND, "there is no such page here")
             return
-        body = page.read_bytes()
         self.send_response(HTTPStatus.OK)
         self.send_header("Content-Type", "text/html; charset=utf-8")
         self.send_header("Content-Length", str(len(body)))
         self.send_header("Cache-Control", "no-store")  # the page may be made anew
         self.send_header("X-Frame-Options", "DENY")
+        self.send_header("Content-Security-Policy", POLICY)
         self.end_headers()
         self.wfile.write(body)
 

@@ -7,12 +7,12 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from PIL import Image
-
+from brushexp.errors import UserError
+from brushexp.pictures.decode import opened_picture
 from brushexp.results import tables
 from brushexp.results.anytime_curves import ahead, curve_from, curves_by_image, mean_curves
 from brushexp.results.page.html import embedded, page
-from brushexp.results.runs import UNREADABLE, differences, shortened
+from brushexp.results.runs import differences, shortened
 from brushexp.system.files import write_text
 
 if TYPE_CHECKING:
@@ -205,12 +205,12 @@ def thumbnail(path: Path, side: int) -> dict[str, Any] | None:
     try:
         found = path.stat()
         return _encoded(path.resolve(), found.st_mtime_ns, found.st_size, side)
-    except UNREADABLE:
+    except (UserError, OSError):
         return None
 
 
 @lru_cache(KEPT)
 def _encoded(path: Path, changed: int, size: int, side: int) -> dict[str, Any]:
     """The same; ``changed`` and ``size`` tell one state of the file from another."""
-    with Image.open(path) as opened:  # WebP of method 2: half the time of 4, a twentieth more bytes
+    with opened_picture(path) as opened:  # WebP of method 2: half the time of 4, a twentieth more bytes
         return embedded(opened.convert("RGB"), side, "WEBP", quality=QUALITY, method=2)

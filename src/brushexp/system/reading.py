@@ -1,0 +1,198 @@
+"""Files of others are data: nothing in them is run or looked up, and nothing is made as large as they claim unchecked.
+
+Whatever reads a file begins here; docs/security.md lists the files and their limits. What is wrong is a UserError of
+one line. Functions of a path name it there, functions of a text leave that to who knows where it came from.
+"""
+
+import hashlib
+import json
+import math
+import stat
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+from zipfile import ZIP_STORED, ZipFile, is_zipfile
+
+import torch
+import yaml  # type: ignore[import-untyped,unused-ignore]
+from omegaconf import OmegaConf
+from torch import Tensor
+
+from brushexp.errors import UserError
+
+LARGEST_TEXT = 2**24  # bytes of a file of numbers or settings
+LARGEST_YAML = 2**20  # letters: a run's settings have some thousands
+DEEPEST = 32  # levels of lists and mappings in each other
+MOST_VALUES = 100_000  # of settings
+LARGEST_WEIGHTS = 2**33  # bytes of a file of tensors
+EVENTS = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # whose events come one by one
+ROOTS = {dict: (yaml.MappingStartEvent, "mapping of keys to values"), list: (yaml.SequenceStartEvent, "list")}
+
+
+def check_file(path: Path, cure: str, largest: float = math.inf) -> None:
+    """Refuse what is no file, cannot be opened or has more than ``largest`` bytes; nothing waits for a pipe.
+
+    Raises:
+        UserError: with ``cure``, what would be right.
+    """
+    try:
+        found = path.stat()
+        if regular := stat.S_ISREG(found.st_mode):
+            path.open("rb").close()
+    except FileNotFoundError as error:
+        raise UserError(f"there is no file {path}; {cure}") from error
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path} cannot be read ({getattr(error, 'strerror', error)}); {cure}") from error
+    if not regular:
+        raise UserError(f"{path} is a folder, a device or a pipe, not a file; {cure}")
+    if found.st_size > largest:
+        raise UserError(f"{path} has {found.st_size / 1e6:.0f} MB, more than {largest / 1e6:.0f}; {cure}")
+
+
+def read_text(path: Path, cure: str, largest: int = LARGEST_TEXT) -> str:
+    """A file of UTF-8; a mark of the byte order is left out. UserError as of `check_file`."""
+    check_file(path, cure, largest)
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise UserError(f"{path} is damaged or no text ({error.reason}); {cure}") from error
+
+
+def digest_of(path: Path) -> str:
+    """SHA-256 of what a file holds."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def json_of(text: str) -> Any:
+    """What JSON says; a key that comes twice is a mistake, not the last one."""
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            key = next(key for k, (key, _) in enumerate(pairs) if key in dict(pairs[:k]))
+            raise UserError(f"JSON with the key {key[:40]!r} twice in one place")
+        return found
+
+    try:
+        return json.loads(text, object_pairs_hook=unique)
+    except UserError:
+        raise
+    except json.JSONDecodeError as error:
+        raise UserError(f"not JSON (line {error.lineno}, column {error.colno}: {error.msg})") from error
+    except RecursionError as error:
+        raise UserError("JSON with too many brackets inside each other") from error
+    except ValueError as error:
+        raise UserError(f"not JSON ({error})") from error
+
+
+def check_yaml(text: str, root: type = dict) -> None:
+    """Refuse YAML that is too long or deep, has aliases, or is no mapping (or list); nothing is constructed.
+
+    PyYAML itself takes minutes for 40 kB of brackets, and aliases of aliases fill any memory.
+    """
+    if len(text) > LARGEST_YAML:
+        raise UserError(f"YAML of {len(text)} letters, more than {LARGEST_YAML}")
+    depth, begun, (kind, name) = 0, False, ROOTS[root]
+    try:
+        for event in yaml.parse(text, EVENTS):
+            if isinstance(event, yaml.AliasEvent):
+                raise UserError("YAML with an alias, *name; write out what it stands for")
+            if isinstance(event, yaml.NodeEvent) and not begun and not isinstance(event, kind):
+                raise UserError(f"not a YAML {name}")
+            begun |= isinstance(event, yaml.NodeEvent)
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > DEEPEST:
+                raise UserError(f"YAML of more than {DEEPEST} levels")
+    except UserError:
+        raise
+    except (yaml.YAMLError, ValueError) as error:
+        raise UserError(f"not YAML ({' '.join(str(error).split())})") from error
+
+
+def yaml_of(text: str, root: type = dict) -> Any:
+    """The mapping (or list) that YAML says, of plain values; empty for an empty text. Interpolations stay text."""
+    check_yaml(text, root)
+    try:
+        return check_plain(OmegaConf.to_container(OmegaConf.create(text)) or root())
+    except UserError:
+        raise
+    except Exception as error:  # of PyYAML, OmegaConf, and of Python for dates and numbers that are none
+        raise UserError(f"not YAML of plain values ({' '.join(str(error).split())})") from error
+
+
+def check_plain(data: Any) -> Any:
+    """The same data, if it is made of text, numbers, lists and dictionaries alone, and of few enough of them."""
+    count, level = 0, [data]
+    for _ in range(DEEPEST + 1):
+        count += len(level)
+        below: list[Any] = []
+        for value in level:
+            parts: Iterable[Any] = ()
+            if isinstance(value, dict):
+                parts = [*(key for key in value if not isinstance(key, str | int)), *value.values()]
+            elif isinstance(value, list | tuple):
+                parts = value
+            elif not isinstance(value, str | int | float | None):
+                raise UserError(f"a value is of the kind {type(value).__name__}; text, numbers and lists are read")
+            below.extend(parts)
+        if not below:
+            return data
+        if count + len(below) > MOST_VALUES:
+            raise UserError(f"settings of more than {MOST_VALUES} values")
+        level = below
+    raise UserError(f"settings of more than {DEEPEST} levels")
+
+
+def read_safetensors(path: Path, cure: str) -> dict[str, Tensor]:
+    """Finite tensors of a .safetensors file, by name."""
+    from safetensors.torch import load  # noqa: PLC0415  (--help needs none of it)
+
+    check_file(path, cure, LARGEST_WEIGHTS)
+    try:
+        return check_finite(path, load(path.read_bytes()))
+    except UserError:
+        raise
+    except Exception as error:  # its own, and of dtypes that PyTorch does not know
+        reason = " ".join(str(error).split())
+        raise UserError(f"{path} is damaged or no .safetensors file ({reason}); {cure}") from error
+
+
+def read_pickled(path: Path, cure: str) -> Any:
+    """What torch.save has written of tensors, numbers, text, lists and dictionaries; a pickle of else is refused."""
+    check_file(path, cure, LARGEST_WEIGHTS)
+    try:
+        zipped = is_zipfile(path)  # files of PyTorch before 1.6 are not, and cannot be mapped
+        if zipped:
+            with ZipFile(path) as file:
+                packed = any(entry.compress_type != ZIP_STORED for entry in file.infolist())
+                if packed or file.testzip() is not None:  # PyTorch itself looks at no checksum
+                    raise ValueError("parts of it are compressed, or others than were written")
+        found = torch.load(path, map_location="cpu", weights_only=True, mmap=zipped)
+        _check_tensors(found)
+    except Exception as error:  # of pickle, zip, and what else a file may hold
+        reason = f"{type(error).__name__}: {' '.join(str(error).partition('. ')[0].split())[:120]}"
+        raise UserError(f"{path} is damaged or holds no plain tensors ({reason}); {cure}") from error
+    return found
+
+
+def check_finite(path: Path, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
+    """The same, if all numbers are."""
+    for name, value in tensors.items():
+        if not bool((value.float() if value.is_floating_point() else value).isfinite().all()):
+            raise UserError(f"{path}: {name} has numbers that are not finite; train it again, or give another file")
+    return tensors
+
+
+def _check_tensors(data: Any) -> None:
+    """Refuse tensors larger than what the file holds of them: those of no memory, or of one number that repeats."""
+    waiting, seen = [data], set()
+    while waiting:
+        value = waiting.pop()
+        if isinstance(value, dict | list | tuple | set) and id(value) not in seen:
+            seen.add(id(value))
+            waiting.extend(value.values() if isinstance(value, dict) else value)
+        elif isinstance(value, Tensor):
+            held = value.untyped_storage().nbytes() if value.layout is torch.strided and not value.is_meta else -1
+            if value.numel() * value.element_size() > held:
+                raise ValueError(f"a tensor claims {tuple(value.shape)} numbers that are not there")
