@@ -26,7 +26,10 @@ DEEPEST = 32  # levels of lists and mappings in each other
 MOST_VALUES = 100_000  # of settings
 LARGEST_WEIGHTS = 2**33  # bytes of a file of tensors
 EVENTS = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # whose events come one by one
-ROOTS = {dict: (yaml.MappingStartEvent, "mapping of keys to values"), list: (yaml.SequenceStartEvent, "list")}
+ROOTS: dict[type, Any] = {
+    dict: (yaml.MappingStartEvent, "mapping of keys to values"),
+    list: (yaml.SequenceStartEvent, "list"),
+}
 
 
 def check_file(path: Path, cure: str, largest: float = math.inf) -> None:
