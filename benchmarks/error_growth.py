@@ -25,7 +25,7 @@ from torch import Tensor
 
 from brushexp.compositing.passes import sum_by_stroke
 from brushexp.plugins.blend.base import Blend
-from brushexp.plugins.blend.tiled import Backend, Tiled
+from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.loss.ssim import dissimilarity, statistics
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer
@@ -36,7 +36,7 @@ from brushexp.system.runtime import peak_memory
 
 BACKGROUND = torch.tensor([0.2, 0.5, 0.9])
 EXACT, SHIPPED = Tiled(opaque=0.0), Tiled()
-REFERENCE = Tiled(opaque=0.0, kernel=Backend.torch)
+REFERENCE = Tiled(opaque=0.0, kernel="torch")
 RENDERERS: dict[str, Renderer] = {
     "analytic": Analytic(),
     "textured": Textured(checkpoint=None).requires_grad_(False).eval(),

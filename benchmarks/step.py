@@ -25,7 +25,7 @@ import torch
 
 from brushexp.painting.components import Components, standard_components
 from brushexp.plugins.blend.base import Blend
-from brushexp.plugins.blend.tiled import Backend, Tiled
+from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.blend.topk import TopK
 from brushexp.plugins.loss.base import Painting, weighted_sum
 from brushexp.plugins.renderer.analytic import Analytic
@@ -88,7 +88,7 @@ def against_eager() -> None:
     print("| blend | ms per step | times tiled | picture, max difference | gradient, relative difference |")
     print("|---|---|---|---|---|")
     print(f"| tiled (Numba) | {1e3 * seconds:.1f} | 1 | | |")
-    rivals = {"tiled, eager PyTorch": Tiled(opaque=0.0, kernel=Backend.torch)}
+    rivals = {"tiled, eager PyTorch": Tiled(opaque=0.0, kernel="torch")}
     rivals |= {f"topk, k={k}": TopK(k=k) for k in (4, 8, 16)}
     for name, blend in rivals.items():
         slow = gradient_step(blend, strokes, target)
@@ -109,7 +109,7 @@ def against_double() -> None:
         layers = Analytic()(strokes.map(lambda value: value.to(dtype)))
         return blend(layers, order, (1024, 1024), BACKGROUND.to(dtype)).image
 
-    eager = Tiled(opaque=0.0, kernel=Backend.torch)
+    eager = Tiled(opaque=0.0, kernel="torch")
     exact = picture(eager, torch.float64)
     for name, blend in (("tiled (Numba)", Tiled()), ("eager PyTorch in float32", eager)):
         print(f"\n{name} differs from float64 by {(picture(blend, torch.float32) - exact).abs().max():.1e} at most")

@@ -16,8 +16,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from brushexp.bounds import between, multiple_of
-from brushexp.plugins.renderer.base import PatchRenderer, Precision
+from brushexp.bounds import between, multiple_of, one_of
+from brushexp.plugins.renderer.base import PRECISIONS, PatchRenderer
 from brushexp.registry import register
 
 
@@ -39,7 +39,7 @@ class Dual(PatchRenderer):
         window: Annotated[int, multiple_of(16)] = 64,  # a bound: what else is typed is refused with the nearest one
         width: Annotated[int, between(1, 1024)] = 32,
         shading: Annotated[float, between(0, 1)] = 0.5,
-        precision: Precision = Precision.float32,
+        precision: Annotated[str, one_of(*PRECISIONS)] = "float32",
         checkpoint: str | None = None,
     ) -> None:
         super().__init__()

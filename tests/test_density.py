@@ -11,7 +11,7 @@ from scenes import Windowed, random_strokes, straight
 from brushexp.painting.densification import importance
 from brushexp.painting.metrics import psnr_of
 from brushexp.painting.picture import Picture
-from brushexp.plugins.blend.tiled import Backend, Tiled
+from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.adaptive import Adaptive, new_strokes
 from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.density.fixed import Fixed
@@ -84,7 +84,7 @@ def test_importance_is_what_the_error_grows_by_when_a_stroke_is_left_out(taper, 
 
 def test_importance_of_any_blend_is_the_same_on_average():
     scene = random_strokes(12, SIZE), torch.randperm(12), torch.rand(3, *SIZE)
-    exact, eager = importance_of(*scene, blend=Tiled(opaque=0)), Tiled(opaque=0, kernel=Backend.torch)
+    exact, eager = importance_of(*scene, blend=Tiled(opaque=0)), Tiled(opaque=0, kernel="torch")
     probed = torch.stack([importance_of(*scene, blend=eager, seed=k) for k in range(20)])
     spread = probed.std(0) / math.sqrt(20)
     assert ((probed.mean(0) - exact).abs() <= 5 * spread + 1e-3 * exact.abs().max()).all()

@@ -15,7 +15,7 @@ from torch import nn
 from brushexp.compositing.tile_lists import tile_lists
 from brushexp.compositing.windows import Windows
 from brushexp.errors import UserError
-from brushexp.plugins.blend.tiled import Backend, Tiled
+from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.blend.topk import TopK
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer
@@ -24,8 +24,8 @@ from brushexp.strokes.catalogue import FIELDS, Strokes
 from brushexp.system.compiled import function, inline
 
 BLENDS = {
-    "tiled": Tiled(opaque=0.0, kernel=Backend.numba),
-    "tiled in torch": Tiled(opaque=0.0, kernel=Backend.torch),
+    "tiled": Tiled(opaque=0.0, kernel="numba"),
+    "tiled in torch": Tiled(opaque=0.0, kernel="torch"),
     "topk": TopK(k=10_000),
 }
 TILED = BLENDS["tiled"]

@@ -13,7 +13,7 @@ from safetensors.torch import load_file, save_file
 from brushexp.compositing.windows import Windows
 from brushexp.errors import UserError
 from brushexp.plugins.renderer import base, neural
-from brushexp.plugins.renderer.base import FAINT, RENDERERS, PatchRenderer, Precision, window_pictures
+from brushexp.plugins.renderer.base import FAINT, PRECISIONS, RENDERERS, PatchRenderer, window_pictures
 from brushexp.plugins.renderer.neural import (
     ACTIVATIONS,
     COORDINATES,
@@ -329,6 +329,6 @@ def test_sixteen_bits_draw_and_pull_as_thirty_two_do(name):
 
 
 def test_training_has_its_own_precision():
-    same = [tiny(precision=precision) for precision in Precision]
+    same = [tiny(precision=precision) for precision in PRECISIONS]
     same[1].load_state_dict(same[0].state_dict())
     assert torch.equal(*(renderer.train()(sample_prior(3)).images for renderer in same))

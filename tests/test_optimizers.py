@@ -14,7 +14,7 @@ from brushexp.painting.painter import Painter
 from brushexp.plugins.density.base import DensificationUpdate, Density
 from brushexp.plugins.loss.pixel import MeanSquaredError
 from brushexp.plugins.optimizer.base import Optimizer
-from brushexp.plugins.optimizer.torch_optim import Library, TorchOptim
+from brushexp.plugins.optimizer.torch_optim import LIBRARIES, TorchOptim
 from brushexp.registry import build, build_named
 
 SIZE = (24, 33)
@@ -23,7 +23,7 @@ every_preset = pytest.mark.parametrize("name", PRESETS)
 
 
 def soap(**options) -> TorchOptim:
-    return TorchOptim(**{"name": "SOAP", "library": Library.pytorch_optimizer} | options)
+    return TorchOptim(**{"name": "SOAP", "library": "pytorch_optimizer"} | options)
 
 
 def scene(optimizer: Optimizer, n: int = 20, **parts) -> Painter:
@@ -94,7 +94,7 @@ def test_a_missing_library_is_named(monkeypatch):
         soap()
 
 
-@pytest.mark.parametrize("library", list(Library))
+@pytest.mark.parametrize("library", LIBRARIES)
 def test_an_unknown_optimiser_is_refused(library):
     with pytest.raises(UserError, match=r"has no optimiser 'Nonsense'; set optimizer.name to one of .*Adam"):
         build_named("optimizer", "torch", {"library": library, "name": "Nonsense"})

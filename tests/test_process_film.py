@@ -11,7 +11,7 @@ from scenes import Windowed, random_strokes
 
 from brushexp.pictures.video import Format
 from brushexp.plugins.blend.dense import Dense
-from brushexp.plugins.blend.tiled import Backend, Tiled
+from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.blend.topk import TopK
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.process import Process, fitted, schedule, states, unfinished
@@ -45,7 +45,7 @@ def painting(job: ExportJob) -> np.ndarray:
 
 @pytest.mark.parametrize(("renderer", "blend"), [
     ("analytic", Tiled()), ("textured", Tiled()), ("neural", Tiled()),
-    ("analytic", Tiled(kernel=Backend.torch)), ("analytic", Dense()), ("analytic", TopK(k=5)),
+    ("analytic", Tiled(kernel="torch")), ("analytic", Dense()), ("analytic", TopK(k=5)),
 ])  # fmt: skip
 def test_each_state_is_the_painting_of_its_strokes_and_a_slow_blend_says_so(renderer, blend, caplog):
     job = export_job(renderer=build_named("renderer", renderer, {}).eval(), blend=blend)

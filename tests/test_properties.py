@@ -17,7 +17,7 @@ from brushexp.compositing import bands
 from brushexp.compositing.tile_lists import TILE, tile_lists
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.blend.dense import Dense
-from brushexp.plugins.blend.tiled import Backend, Tiled
+from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.blend.topk import TopK
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer
@@ -31,7 +31,7 @@ BLENDS: dict[str, Blend] = {
     "dense": Dense(),
     "tiled": Tiled(),
     "tiled, all strokes": Tiled(opaque=0.0),
-    "tiled in torch": Tiled(opaque=0.0, kernel=Backend.torch),
+    "tiled in torch": Tiled(opaque=0.0, kernel="torch"),
     "topk": TopK(k=3),
 }
 COMPILED = ("tiled", "tiled, all strokes")

@@ -9,7 +9,7 @@ from kernels import BACKGROUND, DEGENERATE, DENSE, paint
 from scenes import leaves, random_strokes, straight
 
 from brushexp.errors import UserError
-from brushexp.plugins.blend.tiled import Backend, Tiled
+from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import window_pictures
 from brushexp.plugins.renderer.textured import Textured, unrolled
@@ -97,7 +97,7 @@ def test_painting_follows_the_weights_and_training_reaches_them():
     image_of(TILED, stroke, size, renderer).square().sum().backward()
     assert renderer.textures.grad.abs().sum() > 0
     with pytest.raises(UserError, match=r"use blend\.kernel=auto"):
-        image_of(Tiled(kernel=Backend.numba), stroke, size, renderer)
+        image_of(Tiled(kernel="numba"), stroke, size, renderer)
     before = image_of(TILED, stroke, size, renderer.requires_grad_(False))
     renderer.textures[:, :, 0] = -20.0
     after = image_of(TILED, stroke, size, renderer)

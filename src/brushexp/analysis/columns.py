@@ -1,7 +1,5 @@
 """A painting's strokes as columns of numbers: the measures of `strokes.measures`, what others hide, who is around."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any, TypeAlias

@@ -58,7 +58,6 @@ def write_figure(path: Path, found: Sequence[Analysis]) -> Path:
 
 
 def _painting(part: SubFigure, found: Analysis, ink: str, largest: float) -> None:
-    """Heading, pictures, rose and numbers of one painting."""
     name, canvas = without_math(found.name)[:60], f"{found.size[1]} x {found.size[0]} px"
     heading = f"{name}: {strokes_in(found)} on {canvas}; a pitch between neighbours is {three_digits(found.pitch)} px"
     part.suptitle(heading, x=0.01, ha="left", fontsize=12, color=ink)

@@ -1,7 +1,5 @@
 """Statistics of samples of numbers and of directions, and how far two samples are apart."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

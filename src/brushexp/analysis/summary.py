@@ -1,7 +1,5 @@
 """The brushwork of a painting in numbers, and how far two of them are apart."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

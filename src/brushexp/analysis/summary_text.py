@@ -1,7 +1,5 @@
 """What was measured, as files: a row per stroke, a summary for programs, and one for people."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -61,7 +59,6 @@ def brushwork_text(found: Sequence[Analysis]) -> str:
 
 
 def _counted(found: Analysis) -> str:
-    """What was measured, and what not."""
     return (
         f"**{escaped(found.name)}**: {strokes_in(found)} on {found.size[1]} x {found.size[0]} px; "
         f"{found.total - len(found.number):,} left out (fainter than {MIN_OPACITY}, thinner than "

@@ -1,7 +1,5 @@
 """What Hydra composes: tasks and presets are offered to it, and a composed config is checked before anything runs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 

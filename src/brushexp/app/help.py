@@ -1,7 +1,5 @@
 """The text of ``--help``: every key of the task with its meaning, and every plugin that can be chosen."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from enum import Enum
 from functools import reduce

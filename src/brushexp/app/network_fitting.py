@@ -1,7 +1,5 @@
 """What training a network and fine-tuning a pruned one share: the fit, and the recipe of what it leaves."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from datetime import timedelta
 from pathlib import Path

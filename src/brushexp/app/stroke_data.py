@@ -1,7 +1,5 @@
 """Where a task finds the strokes that it trains on, as its config says."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import logging

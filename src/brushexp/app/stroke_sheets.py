@@ -1,7 +1,5 @@
 """Sheets of strokes with labels: what renderers draw above what the engine painted."""
 
-from __future__ import annotations
-
 from PIL import Image
 from torch import Tensor
 

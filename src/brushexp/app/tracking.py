@@ -81,11 +81,7 @@ class Trackers(LightningLogger):
 
 
 def trackers_of(cfg: DictConfig, folder: Path) -> Trackers:
-    """Those that a config chooses, not yet opened, for a run in ``folder`` or a part of it that has its own curves.
-
-    Raises:
-        UserError: if one of them cannot work here: its package is not installed, for instance.
-    """
+    """Those that a config chooses, not yet opened, for a run in ``folder`` or a part of it that has its own curves."""
     settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)
     run = Run(folder, name=folder.name, settings=settings)
     if HydraConfig.initialized():

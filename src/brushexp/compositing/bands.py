@@ -20,11 +20,9 @@ def bands(
 ) -> Iterator[tuple[int, Tensor]]:
     """Paint strokes from the top of the canvas to its bottom: arguments as of `Blend`.
 
-    Yields:
-        The first row of each band, and its picture (3, h, W) in [0, 1]. A band has only the strokes that touch it.
+    What comes is the first row of each band, which has only the strokes that touch it, and its picture (3, h, W).
     """
-    place = torch.empty_like(front_to_back)
-    place[front_to_back] = torch.arange(len(place), device=place.device)
+    place = front_to_back.argsort()
     for top, rows, number in cuts(strokes, size, renderer):
         layers = renderer(strokes[number].moved(shift=(0, -top)), number)
         yield top, blend(layers, place[number].argsort(), (rows, size[1]), background).image

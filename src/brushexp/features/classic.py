@@ -1,7 +1,5 @@
 """AlexNet, SqueezeNet 1.1 and VGG16, layer by layer as torchvision numbers them, with weights that the user has."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise

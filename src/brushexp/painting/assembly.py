@@ -16,7 +16,7 @@ from brushexp.plugins.density.base import Density
 from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.loss.base import Loss
 from brushexp.plugins.loss.style import Style
-from brushexp.registry import build, build_named, plugin_of, plugins
+from brushexp.registry import build, build_named, plugin_of
 from brushexp.strokes.brushwork import load_brushwork, with_brushwork
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import load_catalogue
@@ -76,9 +76,6 @@ def stages_of(cfg: DictConfig) -> list[Stage]:
     first = renderer.warm_up if cfg.warm_up == AUTO else cfg.warm_up
     if first is None or not (cfg.steps or cfg.seconds):
         return [Stage(name, renderer, cfg.steps)]
-    names = [plugin.name for plugin in plugins("renderer")]
-    if first not in names:
-        raise UserError(f"warm_up={first} is not a renderer; choose {AUTO}, null or one of {', '.join(names)}")
     return [Stage(first, build_named("renderer", first, {}), cfg.steps), Stage(name, renderer, cfg.finish_steps)]
 
 

@@ -1,7 +1,5 @@
 """Painting a part of the canvas, with the rest as it was last seen."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

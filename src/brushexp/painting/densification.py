@@ -1,7 +1,5 @@
 """What the density policy sees after a step, and the change of the set of strokes that it asks for."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -68,8 +66,7 @@ def importance(strokes: Strokes, front_to_back: Tensor, picture: Picture, genera
     weighted by the focus; about 0 for a stroke that cannot be seen, negative for one that does harm.
     """
     renderer, blend, background = picture.renderer, picture.blend, picture.background
-    place = torch.empty_like(front_to_back)
-    place[front_to_back] = torch.arange(len(place), device=place.device)
+    place = front_to_back.argsort()
     exact, probed = strokes.opacity.new_zeros(len(strokes)), strokes.opacity.new_zeros(PROBE_COUNT, len(strokes))
     for top, rows, number in cuts(strokes, picture.size, renderer):
         part, order = strokes[number].moved(shift=(0, -top)), place[number].argsort()

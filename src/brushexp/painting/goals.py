@@ -5,8 +5,6 @@ What a run ended with is its ``status`` in metrics.json: ``completed`` (all step
 user, and to be continued), or one of those here.
 """
 
-from __future__ import annotations
-
 import logging
 from collections import deque
 from itertools import accumulate, pairwise

@@ -1,7 +1,5 @@
 """What a finished painting leaves in its folder."""
 
-from __future__ import annotations
-
 import logging
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The optimisation: one gradient step over the strokes after another, as a LightningModule."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterator
 from typing import Any
@@ -35,16 +33,8 @@ class Painter(L.LightningModule):
     """Moves strokes until the picture matches the target. Renderers stay frozen.
 
     The steps go through the stages one after another. When one begins, its renderer converts the strokes, and the
-    optimiser and the schedule of its learning rate start afresh. An epoch is the whole plan.
-
-    Args:
-        target: (3, H, W) in [0, 1].
-        background: (3,) colour of the bare canvas.
-        seed: of everything random in the steps.
-        focus: (H, W) how much each pixel counts in the losses, of mean 1; None for all alike.
-        budget: strokes that the density policy may come to; None for as many as there are.
-        coarse: share of the first stage's steps that come first and look at the whole picture at half its size;
-            strokes are neither added nor removed meanwhile.
+    optimiser and the schedule of its learning rate start afresh. An epoch is the whole plan. The first steps, the share
+    ``coarse`` of the first stage, look at the whole picture at half its size; meanwhile no strokes come or go.
 
     >>> from brushexp.plugins.init.random import Random
     >>> from brushexp.painting.components import standard_components
@@ -65,12 +55,12 @@ class Painter(L.LightningModule):
         self,
         catalogue: Catalogue,
         components: Components,
-        target: Tensor,
-        background: Tensor,
+        target: Tensor,  # (3, H, W) in [0, 1]
+        background: Tensor,  # (3,) colour of the bare canvas
         *,
-        seed: int,
-        focus: Tensor | None = None,
-        budget: int | None = None,
+        seed: int,  # of everything random in the steps
+        focus: Tensor | None = None,  # (H, W) how much each pixel counts in the losses, of mean 1; None for all alike
+        budget: int | None = None,  # strokes that the density policy may come to; None for as many as there are
         coarse: float = 0.0,
     ) -> None:
         super().__init__()
@@ -97,7 +87,6 @@ class Painter(L.LightningModule):
 
     @property
     def renderer(self) -> Renderer:
-        """That of the present stage."""
         return self.picture.renderer
 
     @property
@@ -119,14 +108,12 @@ class Painter(L.LightningModule):
         return done / max(steps, 1)
 
     def state_line(self) -> str:
-        """Step, loss and quality in a few words."""
         loss = sum(self.components.losses[name].weight * float(term) for name, term in self.terms.items())
         psnr = psnr_of(self.picture.error)
         return f"step {self.schedule.step} of {self.schedule.steps}, loss {loss:.5f}, {psnr:.2f} dB"
 
     @torch.no_grad()
     def strokes(self) -> Strokes:
-        """The strokes now, without gradient."""
         return self.catalogue()
 
     def drawn(self) -> Tensor:

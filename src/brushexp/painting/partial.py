@@ -1,7 +1,5 @@
 """A step over some of the strokes: rows of parameters and of the optimiser's state, sliced out and written back."""
 
-from __future__ import annotations
-
 import logging
 from collections import defaultdict
 from collections.abc import Iterator

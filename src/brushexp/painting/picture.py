@@ -1,7 +1,5 @@
 """The picture that the strokes make (all of it, a smaller one, or the part that a view shows), and their depth."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -34,17 +32,11 @@ class PyramidLevel:
 
 
 class Picture(nn.Module):
-    """Paints what a step looks at, and knows how far the whole picture, as last seen, is from its target.
+    """Paints what a step looks at, and knows how far the whole picture, as last seen, is from its target."""
 
-    Args:
-        target: (3, H, W) in [0, 1].
-        focus: (H, W) how much each pixel counts, of mean 1; None for all alike.
-        background: (3,) colour of the bare canvas.
-    """
-
-    target: Tensor
-    focus: Tensor | None
-    background: Tensor
+    target: Tensor  # (3, H, W) in [0, 1]
+    focus: Tensor | None  # (H, W) how much each pixel counts, of mean 1; None for all alike
+    background: Tensor  # (3,) colour of the bare canvas
 
     def __init__(self, target: Tensor, focus: Tensor | None, background: Tensor, blend: Blend) -> None:
         super().__init__()

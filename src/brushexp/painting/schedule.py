@@ -1,7 +1,5 @@
 """Where a painting stands: which step of which stage, and how many seconds the steps have taken."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from itertools import accumulate

@@ -1,7 +1,5 @@
 """The painting as it came to be: a short video, a GIF, or both."""
 
-from __future__ import annotations
-
 import io
 import math
 from fractions import Fraction

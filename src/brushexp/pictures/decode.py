@@ -1,7 +1,5 @@
 """Picture files of many kinds -> display-referred sRGB; what each format does differently is settled here."""
 
-from __future__ import annotations
-
 import io
 import logging
 import os
@@ -37,9 +35,8 @@ def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0) -> np
     accurate to 8 bits. Of 16 bits, PNG other than plain grey, CMYK, and TIFF that Pillow alone can unpack keep 8.
     It is (H, W, 3) uint8, or float32 in [0, 1] where more than 8 bits per channel are kept.
 
-    Raises:
-        UserError: with the ``key`` that the user types before the path, if the file cannot be read, is damaged or too
-            large, has no plain meaning as a picture, or holds floats that are not in [0, 1].
+    A UserError, with the ``key`` that the user types before the path, says if the file cannot be read, is damaged or
+    too large, has no plain meaning as a picture, or holds floats that are not in [0, 1].
     """
     with _silence():
         try:

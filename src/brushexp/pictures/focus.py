@@ -1,7 +1,5 @@
 """Where accuracy matters: a mask or the picture itself -> a map of attention -> weights of the pixels."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from torch import Tensor
@@ -21,11 +19,7 @@ BESIDE_FACES = 0.5  # of the attention that everything else keeps where there is
 
 
 def focus_map(focus: str, target: Tensor) -> Tensor:
-    """How much each pixel of a picture (3, H, W) matters, 0 to 1 (H, W) float32, by ``auto`` or a file of grey values.
-
-    Raises:
-        UserError: if the file cannot be read, or is of a picture of another shape.
-    """
+    """How much pixels of a picture (3, H, W) matter, 0 to 1 (H, W) float32, by ``auto`` or a file (see `load_mask`)."""
     if focus == AUTO:
         return attention(target)
     return load_mask(focus, (target.shape[1], target.shape[2]), "focus", f"{AUTO}, ")

@@ -1,7 +1,5 @@
 """Reading a picture at the size it is wanted, and the colour of the canvas below it."""
 
-from __future__ import annotations
-
 import math
 import os
 import re
@@ -15,7 +13,6 @@ from torch import Tensor
 from brushexp.errors import UserError
 from brushexp.pictures.decode import MAX_PIXELS, read_picture
 
-MAX_SIDE = 16384  # pixels: the largest ``resolution``
 BRIGHTNESS = (0.299, 0.587, 0.114)  # of red, green and blue, Rec. 601
 SAMPLE_SUFFIXES = (".png", ".jpg")  # the GIF and TIFF files beside the samples are test data
 
@@ -23,20 +20,10 @@ SAMPLE_SUFFIXES = (".png", ".jpg")  # the GIF and TIFF files beside the samples 
 def load_picture(image: str, resolution: int | None, key: str = "image") -> Tensor:
     """Read a picture, upright, over white, and resample it: (3, H, W) float32, contiguous, sRGB in [0, 1].
 
-    Args:
-        image: path of a picture file, or one of ``sample_names()``; a file wins over a sample of its name.
-        resolution: longer side in pixels; the shorter one is at least 1. None keeps the size of the file.
-        key: what the user types before the path, for messages.
-
-    Raises:
-        UserError: if there is no such picture, it cannot be read, it or the result has more than 100 megapixels, or
-            ``resolution`` is out of range.
+    ``image`` is the path of a file, or one of ``samples()``; a file wins over a sample of its name. ``resolution`` is
+    the longer side in pixels, None that of the file; ``key`` is what the user types before the path, for messages.
+    UserError if there is no such picture, it cannot be read, or it or the result has more than 100 megapixels.
     """
-    if resolution is not None and not 1 <= resolution <= MAX_SIDE:
-        raise UserError(
-            f"resolution={resolution} is not a side from 1 to {MAX_SIDE} pixels; set resolution=512, say, or "
-            "resolution=null for the size of the file"
-        )
     picture = read_picture(_path_of(image, key), key=key)
     if resolution is not None:
         picture = _resample(picture, _size_at(resolution, *picture.shape[:2]))
@@ -51,9 +38,7 @@ def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Te
 
     They are float32, brightness (Rec. 601) of the sRGB values in [0, 1]; transparent pixels are black. ``image`` and
     ``key`` are as in `load_picture`, and ``also`` is what else the key takes, for messages: "auto, " for instance.
-
-    Raises:
-        UserError: if there is no such picture, it cannot be read, or its sides have another ratio.
+    UserError if there is no such picture, it cannot be read, or its sides have another ratio.
     """
     picture = read_picture(_path_of(image, key, also), key=key, backdrop=0.0)
     height, width = picture.shape[:2]
@@ -71,8 +56,7 @@ def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Te
 def background_color(spec: str, target: Tensor) -> Tensor:
     """Colour (3,) of the bare canvas, float32 in [0, 1], for a target (3, H, W) and on its device.
 
-    Raises:
-        UserError: if ``spec`` is not ``mean`` (of the target), ``white``, ``black`` or ``#rrggbb`` (hexadecimal).
+    ``spec`` is ``mean`` (of the target), ``white``, ``black`` or ``#rrggbb`` (hexadecimal); anything else a UserError.
     """
     if spec == "mean":
         return target.mean((1, 2), dtype=torch.float64).to(torch.float32)
@@ -82,12 +66,8 @@ def background_color(spec: str, target: Tensor) -> Tensor:
     return torch.tensor(list(bytes.fromhex(digits[1:])), dtype=torch.float32, device=target.device) / 255
 
 
-def sample_names() -> list[str]:
-    """Names of the pictures that scikit-image ships, in alphabetical order; none of them needs a network."""
-    return sorted(_samples())
-
-
-def _samples() -> dict[str, Path]:
+def samples() -> dict[str, Path]:
+    """The pictures that scikit-image ships, by name; none of them needs a network."""
     import skimage.data  # noqa: PLC0415  (``--help`` does not need it)
 
     folder = Path(skimage.data.__file__).parent
@@ -99,13 +79,13 @@ def _path_of(image: str, key: str, also: str = "") -> Path:
     path = os.path.expanduser(image)  # these three functions of os, unlike those of pathlib, never raise
     if os.path.isfile(path):
         return Path(path)
-    samples = _samples()
-    if image in samples:
-        return samples[image]
+    found = samples()
+    if image in found:
+        return found[image]
     there = (
         "a folder" if os.path.isdir(path) else "a device or a pipe, not a file" if os.path.exists(path) else "not there"
     )
-    choices = f"{also}the path of a picture or one of the samples {', '.join(sorted(samples))}"
+    choices = f"{also}the path of a picture or one of the samples {', '.join(sorted(found))}"
     raise UserError(f"{key}={image} is {there}; give {choices}")
 
 

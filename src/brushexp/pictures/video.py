@@ -1,7 +1,5 @@
 """Films as MP4 and GIF, made picture by picture: a video is written on the way, the frames of a GIF at the end."""
 
-from __future__ import annotations
-
 import importlib
 import logging
 from collections.abc import Callable, Iterator
@@ -51,10 +49,7 @@ def filming(stem: Path, kind: Format, size: tuple[int, int], rate: Fraction) -> 
     """Write ``stem`` with .mp4, .gif or both behind it; where PyAV is missing, a GIF takes the place of the video.
 
     A video whose ``size`` (height, width) is odd repeats its last row or column, and a GIF is shrunk to at most
-    ``GIF_SIDE`` pixels. The ``rate`` is ticks per second, at most ``MOST_FPS``.
-
-    Raises:
-        UserError: if a file cannot be written.
+    ``GIF_SIDE`` pixels. The ``rate`` is ticks per second, at most ``MOST_FPS``. UserError if a file cannot be written.
     """
     av = _encoder(kind)
     if av is None and kind is not Format.gif:

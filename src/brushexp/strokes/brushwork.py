@@ -15,17 +15,9 @@ import torch
 from torch import Tensor
 
 from brushexp.errors import UserError
+from brushexp.strokes import measures as ruler
 from brushexp.strokes.bezier import half_width_of, length_of, shape_of
 from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.measures import (
-    centre_of,
-    coherence_of,
-    curvature_of,
-    direction_of,
-    mean_direction,
-    nearest_strokes,
-    neighbours_of,
-)
 from brushexp.strokes.prior import control_offset
 
 OPTION = "style.brushwork"  # what an error tells a user to set, if nobody says otherwise
@@ -86,13 +78,13 @@ def brushwork_of(strokes: Strokes, size: tuple[int, int]) -> Brushwork:
         )
     shape = shape_of(counted)
     bend = control_offset(shape, SHORTEST_CHORD_PITCHES * pitch)
-    around = torch.view_as_complex(mean_direction(direction_of(shape), neighbours_of(counted, shape)))
+    around = torch.view_as_complex(ruler.mean_direction(ruler.direction_of(shape), ruler.neighbours_of(counted, shape)))
     chord = torch.stack([shape[:, 0], 0.5 * (shape[:, 0] + shape[:, 2]), shape[:, 2]], dim=1)
     return Brushwork(
         length=length_of(shape) / pitch,
         width=2 * half_width_of(counted) / pitch,
         bend=torch.where(bend[:, 1:] < 0, -bend, bend),
-        deviation=0.5 * (torch.view_as_complex(direction_of(chord)) * around.conj()).angle(),
+        deviation=0.5 * (torch.view_as_complex(ruler.direction_of(chord)) * around.conj()).angle(),
         measures=matched_measures(counted, pitch).sort(1).values,
     )
 
@@ -117,8 +109,8 @@ def matched_measures(strokes: Strokes, pitch: float) -> Tensor:
     """
     shape = shape_of(strokes)
     sizes = torch.stack([length_of(shape), 2 * half_width_of(strokes)]) / pitch
-    coherence = coherence_of(direction_of(shape), neighbours_of(strokes, shape))
-    return torch.cat([(sizes + LOG_OFFSET_PITCHES).log(), torch.stack([curvature_of(shape), coherence])])
+    coherence = ruler.coherence_of(ruler.direction_of(shape), ruler.neighbours_of(strokes, shape))
+    return torch.cat([(sizes + LOG_OFFSET_PITCHES).log(), torch.stack([ruler.curvature_of(shape), coherence])])
 
 
 def transport_cost(values: Tensor, reference: Tensor) -> Tensor:
@@ -196,5 +188,5 @@ def _assigned(strokes: Strokes, reference: Brushwork, generator: torch.Generator
 def _flow_at(points: Tensor, strokes: Strokes) -> Tensor:
     """Mean doubled direction (Q,), a complex number, of the strokes nearest to points (Q, 2)."""
     shape = shape_of(strokes)
-    near = nearest_strokes(points, strokes.position + centre_of(shape), exclude_self=False)
-    return torch.view_as_complex(mean_direction(direction_of(shape), near))
+    near = ruler.nearest_strokes(points, strokes.position + ruler.centre_of(shape), exclude_self=False)
+    return torch.view_as_complex(ruler.mean_direction(ruler.direction_of(shape), near))

@@ -21,7 +21,6 @@ class Field:
     unit: str
 
     def shape(self, n: int) -> tuple[int, ...]:
-        """Shape of this field for ``n`` strokes."""
         return (n, self.size) if self.size else (n,)
 
 
@@ -76,7 +75,6 @@ class Strokes:
         return ((name, getattr(self, name)) for name in FIELDS)
 
     def map(self, function: Callable[[Tensor], Tensor]) -> Strokes:
-        """Apply a function to every field."""
         return Strokes(**{name: function(value) for name, value in self.items()})
 
     def moved(self, zoom: float = 1.0, shift: tuple[float, float] = (0.0, 0.0)) -> Strokes:
@@ -86,7 +84,6 @@ class Strokes:
 
     @staticmethod
     def join(*parts: Strokes) -> Strokes:
-        """Concatenate."""
         return Strokes(**{name: torch.cat([getattr(part, name) for part in parts]) for name in FIELDS})
 
     @staticmethod
@@ -163,7 +160,6 @@ class Catalogue(nn.Module):
         return len(self.scale)
 
     def is_finite(self) -> bool:
-        """Whether all that moves is a number."""
         return all(bool(value.isfinite().all()) for value in self.parameters())
 
     @torch.no_grad()

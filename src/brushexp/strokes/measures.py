@@ -15,8 +15,6 @@ each comes from; we differ in these:
   paintings of different sizes and densities compare.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

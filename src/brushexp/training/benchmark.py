@@ -1,7 +1,5 @@
 """A renderer measured: its errors on held-out strokes, its speed, and what it does outside the range of training."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Corruption of valid strokes: the negatives that a discriminator learns to tell from them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

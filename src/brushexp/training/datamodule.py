@@ -1,7 +1,5 @@
 """Batches of strokes for training: shuffled from files without holding them in memory, or simulated on the way."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -50,7 +48,6 @@ class StrokeLoader:
             yield batch
 
     def state_dict(self) -> dict[str, int]:
-        """How far it is; Lightning puts this into its checkpoints."""
         return {"epoch": self.position[0], "batch": self.position[1]}
 
     def load_state_dict(self, state: dict[str, int]) -> None:

@@ -1,7 +1,5 @@
 """Teaching a network to tell valid strokes from corrupted ones, and measuring how well it does."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How good the pictures of a renderer are: errors of single strokes, distances of sample sets, contact sheets."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Callable

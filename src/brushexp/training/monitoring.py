@@ -1,7 +1,5 @@
 """What is watched while a renderer is trained: pictures of held-out strokes, and their FID."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

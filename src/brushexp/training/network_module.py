@@ -1,7 +1,5 @@
 """What the LightningModules of renderer and discriminator share: progress, learning rate, curves."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 
@@ -28,7 +26,6 @@ class NetworkModule(L.LightningModule):
 
     @property
     def progress(self) -> float:
-        """How much of the training is done, 0 to 1."""
         # Trainer.estimated_stepping_batches would set up the data before a checkpoint's state of them is there.
         trainer, shares = self.trainer, [0.0]
         if trainer.max_steps > 0:
@@ -47,7 +44,6 @@ class NetworkModule(L.LightningModule):
         return max((timer.time_elapsed() for timer in self._timers()), default=0.0)
 
     def state_line(self) -> str:
-        """The last values of the curves in a few words."""
         raise NotImplementedError
 
     def schedule(self, optimizer: Optimizer) -> LambdaLR:

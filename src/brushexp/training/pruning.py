@@ -1,7 +1,5 @@
 """Removing whole channels from a trained network, so that it gets smaller and faster on any machine."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterable
 from copy import deepcopy
@@ -23,10 +21,8 @@ def prune(renderer: Neural, ratio: float, batches: Iterable[StrokeBatch]) -> Neu
     Of every layer but the last, the share ``ratio``, 0 to below 1, of its channels goes; what is left is rounded to
     multiples of `MULTIPLE`, and no layer gets narrower than that. Channels that are used together are found by
     torch-pruning (Fang et al., 2023, arXiv:2301.12900) and ranked by what the loss on ``batches`` would change to first
-    order if their weights were 0 (Molchanov et al., 2019, arXiv:1906.10771).
-
-    Raises:
-        UserError: if torch-pruning is not installed, or the network's channels cannot be told apart.
+    order if their weights were 0 (Molchanov et al., 2019, arXiv:1906.10771). UserError if torch-pruning is not
+    installed, or the network's channels cannot be told apart.
     """
     try:
         import torch_pruning  # noqa: PLC0415  (an extra)

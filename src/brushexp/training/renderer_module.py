@@ -1,7 +1,5 @@
 """Training a renderer on pictures of strokes, beside a critic if one is wanted."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -86,10 +84,8 @@ class RendererModule(NetworkModule):
 
     The loss is `evaluation.squared_error`. Lightning sees one optimiser, that of the renderer, so one step of it is one
     ``global_step``. The critic takes its own step within ``training_step``, as part of computing the renderer's loss;
-    its optimiser is in the checkpoints, too.
-
-    Raises:
-        UserError: if the renderer, which is trained in place, has no weights, or its windows are of another size.
+    its optimiser is in the checkpoints, too. UserError if the renderer, which is trained in place, has no weights, or
+    its windows are of another size.
     """
 
     def __init__(self, renderer: Renderer, window: int, settings: RendererSettings) -> None:

@@ -4,8 +4,6 @@ So at any moment the folder holds only whole shards, which are a smaller set, an
 the strokes are the same however often the making was interrupted, and however often the set grew.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import logging

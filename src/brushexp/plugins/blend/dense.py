@@ -17,8 +17,6 @@ class Dense(Blend):
 
     cost = "grows with strokes times pixels"
 
-    def __init__(self) -> None: ...
-
     def __call__(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None
     ) -> Canvas:

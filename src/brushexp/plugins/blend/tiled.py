@@ -1,12 +1,11 @@
 """The default blend: per tile of pixels, only the strokes that touch it and can be seen."""
 
-from enum import Enum
 from typing import Annotated
 
 import torch
 from torch import Tensor
 
-from brushexp.bounds import between
+from brushexp.bounds import between, one_of
 from brushexp.compositing.eager import paint_tiles
 from brushexp.compositing.layers import KernelInput, Layers, Size
 from brushexp.compositing.rasterization import Painted, Rasterization
@@ -14,14 +13,6 @@ from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend, Canvas, accuracy_of, alike
 from brushexp.plugins.blend.dense import over
 from brushexp.registry import register
-
-
-class Backend(Enum):
-    """Who does the arithmetic."""
-
-    auto = "auto"
-    numba = "numba"
-    torch = "torch"
 
 
 @register("blend", "tiled")
@@ -38,7 +29,12 @@ class Tiled(Blend):
     exact = "but for `opaque`"
     runs_on = "CPU in float32; anything else in PyTorch, slower"
 
-    def __init__(self, *, opaque: Annotated[float, between(0, 0.99)] = 5e-5, kernel: Backend = Backend.auto) -> None:
+    def __init__(
+        self,
+        *,
+        opaque: Annotated[float, between(0, 0.99)] = 5e-5,
+        kernel: Annotated[str, one_of("auto", "numba", "torch")] = "auto",
+    ) -> None:
         self.opaque = opaque
         self.kernel = kernel
 
@@ -68,8 +64,8 @@ class Tiled(Blend):
     def _compiled(self, layers: Layers) -> KernelInput | None:
         """The layers for a compiled kernel, if there is one that may draw them."""
         able = layers.color.dtype == torch.float32 and layers.color.device.type == "cpu"
-        given = layers.compiled() if able and self.kernel is not Backend.torch else None
-        if given is None and self.kernel is Backend.numba:
+        given = layers.compiled() if able and self.kernel != "torch" else None
+        if given is None and self.kernel == "numba":
             raise UserError(
                 "blend.kernel=numba draws in float32 on the CPU, no layers of other kinds; use blend.kernel=auto"
             )

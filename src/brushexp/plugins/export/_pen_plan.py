@@ -5,8 +5,6 @@ is read from a grid on which the strokes are painted with their numbers. Lengths
 down from the paper's upper left corner; lines are complex numbers, as vpype has them.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

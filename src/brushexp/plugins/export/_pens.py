@@ -46,12 +46,10 @@ class PenPlan:
 
     @property
     def lifts(self) -> int:
-        """How often the pen is lifted."""
         return sum(len(lines) for _, _, lines in self.runs())
 
     @property
     def drawn(self) -> float:
-        """How far pens draw, mm."""
         return float(self.document.length()) / MM
 
     @property
@@ -135,7 +133,6 @@ class PenExporter(Exporter):
 
     @property
     def margin(self) -> float:
-        """The least margin, mm."""
         return self.margin_mm
 
     @property

@@ -25,8 +25,6 @@ class Csv(Exporter):
     point. Numbers have seven digits, which is what float32 holds.
     """
 
-    def __init__(self) -> None: ...
-
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         from pandas import DataFrame, Index  # noqa: PLC0415  (slow to import)
 

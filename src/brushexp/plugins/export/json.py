@@ -20,8 +20,6 @@ class Json(Exporter):
     lines; ``depth`` ranks them, 0 is the bottom one, or is left out of all of them: then the first is the bottom one.
     """
 
-    def __init__(self) -> None: ...
-
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         path = folder / "strokes.json"
         attributes = {

@@ -104,7 +104,6 @@ class WeightsAndBiases(Logger):
             log.info("wandb: offline; to send this run: wandb sync %s", quote(str(Path(self._run.dir).parent)))
 
     def _tell(self, run: Run) -> None:
-        """Hand over what is there at the end."""
         import wandb  # noqa: PLC0415
 
         for step, jpeg in run.frames.items():

@@ -106,23 +106,20 @@ class Loss(nn.Module, ABC):
     >>> MeanColour.facts()["gradient"]
     'picture'
 
-    Attributes:
+    It ``looks_at`` pixels: the value is a mean over the pixels of ``painting.image``, weighted by the focus, and a part
+    of the canvas counts by its share of the pixels; at the canvas: the value is one of the whole canvas, which the loss
+    looks at through ``painting.surroundings``; or at strokes: it has no gradient in the picture. The last two leave the
+    focus aside. With ``context`` it receives a part of the canvas with so many pixels around it, which begins at
+    multiples of ``grid`` pixels: those that a network's positions are apart.
+
+    Args:
         weight: factor in the sum of losses; logs show the loss without it.
-        label: what logs call it; "" for the name it was chosen by.
-        looks_at: pixels: the value is a mean over the pixels of ``painting.image``, weighted by the focus, and a part
-            of the canvas counts by its share of the pixels. canvas: the value is one of the whole canvas, which the
-            loss looks at through ``painting.surroundings``. strokes: it has no gradient in the picture. The last two
-            leave the focus aside.
-        cost: time of a step with this loss alone, in steps of ``mse`` (benchmarks/losses.py); "" if not measured.
-        exact_on_parts: whether the gradient on a part of the canvas is that of the whole canvas there.
-        context: pixels around a part of the canvas that the loss looks at too; it then receives the wider picture.
-        grid: the wider picture begins at multiples of so many pixels: those that a network's positions are apart.
     """
 
-    label: str = ""
+    label: str = ""  # what logs call it; "" for the name it was chosen by
     looks_at: ClassVar[Literal["pixels", "canvas", "strokes"]] = "pixels"
-    cost: ClassVar[str] = ""
-    exact_on_parts: ClassVar[bool] = True
+    cost: ClassVar[str] = ""  # of a step with this loss alone, in steps of ``mse`` (benchmarks/losses.py)
+    exact_on_parts: ClassVar[bool] = True  # whether the gradient on a part of the canvas is that of the whole there
     context: int = 0
     grid: int = 1
 

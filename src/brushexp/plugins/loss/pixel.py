@@ -8,11 +8,7 @@ from brushexp.registry import register
 
 @register("loss", "mse")
 class MeanSquaredError(Loss):
-    """Mean squared difference over pixels and channels (thesis 2020, eq. 6.22).
-
-    Args:
-        weight: factor in the sum of losses.
-    """
+    """Mean squared difference over pixels and channels (thesis 2020, eq. 6.22)."""
 
     cost = "1.0 x mse"
 
@@ -25,11 +21,7 @@ class MeanSquaredError(Loss):
 
 @register("loss", "l1")
 class MeanAbsoluteError(Loss):
-    """Mean absolute difference over pixels and channels (L1); less sensitive to outliers than ``mse``.
-
-    Args:
-        weight: factor in the sum of losses.
-    """
+    """Mean absolute difference over pixels and channels (L1); less sensitive to outliers than ``mse``."""
 
     cost = "1.0 x mse"
 

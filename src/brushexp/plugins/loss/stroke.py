@@ -148,11 +148,9 @@ class Direction(Loss):
         return difference.square().sum() / max(self.neighbours.numel(), 1)
 
     def get_extra_state(self) -> dict[str, Any]:
-        """What an interrupted run needs to continue exactly."""
         return {"calls": self.calls, "neighbours": self.neighbours}
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
-        """Inverse of `get_extra_state`."""
         self.calls, self.neighbours = state["calls"], state["neighbours"]
 
 

@@ -1,7 +1,5 @@
 """Neural style transfer as a loss: statistics of features, compared with those of a style picture."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Annotated, NamedTuple

@@ -4,7 +4,6 @@ import importlib
 import inspect
 import math
 from collections.abc import Callable, Iterable
-from enum import Enum
 from typing import Annotated, Any
 
 from torch import nn, optim
@@ -18,11 +17,7 @@ from brushexp.registry import register
 UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3, "color": 1.0, "opacity": 1.0}
 
 
-class Library(Enum):
-    """Who made an optimiser, and the module that has it."""
-
-    torch = "torch.optim"
-    pytorch_optimizer = "pytorch_optimizer"
+LIBRARIES = {"torch": "torch.optim", "pytorch_optimizer": "pytorch_optimizer"}  # and the modules that have them
 
 
 @register("optimizer", "torch")
@@ -49,7 +44,7 @@ class TorchOptim(Optimizer):
         self,
         *,
         name: str = "Adam",
-        library: Library = Library.torch,
+        library: Annotated[str, one_of(*LIBRARIES)] = "torch",
         lr: Annotated[float, above(0)] = 0.02,
         units: dict[str, float] = UNITS,
         schedule: Annotated[str, one_of("constant", "linear", "cosine")] = "linear",
@@ -67,7 +62,7 @@ class TorchOptim(Optimizer):
             optimizer = self.kind(parameters, lr=self.lr, **self.options)
         except (TypeError, ValueError) as error:
             raise UserError(f"{self.name}: {error}; see optimizer.options") from error
-        if self.library is Library.pytorch_optimizer:
+        if self.library == "pytorch_optimizer":
             for group in optimizer.param_groups:
                 group.setdefault("step", 0)  # what it counts from, but missing until the first step
         return optimizer
@@ -88,10 +83,10 @@ class Lbfgs(optim.LBFGS):
         return super().step(closure)
 
 
-def class_of(library: Library, name: str, options: dict[str, Any]) -> Callable[..., optim.Optimizer]:
+def class_of(library: str, name: str, options: dict[str, Any]) -> Callable[..., optim.Optimizer]:
     """The class ``name`` of a library; refuses options that the library would drop without a word."""
     try:
-        found = vars(importlib.import_module(library.value))
+        found = vars(importlib.import_module(LIBRARIES[library]))
     except ImportError as error:
         cure = "pip install 'brushexp[optimizers]'"
         raise UserError(f"this optimizer needs the library pytorch-optimizer; {cure}") from error
@@ -99,9 +94,9 @@ def class_of(library: Library, name: str, options: dict[str, Any]) -> Callable[.
     kinds.pop("Optimizer", None)  # the base class
     if name not in kinds:
         choices = ", ".join(sorted(kinds))
-        raise UserError(f"{library.value} has no optimiser {name!r}; set optimizer.name to one of {choices}")
+        raise UserError(f"{LIBRARIES[library]} has no optimiser {name!r}; set optimizer.name to one of {choices}")
     kind = kinds[name]
-    if library is Library.pytorch_optimizer:  # it drops what it does not know
+    if library == "pytorch_optimizer":  # it drops what it does not know
         known = [key for key in inspect.signature(kind).parameters if key not in ("params", "lr", "kwargs")]
         unknown = [key for key in options if key not in known]
         if unknown:

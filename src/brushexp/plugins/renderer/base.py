@@ -8,7 +8,6 @@ Layers are formulas that are evaluated where the stroke is (`Profile`, `Textured
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
-from enum import Enum
 from functools import partial, wraps
 from inspect import signature
 from pathlib import Path
@@ -28,17 +27,11 @@ from brushexp.system.checkpoint import CheckpointFormat
 FAINT = 2 / 255  # in painting, what a network draws is nothing where its alpha is below this
 TEXELS = 2**26  # of windows that are held at once when no gradient is needed: 1 GB
 CHUNK = 128  # strokes that a network draws at once: enough to keep the cores busy
+PRECISIONS = ("float32", "bfloat16")  # of a network in painting; the weights and the pictures have 32 bits either way
 RENDERERS = CheckpointFormat(
     noun="renderer", family="renderer", node="renderer", task="task=train", without="weights that are not trained",
     shipped=Path(__file__).parent / "weights",
 )  # fmt: skip
-
-
-class Precision(Enum):
-    """In what numbers a network computes in painting; the weights and the pictures have 32 bits either way."""
-
-    float32 = "float32"
-    bfloat16 = "bfloat16"
 
 
 class Renderer(nn.Module, ABC):
@@ -127,7 +120,7 @@ class PatchRenderer(Renderer):
     strokes = "valid ones; others are clamped"
     warm_up = "textured"
     window: int
-    precision: Precision = Precision.float32
+    precision: str = "float32"
 
     @abstractmethod
     def draw(self, parameters: Tensor) -> Tensor:
@@ -149,7 +142,7 @@ class PatchRenderer(Renderer):
 
     def _clean(self, parameters: Tensor) -> Tensor:
         """What `draw` makes without its faintest traces: a network leaves some everywhere, and each costs time."""
-        with torch.autocast(parameters.device.type, torch.bfloat16, enabled=self.precision is Precision.bfloat16):
+        with torch.autocast(parameters.device.type, torch.bfloat16, enabled=self.precision == "bfloat16"):
             pictures = self.draw(parameters)
         color, alpha = pictures.to(parameters.dtype).split([3, 1], dim=1)
         return torch.cat([color, torch.where(alpha < FAINT, 0.0, alpha)], dim=1)

@@ -11,7 +11,7 @@ from torch.nn import functional
 
 from brushexp.bounds import between, one_of
 from brushexp.errors import UserError
-from brushexp.plugins.renderer.base import RENDERERS, PatchRenderer, Precision
+from brushexp.plugins.renderer.base import PRECISIONS, RENDERERS, PatchRenderer
 from brushexp.registry import register
 from brushexp.strokes.prior import WIDTH
 
@@ -87,7 +87,7 @@ class Neural(PatchRenderer):
         normalisation: Annotated[str, one_of(*NORMALISATIONS)] = "none",
         upsampling: Annotated[str, one_of(*UPSAMPLING)] = "nearest",
         channels: list[int] | None = None,
-        precision: Precision = Precision.float32,
+        precision: Annotated[str, one_of(*PRECISIONS)] = "float32",
         checkpoint: str | None = RENDERERS.shipped_name("neural"),
     ) -> None:
         super().__init__()

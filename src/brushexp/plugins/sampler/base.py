@@ -1,7 +1,5 @@
 """What every sampler receives and returns."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, ClassVar

@@ -3,8 +3,6 @@
 A chart has a ``kind``, a ``title``, a ``summary`` (a sentence for those who cannot see it), and what the kind needs.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

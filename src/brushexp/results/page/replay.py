@@ -1,7 +1,5 @@
 """Strokes as a page takes them: packed into few bytes each, from which a canvas draws them again."""
 
-from __future__ import annotations
-
 import base64
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The page of a run, or of a catalogue alone: everything about one painting in one file."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -137,7 +135,6 @@ def _shown(pixels: np.ndarray) -> dict[str, Any]:
 
 
 def _lead(saved: Saved, metrics: Mapping[str, Any]) -> str:
-    """One line below the title."""
     (height, width), count = saved.size, len(saved.strokes)
     words = f"{count:,} stroke{'s' * (count != 1)} on {width:,} × {height:,} pixels, renderer {saved.renderer}"
     return words + (f", painted on {metrics['device']}" if metrics.get("device") else "")
