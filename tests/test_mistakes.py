@@ -48,7 +48,7 @@ MISTAKES = {
     "steps=null": "steps=null, but steps must have a value; try steps=500",
     "report=perhaps": "report=perhaps is not true or false; try report=true",
     "renderer.soft=wide": "renderer.soft=wide is not a number; try renderer.soft=2.0",
-    "blend.kernel=fast": "blend.kernel=fast is not there; choose one of ",
+    "blend.kernel=fast": "blend.kernel=fast is not one of auto, numba, torch; try blend.kernel=auto",
     "optimizer.options=3": "optimizer.options",
     "steps=-1": "steps=-1 is not at least 0; try steps=0",
     "task=prune ratios=0,2": "ratios=2 is not 0 to 1; try ratios=1",
