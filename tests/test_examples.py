@@ -10,6 +10,12 @@ SOURCE = Path(__file__).parents[1] / "src"
 MODULES = [path for path in SOURCE.rglob("*.py") if ">>> " in path.read_text()]
 
 
+def test_every_contract_has_an_example():
+    contracts = [*SOURCE.glob("brushexp/plugins/*/base.py"), SOURCE / "brushexp/strokes/catalogue.py"]
+    assert len(contracts) > 10
+    assert not [path for path in contracts if path not in MODULES]
+
+
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(SOURCE)))
 def test_examples_in_docstrings_run(path):
     module = import_module(".".join(path.relative_to(SOURCE).with_suffix("").parts))

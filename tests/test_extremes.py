@@ -8,7 +8,7 @@ import torch
 from brushexp.errors import UserError
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.plugins.renderer.base import FAINT
+from brushexp.plugins.renderer.base import LEAST_ALPHA
 from brushexp.registry import build_named, plugins
 from brushexp.stress import check
 from brushexp.stress.check import (
@@ -65,7 +65,7 @@ def test_no_scene_breaks_a_network(scene):
         for dtype in ("float32", "float16"):
             found = check_drawing(RENDERERS[name], reference, BLENDS["tiled"], dtype)
             assert found.outcome is not Outcome.broken, f"{name} {dtype}: {found}"
-            assert found.picture is None or found.picture <= FAINT, f"{name} {dtype}: {found}"
+            assert found.picture is None or found.picture <= LEAST_ALPHA, f"{name} {dtype}: {found}"
 
 
 @pytest.mark.parametrize("name", EXERCISES)

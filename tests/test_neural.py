@@ -13,7 +13,7 @@ from safetensors.torch import load_file, save_file
 from brushexp.compositing.windows import Windows
 from brushexp.errors import UserError
 from brushexp.plugins.renderer import base, neural
-from brushexp.plugins.renderer.base import FAINT, PRECISIONS, RENDERERS, PatchRenderer, window_pictures
+from brushexp.plugins.renderer.base import LEAST_ALPHA, PRECISIONS, RENDERERS, PatchRenderer, window_pictures
 from brushexp.plugins.renderer.neural import (
     ACTIVATIONS,
     COORDINATES,
@@ -90,7 +90,7 @@ def test_the_pictures_of_a_canvas_are_those_of_the_windows(renderer):
         layers = renderer(strokes)
         assert isinstance(layers, Windows)
         drawn = renderer.draw(parameters_of(strokes))
-    drawn[:, 3] *= drawn[:, 3] >= FAINT
+    drawn[:, 3] *= drawn[:, 3] >= LEAST_ALPHA
     torch.testing.assert_close(layers.images, drawn)
 
 

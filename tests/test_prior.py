@@ -12,7 +12,7 @@ from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
 from brushexp.strokes.prior import (
     INSET,
-    SHORTEST,
+    SHORTEST_CHORD,
     SPREAD,
     WIDTH,
     bend_of,
@@ -126,7 +126,7 @@ def test_bends_are_measured_in_the_frame_of_the_stroke_and_are_0_for_a_point(ang
     point = torch.zeros(1, 10, requires_grad=True)
     bend = bend_of(strokes_of(point))
     assert (bend == 0).all()
-    assert torch.autograd.grad(bend.sum(), point)[0].abs().max() < 1 / SHORTEST**2
+    assert torch.autograd.grad(bend.sum(), point)[0].abs().max() < 1 / SHORTEST_CHORD**2
 
 
 def in_pixels(strokes: Strokes) -> torch.Tensor:
@@ -197,6 +197,6 @@ def test_a_point_becomes_the_shortest_valid_stroke():
     strokes = replace(strokes, end=torch.tensor([[0.0, 0.0], [0.01, 0.0], [0.0, 0.5]]))
     clamped = clamp_to_prior(strokes)
     length = (clamped.end - clamped.start).norm(dim=1)
-    assert_close(length, torch.tensor([SHORTEST, SHORTEST, 0.5]))
+    assert_close(length, torch.tensor([SHORTEST_CHORD, SHORTEST_CHORD, 0.5]))
     assert_close(clamped.start[:2] + clamped.end[:2], strokes.start[:2] + strokes.end[:2])
     assert_close(clamp_to_prior(clamped).end, clamped.end)

@@ -37,7 +37,10 @@ def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]
     for name, key in keys_of(schema).items():
         lines += two_columns(f"{name}={as_typed(reduce(getitem, name.split('.'), raw))}", key.meaning)
     typed = {word.lstrip("+~").partition("=")[0] for word in overrides}
-    lines += ["", "Its plugins, family=name; a family that you type shows the options: renderer=neural --help"]
+    lines += [
+        "",
+        "Its plugins, family=name; a family that you type shows options and what to choose by: renderer=neural --help",
+    ]
     for group in groups_of(schema):
         lines += group_lines(group, cfg, folders, group in typed)
     lines += ["", "Other tasks; their keys: task=name --help"]
@@ -52,8 +55,11 @@ def group_lines(group: str, cfg: DictConfig, folders: Sequence[Path], with_optio
     for folder in folders:
         rows |= presets_of(folder / group)
     lines = [f"{group}: {FAMILIES.get(group, 'presets of the keys above')}"]
+    facts = {plugin.name: plugin.facts for plugin in plugins() if with_options and plugin.family == group}
     for name, summary in sorted(rows.items()):
         lines += two_columns(name, summary)
+        if facts.get(name):
+            lines += two_columns("", " · ".join(f"{fact}: {value}" for fact, value in facts[name].items()))
     node = cfg.get(group)
     chosen = [] if not with_options or node is None else [node] if "_target_" in node else list(node.values())
     for plugin in plugins():

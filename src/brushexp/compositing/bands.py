@@ -11,7 +11,7 @@ from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.catalogue import Strokes
 
 BAND = 2**20  # pixels that are painted at once
-LEAST = 64  # rows: bands do not get lower than this for the sake of the layers' memory
+LEAST_ROWS = 64  # rows: bands do not get lower than this for the sake of the layers' memory
 
 
 @torch.no_grad()
@@ -38,7 +38,7 @@ def cuts(strokes: Strokes, size: Size, renderer: Renderer) -> Iterator[tuple[int
         band = min(max(1, BAND // width), height - top)
         if rows is not None:
             number = _within(rows, top, band)
-            while band > LEAST and len(number) > (renderer.at_once or len(number)):
+            while band > LEAST_ROWS and len(number) > (renderer.at_once or len(number)):
                 band = band // 2
                 number = _within(rows, top, band)
         yield top, band, number

@@ -71,9 +71,9 @@ def importance(strokes: Strokes, front_to_back: Tensor, picture: Picture, genera
     for top, rows, number in cuts(strokes, picture.size, renderer):
         part, order = strokes[number].moved(shift=(0, -top)), place[number].argsort()
         size = (rows, picture.size[1])
-        aim = picture.target[:, top : top + rows].contiguous()
-        weight = aim.new_ones(size) if picture.focus is None else picture.focus[top : top + rows]
-        known = blend.importance(renderer(part, number), order, size, background, aim, weight)
+        target = picture.target[:, top : top + rows].contiguous()
+        weight = target.new_ones(size) if picture.focus is None else picture.focus[top : top + rows]
+        known = blend.importance(renderer(part, number), order, size, background, target, weight)
         if known is not None:
             exact[number] += known
             continue
@@ -86,6 +86,6 @@ def importance(strokes: Strokes, front_to_back: Tensor, picture: Picture, genera
         for into, probe in zip(probed, weight.sqrt() * signs, strict=True):
             (slope,) = torch.autograd.grad(image, opacity, probe, retain_graph=True)
             into[number] += part.opacity * slope
-        (slope,) = torch.autograd.grad(image, opacity, weight * (image.detach() - aim))
+        (slope,) = torch.autograd.grad(image, opacity, weight * (image.detach() - target))
         exact[number] -= 2 * part.opacity * slope
     return exact + probed.square().mean(0)

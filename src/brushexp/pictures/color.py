@@ -3,8 +3,10 @@
 import torch
 from torch import Tensor
 
-FLOOR = (1 / 255) ** 2  # least variance of a colour direction: a level of 8 bits; below it a picture has one colour
-MOST = 8.0  # times: a nearly even picture is not spread further than this, its noise would become its content
+LEAST_VARIANCE = (
+    1 / 255
+) ** 2  # least variance of a colour direction: a level of 8 bits; below it a picture has one colour
+MOST_GAIN = 8.0  # times: a nearly even picture is not spread further than this, its noise would become its content
 
 
 def recolored(picture: Tensor, like: Tensor) -> Tensor:
@@ -21,10 +23,10 @@ def recolored(picture: Tensor, like: Tensor) -> Tensor:
     wanted_mean, wanted = _moments(like)
     spread, axes = torch.linalg.eigh(covariance)
     wanted_spread, wanted_axes = torch.linalg.eigh(wanted)
-    narrow = (axes * spread.clamp_min(FLOOR).rsqrt()) @ axes.T
+    narrow = (axes * spread.clamp_min(LEAST_VARIANCE).rsqrt()) @ axes.T
     widen = (wanted_axes * wanted_spread.clamp_min(0).sqrt()) @ wanted_axes.T
     u, gains, v = torch.linalg.svd(widen @ narrow)
-    change = (u * gains.clamp_max(MOST)) @ v
+    change = (u * gains.clamp_max(MOST_GAIN)) @ v
     colors = change @ (picture.flatten(1).to(torch.float64) - mean) + wanted_mean
     return colors.clamp(0, 1).to(picture.dtype).reshape(picture.shape)
 

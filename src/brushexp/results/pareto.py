@@ -23,7 +23,7 @@ FLAGS = ["front_psnr", "front_perceptual"]
 COLUMNS = ["picture", "number", "seconds", *FRONTS, "runs", *FLAGS, "overrides", "command"]
 HEIGHT = 6.0  # inches: of the panels of an image
 MOST_IMAGES = 6  # in a plot; the tables have all
-SHORTEST = 0.01  # seconds: a logarithmic axis has no 0
+SHORTEST_SECONDS = 0.01  # seconds: a logarithmic axis has no 0
 MOST_LINES, LINE = 20, 42  # settings, and letters of a line, that tell what stands on the fronts
 DIGITS = {"seconds": 2, "psnr": 2, "perceptual": 4}
 
@@ -108,7 +108,7 @@ def _panel(axes: Axes, points: DataFrame, metric: str) -> None:
     if points.empty:
         axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", color=GREY)
         return
-    seconds, values, first = points["seconds"].clip(lower=SHORTEST), points[metric], points[f"front_{metric}"]
+    seconds, values, first = points["seconds"].clip(lower=SHORTEST_SECONDS), points[metric], points[f"front_{metric}"]
     best = values[first]
     axes.plot(seconds[~first], values[~first], "o", color=GREY, markersize=4)
     axes.step(

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from brushexp.compositing.layers import Size
-from brushexp.strokes.catalogue import FAR, Strokes
+from brushexp.strokes.catalogue import FARTHEST, Strokes
 
 CANVAS = (24, 37)  # height and width, unless a scene is about them; not a multiple of a tile, and not square
 SEVERAL = 16  # strokes of most scenes
@@ -125,9 +125,9 @@ def _thick(strokes: Strokes) -> Changes:
 
 def _far_windows(strokes: Strokes) -> Changes:
     """On the canvas, but with the middle of their windows 1e6 px away, where float32 has steps of 1/16 px."""
-    near = 8 + 0.7 * strokes.position - FAR
+    near = 8 + 0.7 * strokes.position - FARTHEST
     points = {name: (near + 8 * getattr(strokes, name)) / 1000 for name in ("start", "control", "end")}
-    place, side = torch.full_like(strokes.start, FAR), torch.full_like(strokes.scale, 2000.0)
+    place, side = torch.full_like(strokes.start, FARTHEST), torch.full_like(strokes.scale, 2000.0)
     return points | {"position": place, "scale": side, "width": 16 / 2000 * strokes.width}
 
 
@@ -150,7 +150,7 @@ SCENES: dict[str, Recipe] = {
     "length 10,000 px": Recipe(_long),
     "width 0": Recipe(lambda strokes: {"width": 0 * strokes.width}),
     "width 1,000 px": Recipe(_thick, scale=(8000.0, 8000.0)),
-    "1e6 px off the canvas": Recipe(lambda strokes: {"position": torch.where(strokes.start > 0, FAR, -FAR)}),
+    "1e6 px off the canvas": Recipe(lambda strokes: {"position": torch.where(strokes.start > 0, FARTHEST, -FARTHEST)}),
     "windows 1e6 px away": Recipe(_far_windows),
     "canvas 1 x 1": Recipe(canvas=(1, 1)),
     "canvas 8192 x 64": Recipe(wanted=2, canvas=(64, 8192), scale=(100.0, 4000.0)),

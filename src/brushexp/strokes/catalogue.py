@@ -25,10 +25,10 @@ class Field:
 
 
 PRECISE = (torch.float32, torch.float64)  # in which strokes can be optimised, and are drawn as they are
-FAR = 1e6  # pixels: beyond this a float32 pixel coordinate is coarser than a tenth of a pixel
+FARTHEST = 1e6  # pixels: beyond this a float32 pixel coordinate is coarser than a tenth of a pixel
 FIELDS = {
-    "position": Field(2, -FAR, FAR, "pixels of the canvas, x to the right, y down; the window's centre"),
-    "scale": Field(0, 1e-3, FAR, "side of the stroke's window in pixels"),
+    "position": Field(2, -FARTHEST, FARTHEST, "pixels of the canvas, x to the right, y down; the window's centre"),
+    "scale": Field(0, 1e-3, FARTHEST, "side of the stroke's window in pixels"),
     "start": Field(2, -1e3, 1e3, "half-windows from position"),
     "control": Field(2, -1e3, 1e3, "half-windows from position"),
     "end": Field(2, -1e3, 1e3, "half-windows from position"),

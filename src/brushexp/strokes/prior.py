@@ -17,7 +17,7 @@ WIDTH = (0.03, 0.2)  # thinnest and thickest stroke, in sides of the window
 INSET = 0.7  # strokes are shrunk by this about the window's centre, so that its edge cuts none
 SPREAD = (1 / 200, 1 / 25)  # variance of the control point along and across s - e, in units of |s - e|
 TOUCHING = 1e-6  # half-windows or pixels: ends nearer than this have no direction between them
-SHORTEST = 4 * WIDTH[0] * INSET  # distance from start to end of the shortest valid stroke, half-windows
+SHORTEST_CHORD = 4 * WIDTH[0] * INSET  # distance from start to end of the shortest valid stroke, half-windows
 
 Array = NDArray[np.float64]
 
@@ -68,12 +68,13 @@ def strokes_of(parameters: Tensor) -> Strokes:
 def clamp_to_prior(strokes: Strokes) -> Strokes:
     """Bring points and widths to the edge of the box that `sample_prior` draws from; inside, nothing changes.
 
-    That is +-``INSET`` half-windows for the points and ``WIDTH``, no stroke shorter than ``SHORTEST``, and none thicker
-    than half its length (but at least the thinnest), as the source's eq. 6.1 asks. What is clamped has no gradient.
+    That is +-``INSET`` half-windows for the points and ``WIDTH``, no stroke shorter than ``SHORTEST_CHORD``, and none
+    thicker than half its length (but at least the thinnest), as the source's eq. 6.1 asks. What is clamped
+    has no gradient.
     """
     start, control, end = (value.clamp(-INSET, INSET) for value in (strokes.start, strokes.control, strokes.end))
     along, length = _along((end - start).detach())
-    way = 0.5 * (SHORTEST - length).clamp_min(0)[:, None] * along
+    way = 0.5 * (SHORTEST_CHORD - length).clamp_min(0)[:, None] * along
     start, end = start - way, end + way
     length = 0.5 * torch.linalg.vector_norm(start - end, dim=1) / INSET  # sides of the window, before the inset
     width = torch.minimum(strokes.width, 0.5 * length).clamp(*WIDTH)
@@ -118,8 +119,8 @@ def rewindow(strokes: Strokes) -> Strokes:
 
 
 def bend_of(strokes: Strokes) -> Tensor:
-    """`control_offset` (N, 2) of strokes; those shorter than ``SHORTEST``, which are not valid, count as that long."""
-    return control_offset(torch.stack([strokes.start, strokes.control, strokes.end], dim=1), SHORTEST)
+    """`control_offset` (N, 2) of strokes; if shorter than ``SHORTEST_CHORD``, and so not valid, as if that long."""
+    return control_offset(torch.stack([strokes.start, strokes.control, strokes.end], dim=1), SHORTEST_CHORD)
 
 
 def control_offset(curve: Tensor, shortest: float) -> Tensor:

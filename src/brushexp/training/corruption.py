@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from brushexp.plugins.loss.discriminator import SHAPE
-from brushexp.strokes.prior import INSET, SHORTEST, WIDTH
+from brushexp.strokes.prior import INSET, SHORTEST_CHORD, WIDTH
 
 GROUPS = (2, 2, 2, 1)  # columns of start, control, end and width
 NEAREST = 0.005  # half-windows: distance from the valid square
@@ -94,7 +94,7 @@ def _shortened(valid: Tensor, generator: torch.Generator) -> Tensor:
     middle, chord = 0.5 * (start + end), end - start
     length = torch.linalg.vector_norm(chord, dim=1, keepdim=True)
     thickness = WIDTH[0] + (WIDTH[1] - WIDTH[0]) * 0.5 * (width + 1)
-    shrink = _uniform(len(valid), 1, generator) * (SHORTEST / WIDTH[0]) * thickness / length
+    shrink = _uniform(len(valid), 1, generator) * (SHORTEST_CHORD / WIDTH[0]) * thickness / length
     return torch.cat([*(middle + shrink * (point - middle) for point in (start, control, end)), width], dim=1)
 
 

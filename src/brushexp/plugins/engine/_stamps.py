@@ -13,7 +13,7 @@ from brushexp.system.compiled import function, kernel
 
 F = np.float32
 U = np.uint64
-FAR, WIDEST = 4.0, 4.0  # half-windows and windows: what is farther away or wider is brought to here
+FARTHEST, WIDEST = 4.0, 4.0  # half-windows and windows: what is farther away or wider is brought to here
 PIECES = 64  # straight pieces that measure the length of a curve: 0.02 % too short where it turns back on itself
 DRAWS = 3  # random numbers of a dab: two offsets and a radius
 GOLDEN = U(0x9E3779B97F4A7C15)
@@ -25,7 +25,7 @@ def curves_of(strokes: Strokes, side: int) -> tuple[Array, Array]:
     """Start, control and end (n, 6) and thickness (n,) in pixels of a canvas ``side`` wide, float64."""
     points = torch.cat([strokes.start, strokes.control, strokes.end], dim=1).double()
     width = strokes.width.double().clamp(0, WIDEST)
-    return ((points.clamp(-FAR, FAR) + 1) * (0.5 * side)).numpy(), (width * side).numpy()
+    return ((points.clamp(-FARTHEST, FARTHEST) + 1) * (0.5 * side)).numpy(), (width * side).numpy()
 
 
 def one_colour(strokes: Strokes, alpha: Array) -> Simulated:

@@ -17,9 +17,9 @@ GOLDEN = (1 + 5**0.5) / 2
 BAND = 1.05  # radius of the brush that paints a band, in halves of the band: the outermost bristles leave little
 STEP = 0.05  # brushes whose scales differ by less than this ratio begin with the same pose
 SCALES = (0.2, 256.0)  # radii of brushes that are simulated, 256ths of the window
-FAR = 4.0  # half-windows: farther away, points are brought to here
+FARTHEST = 4.0  # half-windows: farther away, points are brought to here
 THIN, THICK = 10, 100  # bristles of Fluid Paint's thinnest and fullest brush, and what each of their splats can cover
-LEAST, MOST_THIN, MOST_THICK = 0.002, 0.08, 0.025
+LEAST_OPACITY, MOST_OPACITY_THIN, MOST_OPACITY_THICK = 0.002, 0.08, 0.025
 DRAG = 0.14  # velocity of the paint per velocity of the bristle and opacity
 Array = np.ndarray
 
@@ -89,8 +89,8 @@ class Fluid(Engine):
         self.jitter, self.stiffness = jitter, stiffness
         self.rest, self.approach, self.iterations = rest, np.float32(approach), iterations
         fullness = (bristles - THIN) / (THICK - THIN)
-        most = max(MOST_THIN + (MOST_THICK - MOST_THIN) * fullness, LEAST)
-        opacity = LEAST + (most - LEAST) * load if load else 0.0
+        most = max(MOST_OPACITY_THIN + (MOST_OPACITY_THICK - MOST_OPACITY_THIN) * fullness, LEAST_OPACITY)
+        opacity = LEAST_OPACITY + (most - LEAST_OPACITY) * load if load else 0.0
         self.physics = tuple(map(np.float32, (gravity, damping, opacity, DRAG * opacity, fluidity, relief)))
         self.counts = (frames, iterations, jacobi, supersample, after)
         self._seed: int | None = None
@@ -101,7 +101,7 @@ class Fluid(Engine):
             self._take_brushes(seed)
         strokes = strokes_of(parameters.detach().cpu().float())
         units = 0.5 * float(self._deposition.UNITS)
-        points = torch.cat([strokes.start, strokes.control, strokes.end], dim=1).clamp(-FAR, FAR)
+        points = torch.cat([strokes.start, strokes.control, strokes.end], dim=1).clamp(-FARTHEST, FARTHEST)
         scale = (BAND * strokes.width * units).clamp(*SCALES)
         rows = torch.cat([(points + 1) * units, scale[:, None], strokes.color.clamp(0, 1)], dim=1).numpy()
         brush = (first + np.arange(len(rows))) % self.brushes

@@ -46,7 +46,25 @@ class ExportJob:
 
 
 class Exporter(ABC):
-    """Writes a painting in a form that other programs read."""
+    """Writes a painting in a form that other programs read.
+
+    >>> class Sizes(Exporter):
+    ...     def write(self, job: ExportJob, folder: Path) -> list[Path]:
+    ...         (folder / "size.txt").write_text("{} x {}, {} strokes".format(*job.size, len(job.strokes)))
+    ...         return [folder / "size.txt"]
+    >>> import torch
+    >>> from tempfile import TemporaryDirectory
+    >>> from brushexp.plugins.blend.dense import Dense
+    >>> from brushexp.plugins.renderer.analytic import Analytic
+    >>> from brushexp.strokes.prior import sample_prior
+    >>> strokes, depth = sample_prior(3), torch.arange(3, dtype=torch.int32)
+    >>> job = ExportJob(strokes, depth, (24, 32), torch.ones(3), Analytic(), Dense(), name="analytic", source="")
+    >>> with TemporaryDirectory() as folder:
+    ...     Sizes().write(job, Path(folder))[0].read_text()
+    '24 x 32, 3 strokes'
+    >>> [(top, tuple(band.shape)) for top, band in job.bands()]
+    [(0, (3, 24, 32))]
+    """
 
     @abstractmethod
     def write(self, job: ExportJob, folder: Path) -> list[Path]:

@@ -48,6 +48,15 @@ class Logger(ABC):
     """Takes the curves of a run, and at its end its pictures, numbers and files.
 
     Whatever it raises stops the logger and never the run: the first error is logged, and no more curves come.
+
+    >>> class Last(Logger):
+    ...     def open(self, run: Run) -> LightningLogger:
+    ...         from lightning.pytorch.loggers import CSVLogger
+    ...         return CSVLogger(run.folder)
+    ...     def finish(self, run: Run) -> None:
+    ...         print(run.status, run.numbers)
+    >>> Last().finish(Run(Path("."), status="completed", metrics={"psnr": 30.5, "status": "completed"}))
+    completed {'psnr': 30.5}
     """
 
     @abstractmethod

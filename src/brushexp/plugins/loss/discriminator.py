@@ -9,7 +9,7 @@ from torch.nn import functional
 from brushexp.plugins.loss.base import Loss, Painting, at_least_single
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.prior import SHORTEST, bend_of, parameters_of, strokes_of
+from brushexp.strokes.prior import SHORTEST_CHORD, bend_of, parameters_of, strokes_of
 from brushexp.system.checkpoint import CheckpointFormat
 
 NAME = "discriminator"
@@ -47,7 +47,7 @@ class Discriminator(nn.Module):
         """Scores (N,) of shapes (N, 7), as `shapes_of` makes them."""
         points, width = shapes.split([SHAPE - 1, 1], dim=1)
         square = (points[:, :2] - points[:, 4:]).square().sum(1, keepdim=True)
-        length = (square + SHORTEST**2).sqrt()  # with a slope where both ends are in one place
+        length = (square + SHORTEST_CHORD**2).sqrt()  # with a slope where both ends are in one place
         bend = bend_of(strokes_of(functional.pad(shapes, (0, 3))))
         seen = torch.cat([points.abs(), width, length, bend.abs()], dim=1)
         return self.layers((STRETCH * seen).asinh())[:, 0]

@@ -7,7 +7,18 @@ from torch import nn, optim
 
 
 class Optimizer(ABC):
-    """Moves the strokes."""
+    """Moves the strokes.
+
+    >>> import torch
+    >>> class Descent(Optimizer):
+    ...     units = {"position": 0.01}
+    ...     def over(self, parameters: Iterable[nn.Parameter]) -> optim.Optimizer:
+    ...         return optim.SGD(parameters, lr=0.1)
+    ...     def share(self, progress: float) -> float:
+    ...         return 1 - progress
+    >>> type(Descent().over([nn.Parameter(torch.zeros(2))])).__name__, Descent().share(0.75)
+    ('SGD', 0.25)
+    """
 
     units: Mapping[str, float]  # stroke field -> unit, see `strokes.catalogue.Catalogue`; what is missing or 0 stays
 

@@ -24,7 +24,7 @@ from brushexp.strokes.catalogue import Strokes, drawable
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, rewindow, strokes_of
 from brushexp.system.checkpoint import CheckpointFormat
 
-FAINT = 2 / 255  # in painting, what a network draws is nothing where its alpha is below this
+LEAST_ALPHA = 2 / 255  # in painting, what a network draws is nothing where its alpha is below this
 TEXELS = 2**26  # of windows that are held at once when no gradient is needed: 1 GB
 CHUNK = 128  # strokes that a network draws at once: enough to keep the cores busy
 PRECISIONS = ("float32", "bfloat16")  # of a network in painting; the weights and the pictures have 32 bits either way
@@ -145,7 +145,7 @@ class PatchRenderer(Renderer):
         with torch.autocast(parameters.device.type, torch.bfloat16, enabled=self.precision == "bfloat16"):
             pictures = self.draw(parameters)
         color, alpha = pictures.to(parameters.dtype).split([3, 1], dim=1)
-        return torch.cat([color, torch.where(alpha < FAINT, 0.0, alpha)], dim=1)
+        return torch.cat([color, torch.where(alpha < LEAST_ALPHA, 0.0, alpha)], dim=1)
 
     @property
     def at_once(self) -> int:  # type: ignore[override]

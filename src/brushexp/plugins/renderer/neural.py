@@ -23,7 +23,7 @@ EMPTY = -1.5  # where alpha starts: most of a window is empty, and a start at 1/
 NOISE_SEED = 2020  # of the noise that is the same for every stroke in painting
 WAVES = 4  # cosines and sines across the stroke, of 1/2, 1, 2, 4 periods per half width: what streaks are made of
 PLANES = 3 + 2 * WAVES
-SHORTEST = 1e-4  # least squared length that is divided by, half-windows; valid strokes have 0.007
+LEAST_SQUARED_CHORD = 1e-4  # least squared length that is divided by, half-windows; valid strokes have 0.007
 THINNEST = 1e-3  # half width that is divided by, half-windows; valid strokes have 0.03
 LARGEST = 10**9  # weights, which take 4 GB
 FARTHEST = 3.0  # half widths from the axis
@@ -227,7 +227,7 @@ def stroke_planes(parameters: Tensor, side: int) -> Tensor:
     half = WIDTH[0] + 0.5 * (WIDTH[1] - WIDTH[0]) * (width + 1)  # a width in windows is a half width in half-windows
     half = half.clamp_min(THINNEST)
     chord, lift = end - start, control - start
-    square = chord.square().sum(1, keepdim=True).clamp_min(SHORTEST)
+    square = chord.square().sum(1, keepdim=True).clamp_min(LEAST_SQUARED_CHORD)
     length = square.sqrt()
     dx, dy = chord[:, :1], chord[:, 1:]
     x, y = line[None, None, None, :] - start[:, :1], line[None, None, :, None] - start[:, 1:]

@@ -21,7 +21,7 @@ from brushexp.strokes.prior import INSET, WIDTH
 FINE = 3  # in painting, steps of thickness between two widths of the textures
 BLURS = 4  # for texels down to an eighth of a pixel
 THIN = 0.5  # pixels: strokes do not get thinner than about twice this, but fainter
-FAINT = 5 / 255  # in painting, texels less opaque than this are left out: a stroke's reach is what it costs
+LEAST_OPACITY = 5 / 255  # in painting, texels less opaque than this are left out: a stroke's reach is what it costs
 DARKEST = 0.35  # share of black in the darkest texel: shade between bristles, not black where paint is too thin to tell
 FADED, LIT = 0.003, 0.95  # opacities and light this near to their limits are kept off them, so that they can be trained
 SAMPLES = 4  # of a texel in each direction, when it is read off a picture
@@ -128,7 +128,7 @@ class Textured(Renderer):
         looks = torch.lerp(looks[:, low], looks[:, (low + 1).clamp_max(self.widths - 1)], part).flatten(0, 2)
         opacity, light = looks.unbind(1)
         half = (BYTE - 1) // 2
-        bytes_ = torch.stack([(opacity * (opacity >= FAINT) * BYTE).round(), (light * half).round()], dim=1)
+        bytes_ = torch.stack([(opacity * (opacity >= LEAST_OPACITY) * BYTE).round(), (light * half).round()], dim=1)
         textures = bytes_ / torch.tensor([BYTE, half], device=looks.device)[:, None, None]
         return textures, extent_of(textures[:, 0]), cells_of(bytes_)
 
@@ -149,7 +149,7 @@ def unrolled(picture: Tensor, width: float, rows: int, length: int) -> Tensor:
     fine = functional.grid_sample(seen[None], places, align_corners=False)
     grey, alpha = functional.avg_pool2d(fine, SAMPLES)[0]
     light = 2 * grey / alpha.clamp_min(1e-3) - 1
-    light = torch.where(light > 0, light, light / DARKEST) * (alpha > FAINT)
+    light = torch.where(light > 0, light, light / DARKEST) * (alpha > LEAST_OPACITY)
     return torch.stack([alpha.clamp(FADED, 1 - FADED).logit(), light.clamp(-LIT, LIT).atanh()])
 
 

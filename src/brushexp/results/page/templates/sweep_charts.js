@@ -1,6 +1,7 @@
 // The charts of a sweep: settings as points, and the quality of runs on their way. They know nothing of the table.
 // brushexp.sweepCharts(data, pointed) gives draw(rows, x, y, picture): `rows` are the numbers of those that are shown,
-// and pointed(group, rows, isFirst) is called when somebody points at a setting.
+// and pointed(group, rows, isFirst) is called when somebody points at a setting. Means and the front are of what the
+// filters leave and along the axes that are chosen, so they are computed here and not taken from the tables.
 "use strict";
 {
   const { byId, chart } = window.brushexp;
