@@ -30,8 +30,8 @@ def main(cfg: DictConfig) -> dict[str, object]:
 
 if __name__ == "__main__":
     with explained(HERE):
-        sys.argv[1:] = in_full(sys.argv[1:])
         prepare(HERE, sys.argv[1:])  # before main(): Hydra reads the choices when it composes
+        sys.argv[1:] = in_full(sys.argv[1:])
         prepared.add(os.getpid())
         if not asks_for_help(HERE, sys.argv[1:]):
             main()

@@ -126,5 +126,5 @@ def test_every_key_has_a_meaning_in_the_help_and_a_default_within_its_bounds(con
         assert f"  {name}=" in text
         assert 3 <= len(key.meaning) <= 110, name
         assert key.meaning in " ".join(text.split()), name
-        if key.bounds is not None and key.default != "???":
+        if key.default != "???":
             key.bounds.check(name, key.default)

@@ -1,11 +1,12 @@
 """Which values an option takes, said once where it is declared: ``width: Annotated[int, at_least(1)] = 64``."""
 
 import difflib
-import math
 from dataclasses import dataclass
 from typing import Any, get_args
 
 from brushexp.errors import UserError
+
+LARGEST = 1e9  # what any number may be, unless its limits say otherwise: no sum of such numbers overflows 32 bits
 
 
 @dataclass(frozen=True)
@@ -18,8 +19,8 @@ class Bounds:
     brushexp.errors.UserError: blend.opaque=1.5 is not 0 to 1; try blend.opaque=1
     """
 
-    low: float = -math.inf
-    high: float = math.inf
+    low: float = -LARGEST
+    high: float = LARGEST
     above: bool = False  # whether ``low`` itself is too small
     step: int = 1  # whole numbers only in multiples of this
     names: tuple[str | int, ...] = ()  # the only values; empty if any number between will do
@@ -28,11 +29,11 @@ class Bounds:
         if self.names:
             return f"one of {', '.join(map(str, self.names))}"
         if self.above:
-            limits = f"above {self.low:.12g}" + (f" and at most {self.high:.12g}" if self.high < math.inf else "")
-        elif self.high < math.inf:
-            limits = f"{self.low:.12g} to {self.high:.12g}"
+            limits = f"above {_plain(self.low)}" + (f" and at most {_plain(self.high)}" if self.high < LARGEST else "")
+        elif self.high != LARGEST:
+            limits = f"{_plain(self.low)} to {_plain(self.high)}"
         else:
-            limits = f"at least {self.low:.12g}"
+            limits = f"at least {_plain(self.low)}" if self.low > -LARGEST else f"a number up to {_plain(LARGEST)}"
         return f"a multiple of {self.step}, {limits}" if self.step > 1 else limits
 
     def check(self, option: str, value: Any, default: Any = None) -> None:
@@ -43,16 +44,20 @@ class Bounds:
         """
         if isinstance(value, dict | list | tuple):
             for element in value.values() if isinstance(value, dict) else value:
+                if isinstance(value, list) and (element is None or isinstance(element, dict | list)):
+                    raise UserError(f"{option} holds {element}; give plain values, '{option}=[...]'")
                 self.check(option, element)
         elif value is not None and not self._holds(value):
-            shown = f"{value:.12g}" if isinstance(value, float) else value
-            raise UserError(f"{option}={shown} is not {self}; try {option}={self._nearest(value, default)}")
+            limits = f"at most {_plain(LARGEST)}" if _is_number(value) and value > self.high == LARGEST else self
+            raise UserError(f"{option}={_plain(value)} is not {limits}; try {option}={self._nearest(value, default)}")
 
     def _holds(self, value: Any) -> bool:
         if self.names:
             return value in self.names
+        if not _is_number(value):
+            return True  # types are checked when a config is composed
         inside = self.low < value <= self.high if self.above else self.low <= value <= self.high
-        return inside and math.isfinite(value) and (self.step == 1 or value % self.step == 0)
+        return inside and (self.step == 1 or value % self.step == 0)
 
     def _nearest(self, value: Any, default: Any) -> Any:
         """Something to type instead."""
@@ -60,11 +65,23 @@ class Bounds:
             if isinstance(value, int | float):
                 return min(self.names, key=lambda name: abs(float(name) - value))
             return (difflib.get_close_matches(str(value), map(str, self.names), 1) or self.names)[0]
-        if (self.above and value <= self.low) or not math.isfinite(value):
-            fallback = self.high if math.isfinite(self.high) else self.low + 1
-            return f"{default if isinstance(default, int | float) else fallback:.12g}"
+        if (self.above and value <= self.low) or not abs(value) <= LARGEST:
+            fallback = self.high if self.high < LARGEST else max(self.low, 0) + 1
+            return _plain(default if _is_number(default) else fallback)
         nearest = min(max(value, self.low), self.high)
-        return f"{max(nearest // self.step, 1) * self.step if self.step > 1 else nearest:.12g}"
+        return _plain(max(nearest // self.step, 1) * self.step if self.step > 1 else nearest)
+
+
+ANY = Bounds()  # of what has no limits of its own
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _plain(value: Any) -> str:
+    """A value as it is typed."""
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
 
 
 def at_least(low: float) -> Bounds:
@@ -72,7 +89,7 @@ def at_least(low: float) -> Bounds:
     return Bounds(low)
 
 
-def above(low: float, high: float = math.inf) -> Bounds:
+def above(low: float, high: float = LARGEST) -> Bounds:
     """More than ``low``, at most ``high``."""
     return Bounds(low, high, above=True)
 
@@ -82,7 +99,7 @@ def between(low: float, high: float) -> Bounds:
     return Bounds(low, high)
 
 
-def multiple_of(step: int, high: float = math.inf) -> Bounds:
+def multiple_of(step: int, high: float = LARGEST) -> Bounds:
     """``step``, twice ``step``, ... up to ``high``."""
     return Bounds(step, high, step=step)
 

@@ -14,7 +14,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass, field, fields, make_dataclass
-from functools import partial, reduce
+from functools import cached_property, partial, reduce
 from importlib.metadata import entry_points
 from operator import or_
 from pathlib import Path
@@ -25,7 +25,7 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.bounds import Bounds, bounds_of
+from brushexp.bounds import ANY, Bounds, bounds_of
 from brushexp.errors import UserError
 from brushexp.system.reading import check_plain
 
@@ -60,7 +60,7 @@ class Plugin:
     name: str
     cls: type
     config: type  # dataclass of its options
-    bounds: dict[str, Bounds]  # of those options that have some
+    bounds: dict[str, Bounds]  # of each option
 
     @property
     def target(self) -> str:
@@ -99,12 +99,16 @@ class Plugin:
         Raises:
             UserError: with a value that would do.
         """
-        defaults: DictConfig = OmegaConf.structured(self.config)
         for option, bounds in self.bounds.items():
             value = options[option]
             plain = OmegaConf.to_object(value) if OmegaConf.is_config(value) else value
-            default = None if OmegaConf.is_missing(defaults, option) else defaults[option]
-            bounds.check(f"{path}.{option}", plain, default)
+            bounds.check(f"{path}.{option}", plain, self._defaults.get(option))
+
+    @cached_property
+    def _defaults(self) -> dict[str, Any]:
+        """Of the options that have one."""
+        node: DictConfig = OmegaConf.structured(self.config)
+        return {str(option): node[option] for option in node if not OmegaConf.is_missing(node, option)}
 
 
 _plugins: dict[tuple[str, str], Plugin] = {}
@@ -130,8 +134,7 @@ def register(family: str, name: str) -> Callable[[C], C]:
             raise UserError(
                 f"{family}={name} is taken by {owner.cls.__module__}; give the class in {cls.__module__} another name"
             )
-        found = {name: bounds_of(annotation) for name, annotation, _ in options_of(cls)}
-        bounds = {name: limits for name, limits in found.items() if limits is not None}
+        bounds = {name: bounds_of(annotation) or ANY for name, annotation, _ in options_of(cls)}
         plugin = _plugins[family, name] = Plugin(family, name, cls, structured_config(cls), bounds)
         # A worker process of a sweep inherits a filled store and stores the same node again: no clash.
         ConfigStore.instance().store(

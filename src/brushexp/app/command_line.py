@@ -8,24 +8,29 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import fields
+from functools import cache
 from pathlib import Path
+from types import NoneType
+from typing import Any, get_args, get_origin
 
 from hydra import compose, initialize_config_dir
 from hydra._internal.utils import get_args_parser
-from hydra.errors import CompactHydraException
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import ChoiceSweep, Sweep
+from hydra.errors import CompactHydraException, HydraException
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.app.composition import offer
 from brushexp.app.help import help_text
-from brushexp.app.keys import keys_of
+from brushexp.app.keys import groups_of, keys_of
 from brushexp.app.mistakes import explanation
 from brushexp.app.schema import TASKS
 from brushexp.errors import UserError
-from brushexp.registry import MULTI_SELECT, load_plugins
+from brushexp.registry import MULTI_SELECT, load_plugins, plugins
 from brushexp.system.runtime import end_on_signals, interrupted_code
 
-UNKNOWN_LETTERS = r"[^\x20-\x7e]|[<>&;#!^`']"  # that Hydra's grammar of values does not take without quotes
-LISTS = {name for schema in TASKS.values() for name, key in keys_of(schema).items() if key.is_list}
+GROUPS = {name for schema in TASKS.values() for name in groups_of(schema)} - {"model"} | {"task", "experiment"}
 SUFFIXES = {"catalogue": (".h5", ".json"), "image": (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".gif")}
 
 
@@ -55,34 +60,113 @@ def asks_for_help(root: Path, arguments: list[str]) -> bool:
 
 
 def in_full(arguments: list[str]) -> list[str]:
-    """The command line with its short forms written out.
+    """The command line with its short forms written out, and its texts as Hydra takes them.
 
     ``style=painting.jpg`` is ``style.image=painting.jpg``; ``light=315,45`` is ``to.relief.light=[315,45]``; and keys
     that take several values do without brackets: ``to=svg,json``, ``logger=csv,wandb``, ``ratios=0,0.5``. In a sweep
-    commas separate the values of jobs, so ``data=a,b`` are two jobs with one data set each. Values with letters that
-    Hydra does not take unquoted (umlauts, < & ') are quoted.
+    commas separate the values of jobs, so ``data=a,b`` are two jobs with one data set each.
 
     Raises:
-        UserError: if a word is no ``key=value``.
+        UserError: if a word is no ``key=value``, or its value is none that could be meant.
     """
     typed, after_flags = get_args_parser().parse_known_args(arguments)
     overrides = {*typed.overrides, *after_flags}
-    found = []
-    for argument in arguments:
-        if argument.startswith("-") or argument not in overrides:
-            found.append(argument)
-            continue
-        check_word(argument)
-        full = re.sub(r"^(\+{0,2}|~)style=(?!\{)", r"\1style.image=", argument)
-        full = re.sub(r"^light=\[?([^\[\]]*)\]?$", r"to.relief.light=[\1]", full)
-        key, equal, value = full.partition("=")
-        values = [_quoted(part) for part in (value.split(",") if typed.multirun or key in LISTS else [value])]
-        if key in LISTS and value and not re.match(r"[\['\"{]|null$|\w+\(|\$\{", value):
-            values = [f"[{part}]" for part in values] if typed.multirun else [f"[{','.join(values)}]"]
-        elif key in MULTI_SELECT and key != "loss" and not typed.multirun and re.fullmatch(r"[\w,]+", value):
-            values = [f"[{value}]"]
-        found.append(key + equal + ",".join(values))
-    return found
+    return [
+        word if word.startswith("-") or word not in overrides else written_out(word, typed.multirun)
+        for word in arguments
+    ]
+
+
+def written_out(word: str, sweep: bool) -> str:
+    """One word of `in_full`; in a ``sweep`` commas separate the values of jobs."""
+    check_word(word)
+    full = re.sub(r"^(\+{0,2}|~)style=(?!\{)", r"\1style.image=", word)
+    full = re.sub(r"^light=\[?([^\[\]]*)\]?$", r"to.relief.light=[\1]", full)
+    name, equal, value = full.partition("=")
+    key = name.lstrip("+")
+    kind, optional = kinds_of_keys().get(key, (None, False))
+    if key in GROUPS:
+        check_choice(key, value)
+    if kind is str:
+        value = as_text(key, value, sweep, optional)
+    elif get_origin(kind) is list and value and not re.match(r"[\['\"{]|null$|\w+\(|\$\{", value):
+        parts = [value] if os.path.exists(value) else value.split(",")
+        if get_args(kind) == (str,):
+            parts = [as_text(key, part) for part in parts]
+        value = ",".join(f"[{part}]" for part in parts) if sweep else f"[{','.join(parts)}]"
+    elif key in MULTI_SELECT and key != "loss" and not sweep and re.fullmatch(r"[\w,]+", value):
+        value = f"[{value}]"
+    return name + equal + value
+
+
+@cache
+def kinds_of_keys() -> dict[str, tuple[Any, bool]]:
+    """Of every key of a task and option of a plugin, by what is typed: its type, and whether it may be null."""
+    found = {name: key.annotation for schema in TASKS.values() for name, key in keys_of(schema).items()}
+    for plugin in plugins():
+        found |= {f"{plugin.path}.{item.name}": item.type for item in fields(plugin.config)}
+    parts = {name: [part for part in get_args(kind) if part is not NoneType] for name, kind in found.items()}
+    return {
+        name: (parts[name][0], True) if NoneType in get_args(kind) else (kind, False) for name, kind in found.items()
+    }
+
+
+def parsed(value: str) -> Any:
+    """What Hydra makes of a typed value; a `HydraException` if its grammar does not have it."""
+    return OverridesParser.create().parse_override(f"key={value}").value()
+
+
+def as_text(key: str, value: str, sweep: bool = False, optional: bool = False) -> str:
+    """The value of a key that takes a text, in quotes where Hydra would read something else into it.
+
+    Its own syntax (quotes, lists, sweeps) is left to it, unless a file has this name.
+
+    Raises:
+        UserError: if it may mean a file or nothing.
+    """
+    if value and os.path.exists(os.path.expanduser(value)):
+        if value == "null" and optional:
+            raise UserError(f"{key}=null is none, but a file has this name; type {key}=./null, or drop the word")
+        return quoted(value) if unlike(value) else value
+    if sweep and "," in value and not re.search(r"['\"\[({]", value):
+        return ",".join(as_text(key, part, optional=optional) for part in value.split(","))
+    try:
+        found = parsed(value)
+    except HydraException:
+        return quoted(value)
+    is_number = isinstance(found, int | float) or (found is None and not optional)
+    return quoted(value) if is_number else value
+
+
+def unlike(value: str) -> bool:
+    """Whether Hydra reads a text as something else."""
+    try:
+        return bool(parsed(value) != value) or "${" in value
+    except HydraException:
+        return True
+
+
+def quoted(value: str) -> str:
+    """A text as Hydra and OmegaConf take it, whatever its letters."""
+    escaped = re.sub(r'(\\*)("|$)', lambda found: 2 * found[1] + found[2].replace('"', '\\"'), value)
+    return '"' + escaped.replace("${", "\\${") + '"'
+
+
+def check_choice(group: str, value: str) -> None:
+    """Refuse what can be no name of a plugin or preset, nor a list of names.
+
+    Raises:
+        UserError: with the names of the plugins.
+    """
+    try:
+        found = parsed(value)
+    except HydraException:
+        return  # the grammar says what is wrong
+    found = found.list if isinstance(found, ChoiceSweep) else [found]
+    names = [name for one in found for name in (one if isinstance(one, list) else [one])]
+    if not all(isinstance(name, str | dict | Sweep) for name in names) or value == "''":
+        choices = ", ".join(plugin.name for plugin in plugins() if plugin.family == group) or "those that --help lists"
+        raise UserError(f"{group}={value} is no name; choose one of {choices}")
 
 
 def check_word(word: str) -> None:
@@ -104,13 +188,6 @@ def check_word(word: str) -> None:
     if key == "image" or path.is_file():
         raise UserError(f"{word} is no key=value; to paint a picture: image={word}")
     raise UserError(f"{word} is no key=value, as image=photo.jpg is; --help lists the keys")
-
-
-def _quoted(value: str) -> str:
-    """A value as Hydra takes it, if it is plain text: no list, function, comma, quotes or escapes of its own."""
-    if re.search(r"^['\[{]|^\w+\(|[\\\",]", value) or not re.search(UNKNOWN_LETTERS, value):
-        return value
-    return f'"{value}"'
 
 
 @contextmanager

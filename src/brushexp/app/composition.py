@@ -83,8 +83,7 @@ def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
         value = OmegaConf.select(cfg, name)
         if value is None and OmegaConf.is_missing(cfg, name):
             raise UserError(f"task={cfg.task} needs {name}: {key.meaning}; add {name}=...")
-        if key.bounds is not None:
-            key.bounds.check(name, OmegaConf.to_object(value) if isinstance(value, ListConfig) else value, key.default)
+        key.bounds.check(name, OmegaConf.to_object(value) if isinstance(value, ListConfig) else value, key.default)
     check_chosen(cfg)
     for path, node in nodes_of(cfg):
         plugin = plugin_of(node)
@@ -98,6 +97,15 @@ def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
 
 def check_chosen(cfg: DictConfig) -> None:
     """Stop when nothing is chosen of a family that needs a member, or options are set of one that is not chosen."""
+    for family, default in TASKS[cfg.task].groups.items():
+        if (
+            isinstance(default, str)
+            and "@" not in family
+            and "_target_" not in cfg.get(family, {})
+            and family in FAMILIES
+        ):
+            names = ", ".join(plugin.name for plugin in plugins(family))
+            raise UserError(f"{family} is not chosen; choose one of {names}")
     for family in [family for family in MULTI_SELECT if family in cfg]:
         chosen = [name for name, node in cfg[family].items() if "_target_" in node]
         tuned = [name for name in cfg[family] if name not in chosen]

@@ -1,12 +1,16 @@
 """What is wrong with a command line, in the words of the program; Hydra and OmegaConf have their own."""
 
 import re
+from dataclasses import fields
 from difflib import get_close_matches
+from enum import EnumType
 from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin
 
 from hydra import compose, initialize_config_dir
 from hydra.errors import CompactHydraException
-from omegaconf import OmegaConf
+from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.app.help import as_typed
@@ -14,7 +18,7 @@ from brushexp.app.keys import groups_of, keys_of
 from brushexp.app.schema import TASKS
 from brushexp.registry import MULTI_SELECT, Plugin, plugins
 
-KINDS = {"Integer": "a whole number", "Float": "a number", "bool": "true or false"}
+KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", dict: "{name: value}"}
 
 
 def explanation(error: BaseException, conf: Path, arguments: list[str]) -> str:
@@ -29,8 +33,9 @@ def explanation(error: BaseException, conf: Path, arguments: list[str]) -> str:
 
 def in_our_words(text: str, task: str, conf: Path) -> str | None:
     """What a message of Hydra or OmegaConf means for a task; None for one that is not known."""
-    if found := re.match(r"LexerNoViableAltException: (.*?) \^ See ", text):
-        return f"{found[1]} has letters that must stand in quotes; put it into both kinds: 'catalogue=\"a, b.h5\"'"
+    if found := re.match(r"LexerNoViableAltException: (.*?) \^ See |Ambiguous value for argument '(.*?)' ", text):
+        reason = "has letters that must stand in quotes" if found[1] else "are several values; add -m for a sweep"
+        return f"{found[1] or found[2]} {reason}; one text is put into both kinds of quotes: 'catalogue=\"a, b.h5\"'"
     if found := re.search(r"Could not (?:find|load) '(\w+)/([^']+)'", text):
         names = choices(found[1], conf)
         return f"{found[1]}={found[2]} is not there; choose one of {nearest_first(found[2], names)}" if names else None
@@ -93,24 +98,40 @@ def unknown_key(typed: str, task: str) -> str:
 
 def wrong_type(text: str, task: str) -> str | None:
     """A value that its key or option does not take."""
-    typed = re.search(r"full_key: (\S+)", text)
-    if typed is None:
+    typed = re.search(r"full_key: ([^\s\[]+)", text)
+    if typed is None or (declared := declaration_of(path := typed[1], task)) is None:
         return None
-    path, key = typed[1], keys_of(TASKS[task]).get(typed[1])
-    proposal = as_typed(key.default if key else default_of(path)) + (f" ({key.meaning})" if key else "")
-    if found := re.search(r"Value '(.*?)' (?:of type '\w+' could not be converted to|is not a valid) (\w+)", text):
-        return f"{path}={found[1]} is not {KINDS.get(found[2], found[2])}; try {path}={proposal}"
+    annotation, default, meaning = declared
+    value = re.search(r"override [\w.@/]+=(.*?): (?=[A-Z])|Value '(.*?)' ", text)
     if re.search(r"is not Optional|Incompatible value 'None'", text):
-        return f"{path}=null, but {path} must have a value; try {path}={proposal}"
-    if found := re.search(r"Invalid value '(.*?)', expected one of \[(.*?)\]", text):
-        return f"{path}={found[1]} is not there; choose one of {nearest_first(found[1], found[2].split(', '))}"
-    if found := re.search(r"override [\w.@/]+=(.*?): Invalid value assigned: \w+ is not a ListConfig", text):
-        return f"{path} takes a list; write '{path}=[{found[1]}]'"
-    return None
+        wrong = f"{path}=null, but {path} must have a value"
+    else:
+        wrong = f"{path}={(value[1] or value[2]) if value else '...'} is not {in_words(annotation)}"
+    return f"{wrong}; try {path}={'...' if default is MISSING else as_typed(default)}" + (
+        f" ({meaning})" * bool(meaning)
+    )
 
 
-def default_of(path: str) -> object:
-    """Of an option of a plugin, by what is typed; None if it is not known."""
+def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:
+    """Type, default and meaning of a key, or of an option of a plugin, by what is typed; None if it is not known."""
+    if (key := keys_of(TASKS[task]).get(path)) is not None:
+        return key.annotation, key.default, key.meaning
     above, _, option = path.rpartition(".")
     owners = [plugin for plugin in plugins() if plugin.path == above and option in plugin.meanings]
-    return OmegaConf.structured(owners[0].config).get(option) if owners else None
+    if not owners:
+        return None
+    (kind,) = (item.type for item in fields(owners[0].config) if item.name == option)
+    node: DictConfig = OmegaConf.structured(owners[0].config)
+    return kind, MISSING if OmegaConf.is_missing(node, option) else node[option], ""
+
+
+def in_words(annotation: Any) -> str:
+    """What a type takes."""
+    parts = get_args(annotation)
+    if isinstance(annotation, UnionType) or get_origin(annotation) is Union:
+        return in_words(next(part for part in parts if part is not NoneType))
+    if isinstance(annotation, EnumType):
+        return f"one of {', '.join(annotation.__members__)}"
+    return (
+        f"[{in_words(parts[0])},...]" if get_origin(annotation) is list else KINDS[get_origin(annotation) or annotation]
+    )

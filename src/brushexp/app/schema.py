@@ -40,7 +40,9 @@ class StyleTransfer:
     image: str | None = key(None, "a painting, file or sample: paint the picture in its style; null = off")
     brushwork: str | None = key(None, "catalogue.h5 of a painting: with strokes like its own; null = off")
     content: float = key(0.5, "factor of the weights of loss= while style.image is set", at_least(0))
-    colors: str = key("style", "colours of the painting: style (of the style picture) or content (of the picture)")
+    colors: str = key(
+        "style", "of the painting: those of the style picture, or of the content", one_of("style", "content")
+    )
 
 
 @dataclass

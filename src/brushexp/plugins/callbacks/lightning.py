@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
+from brushexp.bounds import at_least, one_of
 from brushexp.plugins.callbacks.base import Callback
 from brushexp.registry import register
 
@@ -38,10 +39,10 @@ class StopOnPlateau(Callback):
     """
 
     monitor: str = "psnr"
-    mode: str = "max"
-    min_delta: float = 0.0
-    patience: int = 3
-    every: int = 100
+    mode: Annotated[str, one_of("max", "min")] = "max"
+    min_delta: Annotated[float, at_least(0)] = 0.0
+    patience: Annotated[int, at_least(1)] = 3
+    every: Annotated[int, at_least(1)] = 100
 
     def open(self, folder: Path) -> L.Callback:
         from lightning.pytorch.callbacks import EarlyStopping  # noqa: PLC0415
@@ -70,9 +71,9 @@ class BestCheckpoints(Callback):
     """
 
     monitor: str | None = None
-    mode: str = "max"
-    save_top_k: int = 1
-    every_n_train_steps: int = 100
+    mode: Annotated[str, one_of("max", "min")] = "max"
+    save_top_k: Annotated[int, at_least(-1)] = 1
+    every_n_train_steps: Annotated[int, at_least(1)] = 100
 
     def open(self, folder: Path) -> L.Callback:
         from lightning.pytorch.callbacks import ModelCheckpoint  # noqa: PLC0415

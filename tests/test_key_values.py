@@ -1,0 +1,112 @@
+"""Every key of every task and every option of every plugin takes what fits, and says in one line what does not."""
+
+from contextlib import contextmanager
+from copy import deepcopy
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import CompactHydraException
+from omegaconf import OmegaConf, read_write
+from omegaconf.errors import OmegaConfBaseException
+
+from brushexp.app.command_line import GROUPS, in_full
+from brushexp.app.composition import check
+from brushexp.app.keys import keys_of
+from brushexp.app.mistakes import in_our_words
+from brushexp.app.schema import TASKS
+from brushexp.errors import UserError
+from brushexp.registry import MULTI_SELECT, plugins
+
+ROOT = Path(__file__).parents[1]
+CONF = ROOT / "conf"
+NEEDED = {"export": "catalogue=a.h5", "compare": "runs=a", "analyse": "catalogue=a.h5", "view": "catalogue=a.h5"}
+TASK_OF = {"engine": "simulate", "to": "export"}  # families that task=paint does not have
+NEVER = ["nan", "-inf", "1e39", "9" * 23, "text", "''", "[1]", "[nan]", "[[mse]]", "{a: 1}", "true"]  # of a number
+VALUES = [*NEVER, "-1", "0", "0.5", "null"]
+NUMBERS = (int, float, int | None, float | None)
+PARSER = OverridesParser.create()
+
+
+@contextmanager
+def typed_into(cfg, words):
+    """The config with words of the command line, as Hydra puts them into it; what was there comes back."""
+    overrides = PARSER.parse_overrides(in_full(words))
+    kept = {override.key_or_group: deepcopy(OmegaConf.select(cfg, override.key_or_group)) for override in overrides}
+    try:
+        ConfigLoaderImpl._apply_overrides_to_config(overrides, cfg)
+        yield cfg
+    finally:
+        with read_write(cfg):
+            for name, value in kept.items():
+                OmegaConf.update(cfg, name, value, merge=False)
+
+
+def refusal(cfg, task, words):
+    """What the program says about these words; "" if it takes them."""
+    try:
+        with typed_into(cfg, words):
+            check(cfg, words)
+    except UserError as error:
+        return str(error)
+    except (CompactHydraException, OmegaConfBaseException) as error:
+        cause = f": {error.__cause__}" if error.__cause__ else ""
+        said = in_our_words(" ".join(f"{error}{cause}".split()), task, CONF)
+        return said or f"in words of Hydra: {error}\n"
+    return ""
+
+
+def composed(task, *words):
+    words = in_full([f"task={task}", *([NEEDED[task]] if task in NEEDED else []), *words])
+    with initialize_config_dir(version_base="1.3", config_dir=str(CONF)):
+        return compose("config", overrides=words)
+
+
+def declared():
+    """Task, words that compose a config with it, name and type of every key and option, each once."""
+    seen = set()
+    for task, schema in TASKS.items():
+        for name, key in keys_of(schema).items():
+            if (name, key.annotation, key.bounds) not in seen:
+                seen.add((name, key.annotation, key.bounds))
+                yield (task, ()), name, key.annotation
+    for plugin in plugins():
+        choice = (
+            f"{plugin.family}=[{plugin.name}]" if plugin.family in MULTI_SELECT else f"{plugin.family}={plugin.name}"
+        )
+        for item in fields(plugin.config):
+            if item.name != "_target_" and (plugin.family, item.name, plugin.bounds[item.name]) not in seen:
+                seen.add((plugin.family, item.name, plugin.bounds[item.name]))
+                yield (TASK_OF.get(plugin.family, "paint"), (choice,)), f"{plugin.path}.{item.name}", item.type
+
+
+def test_every_value_fits_or_is_refused_in_one_line_that_names_the_key():
+    configs, wrong = {}, []
+    for (task, words), name, kind in declared():
+        if (task, words) not in configs:
+            configs[task, words] = composed(task, *words)
+        for value in VALUES:
+            said = refusal(configs[task, words], task, [f"{name}={value}"])
+            if (said and (name not in said or "\n" in said)) or (not said and value in NEVER and kind in NUMBERS):
+                wrong.append(f"{name}={value}: {said}")
+    assert not wrong
+
+
+@pytest.mark.parametrize("value", ["null", "[1]", "[[mse]]", "7", "nan", "true", "''", "mse,null"])
+@pytest.mark.parametrize("group", sorted(GROUPS))
+def test_what_can_be_no_name_is_refused_before_hydra_sees_it(group, value):
+    with pytest.raises(UserError, match=f"{group}=.* is no name; choose one of"):
+        in_full(["-m", f"{group}={value}"])
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_every_task_begins_with_what_it_needs_and_no_more(task):
+    check(composed(task))
+
+
+def test_a_family_of_one_member_has_one():
+    with pytest.raises(UserError, match="init is not chosen; choose one of grid, "):
+        check(composed("paint", "init=[]"))
