@@ -190,7 +190,8 @@ def lightning_cost(blocks: int = 12, steps: int = 15) -> None:
                 times["bare"].append(time.process_time() - begin)
                 begin = time.process_time()
                 for _ in range(steps):
-                    assert painter.catalogue.is_finite() and all(term.isfinite() for term in painter.terms.values())
+                    assert painter.catalogue.is_finite()
+                    assert all(term.isfinite() for term in painter.terms.values())
                 times["of it, the check for finite numbers"].append(time.process_time() - begin)
                 self.begin = time.process_time()
 
