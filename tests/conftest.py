@@ -14,6 +14,7 @@ from hypothesis import settings
 from omegaconf import DictConfig
 
 from brushexp.app.command_line import in_full, prepare
+from brushexp.app.runner import carry_out
 
 # The same examples at every run: a failure is one of the change, and not of chance.
 settings.register_profile("repeatable", derandomize=True)
@@ -50,6 +51,6 @@ def run_task(config, tmp_path, monkeypatch) -> Callable[..., dict[str, object]]:
         monkeypatch.setattr(module, "HydraConfig", SimpleNamespace(get=lambda: hydra))
         monkeypatch.setattr("brushexp.training.benchmark.ACROSS", 2)
         monkeypatch.setattr("brushexp.training.benchmark.REPETITIONS", 1)
-        return module.run(config(*overrides), time.monotonic())
+        return carry_out(module, config(*overrides), time.monotonic(), tmp_path)
 
     return run

@@ -6,6 +6,7 @@ It is here and not in brushexp because Hydra takes sweepers from the namespace p
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper, BasicSweeperConf
 from hydra.core.config_search_path import ConfigSearchPath
@@ -44,6 +45,7 @@ class SettingsSweeper(BasicSweeper):
     ) -> list[list[list[str]]]:
         """The overrides of every job, in batches, each checked before anything of the sweep is written."""
         from brushexp.app.composition import check  # noqa: PLC0415  (Hydra imports this file for any program)
+        from brushexp.app.run_folder import take  # noqa: PLC0415
         from brushexp.errors import UserError  # noqa: PLC0415
 
         assert self.hydra_context is not None
@@ -59,6 +61,7 @@ class SettingsSweeper(BasicSweeper):
                 check(loader.load_sweep_config(self.config, job), job)
             except UserError as error:
                 raise UserError(f"job {number} of the sweep ({' '.join(job)}): {error}") from error
+        take(Path(self.config.hydra.sweep.dir), self.config)
         return [list(batch) for batch in self.split_overrides_to_chunks(jobs, max_batch_size)]
 
     def validate_batch_is_legal(self, batch: Sequence[Sequence[str]]) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, ListConfig, OmegaConf
@@ -93,6 +94,16 @@ def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
     names = [plugin.name for plugin in plugins("renderer")]
     if cfg.get("warm_up") not in ("auto", None, *names):
         raise UserError(f"warm_up={cfg.warm_up} is not a renderer; choose auto, null or one of {', '.join(names)}")
+
+
+def leaves(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:
+    """All values of nested settings, by what is typed."""
+    settings = dict(enumerate(settings)) if isinstance(settings, list) else settings
+    if not isinstance(settings, dict):
+        yield above, settings
+        return
+    for key, value in settings.items():
+        yield from leaves(value, f"{above}.{key}".lstrip("."))
 
 
 def check_chosen(cfg: DictConfig) -> None:

@@ -1,5 +1,6 @@
 """The Lightning Trainer of a task, with the device, options and callbacks of its config; an interrupted fit goes on."""
 
+import logging
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,17 +12,27 @@ from hydra.core.hydra_config import HydraConfig
 from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.app.composition import check
+from brushexp.app.composition import check, leaves
 from brushexp.app.keys import typed
 from brushexp.app.schema import TASKS
 from brushexp.errors import UserError
 from brushexp.registry import build, plain_config
-from brushexp.system.callbacks import ProgressBar, TimedCheckpoint
+from brushexp.results.sweep import first_line
+from brushexp.system.callbacks import DIVERGED, FAILED, INTERRUPTED, ProgressBar, TimedCheckpoint
 from brushexp.system.reading import check_plain, digest_of, read_pickled
+
+log = logging.getLogger(__name__)
 
 CHECKPOINT = "checkpoint.ckpt"  # in a run's folder
 RECORD = "brushexp"  # key of the settings in it
-OVERRIDABLE = ("output", "device", "threads", "checkpoint_every")  # keys that may change when a run is resumed
+OVERRIDABLE = (
+    "output",
+    "overwrite",
+    "resume",
+    "device",
+    "threads",
+    "checkpoint_every",
+)  # keys that may change when a run is resumed
 
 
 def trainer_of(
@@ -56,6 +67,47 @@ def trainer_of(
         raise UserError(f"trainer: {error}; see the options of Lightning's Trainer") from error
 
 
+def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | None = None) -> BaseException | None:
+    """Fit a module, from a checkpoint if there is one; what is done is then to be written, and `conclude` to be called.
+
+    What goes wrong before the first step is raised; what does later is returned, with ``module.stop`` as `FAILED`.
+
+    Raises:
+        UserError: if the checkpoint is of something else.
+    """
+    record = next(callback for callback in trainer.callbacks if isinstance(callback, RunRecord))  # type: ignore[attr-defined]
+    try:
+        trainer.fit(module, data, ckpt_path=None if checkpoint is None else str(checkpoint))
+    except (Exception, SystemExit) as error:
+        if record.begun and trainer.global_step and not isinstance(error.__context__, KeyboardInterrupt):
+            log.error("step %d failed, what is done will be written: %s", trainer.global_step + 1, first_line(error))
+            module.stop = FAILED
+            return error
+        if checkpoint is None or record.begun or isinstance(error, UserError | SystemExit):
+            raise
+        reason = f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
+        raise UserError(f"resume: {checkpoint} does not fit its own settings ({reason}); start anew") from error
+    return None
+
+
+def conclude(module: Any, folder: Path, cfg: DictConfig, failure: BaseException | None, steps: int) -> None:
+    """End a fit of which all that it leaves is on disk; now its checkpoint goes, if the fit has come to its end.
+
+    Raises:
+        KeyboardInterrupt: if it was interrupted.
+        UserError: if it diverged; or the ``failure``.
+    """
+    if module.stop == INTERRUPTED:
+        resume = f"python run.py {'' if cfg.task == 'paint' else f'task={cfg.task} '}resume={folder}"
+        log.warning("interrupted at step %d; continue with: %s", steps, resume)
+        raise KeyboardInterrupt
+    if failure is not None:
+        raise failure
+    if module.stop == DIVERGED:
+        raise UserError(f"{module.trouble}; {folder} has what was there before it; lower the rate, or drop the loss")
+    (folder / CHECKPOINT).unlink(missing_ok=True)
+
+
 class RunRecord(L.Callback):
     """Puts the settings of a run into its checkpoints, and the digests of the files that they name."""
 
@@ -84,7 +136,7 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
     if not path.is_file():
         raise UserError(f"resume={folder}: there is no {path.name}; give the folder of an interrupted run")
     for override in HydraConfig.get().overrides.task:
-        if override.lstrip("+~").partition("=")[0] not in (*OVERRIDABLE, "resume", "task"):
+        if override.lstrip("+~").partition("=")[0] not in (*OVERRIDABLE, "task"):
             raise UserError(f"resume continues a run with its own settings; drop {override}")
     try:
         record = read_pickled(path, "start anew")[RECORD]
@@ -105,35 +157,12 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
     for key, (file, digest) in paths.items():
         if not file.is_file() or digest_of(file) != digest:
             raise UserError(f"resume={folder}: {key}={file} is not the file that the run began with; put it back")
+        if file.suffix:  # else it may be a name that means something else
+            OmegaConf.update(kept, key, str(file))  # this folder may be another
     return path, kept
 
 
-def fit(
-    trainer: L.Trainer, module: L.LightningModule, data: L.LightningDataModule | None, checkpoint: Path | None
-) -> None:
-    """Fit a module, from a checkpoint if there is one.
-
-    Raises:
-        UserError: if the checkpoint is of something else.
-    """
-    record = next(callback for callback in trainer.callbacks if isinstance(callback, RunRecord))  # type: ignore[attr-defined]
-    try:
-        trainer.fit(module, data, ckpt_path=None if checkpoint is None else str(checkpoint))
-    except UserError:
-        raise
-    except Exception as error:  # of Lightning or of whatever is to be restored
-        if checkpoint is None or record.begun:
-            raise
-        reason = f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
-        raise UserError(f"resume: {checkpoint} does not fit its own settings ({reason}); start anew") from error
-
-
-def digests(settings: Any, above: str = "") -> dict[str, tuple[str, str]]:
+def digests(settings: Any) -> dict[str, tuple[str, str]]:
     """Of all files that settings name: key -> path and digest."""
-    if isinstance(settings, str) and os.path.isfile(settings):  # False too for what can be no path
-        return {above: (str(Path(settings).resolve()), digest_of(Path(settings)))}
-    settings = dict(enumerate(settings)) if isinstance(settings, list) else settings
-    found: dict[str, tuple[str, str]] = {}
-    for key, value in settings.items() if isinstance(settings, dict) else ():
-        found |= digests(value, f"{above}.{key}".lstrip("."))
-    return found
+    named = [(key, Path(value)) for key, value in leaves(settings) if isinstance(value, str) and os.path.isfile(value)]
+    return {key: (str(path.resolve()), digest_of(path)) for key, path in named}

@@ -31,8 +31,8 @@ def fit_network(
     loggers: Sequence[Logger],
     callbacks: Sequence[L.Callback] = (),
     resumed: Path | None = None,
-) -> None:
-    """Train until the first limit of the config, then validate what will be kept, unless that is done."""
+) -> BaseException | None:
+    """Train until the first limit of the config, then validate what will be kept, unless that is done; see `fit`."""
     if cfg.epochs is None and cfg.minutes is None and cfg.trainer.max_steps < 0:
         raise UserError("neither epochs nor minutes is set, so training would never end; set minutes=60")
     options = {"log_every_n_steps": min(cfg.trainer.log_every_n_steps, len(data.train_dataloader()))}
@@ -41,10 +41,10 @@ def fit_network(
     timer = Timer(None if cfg.minutes is None else timedelta(minutes=cfg.minutes), verbose=False)
     averages = [MovingAverage(cfg.ema)] if cfg.ema else []
     trainer = trainer_of(cfg, device, folder, loggers, [timer, *averages, *callbacks], num_sanity_val_steps=0)
-    if cfg.epochs != 0:
-        fit(trainer, module, data, resumed)
+    failure = None if cfg.epochs == 0 else fit(trainer, module, data, resumed)
     if module.validated != module.global_step:
         trainer.validate(module, data, verbose=False)
+    return failure
 
 
 def renderer_settings(cfg: DictConfig) -> RendererSettings:

@@ -1,11 +1,15 @@
-"""Hand the config over to its task."""
+"""Hand the config over to its task; here a run ends, whatever ends it."""
 
 import gc
 import importlib
 import logging
 import os
 import time
+import traceback
 import warnings
+from contextlib import suppress
+from pathlib import Path
+from types import ModuleType
 
 import torch
 from hydra.conf import HydraConf
@@ -15,6 +19,12 @@ from omegaconf import DictConfig
 
 from brushexp.app.composition import check
 from brushexp.errors import UserError
+from brushexp.results.sweep import first_line, note_result
+from brushexp.system.files import write_json
+from brushexp.system.runtime import peak_memory
+
+NO_MEMORY = ("can't allocate memory", "not enough memory", "Unable to allocate")  # what torch and NumPy say
+SIZES = ("resolution", "strokes", "batch_size", "n")  # keys that less memory is needed with
 
 log = logging.getLogger(__name__)
 
@@ -32,13 +42,59 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
     try:
         check(cfg, list(hydra.overrides.task))
         torch.set_num_threads(cfg.threads or fair_share(hydra))
-        result: dict[str, object] = task.run(cfg, start)
-        return result
+        return carry_out(task, cfg, start, Path(hydra.runtime.output_dir))
     except UserError as error:
         if hydra.mode is RunMode.MULTIRUN:
             raise  # the other jobs go on, and this one is marked in the table
         log.error(error)
         raise SystemExit(1) from error
+    except KeyboardInterrupt as error:
+        if hydra.mode is RunMode.MULTIRUN:  # Hydra tells its callbacks nothing
+            note_result(Path(hydra.runtime.output_dir), cfg, hydra.overrides.task, error)
+        raise
+
+
+def carry_out(task: ModuleType, cfg: DictConfig, start: float, folder: Path) -> dict[str, object]:
+    """Run a task in its folder; ``metrics.json`` says how it ended, unless the task has written that itself.
+
+    Raises:
+        UserError: if a user can mend what went wrong: no memory, a full disk, or a plugin that ends the program.
+        KeyboardInterrupt: after a signal.
+    """
+    path = folder / "metrics.json"
+    try:
+        result: dict[str, object] = task.run(cfg, start)
+        if "status" not in result:
+            result |= {"seconds_total": time.monotonic() - start, "peak_memory_mb": peak_memory()}
+            result["status"] = "completed"
+            write_json(path, result)
+        return result
+    except BaseException as error:
+        reason = in_users_words(error, cfg)
+        if not path.exists():
+            status = "interrupted" if isinstance(reason, KeyboardInterrupt) else "failed"
+            with suppress(UserError):
+                write_json(path, {"status": status, "error": first_line(reason)})
+        if reason is error:
+            raise
+        raise reason from error
+
+
+def in_users_words(error: BaseException, cfg: DictConfig) -> BaseException:
+    """What a user can mend as a UserError, and an interruption, which Lightning makes a SystemExit, as what it is."""
+    if isinstance(error, SystemExit):
+        if isinstance(error.__context__, KeyboardInterrupt):
+            return KeyboardInterrupt()
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        return UserError(
+            f"{frame.filename}:{frame.lineno} ends the program (exit code {error.code}); let it raise instead"
+        )
+    if isinstance(error, MemoryError | torch.OutOfMemoryError) or any(text in str(error) for text in NO_MEMORY):
+        smaller = " or ".join(f"{key}=" for key in SIZES if key in cfg)
+        return UserError(f"there is not enough memory; take a smaller {smaller}")
+    if isinstance(error, OSError) and error.filename is None and error.errno is not None:
+        return UserError(f"cannot write into {cfg.output}: {error.strerror}; choose another folder with output=...")
+    return error
 
 
 def fair_share(hydra: HydraConf) -> int:

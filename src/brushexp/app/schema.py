@@ -31,6 +31,7 @@ class Task:
     device: str = key("auto", "auto, cpu, cuda, cuda:1, ...")
     threads: int | None = key(None, "processor cores; null = all, shared between the jobs of a sweep", at_least(1))
     output: str = key("outputs/${now:%Y-%m-%d_%H-%M-%S}", "folder of the run; of a sweep, the folder of its runs")
+    overwrite: bool = key(False, "replace the run or sweep that output holds, with all that it has left there")
 
 
 @dataclass
@@ -124,11 +125,13 @@ class TrainTask(Task):
     batch_size: int = key(64, "strokes of a step", at_least(1))
     epochs: int | None = key(None, "passes through the data; null = no limit; 0 = no gradient step", at_least(0))
     minutes: float | None = key(60, "of wall time; null = no limit. The rate falls to the first limit", at_least(0))
-    lr: float = key(5.0e-4, "highest learning rate; from 1e-3 on some starts end in blank pictures", above(0))
+    lr: float = key(5.0e-4, "highest learning rate; from 1e-3 on some starts end in blank pictures", above(0, 1))
     ema: float = key(0.999, EMA, between(0, 1))
     limit: int | None = key(None, LIMIT, at_least(1))
     critic: bool = key(False, "RaSGAN beside L2: a critic scores the pictures")
-    critic_lr: float = key(2.0e-3, "its highest learning rate, four times lr: the critic is the faster one", above(0))
+    critic_lr: float = key(
+        2.0e-3, "its highest learning rate, four times lr: it is the faster one", above(0, 1)
+    )
     critic_weight: float = key(0.1, "how hard it pulls at the pictures, as a share of how hard L2 does", at_least(0))
     critic_width: int = key(16, "its channels at full size", at_least(1))
     fid: int = key(256, "held-out strokes whose FID (effl0) is a curve of the validations; 0 = none", at_least(0))
@@ -162,7 +165,7 @@ class PruneTask(Task):
     batch_size: int = key(64, "strokes of a step", at_least(1))
     epochs: int | None = key(None, "of fine-tuning each network, passes through the data; null = no limit", at_least(0))
     minutes: float | None = key(10, "of wall time for each network; null = no limit", at_least(0))
-    lr: float = key(3.0e-4, "highest learning rate", above(0))
+    lr: float = key(3.0e-4, "highest learning rate", above(0, 1))
     ema: float = key(0.999, EMA, between(0, 1))
     limit: int | None = key(None, LIMIT, at_least(1))
 

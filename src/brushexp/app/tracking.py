@@ -58,7 +58,9 @@ class Trackers(LightningLogger):
         self.run = replace(self.run, metrics=metrics, **results)
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        status = "interrupted" if self.run.metrics.get("status") == "interrupted" else "completed"
+        status = {"interrupted": "interrupted", "diverged": "failed", "failed": "failed"}.get(
+            str(self.run.metrics.get("status")), "completed"
+        )
         if kind is not None:  # Lightning makes a second Ctrl-C a SystemExit
             status = "interrupted" if issubclass(kind, KeyboardInterrupt | SystemExit) else "failed"
         for name, tracker in self.chosen.items():

@@ -23,9 +23,9 @@ from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Catalogue, Strokes, check_strokes
+from brushexp.system.callbacks import DIVERGED
 
 log = logging.getLogger(__name__)
-DIVERGED = "diverged"
 CHANGE_PIXELS = 0.01  # by which a renderer may change a stroke without its being counted
 
 
@@ -165,9 +165,13 @@ class Painter(L.LightningModule):
         with partial_update(self.catalogue, unwrapped(optimizer), view.active, self.visits) as moving:
             accuracy = self.depth.needs_accuracy(schedule, partial=view.active is not None)
             self.look_at(view, before, moving, accuracy=accuracy)
-            optimizer.step(closure=optimizer_closure)
-            if not self._went_well(moving):
-                moving.replace(before if view.active is None else before[view.active])
+            well = False
+            try:
+                optimizer.step(closure=optimizer_closure)
+                well = self._went_well(moving)
+            finally:  # also after what a loss raises
+                if not well:
+                    moving.replace(before if view.active is None else before[view.active])
             moving.keep_in_range()
             strokes = moving()
             clamped = self.renderer.clamp(strokes)

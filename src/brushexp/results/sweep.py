@@ -4,6 +4,7 @@ Loaded with the program: what it needs to write a report is imported when it doe
 """
 
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,16 +32,21 @@ class SweepReport(Callback):
         if job_return.status is JobStatus.FAILED:
             log_failure(run_folder, job_return._return_value, everywhere=sweep)
         if sweep:
-            from brushexp.system.files import write_json  # noqa: PLC0415
-
-            try:  # Hydra would turn an exception into a warning
-                write_json(run_folder / "result.json", result_of(run_folder.name, config, job_return))
-                renew(run_folder.parent)
-            except Exception as error:
-                log.error("no report of this run: %s", error, exc_info=not isinstance(error, UserError))
+            note_result(run_folder, config, config.hydra.overrides.task, job_return._return_value)
 
     def on_multirun_end(self, config: DictConfig, **_: Any) -> None:
         Path(config.hydra.sweep.dir, LOCK).unlink(missing_ok=True)  # all jobs are done, nobody waits for it
+
+
+def note_result(folder: Path, cfg: DictConfig, overrides: Sequence[str], result: Any) -> None:
+    """Write the ``result.json`` of a job, of what its task returned or raised, and renew the report of its sweep."""
+    from brushexp.system.files import write_json  # noqa: PLC0415
+
+    try:  # Hydra would turn an exception into a warning
+        write_json(folder / "result.json", result_of(folder.name, cfg, overrides, result))
+        renew(folder.parent)
+    except Exception as error:
+        log.error("no report of this run: %s", error, exc_info=not isinstance(error, UserError))
 
 
 def renew(folder: Path) -> None:
@@ -73,18 +79,18 @@ def write_comparison(folder: Path, frame: Any) -> Path | None:
     return front
 
 
-def result_of(run: str, config: DictConfig, job_return: JobReturn) -> dict[str, Any]:
+def result_of(run: str, cfg: DictConfig, overrides: Sequence[str], result: Any) -> dict[str, Any]:
     """What ``result.json`` of a run holds: its settings, how it ended, and the numbers that the task returned."""
     from brushexp.results.runs import parse_overrides  # noqa: PLC0415
 
-    result: dict[str, Any] = {"run": run, "status": job_return.status.name.lower()}
-    if job_return.status is not JobStatus.COMPLETED:
-        result["error"] = first_line(job_return._return_value)
-    result["overrides"] = parse_overrides(config.hydra.overrides.task)
-    losses = OmegaConf.select(config, "loss")
+    found: dict[str, Any] = {"run": run, "status": "completed", "overrides": parse_overrides(overrides)}
+    losses = OmegaConf.select(cfg, "loss")
     if losses is not None:
-        result["loss"] = "+".join(losses)  # the choices that Hydra records leave out groups chosen by a list
-    return result if "error" in result else result | (job_return.return_value or {})
+        found["loss"] = "+".join(losses)  # the choices that Hydra records leave out groups chosen by a list
+    if isinstance(result, BaseException):
+        status = "interrupted" if isinstance(result, KeyboardInterrupt) else "failed"
+        return found | {"status": status, "error": first_line(result)}
+    return found | (result or {})
 
 
 def first_line(error: BaseException) -> str:

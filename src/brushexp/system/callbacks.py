@@ -2,9 +2,10 @@
 
 Of a LightningModule they read ``title`` (what is being done; a new one begins a new bar), ``progress`` (how much of it
 is done, 0 to 1), ``state_line()`` (step, loss and quality in a few words) and ``stop`` (why the fit ends before its
-last step; "" while it goes on), which they also set.
+last step; "" while it goes on), which they also set, and ``trouble`` (at which step and how it diverged).
 """
 
+import logging
 import math
 import time
 from contextlib import ExitStack
@@ -16,11 +17,13 @@ import lightning as L
 from lightning.pytorch.callbacks import Checkpoint, WeightAveraging
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
+from brushexp.errors import UserError
 from brushexp.system.files import replacing
 from brushexp.system.progress import showing
 from brushexp.system.runtime import interruptible
 
-INTERRUPTED = "interrupted"
+log = logging.getLogger(__name__)
+INTERRUPTED, DIVERGED, FAILED = "interrupted", "diverged", "failed"  # how a fit stops that has not come to its end
 FIRST_SECONDS = 10  # until the first checkpoint, at most
 REFRESH_SECONDS = 0.2  # between two updates of the bar: reading the loss and writing a line cost time
 
@@ -78,8 +81,13 @@ class TimedCheckpoint(Checkpoint):
         if self.pressed.is_set() and not pl_module.stop:
             pl_module.stop, trainer.should_stop = INTERRUPTED, True
         if pl_module.stop == INTERRUPTED or (time.monotonic() > self.due and not pl_module.stop):
-            with replacing(self.path) as temporary:
-                trainer.save_checkpoint(temporary)
+            try:
+                with replacing(self.path) as temporary:
+                    trainer.save_checkpoint(temporary)
+                for logger in trainer.loggers:
+                    logger.save()  # what comes later is written again by a run that goes on
+            except UserError as error:  # a disk may have room again before the end
+                log.warning("no checkpoint at step %d: %s", trainer.global_step, error)
             self.due = time.monotonic() + self.every
 
     def on_train_end(self, *_: object) -> None:

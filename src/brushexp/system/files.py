@@ -17,6 +17,8 @@ from torch import Tensor
 
 from brushexp.errors import UserError
 
+TEMPORARY = ".brushexp-*"  # files that are being written
+
 
 @contextmanager
 def replacing(path: Path, key: str = "output") -> Iterator[Path]:
@@ -27,7 +29,7 @@ def replacing(path: Path, key: str = "output") -> Iterator[Path]:
     Raises:
         UserError: if the file cannot be written; it proposes another place with ``key``.
     """
-    temporary = path.with_name(f".{path.stem[:40]}-{secrets.token_hex(4)}{path.suffix}")
+    temporary = path.with_name(f"{TEMPORARY[:-1]}{secrets.token_hex(8)}{path.suffix}")
     try:
         yield temporary
         with temporary.open("r+b") as file:

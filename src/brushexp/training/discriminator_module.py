@@ -72,7 +72,8 @@ class DiscriminatorModule(NetworkModule):
         valid, corrupted, hard = self.network(torch.cat(batch[:3])).split(len(batch.valid))
         logistic = functional.softplus(-valid).mean() + functional.softplus(corrupted).mean()
         order = functional.softplus(corrupted - hard).mean()
-        if self.note({"loss/logistic": logistic.detach(), "loss/order": order.detach()}):
+        self.terms = {"loss/logistic": logistic.detach(), "loss/order": order.detach()}
+        if self.note(self.terms):
             self.loss = float(logistic.detach())
         return logistic + order
 

@@ -2,12 +2,16 @@
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import lightning as L
+import torch
 from lightning.pytorch.callbacks import Timer
-from torch import Tensor
+from torch import Tensor, nn
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LambdaLR
+
+from brushexp.system.callbacks import DIVERGED
 
 WARMUP_STEPS, WARMUP_SHARE = 200, 0.1  # over which the rate rises; of a short training a share of the steps
 FINAL_RATE = 0.01  # of the highest learning rate, at the end
@@ -17,10 +21,13 @@ class NetworkModule(L.LightningModule):
     """A network that is trained until the first limit of its Trainer: ``max_steps``, ``max_epochs`` or a `Timer`."""
 
     title = "training"  # for the progress bar
+    clip_norm: float | None = None  # longest gradient, unless the Trainer has another
 
     def __init__(self) -> None:
         super().__init__()
         self.stop = ""  # why training ends before its limit (`system.callbacks`)
+        self.trouble = ""  # how the weights would have become no numbers; they stay as they were before that step
+        self.terms: dict[str, Tensor] = {}  # the losses of the last step
         self.figures: dict[str, float] = {}  # of the last validation
         self.validated = -1  # the step at which they were measured
 
@@ -62,6 +69,29 @@ class NetworkModule(L.LightningModule):
         if due:
             self.log_dict(dict(curves))
         return due
+
+    def configure_gradient_clipping(
+        self, optimizer: Any, gradient_clip_val: float | None = None, gradient_clip_algorithm: str | None = None
+    ) -> None:
+        weights = [weight for group in optimizer.param_groups for weight in group["params"]]
+        norm = nn.utils.get_total_norm([weight.grad for weight in weights if weight.grad is not None])
+        longest = gradient_clip_val or self.clip_norm
+        if not self.goes_well(norm) and self.stop:
+            optimizer.zero_grad(set_to_none=True)  # nothing moves without a gradient
+        elif gradient_clip_algorithm == "value":
+            self.clip_gradients(optimizer, longest, gradient_clip_algorithm)
+        elif longest:
+            nn.utils.clip_grads_with_norm_(weights, longest, norm)
+
+    def goes_well(self, norm: Tensor) -> bool:
+        """Whether a gradient of this norm and the losses are finite; if not, training ends with this step."""
+        well = bool(torch.stack([norm, *self.terms.values()]).isfinite().all())
+        if not well and not self.trouble and getattr(self.trainer.precision_plugin, "scaler", None) is None:
+            wrong = next((name for name, term in self.terms.items() if not term.isfinite()), None)
+            what = f"{wrong} is {float(self.terms[wrong])}" if wrong else "the gradient is not finite"
+            self.stop, self.trouble = DIVERGED, f"step {self.global_step + 1}: {what}"
+            self.trainer.should_stop = True
+        return well
 
     def _timers(self) -> list[Timer]:
         callbacks = self.trainer.callbacks if self._trainer is not None else []  # type: ignore[attr-defined]

@@ -18,7 +18,6 @@ from brushexp.training.network_module import NetworkModule
 BETAS = (0.9, 0.99)  # of Adam, for the renderer
 CRITIC_BETAS = (0.5, 0.99)  # for the critic, and for the renderer beside one: their aims move
 WEIGHT_DECAY = 1e-4
-CLIP_NORM = 1.0  # longest gradient
 SLOPE = 0.2  # of the critic's leaky ReLU
 SMALLEST, WIDEST = 4, 256  # pixels on the side of what its dense layers see, and its channels at most
 DENSE = (256, 64)
@@ -88,6 +87,8 @@ class RendererModule(NetworkModule):
     its windows are of another size.
     """
 
+    clip_norm = 1.0
+
     def __init__(self, renderer: Renderer, window: int, settings: RendererSettings) -> None:
         super().__init__()
         if not any(parameter.requires_grad for parameter in renderer.parameters()):
@@ -121,24 +122,19 @@ class RendererModule(NetworkModule):
         if self.critic is not None:
             self.critic_schedule.step()
 
-    def configure_gradient_clipping(
-        self, optimizer: Any, gradient_clip_val: float | None = None, gradient_clip_algorithm: str | None = None
-    ) -> None:
-        self.clip_gradients(optimizer, gradient_clip_val or CLIP_NORM, gradient_clip_algorithm or "norm")
-
     def training_step(self, batch: StrokeBatch, batch_idx: int) -> Tensor:
         drawn = window_pictures(self.renderer, batch.parameters, self.window, batch.number).float()
         drawn, truth = premultiplied(drawn), premultiplied(batch.images)
         loss = (drawn - truth).square().mean()
-        curves = {"loss/l2": loss.detach()}
+        self.terms = {"loss/l2": loss.detach()}
         if self.critic is not None:
-            curves["loss/critic"] = self._step_critic(self.critic, drawn.detach(), truth)
-            curves["loss/adversarial"], slope = self._ask_critic(self.critic, drawn, truth)
+            self._step_critic(self.critic, drawn.detach(), truth)
+            self.terms["loss/adversarial"], slope = self._ask_critic(self.critic, drawn, truth)
             pulled = (drawn * slope).sum()  # its gradient in the pictures is the slope
             loss = pulled + (loss - pulled).detach()  # and its value L2
         self._strokes = len(drawn)
-        if self.note(curves):
-            self.loss = float(curves["loss/l2"])
+        if self.note(self.terms):
+            self.loss = float(self.terms["loss/l2"])
         return loss
 
     def on_validation_epoch_start(self) -> None:
@@ -179,15 +175,15 @@ class RendererModule(NetworkModule):
         speed = self.global_step * self._strokes / max(self.seconds, 1e-9)
         return f"L2 {self.loss:.5f} ({decibels(self.loss):.2f} dB){quality}  {speed:.0f} strokes/s"
 
-    def _step_critic(self, critic: Critic, drawn: Tensor, truth: Tensor) -> Tensor:
-        """One step of the critic, true pictures above drawn ones; its loss."""
+    def _step_critic(self, critic: Critic, drawn: Tensor, truth: Tensor) -> None:
+        """One step of the critic, true pictures above drawn ones."""
         critic.requires_grad_(True)
         loss = relativistic_loss(critic(truth), critic(drawn))
         self.critic_optimizer.zero_grad(set_to_none=True)
         loss.backward()
-        nn.utils.clip_grad_norm_(critic.parameters(), CLIP_NORM)
-        self.critic_optimizer.step()
-        return loss.detach()
+        self.terms["loss/critic"] = loss.detach()
+        if self.goes_well(nn.utils.clip_grad_norm_(critic.parameters(), self.clip_norm)):
+            self.critic_optimizer.step()
 
     def _ask_critic(self, critic: Critic, drawn: Tensor, truth: Tensor) -> tuple[Tensor, Tensor]:
         """The renderer's side, drawn pictures above true ones: its loss, and where L2 and critic push the pictures."""

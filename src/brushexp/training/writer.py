@@ -22,7 +22,7 @@ from torch import Tensor
 from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.strokes.prior import parameters_of, sample_prior
-from brushexp.system.files import write_bytes
+from brushexp.system.files import TEMPORARY, write_bytes
 from brushexp.system.hdf5 import HDF5, fixed
 from brushexp.system.progress import counting
 from brushexp.system.runtime import interruptible
@@ -94,7 +94,7 @@ def _locked(path: Path, wait: bool) -> AbstractContextManager[object]:
 
 def _whole_shards(path: Path, origin: Origin, seed: int, n: int) -> dict[int, Shard]:
     """The shards that are there, by their first strokes; they must belong to this set."""
-    for rest in path.glob(".*.h5"):  # of writing that was killed
+    for rest in path.glob(TEMPORARY):  # of writing that was killed
         rest.unlink()
     found = {}
     for file in sorted(path.glob("[0-9]*.h5")):

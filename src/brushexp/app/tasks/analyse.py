@@ -1,7 +1,6 @@
 """``task=analyse``: the brushwork of a saved painting in numbers and figures, alone or beside another."""
 
 import logging
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -32,8 +31,6 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     return {
         "n_strokes": len(found[0].number),
         **{f"brushwork_{key}": value for key, value in mean_measures(found[0]).items()},
-        "seconds_total": time.monotonic() - start,
-        "status": "completed",
     }
 
 

@@ -20,8 +20,7 @@ from brushexp.registry import build, build_named, plugin_of
 from brushexp.results.tables import csv_table
 from brushexp.system.checkpoint import weights_hash
 from brushexp.system.device import device_of
-from brushexp.system.files import write_json, write_picture, write_text
-from brushexp.system.runtime import peak_memory
+from brushexp.system.files import write_picture, write_text
 from brushexp.training.benchmark import draw_extremes, evaluate, for_painting, speed_and_size
 from brushexp.training.datamodule import SimulatedData, StoredData, StrokeData
 from brushexp.training.dataset import Split, origin_of
@@ -71,12 +70,8 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         "split": cfg.split,
         "device": str(device),
         "seconds": time.monotonic() - before,
-        "seconds_total": time.monotonic() - start,
-        "peak_memory_mb": peak_memory(),
         "picture": "strokes.png",
-        "status": "completed",
     }
-    write_json(folder / "metrics.json", metrics)
     log.info(
         "%s: L2 %.6f, alpha %.2f dB, FID (effl0, %d strokes) %.2f, %.0f strokes/s forward, %.0f with gradient; %s",
         *(name, figures["l2"], figures["psnr_alpha"], n, figures["fid_effl0"]),

@@ -9,7 +9,7 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.app.fitting import CHECKPOINT, fit, interrupted_run, trainer_of
+from brushexp.app.fitting import conclude, fit, interrupted_run, trainer_of
 from brushexp.app.tracking import trackers_of
 from brushexp.errors import UserError
 from brushexp.features.distance import Distance, open_distance
@@ -17,7 +17,7 @@ from brushexp.painting.assembly import STYLE, components_of, first_strokes, focu
 from brushexp.painting.goals import goals_of
 from brushexp.painting.metrics import measure
 from brushexp.painting.outputs import export_job, renderer_of, summary_line
-from brushexp.painting.painter import DIVERGED, Painter
+from brushexp.painting.painter import Painter
 from brushexp.painting.timelapse import Timelapse
 from brushexp.pictures.load import background_color, load_picture
 from brushexp.pictures.video import Format
@@ -26,7 +26,6 @@ from brushexp.plugins.loss.style import Style
 from brushexp.registry import plugin_of
 from brushexp.strokes.catalogue import Catalogue
 from brushexp.strokes.storage import Saved, save_catalogue
-from brushexp.system.callbacks import INTERRUPTED
 from brushexp.system.device import device_of
 from brushexp.system.files import to_bytes, write_json, write_picture
 from brushexp.system.runtime import peak_memory
@@ -57,14 +56,14 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     painter = Painter(
         catalogue, parts, target, background, seed=cfg.seed, focus=focus, budget=budget, coarse=cfg.coarse
     ).to(device)
-    kind = Format(cfg.timelapse)
+    kind, failure = Format(cfg.timelapse), None
     timelapse = Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds, kind=kind)
     write_picture(folder / "target.png", target)
     with trackers:
         if painter.schedule.steps or cfg.seconds:
             goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
             trainer = trainer_of(cfg, device, folder, [trackers], [timelapse, *goals])
-            fit(trainer, painter, None, checkpoint)
+            failure = fit(trainer, painter, checkpoint=checkpoint)
         metrics = finish(painter, cfg, folder, start, lpips)
         timelapse.write(folder)
         trackers.report(
@@ -76,12 +75,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     if cfg.report:
         report(folder)
     log.info(summary_line(folder, metrics))
-    if painter.stop == INTERRUPTED:
-        log.warning("interrupted at step %d; continue with: python run.py resume=%s", painter.schedule.step, folder)
-        raise KeyboardInterrupt
-    if painter.stop == DIVERGED:
-        raise UserError(f"{painter.trouble}; {folder} has the painting before that; lower the rate, or drop the loss")
-    (folder / CHECKPOINT).unlink(missing_ok=True)  # all that it would bring back is written
+    conclude(painter, folder, cfg, failure, painter.schedule.step)
     return metrics
 
 
@@ -114,7 +108,9 @@ def style_of(painter: Painter, cfg: DictConfig) -> dict[str, float]:
 
 
 def finish(painter: Painter, cfg: DictConfig, folder: Path, start: float, lpips: Distance | None) -> dict[str, object]:
-    """Write the painting, its catalogue and its numbers."""
+    """Write the painting, its catalogue and, when both are there, its numbers."""
+    (folder / "metrics.json").unlink(missing_ok=True)  # those of the painting that is being replaced
+    painter.schedule.pause()
     painter.hand_over()
     canvas, schedule = painter.picture, painter.schedule
     picture = to_bytes(painter.drawn())

@@ -13,7 +13,7 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, open_dict
 
-from brushexp.app.fitting import CHECKPOINT
+from brushexp.app.fitting import conclude
 from brushexp.app.network_fitting import fit_network, renderer_settings, save_renderer
 from brushexp.app.stroke_data import check_origin, stroke_data
 from brushexp.app.stroke_sheets import COLUMNS, sheet_of_strokes
@@ -23,10 +23,8 @@ from brushexp.plugins.renderer.base import RENDERERS, Renderer
 from brushexp.plugins.renderer.neural import Neural
 from brushexp.registry import build, plugin_of
 from brushexp.results.tables import csv_table, markdown_table
-from brushexp.system.callbacks import INTERRUPTED
 from brushexp.system.device import device_of
-from brushexp.system.files import write_json, write_picture, write_text
-from brushexp.system.runtime import peak_memory
+from brushexp.system.files import write_picture, write_text
 from brushexp.training.benchmark import device_of_weights, evaluate, for_painting, speed_and_size
 from brushexp.training.datamodule import StrokeData
 from brushexp.training.dataset import Split
@@ -78,12 +76,9 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         "threads": torch.get_num_threads(),
         "device": str(device),
         "seconds": time.monotonic() - begun,
-        "seconds_total": time.monotonic() - start,
-        "peak_memory_mb": peak_memory(),
         "picture": "strokes.png",
-        "status": "completed",
+        "pruned": rows,
     }
-    write_json(folder / "metrics.json", {**metrics, "pruned": rows})
     log.info("%s, %s", folder / "pruning.md", folder / "strokes.png")
     return metrics
 
@@ -104,16 +99,13 @@ def carry_out(
     before = measured()
     module = RendererModule(pruned.requires_grad_(True), window, renderer_settings(cfg))
     with trackers_of(cfg, folder) as trackers:
-        fit_network(module, data, cfg, folder, device, [trackers], [HeldOutSheet(folder)])
+        failure = fit_network(module, data, cfg, folder, device, [trackers], [HeldOutSheet(folder)])
         started = RENDERERS.read_recipe(RENDERERS.path_of(cfg.renderer.checkpoint)).get("training")
         figures, more = {"validation": module.figures}, {"pruned": ratio, "before": started}
         save_renderer(path, module, data, cfg, figures, {"channels": pruned.widths}, more)
         numbers = {**module.figures, "steps": module.global_step, "status": module.stop or "completed"}
         trackers.report(numbers, pictures={"validation": folder / "validation.png"})
-    if module.stop == INTERRUPTED:
-        log.warning("interrupted; %s was not trained to the end", path)
-        raise KeyboardInterrupt
-    (folder / CHECKPOINT).unlink(missing_ok=True)
+    conclude(module, folder, cfg, failure, module.global_step)
     after = measured()
     row: Row = {"ratio": ratio, **speed_and_size(pruned, build(cfg.blend), window)}
     row["file_mb"] = path.stat().st_size / 1e6

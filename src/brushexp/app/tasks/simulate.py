@@ -44,8 +44,6 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     return {
         "n": cfg.n,
         "seconds": seconds,
-        "seconds_total": time.monotonic() - start,
         "strokes_per_second": simulated / seconds if simulated else None,
         "bytes": size,
-        "status": "completed",
     }

@@ -13,7 +13,7 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from brushexp.app.fitting import CHECKPOINT, interrupted_run
+from brushexp.app.fitting import conclude, interrupted_run
 from brushexp.app.network_fitting import fit_network, renderer_settings, save_renderer, training_recipe
 from brushexp.app.stroke_data import stroke_data
 from brushexp.app.tracking import trackers_of
@@ -21,7 +21,6 @@ from brushexp.errors import UserError
 from brushexp.plugins.loss.discriminator import NAME, Discriminator
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build, build_named, plugin_of
-from brushexp.system.callbacks import INTERRUPTED
 from brushexp.system.device import device_of
 from brushexp.system.files import write_json
 from brushexp.system.runtime import peak_memory
@@ -37,7 +36,19 @@ DISTILLED_WINDOW = 256  # pixels of a window that a renderer may look at before 
 MAIN_FIGURES = ("psnr_alpha", "psnr_color", "accuracy", "auc")  # in the log
 TEST_STROKES = 1000  # at most, for the figures at the end
 USED_BY_DISCRIMINATOR = (
-    *("task", "model", "experiment", "logger", "callbacks", "trainer", "seed", "device", "threads", "output"),
+    *(
+        "task",
+        "model",
+        "experiment",
+        "logger",
+        "callbacks",
+        "trainer",
+        "seed",
+        "device",
+        "threads",
+        "output",
+        "overwrite",
+    ),
     *("batch_size", "epochs", "minutes", "lr", "ema", "checkpoint_every", "resume"),
 )
 
@@ -58,7 +69,8 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
     job = JOBS[cfg.model](cfg, folder, device)
     module = job.module
     with trackers:
-        fit_network(module, job.data, cfg, folder, device, [trackers], job.callbacks, resumed)
+        failure = fit_network(module, job.data, cfg, folder, device, [trackers], job.callbacks, resumed)
+        (folder / "metrics.json").unlink(missing_ok=True)  # of weights that are being replaced
         seen = module.global_step * cfg.batch_size
         metrics = {
             **job.finish(),
@@ -73,11 +85,7 @@ def run(cfg: DictConfig, start: float) -> dict[str, object]:
         }
         write_json(folder / "metrics.json", metrics)
         trackers.report(metrics, pictures=job.pictures, files={"weights": job.weights})
-    if module.stop == INTERRUPTED:
-        resume = f"python run.py task=train resume={folder}"
-        log.warning("interrupted at step %d; continue with: %s", module.global_step, resume)
-        raise KeyboardInterrupt
-    (folder / CHECKPOINT).unlink(missing_ok=True)  # all that it would bring back is written
+    conclude(module, folder, cfg, failure, module.global_step)
     figures = ", ".join(f"{key} {metrics[key]:.4g}" for key in MAIN_FIGURES if key in metrics)
     log.info(
         "%s: %s on held-out strokes, %d steps in %.1f s; paint with it: %s",

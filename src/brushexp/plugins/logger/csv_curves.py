@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from brushexp.plugins.logger.base import Logger, Run
@@ -13,9 +15,30 @@ if TYPE_CHECKING:
 
 @register("logger", "csv")
 class CsvCurves(Logger):
-    """``curves/metrics.csv`` in the run's folder: losses and PSNR by step."""
+    """``curves/metrics.csv`` in the run's folder: losses and PSNR by step. Those of a resumed run go on."""
 
     def open(self, run: Run) -> LightningLogger:
         from lightning.pytorch.loggers import CSVLogger  # noqa: PLC0415
 
-        return CSVLogger(run.folder, name="", version="curves")
+        resumed = run.settings.get("resume")
+        before = rows_of(Path(resumed) / "curves" / "metrics.csv") if resumed else []
+        (run.folder / "curves" / "metrics.csv").unlink(missing_ok=True)  # Lightning would, with a warning
+
+        class Continued(CSVLogger):
+            """Writes what there was up to the step at which it goes on, and then what comes."""
+
+            def log_metrics(self, metrics: dict[str, float], step: int | None = None) -> None:
+                kept = [row for row in before if int(row["step"]) < (step or 0)]
+                before.clear()
+                self.experiment.metrics += kept
+                super().log_metrics(metrics, step)
+
+        return Continued(run.folder, name="", version="curves")
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """The rows of a table if it is there; one that was cut off when its writing was killed is left out."""
+    if not path.is_file():
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        return [row for row in csv.DictReader(file) if None not in row.values() and str(row["step"]).isdecimal()]

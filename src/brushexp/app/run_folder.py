@@ -1,0 +1,155 @@
+"""The folder of a run: one run in it at a time, and none over what another has left there."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from hydra.core.utils import JobReturn
+from hydra.experimental.callback import Callback
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
+
+from brushexp.app.composition import check, leaves
+from brushexp.errors import UserError
+from brushexp.registry import plugins
+
+STEMS = {  # names, without suffix, of the files that tasks write into their folders
+    *(
+        "metrics",
+        "result",
+        "run",
+        "report",
+        "checkpoint",
+        "multirun",
+        "painting",
+        "target",
+        "focus",
+        "style",
+        "timelapse",
+    ),
+    *("catalogue", "strokes", "process", "relief", "height", "normals", "validation", "outside", "pruning", "extremes"),
+    *("brushwork", "summary", "table", "sheet", "effect", "curves", "pareto", "anytime", "discriminator"),
+}
+SUFFIXES = {
+    *(".png", ".svg", ".mp4", ".gif", ".h5", ".json", ".csv", ".md", ".tex", ".html", ".log", ".yaml"),
+    *(".ckpt", ".safetensors", ".hpgl", ".gcode"),
+}
+BELOW = (  # and in folders below
+    *(".hydra/*.yaml", "curves/metrics.csv", "pictures/epoch_*.png", "strokes/[0-9]*.h5", "checkpoints/*.ckpt"),
+    *("tensorboard/events.out.tfevents.*", "tensorboard/hparams.yaml", "ratio_*/validation.png"),
+    *("ratio_*/pictures/epoch_*.png", "ratio_*/curves/metrics.csv"),
+)
+OTHERS = ".hydra/others.txt"  # names of files that look like ours and were there before the first run
+_held: dict[Path, Any] = {}  # folders that this process runs in, and their locks
+
+
+class RunFolder(Callback):
+    """Hydra callback that takes a folder before anything is written into it; `SettingsSweeper` does it for a sweep."""
+
+    def on_run_start(self, config: DictConfig, **_: Any) -> None:
+        try:
+            check(config, list(config.hydra.overrides.task))
+            take(Path(config.hydra.run.dir), config)
+        except UserError as error:  # of which Hydra would make a warning
+            raise SystemExit(f"brushexp: {error}") from error
+
+    def on_job_start(self, config: DictConfig, **_: Any) -> None:
+        if config.hydra.mode is RunMode.MULTIRUN:
+            lock(Path(config.hydra.runtime.output_dir))
+
+    def on_job_end(self, config: DictConfig, job_return: JobReturn, **_: Any) -> None:
+        leave(Path(config.hydra.runtime.output_dir))
+
+
+def take(folder: Path, cfg: DictConfig) -> None:
+    """Keep other processes away from a folder until this one ends, and remove what a run has left that came to nothing.
+
+    Raises:
+        UserError: if another run is at work there, or the folder holds one that has finished or can go on, and ``cfg``
+            neither continues it (``resume``; a set of strokes goes on by itself) nor replaces it (``overwrite``).
+    """
+    from brushexp.system.files import TEMPORARY  # noqa: PLC0415  (torch; --help should not wait for it)
+
+    is_new = not (folder / ".hydra" / "config.yaml").is_file()
+    lock(folder)
+    for path in [*folder.glob(TEMPORARY), *folder.glob(f"*/{TEMPORARY}")]:
+        path.unlink(missing_ok=True)
+    if is_new:
+        (folder / OTHERS).write_text("\n".join(path.name for path in left_in(folder)), encoding="utf-8")
+        return
+    resumed = cfg.get("resume")
+    continues = resumed is not None and Path(resumed).resolve() == folder.resolve()
+    if continues or (cfg.task == "simulate" and cfg.path is None and (folder / "strokes").is_dir()):
+        return
+    worth = next((path for path in left_in(folder) if is_worth_something(path)), None)
+    if worth and not cfg.overwrite:
+        can_go_on = f"continue it with resume={folder}, or " if worth == folder / "checkpoint.ckpt" else ""
+        raise UserError(
+            f"output={folder} holds a run already ({worth.relative_to(folder)}); {can_go_on}choose another folder, "
+            "or replace the run with overwrite=true"
+        )
+    clear(folder, cfg)
+
+
+def is_worth_something(path: Path) -> bool:
+    """Whether a file is all that a run needs to go on, or says that one has not failed."""
+    if path.name not in ("metrics.json", "result.json"):
+        return path.name == "checkpoint.ckpt"
+    try:
+        return bool(json.loads(path.read_text(encoding="utf-8"))["status"] != "failed")
+    except (OSError, ValueError, LookupError, TypeError):
+        return False
+
+
+def lock(folder: Path) -> None:
+    """Keep other processes out of a folder until this one ends, or is killed; UserError if one is there."""
+    from filelock import FileLock, Timeout  # noqa: PLC0415
+
+    path = folder.resolve()
+    try:
+        (path / ".hydra").mkdir(parents=True, exist_ok=True)
+        found = FileLock(path / ".hydra" / "lock", timeout=0)
+        found.acquire()
+    except Timeout:
+        raise UserError(f"another run is at work in output={folder}; wait for its end, or choose another one") from None
+    except OSError as error:
+        raise UserError(f"cannot write into output={folder}: {error.strerror}; choose another folder") from error
+    _held[path] = found
+
+
+def leave(folder: Path) -> None:
+    """Let others have a folder."""
+    if found := _held.pop(folder.resolve(), None):
+        found.release()
+
+
+def left_in(folder: Path) -> Iterator[Path]:
+    """Files that runs have left in a folder, and in those of the jobs of a sweep; nothing that a run does not write."""
+    others = (folder / OTHERS).read_text(encoding="utf-8").split("\n") if (folder / OTHERS).is_file() else []
+    networks = tuple(plugin.name for plugin in plugins("renderer"))
+    for path in sorted(folder.iterdir()):
+        is_network = path.suffix in (".safetensors", ".json") and path.stem.startswith(networks)
+        if path.is_file() and path.suffix in SUFFIXES and (path.stem in STEMS or is_network):
+            if path.name not in others:
+                yield path
+        elif path.name.isdecimal() and (path / ".hydra").is_dir():
+            yield from left_in(path)
+    for pattern in BELOW:
+        yield from folder.glob(pattern)
+
+
+def clear(folder: Path, cfg: DictConfig) -> None:
+    """Remove what runs have left in a folder; refuse (UserError) if this one reads some of it."""
+    files = [path.resolve() for path in left_in(folder)]
+    settings: Any = OmegaConf.to_container(cfg)
+    for key, value in leaves({name: settings[name] for name in settings if name not in ("hydra", "output")}):
+        if isinstance(value, str) and value and any(path.is_relative_to(Path(value).resolve()) for path in files):
+            raise UserError(f"overwrite=true would remove {key}={value}; choose another folder with output=...")
+    for path in files:
+        path.unlink()
+    for path in sorted({path.parent for path in files} - {folder.resolve()}, reverse=True):
+        if not any(path.iterdir()):
+            path.rmdir()
