@@ -2,7 +2,7 @@
 
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
@@ -12,9 +12,10 @@ from browser import browser, opened  # noqa: F401  (fixtures)
 from hydra import compose, initialize_config_dir
 from hypothesis import settings
 from omegaconf import DictConfig
+from zygote import Zygote
 
 from brushexp.app.command_line import in_full, prepare
-from brushexp.app.runner import carry_out
+from brushexp.app.runner import perform
 
 # The same examples at every run: a failure is one of the change, and not of chance.
 settings.register_profile("repeatable", derandomize=True)
@@ -29,6 +30,13 @@ torch.set_num_threads(1)  # tiny tensors: threads cost more than they give, most
 @pytest.fixture(autouse=True)
 def _seeded() -> None:
     torch.manual_seed(0)
+
+
+@pytest.fixture(scope="session")
+def zygote() -> Iterator[Zygote]:
+    """Runs of the program that cost a fork each."""
+    with Zygote() as found:
+        yield found
 
 
 @pytest.fixture
@@ -51,6 +59,6 @@ def run_task(config, tmp_path, monkeypatch) -> Callable[..., dict[str, object]]:
         monkeypatch.setattr(module, "HydraConfig", SimpleNamespace(get=lambda: hydra))
         monkeypatch.setattr("brushexp.training.benchmark.ACROSS", 2)
         monkeypatch.setattr("brushexp.training.benchmark.REPETITIONS", 1)
-        return carry_out(module, config(*overrides), time.monotonic(), tmp_path)
+        return perform(module, config(*overrides), time.monotonic(), tmp_path)
 
     return run

@@ -42,7 +42,7 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
     try:
         check(cfg, list(hydra.overrides.task))
         torch.set_num_threads(cfg.threads or fair_share(hydra))
-        return carry_out(task, cfg, start, Path(hydra.runtime.output_dir))
+        return perform(task, cfg, start, Path(hydra.runtime.output_dir))
     except UserError as error:
         if hydra.mode is RunMode.MULTIRUN:
             raise  # the other jobs go on, and this one is marked in the table
@@ -54,7 +54,7 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
         raise
 
 
-def carry_out(task: ModuleType, cfg: DictConfig, start: float, folder: Path) -> dict[str, object]:
+def perform(task: ModuleType, cfg: DictConfig, start: float, folder: Path) -> dict[str, object]:
     """Run a task in its folder; ``metrics.json`` says how it ended, unless the task has written that itself.
 
     Raises:

@@ -1,0 +1,136 @@
+"""Runs that are killed go on to the same bits, wherever that was.
+
+Each chain of kills is one run that is killed, continued, killed again ... and at last finished. By default a chain has
+every fourth of its kills; all twenty of each, in some minutes: ``BRUSHEXP_KILLS=all pytest tests/test_kills.py``.
+"""
+
+import csv
+import json
+import os
+import signal
+from pathlib import Path
+
+import pytest
+import torch
+
+from brushexp.strokes.storage import load_catalogue
+from brushexp.system.files import TEMPORARY
+
+PAINT = ["image=chelsea", "resolution=32", "strokes=12", "threads=1", "frames=3", "timelapse=gif", "checkpoint_every=0"]
+TRAIN = ["task=train", "data=set/strokes", "epochs=6", "minutes=null", "batch_size=8", "limit=64", "threads=1", "fid=0"]
+TRAIN += ["checkpoint_every=0", "renderer.width=4", "renderer.widest=8", "renderer.dense=[16]", "renderer.window=32"]
+SET = ["task=simulate", "engine=disc", "engine.window=32", "threads=1"]
+SHARDS = {"SHARD_STROKES": 32, "BATCH_STROKES": 16}
+CHECKPOINTS = [("checkpoint.ckpt", k, after) for k in (1, 2, 3) for after in (False, True)]
+ENDS = {
+    "paint": [
+        *((name, 1, after) for name in ("painting.png", "catalogue.h5", "metrics.json") for after in (False, True)),
+        *(("target.png", 1, True), ("strokes.svg", 1, False), ("timelapse.gif", 1, True), ("report.html", 1, True)),
+    ],
+    "train": [
+        *((name, 1, after) for name in ("l.safetensors", "neural.json", "metrics.json") for after in (False, True)),
+        *(("validation.png", 1, True), ("epoch_005.png", 1, False)),
+    ],
+}
+
+
+def some(kills):
+    """Those of a chain that are tried: at least what comes first and last."""
+    return kills if os.environ.get("BRUSHEXP_KILLS") == "all" else [*kills[:-1:5], kills[-1]]
+
+
+@pytest.fixture(scope="module")
+def folder(zygote, tmp_path_factory) -> Path:
+    """With a set of strokes to learn from."""
+    path = tmp_path_factory.mktemp("kills").resolve()
+    assert zygote.run(path, *SET, "n=640", "output=set", **SHARDS)[0] == 0
+    return path
+
+
+def steps_of(folder: Path) -> list[int]:
+    """At which the curves have values, as they stand."""
+    with (folder / "curves" / "metrics.csv").open(newline="") as file:
+        return [int(row["step"]) for row in csv.DictReader(file)]
+
+
+@pytest.mark.parametrize(
+    ("words", "result", "kills"),
+    [
+        ([*PAINT, "steps=40"], "catalogue.h5", [*2 * CHECKPOINTS[:4], *CHECKPOINTS[4:], *ENDS["paint"]]),
+        ([*TRAIN, "critic=true", "critic_width=4"], "neural.safetensors", [*2 * CHECKPOINTS, *ENDS["train"]]),
+        (["task=train", "model=discriminator", "trainer.max_steps=12", "batch_size=8", "threads=1"], "", CHECKPOINTS),
+    ],
+    ids=["painting", "training", "discriminator"],
+)
+def test_a_run_that_is_killed_goes_on_to_the_same_bits(zygote, folder, tmp_path, words, result, kills, request):
+    name = request.node.callspec.id
+    words = [*words, *(["checkpoint_every=0", "epochs=null"] if not result else [])]
+    result = result or "discriminator.safetensors"
+    assert zygote.run(folder, *words, f"output={name}-straight")[0] == 0
+    task = [word for word in words if word.startswith("task=")]
+    for kill in some(kills):
+        code, said = zygote.run(folder, *words, f"output={name}", kill=kill)
+        assert code == -signal.SIGKILL, (kill, said)
+        words = [*task, f"resume={name}"]
+    code, said = zygote.run(folder, *words, f"output={name}")
+    assert code == 0, said
+    assert "not empty" not in said, "curves go on"
+    killed, straight = folder / name, folder / f"{name}-straight"
+    assert not (killed / "checkpoint.ckpt").exists()
+    assert not list(killed.rglob(TEMPORARY))
+    assert json.loads((killed / "metrics.json").read_text())["status"] == "completed"
+    assert steps_of(killed) == sorted(set(steps_of(killed)))
+    if result != "catalogue.h5":
+        assert (killed / result).read_bytes() == (straight / result).read_bytes()
+        return
+    assert (killed / "painting.png").read_bytes() == (straight / "painting.png").read_bytes()
+    theirs = load_catalogue(straight / result).strokes
+    for field, value in load_catalogue(killed / result).strokes.items():
+        assert torch.equal(value, getattr(theirs, field)), field
+
+
+def test_a_simulation_that_is_killed_goes_on_to_the_same_bits(zygote, folder):
+    kills = [*9 * [(".h5", 1, True), (".h5", 2, False)], ("strokes.png", 1, False), ("metrics.json", 1, False)]
+    for kill in some(kills):
+        assert zygote.run(folder, *SET, "n=640", "output=sim", kill=kill, **SHARDS)[0] == -signal.SIGKILL, kill
+    assert zygote.run(folder, *SET, "n=640", "output=sim", **SHARDS)[0] == 0
+    made, whole = (
+        {path.name: path.read_bytes() for path in (folder / name / "strokes").glob("*.h5")} for name in ("sim", "set")
+    )
+    assert made == whole
+    assert not list((folder / "sim").rglob(TEMPORARY))
+
+
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGKILL, -9)])
+def test_a_sweep_that_is_ended_keeps_the_jobs_that_are_done(zygote, tmp_path, sent, code):
+    words = ["-m", *PAINT, "steps=5,7,9", "report=false", "output=s"]
+    assert zygote.run(tmp_path, *words, kill=("1/checkpoint.ckpt", 2, True), sent=sent)[0] == code
+    with (tmp_path / "s" / "table.csv").open(newline="") as file:
+        status = [row["status"] for row in csv.DictReader(file)]
+    assert status == ["completed", "interrupted"][: 2 if sent == signal.SIGTERM else 1]
+    assert not (tmp_path / "s" / "2").exists()
+    refused, said = zygote.run(tmp_path, *words)
+    assert refused == 1
+    assert "output=s holds a run already" in said
+    assert "overwrite=true" in said
+    assert zygote.run(tmp_path, "resume=s/1", "output=s/1")[0] == 0
+    assert json.loads((tmp_path / "s" / "1" / "metrics.json").read_text())["steps"] == 7
+    (tmp_path / "s" / "1" / "mine.txt").write_text("kept")
+    code, said = zygote.run(tmp_path, *words, "overwrite=true")
+    assert code == 0, said
+    assert (tmp_path / "s" / "1" / "mine.txt").read_text() == "kept"
+    with (tmp_path / "s" / "table.csv").open(newline="") as file:
+        assert [row["status"] for row in csv.DictReader(file)] == 3 * ["completed"]
+
+
+def test_an_export_that_is_ended_leaves_no_half_files(zygote, tmp_path):
+    assert zygote.run(tmp_path, *PAINT, "steps=2", "report=false", "output=a")[0] == 0
+    words = ["task=export", "catalogue=a/catalogue.h5", "to=png,svg,process", "to.process.format=gif", "output=b"]
+    assert zygote.run(tmp_path, *words, kill=("process.gif", 1, False))[0] == -signal.SIGKILL
+    assert len(list((tmp_path / "b").glob(TEMPORARY))) == 1
+    assert zygote.run(tmp_path, *words, kill=("process.gif", 1, False), sent=signal.SIGTERM)[0] == 143
+    assert not list((tmp_path / "b").glob(TEMPORARY))
+    assert json.loads((tmp_path / "b" / "metrics.json").read_text())["status"] == "interrupted"
+    code, said = zygote.run(tmp_path, *words, "overwrite=true")
+    assert code == 0, said
+    assert (tmp_path / "b" / "process.gif").exists()
