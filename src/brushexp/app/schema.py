@@ -129,9 +129,7 @@ class TrainTask(Task):
     ema: float = key(0.999, EMA, between(0, 1))
     limit: int | None = key(None, LIMIT, at_least(1))
     critic: bool = key(False, "RaSGAN beside L2: a critic scores the pictures")
-    critic_lr: float = key(
-        2.0e-3, "its highest learning rate, four times lr: it is the faster one", above(0, 1)
-    )
+    critic_lr: float = key(2.0e-3, "its highest learning rate, four times lr: it is the faster one", above(0, 1))
     critic_weight: float = key(0.1, "how hard it pulls at the pictures, as a share of how hard L2 does", at_least(0))
     critic_width: int = key(16, "its channels at full size", at_least(1))
     fid: int = key(256, "held-out strokes whose FID (effl0) is a curve of the validations; 0 = none", at_least(0))

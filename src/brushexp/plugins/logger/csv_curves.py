@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from brushexp.plugins.logger.base import Logger, Run
 from brushexp.registry import register
@@ -27,7 +27,7 @@ class CsvCurves(Logger):
         class Continued(CSVLogger):
             """Writes what there was up to the step at which it goes on, and then what comes."""
 
-            def log_metrics(self, metrics: dict[str, float], step: int | None = None) -> None:
+            def log_metrics(self, metrics: dict[str, Any], step: int | None = None) -> None:
                 kept = [row for row in before if int(row["step"]) < (step or 0)]
                 before.clear()
                 self.experiment.metrics += kept
