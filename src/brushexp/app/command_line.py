@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import logging
 import os
 import re
 import sys
@@ -31,6 +33,7 @@ from brushexp.registry import MULTI_SELECT, load_plugins, plugins
 from brushexp.system.runtime import end_on_signals, interrupted_code
 
 GROUPS = {name for schema in TASKS.values() for name in groups_of(schema)} - {"model"} | {"task", "experiment"}
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # what writing says; it names no file
 SUFFIXES = {"catalogue": (".h5", ".json"), "image": (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".gif")}
 
 
@@ -195,6 +198,7 @@ def explained(root: Path) -> Iterator[None]:
     """Turn what a user can mend into one line on stderr and an exit code; let bugs through with their traceback."""
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # Hydra then leaves exceptions to us
     warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)  # Lightning calls a name that torch deprecates
+    logging.raiseExceptions = False  # a log that cannot be written, on a full disk, is no reason for tracebacks
     end_on_signals()
     try:
         yield
@@ -204,7 +208,8 @@ def explained(root: Path) -> Iterator[None]:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains once more at its end
         sys.exit(1)
     except (UserError, CompactHydraException, OmegaConfBaseException, OSError) as error:
-        if isinstance(error, OSError) and not isinstance(error, CompactHydraException) and error.filename is None:
+        nameless = isinstance(error, OSError) and error.filename is None and error.errno not in FULL
+        if nameless and not isinstance(error, CompactHydraException):
             raise
         print(f"brushexp: {explanation(error, root / 'conf', sys.argv[1:])}", file=sys.stderr)
         sys.exit(1)

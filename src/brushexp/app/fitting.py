@@ -17,8 +17,10 @@ from brushexp.app.keys import typed
 from brushexp.app.schema import TASKS
 from brushexp.errors import UserError
 from brushexp.registry import build, plain_config
+from brushexp.results.runs import words_of
 from brushexp.results.sweep import first_line
 from brushexp.system.callbacks import DIVERGED, FAILED, INTERRUPTED, ProgressBar, TimedCheckpoint
+from brushexp.system.files import write_text
 from brushexp.system.reading import check_plain, digest_of, read_pickled
 
 log = logging.getLogger(__name__)
@@ -60,7 +62,7 @@ def trainer_of(
             devices=[device.index or 0] if cuda else 1,
             default_root_dir=folder,
             logger=list(loggers),
-            callbacks=[*callbacks, *chosen, RunRecord(cfg), ProgressBar(), checkpoint],
+            callbacks=[*callbacks, *chosen, RunRecord(cfg, folder), ProgressBar(), checkpoint],
             **options | {str(key): value for key, value in cfg.trainer.items()},
         )
     except Exception as error:  # a checkpoint's options may be anything
@@ -111,9 +113,9 @@ def conclude(module: Any, folder: Path, cfg: DictConfig, failure: BaseException 
 class RunRecord(L.Callback):
     """Puts the settings of a run into its checkpoints, and the digests of the files that they name."""
 
-    def __init__(self, cfg: DictConfig) -> None:
+    def __init__(self, cfg: DictConfig, folder: Path) -> None:
         settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)
-        self.record = {"settings": settings, "files": digests(settings)}
+        self.record = {"settings": settings, "files": digests(settings), "words": words_of(folder) or []}
         self.begun = False
 
     def on_train_start(self, *_: object) -> None:
@@ -141,6 +143,7 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
     try:
         record = read_pickled(path, "start anew")[RECORD]
         kept = plain_config(record["settings"])
+        words = [str(word) for word in check_plain(record["words"])]
         paths = {key: (Path(name), digest) for key, (name, digest) in check_plain(record["files"]).items()}
         if kept.task in TASKS:  # the keys that follow are those of this task
             kept = typed(TASKS[kept.task], kept)
@@ -159,6 +162,9 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
             raise UserError(f"resume={folder}: {key}={file} is not the file that the run began with; put it back")
         if file.suffix:  # else it may be a name that means something else
             OmegaConf.update(kept, key, str(file))  # this folder may be another
+    into = Path(HydraConfig.get().runtime.output_dir) / ".hydra"  # of the whole run, and not of what continues it
+    write_text(into / "config.yaml", OmegaConf.to_yaml(kept))
+    write_text(into / "overrides.yaml", OmegaConf.to_yaml(OmegaConf.create(words)))
     return path, kept
 
 

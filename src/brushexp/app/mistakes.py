@@ -24,7 +24,7 @@ KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "
 def explanation(error: BaseException, conf: Path, arguments: list[str]) -> str:
     """What is wrong by an error of Hydra, OmegaConf or the program, and what to type instead; ``conf``: the configs."""
     if isinstance(error, OSError) and not isinstance(error, CompactHydraException):
-        return f"cannot use {error.filename}: {error.strerror}; choose another place with output=..."
+        return f"cannot use {error.filename or 'the disk'}: {error.strerror}; choose another place with output=..."
     text = " ".join(str(error).partition("Config search path")[0].split())
     if isinstance(error, CompactHydraException) and isinstance(error.__cause__, OmegaConfBaseException):
         text += f": {' '.join(str(error.__cause__).split())}"

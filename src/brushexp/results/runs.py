@@ -54,7 +54,7 @@ def gather(folders: Iterable[Path], into: Path) -> DataFrame:
             if (path / "result.json").is_file():
                 result = read_result(path / "result.json")
             else:  # a single run
-                result = read_result(path / "metrics.json") | {"overrides": parse_overrides(_typed(path) or [])}
+                result = read_result(path / "metrics.json") | {"overrides": parse_overrides(words_of(path) or [])}
             found[os.path.relpath(path, into)] = result
     return frame_of(into, found)
 
@@ -152,14 +152,14 @@ def _metrics(result: Result) -> dict[str, Any]:
 
 def command_of(folder: Path, overrides: Mapping[str, str] | None = None) -> str:
     """What repeats a run: its overrides without its folder; a study that is a sweep then runs once."""
-    typed = _typed(folder)
+    typed = words_of(folder)
     if typed is None:
         typed = [f"~{key}" if value == REMOVED else f"{key}={value}" for key, value in (overrides or {}).items()]
     single = ["hydra.mode=RUN"] * any(word.startswith(("experiment=", "+experiment=")) for word in typed)
     return shlex.join(["python", "run.py", *(word for word in typed if not word.startswith("output=")), *single])
 
 
-def _typed(folder: Path) -> list[str] | None:
+def words_of(folder: Path) -> list[str] | None:
     """The overrides of a run as they were typed, None if they were not kept."""
     try:
         return [str(word) for word in yaml_of(read_text(folder / ".hydra" / "overrides.yaml", ""), list)]
