@@ -27,14 +27,7 @@ log = logging.getLogger(__name__)
 
 CHECKPOINT = "checkpoint.ckpt"  # in a run's folder
 RECORD = "brushexp"  # key of the settings in it
-OVERRIDABLE = (
-    "output",
-    "overwrite",
-    "resume",
-    "device",
-    "threads",
-    "checkpoint_every",
-)  # keys that may change when a run is resumed
+OVERRIDABLE = ("output", "overwrite", "resume", "device", "threads", "checkpoint_every")  # may change in a resumed run
 
 
 def trainer_of(
@@ -137,8 +130,9 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
     path = folder / CHECKPOINT
     if not path.is_file():
         raise UserError(f"resume={folder}: there is no {path.name}; give the folder of an interrupted run")
-    for override in HydraConfig.get().overrides.task:
-        if override.lstrip("+~").partition("=")[0] not in (*OVERRIDABLE, "task"):
+    chosen = {override.lstrip("+~").partition("=")[0]: override for override in HydraConfig.get().overrides.task}
+    for key, override in chosen.items():
+        if key not in (*OVERRIDABLE, "task"):
             raise UserError(f"resume continues a run with its own settings; drop {override}")
     try:
         record = read_pickled(path, "start anew")[RECORD]
@@ -148,7 +142,7 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
         if kept.task in TASKS:  # the keys that follow are those of this task
             kept = typed(TASKS[kept.task], kept)
         if kept.task == cfg.task:
-            kept.merge_with({key: cfg[key] for key in OVERRIDABLE})
+            kept.merge_with({"output": cfg.output} | {key: cfg[key] for key in OVERRIDABLE if key in chosen})
             check(kept)
     except UserError as error:
         raise UserError(f"resume={folder}: {error}") from error
