@@ -4,7 +4,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 
 import pytest
 import torch
@@ -55,10 +55,8 @@ def run_task(config, tmp_path, monkeypatch) -> Callable[..., dict[str, object]]:
     """Run the task of a module in this process; its folder is ``tmp_path``, and speed is measured on few strokes."""
 
     def run(module: ModuleType, *overrides: str) -> dict[str, object]:
-        hydra = SimpleNamespace(runtime=SimpleNamespace(output_dir=str(tmp_path)))
-        monkeypatch.setattr(module, "HydraConfig", SimpleNamespace(get=lambda: hydra))
         monkeypatch.setattr("brushexp.training.benchmark.ACROSS", 2)
         monkeypatch.setattr("brushexp.training.benchmark.REPETITIONS", 1)
-        return perform(module, config(*overrides), time.monotonic(), tmp_path)
+        return perform(module, config(*overrides), tmp_path, time.monotonic())
 
     return run

@@ -6,7 +6,6 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +18,7 @@ from brushexp.analysis import figures, samples
 from brushexp.analysis.columns import ALIGNED_WITHIN, MEASURES, RADIUS_PITCHES, measure_strokes
 from brushexp.analysis.summary import Analysis, analysis_of, comparison_of, overall_of, summary_of, thinnest_of
 from brushexp.analysis.summary_text import brushwork_text, strokes_csv, three_digits, write_summary
+from brushexp.app.runner import perform
 from brushexp.app.tasks import analyse
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import pixel_centres
@@ -353,22 +353,20 @@ def test_the_map_of_coherence_says_nothing_where_no_strokes_are():
     assert np.isnan(mean[10, 29]).all()
 
 
-def start(config, folder: Path, monkeypatch, *overrides: str) -> dict[str, object]:
-    runtime = SimpleNamespace(runtime=SimpleNamespace(output_dir=str(folder)))
-    monkeypatch.setattr(analyse.HydraConfig, "get", lambda: runtime)
-    return analyse.run(config("task=analyse", *overrides), 0.0)
+def start(config, folder: Path, *overrides: str) -> dict[str, object]:
+    return perform(analyse, config("task=analyse", *overrides), folder, 0.0)
 
 
-def test_the_task_writes_all_files_and_names_a_missing_one(config, tmp_path, monkeypatch):
+def test_the_task_writes_all_files_and_names_a_missing_one(config, tmp_path):
     for name, seed in (("a", 0), ("b", 1)):
         (tmp_path / name).mkdir()
         save_catalogue(tmp_path / name / "catalogue.h5", painting(40, seed))
     paths = [str(tmp_path / name / "catalogue.h5") for name in "ab"]
-    result = start(config, tmp_path, monkeypatch, f"catalogue={paths[0]}", f"against={paths[1]}", "radius=20")
+    result = start(config, tmp_path, f"catalogue={paths[0]}", f"against={paths[1]}", "radius=20")
     assert result["status"] == "completed"
     assert result["n_strokes"] == 40
     assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {
-        "brushwork.csv", "brushwork_against.csv", "summary.json", "summary.md", "brushwork.png",
+        "brushwork.csv", "brushwork_against.csv", "summary.json", "summary.md", "brushwork.png", "metrics.json",
     }  # fmt: skip
     with Image.open(tmp_path / "brushwork.png") as sheet:
         assert sheet.width == 2800
@@ -378,7 +376,7 @@ def test_the_task_writes_all_files_and_names_a_missing_one(config, tmp_path, mon
     one = analysis_of(load_catalogue(Path(paths[0])), "a", "a", radius=20)
     assert numbers["measures"]["length"]["mean"] == pytest.approx(samples.statistics_of(one.values("length"))["mean"])
     with pytest.raises(UserError, match=r"there is no file nowhere.h5; .* against="):
-        start(config, tmp_path, monkeypatch, f"catalogue={paths[0]}", "against=nowhere.h5")
+        start(config, tmp_path, f"catalogue={paths[0]}", "against=nowhere.h5")
 
 
 def test_names_tell_catalogues_apart():

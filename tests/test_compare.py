@@ -1,7 +1,6 @@
 """Runs from anywhere are compared: at equal time, at equal quality, and on one front."""
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -105,7 +104,7 @@ def test_a_folder_without_runs_is_explained(tmp_path, name, reason):
 
 
 @pytest.fixture
-def compare(tmp_path, config, monkeypatch):
+def compare(tmp_path, config):
     """The task in this process; it returns the folder and the numbers."""
     from brushexp.app.tasks import compare as task  # noqa: PLC0415
 
@@ -113,9 +112,7 @@ def compare(tmp_path, config, monkeypatch):
 
     def run(*overrides: str):
         folder.mkdir(exist_ok=True)
-        hydra = SimpleNamespace(runtime=SimpleNamespace(output_dir=str(folder)))
-        monkeypatch.setattr(task.HydraConfig, "get", lambda: hydra)
-        return folder, task.run(config("task=compare", *overrides), 0.0)
+        return folder, task.run(config("task=compare", *overrides), folder, 0.0)
 
     return run
 

@@ -31,7 +31,18 @@ STEMS = {  # names, without suffix, of the files that tasks write into their fol
         "timelapse",
     ),
     *("catalogue", "strokes", "process", "relief", "height", "normals", "validation", "outside", "pruning", "extremes"),
-    *("brushwork", "summary", "table", "sheet", "effect", "curves", "pareto", "anytime", "discriminator"),
+    *(
+        "brushwork",
+        "brushwork_against",
+        "summary",
+        "table",
+        "sheet",
+        "effect",
+        "curves",
+        "pareto",
+        "anytime",
+        "discriminator",
+    ),
 }
 SUFFIXES = {
     *(".png", ".svg", ".mp4", ".gif", ".h5", ".json", ".csv", ".md", ".tex", ".html", ".log", ".yaml"),

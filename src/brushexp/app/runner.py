@@ -42,7 +42,7 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
     try:
         check(cfg, list(hydra.overrides.task))
         torch.set_num_threads(cfg.threads or fair_share(hydra))
-        return perform(task, cfg, start, Path(hydra.runtime.output_dir))
+        return perform(task, cfg, Path(hydra.runtime.output_dir).resolve(), start)
     except UserError as error:
         if hydra.mode is RunMode.MULTIRUN:
             raise  # the other jobs go on, and this one is marked in the table
@@ -54,7 +54,7 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
         raise
 
 
-def perform(task: ModuleType, cfg: DictConfig, start: float, folder: Path) -> dict[str, object]:
+def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Run a task in its folder; ``metrics.json`` says how it ended, unless the task has written that itself.
 
     Raises:
@@ -63,7 +63,7 @@ def perform(task: ModuleType, cfg: DictConfig, start: float, folder: Path) -> di
     """
     path = folder / "metrics.json"
     try:
-        result: dict[str, object] = task.run(cfg, start)
+        result: dict[str, object] = task.run(cfg, folder, start)
         if "status" not in result:
             result |= {"seconds_total": time.monotonic() - start, "peak_memory_mb": peak_memory()}
             result["status"] = "completed"

@@ -4,7 +4,6 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
-from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from brushexp.analysis.figures import write_figure
@@ -16,9 +15,8 @@ from brushexp.strokes.storage import load_catalogue
 log = logging.getLogger(__name__)
 
 
-def run(cfg: DictConfig, start: float) -> dict[str, object]:
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Measure ``cfg.catalogue``, and ``cfg.against`` if there is one, into the run's folder."""
-    folder = Path(HydraConfig.get().runtime.output_dir)
     options = [option for option in ("catalogue", "against") if cfg[option] is not None]
     found = []
     for option, name in zip(options, names_of([cfg[option] for option in options]), strict=True):

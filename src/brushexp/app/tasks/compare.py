@@ -3,7 +3,6 @@
 import logging
 from pathlib import Path
 
-from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
@@ -14,9 +13,8 @@ from brushexp.results.tables import over_seeds
 log = logging.getLogger(__name__)
 
 
-def run(cfg: DictConfig, start: float) -> dict[str, object]:
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Write page, table, front, curves and quality at equal time of the runs in ``cfg.runs`` into this run's folder."""
-    folder = Path(HydraConfig.get().runtime.output_dir).resolve()
     found = gather([Path(path) for path in cfg.runs], folder)
     paintings = found[found["run", "image"].fillna("") != ""]
     if paintings.empty or over_seeds(paintings).groupby("image").size().max() < 2:

@@ -9,7 +9,6 @@ from pathlib import Path
 import lightning as L
 import numpy as np
 import torch
-from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from brushexp.app.stroke_data import check_origin
@@ -32,9 +31,8 @@ SHOWN_STROKES = 24  # in the picture
 log = logging.getLogger(__name__)
 
 
-def run(cfg: DictConfig, start: float) -> dict[str, object]:
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Write numbers and pictures of one renderer into the run's folder, and return the numbers."""
-    folder = Path(HydraConfig.get().runtime.output_dir)
     L.seed_everything(cfg.seed, verbose=False)
     device = device_of(cfg.device)
     name, checkpoint = plugin_of(cfg.renderer).name, cfg.renderer.get("checkpoint")

@@ -4,7 +4,6 @@ import logging
 import time
 from pathlib import Path
 
-from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from brushexp.painting.outputs import export_job, with_renderer
@@ -14,12 +13,11 @@ from brushexp.strokes.storage import load_catalogue
 log = logging.getLogger(__name__)
 
 
-def run(cfg: DictConfig, start: float) -> dict[str, object]:
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Write a catalogue in every form of ``cfg.to`` into the run's folder."""
     exporters = {name: build(node) for name, node in cfg.to.items()}
     saved, renderer = with_renderer(load_catalogue(Path(cfg.catalogue)), cfg.get("renderer"), cfg.catalogue)
     job = export_job(saved, renderer, build(cfg.blend), saved.renderer, cfg.resolution, cfg.catalogue)
-    folder = Path(HydraConfig.get().runtime.output_dir)
     before = time.monotonic()
     for exporter in exporters.values():
         begin = time.monotonic()

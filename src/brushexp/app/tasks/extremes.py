@@ -5,7 +5,6 @@ import time
 from pathlib import Path
 
 import lightning as L
-from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
@@ -19,13 +18,12 @@ from brushexp.system.runtime import peak_memory
 log = logging.getLogger(__name__)
 
 
-def run(cfg: DictConfig, start: float) -> dict[str, object]:
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Write the matrix as extremes.csv, extremes.md and extremes.png, and count the outcomes.
 
     Raises:
         UserError: if a cell is broken; the files are there all the same.
     """
-    folder = Path(HydraConfig.get().runtime.output_dir)
     L.seed_everything(cfg.seed, verbose=False)
     axes = chosen_axes(renderers=cfg.renderers, blends=cfg.blends, dtypes=cfg.dtypes, scenes=cfg.scenes)
     cells = list(with_progress(examine(axes, cfg.patience), cells_in(axes), "examining cells"))

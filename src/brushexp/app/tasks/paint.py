@@ -6,7 +6,6 @@ from pathlib import Path
 
 import lightning as L
 import torch
-from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.app.fitting import conclude, fit, interrupted_run, trainer_of
@@ -34,9 +33,8 @@ log = logging.getLogger(__name__)
 ON_THE_WAY = 8  # frames of the timelapse that trackers get
 
 
-def run(cfg: DictConfig, start: float) -> dict[str, object]:
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Paint one picture, write everything into the run's folder, and return the numbers of metrics.json."""
-    folder = Path(HydraConfig.get().runtime.output_dir)
     checkpoint = None
     if cfg.get("resume") is not None:
         checkpoint, cfg = interrupted_run(Path(cfg.resume), cfg)

@@ -10,7 +10,6 @@ from pathlib import Path
 import lightning as L
 import numpy as np
 import torch
-from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, open_dict
 
 from brushexp.app.fitting import conclude
@@ -45,9 +44,8 @@ log = logging.getLogger(__name__)
 Row = dict[str, float]
 
 
-def run(cfg: DictConfig, start: float) -> dict[str, object]:
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Prune by every ratio, fine-tune, measure; the table is renewed after each."""
-    folder = Path(HydraConfig.get().runtime.output_dir)
     if not cfg.ratios or not all(0 <= ratio < 1 for ratio in cfg.ratios):
         raise UserError(f"ratios={list(cfg.ratios)} are not shares from 0 to below 1; try 'ratios=[0,0.25,0.5]'")
     device = device_of(cfg.device)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from brushexp.plugins.engine.base import Engine
@@ -23,9 +22,8 @@ SHOWN_STROKES, SHOWN_COLUMNS = 60, 10  # on the contact sheet, and in a row of i
 log = logging.getLogger(__name__)
 
 
-def run(cfg: DictConfig, start: float) -> dict[str, object]:
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Write ``n`` strokes to ``path`` and ``strokes.png`` into the run's folder; continue what is there already."""
-    folder = Path(HydraConfig.get().runtime.output_dir)
     path = folder / "strokes" if cfg.path is None else Path(cfg.path)
     engine: Engine = build(cfg.engine)
     before = time.monotonic()

@@ -55,9 +55,8 @@ USED_BY_DISCRIMINATOR = (
 log = logging.getLogger(__name__)
 
 
-def run(cfg: DictConfig, start: float) -> dict[str, object]:
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Train one network, write it and its numbers into the run's folder, and return those of metrics.json."""
-    folder = Path(HydraConfig.get().runtime.output_dir)
     resumed = None
     if cfg.get("resume") is not None:
         resumed, cfg = interrupted_run(Path(cfg.resume), cfg)

@@ -7,7 +7,6 @@ import time
 import webbrowser
 from pathlib import Path
 
-from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
@@ -24,9 +23,8 @@ from brushexp.system.files import write_text
 log = logging.getLogger(__name__)
 
 
-def run(cfg: DictConfig, start: float) -> dict[str, object]:
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Write the page into this run's folder, and serve it until Ctrl-C."""
-    folder = Path(HydraConfig.get().runtime.output_dir).resolve()
     pages = pages_of(cfg, folder)
     try:
         with served(pages, cfg.port) as address:
