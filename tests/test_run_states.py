@@ -160,9 +160,6 @@ class Runs(RuleBasedStateMachine):
             if not (folder / "metrics.json").exists():
                 continue
             metrics = json.loads((folder / "metrics.json").read_text())
-            if metrics["status"] == "failed":
-                assert metrics["error"]
-                continue
             assert (metrics["status"], metrics["steps"] == STEPS) in (("completed", True), ("interrupted", False))
             saved = load_catalogue(folder / "catalogue.h5")
             job = export_job(saved, renderer_of(saved), Tiled(), saved.renderer)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import logging
 import os
 import re
@@ -33,7 +32,6 @@ from brushexp.registry import MULTI_SELECT, load_plugins, plugins
 from brushexp.system.runtime import end_on_signals, interrupted_code
 
 GROUPS = {name for schema in TASKS.values() for name in groups_of(schema)} - {"model"} | {"task", "experiment"}
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # what writing says; it names no file
 SUFFIXES = {"catalogue": (".h5", ".json"), "image": (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".gif")}
 
 
@@ -208,8 +206,7 @@ def explained(root: Path) -> Iterator[None]:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains once more at its end
         sys.exit(1)
     except (UserError, CompactHydraException, OmegaConfBaseException, OSError) as error:
-        nameless = isinstance(error, OSError) and error.filename is None and error.errno not in FULL
-        if nameless and not isinstance(error, CompactHydraException):
+        if isinstance(error, OSError) and error.errno is None and not isinstance(error, CompactHydraException):
             raise
         print(f"brushexp: {explanation(error, root / 'conf', sys.argv[1:])}", file=sys.stderr)
         sys.exit(1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,43 +16,22 @@ from brushexp.app.composition import check, leaves
 from brushexp.errors import UserError
 from brushexp.registry import plugins
 
-STEMS = {  # names, without suffix, of the files that tasks write into their folders
-    *(
-        "metrics",
-        "result",
-        "run",
-        "report",
-        "checkpoint",
-        "multirun",
-        "painting",
-        "target",
-        "focus",
-        "style",
-        "timelapse",
-    ),
-    *("catalogue", "strokes", "process", "relief", "height", "normals", "validation", "outside", "pruning", "extremes"),
-    *(
-        "brushwork",
-        "brushwork_against",
-        "summary",
-        "table",
-        "sheet",
-        "effect",
-        "curves",
-        "pareto",
-        "anytime",
-        "discriminator",
-    ),
-}
-SUFFIXES = {
-    *(".png", ".svg", ".mp4", ".gif", ".h5", ".json", ".csv", ".md", ".tex", ".html", ".log", ".yaml"),
-    *(".ckpt", ".safetensors", ".hpgl", ".gcode"),
-}
-BELOW = (  # and in folders below
-    *(".hydra/*.yaml", "curves/metrics.csv", "pictures/epoch_*.png", "strokes/[0-9]*.h5", "checkpoints/*.ckpt"),
-    *("tensorboard/events.out.tfevents.*", "tensorboard/hparams.yaml", "ratio_*/validation.png"),
-    *("ratio_*/pictures/epoch_*.png", "ratio_*/curves/metrics.csv"),
+OURS = re.compile(  # files that tasks write into their folders
+    "(metrics|result|run|report|checkpoint|multirun|painting|target|focus|style|timelapse|catalogue|strokes|process|relief"
+    "|height|normals|validation|outside|pruning|extremes|brushwork|brushwork_against|summary|table|sheet|effect|curves"
+    "|pareto|anytime)[.](png|svg|mp4|gif|h5|json|csv|md|tex|html|log|yaml|ckpt|hpgl|gcode)"
 )
+BELOW = (  # and below them
+    *(".hydra/*.yaml", "curves/metrics.csv", "pictures/epoch_*.png", "strokes/[0-9]*.h5", "checkpoints/*.ckpt"),
+    *(
+        "tensorboard/*tfevents*",
+        "tensorboard/hparams.yaml",
+        "ratio_*/*.png",
+        "ratio_*/*/epoch_*.png",
+        "ratio_*/*/*.csv",
+    ),
+)
+WORTH = ("checkpoint.ckpt", "metrics.json", "result.json")  # with one of them a run can go on, or has a result
 OTHERS = ".hydra/others.txt"  # names of files that look like ours and were there before the first run
 _held: dict[Path, Any] = {}  # folders that this process runs in, and their locks
 
@@ -95,7 +74,7 @@ def take(folder: Path, cfg: DictConfig) -> None:
     continues = resumed is not None and Path(resumed).resolve() == folder.resolve()
     if continues or (cfg.task == "simulate" and cfg.path is None and (folder / "strokes").is_dir()):
         return
-    worth = next((path for path in left_in(folder) if is_worth_something(path)), None)
+    worth = next((path for path in left_in(folder) if path.name in WORTH), None)
     if worth and not cfg.overwrite:
         can_go_on = f"continue it with resume={folder}, or " if worth == folder / "checkpoint.ckpt" else ""
         raise UserError(
@@ -103,16 +82,6 @@ def take(folder: Path, cfg: DictConfig) -> None:
             "or replace the run with overwrite=true"
         )
     clear(folder, cfg)
-
-
-def is_worth_something(path: Path) -> bool:
-    """Whether a file is all that a run needs to go on, or says that one has not failed."""
-    if path.name not in ("metrics.json", "result.json"):
-        return path.name == "checkpoint.ckpt"
-    try:
-        return bool(json.loads(path.read_text(encoding="utf-8"))["status"] != "failed")
-    except (OSError, ValueError, LookupError, TypeError):
-        return False
 
 
 def lock(folder: Path) -> None:
@@ -140,10 +109,9 @@ def leave(folder: Path) -> None:
 def left_in(folder: Path) -> Iterator[Path]:
     """Files that runs have left in a folder, and in those of the jobs of a sweep; nothing that a run does not write."""
     others = (folder / OTHERS).read_text(encoding="utf-8").split("\n") if (folder / OTHERS).is_file() else []
-    networks = tuple(plugin.name for plugin in plugins("renderer"))
+    weights = "|".join(["discriminator", *(plugin.name for plugin in plugins("renderer"))])
     for path in sorted(folder.iterdir()):
-        is_network = path.suffix in (".safetensors", ".json") and path.stem.startswith(networks)
-        if path.is_file() and path.suffix in SUFFIXES and (path.stem in STEMS or is_network):
+        if OURS.fullmatch(path.name) or re.fullmatch(rf"({weights})(_[0-9.]+)?[.](safetensors|json)", path.name):
             if path.name not in others:
                 yield path
         elif path.name.isdecimal() and (path / ".hydra").is_dir():

@@ -7,7 +7,6 @@ import os
 import time
 import traceback
 import warnings
-from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 
@@ -19,7 +18,7 @@ from omegaconf import DictConfig
 
 from brushexp.app.composition import check
 from brushexp.errors import UserError
-from brushexp.results.sweep import first_line, note_result
+from brushexp.results.sweep import note_result
 from brushexp.system.files import write_json
 from brushexp.system.runtime import peak_memory
 
@@ -55,27 +54,21 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
 
 
 def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Run a task in its folder; ``metrics.json`` says how it ended, unless the task has written that itself.
+    """Run a task in its folder, and write its numbers as ``metrics.json``, unless it has done that itself.
 
     Raises:
         UserError: if a user can mend what went wrong: no memory, a full disk, or a plugin that ends the program.
         KeyboardInterrupt: after a signal.
     """
-    path = folder / "metrics.json"
     try:
         result: dict[str, object] = task.run(cfg, folder, start)
         if "status" not in result:
-            result |= {"seconds_total": time.monotonic() - start, "peak_memory_mb": peak_memory()}
-            result["status"] = "completed"
-            write_json(path, result)
+            spent = {"seconds_total": time.monotonic() - start, "peak_memory_mb": peak_memory()}
+            result |= {**spent, "status": "completed"}
+            write_json(folder / "metrics.json", result)
         return result
     except BaseException as error:
-        reason = in_users_words(error, cfg)
-        if not path.exists():
-            status = "interrupted" if isinstance(reason, KeyboardInterrupt) else "failed"
-            with suppress(UserError):
-                write_json(path, {"status": status, "error": first_line(reason)})
-        if reason is error:
+        if (reason := in_users_words(error, cfg)) is error:
             raise
         raise reason from error
 
