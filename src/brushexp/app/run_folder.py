@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from hydra.core.utils import JobReturn
 from hydra.experimental.callback import Callback
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
@@ -33,7 +32,7 @@ BELOW = (  # and below them
 )
 WORTH = ("checkpoint.ckpt", "metrics.json", "result.json")  # with one of them a run can go on, or has a result
 OTHERS = ".hydra/others.txt"  # names of files that look like ours and were there before the first run
-_held: dict[Path, Any] = {}  # folders that this process runs in, and their locks
+_held: list[Any] = []  # locks, until this process ends
 
 
 class RunFolder(Callback):
@@ -49,9 +48,6 @@ class RunFolder(Callback):
     def on_job_start(self, config: DictConfig, **_: Any) -> None:
         if config.hydra.mode is RunMode.MULTIRUN:
             lock(Path(config.hydra.runtime.output_dir))
-
-    def on_job_end(self, config: DictConfig, job_return: JobReturn, **_: Any) -> None:
-        leave(Path(config.hydra.runtime.output_dir))
 
 
 def take(folder: Path, cfg: DictConfig) -> None:
@@ -88,22 +84,14 @@ def lock(folder: Path) -> None:
     """Keep other processes out of a folder until this one ends, or is killed; UserError if one is there."""
     from filelock import FileLock, Timeout  # noqa: PLC0415
 
-    path = folder.resolve()
     try:
-        (path / ".hydra").mkdir(parents=True, exist_ok=True)
-        found = FileLock(path / ".hydra" / "lock", timeout=0)
-        found.acquire()
+        (folder / ".hydra").mkdir(parents=True, exist_ok=True)
+        _held.append(FileLock(folder / ".hydra" / "lock", timeout=0))
+        _held[-1].acquire()
     except Timeout:
         raise UserError(f"another run is at work in output={folder}; wait for its end, or choose another one") from None
     except OSError as error:
         raise UserError(f"cannot write into output={folder}: {error.strerror}; choose another folder") from error
-    _held[path] = found
-
-
-def leave(folder: Path) -> None:
-    """Let others have a folder."""
-    if found := _held.pop(folder.resolve(), None):
-        found.release()
 
 
 def left_in(folder: Path) -> Iterator[Path]:
