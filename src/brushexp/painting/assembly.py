@@ -16,13 +16,17 @@ from brushexp.plugins.density.base import Density
 from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.loss.base import Loss
 from brushexp.plugins.loss.style import Style
+from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build, build_named, plugin_of
 from brushexp.strokes.brushwork import load_brushwork, with_brushwork
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import write_picture
+from brushexp.system.runtime import free_memory
 
 log = logging.getLogger(__name__)
+BYTES_PER_PIXEL = 500  # that painting takes at least; blend=tiled was seen to take 800
+BYTES_PER_WINDOW_PIXEL = 32  # RGBA in 32 bits, and its gradient
 STYLE, BRUSHWORK = "style", "brushwork"  # names of the losses that the keys of ``style`` add
 AUTO = "auto"  # warm_up that leaves it to the renderer
 
@@ -92,6 +96,21 @@ def paced(parts: Components, steps_per_stroke: float | None, strokes: Strokes, s
     if steps_per_stroke is not None:
         first = replace(first, steps=round(steps_per_stroke * each))
     return replace(parts, stages=[first, *(replace(stage, steps=stage.steps * each) for stage in others)])
+
+
+def check_memory(cfg: DictConfig, parts: Components, size: tuple[int, int]) -> None:
+    """Refuse (UserError) what memory cannot hold: pictures of a canvas of ``size``, and windows of its strokes."""
+    pixels = size[0] * size[1]
+    strokes = cfg.strokes or pixels / cfg.pixels_per_stroke
+    window = max(getattr(stage.renderer, "window", 0) for stage in parts.stages)
+    windows = strokes * window**2 * BYTES_PER_WINDOW_PIXEL if isinstance(parts.sampler, Whole) else 0
+    needed, free = (pixels * BYTES_PER_PIXEL + windows) / 2**20, free_memory()
+    if needed > free:
+        smaller = "resolution=, fewer strokes= or sampler=patches" if windows else "resolution="
+        raise UserError(
+            f"{strokes:.0f} strokes on {size[1]} x {size[0]} pixels take at least {needed / 1024:.1f} GB of memory, "
+            f"but {free / 1024:.1f} GB are free; choose a smaller {smaller}"
+        )
 
 
 def first_strokes(

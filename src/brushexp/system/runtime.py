@@ -92,6 +92,18 @@ def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
         restore()
 
 
+def free_memory() -> float:
+    """Most memory in MB that this process may still get; infinite where the system does not say."""
+    found = [resource.getrlimit(resource.RLIMIT_AS)[0] % 2**64 / 2**20]  # no limit is -1
+    limit, info = Path("/sys/fs/cgroup/memory.max"), Path("/proc/meminfo")
+    if limit.exists() and (text := limit.read_text().strip()).isdecimal():
+        found.append(int(text) / 2**20)
+    if info.exists():
+        lines = dict(line.split(":") for line in info.read_text().splitlines())
+        found.append(sum(int(lines[name].split()[0]) for name in ("MemAvailable", "SwapFree")) / 1024)
+    return min(found)
+
+
 def peak_memory() -> float:
     """Most memory that this process has had at once, in MB."""
     status = Path("/proc/self/status")
