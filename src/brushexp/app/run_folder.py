@@ -10,6 +10,7 @@ from typing import Any
 from hydra.experimental.callback import Callback
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.app.composition import check, leaves
 from brushexp.errors import UserError
@@ -42,8 +43,8 @@ class RunFolder(Callback):
         try:
             check(config, list(config.hydra.overrides.task))
             take(Path(config.hydra.run.dir), config)
-        except UserError as error:  # of which Hydra would make a warning
-            raise SystemExit(f"brushexp: {error}") from error
+        except (UserError, OmegaConfBaseException, OSError) as error:  # of which Hydra would make warnings
+            raise SystemExit(f"brushexp: {' '.join(str(error).split())}") from error
 
     def on_job_start(self, config: DictConfig, **_: Any) -> None:
         if config.hydra.mode is RunMode.MULTIRUN:
