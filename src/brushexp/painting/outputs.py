@@ -14,7 +14,7 @@ from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build, build_named, plain_config, plugin_of
 from brushexp.strokes.storage import Saved
-from brushexp.system.reading import yaml_of
+from brushexp.system.reading import in_short, yaml_of
 
 log = logging.getLogger(__name__)
 LARGEST_SIDE_PIXELS = 65_536  # of the longer side of a picture that is written
@@ -31,7 +31,7 @@ def painted_with(saved: Saved) -> dict[str, Any]:
         settings = yaml_of(saved.config)
         options = settings.get("renderer", {})
         if not isinstance(options, dict):
-            raise UserError(f"renderer is {options!r}; write renderer: {{}} there")
+            raise UserError(f"renderer is {in_short(options)}; write renderer: {{}} there")
         plain_config(options)
     except UserError as error:
         raise UserError(f"the config of the catalogue cannot be read ({error}); mend it, or make it empty") from error

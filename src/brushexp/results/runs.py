@@ -200,8 +200,12 @@ def read_result(path: Path) -> Result:
     chosen = {key: str(value) for key, value in overrides.items()} if isinstance(overrides, dict) else {}
     told = {"status": "completed", **plain, **words, "overrides": chosen}
     if isinstance(pairs, list):
-        told["anytime"] = [[*map(_measured, pair)] for pair in pairs if isinstance(pair, list) and len(pair) == 2]
+        told["anytime"] = [[*map(_measured, pair)] for pair in pairs if _is_pair(pair)]
     return told
+
+
+def _is_pair(data: Any) -> bool:
+    return isinstance(data, list) and len(data) == 2 and all(isinstance(x, int | float | None) for x in data)
 
 
 def _measured(value: Any) -> Any:

@@ -29,7 +29,7 @@ from brushexp.system.hdf5 import (
     text_of,
     whole_number_of,
 )
-from brushexp.system.reading import check_yaml, read_text
+from brushexp.system.reading import check_yaml, in_short, read_text
 
 LARGEST_SIDE = 1_000_000  # pixels
 MOST_STROKES = 10_000_000  # which take 0.7 GB
@@ -103,7 +103,7 @@ def _read(file: h5py.File, cure: str) -> Saved:
     values = {name: dataset_of(file, name, np.float32, field.shape(count)) for name, field in FIELDS.items()}
     background = np.asarray(attribute_of(file, "background"))
     if background.dtype.kind not in "fiu":
-        raise UserError(f"attribute background is {background!r}; numbers are needed")
+        raise UserError(f"attribute background is {in_short(repr(background))}; numbers are needed")
     return Saved(
         strokes=Strokes(**{name: torch.from_numpy(value[...]) for name, value in values.items()}),
         depth=torch.from_numpy(file["depth"][...]),
@@ -133,7 +133,7 @@ def _check(saved: Saved) -> None:
             f"the canvas is {saved.size[0]} x {saved.size[1]} pixels; each side must lie in [1, {LARGEST_SIDE}]"
         )
     if tuple(background.shape) != (3,) or not bool(((background >= 0) & (background <= 1)).all()):
-        raise UserError(f"background is {background.tolist()}; three numbers in [0, 1] are needed")
+        raise UserError(f"background is {in_short(background.tolist())}; three numbers in [0, 1] are needed")
     if not -(2**63) <= saved.seed < 2**64:
         raise UserError(f"seed is {saved.seed}; a number of 64 bits is needed")
     try:

@@ -9,11 +9,11 @@ import h5py
 import numpy as np
 
 from brushexp.errors import UserError
-from brushexp.system.reading import check_file
+from brushexp.system.reading import check_file, in_short
 
 HDF5 = "v110"  # of the library whose format is written: the first with checksums of everything but free text
 LARGEST_ATTRIBUTE = 2**22  # bytes
-LARGEST_CHUNK = 2**26  # bytes of a chunk unpacked: 16 pictures of 1024 x 1024
+LARGEST_CHUNK = 2**24  # bytes of a chunk unpacked: 16 pictures of 512 x 512
 FILTERS = {1, 2, 3}  # gzip, shuffle, checksum: others could be libraries that HDF5 loads
 INFLATION = 1032  # bytes that gzip makes of one at most
 PLAIN = (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
@@ -34,7 +34,7 @@ def explaining(path: Path, cure: str) -> Iterator[None]:
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
     except Exception as error:  # h5py raises all kinds
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error).partition("\n")[0]
+        reason = in_short(error.strerror if isinstance(error, OSError) and error.strerror else error)
         raise UserError(f"{path} is damaged or cut short ({reason}); {cure}") from error
 
 
@@ -110,5 +110,5 @@ def attribute_of(file: h5py.File, name: str, kind: type = object, words: str = "
     value = file.attrs[name]
     value = value.decode() if isinstance(value, bytes) else value
     if not isinstance(value, kind):
-        raise UserError(f"attribute {name} is {value!r}; {words} is needed")
+        raise UserError(f"attribute {name} is {in_short(repr(value))}; {words} is needed")
     return value

@@ -20,6 +20,7 @@ from torch import Tensor
 
 from brushexp.errors import UserError
 
+LONGEST_SHOWN = 160  # letters
 LARGEST_TEXT = 2**24  # bytes of a file of numbers or settings
 LARGEST_YAML = 2**20  # letters: a run's settings have some thousands
 DEEPEST = 32  # levels of lists and mappings in each other
@@ -30,6 +31,12 @@ ROOTS: dict[type, Any] = {
     dict: (yaml.MappingStartEvent, "mapping of keys to values"),
     list: (yaml.SequenceStartEvent, "list"),
 }
+
+
+def in_short(value: object) -> str:
+    """A value of a file, or an error that it has caused, as messages show it: on one line, and not too long."""
+    text = " ".join(str(value).split())
+    return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."
 
 
 def check_file(path: Path, cure: str, largest: float = math.inf) -> None:
@@ -110,7 +117,7 @@ def check_yaml(text: str, root: type = dict) -> None:
     except UserError:
         raise
     except (yaml.YAMLError, ValueError) as error:
-        raise UserError(f"not YAML ({' '.join(str(error).split())})") from error
+        raise UserError(f"not YAML ({in_short(error)})") from error
 
 
 def yaml_of(text: str, root: type = dict) -> Any:
@@ -121,7 +128,7 @@ def yaml_of(text: str, root: type = dict) -> Any:
     except UserError:
         raise
     except Exception as error:  # of PyYAML, OmegaConf, and of Python for dates and numbers that are none
-        raise UserError(f"not YAML of plain values ({' '.join(str(error).split())})") from error
+        raise UserError(f"not YAML of plain values ({in_short(error)})") from error
 
 
 def check_plain(data: Any) -> Any:
@@ -157,8 +164,7 @@ def read_safetensors(path: Path, cure: str) -> dict[str, Tensor]:
     except UserError:
         raise
     except Exception as error:  # its own, and of dtypes that PyTorch does not know
-        reason = " ".join(str(error).split())
-        raise UserError(f"{path} is damaged or no .safetensors file ({reason}); {cure}") from error
+        raise UserError(f"{path} is damaged or no .safetensors file ({in_short(error)}); {cure}") from error
 
 
 def read_pickled(path: Path, cure: str) -> Any:
@@ -174,8 +180,8 @@ def read_pickled(path: Path, cure: str) -> Any:
         found = torch.load(path, map_location="cpu", weights_only=True, mmap=zipped)
         _check_tensors(found)
     except Exception as error:  # of pickle, zip, and what else a file may hold
-        reason = f"{type(error).__name__}: {' '.join(str(error).partition('. ')[0].split())[:120]}"
-        raise UserError(f"{path} is damaged or holds no plain tensors ({reason}); {cure}") from error
+        reason = f"{type(error).__name__}: {str(error).partition('. ')[0]}"
+        raise UserError(f"{path} is damaged or holds no plain tensors ({in_short(reason)}); {cure}") from error
     return found
 
 

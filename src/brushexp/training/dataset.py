@@ -30,7 +30,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine
 from brushexp.registry import plugin_of
 from brushexp.system.hdf5 import dataset_of, explaining, opened, text_of, whole_number_of
-from brushexp.system.reading import json_of
+from brushexp.system.reading import in_short, json_of
 
 FORMAT = "brushexp strokes"
 VERSION = 2  # raise it whenever a file of the new kind would mislead an older reader
@@ -118,7 +118,7 @@ class Shard:
         except UserError as error:
             raise UserError(f"attribute engine_config is {error}; {AGAIN}") from error
         if not isinstance(options, dict):
-            raise UserError(f"attribute engine_config is {config[:40]}; JSON of the engine's options is needed")
+            raise UserError(f"attribute engine_config is {in_short(config)}; JSON of the engine's options is needed")
         self.first, n, window, self.seed = (whole_number_of(file, name) for name in ("first", "n", "window", "seed"))
         self.origin = Origin(text_of(file, "engine"), options, window)
         if not (0 <= self.first < MOST_STROKES and 1 <= n < MOST_STROKES and window >= 1):

@@ -39,6 +39,8 @@ def line_chart(title: str, x: Sequence[float], y: Sequence[float], x_label: str,
 
     An axis of positive numbers that differ by much is logarithmic, unless they have a unit.
     """
+    if len(x) != len(y):  # of a table that somebody else has written
+        return None
     points = np.array([x, y], float)
     points = points[:, np.isfinite(points).all(0)]
     if points.shape[1] < 2 or points[0, 0] == points[0, -1]:
