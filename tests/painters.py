@@ -20,6 +20,10 @@ from brushexp.strokes.prior import clamp_to_prior
 
 SIZE = (48, 70)
 BACKGROUND = torch.tensor([0.2, 0.5, 0.9])
+QUIET = {
+    **{"logger": False, "enable_checkpointing": False, "enable_progress_bar": False, "enable_model_summary": False},
+    **{"accelerator": "cpu", "max_epochs": -1},
+}  # options of a Trainer
 
 
 def painter_of(
@@ -57,9 +61,7 @@ def take(painter: Painter, steps: int, loop: Any = None) -> Any:
 
 def fit(painter: Painter, callbacks=(), ckpt_path=None, **options: Any) -> L.Trainer:
     """Fit as a user of Lightning would."""
-    quiet = {"logger": False, "enable_checkpointing": False, "enable_progress_bar": False}
-    quiet |= {"enable_model_summary": False, "accelerator": "cpu", "max_epochs": -1}
-    trainer = L.Trainer(**{**quiet, **options}, callbacks=list(callbacks))
+    trainer = L.Trainer(**{**QUIET, **options}, callbacks=list(callbacks))
     trainer.fit(painter, ckpt_path=ckpt_path)
     return trainer
 

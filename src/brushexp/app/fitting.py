@@ -21,7 +21,7 @@ from brushexp.results.runs import words_of
 from brushexp.results.sweep import first_line
 from brushexp.system.callbacks import DIVERGED, FAILED, INTERRUPTED, ProgressBar, TimedCheckpoint
 from brushexp.system.files import write_text
-from brushexp.system.reading import check_plain, digest_of, read_pickled
+from brushexp.system.reading import check_plain, digest_of, in_short, read_pickled
 
 log = logging.getLogger(__name__)
 
@@ -80,7 +80,7 @@ def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | No
             return error
         if checkpoint is None or record.begun or isinstance(error, UserError | SystemExit):
             raise
-        reason = f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
+        reason = in_short(f"{type(error).__name__}: {error}")
         raise UserError(f"resume: {checkpoint} does not fit its own settings ({reason}); start anew") from error
     return None
 
@@ -111,8 +111,8 @@ class RunRecord(L.Callback):
         self.record = {"settings": settings, "files": digests(settings), "words": words_of(folder) or []}
         self.begun = False
 
-    def on_train_start(self, *_: object) -> None:
-        self.begun = True
+    def on_train_batch_end(self, *_: object) -> None:
+        self.begun = True  # what a checkpoint holds has been used
 
     def on_save_checkpoint(self, trainer: L.Trainer, pl_module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
         checkpoint[RECORD] = self.record
@@ -139,6 +139,8 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
         kept = plain_config(record["settings"])
         words = [str(word) for word in check_plain(record["words"])]
         paths = {key: (Path(name), digest) for key, (name, digest) in check_plain(record["files"]).items()}
+        if not paths.keys() <= {key for key, value in leaves(record["settings"]) if isinstance(value, str)}:
+            raise UserError(f"{path} names files that its settings do not name; start anew")
         if kept.task in TASKS:  # the keys that follow are those of this task
             kept = typed(TASKS[kept.task], kept)
         if kept.task == cfg.task:
@@ -147,7 +149,7 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
     except UserError as error:
         raise UserError(f"resume={folder}: {error}") from error
     except Exception as error:  # of whatever it holds instead
-        reason = f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
+        reason = in_short(f"{type(error).__name__}: {error}")
         raise UserError(f"resume={folder}: {path} is no checkpoint of this program ({reason}); start anew") from error
     if kept.task != cfg.task:
         raise UserError(f"resume={folder} is a run of task={kept.task}; add task={kept.task}")

@@ -13,7 +13,7 @@ from brushexp.system.reading import check_file, in_short
 
 HDF5 = "v110"  # of the library whose format is written: the first with checksums of everything but free text
 LARGEST_ATTRIBUTE = 2**22  # bytes
-LARGEST_CHUNK = 2**24  # bytes of a chunk unpacked: 16 pictures of 512 x 512
+LARGEST_CHUNK = 2**26  # bytes of a chunk unpacked: 16 pictures of 1024 x 1024
 FILTERS = {1, 2, 3}  # gzip, shuffle, checksum: others could be libraries that HDF5 loads
 INFLATION = 1032  # bytes that gzip makes of one at most
 PLAIN = (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
