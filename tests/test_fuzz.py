@@ -267,9 +267,9 @@ def changed(tree: Any, chance: random.Random) -> Any:
             tree[key] = changed(tree[key], chance)
         return tree
     if isinstance(tree, torch.Tensor) and chance.random() < 0.8:
-        others = [tree * torch.nan, tree.reshape(-1)[:0], tree.expand(7, *tree.shape), tree.double(), tree.to(torch.complex64)]
-        absent = [torch.ones(1).expand(10**12), tree.to("meta"), torch.sparse_coo_tensor(size=(10**9,))]
-        return chance.choice([*others, *absent])
+        wrong = [tree * torch.nan, tree.reshape(-1)[:0], tree.expand(7, *tree.shape), tree.double()]
+        wrong += [tree.to(torch.complex64), tree.to("meta"), torch.sparse_coo_tensor(size=(10**9,))]
+        return chance.choice([*wrong, torch.ones(1).expand(10**12)])
     return chance.choice(HOSTILE)
 
 
@@ -300,7 +300,7 @@ def change_hdf5(file: h5py.File, chance: random.Random, folder: Path) -> None:
         lambda: file.__setitem__(name, h5py.SoftLink(f"/{name}")),
     ]
     chance.choice(ways)()
-    if file.get(name, getclass=True) in (h5py.Dataset, h5py.Group):
+    if isinstance(file.get(name, getlink=True), h5py.HardLink):
         file[name].attrs["unit"] = fixed("x")
 
 

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from brushexp.errors import UserError
 from brushexp.system.files import write_bytes, write_json
-from brushexp.system.reading import check_plain, json_of, read_safetensors, read_text
+from brushexp.system.reading import check_plain, in_short, json_of, read_safetensors, read_text
 
 VERSION = 1  # raise it whenever a file of the new kind would mislead an older reader
 PROGRAM = "brushexp "  # how every format begins
@@ -50,19 +50,19 @@ class CheckpointFormat:
         recipe = self.read_recipe(path)
         family, trained = recipe[self.family], recipe["options"]
         if family != name:
-            raise UserError(f"{where} is of {self.family}={family}, not of {name}; set the one or the other")
+            raise UserError(f"{where} is of {self.family}={in_short(family)}, not of {name}; set the one or the other")
         for key, value in plain_options(options).items():
             typed = f"{self.node}.{key}"
             if key not in trained:
                 raise UserError(f"{where} was trained before there was {typed}; train it again with {self.task}")
             if trained[key] != value:
-                typed += "=" + json.dumps(trained[key]).strip('"')
+                typed += "=" + in_short(json.dumps(trained[key]).strip('"'))
                 raise UserError(f"{where} was trained with {typed}, not {value}; set {typed}")
         try:
             module.load_state_dict(read_weights(path))
         except RuntimeError as error:
-            reason = " ".join(str(error).split())
-            raise UserError(f"{where} is of another {self.noun}; train it again with {self.task}: {reason}") from error
+            cure = f"train it again with {self.task}"
+            raise UserError(f"{where} is of another {self.noun}; {cure}: {in_short(error)}") from error
         if weights_hash(module) != recipe["hash"]:
             raise UserError(f"{path.with_suffix('.json')} describes other weights; copy both files of a checkpoint")
         return str(recipe["hash"])
