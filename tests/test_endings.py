@@ -1,6 +1,8 @@
 """How runs end and go on: signals, steps that give no numbers, files that are others now, or a stranger's."""
 
+import errno
 import json
+import os
 import pickle
 import signal
 from functools import partial
@@ -8,6 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 import torch
+from filelock import FileLock
 from omegaconf import OmegaConf
 from painters import fit, painter_of
 from PIL import Image
@@ -15,7 +18,10 @@ from program import run, stopped
 
 from brushexp.app import fitting
 from brushexp.app.fitting import CHECKPOINT, RECORD, interrupted_run
+from brushexp.app.run_folder import take
+from brushexp.app.tasks import paint
 from brushexp.errors import UserError
+from brushexp.painting import assembly
 from brushexp.painting.painter import DIVERGED
 from brushexp.plugins.loss.base import Loss
 from brushexp.plugins.loss.pixel import MeanSquaredError
@@ -24,6 +30,8 @@ from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS
 from brushexp.strokes.storage import load_catalogue
+from brushexp.system.files import TEMPORARY
+from brushexp.system.runtime import free_memory
 
 
 def test_a_run_goes_on_in_its_own_folder_whatever_signals_end_it(tmp_path):
@@ -123,3 +131,138 @@ def test_every_field_is_watched():
                 value.view(-1)[-1] = torch.inf
                 assert not painter.catalogue.is_finite(), name
                 value.copy_(kept)
+
+
+TINY = ["image=chelsea", "resolution=32", "strokes=12", "steps=8", "threads=1", "frames=0", "report=false"]
+TINY += ["checkpoint_every=0", "device=cpu"]
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (RuntimeError("a bug"), "a bug"),
+        (SystemExit(0), r"test_endings.py:\d+ ends the program \(exit code 0\); let it raise instead"),
+        (MemoryError(), "there is not enough memory; take a smaller resolution= or strokes="),
+        (RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory"), "there is not enough memory"),
+        (
+            OSError(errno.ENOSPC, "No space left on device"),
+            "cannot write into .*: No space left on device; choose another",
+        ),
+        (None, "step 4: loss=mse is nan; .* lower the rate, or drop the loss"),
+    ],
+    ids=["bug", "exit", "memory", "torch", "disk", "nan"],
+)
+def test_what_ends_a_painting_leaves_it_as_it_was_before_that_step(error, message, run_task, tmp_path, monkeypatch):
+    calls, whole = [], MeanSquaredError.forward
+
+    def forward(self, painting):
+        calls.append(0)
+        if len(calls) <= 4:  # one of them is the rehearsal
+            return whole(self, painting)
+        if error is None:
+            return whole(self, painting) * torch.nan
+        raise error
+
+    monkeypatch.setattr(MeanSquaredError, "forward", forward)
+    with pytest.raises((RuntimeError, UserError), match=message):
+        run_task(paint, *TINY)
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    assert metrics["status"] == ("failed" if error else "diverged")
+    assert metrics["steps"] == 3 + (error is None)
+    assert (tmp_path / CHECKPOINT).exists()
+    monkeypatch.setattr(MeanSquaredError, "forward", whole)
+    before = load_catalogue(tmp_path / "catalogue.h5").strokes
+    run_task(paint, *TINY, "steps=8", "trainer.max_steps=3")
+    for name, value in load_catalogue(tmp_path / "catalogue.h5").strokes.items():
+        torch.testing.assert_close(value, getattr(before, name), atol=1e-5, rtol=1e-5)
+
+
+@pytest.mark.parametrize("full", [CHECKPOINT, "painting.png", "metrics.json"])
+def test_a_full_disk_costs_no_more_than_what_it_cannot_hold(full, run_task, tmp_path, monkeypatch, caplog):
+    real = os.fsync
+
+    def fsync(descriptor):
+        name = os.readlink(f"/proc/self/fd/{descriptor}")
+        if name.endswith(full[-5:]) and (full != "painting.png" or (tmp_path / CHECKPOINT).exists()):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        real(descriptor)
+
+    with monkeypatch.context() as patched:
+        patched.setattr("brushexp.system.files.os.fsync", fsync)
+        if full == CHECKPOINT:
+            assert run_task(paint, *TINY)["status"] == "completed"
+            assert "no checkpoint at step 7: cannot write" in caplog.text
+            return
+        with pytest.raises(UserError, match=rf"cannot write .*{full}: No space left on device; .* with output="):
+            run_task(paint, *TINY)
+    assert (tmp_path / CHECKPOINT).exists()
+    assert not (tmp_path / "metrics.json").exists()
+    assert not list(tmp_path.glob(TEMPORARY))
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            {"resolution": 9000},
+            r"9000 strokes on 9000 x 100 .* at least 0.4 GB of memory, but 0.1 GB .* smaller resolution=",
+        ),
+        ({"renderer": "neural"}, r"take at least 1.1 GB .* fewer strokes= or sampler=patches"),
+    ],
+)
+def test_memory_is_estimated_before_the_work_starts(words, message, config, monkeypatch):
+    monkeypatch.setattr(assembly, "free_memory", lambda: 100)
+    cfg = config("strokes=9000", "warm_up=null", *(f"{key}={value}" for key, value in words.items()))
+    size = (100, words.get("resolution", 100))
+    with pytest.raises(UserError, match=message):
+        assembly.check_memory(cfg, assembly.components_of(cfg), size)
+    monkeypatch.undo()
+    assert 10 < free_memory() < 1e9
+    assembly.check_memory(cfg, assembly.components_of(cfg), size)
+
+
+def test_a_run_replaces_no_other_and_removes_nothing_but_what_runs_leave(tmp_path, config):
+    folder = tmp_path / "a"
+    (folder / "pictures").mkdir(parents=True)
+    mine = {"notes.txt", "table.csv", "pictures/holiday.jpg", "metrics.xlsx", "neural.txt", ".hidden"}
+    for name in mine:
+        (folder / name).write_text("mine")
+    take(folder, config())  # of the user alone: nothing is refused, nothing goes
+    run_leaves = {".hydra/config.yaml", "run.log", "target.png", "neural.safetensors", "pictures/epoch_001.png"}
+    temporary = f"{TEMPORARY[:-1]}0123.png"
+    for name in [*run_leaves, temporary]:
+        (folder / name).write_text("a run's")
+
+    def there():
+        found = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+        return found - {".hydra/lock", ".hydra/others.txt"}
+
+    (folder / CHECKPOINT).touch()
+    with pytest.raises(UserError, match=r"output=.* holds a run already \(checkpoint.ckpt\); continue it with resume="):
+        take(folder, config())
+    assert there() == mine | run_leaves | {CHECKPOINT}, "but for what writing that was killed has left"
+    take(folder, config(f"resume={folder}"))
+    with pytest.raises(UserError, match=r"overwrite=true would remove focus=.*target.png; choose another folder"):
+        take(folder, config("overwrite=true", f"focus={folder}/target.png"))
+    (folder / CHECKPOINT).rename(folder / "metrics.json")
+    with pytest.raises(UserError, match=r"holds a run already \(metrics.json\); choose another folder, or replace"):
+        take(folder, config())
+    assert there() == mine | run_leaves | {"metrics.json"}
+    take(folder, config("overwrite=true"))
+    assert there() == mine
+    (folder / ".hydra" / "config.yaml").touch()
+    (folder / "target.png").touch()  # of a run that came to nothing
+    take(folder, config())
+    assert there() == mine
+
+
+def test_one_run_at_a_time_is_in_a_folder(zygote, tmp_path):
+    (tmp_path / "a" / ".hydra").mkdir(parents=True)
+    with FileLock(tmp_path / "a" / ".hydra" / "lock"):
+        code, said = zygote.run(tmp_path, *TINY, "output=a")
+    assert code == 1
+    assert said == "brushexp: another run is at work in output=a; wait for its end, or choose another one\n"
+    assert [path.name for path in (tmp_path / "a").iterdir()] == [".hydra"], "nothing is written"
+    code, said = zygote.run(tmp_path, *TINY, "output=/proc/x")
+    assert code == 1
+    assert said.startswith("brushexp: cannot write into output=/proc/x")

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from brushexp.app.run_folder import left_in
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import TEMPORARY
 
@@ -80,6 +81,8 @@ def test_a_run_that_is_killed_goes_on_to_the_same_bits(zygote, folder, tmp_path,
     assert not list(killed.rglob(TEMPORARY))
     assert json.loads((killed / "metrics.json").read_text())["status"] == "completed"
     assert steps_of(killed) == sorted(set(steps_of(killed)))
+    unknown = {path for path in killed.rglob("*") if path.is_file()} - set(left_in(killed))
+    assert {path.name for path in unknown} == {"lock", "others.txt"}, "overwrite=true would leave it there"
     if result != "catalogue.h5":
         assert (killed / result).read_bytes() == (straight / result).read_bytes()
         return

@@ -87,7 +87,7 @@ def lock(folder: Path) -> None:
 
     try:
         (folder / ".hydra").mkdir(parents=True, exist_ok=True)
-        _held.append(FileLock(folder / ".hydra" / "lock", timeout=0))
+        _held.append(FileLock(folder / ".hydra" / "lock", timeout=0, is_singleton=True))
         _held[-1].acquire()
     except Timeout:
         raise UserError(f"another run is at work in output={folder}; wait for its end, or choose another one") from None
