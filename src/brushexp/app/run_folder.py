@@ -60,7 +60,7 @@ def take(folder: Path, cfg: DictConfig) -> None:
     """
     from brushexp.system.files import TEMPORARY  # noqa: PLC0415  (torch; --help should not wait for it)
 
-    is_new = not (folder / ".hydra" / "config.yaml").is_file()
+    is_new = not (folder / ".hydra").is_dir() and not (folder / "multirun.yaml").is_file()
     lock(folder)
     for path in [*folder.glob(TEMPORARY), *folder.glob(f"*/{TEMPORARY}")]:
         path.unlink(missing_ok=True)
