@@ -23,13 +23,15 @@ from brushexp.app import stroke_data
 from brushexp.app.network_fitting import fit_network, renderer_settings
 from brushexp.app.tasks import train
 from brushexp.errors import UserError
+from brushexp.plugins.loss.discriminator import Discriminator
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import RENDERERS, PatchRenderer, window_pictures
 from brushexp.registry import build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
-from brushexp.system.callbacks import INTERRUPTED, MovingAverage, TimedCheckpoint
+from brushexp.system.callbacks import DIVERGED, INTERRUPTED, MovingAverage, TimedCheckpoint
 from brushexp.system.checkpoint import weights_hash
 from brushexp.training.datamodule import StrokeBatch, StrokeLoader
+from brushexp.training.discriminator_module import DiscriminatorModule, ShapeData
 from brushexp.training.evaluation import decibels, error_figures, error_sums, premultiplied, squared_error
 from brushexp.training.monitoring import FrechetDistance, HeldOutSheet
 from brushexp.training.network_module import WARMUP_STEPS
@@ -193,6 +195,42 @@ def test_the_rate_rises_and_falls_to_its_end():
     unlimited = Rates()
     fit(module_of(RendererSettings(lr=1.0)), None, unlimited, StopAt(WARMUP_STEPS + 3), max_epochs=-1)
     assert unlimited.taken[-1] == 1, "without a limit it stays up"
+
+
+@pytest.mark.parametrize("wrong", ["loss", "gradient", "critic", "discriminator"])
+def test_a_step_that_gives_no_numbers_is_not_taken_and_ends_the_training(wrong):
+    def begun():
+        if wrong != "discriminator":
+            return module_of(CRITIC if wrong == "critic" else None), Strokes()
+        torch.manual_seed(3)
+        return DiscriminatorModule(Discriminator(), 5e-3), ShapeData(batch_size=4, seed=3)
+
+    before, data = begun()
+    fit(before, data, max_steps=2)
+    module, data = begun()
+    step = module.training_step
+
+    def training_step(batch, number):
+        if number < 2:
+            return step(batch, number)
+        if wrong == "critic":
+            with torch.no_grad():
+                list(module.critic.parameters())[-1].fill_(torch.nan)
+        loss = step(batch, number)
+        if wrong == "gradient":
+            weight = next(module.parameters())
+            return loss + (weight - weight.detach()).abs().sum().sqrt()  # 0 times infinity
+        if wrong != "critic":
+            module.terms[next(iter(module.terms))] = torch.tensor(torch.nan)
+        return loss
+
+    module.training_step = training_step
+    fit(module, data, max_epochs=3)
+    reason = {"loss": "loss/l2 is nan", "gradient": "the gradient is not finite", "critic": "loss/critic is nan"}
+    assert (module.stop, module.global_step) == (DIVERGED, 3)
+    assert module.trouble == f"step 3: {reason.get(wrong, 'loss/logistic is nan')}"
+    for (name, weight), known in zip(module.named_parameters(), before.parameters(), strict=True):
+        assert name.startswith("critic") or torch.equal(weight, known), name
 
 
 def test_the_critic_has_the_same_schedule_on_a_faster_scale(config):
