@@ -206,17 +206,17 @@ def test_a_step_that_gives_no_numbers_is_not_taken_and_ends_the_training(wrong):
         return DiscriminatorModule(Discriminator(), 5e-3), ShapeData(batch_size=4, seed=3)
 
     before, data = begun()
-    fit(before, data, max_steps=2)
+    fit(before, data, StopAt(2), max_epochs=3)
     module, data = begun()
     step = module.training_step
 
-    def training_step(batch, number):
-        if number < 2:
-            return step(batch, number)
+    def training_step(batch, batch_idx):
+        if batch_idx < 2:
+            return step(batch, batch_idx)
         if wrong == "critic":
             with torch.no_grad():
                 list(module.critic.parameters())[-1].fill_(torch.nan)
-        loss = step(batch, number)
+        loss = step(batch, batch_idx)
         if wrong == "gradient":
             weight = next(module.parameters())
             return loss + (weight - weight.detach()).abs().sum().sqrt()  # 0 times infinity
