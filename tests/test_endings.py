@@ -242,7 +242,7 @@ def test_a_run_replaces_no_other_and_removes_nothing_but_what_runs_leave(tmp_pat
         take(folder, config())
     assert there() == mine | run_leaves | {CHECKPOINT}, "but for what writing that was killed has left"
     take(folder, config(f"resume={folder}"))
-    with pytest.raises(UserError, match=r"overwrite=true would remove focus=.*target.png; choose another folder"):
+    with pytest.raises(UserError, match=r"a run in output=.* would remove focus=.*target.png; choose another folder"):
         take(folder, config("overwrite=true", f"focus={folder}/target.png"))
     (folder / CHECKPOINT).rename(folder / "metrics.json")
     with pytest.raises(UserError, match=r"holds a run already \(metrics.json\); choose another folder, or replace"):

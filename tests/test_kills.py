@@ -18,7 +18,7 @@ from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import TEMPORARY
 
 PAINT = ["image=chelsea", "resolution=32", "strokes=12", "threads=1", "frames=3", "timelapse=gif", "checkpoint_every=0"]
-TRAIN = ["task=train", "data=set/strokes", "epochs=6", "minutes=null", "batch_size=8", "limit=64", "threads=1", "fid=0"]
+TRAIN = ["task=train", "data=set/strokes", "epochs=3", "minutes=null", "batch_size=8", "limit=64", "threads=1", "fid=0"]
 TRAIN += ["checkpoint_every=0", "renderer.width=4", "renderer.widest=8", "renderer.dense=[16]"]
 SET = ["task=simulate", "engine=disc", "engine.window=64", "threads=1"]
 SHARDS = {"SHARD_STROKES": 32, "BATCH_STROKES": 16}
@@ -30,7 +30,7 @@ ENDS = {
     ],
     "train": [
         *((name, 1, after) for name in ("l.safetensors", "neural.json", "metrics.json") for after in (False, True)),
-        *(("validation.png", 1, True), ("epoch_005.png", 1, False)),
+        *(("validation.png", 1, True), ("epoch_002.png", 1, False)),
     ],
 }
 
@@ -81,7 +81,7 @@ def test_a_run_that_is_killed_goes_on_to_the_same_bits(zygote, folder, tmp_path,
     assert not (killed / "checkpoint.ckpt").exists()
     assert not list(killed.rglob(TEMPORARY))
     assert json.loads((killed / "metrics.json").read_text())["status"] == "completed"
-    assert steps_of(killed) == sorted(set(steps_of(killed)))
+    assert steps_of(killed) == (sorted(set(steps_of(killed))) if name == "painting" else steps_of(straight))
     unknown = {path for path in killed.rglob("*") if path.is_file()} - set(left_in(killed))
     assert {path.name for path in unknown} == {"lock", "others.txt"}, "overwrite=true would leave it there"
     if result != "catalogue.h5":

@@ -112,10 +112,11 @@ def left_in(folder: Path) -> Iterator[Path]:
 def clear(folder: Path, cfg: DictConfig) -> None:
     """Remove what runs have left in a folder; refuse (UserError) if this one reads some of it."""
     files = [path.resolve() for path in left_in(folder)]
-    settings: Any = OmegaConf.to_container(cfg)
-    for key, value in leaves({name: settings[name] for name in settings if name not in ("hydra", "output")}):
-        if isinstance(value, str) and value and any(path.is_relative_to(Path(value).resolve()) for path in files):
-            raise UserError(f"overwrite=true would remove {key}={value}; choose another folder with output=...")
+    read = {*files, *(path.parent for path in files)}
+    for key, value in leaves(OmegaConf.to_container(cfg)):
+        is_path = isinstance(value, str) and ("." in value or key.partition(".")[0] in ("catalogue", "data", "runs"))
+        if is_path and not key.startswith(("hydra.", "output")) and Path(value).resolve() in read:
+            raise UserError(f"a run in output={folder} would remove {key}={value}; choose another folder")
     for path in files:
         path.unlink()
     for path in sorted({path.parent for path in files} - {folder.resolve()}, reverse=True):
