@@ -6,6 +6,7 @@ import os
 import pickle
 import signal
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -183,7 +184,7 @@ def test_a_full_disk_costs_no_more_than_what_it_cannot_hold(full, run_task, tmp_
 
     def fsync(descriptor):
         name = os.readlink(f"/proc/self/fd/{descriptor}")
-        if name.endswith(full[-5:]) and (full != "painting.png" or (tmp_path / CHECKPOINT).exists()):
+        if name.endswith(Path(full).suffix) and (full != "painting.png" or (tmp_path / CHECKPOINT).exists()):
             raise OSError(errno.ENOSPC, "No space left on device")
         real(descriptor)
 
