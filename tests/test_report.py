@@ -20,7 +20,7 @@ from brushexp.errors import UserError
 from brushexp.results import contact_sheet
 from brushexp.results.contact_sheet import LIMIT, SIDE, SheetCell, draw_sheet
 from brushexp.results.runs import parse_overrides
-from brushexp.results.sweep import LOCK, SweepReport, first_line, renew
+from brushexp.results.sweep import SweepReport, first_line, renew
 from brushexp.results.tables import csv_table, latex_table, markdown_table, write_run_tables
 from brushexp.system.files import write_picture
 
@@ -287,11 +287,7 @@ def test_the_last_of_many_writers_sees_all_results(tmp_path):
     assert len(read_csv(tmp_path / "table.csv")) == 6
     assert sum(map(len, greys(tmp_path / "sheet.png"))) == 7
     files = {path.name for path in tmp_path.iterdir() if path.is_file()}
-    assert files <= {"table.csv", "table.md", "table.tex", "sheet.png", "report.html", LOCK}
-    config = OmegaConf.create({"hydra": {"sweep": {"dir": str(tmp_path)}}})
-    for _ in range(2):
-        SweepReport().on_multirun_end(config)
-    assert not (tmp_path / LOCK).exists()
+    assert files <= {"table.csv", "table.md", "table.tex", "sheet.png", "report.html"}
 
 
 def test_overrides_of_every_form_are_read():

@@ -16,7 +16,6 @@ from omegaconf import DictConfig, OmegaConf
 from brushexp.errors import UserError
 
 log = logging.getLogger(__name__)
-LOCK = ".report.lock"
 
 
 class SweepReport(Callback):
@@ -33,9 +32,6 @@ class SweepReport(Callback):
             log_failure(run_folder, job_return._return_value, everywhere=sweep)
         if sweep:
             note_result(run_folder, config, config.hydra.overrides.task, job_return._return_value)
-
-    def on_multirun_end(self, config: DictConfig, **_: Any) -> None:
-        Path(config.hydra.sweep.dir, LOCK).unlink(missing_ok=True)  # all jobs are done, nobody waits for it
 
 
 def note_result(folder: Path, cfg: DictConfig, overrides: Sequence[str], result: Any) -> None:
@@ -57,7 +53,7 @@ def renew(folder: Path) -> None:
     from brushexp.results.effect import write_effect  # noqa: PLC0415
     from brushexp.results.runs import gather  # noqa: PLC0415
 
-    with FileLock(folder / LOCK):
+    with FileLock(folder / ".hydra" / "report.lock"):
         frame = gather([folder], folder)
         write_comparison(folder, frame)
         write_contact_sheet(folder, frame)
