@@ -16,7 +16,6 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from brushexp.errors import UserError
-from brushexp.features.base import mean_squares
 from brushexp.painting.assembly import focus_of
 from brushexp.painting.metrics import measure
 from brushexp.painting.painter import Painter
@@ -210,13 +209,6 @@ def test_features_are_weighted_by_the_area_below_them():
     assert float(value) == pytest.approx(float(((ours - theirs).square() * cells).mean()))
 
 
-def test_the_mean_square_of_activations_takes_weights():
-    ours, theirs = torch.rand(2, 1, 4, 3, 5, dtype=torch.float64, requires_grad=True)
-    weights = torch.rand(3, 5, dtype=torch.float64)
-    assert_close(mean_squares(ours, theirs, weights), ((ours - theirs).square() * weights).mean((0, 2, 3)))
-    assert torch.autograd.gradcheck(lambda a, b: mean_squares(a, b, weights), (ours, theirs))
-
-
 @pytest.mark.parametrize("name", ["mse", "l1", "ssim", "perceptual"])
 def test_weighted_losses_have_the_gradient_of_their_value(name):
     image, target, focus = scene((4, 6))
@@ -305,10 +297,6 @@ def test_a_painter_of_parts_shows_losses_their_part_of_the_focus():
         assert_close(painting.focus, painting.surroundings.region.of(weights))
     assert seen[1].focus is seen[2].focus  # the first is the rehearsal
     assert seen[2].focus is not seen[3].focus
-
-
-def test_without_a_focus_nothing_changes():
-    assert painted(painter_of(None), 5).equal(painted(painter_of(torch.ones(CANVAS)), 5))
 
 
 def test_the_focused_psnr_weighs_the_errors_of_the_saved_pictures():

@@ -84,9 +84,6 @@ def profile_of(swap: bool) -> bytes:
     return bytes(profile)
 
 
-# --- kinds of pictures -----------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("kind", ["png", "bmp", "tiff", "webp", "ppm", "tga", "jpeg"])
 def test_eight_bit_colours_arrive(tmp_path, kind):
     smooth = np.linspace(0, 255, 64 * 48 * 3).astype(np.uint8).reshape(48, 64, 3)
@@ -147,9 +144,6 @@ def test_the_first_frame_is_taken(tmp_path, kind):
     options = {"lossless": True} if kind == "WEBP" else {}
     frames[0].save(tmp_path / "frames", kind, save_all=True, append_images=frames[1:], **options)
     expect(tmp_path / "frames", np.full((HEIGHT, WIDTH, 3), (1, 0, 0)))
-
-
-# --- more than 8 bits ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("channels", [1, 2, 3, 4])
@@ -219,9 +213,6 @@ def test_a_tiff_that_has_no_plain_meaning_as_a_picture_is_refused(tmp_path, samp
     assert message in refusal(tmp_path / "odd.tif")
 
 
-# --- EXIF and ICC ----------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("orientation", ORIENTED)
 @pytest.mark.parametrize("kind", ["png", "webp", "tiff", "lzw", "jpeg"])
 def test_exif_orientation_is_honoured(tmp_path, kind, orientation):
@@ -279,9 +270,6 @@ def test_broken_profiles_and_exif_data_leave_the_raw_values(tmp_path, damaged):
     expect(tmp_path / "broken.png", BYTES / 255)
 
 
-# --- size ------------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("size", "resolution", "wanted"),
     [
@@ -323,9 +311,6 @@ def test_a_resolution_with_too_many_pixels_is_refused_with_one_that_would_do(tmp
     Image.new("RGB", (40, 30)).save(tmp_path / "small.png")
     with pytest.raises(UserError, match="16384 x 12288 pixels, more than 100 megapixels; use resolution=11547 or less"):
         load_picture(str(tmp_path / "small.png"), 16384)
-
-
-# --- bad input -------------------------------------------------------------------------------------------------------
 
 
 def test_what_is_no_file_is_refused_with_the_samples_that_exist(tmp_path):
@@ -427,9 +412,6 @@ def test_damaged_bytes_give_a_picture_or_a_refusal_and_nothing_else(tmp_path_fac
     assert bool(((target >= 0) & (target <= 1)).all())
 
 
-# --- samples ---------------------------------------------------------------------------------------------------------
-
-
 def test_the_samples_load_without_a_network():
     assert {"astronaut", "camera", "chelsea", "coffee", "hubble_deep_field", "retina", "rocket"} <= samples().keys()
     for name in samples():
@@ -444,9 +426,6 @@ def test_a_file_wins_over_a_sample_of_its_name_a_folder_does_not_and_a_tilde_is_
     Image.fromarray(BYTES).save(tmp_path / "coffee", "PNG")
     for name in ("coffee", "~/coffee"):
         expect(Path(name), BYTES / 255)
-
-
-# --- background ------------------------------------------------------------------------------------------------------
 
 
 TARGET = torch.from_numpy(FLOATS).permute(2, 0, 1)

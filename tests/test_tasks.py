@@ -4,7 +4,6 @@ import json
 import signal
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from PIL import Image
 from program import ROOT, run, stopped
 
 from brushexp.strokes.prior import clamp_to_prior
-from brushexp.strokes.storage import load_catalogue, save_catalogue
+from brushexp.strokes.storage import load_catalogue
 
 SMALL = ["image=chelsea", "resolution=48", "steps=30", "threads=1", "frames=5"]
 
@@ -89,13 +88,6 @@ def test_a_saved_catalogue_renders_to_the_painting_and_larger(painted, tmp_path)
     assert np.abs(shrunk - picture(painted / "painting.png")).mean() < 12
 
 
-def test_a_catalogue_tells_when_the_weights_are_others(painted, tmp_path):
-    other = tmp_path / "catalogue.h5"
-    save_catalogue(other, replace(load_catalogue(painted / "catalogue.h5"), renderer_hash="0123"))
-    said = carried_out("task=export", f"catalogue={other}", output=tmp_path / "a")
-    assert "painted with other weights of renderer=analytic" in said
-
-
 def test_painting_goes_on_from_a_catalogue(painted, tmp_path):
     carried_out(*SMALL, f"catalogue={painted}/catalogue.h5", "steps=0", "order=fixed", output=tmp_path / "a")
     assert np.abs(picture(tmp_path / "a" / "painting.png") - picture(painted / "painting.png")).max() <= 1
@@ -159,24 +151,18 @@ def test_a_run_stops_when_nothing_is_gained(tmp_path):
     assert (metrics_of(tmp_path / "a")["status"], metrics_of(tmp_path / "a")["steps"]) == ("stopped early", 200)
 
 
-def test_a_sweep_ends_in_one_table_and_one_sheet(tmp_path):
-    swept = ["steps=5", "frames=0", "loss=mse,perceptual", "init=grid,scatter", "strokes=15,100000"]
-    result = run("-m", *SMALL, *swept, f"output={tmp_path}/s", cwd=tmp_path)
+def test_a_sweep_on_several_cores_ends_in_one_table_and_one_sheet(tmp_path):
+    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    swept = ["steps=5", "frames=0", "report=false", "init=grid,scatter", "strokes=15,100000"]
+    parallel = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    result = run("-m", *SMALL, *swept, *parallel, f"output={tmp_path}/s", cwd=tmp_path)
     assert result.returncode != 0, "half of the jobs ask for more strokes than pixels"
     rows = (tmp_path / "s" / "table.csv").read_text().splitlines()
-    assert len(rows) == 1 + 8
-    assert sum("failed" in row for row in rows) == 4
+    assert len(rows) == 1 + 4
+    assert sum("failed" in row for row in rows) == 2
     assert "strokes=100000 is more than" in rows[2]
     assert (tmp_path / "s" / "table.md").exists()
     assert picture(tmp_path / "s" / "sheet.png").shape[1] > 400
-
-
-def test_a_sweep_runs_on_several_cores(tmp_path):
-    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
-    swept = ["steps=5", "frames=0", "threads=null", "init=grid,scatter"]
-    parallel = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
-    typed("-m", *SMALL, *swept, *parallel, f"output={tmp_path}/s", cwd=tmp_path)
-    assert len((tmp_path / "s" / "table.csv").read_text().splitlines()) == 3
 
 
 def test_help_lists_every_plugin_in_one_line(tmp_path):

@@ -1,13 +1,11 @@
 """The timelapse keeps few, small frames, survives a checkpoint, and becomes a video or a GIF."""
 
-import sys
 from itertools import pairwise
 
 import numpy as np
 import pytest
 import torch
 from films import decoded, unrolled
-from torch.nn.functional import interpolate as resize
 
 from brushexp.errors import UserError
 from brushexp.painting.timelapse import FPS, HOLD_SECONDS, MIN_FPS, Timelapse, moments, shrink, timing
@@ -39,29 +37,6 @@ def test_the_video_shows_the_frames_and_holds_the_last(tmp_path):
         assert coding.colorspace == coding.color_primaries == 1  # BT.709
     data = path.read_bytes()
     assert data.index(b"moov") < data.index(b"mdat"), "it can be played while it loads"
-
-
-def test_without_av_a_gif_is_written(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "av", None)
-    (path,) = filled(side=720).write(tmp_path)
-    assert path == tmp_path / "timelapse.gif"
-    pictures, durations = unrolled(path)
-    for picture, color in zip(pictures, COLORS, strict=True):
-        np.testing.assert_allclose(picture.mean((0, 1)) / 255, color, atol=0.03)
-    assert abs(sum(durations) - 1000 * (len(COLORS) + round(HOLD_SECONDS * FPS)) / FPS) <= 5
-    assert max(durations[:-1]) < 100
-
-
-def test_a_gif_is_small(tmp_path):
-    timelapse = Timelapse(6, 720, kind=Format.gif)
-    painting, error = (torch.rand(1, 3, rows, columns) for rows, columns in ((18, 24), (90, 120)))
-    painting, error = (resize(image, (540, 720), mode="bilinear")[0] for image in (painting, error))
-    for step in range(6):
-        timelapse.add(painting.lerp(error, 1 / (step + 2)), step)
-    assert sum(frame.numel() for frame in timelapse.state_dict()["frames"]) < 6 * 100_000, "compressed meanwhile"
-    (path,) = timelapse.write(tmp_path)
-    assert unrolled(path)[0][0].shape == (360, 480, 3)
-    assert path.stat().st_size < 0.9e6
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (4, 20000), (20000, 4), (63, 91), (2, 3)])

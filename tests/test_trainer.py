@@ -12,8 +12,7 @@ from pathlib import Path
 import lightning as L
 import pytest
 import torch
-from lightning.pytorch.callbacks import Checkpoint, EarlyStopping, LearningRateMonitor, ModelCheckpoint, Timer
-from lightning.pytorch.loggers import CSVLogger
+from lightning.pytorch.callbacks import Checkpoint, Timer
 from program import Program, run
 from test_dataset import write
 from torch import nn
@@ -30,11 +29,11 @@ from brushexp.registry import build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.callbacks import DIVERGED, INTERRUPTED, MovingAverage, TimedCheckpoint
 from brushexp.system.checkpoint import weights_hash
+from brushexp.training import network_module
 from brushexp.training.datamodule import StrokeBatch, StrokeLoader
 from brushexp.training.discriminator_module import DiscriminatorModule, ShapeData
 from brushexp.training.evaluation import decibels, error_figures, error_sums, premultiplied, squared_error
 from brushexp.training.monitoring import FrechetDistance, HeldOutSheet
-from brushexp.training.network_module import WARMUP_STEPS
 from brushexp.training.renderer_module import Critic, RendererModule, RendererSettings, balanced, relativistic_loss
 
 SIDE = 16
@@ -134,35 +133,12 @@ def test_a_few_strokes_are_learned_and_validated():
     assert set(module.figures) == {"l2", "psnr_alpha", "psnr_color"}
 
 
-# what Lightning's manual says
-
-
 def test_time_ends_a_training():
     timer, module = Timer(timedelta(seconds=0.3)), module_of()
     fit(module, None, timer, max_epochs=-1)
     assert module.seconds == timer.time_elapsed() >= 0.3
     assert module.progress == 1
     assert module.figures, "what it has is validated"
-
-
-def test_callbacks_loggers_and_profilers_of_lightning_work(tmp_path):
-    kept = ModelCheckpoint(tmp_path / "kept", monitor="validation/psnr_alpha", mode="max", save_last=True)
-    monitor = LearningRateMonitor(logging_interval="step")
-    options = {"profiler": "simple", "default_root_dir": tmp_path}
-    options |= {"logger": CSVLogger(tmp_path), "log_every_n_steps": 2}
-    trainer = fit(module_of(CRITIC), None, kept, monitor, max_epochs=3, **options)
-    assert Path(kept.best_model_path).is_file()
-    assert (tmp_path / "kept" / "last.ckpt").is_file()
-    assert trainer.profiler.summary()
-    with (Path(trainer.logger.log_dir) / "metrics.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    trained = [row for row in rows if row["loss/l2"]]
-    assert [int(row["step"]) for row in trained] == [1, 3, 5, 7, 9, 11]
-    assert all(float(row["loss/critic"]) and float(row["loss/adversarial"]) for row in trained)
-    assert len([row for row in rows if row["validation/psnr_alpha"]]) == 3
-    assert [row for row in rows if row["lr-AdamW"]]
-    stopped = fit(module_of(), None, EarlyStopping("validation/l2", patience=1, min_delta=10.0), max_epochs=50)
-    assert stopped.current_epoch == 2
 
 
 @pytest.mark.parametrize("settings", [RendererSettings(), CRITIC], ids=["plain", "critic"])
@@ -182,18 +158,19 @@ def test_so_many_steps_in_half_precision_are_taken_and_validated_in_32_bit_weigh
     assert math.isfinite(module.figures["l2"])
 
 
-def test_the_rate_rises_and_falls_to_its_end():
+def test_the_rate_rises_and_falls_to_its_end(monkeypatch):
+    monkeypatch.setattr(network_module, "WARMUP_STEPS", 20)
     rates = Rates()
-    fit(module_of(RendererSettings(lr=1.0)), Strokes(8), rates, max_epochs=250)
+    fit(module_of(RendererSettings(lr=1.0)), Strokes(8), rates, max_epochs=50)
     taken = rates.taken
     peak = taken.index(max(taken))
-    assert taken[0] < 0.01
+    assert taken[0] == 0.05
     assert 0.9 < max(taken) <= 1
     assert taken[: peak + 1] == sorted(taken[: peak + 1])
     assert taken[peak:] == sorted(taken[peak:], reverse=True)
-    assert taken[-1] < 0.011
+    assert taken[-1] < 0.02
     unlimited = Rates()
-    fit(module_of(RendererSettings(lr=1.0)), None, unlimited, StopAt(WARMUP_STEPS + 3), max_epochs=-1)
+    fit(module_of(RendererSettings(lr=1.0)), None, unlimited, StopAt(23), max_epochs=-1)
     assert unlimited.taken[-1] == 1, "without a limit it stays up"
 
 
@@ -243,16 +220,13 @@ def test_the_critic_has_the_same_schedule_on_a_faster_scale(config):
     assert renderer_settings(cfg) == RendererSettings()
 
 
-# what is ours
-
-
 @pytest.mark.parametrize(
     ("step", "settings"), [(1, RendererSettings()), (8, RendererSettings()), (11, RendererSettings()), (5, CRITIC)]
 )
 def test_a_resumed_training_ends_with_the_same_weights(tmp_path, step, settings):
     # Four steps an epoch: in the middle of the first one, right after one, and at the end of one.
     def beside():
-        return [MovingAverage(0.99), FrechetDistance(5), TimedCheckpoint(path, None)]
+        return [MovingAverage(0.99), TimedCheckpoint(path, None)]
 
     path = tmp_path / "checkpoint.ckpt"
     whole, halved = module_of(settings), module_of(settings)
@@ -264,23 +238,6 @@ def test_a_resumed_training_ends_with_the_same_weights(tmp_path, step, settings)
     assert resumed.global_step == whole.global_step == 12
     torch.testing.assert_close(resumed.state_dict(), whole.state_dict(), rtol=0, atol=0)
     assert resumed.figures == whole.figures
-
-
-def test_a_critic_without_weight_changes_nothing():
-    weights = []
-    for critic in (False, True):
-        module = module_of(RendererSettings(critic=critic, critic_weight=0.0, critic_width=2), seed=5)
-        module.configure_optimizers = partial(same_optimizer, module)
-        fit(module, None, max_epochs=2)
-        weights.append(module.renderer.state_dict())
-    torch.testing.assert_close(*weights)
-
-
-def same_optimizer(module: RendererModule) -> torch.optim.Optimizer:
-    """A plain one, because beside a critic the renderer's has another momentum."""
-    if module.critic is not None:
-        module.critic_optimizer = torch.optim.SGD(module.critic.parameters(), 1e-3)
-    return torch.optim.SGD(module.renderer.parameters(), 1e-3)
 
 
 def test_the_critic_pulls_as_hard_as_its_weight_says():
@@ -322,20 +279,6 @@ def test_the_critic_gives_one_score_a_picture(window):
     scores.sum().backward()
     assert bool(pictures.grad.isfinite().all())
     assert float(pictures.grad.abs().sum()) > 0
-
-
-def test_the_critic_learns_to_tell_two_kinds_of_pictures_apart():
-    critic = Critic(16, 4)
-    optimizer = torch.optim.Adam(critic.parameters(), 1e-3)
-    smooth = torch.rand(16, 4, 1, 1).expand(-1, -1, 16, 16)
-    rough = torch.rand(16, 4, 16, 16)
-    first = float(relativistic_loss(critic(smooth), critic(rough)).detach())
-    for _ in range(60):
-        optimizer.zero_grad()
-        loss = relativistic_loss(critic(smooth), critic(rough))
-        loss.backward()
-        optimizer.step()
-    assert float(loss.detach()) < 0.3 * first
 
 
 def test_held_out_strokes_are_shown_and_compared_at_every_validation(tmp_path):
@@ -445,7 +388,16 @@ def test_a_training_without_an_end_is_refused(config):
 
 @pytest.mark.slow
 def test_an_interrupted_training_is_kept_and_goes_on(stored, tmp_path):
-    settings = ["epochs=12", "minutes=null", "batch_size=8", "threads=1", "checkpoint_every=0", f"data={stored}", *TINY]
+    settings = [
+        "epochs=12",
+        "minutes=null",
+        "batch_size=8",
+        "threads=1",
+        "checkpoint_every=0",
+        f"data={stored}",
+        "fid=0",
+        *TINY,
+    ]
     process = Program("task=train", *settings, f"output={tmp_path}/a", cwd=tmp_path)
     while not (tmp_path / "a" / "checkpoint.ckpt").exists() and process.poll() is None:
         time.sleep(0.02)
