@@ -142,18 +142,14 @@ def distances() -> Table:
 
 def sizes() -> tuple[Table, Table]:
     """Strokes shorter and thinner than a pixel: errors, and the same as a part of what the strokes change."""
-    plain: Table = {}
-    relative: Table = {}
+    plain, relative = Table(), Table()
     renderers = RENDERERS | {"analytic, taper 0.5": Analytic(taper=0.5)}
     for exponent in range(2, -9, -1):
         pixels = 10.0 ** (exponent / 2)
+        shapes = {"thin": (10.0, pixels), "short": (pixels, 1.0), "thin and short": (pixels, pixels)}
         plain[pixels], relative[pixels] = {}, {}
         for name, renderer in renderers.items():
-            for what, length, width in (
-                ("thin", 10.0, pixels),
-                ("short", pixels, 1.0),
-                ("thin and short", pixels, pixels),
-            ):
+            for what, (length, width) in shapes.items():
                 if name != "analytic" and what != "thin and short":
                     continue
                 strokes = strokes_of(60, side=24.0, length=length, width=width)
@@ -242,13 +238,11 @@ def plot(path: Path, varies: str, table: Table, *, falling: bool = False, pictur
     """Errors of picture and gradient beside each other, on logarithmic axes."""
     figure = new_figure(4.2)
     for axes, what in zip(figure.subplots(1, 2), ("picture", "gradient"), strict=True):
-        drawn = 0
         for number, name in enumerate(next(iter(table.values()))):
             found = [max(getattr(row[name], what), LEAST) for row in table.values()]
             if max(found) > LEAST:
                 look = {"color": COLORS[number % len(COLORS)], "marker": MARKERS[number % len(MARKERS)]}
                 axes.plot(list(table), found, label=name, markersize=4, linewidth=1.2, **look)
-                drawn += 1
         label = picture if what == "picture" else "gradient, relative"
         axes.set(xscale="log", yscale="log", xlabel=varies, ylabel=f"error of the {label}")
         if falling:
@@ -288,13 +282,8 @@ def main(plots: Path | None) -> None:
     show("Strokes below a pixel, 60 strokes: picture / gradient", "pixels", plain)
     show("The same, the picture's error as a part of its largest change", "pixels", relative)
     if plots:
-        plot(
-            plots / "numerics_size.png",
-            "length or width, pixels",
-            relative,
-            falling=True,
-            picture="picture, of its largest change",
-        )
+        picture = "picture, of its largest change"
+        plot(plots / "numerics_size.png", "length or width, pixels", relative, falling=True, picture=picture)
     table = sums()
     names = list(table[100])
     print(f"\nMeans over pixels, relative error\n\n| pixels | {' | '.join(names)} |\n|{'---|' * (len(names) + 1)}")

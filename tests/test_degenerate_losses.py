@@ -27,8 +27,6 @@ PRECISIONS = (torch.float64, torch.float32, torch.bfloat16, torch.float16)
 CANVAS = (20, 30)  # of the strokes
 STRAIGHT = SHRINK - 1 - np.log(SHRINK)  # KL of strokes that are all straight
 
-# --- Strokes ---
-
 
 def reference() -> Brushwork:
     made = random_strokes(60, (40, 50), seed=1)
@@ -157,8 +155,6 @@ def test_copies_of_a_stroke_cost_what_it_costs_alone_and_flow_and_straight_ones_
     assert judged_strokes(Curvature(), points(4), torch.float64)[0] == 0
 
 
-# --- Pictures ---
-
 PICTURE_LOSSES: dict[str, Callable[[], Loss]] = {
     "mse": MeanSquaredError,
     "l1": MeanAbsoluteError,
@@ -251,8 +247,6 @@ def test_statistics_of_one_channel_or_one_position_are_finite(kernel, channels, 
             assert slope.isfinite().all()
             assert judge.discrepancy(judge.sums(wanted)) == 0
 
-
-# --- Optimisers ---
 
 PRESETS = sorted(path.stem for path in (Path(__file__).parents[1] / "conf" / "optimizer").glob("*.yaml"))
 STEPS = 200

@@ -276,12 +276,6 @@ def test_the_strokes_begin_where_it_matters():
     assert counts[2] > 1.4 * counts[0]
 
 
-def test_steps_that_look_at_everything_by_way_of_parts_are_the_same():
-    everything = Patches(n_active=10**6, n_ring=0, patch=10**6)
-    whole, part = painter_of(FOCUSED), painter_of(FOCUSED, sampler=everything)
-    assert_close(painted(whole, 6), painted(part, 6), rtol=0, atol=1e-3)
-
-
 def test_a_painter_of_parts_shows_losses_their_part_of_the_focus():
     weights = focus_weights(torch.rand(CANVAS), 8)
     seen: list[Painting] = []

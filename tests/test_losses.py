@@ -37,9 +37,6 @@ def judged(loss: Loss, image: Tensor, target: Tensor) -> Tensor:
     return loss(Painting(image, target, Strokes.none()))
 
 
-# Contracts of all
-
-
 @pytest.mark.parametrize(
     "made", [StructuralSimilarity, Lpips, partial(Perceptual, jitter=0), Sinkhorn, partial(Style, taps=["stem"])]
 )
@@ -86,9 +83,6 @@ def test_weights_scale_the_sum_and_not_the_value(cls):
     assert cls(weight=4.0).weight == 4 > cls().weight > 0
 
 
-# Pixels
-
-
 @pytest.mark.parametrize(("loss", "power"), [(MeanSquaredError(), 2), (MeanAbsoluteError(), 1)])
 def test_pixel_losses_average_over_pixels_and_channels(loss, power):
     image, target = pictures()
@@ -99,9 +93,6 @@ def test_pixel_losses_average_over_pixels_and_channels(loss, power):
     assert value == 0
     assert (torch.autograd.grad(value, exact)[0] == 0).all(), "of l1, too"
     assert torch.autograd.gradcheck(lambda x: judged(loss, x, target), torch.rand_like(image).requires_grad_())
-
-
-# SSIM
 
 
 @pytest.mark.parametrize("size", [(6, 6), (11, 17), (37, 50)])
@@ -136,9 +127,6 @@ def test_ssim_has_the_right_slope(size):
     image, target = pictures(*size)
     value = partial(judged, StructuralSimilarity(), target=target)
     assert torch.autograd.gradcheck(value, image.requires_grad_(), fast_mode=True)
-
-
-# Features
 
 
 def perceptual(**options: object) -> Perceptual:

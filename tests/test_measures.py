@@ -171,9 +171,6 @@ def test_points_do_not_count_in_a_mean_direction():
     assert mean_direction(direction, near[:, :0]).tolist() == [[0, 0], [0, 0]]
 
 
-# The curve
-
-
 def random_curves(n, bend, dtype=torch.float64):
     start, end = torch.rand(n, 2, dtype=dtype) * 30, torch.rand(n, 2, dtype=dtype) * 30
     return torch.stack([start, (start + end) / 2 + bend * torch.randn(n, 2, dtype=dtype), end], dim=1)

@@ -12,7 +12,6 @@ from torch.testing import assert_close
 from brushexp.painting.canvas_memory import PatchCache, touched
 from brushexp.pictures.region import Region
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.loss.base import Painting, Surroundings
 from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.loss.pixel import MeanSquaredError
 from brushexp.plugins.loss.stroke import KullbackLeibler
@@ -212,22 +211,6 @@ def test_kept_pictures_are_those_of_the_renderer_drawn_once_and_within_their_mem
         number = torch.randperm(30, generator=generator)[:size]
         assert_close(kept.layers(strokes[number], number).images, wanted[number], rtol=0, atol=1e-3)
         assert len(kept._pictures) <= 8
-
-
-def test_features_of_a_part_see_what_surrounds_it():
-    target, picture = torch.rand(2, 3, *SIZE)
-    region = Region(10, 20, 24, 28)
-    image = torch.rand(3, 24, 28, requires_grad=True)
-    painting = Painting(image, region.of(target), random_strokes(1, SIZE), Surroundings(region, picture, target))
-    wide = painting.around(7)
-    assert wide.image.shape == wide.target.shape == (3, 38, 42)
-    assert torch.equal(wide.image[:, 7:-7, 7:-7], image)
-    assert torch.equal(wide.image[:, :7], picture[:, 3:10, 13:55])
-    assert wide.target is painting.around(7).target, "the same object, so that its features are computed once"
-    everything = painting.around(10**6)
-    assert everything.image.shape == (3, *SIZE)
-    everything.image.sum().backward()
-    assert (image.grad == 1).all()
 
 
 @pytest.mark.parametrize("coverage", ["fair", "random"])

@@ -17,7 +17,7 @@ from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.gcode import Gcode
 from brushexp.plugins.export.hpgl import Hpgl
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.registry import build, build_named
+from brushexp.registry import build_named
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
 
@@ -341,9 +341,3 @@ def test_without_vpype_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "vpype", None)
     with pytest.raises(UserError, match=re.escape("pip install -e '.[plot]'")):
         Gcode()
-
-
-def test_the_options_are_typed_on_the_command_line(config):
-    cfg = config("task=export", "catalogue=c.h5", "to=[gcode,hpgl]", "to.gcode.hidden=skip", "to.hpgl.pens=[black,red]")
-    assert build(cfg.to.gcode).hidden == "skip"
-    assert build(cfg.to.hpgl).own_pens.tolist() == [[0, 0, 0], [1, 0, 0]]

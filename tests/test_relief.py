@@ -40,9 +40,6 @@ def thick(n, size, **options):
     return replace(strokes, opacity=0.3 + 0.7 * strokes.opacity)
 
 
-# Heights
-
-
 @pytest.mark.parametrize("name", RENDERERS)
 def test_heights_are_those_of_strokes_laid_one_after_another(name):
     size, strokes = (26, 39), thick(25, (26, 39))
@@ -147,17 +144,6 @@ def test_where_bristles_are_large_enough_to_be_seen_slopes_do_not_depend_on_the_
     assert slopes[1] == pytest.approx(slopes[0], rel=0.05)
 
 
-@pytest.mark.parametrize("name", RENDERERS)
-def test_bands_make_the_same_as_the_whole(name, monkeypatch):
-    job = export_job(thick(30, (70, 41)), (70, 41), renderer=RENDERERS[name])
-    whole = height_of(job)
-    monkeypatch.setattr(banding, "BAND", 41 * 9)
-    np.testing.assert_allclose(height_of(job), whole, atol=1e-4)
-
-
-# Light
-
-
 def hills(height, width, *, roughness=1.0):
     return (roughness * np.random.default_rng(0).random((height, width))).astype(np.float32)
 
@@ -223,9 +209,6 @@ def test_gloss_brightens_what_mirrors_the_lamp():
     matt, wet = (lit_grey(0.2, slope, 270, 45, gloss)[1, 2] for gloss in (0.0, 1.0))
     assert wet > matt + 0.3
     assert lit_grey(0.2, slope, 90, 45, 1.0)[1, 2] < 0.2
-
-
-# Files
 
 
 def test_the_three_files_agree_with_the_heights(tmp_path, caplog):
