@@ -38,14 +38,11 @@ class TileLists:
 def tile_lists(
     curve: Tensor, reach: Tensor, front_to_back: Tensor, size: tuple[int, int], *, boxes_only: bool = False
 ) -> TileLists:
-    """List the strokes that may touch each tile.
+    """List the strokes that may touch each tile of a canvas of ``size`` (H, W).
 
-    Args:
-        curve: (N, 3, 2) control points in pixels.
-        reach: (N,) pixels beyond which a stroke is transparent; nothing is listed where it is 0 or less.
-        front_to_back: (N,) indices of the strokes, the uppermost first; the lists have their places in this order.
-        size: (H, W) of the canvas.
-        boxes_only: strokes fill the boxes around them, corners too, as windows do.
+    ``curve`` (N, 3, 2) and ``reach`` (N,) are those of `Layers`; ``front_to_back`` (N,) are indices of the strokes, the
+    uppermost first, and the lists have their places in this order. With ``boxes_only`` strokes fill the boxes around
+    them, corners too, as windows do.
     """
     points, reaches = (part.detach()[front_to_back].float().cpu().contiguous().numpy() for part in (curve, reach))
     rows, columns = -(-size[0] // TILE), -(-size[1] // TILE)

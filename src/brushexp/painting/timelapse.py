@@ -27,10 +27,8 @@ HOLD_SECONDS = 1.5  # that the finished painting stays
 class Timelapse(L.Callback):
     """Collects frames while strokes are optimised, compressed, keeps them in the checkpoint, and makes them a film.
 
-    Args:
-        n_frames: about how many in all; 0 for no timelapse.
-        side: longer side of a frame in pixels; smaller pictures are not enlarged.
-        seconds: how long they take in all, but for ``HOLD_SECONDS`` of the last one; None for ``FPS`` frames a second.
+    There are about ``n_frames``, of at most ``side`` pixels. They take ``seconds`` in all, but for ``HOLD_SECONDS`` of
+    the last one; None for ``FPS`` frames a second.
     """
 
     def __init__(self, n_frames: int, side: int, *, seconds: float | None = None, kind: Format = Format.mp4) -> None:

@@ -87,12 +87,13 @@ def runs_table(frame: DataFrame) -> DataFrame:
 
 
 def means_table(frame: DataFrame) -> DataFrame | None:
-    """A row per setting with means over seeds; None if seeds do not vary."""
+    """A row per setting with means over seeds, ``21.00 ± 1.41`` where there are several; None if seeds do not vary."""
     keys = list(varying(frame))
     if "seed" not in keys:
         return None
     means = over_seeds(frame)
-    texts = mean_texts(means)
+    texts = as_text(means["mean"].dropna(axis=1, how="all"), DIGITS)
+    texts += (" ± " + as_text(means["std"][list(texts)], DIGITS)).where(means["std"].notna(), "")
     settings = _settings(means, [key for key in keys if key != "seed"], ["runs", *texts]).fillna("")
     return settings.assign(runs=means["run", "runs"]).join(texts)
 
@@ -138,12 +139,6 @@ def shown_metrics(frame: DataFrame) -> DataFrame:
     return frame["metric"][[key for key in METRICS if key in frame["metric"]]].dropna(axis=1, how="all")
 
 
-def mean_texts(means: DataFrame) -> DataFrame:
-    """Means, with the standard deviation where there is one: ``21.00 ± 1.41``."""
-    texts = as_text(means["mean"].dropna(axis=1, how="all"), DIGITS)
-    return texts + (" ± " + as_text(means["std"][list(texts)], DIGITS)).where(means["std"].notna(), "")
-
-
 def run_count(frame: DataFrame) -> str:
     """How many runs there are, and how many of them failed."""
     failed = (frame["run", "status"] == "failed").sum()
@@ -163,11 +158,9 @@ def markdown_table(
 ) -> str:
     """A table as Markdown, without a line break at its end.
 
-    Args:
-        rows: a dictionary per row, a dictionary with a list per column, or a data frame.
-        digits: column -> digits after the point of its numbers; the other values are shown as they are.
-        align: "l" or "r" for each column, as in LaTeX; None sets columns of numbers on the right.
-        escape: show every letter as it is, also those that mean something to Markdown.
+    ``digits`` are those after the point of numbers by column; the other values are shown as they are. ``align`` is "l"
+    or "r" for each column, as in LaTeX; None sets columns of numbers on the right. With ``escape`` every letter is
+    shown as it is, also those that mean something to Markdown.
     """
     shown = as_text(_frame(rows), digits or {})
     quoted = escaped if escape else str
