@@ -21,7 +21,7 @@ from brushexp.plugins.renderer.base import RENDERERS, PatchRenderer, window_pict
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.prior import INSET, WIDTH, parameters_of, sample_prior
 from brushexp.training import benchmark
-from brushexp.training.benchmark import EXTREMES, draw_extremes, extreme_strokes, strokes_per_second
+from brushexp.training.benchmark import EXTREMES, draw_extremes, extreme_strokes
 from brushexp.training.datamodule import StrokeBatch
 from brushexp.training.evaluation import (
     FeatureDistance,
@@ -53,9 +53,6 @@ def strokes(n: int, side: int = 32, **options) -> StrokeBatch:
     parameters = parameters_of(sample_prior(n))
     with torch.no_grad():
         return StrokeBatch(parameters, window_pictures(Analytic(**options), parameters, side), torch.arange(n))
-
-
-# distances of sample sets
 
 
 def test_fid_and_kid_are_their_formulas():
@@ -133,9 +130,6 @@ def test_paint_lies_on_white():
     torch.testing.assert_close(over_white(images).reshape(3, 3), expected)
 
 
-# errors and speed
-
-
 def test_the_figures_are_those_of_all_strokes_together():
     batch = strokes(10, soft=3.0)
     parts = [StrokeBatch(*(values[part] for values in batch)) for part in (slice(0, 7), slice(7, 10))]
@@ -145,20 +139,6 @@ def test_the_figures_are_those_of_all_strokes_together():
     expected = error_figures(error_sums(drawn, batch.images))
     assert {key: figures[key] for key in expected} == pytest.approx(expected)
     assert math.isfinite(figures["fid_mine"])
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_time_is_taken_of_every_renderer(name, monkeypatch):
-    monkeypatch.setattr(benchmark, "ACROSS", 2)
-    monkeypatch.setattr(benchmark, "DOWN", 1)
-    monkeypatch.setattr(benchmark, "REPETITIONS", 1)
-    renderer = build_named("renderer", name, {}).requires_grad_(False)
-    for backward in (False, True):
-        speed = strokes_per_second(renderer, build_named("blend", "tiled", {}), 16, backward=backward)
-        assert 0 < speed < math.inf
-
-
-# outside the range of training
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -187,9 +167,6 @@ def test_a_perfect_renderer_has_the_mass_of_the_nearest_stroke():
     found = extreme_strokes()
     assert float(found.width.min()) < WIDTH[0] < WIDTH[1] < float(found.width.max())
     assert float(found.control.abs().max()) > INSET
-
-
-# the task
 
 
 @pytest.fixture

@@ -9,22 +9,9 @@ from scenes import leaves, random_strokes
 from torch import Tensor
 from torch.testing import assert_close
 
+from brushexp.strokes import measures as ruler
 from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, length_of, point_at, shape_of
 from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.measures import (
-    MEASURES,
-    NEIGHBOURS,
-    area_of,
-    centre_of,
-    coherence_of,
-    curvature_of,
-    direction_of,
-    homogeneity_of,
-    mean_direction,
-    nearest_strokes,
-    neighbours_of,
-    straightness_of,
-)
 
 SIZE = (60, 90)
 
@@ -32,17 +19,17 @@ SIZE = (60, 90)
 def measure(strokes: Strokes) -> dict[str, Tensor]:
     """Every measure of the ruler."""
     shape, width = shape_of(strokes), 2 * half_width_of(strokes)
-    length, direction, near = length_of(shape), direction_of(shape), neighbours_of(strokes, shape)
+    length, direction, near = length_of(shape), ruler.direction_of(shape), ruler.neighbours_of(strokes, shape)
     return {
         "length": length,
         "width": width,
-        "area": area_of(length, width),
+        "area": ruler.area_of(length, width),
         "elongatedness": length / width.clamp_min(1e-3),
-        "straightness": straightness_of(shape, length),
-        "curvature": curvature_of(shape),
+        "straightness": ruler.straightness_of(shape, length),
+        "curvature": ruler.curvature_of(shape),
         "orientation": direction,
-        "coherence": coherence_of(direction, near),
-        "homogeneity": homogeneity_of(width, near),
+        "coherence": ruler.coherence_of(direction, near),
+        "homogeneity": ruler.homogeneity_of(width, near),
     }
 
 
@@ -61,7 +48,7 @@ def test_shapes_agree_with_fine_polylines():
     assert_close(found["straightness"], step.sum(1).norm(dim=-1) / length, rtol=3e-3, atol=1e-4)
     heading = torch.atan2(step[..., 1], step[..., 0]).diff(dim=1)
     assert_close(found["curvature"], ((heading + math.pi) % (2 * math.pi) - math.pi).abs().sum(1), rtol=0, atol=5e-3)
-    assert_close(centre_of(curve_of(made)), points.mean(1), rtol=0, atol=0.01)
+    assert_close(ruler.centre_of(curve_of(made)), points.mean(1), rtol=0, atol=0.01)
     for doubled, line in zip(found["orientation"], points, strict=True):
         values, axes = torch.linalg.eigh(line.T.cov())
         x, y = axes[:, values.argmax()].tolist()
@@ -71,10 +58,10 @@ def test_shapes_agree_with_fine_polylines():
 
 def test_neighbourhoods_agree_with_the_double_loop():
     made = random_strokes(40, SIZE, dtype=torch.float64)
-    found, centres = measure(made), centre_of(curve_of(made))
+    found, centres = measure(made), ruler.centre_of(curve_of(made))
     angle = 0.5 * torch.atan2(found["orientation"][:, 1], found["orientation"][:, 0])
     for i in range(40):
-        near = (centres - centres[i]).norm(dim=1).argsort()[: NEIGHBOURS + 1]
+        near = (centres - centres[i]).norm(dim=1).argsort()[: ruler.NEIGHBOURS + 1]
         coherence = math.hypot(float((2 * angle[near]).cos().mean()), float((2 * angle[near]).sin().mean()))
         mean, spread = found["width"][near].mean(), found["width"][near].std(correction=0)
         assert float(found["coherence"][i]) == pytest.approx(coherence, abs=2e-3)
@@ -87,7 +74,7 @@ def test_measures_have_the_right_slope():
 
     def value(*inputs: Tensor) -> tuple[Tensor, ...]:
         found = measure(replace(made, **dict(zip(fields, inputs, strict=True))))
-        return tuple(found[name] for name in MEASURES if name != "elongatedness")
+        return tuple(found[name] for name in ruler.MEASURES if name != "elongatedness")
 
     inputs = [getattr(made, field).clone().requires_grad_() for field in fields]
     assert torch.autograd.gradcheck(value, inputs, atol=1e-4, rtol=1e-3)
@@ -123,7 +110,7 @@ def test_measures_are_finite_and_in_range_for_any_strokes(shape, n):
         for name, value in found.items():
             assert value.isfinite().all(), name
             assert name == "orientation" or (value >= 0).all(), name
-            high = math.pi if MEASURES[name].unit == "°" else MEASURES[name].high
+            high = math.pi if ruler.MEASURES[name].unit == "°" else ruler.MEASURES[name].high
             assert (value <= high + 1e-5).all(), name
             if dtype is torch.float32 and shape not in ("far", "hairpins", "huge"):
                 assert_close(value.double(), exact[name], rtol=1e-3, atol=1e-3)
@@ -134,11 +121,11 @@ def test_known_shapes_have_known_measures():
     curve = torch.tensor([
         [[0, 0], [3, 4], [6, 8]], [[0, 0], [5, 1e4], [10, 0]], [[0, 0], [10, 0], [0, 0]], [[4, 4], [4, 4], [4, 4]],
     ], dtype=torch.float64)  # fmt: skip
-    length, turn = length_of(curve), curvature_of(curve)
+    length, turn = length_of(curve), ruler.curvature_of(curve)
     assert_close(length[[0, 2, 3]], length.new_tensor([10, 10, 0]), rtol=2e-3, atol=1e-6)
     assert_close(turn, turn.new_tensor([0, math.pi, math.pi, 0]), rtol=0, atol=2e-3)
-    assert_close(straightness_of(curve, length), length.new_tensor([1, 0, 0, 0]), rtol=0, atol=1e-3)
-    direction = direction_of(curve)
+    assert_close(ruler.straightness_of(curve, length), length.new_tensor([1, 0, 0, 0]), rtol=0, atol=1e-3)
+    direction = ruler.direction_of(curve)
     assert_close(direction[1], direction.new_tensor([-1, 0]), rtol=0, atol=0.01)  # although its ends lie side by side
     assert direction[3].tolist() == [0, 0]
 
@@ -155,9 +142,9 @@ def test_measures_do_not_depend_on_the_end_a_stroke_begins_at_nor_on_its_window(
 def test_nearest_agrees_with_all_distances_and_no_stroke_is_its_own_neighbour(n, k):
     points = torch.rand(n, 2, dtype=torch.float64)
     order = torch.cdist(points, points).argsort(1)
-    assert torch.equal(nearest_strokes(points, points, k, exclude_self=False), order[:, :k])
-    assert torch.equal(nearest_strokes(points, points, k, exclude_self=True), order[:, 1 : k + 1])
-    found = nearest_strokes(0 * points, 0 * points, k, exclude_self=True)  # all share a place
+    assert torch.equal(ruler.nearest_strokes(points, points, k, exclude_self=False), order[:, :k])
+    assert torch.equal(ruler.nearest_strokes(points, points, k, exclude_self=True), order[:, 1 : k + 1])
+    found = ruler.nearest_strokes(0 * points, 0 * points, k, exclude_self=True)  # all share a place
     assert found.shape == (n, min(k, max(n - 1, 0)))
     for i, row in enumerate(found.tolist()):
         assert i not in row
@@ -167,8 +154,8 @@ def test_nearest_agrees_with_all_distances_and_no_stroke_is_its_own_neighbour(n,
 def test_points_do_not_count_in_a_mean_direction():
     direction = torch.tensor([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
     near = torch.tensor([[0, 1, 2], [1, 2, 1]])
-    assert_close(mean_direction(direction, near), torch.tensor([[1.0, 0.0], [0.0, 0.0]]), rtol=0, atol=1e-3)
-    assert mean_direction(direction, near[:, :0]).tolist() == [[0, 0], [0, 0]]
+    assert_close(ruler.mean_direction(direction, near), torch.tensor([[1.0, 0.0], [0.0, 0.0]]), rtol=0, atol=1e-3)
+    assert ruler.mean_direction(direction, near[:, :0]).tolist() == [[0, 0], [0, 0]]
 
 
 def random_curves(n, bend, dtype=torch.float64):

@@ -131,9 +131,6 @@ def test_a_missing_library_is_named_with_what_to_install(monkeypatch):
         prune(tiny(), 0.5, [])
 
 
-# the task
-
-
 @pytest.fixture
 def run(tmp_path, run_task):
     """Run the task in this process, on strokes of the plainest engine."""
