@@ -2,6 +2,7 @@
 
 import io
 import logging
+import math
 import os
 import warnings
 from collections.abc import Iterator
@@ -177,6 +178,8 @@ def _read_tiff(path: Path, backdrop: float) -> np.ndarray:
         n_colors = {WHITE_IS_ZERO: 1, BLACK_IS_ZERO: 1, RGB: 3}.get(page.photometric, 0)
         if not n_colors or not n_colors <= page.samplesperpixel <= 4 or page.axes not in ("YX", "YXS", "SYX"):
             raise UserError(f"is a TIFF that is neither grey nor RGB; {CURE}")
+        if math.prod(page.chunked) > len(page.dataoffsets):  # each would be made up, one by one
+            raise UserError(f"is damaged or cannot be decoded (rows are missing); {CURE}")
         samples = np.atleast_3d(page.asarray())
         orientation, profile = (page.tags.valueof(code) for code in (ORIENTATION, PROFILE))
     if samples.dtype.kind not in "uf":
