@@ -96,12 +96,6 @@ def test_brushwork_does_not_depend_on_the_end_a_stroke_begins_at_nor_on_the_size
         assert_close((2 * other.deviation).cos(), (2 * first.deviation).cos(), rtol=1e-3, atol=1e-3)
 
 
-def test_parallel_strokes_agree_and_do_not_deviate():
-    found = brushwork_of(combed(40), SIZE)
-    assert_close(found.measures[MATCHED.index("coherence")], torch.ones(40, dtype=torch.float64), rtol=0, atol=1e-6)
-    assert found.deviation.abs().max() < 1e-6
-
-
 def test_strokes_that_cannot_be_seen_do_not_count():
     made = visible(60)
     faint = replace(made, opacity=torch.where(torch.arange(60) < 20, 0.01, made.opacity))
@@ -239,13 +233,6 @@ def test_hardly_any_strokes_and_points_can_be_given_brushwork(n):
         made = with_brushwork(some, reference, SIZE, torch.Generator())
         assert len(made) == n
         check_strokes(made)
-
-
-def test_a_saved_catalogue_has_the_brushwork_it_was_saved_with(tmp_path):
-    made = visible(50, dtype=torch.float32)
-    path = saved(tmp_path / "catalogue.h5", made)
-    assert_close(load_brushwork(path).measures, brushwork_of(made, SIZE).measures)
-    assert float(BrushworkTransfer(catalogue=str(path))(painting(made))) < 1e-9
 
 
 def test_catalogues_that_will_not_do_are_refused_with_the_key(tmp_path):
