@@ -254,8 +254,8 @@ def test_style_brushwork_draws_the_first_strokes_and_adds_the_loss(config, tmp_p
     target = torch.rand(3, 40, 56)
     losses = components_of(cfg).losses
     assert set(losses) == {"mse", "brushwork"}
-    plain = first_strokes(config("strokes=60"), target, Fixed())[0]
-    drawn = first_strokes(cfg, target, Fixed())[0]
+    plain = first_strokes(config("strokes=60"), target, Fixed(), None)[0]
+    drawn = first_strokes(cfg, target, Fixed(), None)[0]
     before, after = (float(losses["brushwork"](painting(made, (40, 56)))) for made in (plain, drawn))
     assert after < 0.3 * before
     assert torch.equal(plain.position, drawn.position)

@@ -24,9 +24,7 @@ class SettingsSweeperConf(BasicSweeperConf):
     settings: list[str] = field(default_factory=lambda: [""])
 
 
-ConfigStore.instance().store(
-    group="hydra/sweeper", name="settings", node=SettingsSweeperConf, provider="brushexp_settings"
-)
+ConfigStore.instance().store(group="hydra/sweeper", name="settings", node=SettingsSweeperConf, provider="brushexp")
 
 
 class SettingsSweeper(BasicSweeper):

@@ -25,9 +25,7 @@ THIN_FILM = 1e-4  # share of their opacity with which strokes are laid when none
 LEAST_PAINT = 1e-6  # pixels of paint on the canvas: less is none
 
 MEASURES = ruler.MEASURES | {
-    "deviation": Measure(
-        "spread of directions", "angular deviation sqrt((1 - coherence) / 2) around a stroke", LI, "°"
-    ),
+    "deviation": Measure("spread of directions", "angular deviation sqrt((1 - coherence) / 2) near a stroke", LI, "°"),
     "visible": Measure("visible share", "of the stroke's paint on the canvas, what no later stroke hides", high=1.0),
     "neighbours": Measure("neighbours", "strokes whose centres are within the radius", LI),
     "aligned": Measure(

@@ -109,9 +109,7 @@ def _rose(axes: Any, found: Analysis, largest: float) -> None:
     look = {"color": direction_colors(middle), "edgecolor": "white", "linewidth": 0.6}
     for way in (middle, middle + math.pi):
         axes.bar(way, share, math.pi / DIRECTION_BINS, **look)
-    axes.plot(
-        np.linspace(0, 2 * math.pi, 200), np.full(200, math.sqrt(1 / DIRECTION_BINS)), ":", color=INK, linewidth=1
-    )
+    axes.plot(np.linspace(0, 2 * math.pi, 200), np.full(200, DIRECTION_BINS**-0.5), ":", color=INK, linewidth=1)
     top = max(largest, 1.3 / DIRECTION_BINS)
     rings = [ring for ring in RINGS if ring <= top]
     axes.set_theta_direction(-1)

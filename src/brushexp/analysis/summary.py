@@ -26,9 +26,7 @@ OVERALL = {
     "agreement": Measure("agreement", "coherence of all strokes together; 1 is parallel, 0 no direction prevails"),
     "coherence": Measure("local coherence", "mean of the coherence around each stroke"),
     "disorder": Measure("coherence in disorder", f"what chance makes of n = {NEIGHBOURS + 1} strokes, sqrt(pi / 4 n)"),
-    "entropy": Measure(
-        "entropy of directions", f"1: all {samples.DIRECTION_BINS} are equally frequent, 0: there is one"
-    ),
+    "entropy": Measure("entropy of directions", f"1: all {samples.DIRECTION_BINS} equally frequent, 0: there is one"),
 }
 
 

@@ -78,7 +78,5 @@ def typed(schema: type[Any], values: DictConfig) -> DictConfig:
 
 def _untied(node: DictConfig) -> DictConfig:
     """The same typed values in a mapping that belongs to no class, so that groups can stand beside them."""
-    children = {name: node._get_node(name) for name in node}
-    return DictConfig(
-        {name: _untied(child) if isinstance(child, DictConfig) else child for name, child in children.items()}
-    )
+    children = ((name, node._get_node(name)) for name in node)
+    return DictConfig({name: _untied(child) if isinstance(child, DictConfig) else child for name, child in children})

@@ -27,9 +27,7 @@ def stroke_data(cfg: DictConfig) -> StrokeData:
         origin = origin_of(cfg.engine, engine)
         if cfg.get("simulate") is None:
             if cfg.limit is not None:
-                raise UserError(
-                    f"limit={cfg.limit} is for sets, and these strokes are simulated on the way; drop limit"
-                )
+                raise UserError(f"limit={cfg.limit} is for sets; strokes are simulated on the way here: drop limit")
             return SimulatedData(engine, origin, batch_size=cfg.batch_size, seed=cfg.seed)
         mark = hashlib.sha256(json.dumps(origin.settings(), sort_keys=True).encode()).hexdigest()[:8]
         path = Path(cfg.sets) / f"{origin.engine}-{origin.window}-{mark}-seed{cfg.seed}-{cfg.simulate}"

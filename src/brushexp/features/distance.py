@@ -20,9 +20,8 @@ CALIBRATED = {
     "vgg16": ("vgg.pth", ("relu1_2", "relu2_2", "relu3_3", "relu4_3", "relu5_3")),
 }
 OPTION = "loss.lpips.weights"  # what an error tells a user to set, if nobody says otherwise
-LEAST_SQUARED_LENGTH = (
-    1e-8  # under the squared length of a feature vector: a position without any activation is the zero vector
-)
+# Added to the squared length of a feature vector: a position without any activation is the zero vector.
+LEAST_SQUARED_LENGTH = 1e-8
 
 
 class Distance(nn.Module):
@@ -44,9 +43,8 @@ class Distance(nn.Module):
     def look(self, picture: Tensor) -> list[Tensor]:
         """Unit vectors (1, C, h, w), shorter for features below 1e-4, of each tap for a picture (3, H, W) in sRGB."""
         found = self.network(picture[None], self.taps)
-        return [
-            found[tap] / (found[tap].square().sum(1, keepdim=True) + LEAST_SQUARED_LENGTH).sqrt() for tap in self.taps
-        ]
+        features = [found[tap] for tap in self.taps]
+        return [x / (x.square().sum(1, keepdim=True) + LEAST_SQUARED_LENGTH).sqrt() for x in features]
 
     def compare(
         self, ours: Sequence[Tensor], theirs: Sequence[Tensor], focus: Sequence[Tensor | None] | None = None

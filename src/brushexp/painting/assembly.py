@@ -113,9 +113,7 @@ def check_memory(cfg: DictConfig, parts: Components, size: tuple[int, int]) -> N
         )
 
 
-def first_strokes(
-    cfg: DictConfig, target: Tensor, density: Density, focus: Tensor | None = None
-) -> tuple[Strokes, int]:
+def first_strokes(cfg: DictConfig, target: Tensor, density: Density, focus: Tensor | None) -> tuple[Strokes, int]:
     """The strokes to start from, and how many the painting may have in the end.
 
     They are those of ``catalogue``, or those that ``init`` makes (told the focus, if any), with ``style.brushwork``.

@@ -82,9 +82,7 @@ def _path_of(image: str, key: str, also: str = "") -> Path:
     found = samples()
     if image in found:
         return found[image]
-    there = (
-        "a folder" if os.path.isdir(path) else "a device or a pipe, not a file" if os.path.exists(path) else "not there"
-    )
+    there = "a folder" if os.path.isdir(path) else "a device or a pipe" if os.path.exists(path) else "not there"
     choices = f"{also}the path of a picture or one of the samples {', '.join(sorted(found))}"
     raise UserError(f"{key}={image} is {there}; give {choices}")
 

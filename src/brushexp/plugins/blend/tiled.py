@@ -66,7 +66,5 @@ class Tiled(Blend):
         able = layers.color.dtype == torch.float32 and layers.color.device.type == "cpu"
         given = layers.compiled() if able and self.kernel != "torch" else None
         if given is None and self.kernel == "numba":
-            raise UserError(
-                "blend.kernel=numba draws in float32 on the CPU, no layers of other kinds; use blend.kernel=auto"
-            )
+            raise UserError("blend.kernel=numba draws in float32 on the CPU, not all layers; use blend.kernel=auto")
         return given

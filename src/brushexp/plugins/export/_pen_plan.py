@@ -147,9 +147,8 @@ class _Grid:
         seen = self.seen(top, line, k)
         if seen.all():
             return [line]
-        parts = [
-            line[part] for part in np.split(np.arange(len(line)), np.flatnonzero(np.diff(seen)) + 1) if seen[part[0]]
-        ]
+        changes = np.flatnonzero(np.diff(seen)) + 1
+        parts = [line[part] for part in np.split(np.arange(len(line)), changes) if seen[part[0]]]
         return [part for part in parts if np.abs(np.diff(part)).sum() >= shortest]
 
     def colors(self, picture: Array, top: Array, own: Array) -> tuple[Array, Array]:

@@ -173,9 +173,7 @@ class PenExporter(Exporter):
         if self.pens is None:
             return None
         if not 1 <= len(self.pens) <= 256:
-            raise UserError(
-                f"{self.key}.pens has {len(self.pens)} pens; give 1 to 256 colours, {self.key}.pens=[black]"
-            )
+            raise UserError(f"{self.key}.pens has {len(self.pens)}; give 1 to 256 colours, {self.key}.pens=[black]")
         try:
             return np.array([ImageColor.getrgb(pen)[:3] for pen in self.pens]) / 255
         except ValueError as error:

@@ -65,9 +65,7 @@ class Hpgl(PenExporter):
             plotter, paper = self._device(self.plotter)
             device, page, count = self.plotter, paper.name, plotter.pen_count
         if len(plan.tools) > count:
-            raise UserError(
-                f"plotter {device} has {count} pens, fewer than {len(plan.tools)}; set to.hpgl.colors={count}"
-            )
+            raise UserError(f"{device} has {count} pens, fewer than {len(plan.tools)}; set to.hpgl.colors={count}")
         document = plan.document.empty_copy()
         for layer, tool, lines in plan.runs():  # vpype draws layers by number, with pen 1 + (number - 1) % pen_count
             document.add(lines, (layer - 1) * count + tool)

@@ -110,9 +110,7 @@ class Neural(PatchRenderer):
             widths = channels
         numbers = 9 * sum(a * b for a, b in pairwise(widths))
         if numbers > LARGEST:
-            raise UserError(
-                f"renderer.width, widest and dense make {numbers:.0e} weights; take fewer than {LARGEST:.0e}"
-            )
+            raise UserError(f"renderer.width, widest, dense make {numbers:.0e} weights; take fewer than {LARGEST:.0e}")
         known, seen = widths[: len(dense)], widths[len(dense) :]
         self.dense = nn.ModuleList(nn.Linear(a, b) for a, b in zip([10, *known], known, strict=False))
         self.first = Coarsest(known[-1], seen[0])
