@@ -122,10 +122,8 @@ def check_chosen(cfg: DictConfig) -> None:
         tuned = [name for name in cfg[family] if name not in chosen]
         if tuned:
             names = ",".join([*chosen, *tuned])
-            raise UserError(
-                f"{family}.{tuned[0]} is tuned but not chosen (chosen: {', '.join(chosen) or 'none'}); "
-                f"add it with '{family}=[{names}]' or drop the keys below {family}.{tuned[0]}"
-            )
+            wrong = f"{family}.{tuned[0]} is tuned but not chosen (chosen: {', '.join(chosen) or 'none'})"
+            raise UserError(f"{wrong}; add it with '{family}=[{names}]' or drop the keys below {family}.{tuned[0]}")
         choices = ", ".join(plugin.name for plugin in plugins(family))
         if family == "loss" and not chosen:
             raise UserError(f"no loss is chosen, so there is nothing to optimise; try loss=mse (there are: {choices})")

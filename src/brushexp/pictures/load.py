@@ -44,10 +44,8 @@ def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Te
     height, width = picture.shape[:2]
     zoom = max(size) / max(height, width)
     if any(abs(zoom * side - wanted) > max(1, zoom) for side, wanted in zip((height, width), size, strict=True)):
-        raise UserError(
-            f"{key}={image} has {width} x {height} pixels, the picture {size[1]} x {size[0]}; "
-            "give one whose sides have the same ratio"
-        )
+        cure = "give one whose sides have the same ratio"
+        raise UserError(f"{key}={image} has {width} x {height} pixels, the picture {size[1]} x {size[0]}; {cure}")
     scale = 255 if picture.dtype == np.uint8 else 1
     grey = np.asarray(_resample(picture, size) @ np.array(BRIGHTNESS) / scale, dtype=np.float32)
     return torch.from_numpy(grey).clamp_(0, 1)

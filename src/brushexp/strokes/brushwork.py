@@ -72,10 +72,8 @@ def brushwork_of(strokes: Strokes, size: tuple[int, int]) -> Brushwork:
     pitch = pitch_of(strokes, size)
     counted = strokes[is_visible(strokes, pitch)]
     if len(counted) < MIN_STROKES:
-        raise UserError(
-            f"{len(counted)} of {len(strokes)} strokes can be seen, too few for a brushwork; "
-            f"give a painting of {MIN_STROKES} strokes or more"
-        )
+        cure = f"give a painting of {MIN_STROKES} strokes or more"
+        raise UserError(f"{len(counted)} of {len(strokes)} strokes can be seen, too few for a brushwork; {cure}")
     shape = shape_of(counted)
     bend = control_offset(shape, SHORTEST_CHORD_PITCHES * pitch)
     around = torch.view_as_complex(ruler.mean_direction(ruler.direction_of(shape), ruler.neighbours_of(counted, shape)))

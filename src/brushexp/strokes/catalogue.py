@@ -103,10 +103,8 @@ def check_strokes(strokes: Strokes) -> None:
         if wrong.any():
             index = int(wrong.reshape(len(strokes), -1).any(1).nonzero()[0])
             number = value[index].detach().reshape(-1).tolist()
-            raise UserError(
-                f"stroke {index}: {name} is {', '.join(f'{x:g}' for x in number)}; "
-                f"it must lie in [{field.low:g}, {field.high:g}] ({field.unit})"
-            )
+            cure = f"it must lie in [{field.low:g}, {field.high:g}] ({field.unit})"
+            raise UserError(f"stroke {index}: {name} is {', '.join(f'{x:g}' for x in number)}; {cure}")
 
 
 def drawable(strokes: Strokes) -> Strokes:
@@ -141,10 +139,8 @@ class Catalogue(nn.Module):
     def __init__(self, strokes: Strokes, units: Mapping[str, float]) -> None:
         super().__init__()
         if strokes.position.dtype not in PRECISE:
-            raise UserError(
-                f"strokes are {strokes.position.dtype}, in which small steps are lost; "
-                "optimise them as strokes.map(lambda value: value.float())"
-            )
+            cure = "optimise them as strokes.map(lambda value: value.float())"
+            raise UserError(f"strokes are {strokes.position.dtype}, in which small steps are lost; {cure}")
         if unknown := sorted(set(units) - set(FIELDS)):
             raise UserError(f"no stroke field is called {unknown[0]!r}; the fields are {', '.join(FIELDS)}")
         self.units = {name: float(units.get(name, 0.0)) for name in FIELDS}

@@ -152,10 +152,8 @@ class StoredData(StrokeData):
         self.places[Split.TRAINING] = self.places[Split.TRAINING][:limit]
         for split, found in self.places.items():
             if not len(found):
-                raise UserError(
-                    f"{', '.join(map(str, paths))}: no stroke is for {split.name.lower()} (limit={limit}); "
-                    f"simulate more than {2 * BLOCK} strokes, and set limit to 1 or more"
-                )
+                wrong = f"{', '.join(map(str, paths))}: no stroke is for {split.name.lower()} (limit={limit})"
+                raise UserError(f"{wrong}; simulate more than {2 * BLOCK} strokes, and set limit to 1 or more")
 
     def size(self, split: Split) -> int:
         return len(self.places[split])

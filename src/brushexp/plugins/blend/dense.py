@@ -23,10 +23,8 @@ class Dense(Blend):
         height, width = size
         background, target = alike(layers, background, target)
         if len(front_to_back) * height * width > LIMIT:
-            raise UserError(
-                f"blend=dense would hold {len(front_to_back)} strokes at {height * width} pixels each; "
-                "use blend=tiled, or fewer strokes or a smaller resolution"
-            )
+            wrong = f"blend=dense would hold {len(front_to_back)} strokes at {height * width} pixels each"
+            raise UserError(f"{wrong}; use blend=tiled, or fewer strokes or a smaller resolution")
         points = pixel_centres(torch.arange(height * width, device=background.device), width, background.dtype)[None]
         alpha, color = layers.sample(front_to_back[None], points)  # (1, N, P), (1, N, P or 1, 3)
         painted, light = over(alpha, color)

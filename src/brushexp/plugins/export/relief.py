@@ -45,10 +45,8 @@ class Relief(Exporter):
     ) -> None:
         if len(light) != 2 or not math.isfinite(light[0]) or not 0 < light[1] <= 90:
             typed = ",".join(f"{value:g}" for value in light)
-            raise UserError(
-                f"light={typed} is not an azimuth and an elevation, which is above 0 and up to 90, in degrees; "
-                "try light=315,45"
-            )
+            wrong = f"light={typed} is not an azimuth and an elevation, which is above 0 and up to 90, in degrees"
+            raise UserError(f"{wrong}; try light=315,45")
         self.light = Light(*light)
         self.depth = depth
         self.gloss = gloss

@@ -103,10 +103,8 @@ class Neural(PatchRenderer):
         if channels is not None:
             possible = isinstance(channels, list) and all(isinstance(n, int) and 1 <= n <= 65536 for n in channels)
             if not possible or len(channels) != len(widths):
-                raise UserError(
-                    f"renderer.channels={channels} are not {len(widths)} widths, one of each layer but the last; "
-                    "leave it at null, or give those of task=prune"
-                )
+                wrong = f"renderer.channels={channels} are not {len(widths)} widths, one of each layer but the last"
+                raise UserError(f"{wrong}; leave it at null, or give those of task=prune")
             widths = channels
         numbers = 9 * sum(a * b for a, b in pairwise(widths))
         if numbers > LARGEST:
