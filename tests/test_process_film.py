@@ -9,7 +9,6 @@ import torch
 from films import decoded, unrolled
 from scenes import Windowed, random_strokes
 
-from brushexp.pictures.video import Format
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.blend.topk import TopK
@@ -113,7 +112,7 @@ def test_quickening_begins_slowly():
 
 @pytest.mark.parametrize(("seconds", "fps", "hold"), [(2.0, 25, 1.0), (1.0, 10, 0.0), (0.5, 50, 0.3), (0.1, 1, 2.0)])
 def test_films_are_as_long_as_was_asked(tmp_path, seconds, fps, hold):
-    process = Process(seconds=seconds, fps=fps, hold=hold, format=Format.both)
+    process = Process(seconds=seconds, fps=fps, hold=hold, format="both")
     video, gif = process.write(export_job(), tmp_path)
     count = max(1, round(seconds * fps)) + round(hold * fps)
     frames, rate = decoded(video)
@@ -128,7 +127,7 @@ def test_films_begin_with_the_canvas_and_end_with_the_painting(tmp_path, size, n
     job = export_job(n, size)
     job = replace(job, strokes=replace(job.strokes, opacity=torch.ones(n)))
     height, width = size
-    for path in Process(seconds=1.0, hold=0.2, format=Format.both).write(job, tmp_path):
+    for path in Process(seconds=1.0, hold=0.2, format="both").write(job, tmp_path):
         frames = (decoded(path) if path.suffix == ".mp4" else unrolled(path))[0]
         assert max(frames[0].shape[0] - height, frames[0].shape[1] - width) <= 1
         first, last = (frames[k][:height, :width].astype(float) for k in (0, -1))
@@ -142,7 +141,7 @@ def test_a_gif_is_drawn_at_its_own_size(tmp_path):
     assert fitted(job, 4096) is job
     small = fitted(job, 480)
     assert small.size == (24, 480)
-    (gif,) = Process(seconds=0.5, hold=0.0, format=Format.gif).write(job, tmp_path)
+    (gif,) = Process(seconds=0.5, hold=0.0, format="gif").write(job, tmp_path)
     last = unrolled(gif)[0][-1]
     assert np.abs(last.astype(float) - painting(small)).mean() < 3
 

@@ -9,7 +9,7 @@ from films import decoded, unrolled
 
 from brushexp.errors import UserError
 from brushexp.painting.timelapse import FPS, HOLD_SECONDS, MIN_FPS, Timelapse, moments, shrink, timing
-from brushexp.pictures.video import MOST_FPS, Format
+from brushexp.pictures.video import MOST_FPS
 
 COLORS = [(0.85, 0.15, 0.1), (0.1, 0.7, 0.25), (0.1, 0.25, 0.8), (0.95, 0.85, 0.3)]
 
@@ -41,7 +41,7 @@ def test_the_video_shows_the_frames_and_holds_the_last(tmp_path):
 
 @pytest.mark.parametrize("shape", [(1, 1), (4, 20000), (20000, 4), (63, 91), (2, 3)])
 def test_pictures_of_every_shape_become_a_timelapse(tmp_path, shape):
-    video, gif = filled(side=80, size=shape, kind=Format.both).write(tmp_path)
+    video, gif = filled(side=80, size=shape, kind="both").write(tmp_path)
     assert len(decoded(video)[0]) == len(COLORS) + round(HOLD_SECONDS * FPS)
     assert len(unrolled(gif)[0]) == len(COLORS)
 
@@ -82,7 +82,7 @@ def test_a_resumed_run_has_all_frames(tmp_path):
 
 @pytest.mark.parametrize("seconds", [0.5, 3.0, 7.3, 60.0])
 def test_a_chosen_length_is_kept(tmp_path, seconds):
-    video, gif = filled(side=16, size=(8, 12), seconds=seconds, kind=Format.both).write(tmp_path)
+    video, gif = filled(side=16, size=(8, 12), seconds=seconds, kind="both").write(tmp_path)
     frames, rate = decoded(video)
     assert abs(len(frames) / rate - seconds - HOLD_SECONDS) < 0.1
     assert abs(sum(unrolled(gif)[1]) / 1000 - seconds - HOLD_SECONDS) < 0.1

@@ -32,8 +32,15 @@ from brushexp.system.checkpoint import weights_hash
 from brushexp.training import network_module
 from brushexp.training.datamodule import StrokeBatch, StrokeLoader
 from brushexp.training.discriminator_module import DiscriminatorModule, ShapeData
-from brushexp.training.evaluation import decibels, error_figures, error_sums, premultiplied, squared_error
-from brushexp.training.monitoring import FrechetDistance, HeldOutSheet
+from brushexp.training.evaluation import (
+    FrechetDistance,
+    HeldOutSheet,
+    decibels,
+    error_figures,
+    error_sums,
+    premultiplied,
+    squared_error,
+)
 from brushexp.training.renderer_module import Critic, RendererModule, RendererSettings, balanced, relativistic_loss
 
 SIDE = 16

@@ -9,7 +9,7 @@ import pytest
 from films import decoded, unrolled
 from PIL import Image
 
-from brushexp.pictures.video import GIF_SIDE, LARGEST_SIDE, SAME, Format, filming, largest_side
+from brushexp.pictures.video import GIF_SIDE, LARGEST_SIDE, SAME, filming, largest_side
 
 
 def smooth(seed: int, height: int = 40, width: int = 60) -> np.ndarray:
@@ -27,7 +27,7 @@ def film_of(pictures, folder, kind, ticks=1, rate=Fraction(25)):
 
 def test_both_files_show_the_pictures(tmp_path):
     pictures = [smooth(seed) for seed in range(5)]
-    video, gif = film_of(pictures, tmp_path, Format.both)
+    video, gif = film_of(pictures, tmp_path, "both")
     assert sorted(tmp_path.iterdir()) == [gif, video] == [tmp_path / "film.gif", tmp_path / "film.mp4"]
     for seen in (decoded(video)[0], unrolled(gif)[0]):
         assert len(seen) == 5
@@ -38,7 +38,7 @@ def test_both_files_show_the_pictures(tmp_path):
 
 @pytest.mark.parametrize("rate", [Fraction(1), Fraction(15), Fraction(600, 73), Fraction(24), Fraction(50)])
 def test_a_film_is_as_long_as_its_ticks(tmp_path, rate):
-    video, gif = film_of([smooth(seed, 8, 8) for seed in range(6)], tmp_path, Format.both, ticks=2, rate=rate)
+    video, gif = film_of([smooth(seed, 8, 8) for seed in range(6)], tmp_path, "both", ticks=2, rate=rate)
     frames, seen_rate = decoded(video)
     assert (len(frames), seen_rate) == (12, rate)
     durations = unrolled(gif)[1]
@@ -52,8 +52,8 @@ def test_what_stays_the_same_takes_no_room_and_does_not_flicker(tmp_path):
     moving = [still.copy() for _ in range(10)]
     for k, picture in enumerate(moving):
         picture[10:20, 5 * k : 5 * k + 5] = (250, 20, 90)
-    alone = film_of([still], tmp_path, Format.gif)[0].stat().st_size
-    (gif,) = film_of(moving, tmp_path, Format.gif)
+    alone = film_of([still], tmp_path, "gif")[0].stat().st_size
+    (gif,) = film_of(moving, tmp_path, "gif")
     assert gif.stat().st_size < 2.5 * alone
     pictures, _ = unrolled(gif)
     assert len(pictures) == 10
@@ -62,13 +62,13 @@ def test_what_stays_the_same_takes_no_room_and_does_not_flicker(tmp_path):
 
 
 def test_a_still_film_is_one_frame_of_its_whole_length_and_slow_changes_are_not_lost(tmp_path):
-    (gif,) = film_of([smooth(0)] * 30, tmp_path, Format.gif)
+    (gif,) = film_of([smooth(0)] * 30, tmp_path, "gif")
     pictures, durations = unrolled(gif)
     assert (len(pictures), sum(durations)) == (1, 1200)
     with Image.open(gif) as image:
         assert image.info["loop"] == 0, "it plays for ever"
     pictures = [np.full((4, 6, 3), level, np.uint8) for level in range(100)]
-    (gif,) = film_of(pictures, tmp_path, Format.gif)
+    (gif,) = film_of(pictures, tmp_path, "gif")
     seen, durations = unrolled(gif)
     assert abs(int(seen[-1][0, 0, 0]) - 99) <= SAME
     assert sum(durations) == 4000
@@ -76,7 +76,7 @@ def test_a_still_film_is_one_frame_of_its_whole_length_and_slow_changes_are_not_
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (5, 2), (33, 48), (32, 47)])
 def test_a_video_of_odd_sides_repeats_its_edge(tmp_path, shape):
-    video, gif = film_of([smooth(0, *shape)] * 2, tmp_path, Format.both)
+    video, gif = film_of([smooth(0, *shape)] * 2, tmp_path, "both")
     frames, _ = decoded(video)
     height, width = shape
     assert frames[0].shape == (height + height % 2, width + width % 2, 3)
@@ -86,7 +86,7 @@ def test_a_video_of_odd_sides_repeats_its_edge(tmp_path, shape):
 
 
 def test_a_large_gif_is_shrunk(tmp_path):
-    (gif,) = film_of([smooth(seed, 300, 960) for seed in range(2)], tmp_path, Format.gif)
+    (gif,) = film_of([smooth(seed, 300, 960) for seed in range(2)], tmp_path, "gif")
     pictures, _ = unrolled(gif)
     assert pictures[0].shape == (150, GIF_SIDE, 3)
     assert np.abs(pictures[1].astype(float) - smooth(1, 150, GIF_SIDE)).mean() < 6
@@ -94,7 +94,7 @@ def test_a_large_gif_is_shrunk(tmp_path):
 
 def test_pictures_are_not_kept(tmp_path):
     seen = []
-    with filming(tmp_path / "film", Format.both, (40, 60), Fraction(25)) as film:
+    with filming(tmp_path / "film", "both", (40, 60), Fraction(25)) as film:
         for seed in range(20):
             picture = smooth(seed).copy()
             seen.append(weakref.ref(picture))
@@ -105,7 +105,7 @@ def test_pictures_are_not_kept(tmp_path):
 
 def test_a_film_that_is_broken_off_leaves_nothing(tmp_path):
     def broken_off():
-        with filming(tmp_path / "film", Format.both, (8, 8), Fraction(25)) as film:
+        with filming(tmp_path / "film", "both", (8, 8), Fraction(25)) as film:
             film.show(smooth(0, 8, 8), 1)
             raise KeyboardInterrupt
 
@@ -116,10 +116,10 @@ def test_a_film_that_is_broken_off_leaves_nothing(tmp_path):
 
 def test_without_av_or_its_encoder_every_film_is_a_gif_which_is_smaller(tmp_path, monkeypatch):
     monkeypatch.setattr(pytest.importorskip("av"), "codecs_available", {"mpeg4"})
-    assert film_of([smooth(0)], tmp_path, Format.mp4) == [tmp_path / "film.gif"]
+    assert film_of([smooth(0)], tmp_path, "mp4") == [tmp_path / "film.gif"]
     monkeypatch.setitem(sys.modules, "av", None)
-    for kind in Format:
+    for kind in ("mp4", "gif", "both"):
         assert film_of([smooth(0)], tmp_path, kind) == [tmp_path / "film.gif"]
         assert largest_side(kind) == GIF_SIDE
     monkeypatch.undo()
-    assert [largest_side(kind) for kind in Format] == [LARGEST_SIDE, GIF_SIDE, LARGEST_SIDE]
+    assert [largest_side(kind) for kind in ("mp4", "gif", "both")] == [LARGEST_SIDE, GIF_SIDE, LARGEST_SIDE]

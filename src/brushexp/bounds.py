@@ -39,8 +39,7 @@ class Bounds:
     def check(self, option: str, value: Any, default: Any = None) -> None:
         """Refuse a value beyond the bounds; None has none, and of a list or mapping every element counts.
 
-        Raises:
-            UserError: with the nearest value that would do, or the default where there is none.
+        The UserError names the nearest value that would do, or the default where there is none.
         """
         if isinstance(value, dict | list | tuple):
             for element in value.values() if isinstance(value, dict) else value:

@@ -94,11 +94,7 @@ class Plugin:
         return f"{self.family}.{self.name}" if self.family in MULTI_SELECT else self.family
 
     def check(self, path: str, options: Mapping[str, Any]) -> None:
-        """Stop when an option is out of its bounds; ``path`` is what is typed before it.
-
-        Raises:
-            UserError: with a value that would do.
-        """
+        """Stop with a UserError when an option is out of its bounds; ``path`` is what is typed before it."""
         for option, bounds in self.bounds.items():
             value = options[option]
             plain = OmegaConf.to_object(value) if OmegaConf.is_config(value) else value
@@ -115,15 +111,12 @@ _plugins: dict[tuple[str, str], Plugin] = {}
 
 
 def register(family: str, name: str) -> Callable[[C], C]:
-    """Publish the decorated class as the Hydra choice ``family=name``.
+    """Publish the decorated class as the Hydra choice ``family=name``; a UserError if another has the name.
 
     >>> [plugin.name for plugin in plugins("order")]  # what the decorator has published
     ['accuracy', 'area', 'fixed']
     >>> build_named("order", "area", {"every": 5}).every
     5
-
-    Raises:
-        UserError: if the family is unknown, or another class already owns the name.
     """
     if family not in FAMILIES:
         raise UserError(f"unknown plugin family {family!r}; choose one of {', '.join(FAMILIES)}")
@@ -146,11 +139,7 @@ def register(family: str, name: str) -> Callable[[C], C]:
 
 
 def options_of(cls: type) -> list[tuple[str, Any, Any]]:
-    """Name, type and default (``MISSING`` for none) of each keyword-only parameter of ``cls.__init__``.
-
-    Raises:
-        TypeError: if one has no type.
-    """
+    """Name, type and default (or ``MISSING``) of each keyword-only parameter of ``cls.__init__``; a type is a must."""
     found = []
     for parameter in inspect.signature(cls, eval_str=True).parameters.values():
         if parameter.kind is not parameter.KEYWORD_ONLY:
@@ -190,11 +179,7 @@ def plugins(family: str | None = None) -> list[Plugin]:
 
 
 def plugin_of(node: DictConfig) -> Plugin:
-    """The plugin that a config node (with ``_target_``) describes.
-
-    Raises:
-        UserError: if the node names code that is not a registered plugin.
-    """
+    """The plugin that a config node describes; a UserError if its ``_target_`` is none that is registered."""
     for plugin in plugins():
         if plugin.target == node._target_:
             return plugin
@@ -204,8 +189,7 @@ def plugin_of(node: DictConfig) -> Plugin:
 def build(node: DictConfig, *runtime: object) -> Any:
     """Turn a config node into its object: only a registered class is called, once, and its options are plain values.
 
-    Raises:
-        UserError: if the class is not registered, or an option does not fit it.
+    A UserError says which option does not fit the class.
     """
     plugin = plugin_of(node)
     typed: DictConfig = OmegaConf.structured(plugin.config)
@@ -231,11 +215,7 @@ def _hidden_key(data: Any) -> str:
 
 
 def build_named(family: str, name: str, options: dict[str, Any]) -> Any:
-    """Build ``family=name`` with options read from a file: only registered classes, only their typed keys.
-
-    Raises:
-        UserError: if no such plugin is registered or an option does not fit it.
-    """
+    """Build ``family=name`` with options read from a file: registered classes and their keys only (UserError)."""
     plugin = _plugins.get((family, name))
     if plugin is None:
         choices = ", ".join(p.name for p in plugins(family))
@@ -244,11 +224,7 @@ def build_named(family: str, name: str, options: dict[str, Any]) -> Any:
 
 
 def plain_config(values: dict[str, Any]) -> DictConfig:
-    """Values from a file as a config, in which nothing is looked up or run.
-
-    Raises:
-        UserError: if one of them is an interpolation, which could read what is none of the file's business.
-    """
+    """Values from a file as a config; an interpolation, which could read what is not the file's, is a UserError."""
     if "${" in json.dumps(check_plain(values)):
         raise UserError("a config from a file holds an interpolation, ${...}; write the value instead")
     found: DictConfig = OmegaConf.create(values)
@@ -258,8 +234,7 @@ def plain_config(values: dict[str, Any]) -> DictConfig:
 def load_plugins(directory: Path) -> list[str]:
     """Import the built-in families, ``directory/*.py``, the folders in ``BRUSHEXP_PLUGINS`` and the entry points.
 
-    Raises:
-        UserError: if any of them fails to import; it names the file and the line.
+    If any of them fails to import, a UserError names the file and the line.
     """
     for family in FAMILIES:
         package = importlib.import_module(f"brushexp.plugins.{PACKAGES.get(family, family)}")

@@ -1,7 +1,5 @@
 """What stands around the tasks on the command line: plugins before, short forms written out, errors of one line."""
 
-from __future__ import annotations
-
 import logging
 import os
 import re
@@ -65,10 +63,8 @@ def in_full(arguments: list[str]) -> list[str]:
 
     ``style=painting.jpg`` is ``style.image=painting.jpg``; ``light=315,45`` is ``to.relief.light=[315,45]``; and keys
     that take several values do without brackets: ``to=svg,json``, ``logger=csv,wandb``, ``ratios=0,0.5``. In a sweep
-    commas separate the values of jobs, so ``data=a,b`` are two jobs with one data set each.
-
-    Raises:
-        UserError: if a word is no ``key=value``, or its value is none that could be meant.
+    commas separate the values of jobs, so ``data=a,b`` are two jobs with one data set each. A UserError says which word
+    is no ``key=value``, or has no value that could be meant.
     """
     typed, after_flags = get_args_parser().parse_known_args(arguments)
     overrides = {*typed.overrides, *after_flags}
@@ -120,10 +116,8 @@ def parsed(value: str) -> Any:
 def as_text(key: str, value: str, sweep: bool = False, optional: bool = False) -> str:
     """The value of a key that takes a text, in quotes where Hydra would read something else into it.
 
-    Its own syntax (quotes, lists, sweeps) is left to it, unless a file has this name.
-
-    Raises:
-        UserError: if it may mean a file or nothing.
+    Its own syntax (quotes, lists, sweeps) is left to it, unless a file has this name; what may mean a file or nothing
+    is refused (UserError).
     """
     if value and os.path.exists(os.path.expanduser(value)):
         if value == "null" and optional:
@@ -154,11 +148,7 @@ def quoted(value: str) -> str:
 
 
 def check_choice(group: str, value: str) -> None:
-    """Refuse what can be no name of a plugin or preset, nor a list of names.
-
-    Raises:
-        UserError: with the names of the plugins.
-    """
+    """Refuse what can be no name of a plugin or preset, nor a list of names; the UserError names the plugins."""
     try:
         found = parsed(value)
     except HydraException:
@@ -171,11 +161,7 @@ def check_choice(group: str, value: str) -> None:
 
 
 def check_word(word: str) -> None:
-    """Refuse a word without ``=``, and say what it may have been meant for.
-
-    Raises:
-        UserError: with what to type instead.
-    """
+    """Refuse a word without ``=``; the UserError says what it may have been meant for and what to type instead."""
     if "=" in word or word.startswith("~"):
         return
     path = Path(word)

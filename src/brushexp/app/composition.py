@@ -30,10 +30,8 @@ def offer_presets(family: str, paths: dict[str, Path]) -> None:
     """Publish YAML files as members of a family of which several can be chosen: ``loss=name``.
 
     Hydra by itself would put the values of ``conf/loss/name.yaml`` beside the losses instead of below ``loss.name``.
-    A file that lists several members, has keys below them, or says its package itself is left to Hydra.
-
-    Raises:
-        UserError: if a file has the name of a plugin, or sets an option that its plugin does not have.
+    A file that lists several members, has keys below them, or says its package itself is left to Hydra; one that has
+    the name of a plugin, or sets an option that its plugin does not have, is refused (UserError).
     """
     known = {plugin.name: plugin for plugin in plugins(family)}
 
@@ -67,11 +65,7 @@ def offer_presets(family: str, paths: dict[str, Path]) -> None:
 
 
 def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
-    """Stop at whatever is wrong with a composed config, or with what was typed, and no error of Hydra.
-
-    Raises:
-        UserError: with the override that would mend the config.
-    """
+    """Stop at what is wrong with a composed config and no error of Hydra; the UserError has the override to mend it."""
     schema = TASKS[cfg.task]
     for family in MULTI_SELECT:
         if any(override.startswith(f"+{family}=") for override in overrides):

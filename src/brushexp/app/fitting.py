@@ -40,11 +40,8 @@ def trainer_of(
 ) -> L.Trainer:
     """A Trainer with a progress bar, checkpoints by time and a clean end at Ctrl-C.
 
-    Of ``cfg`` it reads ``trainer`` (options of Lightning's Trainer, which win over ``options``), ``callbacks`` (beside
-    those given) and ``checkpoint_every``.
-
-    Raises:
-        UserError: if the Trainer does not take an option.
+    Of ``cfg`` it reads ``trainer`` (options of Lightning's Trainer, which win over ``options``; a UserError says which
+    it does not take), ``callbacks`` (beside those given) and ``checkpoint_every``.
     """
     chosen = [build(node).open(folder) for node in cfg.callbacks.values()]
     checkpoint = TimedCheckpoint(folder / CHECKPOINT, cfg.checkpoint_every)
@@ -121,11 +118,8 @@ class RunRecord(L.Callback):
 def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
     """Checkpoint and settings of a run that is to be continued.
 
-    A checkpoint may be a stranger's: nothing in it is run, and its settings are plain values.
-
-    Raises:
-        UserError: if there is nothing to continue there, the command line changes what must stay, or a file that the
-            run began with is another now.
+    A checkpoint may be a stranger's: nothing in it is run, and its settings are plain values. It is refused (UserError)
+    where the command line changes what must stay, or a file that the run began with is another now.
     """
     path = folder / CHECKPOINT
     if not path.is_file():

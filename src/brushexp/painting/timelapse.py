@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from brushexp.errors import UserError
-from brushexp.pictures.video import MOST_FPS, MOST_SECONDS, Format, filming
+from brushexp.pictures.video import MOST_FPS, MOST_SECONDS, filming
 from brushexp.system.files import to_bytes
 
 JPEG_QUALITY = 92
@@ -31,7 +31,7 @@ class Timelapse(L.Callback):
     the last one; None for ``FPS`` frames a second.
     """
 
-    def __init__(self, n_frames: int, side: int, *, seconds: float | None = None, kind: Format = Format.mp4) -> None:
+    def __init__(self, n_frames: int, side: int, *, seconds: float | None = None, kind: str = "mp4") -> None:
         least = n_frames / MOST_FPS
         if seconds is not None and not least <= seconds <= MOST_SECONDS:
             choices = f"{least:g} to {MOST_SECONDS} for {n_frames} frames"

@@ -5,8 +5,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from brushexp.pictures.color import to_lab
 from brushexp.pictures.load import load_mask
-from brushexp.pictures.palette import to_lab
 
 AUTO = "auto"  # focus that is found in the picture
 SIDE = 64  # pixels of the longer side at which a picture is looked at as a whole

@@ -4,7 +4,6 @@ import importlib
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from enum import Enum
 from fractions import Fraction
 from pathlib import Path
 from types import ModuleType
@@ -29,14 +28,6 @@ Array = np.ndarray
 Show = Callable[[Array, int], None]  # a picture (H, W, 3) of bytes, and for how many ticks it stays
 
 
-class Format(Enum):
-    """Of a film: a video, which is small and sharp; an animated picture, which plays in every page; or both."""
-
-    mp4 = "mp4"
-    gif = "gif"
-    both = "both"
-
-
 class Film(NamedTuple):
     """Files that are there when the film is finished, and what adds a picture to them."""
 
@@ -45,21 +36,21 @@ class Film(NamedTuple):
 
 
 @contextmanager
-def filming(stem: Path, kind: Format, size: tuple[int, int], rate: Fraction) -> Iterator[Film]:
-    """Write ``stem`` with .mp4, .gif or both behind it; where PyAV is missing, a GIF takes the place of the video.
+def filming(stem: Path, kind: str, size: tuple[int, int], rate: Fraction) -> Iterator[Film]:
+    """Write ``stem`` as mp4, gif or both; where PyAV is missing, a GIF takes the place of the video.
 
     A video whose ``size`` (height, width) is odd repeats its last row or column, and a GIF is shrunk to at most
     ``GIF_SIDE`` pixels. The ``rate`` is ticks per second, at most ``MOST_FPS``. UserError if a file cannot be written.
     """
     av = _encoder(kind)
-    if av is None and kind is not Format.gif:
+    if av is None and kind != "gif":
         log.info("%s becomes a GIF; for a video: pip install av", stem.name)
     with ExitStack() as opened:
         files = {}
         if av is not None:
             path = stem.with_name(f"{stem.name}.mp4")
             files[path] = opened.enter_context(_mp4(path, size, rate, av))
-        if av is None or kind is Format.both:
+        if av is None or kind == "both":
             path = stem.with_name(f"{stem.name}.gif")
             files[path] = opened.enter_context(_gif(path, rate))
 
@@ -70,14 +61,14 @@ def filming(stem: Path, kind: Format, size: tuple[int, int], rate: Fraction) -> 
         yield Film(list(files), show)
 
 
-def largest_side(kind: Format) -> int:
+def largest_side(kind: str) -> int:
     """Pixels that the longer side of a film has at most."""
     return GIF_SIDE if _encoder(kind) is None else LARGEST_SIDE
 
 
-def _encoder(kind: Format) -> ModuleType | None:
+def _encoder(kind: str) -> ModuleType | None:
     """PyAV, if a film of this kind has a video, and PyAV is installed and has an encoder for H.264."""
-    if kind is Format.gif:
+    if kind == "gif":
         return None
     try:
         av = importlib.import_module("av")

@@ -35,10 +35,8 @@ class MatrixCell:
 def chosen_axes(**wanted: Sequence[str] | None) -> dict[str, list[str]]:
     """What is examined: names of renderers, blends, dtypes and scenes.
 
-    ``wanted`` are the names on an axis; None or no word of it means all that there are, plugins of the user among them.
-
-    Raises:
-        UserError: if there is nothing of a name.
+    ``wanted`` are the names on an axis (a UserError if there is nothing of a name); None or no word of it means all
+    that there are, plugins of the user among them.
     """
     axes = {
         "renderers": [plugin.name for plugin in plugins("renderer")],

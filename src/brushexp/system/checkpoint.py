@@ -37,11 +37,9 @@ class CheckpointFormat:
     def restore(self, module: nn.Module, name: str, checkpoint: str | None, options: Mapping[str, Any]) -> str:
         """Put trained weights into a plugin's module and set it to ``eval``; call it at the end of ``__init__``.
 
-        What differs from the recipe in ``options`` (`plain_options`, on which the weights depend) is refused. The hash
-        of the weights is returned; a checkpoint of None (see `path_of`) leaves them as they are, and returns "".
-
-        Raises:
-            UserError: if the file is missing, damaged, or of another plugin or other options.
+        What differs from the recipe in ``options`` (`plain_options`, on which the weights depend) is refused, as is a
+        file that is missing, damaged or of another plugin (UserError). The hash of the weights is returned; a
+        checkpoint of None (see `path_of`) leaves them as they are, and returns "".
         """
         module.eval()
         if checkpoint is None:
@@ -106,11 +104,7 @@ class CheckpointFormat:
         return name if (self.shipped / f"{name}.safetensors").is_file() else None
 
     def read_recipe(self, path: Path) -> dict[str, Any]:
-        """The recipe of the checkpoint at ``path`` (.safetensors).
-
-        Raises:
-            UserError: if there is none, or it is not one.
-        """
+        """The recipe of the checkpoint at ``path`` (.safetensors); a UserError if there is none, or it is not one."""
         file, cure = path.with_suffix(".json"), "copy it again from where the checkpoint came from"
         if not file.is_file():
             raise UserError(f"{path} has no recipe beside it; copy {file.name} there too")
@@ -133,11 +127,7 @@ class CheckpointFormat:
 
 
 def read_weights(path: Path) -> dict[str, Tensor]:
-    """Tensors of a .safetensors file, by name; floats as 32 bit.
-
-    Raises:
-        UserError: if it is none, damaged, or not finite.
-    """
+    """Tensors of a .safetensors file, by name; floats as 32 bit. One that is damaged or not finite is a UserError."""
     tensors = read_safetensors(path, "pickles are refused, because they can run code")
     return {name: value.float() if value.is_floating_point() else value for name, value in tensors.items()}
 

@@ -24,10 +24,8 @@ TEMPORARY = ".brushexp-*"  # files that are being written
 def replacing(path: Path, key: str = "output") -> Iterator[Path]:
     """Yield a temporary path beside ``path``; what is written there takes the place of ``path`` at once, or never.
 
-    Whatever goes wrong inside, Ctrl-C included, the temporary file is removed and the previous file is untouched.
-
-    Raises:
-        UserError: if the file cannot be written; it proposes another place with ``key``.
+    Whatever goes wrong inside, Ctrl-C included, the temporary file is removed and the previous file is untouched. If
+    the file cannot be written, a UserError proposes another place with ``key``.
     """
     temporary = path.with_name(f"{TEMPORARY[:-1]}{secrets.token_hex(8)}{path.suffix}")
     try:

@@ -42,8 +42,7 @@ def in_short(value: object) -> str:
 def check_file(path: Path, cure: str, largest: float = math.inf) -> None:
     """Refuse what is no file, cannot be opened or has more than ``largest`` bytes; nothing waits for a pipe.
 
-    Raises:
-        UserError: with ``cure``, what would be right.
+    The UserError ends with ``cure``, what would be right.
     """
     try:
         found = path.stat()

@@ -1,5 +1,5 @@
 """From simulated strokes to a trained renderer, in the order of the data.
 
-engine -> writer -> dataset -> datamodule -> renderer_module (with network_module, renderer, monitoring) -> evaluation
+engine -> writer -> dataset -> datamodule -> renderer_module (with network_module, renderer) -> evaluation
 -> benchmark -> pruning, corruption -> discriminator_module -> loss
 """

@@ -11,8 +11,6 @@ keeps its splits when it grows, and reading one split unpacks nothing of another
 any rule on the number is fair. With 5 %, a set of 50,000 holds enough test strokes (2500) for an FID of 2048 features.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass

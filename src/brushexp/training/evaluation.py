@@ -1,11 +1,16 @@
-"""How good the pictures of a renderer are: errors of single strokes, distances of sample sets, contact sheets."""
+"""How good the pictures of a renderer are: errors of single strokes, distances of sample sets, contact sheets.
+
+During training two callbacks show them: `HeldOutSheet` and `FrechetDistance`.
+"""
 
 import math
 import warnings
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from typing import Any
 
+import lightning as L
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -14,6 +19,7 @@ from torchmetrics.image.kid import KernelInceptionDistance
 
 from brushexp.errors import UserError
 from brushexp.features import open_backbone
+from brushexp.system.files import write_picture
 
 TAP, TAP_CHANNELS = "b10", 112  # of effl0: with more features than pictures, an FID says little
 INCEPTION_FEATURES = 2048
@@ -21,6 +27,7 @@ SEEN_SIDE = 128  # pixels: smaller pictures are enlarged for effl0, whose tap is
 SHOWN_SIDE = 128  # pixels that a picture of a sheet is magnified to, as far as whole factors allow
 GAP_PIXELS, GAP_LEVEL = 4, 0.88  # between its pictures, and their grey
 KID_PICTURES = 5000  # pictures at most that are compared with each other; memory grows with the square
+SHOWN_PAIRS, PAIR_COLUMNS = 24, 6  # held-out strokes on a sheet, and in a row of it
 
 _known = cache(open_backbone)
 Features = Callable[[Tensor], Tensor]  # pictures (n, 3, H, W) in [0, 1] -> (n, F)
@@ -153,3 +160,44 @@ def stroke_sheet(images: Tensor, columns: int) -> Tensor:
     large = over_white(images).repeat_interleave(zoom, 2).repeat_interleave(zoom, 3).movedim(1, 3).cpu().numpy()
     layout = {"grid_shape": (-(-len(images) // columns), columns), "padding_width": GAP_PIXELS}
     return torch.from_numpy(montage(large, [GAP_LEVEL] * 3, channel_axis=3, **layout)).movedim(2, 0)
+
+
+class HeldOutSheet(L.Callback):
+    """After every validation ``pictures/epoch_XXX.png``: held-out strokes as drawn on the left, the truth on the right.
+
+    The latest sheet is also ``validation.png`` in the run's folder.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def on_validation_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        self.pairs: list[Tensor] = []
+
+    def on_validation_batch_end(self, trainer: L.Trainer, pl_module: Any, outputs: Any, batch: Any, *_: object) -> None:
+        if sum(map(len, self.pairs)) < SHOWN_PAIRS:
+            self.pairs.append(torch.cat([outputs, batch.images], dim=3).cpu())
+
+    def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        picture = stroke_sheet(torch.cat(self.pairs)[:SHOWN_PAIRS], PAIR_COLUMNS)
+        (self.folder / "pictures").mkdir(exist_ok=True)
+        write_picture(self.folder / "pictures" / f"epoch_{trainer.current_epoch:03d}.png", picture)
+        write_picture(self.folder / "validation.png", picture)
+
+
+class FrechetDistance(L.Callback):
+    """Logs ``validation/fid_effl0`` of the first ``n`` held-out strokes at every validation, see `FeatureDistance`."""
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+
+    def on_validation_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        self.left, self.distance = self.n, effl0_distance(pl_module.device)
+
+    def on_validation_batch_end(self, trainer: L.Trainer, pl_module: Any, outputs: Any, batch: Any, *_: object) -> None:
+        if self.left > 0:
+            self.distance.add(outputs[: self.left].clamp(0, 1), batch.images[: self.left])
+            self.left -= len(outputs)
+
+    def on_validation_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        pl_module.log("validation/fid_effl0", self.distance.figures()["fid_effl0"])

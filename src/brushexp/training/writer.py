@@ -45,11 +45,8 @@ def simulate_set(path: Path, engine: Engine, origin: Origin, seed: int, n: int, 
     """Simulate what a set of ``n`` strokes lacks, with a progress bar, and return how many that were.
 
     ``origin`` describes the engine, ``seed`` is that of the prior, too. ``wait`` for another process that makes the
-    same set, instead of stopping.
-
-    Raises:
-        UserError: if what is there was made otherwise or is larger, or nothing can be written.
-        KeyboardInterrupt: after the present batch, when Ctrl-C was pressed; what is simulated by then is kept.
+    same set, instead of stopping. A set that was made otherwise or is larger is refused (UserError). Ctrl-C stops after
+    the present batch, and what is simulated by then is kept.
     """
     with _locked(path, wait):
         kept = _whole_shards(path, origin, seed, n)

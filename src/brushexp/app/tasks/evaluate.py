@@ -1,7 +1,5 @@
 """``task=evaluate``: measure a renderer on strokes that it was not trained on."""
 
-from __future__ import annotations
-
 import logging
 import time
 from pathlib import Path

@@ -19,11 +19,7 @@ log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write the matrix as extremes.csv, extremes.md and extremes.png, and count the outcomes.
-
-    Raises:
-        UserError: if a cell is broken; the files are there all the same.
-    """
+    """Write the matrix as extremes.csv, extremes.md and extremes.png, and only then a UserError if a cell is broken."""
     L.seed_everything(cfg.seed, verbose=False)
     axes = chosen_axes(renderers=cfg.renderers, blends=cfg.blends, dtypes=cfg.dtypes, scenes=cfg.scenes)
     cells = list(with_progress(examine(axes, cfg.patience), cells_in(axes), "examining cells"))

@@ -19,7 +19,6 @@ from brushexp.painting.outputs import export_job, renderer_of, summary_line
 from brushexp.painting.painter import Painter
 from brushexp.painting.timelapse import Timelapse
 from brushexp.pictures.load import background_color, load_picture
-from brushexp.pictures.video import Format
 from brushexp.plugins.export.svg import Svg
 from brushexp.plugins.loss.style import Style
 from brushexp.registry import plugin_of
@@ -55,8 +54,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     painter = Painter(
         catalogue, parts, target, background, seed=cfg.seed, focus=focus, budget=budget, coarse=cfg.coarse
     ).to(device)
-    kind, failure = Format(cfg.timelapse), None
-    timelapse = Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds, kind=kind)
+    failure = None
+    timelapse = Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds, kind=cfg.timelapse)
     write_picture(folder / "target.png", target)
     with trackers:
         if painter.schedule.steps or cfg.seconds:

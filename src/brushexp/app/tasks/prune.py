@@ -1,7 +1,5 @@
 """``task=prune``: make a trained renderer smaller and faster, and see what that costs."""
 
-from __future__ import annotations
-
 import logging
 import time
 from itertools import islice
@@ -27,8 +25,7 @@ from brushexp.system.files import write_picture, write_text
 from brushexp.training.benchmark import device_of_weights, evaluate, for_painting, speed_and_size
 from brushexp.training.datamodule import StrokeData
 from brushexp.training.dataset import Split
-from brushexp.training.evaluation import effl0_distance
-from brushexp.training.monitoring import HeldOutSheet
+from brushexp.training.evaluation import HeldOutSheet, effl0_distance
 from brushexp.training.pruning import check_prunable, prune
 from brushexp.training.renderer_module import RendererModule
 

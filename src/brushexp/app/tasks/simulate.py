@@ -1,7 +1,5 @@
 """``task=simulate``: make a set of simulated strokes to train renderers on."""
 
-from __future__ import annotations
-
 import logging
 import time
 from pathlib import Path

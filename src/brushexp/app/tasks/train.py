@@ -1,7 +1,5 @@
 """``task=train``: teach a renderer what simulated strokes look like, or a discriminator which strokes are valid."""
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Sequence
@@ -28,8 +26,7 @@ from brushexp.training.benchmark import evaluate
 from brushexp.training.datamodule import StrokeData
 from brushexp.training.dataset import Split
 from brushexp.training.discriminator_module import DiscriminatorModule, ShapeData, save_discriminator
-from brushexp.training.evaluation import effl0_distance
-from brushexp.training.monitoring import FrechetDistance, HeldOutSheet
+from brushexp.training.evaluation import FrechetDistance, HeldOutSheet, effl0_distance
 from brushexp.training.renderer_module import RendererModule
 
 DISTILLED_WINDOW = 256  # pixels of a window that a renderer may look at before training

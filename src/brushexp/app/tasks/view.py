@@ -1,7 +1,5 @@
 """``task=view``: the page of a saved painting, of a run or of a sweep, in the browser."""
 
-from __future__ import annotations
-
 import logging
 import time
 import webbrowser
@@ -41,10 +39,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 def pages_of(cfg: DictConfig, folder: Path) -> dict[str, Path]:
     """Write ``report.html`` into a folder, and tell what is to be served: path of the address -> file.
 
-    With a sweep these are the pages of its runs too.
-
-    Raises:
-        UserError: if there is nothing at ``cfg.catalogue`` that has a page, or its renderer cannot be built.
+    With a sweep these are the pages of its runs too. What has no page is refused (UserError).
     """
     source = Path(cfg.catalogue)
     page = folder / PAGE_NAME

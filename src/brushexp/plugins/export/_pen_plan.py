@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from PIL import Image, ImageDraw
 
-from brushexp.pictures.palette import nearest_ink, palette, to_lab, to_rgb
+from brushexp.pictures.color import nearest_ink, palette, to_lab, to_rgb
 from brushexp.plugins.export._pens import MM, PenExporter, PenPlan, load_vpype, quiet_vpype
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.png import pixels

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from brushexp.bounds import between, one_of
 from brushexp.compositing.bands import cuts
-from brushexp.pictures.video import Format, filming, largest_side
+from brushexp.pictures.video import filming, largest_side
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
@@ -43,7 +43,7 @@ class Process(Exporter):
 
     seconds: Annotated[float, between(0.1, 300)] = 10.0
     fps: Annotated[int, between(1, 50)] = 25
-    format: Format = Format.mp4
+    format: Annotated[str, one_of("mp4", "gif", "both")] = "mp4"
     hold: Annotated[float, between(0, 300)] = 1.5
     pace: Annotated[str, one_of("even", "quickening")] = "quickening"
     growing: bool | None = None

@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 from brushexp.painting.outputs import export_job, renderer_of
-from brushexp.pictures.palette import nearest_ink, palette, to_lab
+from brushexp.pictures.color import nearest_ink, palette, to_lab
 from brushexp.registry import build_named
 from brushexp.results.page.html import embedded
 from brushexp.results.page.replay import hex_of

@@ -1,7 +1,5 @@
 """Pages for a browser on this machine: these files, and nothing else."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
