@@ -18,7 +18,6 @@ from brushexp.analysis import figures, samples
 from brushexp.analysis.columns import ALIGNED_WITHIN, MEASURES, RADIUS_PITCHES, measure_strokes
 from brushexp.analysis.summary import Analysis, analysis_of, comparison_of, overall_of, summary_of, thinnest_of
 from brushexp.analysis.summary_text import brushwork_text, strokes_csv, three_digits, write_summary
-from brushexp.app.runner import perform
 from brushexp.app.tasks import analyse
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import pixel_centres

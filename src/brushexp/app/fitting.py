@@ -62,10 +62,8 @@ def trainer_of(
 def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | None = None) -> BaseException | None:
     """Fit a module, from a checkpoint if there is one; what is done is then to be written, and `conclude` to be called.
 
-    What goes wrong before the first step is raised; what does later is returned, with ``module.stop`` as `FAILED`.
-
-    Raises:
-        UserError: if the checkpoint is of something else.
+    What goes wrong before the first step is raised, such as a checkpoint of something else (UserError); what does later
+    is returned, with ``module.stop`` as `FAILED`.
     """
     record = next(callback for callback in trainer.callbacks if isinstance(callback, RunRecord))  # type: ignore[attr-defined]
     try:
@@ -85,9 +83,7 @@ def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | No
 def conclude(module: Any, folder: Path, cfg: DictConfig, failure: BaseException | None, steps: int) -> None:
     """End a fit of which all that it leaves is on disk; now its checkpoint goes, if the fit has come to its end.
 
-    Raises:
-        KeyboardInterrupt: if it was interrupted.
-        UserError: if it diverged; or the ``failure``.
+    Raises KeyboardInterrupt if it was interrupted, a UserError if it diverged, or the ``failure``.
     """
     if module.stop == INTERRUPTED:
         resume = f"python run.py {'' if cfg.task == 'paint' else f'task={cfg.task} '}resume={folder}"

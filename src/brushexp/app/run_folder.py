@@ -54,9 +54,8 @@ class RunFolder(Callback):
 def take(folder: Path, cfg: DictConfig) -> None:
     """Keep other processes away from a folder until this one ends, and remove what a run has left that came to nothing.
 
-    Raises:
-        UserError: if another run is at work there, or the folder holds one that has finished or can go on, and ``cfg``
-            neither continues it (``resume``; a set of strokes goes on by itself) nor replaces it (``overwrite``).
+    A UserError if another run is at work there, or the folder holds one that has finished or can go on, and ``cfg``
+    neither continues it (``resume``; a set of strokes goes on by itself) nor replaces it (``overwrite``).
     """
     from brushexp.system.files import TEMPORARY  # noqa: PLC0415  (torch; --help should not wait for it)
 

@@ -56,9 +56,7 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
 def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Run a task in its folder, and write its numbers as ``metrics.json``, unless it has done that itself.
 
-    Raises:
-        UserError: if a user can mend what went wrong: no memory, a full disk, or a plugin that ends the program.
-        KeyboardInterrupt: after a signal.
+    What a user can mend is a UserError: no memory, a full disk, or a plugin that ends the program.
     """
     try:
         result: dict[str, object] = task.run(cfg, folder, start)
