@@ -154,7 +154,7 @@ def test_a_run_stops_when_nothing_is_gained(tmp_path):
 def test_a_sweep_on_several_cores_ends_in_one_table_and_one_sheet(tmp_path):
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     swept = ["steps=5", "frames=0", "report=false", "init=grid,scatter", "strokes=15,100000"]
-    parallel = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    parallel = ["threads=null", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
     result = run("-m", *SMALL, *swept, *parallel, f"output={tmp_path}/s", cwd=tmp_path)
     assert result.returncode != 0, "half of the jobs ask for more strokes than pixels"
     rows = (tmp_path / "s" / "table.csv").read_text().splitlines()

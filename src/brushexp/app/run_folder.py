@@ -1,7 +1,5 @@
 """The folder of a run: one run in it at a time, and none over what another has left there."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path
