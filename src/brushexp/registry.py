@@ -27,6 +27,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.bounds import ANY, Bounds, bounds_of
 from brushexp.errors import UserError
+from brushexp.plugin_errors import OURS, check_results
 from brushexp.system.reading import check_plain
 
 FAMILIES = {
@@ -127,6 +128,8 @@ def register(family: str, name: str) -> Callable[[C], C]:
             raise UserError(
                 f"{family}={name} is taken by {owner.cls.__module__}; give the class in {cls.__module__} another name"
             )
+        if not cls.__module__.startswith(OURS):
+            check_results(family, name, cls, f"{OURS}plugins.{PACKAGES.get(family, family)}.base")
         bounds = {name: bounds_of(annotation) or ANY for name, annotation, _ in options_of(cls)}
         plugin = _plugins[family, name] = Plugin(family, name, cls, structured_config(cls), bounds)
         # A worker process of a sweep inherits a filled store and stores the same node again: no clash.
@@ -281,7 +284,7 @@ def _import_or_explain(load: Callable[[], object], source: str) -> None:
         raise UserError(f"plugin {source}: {error}") from error
     except SyntaxError as error:
         raise UserError(f"plugin {source}, line {error.lineno}: {error.msg}; correct it or move it away") from error
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise UserError(
             f"plugin {source} cannot be loaded: {type(error).__name__}: {error}; correct it or move it away"
         ) from error

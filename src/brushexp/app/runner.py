@@ -5,7 +5,6 @@ import importlib
 import logging
 import os
 import time
-import traceback
 import warnings
 from pathlib import Path
 from types import ModuleType
@@ -18,6 +17,8 @@ from omegaconf import DictConfig
 
 from brushexp.app.composition import check
 from brushexp.errors import UserError
+from brushexp.plugin_errors import plugins_named
+from brushexp.registry import plugins
 from brushexp.results.sweep import note_result
 from brushexp.system.files import write_json
 from brushexp.system.runtime import peak_memory
@@ -56,10 +57,11 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
 def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Run a task in its folder, and write its numbers as ``metrics.json``, unless it has done that itself.
 
-    What a user can mend is a UserError: no memory, a full disk, or a plugin that ends the program.
+    What a user can mend is a UserError: no memory, a full disk, or a plugin.
     """
     try:
-        result: dict[str, object] = task.run(cfg, folder, start)
+        with plugins_named(plugins()):
+            result: dict[str, object] = task.run(cfg, folder, start)
         if "status" not in result:
             spent = {"seconds_total": time.monotonic() - start, "peak_memory_mb": peak_memory()}
             result |= {**spent, "status": "completed"}
@@ -73,13 +75,8 @@ def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> di
 
 def in_users_words(error: BaseException, cfg: DictConfig) -> BaseException:
     """What a user can mend as a UserError, and an interruption, which Lightning makes a SystemExit, as what it is."""
-    if isinstance(error, SystemExit):
-        if isinstance(error.__context__, KeyboardInterrupt):
-            return KeyboardInterrupt()
-        frame = traceback.extract_tb(error.__traceback__)[-1]
-        return UserError(
-            f"{frame.filename}:{frame.lineno} ends the program (exit code {error.code}); let it raise instead"
-        )
+    if isinstance(error, SystemExit) and isinstance(error.__context__, KeyboardInterrupt):
+        return KeyboardInterrupt()
     if isinstance(error, MemoryError | torch.OutOfMemoryError) or any(text in str(error) for text in NO_MEMORY):
         smaller = " or ".join(f"{key}=" for key in SIZES if key in cfg)
         return UserError(f"there is not enough memory; take a smaller {smaller}")

@@ -74,7 +74,7 @@ class Trackers(LightningLogger):
     def _caught(self, name: str) -> Iterator[None]:
         try:
             yield
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             if name not in self.stopped:
                 reason = shorten(f"{type(error).__name__}: {error}", 200)
                 log.warning("logger=%s stopped: %s; the run goes on without it", name, reason)

@@ -1,0 +1,117 @@
+"""Whatever a user's plugin does wrong is told in one line that names family, plugin and file."""
+
+import logging
+from types import SimpleNamespace
+
+import pytest
+import torch
+from scenes import random_strokes
+
+from brushexp import registry
+from brushexp.app.tasks import paint
+from brushexp.errors import UserError
+from brushexp.plugin_errors import plugins_named
+from brushexp.plugins.loss.base import Painting
+from brushexp.registry import PACKAGES, build_named, load_plugins, plugins
+
+SIZE = (8, 12)
+TARGET = torch.rand(3, *SIZE, generator=torch.Generator().manual_seed(0))
+STROKES = random_strokes(5, SIZE)
+STATE = SimpleNamespace(strokes=STROKES)
+METHODS = {  # family: contract, method that it wants, a call
+    "init": ("Initializer", "__call__", lambda it: it(TARGET, 4, torch.Generator())),
+    "renderer": ("Renderer", "forward", lambda it: it(STROKES)),
+    "blend": ("Blend", "__call__", lambda it: it(None, torch.arange(5), SIZE, torch.ones(3))),
+    "order": ("Order", "depth", lambda it: it.depth(STROKES, None)),
+    "loss": ("Loss", "forward", lambda it: it(Painting(TARGET, TARGET, STROKES))),
+    "density": ("Density", "revise", lambda it: it.revise(STATE)),
+    "sampler": ("Sampler", "__call__", lambda it: it(STROKES, SIZE, 0, torch.Generator())),
+    "engine": ("Engine", "__call__", lambda it: it(torch.zeros(2, 10), seed=0)),
+    "callbacks": ("Callback", "open", lambda it: it.open(None)),
+    "to": ("Exporter", "write", lambda it: it.write(None, None)),
+}
+WRONG = [  # what such a method does, and what is said of it
+    ("return None", "returns None, not "),
+    ("return 1.5", "returns 1.5, not "),
+    ("return torch.ones(2, 7)", r"returns .*\(2, 7\) of torch.float32, not "),
+    ("return 1j * torch.ones(5)", r"returns .*\(5,\) of torch.complex64, not "),
+    ("return 'text'", "returns 'text', not "),
+    ("raise ValueError('no\\nmore')", r"line \d+\): ValueError: no; "),
+    ("return 1 / 0", r"line \d+\): ZeroDivisionError: division by zero; "),
+    ("sys.exit(0)", r"line \d+\): ends the program \(exit code 0\); "),
+]
+HEAD = "import sys\nimport torch\nfrom brushexp.plugins.{0}.base import *\nfrom brushexp.registry import register\n"
+CLASS = """
+@register("{family}", "{name}")
+class Bad{number}({contract}):
+    def __init__(self, *, weight: float = 1.0):
+        super().__init__()
+    def {method}(self, *_, **__):
+        {body}
+"""
+
+
+@pytest.fixture
+def loaded(tmp_path, monkeypatch):
+    """Write a plugin into a file and load it; forget it afterwards."""
+    monkeypatch.setattr(registry, "_plugins", dict(registry._plugins))
+    monkeypatch.setenv("BRUSHEXP_PLUGINS", str(tmp_path))
+
+    def load(text, name):
+        (tmp_path / f"{name}.py").write_text(text)
+        load_plugins(tmp_path)
+
+    return load
+
+
+@pytest.mark.usefixtures("hydra_restore_singletons")
+@pytest.mark.parametrize("family", METHODS)
+def test_what_a_plugin_does_wrong_is_told_with_its_name_and_file(loaded, family):
+    contract, method, call = METHODS[family]
+    names = [f"bad_{family}_{number}" for number in range(len(WRONG))]
+    text, about = HEAD.format(PACKAGES.get(family, family)), {"family": family, "contract": contract, "method": method}
+    for number, (name, (body, _)) in enumerate(zip(names, WRONG, strict=True)):
+        text += CLASS.format(number=number, name=name, body=body, **about)
+    loaded(text, f"bad_{family}")
+    for name, (body, said) in zip(names, WRONG, strict=True):
+        if (family, body) == ("density", "return None"):
+            continue  # no change is an answer
+        place = rf"^{family}={name} \(.*bad_{family}\.py(\): {method}|,) "
+        with pytest.raises(UserError, match=f"{place}{said}.*correct the plugin") as told, plugins_named(plugins()):
+            call(build_named(family, name, {}))
+        assert "\n" not in str(told.value)
+
+
+@pytest.mark.usefixtures("hydra_restore_singletons")
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("@register('loss', 'half')\nclass Half(Loss): ...", r"loss=half \(.*half\.py\): class Half lacks forward"),
+        (
+            "@register('loss', 'half')\nclass Half: ...",
+            r"class Half lacks a base class of brushexp\.plugins\.loss\.base",
+        ),
+        ("import sys; sys.exit(3)", r"half\.py cannot be loaded: SystemExit: 3; correct it or move it away"),
+    ],
+)
+def test_half_a_plugin_is_refused_when_it_is_loaded(loaded, text, said):
+    with pytest.raises(UserError, match=said):
+        loaded(f"from brushexp.plugins.loss.base import Loss\nfrom brushexp.registry import register\n{text}\n", "half")
+
+
+@pytest.mark.usefixtures("hydra_restore_singletons")
+def test_a_painting_tells_of_the_plugin_and_its_log_has_the_traceback(loaded, run_task, tmp_path):
+    options = {"family": "loss", "contract": "Loss", "method": "forward", "name": "falls", "number": 0}
+    loaded(HEAD.format("loss") + CLASS.format(body="_[0].picture", **options), "falls")
+    handler = logging.FileHandler(tmp_path / "run.log")
+    logging.getLogger().addHandler(handler)
+    try:
+        with (
+            pytest.raises(UserError, match=r"loss=falls .*falls\.py, line \d+\): AttributeError"),
+            plugins_named(plugins()),
+        ):
+            run_task(paint, "image=astronaut", "resolution=16", "loss=[falls]", "steps=2", "threads=1", "frames=0")
+    finally:
+        logging.getLogger().removeHandler(handler)
+        handler.close()
+    assert "in training_step" in (tmp_path / "run.log").read_text()
