@@ -13,6 +13,7 @@ from omegaconf.errors import OmegaConfBaseException
 from brushexp.app.composition import check, leaves
 from brushexp.errors import UserError
 from brushexp.registry import plugins
+from brushexp.system.reading import read_text
 
 OURS = re.compile(  # files that tasks write into their folders
     "(metrics|result|run|report|checkpoint|multirun|painting|target|focus|style|timelapse|catalogue|strokes|process|relief"
@@ -94,7 +95,7 @@ def lock(folder: Path) -> None:
 
 def left_in(folder: Path) -> Iterator[Path]:
     """Files that runs have left in a folder, and in those of the jobs of a sweep; nothing that a run does not write."""
-    others = (folder / OTHERS).read_text(encoding="utf-8").split("\n") if (folder / OTHERS).is_file() else []
+    others = read_text(folder / OTHERS, "remove it").split("\n") if (folder / OTHERS).exists() else []
     weights = "|".join(["discriminator", *(plugin.name for plugin in plugins("renderer"))])
     for path in sorted(folder.iterdir()):
         if OURS.fullmatch(path.name) or re.fullmatch(rf"({weights})(_[0-9.]+)?[.](safetensors|json)", path.name):

@@ -54,9 +54,9 @@ def check_origin(cfg: DictConfig, found: Origin) -> None:
     """Stop with a UserError if a trained renderer knows another brush than that of the strokes, unless wanted."""
     checkpoint = cfg.renderer.get("checkpoint")
     recipe = {} if checkpoint is None else RENDERERS.read_recipe(RENDERERS.path_of(checkpoint)).get("data", {})
-    if cfg.other_data or not isinstance(recipe, dict) or not {"engine", "engine_config", "window"} <= recipe.keys():
+    if cfg.other_data or not isinstance(recipe, dict) or not isinstance(recipe.get("engine_config"), dict):
         return
-    trained = Origin(recipe["engine"], recipe["engine_config"], recipe["window"])
+    trained = Origin(str(recipe.get("engine")), recipe["engine_config"], recipe.get("window", 0))
     if difference := first_difference(trained.settings(), found.settings()):
         name = f"engine={found.engine}" if cfg.data is None else cfg.data[0]
         raise UserError(

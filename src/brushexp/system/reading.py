@@ -4,11 +4,12 @@ Whatever reads a file begins here; docs/security.md lists the files and their li
 one line. Functions of a path name it there, functions of a text leave that to who knows where it came from.
 """
 
+import csv
 import hashlib
+import io
 import json
 import math
 import stat
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 from zipfile import ZIP_STORED, ZipFile, is_zipfile
@@ -67,6 +68,15 @@ def read_text(path: Path, cure: str, largest: int = LARGEST_TEXT) -> str:
         raise UserError(f"{path} is damaged or no text ({error.reason}); {cure}") from error
 
 
+def read_table(path: Path) -> list[dict[str, str]]:
+    """The rows of a CSV file with a column ``step``; cells that a row lacks are None. None if it is no such table."""
+    try:
+        rows = list(csv.DictReader(io.StringIO(read_text(path, ""), newline=""), restkey=""))
+    except (UserError, csv.Error):
+        return []
+    return [{name: cell for name, cell in row.items() if name} for row in rows if "step" in row]
+
+
 def digest_of(path: Path) -> str:
     """SHA-256 of what a file holds."""
     with path.open("rb") as file:
@@ -79,20 +89,17 @@ def json_of(text: str) -> Any:
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)
         if len(found) < len(pairs):
-            key = next(key for k, (key, _) in enumerate(pairs) if key in dict(pairs[:k]))
-            raise UserError(f"JSON with the key {key[:40]!r} twice in one place")
+            raise ValueError(f"a key comes twice in {{{', '.join(key for key, _ in pairs)}}}")
         return found
 
     try:
         return json.loads(text, object_pairs_hook=unique)
-    except UserError:
-        raise
     except json.JSONDecodeError as error:
         raise UserError(f"not JSON (line {error.lineno}, column {error.colno}: {error.msg})") from error
     except RecursionError as error:
         raise UserError("JSON with too many brackets inside each other") from error
     except ValueError as error:
-        raise UserError(f"not JSON ({error})") from error
+        raise UserError(f"not JSON ({in_short(error)})") from error
 
 
 def check_yaml(text: str, root: type = dict) -> None:
@@ -102,14 +109,13 @@ def check_yaml(text: str, root: type = dict) -> None:
     """
     if len(text) > LARGEST_YAML:
         raise UserError(f"YAML of {len(text)} letters, more than {LARGEST_YAML}")
-    depth, begun, (kind, name) = 0, False, ROOTS[root]
+    depth, (kind, name) = 0, ROOTS[root]
     try:
         for event in yaml.parse(text, EVENTS):
             if isinstance(event, yaml.AliasEvent):
                 raise UserError("YAML with an alias, *name; write out what it stands for")
-            if isinstance(event, yaml.NodeEvent) and not begun and not isinstance(event, kind):
+            if depth == 0 and isinstance(event, yaml.NodeEvent) and not isinstance(event, kind):
                 raise UserError(f"not a YAML {name}")
-            begun |= isinstance(event, yaml.NodeEvent)
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
             if depth > DEEPEST:
                 raise UserError(f"YAML of more than {DEEPEST} levels")
@@ -130,27 +136,19 @@ def yaml_of(text: str, root: type = dict) -> Any:
         raise UserError(f"not YAML of plain values ({in_short(error)})") from error
 
 
-def check_plain(data: Any) -> Any:
+def check_plain(data: Any, levels: int = DEEPEST, left: list[int] | None = None) -> Any:
     """The same data, if it is made of text, numbers, lists and dictionaries alone, and of few enough of them."""
-    count, level = 0, [data]
-    for _ in range(DEEPEST + 1):
-        count += len(level)
-        below: list[Any] = []
-        for value in level:
-            parts: Iterable[Any] = ()
-            if isinstance(value, dict):
-                parts = [*(key for key in value if not isinstance(key, str | int)), *value.values()]
-            elif isinstance(value, list | tuple):
-                parts = value
-            elif not isinstance(value, str | int | float | None):
-                raise UserError(f"a value is of the kind {type(value).__name__}; text, numbers and lists are read")
-            below.extend(parts)
-        if not below:
-            return data
-        if count + len(below) > MOST_VALUES:
-            raise UserError(f"settings of more than {MOST_VALUES} values")
-        level = below
-    raise UserError(f"settings of more than {DEEPEST} levels")
+    left = left or [MOST_VALUES]
+    left[0] -= 1
+    if left[0] == 0 or levels == 0:
+        raise UserError(f"settings of more than {MOST_VALUES} values or {DEEPEST} levels")
+    plain = isinstance(data, dict | list | tuple | str | int | float | None)
+    if not plain or (isinstance(data, int) and abs(data) >= 2**64):
+        raise UserError(f"a value is of the kind {type(data).__name__}; text, lists and numbers of 64 bits are read")
+    parts = [*data, *data.values()] if isinstance(data, dict) else data if isinstance(data, list | tuple) else ()
+    for part in parts:
+        check_plain(part, levels - 1, left)
+    return data
 
 
 def read_safetensors(path: Path, cure: str) -> dict[str, Tensor]:

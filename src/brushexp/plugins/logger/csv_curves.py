@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import csv
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from brushexp.plugins.logger.base import Logger, Run
 from brushexp.registry import register
+from brushexp.system.reading import read_table
 
 if TYPE_CHECKING:
     from lightning.pytorch.loggers import Logger as LightningLogger
@@ -38,7 +39,4 @@ class CsvCurves(Logger):
 
 def rows_of(path: Path) -> list[dict[str, str]]:
     """The rows of a table if it is there; one that was cut off when its writing was killed is left out."""
-    if not path.is_file():
-        return []
-    with path.open(newline="", encoding="utf-8") as file:
-        return [row for row in csv.DictReader(file) if None not in row.values() and str(row["step"]).isdecimal()]
+    return [row for row in read_table(path) if None not in row.values() and re.fullmatch(r"\d{1,15}", row["step"])]

@@ -1,7 +1,5 @@
 """The page of a run, or of a catalogue alone: everything about one painting in one file."""
 
-import csv
-import io
 import json
 import logging
 import math
@@ -23,7 +21,7 @@ from brushexp.results.page.replay import recorded_config, replay_of
 from brushexp.results.runs import command_of, read_result
 from brushexp.strokes.storage import Saved, load_catalogue
 from brushexp.system.files import write_text
-from brushexp.system.reading import read_text
+from brushexp.system.reading import read_table
 
 log = logging.getLogger(__name__)
 PAGE_NAME = "report.html"
@@ -80,16 +78,13 @@ def _pictures(folder: Path) -> dict[str, np.ndarray]:
 
 def read_curves(path: Path) -> dict[str, list[float]]:
     """The columns of a table of curves, NaN where there is nothing; none if it is not there or no table."""
-    try:
-        rows = list(csv.DictReader(io.StringIO(read_text(path, ""), newline=""), restkey="", restval=""))
-    except (UserError, csv.Error):
-        return {}
-    return {name: [_float(row[name]) for row in rows] for name in (rows[0] if rows else ()) if name}
+    rows = read_table(path)
+    return {name: [_float(row[name]) for row in rows] for name in (rows[0] if rows else ())}
 
 
-def _float(text: str) -> float:
+def _float(text: str | None) -> float:
     try:
-        return float(text)
+        return float(text or "nan")
     except ValueError:
         return math.nan
 
