@@ -346,7 +346,7 @@ def test_settings_that_someone_spoilt_are_explained(config, tmp_path):
         ('{"format": "brushexp catalogue",\n}', r"not JSON \(line 2, column 1"),
         ("[1, 2]", "not a brushexp catalogue"),
         ("[" * 100_000, "too many brackets"),
-        ("\x89HDF\r\n\x1a\n\xff\xfe", "is damaged or no text"),
+        ("\x89HDF\r\n\x1a\n\xff\xfe", "is damaged or cut short"),
     ],
 )
 def test_a_wrong_text_is_explained(text, message, tmp_path):

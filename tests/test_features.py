@@ -222,7 +222,7 @@ def test_files_of_other_networks_are_refused(tmp_path, name):
 
 def test_files_that_are_no_weights_are_refused(tmp_path):
     (tmp_path / "text.pth").write_text("hello")
-    for file, reason in (("absent.pth", "no file"), ("text.pth", "no plain tensors")):
+    for file, reason in (("absent.pth", "no file"), ("text.pth", "is damaged or cut short")):
         with pytest.raises(UserError, match=reason):
             open_backbone("vgg16", str(tmp_path / file))
 

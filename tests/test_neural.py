@@ -267,12 +267,12 @@ def rebiased(path: Path, bias: torch.Tensor | None) -> None:
 
 DAMAGE = {
     "missing": (Path.unlink, "there is no such file; give the .safetensors of task=train"),
-    "broken": (lambda p: p.write_bytes(p.read_bytes()[:1000]), "is damaged or no .safetensors file"),
+    "broken": (lambda p: p.write_bytes(p.read_bytes()[:1000]), "is damaged or cut short"),
     "other weights": (lambda p: rebiased(p, torch.ones(16)), "describes other weights; copy both files"),
     "no tensor": (lambda p: rebiased(p, None), "train it again with task=train: .*Missing.*last.bias"),
     "shape": (lambda p: rebiased(p, torch.zeros(3)), "another renderer; .*size mismatch for last.bias"),
     "nan": (lambda p: rebiased(p, torch.full((16,), torch.nan)), "last.bias has numbers that are not finite"),
-    "pickle": (lambda p: torch.save({"a": torch.ones(1)}, p), "no .safetensors file .*; pickles are refused"),
+    "pickle": (lambda p: torch.save({"a": torch.ones(1)}, p), "cut short .*; pickles are refused"),
     "old pickle": (lambda p: p.write_bytes(pickle.dumps({"weights": [1.0]})), "refused, because they can run code"),
     "no recipe": (lambda p: p.with_suffix(".json").unlink(), r"has no recipe beside it; copy mine.json"),
     "no JSON": (lambda p: p.with_suffix(".json").write_text("{"), "is not JSON"),

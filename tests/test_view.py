@@ -56,13 +56,19 @@ def ask(address, path, host=None, method="GET"):
 def test_a_page_is_served_to_this_machine_and_nothing_else(tmp_path):
     (tmp_path / "report.html").write_text("<p>é", encoding="utf-8")
     (tmp_path / "secret.txt").write_text("secret")
-    with served({"/": tmp_path / "report.html", "/a b/gone.html": tmp_path / "gone.html"}) as address:
+    (tmp_path / "link.html").symlink_to(tmp_path / "secret.txt")
+    (tmp_path / "folder.html").mkdir()
+    pages = {"/": "report.html", "/a b/gone.html": "gone.html", "/link.html": "link.html", "/folder": "folder.html"}
+    with served({name: tmp_path / file for name, file in pages.items()}) as address:
         port = urlsplit(address).port
         status, body, head = ask(address, "/?from=here")
         assert (status, body) == (200, "<p>é".encode())
         assert head["Content-Type"] == "text/html; charset=utf-8"
+        assert "connect-src" not in head["Content-Security-Policy"]
+        assert "default-src 'none'" in head["Content-Security-Policy"]  # so a page of others reads no other page
         for path in ("//[", "/secret.txt", "/report.html", "/../secret.txt", "/%2e%2e/secret.txt", "/a%20b/gone.html"):
             assert ask(address, path)[0] == 404, path
+        assert [ask(address, path)[0] for path in ("/link.html", "/folder")] == [404, 404], "a link may lead anywhere"
         assert ask(address, "/", method="POST")[0] == 501
         assert ask(address, "/", host="evil.example")[0] == 403  # its name may mean this machine
         assert ask(address, "/", host=f"localhost:{port}")[0] == 200

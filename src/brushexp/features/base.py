@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from brushexp.errors import UserError
 from brushexp.pictures.region import Region
-from brushexp.system.reading import check_finite, read_pickled, read_safetensors
+from brushexp.system.reading import check_finite, explaining, read_pickled, read_safetensors
 
 OPTION = "loss.perceptual.weights"  # what an error tells a user to set, if nobody says otherwise
 TILE_PIXELS = 512  # side of the tiles: bounds the memory of a picture of any size
@@ -106,8 +106,9 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
         if path.suffix == ".safetensors":
             return read_safetensors(path, cure)
         found = read_pickled(path, cure)
+        with explaining(path, cure):
+            if not isinstance(found, dict) or not all(isinstance(value, Tensor) for value in found.values()):
+                raise UserError(f"no table of tensors; {cure}")
+            return check_finite(dict(found))
     except UserError as error:
         raise UserError(f"weights: {error}") from error
-    if not isinstance(found, dict) or not all(isinstance(value, Tensor) for value in found.values()):
-        raise UserError(f"weights: {path} holds no table of tensors; {cure}")
-    return check_finite(path, dict(found))

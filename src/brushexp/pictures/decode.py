@@ -15,7 +15,7 @@ from PIL.ImageFile import ImageFile
 from PIL.TiffImagePlugin import TiffImageFile
 
 from brushexp.errors import UserError
-from brushexp.system.reading import check_file
+from brushexp.system.reading import check_file, explaining
 
 MAX_PIXELS = 100_000_000  # in float32 RGB that many take 1.2 GB
 # Raster formats only: for EPS, Pillow would start another program.
@@ -61,12 +61,9 @@ def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0) -> np
 def opened_picture(path: Path) -> Iterator[Image.Image]:
     """A picture that a run has left, not decoded yet; whatever is wrong with it, found then too, is a UserError."""
     check_file(path, "paint it again")
-    try:
-        with Image.open(path, formats=WRITTEN) as picture:
-            _check_size(*picture.size)
-            yield picture
-    except Exception as error:  # decoders have a dozen kinds
-        raise UserError(f"{path} cannot be read ({' '.join(str(error).split())}); paint it again") from error
+    with explaining(path, "paint it again"), Image.open(path, formats=WRITTEN) as picture:
+        _check_size(*picture.size)
+        yield picture
 
 
 @contextmanager

@@ -19,17 +19,8 @@ from brushexp.errors import UserError
 from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
 from brushexp.strokes.text import DEPTH_UNIT, FORMAT, VERSION, check_version, parse
 from brushexp.system.files import write_bytes
-from brushexp.system.hdf5 import (
-    HDF5,
-    attribute_of,
-    dataset_of,
-    explaining,
-    fixed,
-    opened,
-    text_of,
-    whole_number_of,
-)
-from brushexp.system.reading import check_yaml, in_short, read_text
+from brushexp.system.hdf5 import HDF5, attribute_of, dataset_of, fixed, opened, text_of, whole_number_of
+from brushexp.system.reading import check_yaml, explaining, in_short, read_text
 
 LARGEST_SIDE = 1_000_000  # pixels
 MOST_STROKES = 10_000_000  # which take 0.7 GB
@@ -53,7 +44,7 @@ class Saved:
 def save_catalogue(path: Path, saved: Saved) -> None:
     """Write a catalogue whole or not at all; same catalogue, same bytes. What cannot be loaded again is refused."""
     saved = replace(saved, strokes=saved.strokes.map(lambda value: value.detach().to("cpu", torch.float32)))
-    _check(saved)
+    _checked(saved)
     memory = io.BytesIO()  # h5py does not say why writing to a file failed
     with h5py.File(memory, "w", libver=(HDF5, HDF5)) as file:
         for name, value in saved.strokes.items():
@@ -86,13 +77,9 @@ def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
     if path.suffix.lower() == ".json":
         text = read_text(path, cure, LARGEST_TEXT)
         with explaining(path, again):
-            saved = _parsed(text)
-            _check(saved)
-        return saved
+            return _checked(_parsed(text))
     with opened(path, cure) as file, explaining(path, again):
-        saved = _read(file, cure)
-        _check(saved)
-    return saved
+        return _checked(_read(file, cure))
 
 
 def _read(file: h5py.File, cure: str) -> Saved:
@@ -122,7 +109,7 @@ def _parsed(text: str) -> Saved:
     return Saved(strokes=strokes, depth=depth.int(), size=canvas, background=background, config=config, **attributes)
 
 
-def _check(saved: Saved) -> None:
+def _checked(saved: Saved) -> Saved:
     check_strokes(saved.strokes)
     count, depth, background = len(saved.strokes), saved.depth, saved.background
     ranks = depth.detach().cpu().sort().values
@@ -140,3 +127,4 @@ def _check(saved: Saved) -> None:
         check_yaml(saved.config)
     except UserError as error:
         raise UserError(f"config is {error}") from error
+    return saved

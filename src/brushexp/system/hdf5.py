@@ -1,7 +1,5 @@
 """Parts of HDF5 files that are read by programs which trust nobody: every function says what is wrong with the file."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +7,7 @@ import h5py
 import numpy as np
 
 from brushexp.errors import UserError
-from brushexp.system.reading import check_file, in_short
+from brushexp.system.reading import check_file, explaining, in_short
 
 HDF5 = "v110"  # of the library whose format is written: the first with checksums of everything but free text
 LARGEST_ATTRIBUTE = 2**22  # bytes
@@ -24,18 +22,6 @@ def fixed(text: str) -> np.ndarray:
     """The text as HDF5 keeps it inside an object: with a length that is known."""
     encoded = text.encode()
     return np.array(encoded, h5py.string_dtype("utf-8", max(1, len(encoded))))
-
-
-@contextmanager
-def explaining(path: Path, cure: str) -> Iterator[None]:
-    """Turn whatever goes wrong with a file into a UserError that names it, with ``cure`` if it is damaged."""
-    try:
-        yield
-    except UserError as error:
-        raise UserError(f"{path}: {error}") from error
-    except Exception as error:  # h5py raises all kinds
-        reason = in_short(error.strerror if isinstance(error, OSError) and error.strerror else error)
-        raise UserError(f"{path} is damaged or cut short ({reason}); {cure}") from error
 
 
 def opened(path: Path, cure: str, **options: Any) -> h5py.File:

@@ -10,6 +10,9 @@ import io
 import json
 import math
 import stat
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from zipfile import ZIP_STORED, ZipFile, is_zipfile
@@ -59,13 +62,23 @@ def check_file(path: Path, cure: str, largest: float = math.inf) -> None:
         raise UserError(f"{path} has {found.st_size / 1e6:.0f} MB, more than {largest / 1e6:.0f}; {cure}")
 
 
+@contextmanager
+def explaining(path: Path, cure: str) -> Iterator[None]:
+    """Turn whatever goes wrong with a file into a UserError that names it, with ``cure`` if it is damaged."""
+    try:
+        yield
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
+    except Exception as error:  # of HDF5, pickle, zip, Pillow, and what else a file may hold
+        reason = getattr(error, "strerror", None) or f"{type(error).__name__}: {str(error).partition('. ')[0]}"
+        raise UserError(f"{path} is damaged or cut short ({in_short(reason)}); {cure}") from error
+
+
 def read_text(path: Path, cure: str, largest: int = LARGEST_TEXT) -> str:
     """A file of UTF-8; a mark of the byte order is left out. UserError as of `check_file`."""
     check_file(path, cure, largest)
-    try:
+    with explaining(path, cure):
         return path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise UserError(f"{path} is damaged or no text ({error.reason}); {cure}") from error
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
@@ -156,37 +169,31 @@ def read_safetensors(path: Path, cure: str) -> dict[str, Tensor]:
     from safetensors.torch import load  # noqa: PLC0415  (--help needs none of it)
 
     check_file(path, cure, LARGEST_WEIGHTS)
-    try:
-        return check_finite(path, load(path.read_bytes()))
-    except UserError:
-        raise
-    except Exception as error:  # its own, and of dtypes that PyTorch does not know
-        raise UserError(f"{path} is damaged or no .safetensors file ({in_short(error)}); {cure}") from error
+    with explaining(path, cure):
+        return check_finite(load(path.read_bytes()))
 
 
 def read_pickled(path: Path, cure: str) -> Any:
     """What torch.save has written of tensors, numbers, text, lists and dictionaries; a pickle of else is refused."""
     check_file(path, cure, LARGEST_WEIGHTS)
-    try:
+    with explaining(path, cure):
         zipped = is_zipfile(path)  # files of PyTorch before 1.6 are not, and cannot be mapped
         if zipped:
             with ZipFile(path) as file:
                 packed = any(entry.compress_type != ZIP_STORED for entry in file.infolist())
                 if packed or file.testzip() is not None:  # PyTorch itself looks at no checksum
-                    raise ValueError("parts of it are compressed, or others than were written")
-        found = torch.load(path, map_location="cpu", weights_only=True, mmap=zipped)
+                    raise UserError(f"parts of it are compressed, or others than were written; {cure}")
+        with warnings.catch_warnings(action="ignore"):
+            found = torch.load(path, map_location="cpu", weights_only=True, mmap=zipped)
         _check_tensors(found)
-    except Exception as error:  # of pickle, zip, and what else a file may hold
-        reason = f"{type(error).__name__}: {str(error).partition('. ')[0]}"
-        raise UserError(f"{path} is damaged or holds no plain tensors ({in_short(reason)}); {cure}") from error
-    return found
+        return found
 
 
-def check_finite(path: Path, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
+def check_finite(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
     """The same, if all numbers are."""
     for name, value in tensors.items():
         if not bool((value.float() if value.is_floating_point() else value).isfinite().all()):
-            raise UserError(f"{path}: {name} has numbers that are not finite; train it again, or give another file")
+            raise UserError(f"{name} has numbers that are not finite; train it again, or give another file")
     return tensors
 
 
@@ -201,4 +208,4 @@ def _check_tensors(data: Any) -> None:
         elif isinstance(value, Tensor):
             held = value.untyped_storage().nbytes() if value.layout is torch.strided and not value.is_meta else -1
             if value.numel() * value.element_size() > held:
-                raise ValueError(f"a tensor claims {tuple(value.shape)} numbers that are not there")
+                raise UserError(f"a tensor claims {tuple(value.shape)} numbers that are not there")

@@ -27,8 +27,8 @@ from omegaconf import DictConfig, OmegaConf
 from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine
 from brushexp.registry import plugin_of
-from brushexp.system.hdf5 import dataset_of, explaining, opened, text_of, whole_number_of
-from brushexp.system.reading import in_short, json_of
+from brushexp.system.hdf5 import dataset_of, opened, text_of, whole_number_of
+from brushexp.system.reading import explaining, in_short, json_of
 
 FORMAT = "brushexp strokes"
 VERSION = 2  # raise it whenever a file of the new kind would mislead an older reader
