@@ -29,7 +29,7 @@ def curve_from(points: Any) -> Curve | None:
     """The curve of pairs that a run has noted as ``anytime``; None if it has no two points."""
     try:
         found = np.array(points or [], float).reshape(-1, 2)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return None
     found = found[np.isfinite(found).all(1)]
     found = found[found[:, 0].argsort(kind="stable")]

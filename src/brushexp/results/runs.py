@@ -196,16 +196,9 @@ def read_result(path: Path) -> Result:
         return {"status": "failed", "error": f"its {path.name} cannot be read", "overrides": {}}
     plain = {key: _measured(value) for key, value in found.items() if not isinstance(value, list | dict)}
     words = {key: str(found[key]) for key in TEXTS if found.get(key) is not None}
-    overrides, pairs = found.get("overrides"), found.get("anytime")
-    chosen = {key: str(value) for key, value in overrides.items()} if isinstance(overrides, dict) else {}
-    told = {"status": "completed", **plain, **words, "overrides": chosen}
-    if isinstance(pairs, list):
-        told["anytime"] = [[*map(_measured, pair)] for pair in pairs if _is_pair(pair)]
-    return told
-
-
-def _is_pair(data: Any) -> bool:
-    return isinstance(data, list) and len(data) == 2 and all(isinstance(x, int | float | None) for x in data)
+    typed = found.get("overrides")
+    overrides = {key: str(value) for key, value in typed.items()} if isinstance(typed, dict) else {}
+    return {"status": "completed", **plain, **words, "overrides": overrides, "anytime": found.get("anytime")}
 
 
 def _measured(value: Any) -> Any:

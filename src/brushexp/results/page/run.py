@@ -15,6 +15,7 @@ from brushexp.analysis.columns import StrokeTable, measure_strokes
 from brushexp.errors import UserError
 from brushexp.pictures.decode import opened_picture
 from brushexp.registry import plugins
+from brushexp.results.anytime_curves import curve_from
 from brushexp.results.page import drawings
 from brushexp.results.page.html import embedded, page, readable_number
 from brushexp.results.page.replay import recorded_config, replay_of
@@ -156,8 +157,7 @@ def _error(painting: np.ndarray | None, target: np.ndarray | None) -> dict[str, 
 def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -> list[dict[str, Any]]:
     """PSNR against steps and seconds, and each loss against steps."""
     steps = curves.get("step", ())
-    pairs = [pair for pair in metrics.get("anytime") or [] if len(pair) == 2 and None not in pair]
-    times, psnr = zip(*pairs, strict=True) if pairs else ((), ())
+    times, psnr = curve_from(metrics.get("anytime")) or ((), ())
     charts = [
         drawings.line_chart("PSNR by steps", steps, curves.get("psnr", [math.nan] * len(steps)), "steps", "dB"),
         drawings.line_chart("PSNR by time", times, psnr, "seconds of optimisation", "dB"),
