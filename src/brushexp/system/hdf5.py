@@ -66,8 +66,9 @@ def _check_storage(name: str, dataset: h5py.Dataset) -> None:
         raise UserError(f"{name} is packed in a way that is not read here; pack it with gzip")
     if dataset.chunks is not None:
         unpacked = int(np.prod(dataset.chunks)) * dataset.dtype.itemsize
-        sizes = (dataset.id.get_chunk_info(k).size for k in range(dataset.id.get_num_chunks()))
-        if unpacked > LARGEST_CHUNK or max(sizes, default=0) > 1.01 * unpacked + SPARE:
+        sizes = [0]
+        dataset.id.chunk_iter(lambda chunk: sizes.append(chunk.size))
+        if unpacked > LARGEST_CHUNK or max(sizes) > 1.01 * unpacked + SPARE:
             raise UserError(f"{name} has chunks of {unpacked} bytes, more than {LARGEST_CHUNK} or than there are")
     if dataset.nbytes > held * INFLATION + SPARE:
         raise UserError(f"{name} claims {dataset.nbytes} bytes, of which it has only {held}; it is not complete")

@@ -35,7 +35,7 @@ VERSION = 2  # raise it whenever a file of the new kind would mislead an older r
 BLOCK = 16  # strokes of a chunk
 PERIOD = 20  # blocks after which the splits repeat
 SPLITS = "block = number // 16; block % 20: 0 test, 1 validation, others training"
-MOST_STROKES = 2**31  # of a set; a shard cannot claim more than its bytes can hold
+MOST_STROKES = 2**20  # of a shard; the writer makes them much smaller
 AGAIN = "simulate it again or give another one"
 HEIGHT_STEPS = 1024  # per unit of height: 16 bits reach to 64, and thick paint of the fluid engine to about 8
 
@@ -119,8 +119,9 @@ class Shard:
             raise UserError(f"attribute engine_config is {in_short(config)}; JSON of the engine's options is needed")
         self.first, n, window, self.seed = (whole_number_of(file, name) for name in ("first", "n", "window", "seed"))
         self.origin = Origin(text_of(file, "engine"), options, window)
-        if not (0 <= self.first < MOST_STROKES and 1 <= n < MOST_STROKES and window >= 1):
-            raise UserError(f"first is {self.first}, n is {n} and window is {window}; 0, 1 and 1 are the least")
+        if self.first < 0 or not 1 <= n <= MOST_STROKES or window < 1:
+            least = f"0, 1 and 1 are the least, and {MOST_STROKES} strokes the most"
+            raise UserError(f"first is {self.first}, n is {n} and window is {window}; {least}")
         params = _whole_dataset(file, "params", np.float32, (n, 10))
         self.images = _whole_dataset(file, "images", np.uint8, (n, window, window, 4))
         self.heights = _whole_dataset(file, "heights", np.uint16, (n, window, window))
