@@ -15,6 +15,7 @@ from omegaconf import DictConfig
 from zygote import Zygote
 
 from brushexp.app.command_line import in_full, prepare
+from brushexp.app.composition import check
 from brushexp.app.runner import perform
 
 # The same examples at every run: a failure is one of the change, and not of chance.
@@ -57,6 +58,8 @@ def run_task(config, tmp_path, monkeypatch) -> Callable[..., dict[str, object]]:
     def run(module: ModuleType, *overrides: str) -> dict[str, object]:
         monkeypatch.setattr("brushexp.training.benchmark.ACROSS", 2)
         monkeypatch.setattr("brushexp.training.benchmark.REPETITIONS", 1)
-        return perform(module, config(*overrides), tmp_path, time.monotonic())
+        cfg = config(*overrides)
+        check(cfg, overrides)
+        return perform(module, cfg, tmp_path, time.monotonic())
 
     return run

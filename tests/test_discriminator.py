@@ -12,7 +12,7 @@ from test_trainer import StopAt
 from test_trainer import fit as fit_module
 from torch import Tensor, optim
 
-from brushexp.app.tasks.train import check_used
+from brushexp.app.rules import check_used
 from brushexp.errors import UserError
 from brushexp.plugins.loss.base import Painting
 from brushexp.plugins.loss.discriminator import DISCRIMINATORS, NAME, Discriminated, Discriminator, shapes_of

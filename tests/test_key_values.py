@@ -1,11 +1,13 @@
 """Every key of every task and every option of every plugin takes what fits, and says in one line what does not."""
 
+import tempfile
 from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import fields
 from pathlib import Path
 
 import pytest
+from catalogues import catalogue
 from hydra import compose, initialize_config_dir
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -20,10 +22,13 @@ from brushexp.app.mistakes import in_our_words
 from brushexp.app.schema import TASKS
 from brushexp.errors import UserError
 from brushexp.registry import MULTI_SELECT, plugins
+from brushexp.strokes.storage import save_catalogue
 
 ROOT = Path(__file__).parents[1]
 CONF = ROOT / "conf"
-NEEDED = {"export": "catalogue=a.h5", "compare": "runs=a", "analyse": "catalogue=a.h5", "view": "catalogue=a.h5"}
+FILES = Path(tempfile.mkdtemp())
+save_catalogue(FILES / "a.h5", catalogue(60))
+NEEDED = {task: f"catalogue={FILES}/a.h5" for task in ("export", "analyse", "view")} | {"compare": f"runs={FILES}"}
 TASK_OF = {"engine": "simulate", "to": "export"}  # families that task=paint does not have
 NEVER = ["nan", "-inf", "1e39", "9" * 23, "text", "''", "[1]", "[nan]", "[[mse]]", "{a: 1}", "true"]  # of a number
 VALUES = [*NEVER, "-1", "0", "0.5", "null"]
@@ -77,10 +82,11 @@ def declared():
         choice = (
             f"{plugin.family}=[{plugin.name}]" if plugin.family in MULTI_SELECT else f"{plugin.family}={plugin.name}"
         )
+        words = (choice, f"loss.brushwork.catalogue={FILES}/a.h5") if plugin.name == "brushwork" else (choice,)
         for item in fields(plugin.config):
             if item.name != "_target_" and (plugin.family, item.name, plugin.bounds[item.name]) not in seen:
                 seen.add((plugin.family, item.name, plugin.bounds[item.name]))
-                yield (TASK_OF.get(plugin.family, "paint"), (choice,)), f"{plugin.path}.{item.name}", item.type
+                yield (TASK_OF.get(plugin.family, "paint"), words), f"{plugin.path}.{item.name}", item.type
 
 
 def test_every_value_fits_or_is_refused_in_one_line_that_names_the_key():

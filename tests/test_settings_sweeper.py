@@ -13,6 +13,7 @@ from hydra.core.plugins import Plugins
 from hydra.errors import ConfigCompositionException, HydraException
 from program import run
 
+from brushexp.app.mistakes import explanation
 from brushexp.errors import UserError
 
 ROOT = Path(__file__).parents[1]
@@ -50,11 +51,35 @@ def test_settings_stand_above_the_command_line_and_are_combined_with_what_it_swe
         ("task=paint,export", "task=export needs catalogue"),
         ("renderer.soft=1,wide", "wide"),
         ("init=grid,nope", "nope"),
+        ("trainer.precision=32-true,abc", "job 1 of the sweep .*trainer.precision=abc is not one of 32-true, "),
+        ("image=astronaut,nope.jpg", "job 1 of the sweep .*image=nope.jpg is not there; give the path of a picture"),
+        ("strokes=9,9999999", "job 1 of the sweep .*set strokes to 262144 at most"),
+        ("optimizer.name=Adam,Adm", "job 1 of the sweep .*torch.optim has no optimiser 'Adm'"),
     ],
 )
 def test_a_mistake_in_any_job_is_found_before_the_first_starts(override, message):
     with pytest.raises((UserError, ConfigCompositionException, HydraException), match=message):
         jobs([""], [override])
+    key, _, values = override.partition("=")
+    with pytest.raises((UserError, ConfigCompositionException, HydraException), match=message.rpartition(".*")[2]):
+        jobs([f"{key}={value}" for value in values.split(",")])
+
+
+def test_a_renderer_of_the_sweep_is_proposed_for_an_option_that_another_one_has():
+    words = ["-m", "renderer=analytic,neural", "renderer.checkpoint=x"]
+    with pytest.raises(HydraException) as caught:
+        jobs([""], words[1:])
+    assert "'renderer=neural renderer.checkpoint=...'" in explanation(caught.value, ROOT / "conf", words)
+
+
+@pytest.mark.parametrize("launcher", ["basic", "joblib"])
+def test_nothing_of_a_sweep_starts_when_one_of_its_jobs_is_wrong(launcher, tmp_path):
+    words = ["-m", f"hydra/launcher={launcher}", "hydra.sweeper.settings=['','loss=brushwork']", "resolution=16"]
+    done = run(*words, "steps=0", f"output={tmp_path}/s", cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stderr.startswith("brushexp: job 1 of the sweep (resolution=16 steps=0 output="), done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "s").exists()
 
 
 def test_a_list_of_settings_on_the_command_line_is_a_sweep(tmp_path):

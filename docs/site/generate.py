@@ -15,7 +15,7 @@ from omegaconf import MISSING
 from brushexp.app.command_line import prepare
 from brushexp.app.keys import Key, groups_of, keys_of
 from brushexp.app.schema import TASKS, Task
-from brushexp.bounds import Bounds
+from brushexp.bounds import Bounds, Rule
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, options_of, plain_type, plugins
 
 ROOT = Path(__file__).parents[2]
@@ -96,9 +96,9 @@ def _plugin(plugin: Plugin) -> str:
     return "\n\n".join(part for part in parts if part)
 
 
-def _kind(annotation: Any, bounds: Bounds | None = None) -> str:
+def _kind(annotation: Any, bounds: Bounds | Rule | None = None) -> str:
     """A type and its bounds in words."""
-    if bounds is not None:
+    if isinstance(bounds, Bounds):
         return str(bounds) if bounds.names else f"{_kind(annotation)}, {bounds}"
     if get_origin(annotation) in (UnionType, Union):
         return " or ".join(_kind(part) for part in get_args(annotation) if part is not NoneType) + " or null"

@@ -1,6 +1,9 @@
 """Which values an option takes, said once where it is declared: ``width: Annotated[int, at_least(1)] = 64``."""
 
 import difflib
+import os
+import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -108,7 +111,37 @@ def one_of(*names: str | int) -> Bounds:
     return Bounds(names=names)
 
 
-def bounds_of(annotation: Any) -> Bounds | None:
+@dataclass(frozen=True)
+class Rule:
+    """What a text must be; of a list, every element: asked of what reads it later, so that it is known in time."""
+
+    read: Callable[[str, str], object]  # from value and option; a UserError if it is not that
+    besides: tuple[str, ...] = ()  # values that are not read
+
+    def check(self, option: str, value: Any, default: Any = None) -> None:
+        """As `Bounds.check`."""
+        for one in value if isinstance(value, list | tuple) else [value]:
+            if isinstance(one, dict | list):
+                raise UserError(f"{option} holds {one}; give plain values, '{option}=[...]'")
+            if one is not None and one not in self.besides:
+                self.read(one, option)
+
+
+def _check_duration(value: str, option: str) -> None:
+    if not re.fullmatch(r"\d+:\d\d:\d\d:\d\d", value):
+        raise UserError(f"{option}={value} is no days:hours:minutes:seconds; for ten minutes: {option}=00:00:10:00")
+
+
+def _check_file(path: str, option: str) -> None:
+    if not os.path.isfile(path):
+        raise UserError(f"{option}={path}: there is no such file; correct the path, or set {option}=null")
+
+
+DURATION = Rule(_check_duration)
+FILE = Rule(_check_file)
+
+
+def bounds_of(annotation: Any) -> Bounds | Rule | None:
     """The bounds inside a type, ``Annotated[float, between(0, 1)] | None`` for instance."""
-    found = (part if isinstance(part, Bounds) else bounds_of(part) for part in get_args(annotation))
+    found = (part if isinstance(part, Bounds | Rule) else bounds_of(part) for part in get_args(annotation))
     return next((part for part in found if part is not None), None)

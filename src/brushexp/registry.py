@@ -25,7 +25,7 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.bounds import ANY, Bounds, bounds_of
+from brushexp.bounds import ANY, Bounds, Rule, bounds_of
 from brushexp.errors import UserError
 from brushexp.plugin_errors import OURS, check_results
 from brushexp.system.reading import check_plain
@@ -61,7 +61,7 @@ class Plugin:
     name: str
     cls: type
     config: type  # dataclass of its options
-    bounds: dict[str, Bounds]  # of each option
+    bounds: dict[str, Bounds | Rule]  # of each option
 
     @property
     def target(self) -> str:
@@ -195,6 +195,16 @@ def build(node: DictConfig, *runtime: object) -> Any:
     A UserError says which option does not fit the class.
     """
     plugin = plugin_of(node)
+    return plugin.cls(*runtime, **options_in(node, plugin.path))
+
+
+def options_in(node: DictConfig, path: str) -> dict[str, Any]:
+    """The options of a plugin in its config node, of the types and within the bounds that it has declared.
+
+    Raises:
+        UserError: if one does not fit; ``path`` is what is typed before it.
+    """
+    plugin = plugin_of(node)
     typed: DictConfig = OmegaConf.structured(plugin.config)
     try:
         typed.merge_with(OmegaConf.to_container(node, resolve=True))  # in a worker its types are copies of ours
@@ -204,9 +214,9 @@ def build(node: DictConfig, *runtime: object) -> Any:
         raise UserError(f"{plugin.family}={plugin.name} does not take these options: {reason}") from error
     del options["_target_"]
     if hidden := _hidden_key(options):
-        raise UserError(f"{plugin.path} has an option {hidden}; nothing below a plugin is built: drop that key")
-    plugin.check(plugin.path, typed)
-    return plugin.cls(*runtime, **options)
+        raise UserError(f"{path} has an option {hidden}; nothing below a plugin is built: drop that key")
+    plugin.check(path, typed)
+    return options
 
 
 def _hidden_key(data: Any) -> str:

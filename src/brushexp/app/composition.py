@@ -1,6 +1,8 @@
 """What Hydra composes: tasks and presets are offered to it, and a composed config is checked before anything runs."""
 
+import re
 from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +11,16 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.app.keys import groups_of, keys_of, publish
+from brushexp.app.mistakes import unknown_key, unknown_option
+from brushexp.app.rules import OF_TASKS
 from brushexp.app.schema import TASKS
 from brushexp.bounds import at_least
 from brushexp.errors import UserError
-from brushexp.registry import FAMILIES, MULTI_SELECT, plugin_of, plugins
+from brushexp.registry import FAMILIES, MULTI_SELECT, build, options_in, plugin_of, plugins
 
 NOT_KEYS = {"task", "hydra", "experiment"}  # what stands beside keys and groups at the top of a config
 WEIGHT = at_least(0)  # of a loss
+STYLE_PARTS = {"style.loss": "style.image", "style.strokes": "style.brushwork"}  # losses, and keys that bring them
 
 
 def offer(folders: Sequence[Path]) -> None:
@@ -70,24 +75,47 @@ def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
     for family in MULTI_SELECT:
         if any(override.startswith(f"+{family}=") for override in overrides):
             raise UserError(f"+{family}=... is ignored by Hydra beside a list; name them all: '{family}=[mse,...]'")
-    keys = keys_of(schema)
-    unknown = sorted(set(map(str, cfg)) - {name.partition(".")[0] for name in keys} - {*groups_of(schema)} - NOT_KEYS)
-    if unknown:
-        raise UserError(f"{unknown[0]} is not a key of task={cfg.task}; drop it, or see --help for the keys")
-    for name, key in keys.items():
+    check_names(cfg)
+    check_chosen(cfg)
+    for name, key in keys_of(schema).items():
         value = OmegaConf.select(cfg, name)
         if value is None and OmegaConf.is_missing(cfg, name):
             raise UserError(f"task={cfg.task} needs {name}: {key.meaning}; add {name}=...")
         key.bounds.check(name, OmegaConf.to_object(value) if isinstance(value, ListConfig) else value, key.default)
-    check_chosen(cfg)
     for path, node in nodes_of(cfg):
-        plugin = plugin_of(node)
-        plugin.check(path, node)
-        if plugin.family == "loss":
-            WEIGHT.check(f"{path}.weight", node.weight)
-    names = [plugin.name for plugin in plugins("renderer")]
-    if cfg.get("warm_up") not in ("auto", None, *names):
-        raise UserError(f"warm_up={cfg.warm_up} is not a renderer; choose auto, null or one of {', '.join(names)}")
+        for option in set(node) - {"_target_", *plugin_of(node).meanings}:
+            raise UserError(unknown_option(str(option), plugin_of(node), overrides))
+        needed = path not in STYLE_PARTS or OmegaConf.select(cfg, STYLE_PARTS[path]) is not None
+        try_out(path, OmegaConf.to_yaml(node, resolve=True), needed)
+    if cfg.get("resume") is None and cfg.task in OF_TASKS:  # else the settings are those of the run that goes on
+        OF_TASKS[cfg.task](cfg, overrides)
+
+
+def check_names(cfg: DictConfig) -> None:
+    """Stop when there is a key that the task does not have, at the top or below another one."""
+    schema = TASKS[cfg.task]
+    known = {*keys_of(schema), *groups_of(schema), *NOT_KEYS, *(group.rpartition("@")[2] for group in schema.groups)}
+    above = {name.rpartition(".")[0] for name in known}
+    for parent in sorted(above):
+        for name in map(str, cfg[parent] if parent else cfg):
+            path = f"{parent}.{name}" if parent else name
+            if path not in known | above:
+                raise UserError(unknown_key(path, cfg.task))
+
+
+@cache
+def try_out(path: str, node: str, needed: bool) -> None:
+    """Stop when a plugin does not take the options in a node of a config (YAML); build it, if a job does."""
+    chosen: DictConfig = OmegaConf.create(node)  # type: ignore[assignment]
+    options = options_in(chosen, path)
+    try:
+        if needed:
+            build(chosen)
+    except UserError as error:
+        about = re.split(r"\W", str(error), maxsplit=1)[0]  # some options do not know what is typed before them
+        raise UserError(f"{path}.{error}" if about in options else str(error)) from error
+    if "weight" in options:
+        WEIGHT.check(f"{path}.weight", options["weight"])
 
 
 def leaves(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:
@@ -112,6 +140,11 @@ def check_chosen(cfg: DictConfig) -> None:
             names = ", ".join(plugin.name for plugin in plugins(family))
             raise UserError(f"{family} is not chosen; choose one of {names}")
     for family in [family for family in MULTI_SELECT if family in cfg]:
+        for name, node in cfg[family].items():
+            if not isinstance(node, DictConfig):
+                choices = ", ".join(plugin.name for plugin in plugins(family))
+                cure = f"type {family}.<name>.{name}={node}; a preset of one begins with 'defaults: [<name>]'"
+                raise UserError(f"{family}.{name}={node} is an option of no {family}; {cure} (there are: {choices})")
         chosen = [name for name, node in cfg[family].items() if "_target_" in node]
         tuned = [name for name in cfg[family] if name not in chosen]
         if tuned:

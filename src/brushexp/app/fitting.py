@@ -53,7 +53,7 @@ def trainer_of(
             default_root_dir=folder,
             logger=list(loggers),
             callbacks=[*callbacks, *chosen, RunRecord(cfg, folder), ProgressBar(), checkpoint],
-            **options | {str(key): value for key, value in cfg.trainer.items()},
+            **options | {str(key): value for key, value in cfg.trainer.items() if value is not None},
         )
     except Exception as error:  # a checkpoint's options may be anything
         raise UserError(f"trainer: {error}; see the options of Lightning's Trainer") from error
@@ -118,8 +118,6 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
     where the command line changes what must stay, or a file that the run began with is another now.
     """
     path = folder / CHECKPOINT
-    if not path.is_file():
-        raise UserError(f"resume={folder}: there is no {path.name}; give the folder of an interrupted run")
     chosen = {override.lstrip("+~").partition("=")[0]: override for override in HydraConfig.get().overrides.task}
     for key, override in chosen.items():
         if key not in (*OVERRIDABLE, "task"):

@@ -34,15 +34,15 @@ def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]
     schema = TASKS[cfg.task]
     lines = [INTRODUCTION, f"task={cfg.task}: {schema.__doc__}", "", "Its keys and their values now, key=value:"]
     raw: Any = OmegaConf.to_container(cfg, resolve=False)
+    typed = {word.lstrip("+~").partition("=")[0].partition(".")[0] for word in overrides}
     for name, key in keys_of(schema).items():
+        if name.startswith("trainer.") and "trainer" not in typed:
+            continue  # twenty keys of Lightning
         lines += two_columns(f"{name}={as_typed(reduce(getitem, name.split('.'), raw))}", key.meaning)
-    typed = {word.lstrip("+~").partition("=")[0] for word in overrides}
-    lines += [
-        "",
-        "Its plugins, family=name; a family that you type shows options and what to choose by: renderer=neural --help",
-    ]
+    about = "a family that you type shows options and what to choose by: renderer=neural --help"
+    lines += ["", f"Its plugins, family=name; {about}"]
     for group in groups_of(schema):
-        lines += group_lines(group, cfg, folders, group in typed)
+        lines += group_lines(group, cfg, folders, group in typed and group in FAMILIES)
     lines += ["", "Other tasks; their keys: task=name --help"]
     for name, other in TASKS.items():
         lines += two_columns(name, (other.__doc__ or "").partition("\n")[0])

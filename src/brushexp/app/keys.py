@@ -12,11 +12,11 @@ from typing import Any, get_args, get_origin, get_type_hints
 from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.bounds import ANY, Bounds
+from brushexp.bounds import ANY, Bounds, Rule
 from brushexp.registry import MULTI_SELECT
 
 
-def key(default: Any, meaning: str, bounds: Bounds = ANY) -> Any:
+def key(default: Any, meaning: str, bounds: Bounds | Rule = ANY) -> Any:
     """Declare a key; ``MISSING`` as its default makes it one that must be given."""
     metadata = {"meaning": meaning, "bounds": bounds}
     if isinstance(default, list):
@@ -32,7 +32,7 @@ class Key:
     annotation: Any
     default: Any
     meaning: str
-    bounds: Bounds
+    bounds: Bounds | Rule
 
     @property
     def is_list(self) -> bool:

@@ -1,6 +1,7 @@
 """What is wrong with a command line, in the words of the program; Hydra and OmegaConf have their own."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import fields
 from difflib import get_close_matches
 from enum import EnumType
@@ -28,10 +29,10 @@ def explanation(error: BaseException, conf: Path, arguments: list[str]) -> str:
     text = " ".join(str(error).partition("Config search path")[0].split())
     if isinstance(error, CompactHydraException) and isinstance(error.__cause__, OmegaConfBaseException):
         text += f": {' '.join(str(error.__cause__).split())}"
-    return in_our_words(text, task_of(arguments, conf), conf) or text
+    return in_our_words(text, task_of(arguments, conf), conf, arguments) or text
 
 
-def in_our_words(text: str, task: str, conf: Path) -> str | None:
+def in_our_words(text: str, task: str, conf: Path, arguments: Sequence[str] = ()) -> str | None:
     """What a message of Hydra or OmegaConf means for a task; None for one that is not known."""
     if found := re.match(r"LexerNoViableAltException: (.*?) \^ See |Ambiguous value for argument '(.*?)' ", text):
         reason = "has letters that must stand in quotes" if found[1] else "are several values; add -m for a sweep"
@@ -43,7 +44,7 @@ def in_our_words(text: str, task: str, conf: Path) -> str | None:
         return f"task={task} has no {found[1]}; it takes {', '.join(groups_of(TASKS[task])) or 'no plugins'}"
     if found := re.search(r"Key '(\w+)' not in '(\w+)'", text):
         owners = [plugin for plugin in plugins() if plugin.config.__name__ == found[2]]
-        return unknown_option(found[1], owners[0]) if owners else None
+        return unknown_option(found[1], owners[0], arguments) if owners else None
     if found := re.search(r"Key '[^']*' is not in struct full_key: (\S+)", text):
         return unknown_key(found[1], task)
     return wrong_type(text, task)
@@ -70,12 +71,17 @@ def nearest_first(word: str, names: list[str]) -> str:
     return ", ".join(get_close_matches(word, names, max(1, len(names)), 0))
 
 
-def unknown_option(option: str, plugin: Plugin) -> str:
-    """An option that a plugin does not have."""
+def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -> str:
+    """An option that a plugin does not have; of the others that have it, those come first that were typed."""
     family, names = plugin.family, list(plugin.meanings)
     text = f"{plugin.path}.{option} is no option of {family}={plugin.name}; "
     text += f"its options, nearest first: {nearest_first(option, names)}" if names else "it has none"
     owners = [other.name for other in plugins(family) if option in other.meanings]
+    typed = " ".join(word for word in arguments if word.startswith(f"{family}="))
+    owners.sort(key=lambda name: re.search(rf"\b{name}\b", typed) is None)
+    if arguments and not any(f"{plugin.path}.{option}" in word for word in arguments):
+        choices = " or ".join(f"{family}={name}" for name in owners)
+        return f"{family}={plugin.name} has no {option}, which this task sets; choose {choices}"
     if owners and family not in MULTI_SELECT:
         text += f". It is one of {', '.join(f'{family}={name}' for name in owners)}; a sweep over both: "
         text += f"-m \"hydra.sweeper.settings=['{family}={plugin.name}','{family}={owners[0]} {family}.{option}=...']\""
@@ -90,8 +96,13 @@ def unknown_key(typed: str, task: str) -> str:
         mend = f"add {name} to the list, '{family}=[{name},...]', or drop the keys below it"
         mend = mend if name in names else f"there are: {nearest_first(name, names)}"
         return f"{family}.{name} is tuned but not chosen; {mend}"
-    text = f"{typed} is no key of task={task}; nearest first: "
-    text += nearest_first(typed, [*keys_of(TASKS[task]), *groups_of(TASKS[task])])
+    for plugin in plugins():
+        for option in plugin.meanings:
+            if typed.startswith(f"{plugin.path}.{option}."):
+                return f"{typed} is not there yet; what {plugin.path}.{option} gets anew has a plus: '+{typed}=...'"
+    above, names = typed.rpartition(".")[0], [*keys_of(TASKS[task]), *groups_of(TASKS[task])]
+    beside = [name for name in names if name.rpartition(".")[0] == above] or names
+    text = f"{typed} is no key of task={task}; nearest first: {nearest_first(typed, beside)}"
     others = [f"task={name}" for name, schema in TASKS.items() if typed in (*keys_of(schema), *groups_of(schema))]
     return text + (f". It is one of {', '.join(others)}" if others else "")
 

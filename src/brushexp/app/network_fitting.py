@@ -13,7 +13,6 @@ from omegaconf import DictConfig, OmegaConf
 
 from brushexp.app.fitting import fit, trainer_of
 from brushexp.app.stroke_data import data_recipe
-from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import plugin_of
 from brushexp.system.callbacks import MovingAverage
@@ -33,8 +32,6 @@ def fit_network(
     resumed: Path | None = None,
 ) -> BaseException | None:
     """Train until the first limit of the config, then validate what will be kept, unless that is done; see `fit`."""
-    if cfg.epochs is None and cfg.minutes is None and cfg.trainer.max_steps < 0:
-        raise UserError("neither epochs nor minutes is set, so training would never end; set minutes=60")
     options = {"log_every_n_steps": min(cfg.trainer.log_every_n_steps, len(data.train_dataloader()))}
     options |= {} if cfg.epochs is None else {"max_epochs": cfg.epochs}
     cfg = OmegaConf.merge(cfg, {"trainer": options})  # type: ignore[assignment]

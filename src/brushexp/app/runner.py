@@ -34,13 +34,14 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
     hydra = HydraConfig.get()
     if hydra.mode is RunMode.MULTIRUN:
         start = time.monotonic()  # each job counts from its own start
-    task = importlib.import_module(f"brushexp.app.tasks.{cfg.task}")
-    gc.freeze()  # what is loaded now stays
-    gc.enable()  # run.py has disabled it
-    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware on every run
     warnings.filterwarnings("ignore", ".*in eval mode at the start of training")  # networks are frozen on purpose
     try:
-        check(cfg, list(hydra.overrides.task))
+        if hydra.mode is RunMode.MULTIRUN:  # of another sweeper than ours; of a single run `RunFolder` has done it
+            check(cfg, list(hydra.overrides.task))
+        task = importlib.import_module(f"brushexp.app.tasks.{cfg.task}")
+        logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware on every run
+        gc.freeze()  # what is loaded now stays
+        gc.enable()  # run.py has disabled it
         torch.set_num_threads(cfg.threads or fair_share(hydra))
         return perform(task, cfg, Path(hydra.runtime.output_dir).resolve(), start)
     except UserError as error:

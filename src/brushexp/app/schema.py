@@ -6,11 +6,15 @@ from typing import Any, ClassVar
 from omegaconf import MISSING
 
 from brushexp.app.keys import key
-from brushexp.bounds import above, at_least, between, one_of
+from brushexp.app.rules import CATALOGUE, COLOR, DEVICE, FOCUS, FOLDER, INTERRUPTED_RUN, PAGE, STROKES
+from brushexp.bounds import DURATION, FILE, above, at_least, between, one_of
+from brushexp.pictures.load import PICTURE
 
 LARGEST_SEED = 2**32 - 1  # of NumPy's generator
 LARGEST_SEED_SIMULATED = 2**64 - 1  # of the generator of strokes
-NETWORK_FIT: dict[str, Any] = {"trainer": "network", "callbacks": [], "logger": ["csv"]}
+PRECISIONS = ("32-true", "bf16-mixed", "16-mixed", "bf16-true", "16-true", "64-true", "32", "bf16", "16", "64")
+SMALLEST_SET = 33  # strokes of which some are for training, validation and test
+NETWORK_FIT: dict[str, Any] = {"callbacks": [], "logger": ["csv"]}
 DATA = "folder of task=simulate or a file in it, several with commas; null = simulate"
 EMA = "share of the old weights in the averaged ones at each step; 0 = no averaging"
 LIMIT = "use only the first so many training strokes; null = all"
@@ -28,7 +32,7 @@ class Task:
     settings: ClassVar[dict[str, Any]] = {}  # values below the groups that differ from the defaults of their plugins
 
     seed: int = key(0, "everything random follows from it", between(0, LARGEST_SEED))
-    device: str = key("auto", "auto, cpu, cuda, cuda:1, ...")
+    device: str = key("auto", "auto, cpu, cuda, cuda:1, ...", DEVICE)
     threads: int | None = key(None, "processor cores; null = all, shared between the jobs of a sweep", at_least(1))
     output: str = key("outputs/${now:%Y-%m-%d_%H-%M-%S}", "folder of the run; of a sweep, the folder of its runs")
     overwrite: bool = key(False, "replace the run or sweep that output holds, with all that it has left there")
@@ -38,12 +42,38 @@ class Task:
 class StyleTransfer:
     """Keys below ``style`` of ``task=paint``; style=painting.jpg is short for style.image=painting.jpg."""
 
-    image: str | None = key(None, "a painting, file or sample: paint the picture in its style; null = off")
-    brushwork: str | None = key(None, "catalogue.h5 of a painting: with strokes like its own; null = off")
+    image: str | None = key(None, "a painting, file or sample: paint the picture in its style; null = off", PICTURE)
+    brushwork: str | None = key(None, "catalogue.h5 of a painting: with strokes like its own; null = off", CATALOGUE)
     content: float = key(0.5, "factor of the weights of loss= while style.image is set", at_least(0))
     colors: str = key(
         "style", "of the painting: those of the style picture, or of the content", one_of("style", "content")
     )
+
+
+@dataclass
+class TrainerOptions:
+    """Keys below ``trainer``: options of Lightning's Trainer, as its manual has them; what is null is left to it."""
+
+    profiler: str | None = key(None, "where the time went, at the end", one_of("simple", "advanced"))
+    precision: str = key("32-true", "bf16-mixed: networks compute in 16 bits", one_of(*PRECISIONS))
+    max_epochs: int | None = key(-1, "a task ends by its own limits", at_least(-1))
+    min_epochs: int | None = key(None, "passes before anything ends the fit", at_least(0))
+    max_steps: int = key(-1, "gradient steps; -1 = no limit", at_least(-1))
+    min_steps: int | None = key(None, "gradient steps before anything ends the fit", at_least(0))
+    max_time: str | None = key(None, "of wall time, days:hours:minutes:seconds", DURATION)
+    limit_train_batches: int | float | None = key(None, "of an epoch: a number, or a share as 0.5", at_least(0))
+    limit_val_batches: int | float | None = key(None, "of a validation: a number, or a share as 0.5", at_least(0))
+    val_check_interval: int | float | None = key(None, "batches, or share of an epoch, to a validation", above(0))
+    check_val_every_n_epoch: int | None = key(None, "epochs between validations", at_least(1))
+    log_every_n_steps: int = key(1, "steps between written values, in painting at least 0.25 s", at_least(1))
+    accumulate_grad_batches: int | None = key(None, "batches of a gradient step", at_least(1))
+    gradient_clip_val: float | None = key(None, "the largest gradient, see gradient_clip_algorithm", above(0))
+    gradient_clip_algorithm: str | None = key(None, "of what: norm or value", one_of("norm", "value"))
+    detect_anomaly: bool | None = key(None, "find the operation that made a NaN; slow")
+    deterministic: bool | None = key(None, "refuse operations whose bits differ from run to run")
+    benchmark: bool | None = key(None, "let cuDNN look for the fastest convolutions")
+    enable_progress_bar: bool = key(False, "Lightning's own, beside ours")
+    enable_model_summary: bool = key(False, "layers and parameters, at the start")
 
 
 @dataclass
@@ -52,8 +82,8 @@ class PaintTask(Task):
 
     groups: ClassVar[dict[str, Any]] = {"init": "slic", "renderer": "analytic", "blend": "tiled", "order": "area"}
     groups |= {"loss": ["mse"], "density": "fixed", "sampler": "whole", "optimizer": "adam", "callbacks": []}
-    groups |= {"trainer": "default", "logger": ["csv"], "loss@style.loss": "style", "loss@style.strokes": "brushwork"}
-    presets: ClassVar[dict[str, str]] = {"quality": "normal"}
+    groups |= {"logger": ["csv"], "loss@style.loss": "style", "loss@style.strokes": "brushwork"}
+    presets: ClassVar[dict[str, str]] = {"trainer": "default", "quality": "normal"}
     settings: ClassVar[dict[str, Any]] = {
         "style": {
             "loss": {"image": "${style.image}", "colors": "${style.colors}"},  # added to loss= with style.image
@@ -61,7 +91,7 @@ class PaintTask(Task):
         }
     }
 
-    image: str = key("astronaut", "a picture file, or the name of a picture that scikit-image ships")
+    image: str = key("astronaut", "a picture file, or the name of a picture that scikit-image ships", PICTURE)
     resolution: int | None = key(None, "longer side in pixels; null = as is", between(1, 16384))
     strokes: int | None = key(None, "number of strokes; null = one per pixels_per_stroke", at_least(1))
     pixels_per_stroke: float = key(100, "pixels of the picture for each stroke", at_least(1))
@@ -70,9 +100,9 @@ class PaintTask(Task):
     coarse: float = key(0, "share of the steps that come first, at half the resolution", between(0, 0.99))
     warm_up: str | None = key("auto", "renderer of these steps; auto = the fast one that a network names; null = none")
     finish_steps: int = key(40, "gradient steps of each stroke with the chosen renderer after a warm-up", at_least(0))
-    background: str = key("mean", "of the bare canvas: mean (of the picture), white, black, '#rrggbb'")
-    catalogue: str | None = key(None, "start from the strokes of this catalogue.h5 instead of init")
-    resume: str | None = key(None, RESUME)
+    background: str = key("mean", "of the bare canvas: mean (of the picture), white, black, '#rrggbb'", COLOR)
+    catalogue: str | None = key(None, "start from the strokes of this catalogue.h5 instead of init", CATALOGUE)
+    resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
     seconds: float | None = key(None, "instead of steps: seconds of optimisation; the schedule fits them", at_least(0))
     psnr: float | None = key(None, "dB: stop when the picture is as good as this; null = never", at_least(0))
     early_stop: float | None = key(None, "dB: stop when 100 evaluations gain less; null = never", at_least(0))
@@ -82,11 +112,12 @@ class PaintTask(Task):
     timelapse: str = key("mp4", "format of the timelapse: mp4, gif, or both", one_of("mp4", "gif", "both"))
     timelapse_seconds: float | None = key(None, "that its pictures take; null = 15 pictures a second", above(0))
     report: bool = key(True, "report.html: the run on one page, with a replay of the painting")
-    focus: str | None = key(None, "what matters most: auto (found in the picture) or a mask, the brighter the more")
+    focus: str | None = key(None, "what matters most: auto (found in the picture) or a mask, brighter is more", FOCUS)
     focus_strength: float = key(8, "errors where it is brightest count so many times those elsewhere", between(1, 1000))
     lpips_backbone: str = key("alexnet", "network of lpips_weights", one_of("alexnet", "squeeze", "vgg16", "effl0"))
-    lpips_weights: str | None = key(None, "file with its published features: metrics then hold the official LPIPS too")
+    lpips_weights: str | None = key(None, "file with its features: metrics then hold the official LPIPS too", FILE)
     style: StyleTransfer = field(default_factory=StyleTransfer)
+    trainer: TrainerOptions = field(default_factory=TrainerOptions)
 
 
 @dataclass
@@ -95,8 +126,8 @@ class ExportTask(Task):
 
     groups: ClassVar[dict[str, Any]] = {"to": ["png"], "renderer": None, "blend": "tiled"}
 
-    catalogue: str = key(MISSING, "catalogue.h5 of a run, or the strokes.json that to=json wrote")
-    resolution: int | None = key(None, "longer side in pixels; null = as it was painted", at_least(1))
+    catalogue: str = key(MISSING, "catalogue.h5 of a run, or the strokes.json that to=json wrote", CATALOGUE)
+    resolution: int | None = key(None, "longer side in pixels; null = as it was painted", between(1, 65536))
 
 
 @dataclass
@@ -115,12 +146,12 @@ class TrainTask(Task):
     """Train a renderer on simulated strokes, or with model=discriminator a network that recognises valid strokes."""
 
     groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "engine": "fluid"} | NETWORK_FIT
-    presets: ClassVar[dict[str, str]] = {"model": "renderer"}
+    presets: ClassVar[dict[str, str]] = {"trainer": "network", "model": "renderer"}
     settings: ClassVar[dict[str, Any]] = {"renderer": {"checkpoint": None}}  # random weights
 
     model: str = key("renderer", "what is trained", one_of("renderer", "discriminator"))
-    data: list[str] | None = key(None, DATA)
-    simulate: int | None = key(10000, "without data: strokes of a set to be kept; null = fresh ones", at_least(1))
+    data: list[str] | None = key(None, DATA, STROKES)
+    simulate: int | None = key(10000, "without data: strokes of a set to be kept; null = fresh", at_least(SMALLEST_SET))
     sets: str = key("data", "folder of such sets")
     batch_size: int = key(64, "strokes of a step", at_least(1))
     epochs: int | None = key(None, "passes through the data; null = no limit; 0 = no gradient step", at_least(0))
@@ -134,7 +165,8 @@ class TrainTask(Task):
     critic_width: int = key(16, "its channels at full size", at_least(1))
     fid: int = key(256, "held-out strokes whose FID (effl0) is a curve of the validations; 0 = none", at_least(0))
     checkpoint_every: float | None = key(120, "seconds between checkpoints; null = only when interrupted", at_least(0))
-    resume: str | None = key(None, RESUME)
+    resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
+    trainer: TrainerOptions = field(default_factory=TrainerOptions)
 
 
 @dataclass
@@ -143,11 +175,11 @@ class EvaluateTask(Task):
 
     groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "blend": "tiled", "engine": "fluid"}
 
-    data: list[str] | None = key(None, DATA)
+    data: list[str] | None = key(None, DATA, STROKES)
     split: str = key("test", "which strokes of it", one_of("test", "validation"))
     n: int | None = key(None, "the first so many of them; null = all, or 1000 simulated ones", at_least(1))
     other_data: bool = key(False, "also measure a renderer on strokes of another brush than it was trained on")
-    inception: str | None = key(None, "inception-2015-12-05.pt (TorchScript), for the published FID")
+    inception: str | None = key(None, "inception-2015-12-05.pt (TorchScript), for the published FID", FILE)
 
 
 @dataclass
@@ -155,9 +187,10 @@ class PruneTask(Task):
     """Remove channels of a trained renderer, train what is left a little further, and compare."""
 
     groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "blend": "tiled", "engine": "fluid"} | NETWORK_FIT
+    presets: ClassVar[dict[str, str]] = {"trainer": "network"}
 
-    ratios: list[float] = key([0, 0.25, 0.5], "shares of every layer's channels that go; 0 = none", between(0, 1))
-    data: list[str] | None = key(None, DATA)
+    ratios: list[float] = key([0, 0.25, 0.5], "shares of every layer's channels that go; 0 = none", between(0, 0.99))
+    data: list[str] | None = key(None, DATA, STROKES)
     n: int | None = key(None, "measured on the first so many test strokes; null = all", at_least(1))
     other_data: bool = key(False, "also fine-tune a renderer on strokes of another brush than it was trained on")
     batch_size: int = key(64, "strokes of a step", at_least(1))
@@ -166,21 +199,22 @@ class PruneTask(Task):
     lr: float = key(3.0e-4, "highest learning rate", above(0, 1))
     ema: float = key(0.999, EMA, between(0, 1))
     limit: int | None = key(None, LIMIT, at_least(1))
+    trainer: TrainerOptions = field(default_factory=TrainerOptions)
 
 
 @dataclass
 class CompareTask(Task):
     """Compare finished runs: which are worth their time, and which was ahead when."""
 
-    runs: list[str] = key(MISSING, "folder of a run, of a sweep, or above many of them; several with commas")
+    runs: list[str] = key(MISSING, "folder of a run, of a sweep, or above many of them; several with commas", FOLDER)
 
 
 @dataclass
 class AnalyseTask(Task):
     """Measure the brushwork of a saved painting, or of two side by side: table, summary, figures."""
 
-    catalogue: str = key(MISSING, "catalogue.h5 of a run")
-    against: str | None = key(None, "catalogue.h5 of another one, to compare with")
+    catalogue: str = key(MISSING, "catalogue.h5 of a run", CATALOGUE)
+    against: str | None = key(None, "catalogue.h5 of another one, to compare with", CATALOGUE)
     radius: float | None = key(None, "pixels to neighbours; null = 4 pitches sqrt(pixels / strokes)", at_least(0))
     visible: float = key(0, "share of a stroke that must be seen, or it is left out", between(0, 1))
 
@@ -191,7 +225,7 @@ class ViewTask(Task):
 
     groups: ClassVar[dict[str, Any]] = {"renderer": None, "blend": "tiled"}
 
-    catalogue: str = key(MISSING, "a catalogue (.h5 or .json), or the folder of a run or sweep")
+    catalogue: str = key(MISSING, "a catalogue (.h5 or .json), or the folder of a run or sweep", PAGE)
     port: int = key(0, "of this machine, 1 to 65535; 0 = any that is free", between(0, 65535))
     open: bool = key(True, "in the browser, or only print the address")
 

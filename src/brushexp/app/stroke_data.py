@@ -26,8 +26,6 @@ def stroke_data(cfg: DictConfig) -> StrokeData:
         engine: Engine = build(cfg.engine)
         origin = origin_of(cfg.engine, engine)
         if cfg.get("simulate") is None:
-            if cfg.limit is not None:
-                raise UserError(f"limit={cfg.limit} is for sets; strokes are simulated on the way here: drop limit")
             return SimulatedData(engine, origin, batch_size=cfg.batch_size, seed=cfg.seed)
         mark = hashlib.sha256(json.dumps(origin.settings(), sort_keys=True).encode()).hexdigest()[:8]
         path = Path(cfg.sets) / f"{origin.engine}-{origin.window}-{mark}-seed{cfg.seed}-{cfg.simulate}"
@@ -48,6 +46,13 @@ def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:
         "seed": [strokes.seed for strokes in data.sets] or cfg.seed,
         "limit": cfg.limit,
     }
+
+
+def origin_for(cfg: DictConfig) -> Origin:
+    """Where the strokes of `stroke_data` come from, before any are simulated; a UserError if the sets are none."""
+    if cfg.data is None:
+        return origin_of(cfg.engine, build(cfg.engine))
+    return StoredData([Path(path) for path in cfg.data], limit=cfg.get("limit")).origin
 
 
 def check_origin(cfg: DictConfig, found: Origin) -> None:

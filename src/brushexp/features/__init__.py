@@ -7,6 +7,8 @@ from brushexp.features.base import OPTION, Backbone, packaged, read_tensors
 from brushexp.features.classic import ARCHITECTURES, ClassicNetwork
 from brushexp.features.efficientnet_lite import FILE, PACKAGE, EfficientNetLite0
 
+NETWORKS = ("effl0", *ARCHITECTURES)  # what `open_backbone` knows
+
 
 def open_backbone(name: str, weights: str | None = None, option: str = OPTION) -> Backbone:
     """Feature network ``name``, with the weights of the file ``weights`` or, where there is one, of its pip package.
@@ -15,8 +17,6 @@ def open_backbone(name: str, weights: str | None = None, option: str = OPTION) -
     """
     if name == "effl0":
         return EfficientNetLite0(read_tensors(Path(weights) if weights else packaged(PACKAGE, FILE)))
-    if name not in ARCHITECTURES:
-        raise UserError(f"backbone={name} is not a feature network; choose one of effl0, {', '.join(ARCHITECTURES)}")
     if weights is None:
         raise UserError(
             f"backbone {name} needs a file with torchvision's weights, .pth or .safetensors; set {option}=path, "

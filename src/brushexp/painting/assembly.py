@@ -1,6 +1,7 @@
 """From the config to what a painting is made of: its parts and its first strokes."""
 
 import logging
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from brushexp.errors import UserError
 from brushexp.painting.components import Components, Stage
 from brushexp.pictures.color import recolored
 from brushexp.pictures.focus import focus_map, focus_weights
+from brushexp.pictures.load import check_ratio
 from brushexp.plugins.density.base import Density
 from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.loss.base import Loss
@@ -43,16 +45,20 @@ def losses_of(cfg: DictConfig) -> dict[str, Loss]:
     losses: dict[str, Loss] = {
         name: build(OmegaConf.create({**node, "weight": content * node.weight})) for name, node in cfg.loss.items()
     }
-    for key, name in (("image", STYLE), ("brushwork", BRUSHWORK)):
-        if cfg.style[key] is not None and name in losses:
-            raise UserError(f"style.{key}={cfg.style[key]} brings the loss {name} with it; drop {name} from loss=...")
     if cfg.style.image is not None:
         losses[STYLE] = build(cfg.style.loss)
     if cfg.style.brushwork is not None:
         losses[BRUSHWORK] = build(cfg.style.strokes, "style.brushwork")
+    return losses
+
+
+def check_losses(cfg: DictConfig) -> None:
+    """Stop with a UserError if two losses of `losses_of` would have one name, or one nothing to compare with."""
+    for key, name in (("image", STYLE), ("brushwork", BRUSHWORK)):
+        if cfg.style[key] is not None and name in cfg.loss:
+            raise UserError(f"style.{key}={cfg.style[key]} brings the loss {name} with it; drop {name} from loss=...")
     if BRUSHWORK in cfg.loss and cfg.loss[BRUSHWORK].catalogue is None:
         raise UserError("loss=brushwork has nothing to compare with; set loss.brushwork.catalogue=catalogue.h5")
-    return losses
 
 
 def in_colors(target: Tensor, parts: Components, folder: Path) -> Tensor:
@@ -123,17 +129,8 @@ def first_strokes(cfg: DictConfig, target: Tensor, density: Density, focus: Tens
         if cfg.style.brushwork is not None:
             log.info("the strokes of %s stay as they are; style.brushwork only pulls at them", cfg.catalogue)
         strokes = strokes_from(Path(cfg.catalogue), (height, width))
-        n = len(strokes) if cfg.strokes is None else cfg.strokes
-        if n < len(strokes) or (n > len(strokes) and density.first(n, cfg.steps) == n):
-            raise UserError(
-                f"strokes={n}, but {cfg.catalogue} has {len(strokes)}; drop strokes or catalogue, or let a policy that "
-                "adds strokes come to a larger number: density=adaptive, with enough steps for it"
-            )
-        return strokes, n
-    n = cfg.strokes or max(1, round(height * width / cfg.pixels_per_stroke))
-    if n > height * width:
-        cure = f"set strokes to {height * width} at most, or enlarge the picture with resolution"
-        raise UserError(f"strokes={n} is more than the {height} x {width} picture has pixels; {cure}")
+        return strokes, budget_of(cfg, (height, width), density, len(strokes))
+    n = budget_of(cfg, (height, width), density)
     generator = torch.Generator().manual_seed(cfg.seed)
     initializer: Initializer = build(cfg.init)
     strokes = initializer(target, density.first(n, cfg.steps), generator, focus)
@@ -142,12 +139,28 @@ def first_strokes(cfg: DictConfig, target: Tensor, density: Density, focus: Tens
     return strokes, n
 
 
+def budget_of(cfg: DictConfig, size: tuple[int, int], density: Density, there: int | None = None) -> int:
+    """How many strokes a picture of ``size`` may have in the end; as many are ``there`` in ``catalogue``, if it is set.
+
+    Raises:
+        UserError: if the picture has no room for as many, or nothing adds those that are missing.
+    """
+    n = there if cfg.strokes is None else cfg.strokes
+    if n is None:
+        n = max(1, round(math.prod(size) / cfg.pixels_per_stroke))
+    if there is not None and (n < there or (n > there and density.first(n, cfg.steps) == n)):
+        raise UserError(
+            f"strokes={n}, but {cfg.catalogue} has {there}; drop strokes or catalogue, or let a policy that "
+            "adds strokes come to a larger number: density=adaptive, with enough steps for it"
+        )
+    if there is None and n > math.prod(size):
+        cure = f"set strokes to {math.prod(size)} at most, or enlarge the picture with resolution"
+        raise UserError(f"strokes={n} is more than the {size[0]} x {size[1]} picture has pixels; {cure}")
+    return n
+
+
 def strokes_from(path: Path, size: tuple[int, int]) -> Strokes:
     """Strokes of a saved catalogue, bottom first, on a canvas of ``size``."""
     saved = load_catalogue(path)
-    height, width = saved.size
-    zoom = max(size) / max(saved.size)
-    if abs(zoom * height - size[0]) > 1 or abs(zoom * width - size[1]) > 1:
-        sizes = f"{height} x {width} pixels, the picture has {size[0]} x {size[1]}"
-        raise UserError(f"{path} was painted on {sizes}; the sides must have the same ratio")
-    return saved.strokes[saved.depth.argsort()].moved(zoom=zoom)
+    check_ratio(str(path), saved.size, size, "catalogue")
+    return saved.strokes[saved.depth.argsort()].moved(zoom=max(size) / max(saved.size))

@@ -26,6 +26,7 @@ BITS, COMPRESSION, PHOTOMETRIC, ORIENTATION, PLANES, PROFILE = 258, 259, 262, 27
 UNPACKED = (1, 8, 32946)  # values of COMPRESSION that tifffile reads by itself: none and deflate
 WHITE_IS_ZERO, BLACK_IS_ZERO, RGB = 0, 1, 2  # values of PHOTOMETRIC
 ASSOCIATED, UNASSOCIATED = 1, 2  # what an extra TIFF channel is: alpha that colours are, or are not, multiplied with
+SWAPPED = 5  # the first of the EXIF orientations, up to 8, that exchange rows and columns
 CURE = "convert it to a PNG or a JPEG"
 
 
@@ -39,9 +40,29 @@ def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0) -> np
     A UserError, with the ``key`` that the user types before the path, says if the file cannot be read, is damaged or
     too large, has no plain meaning as a picture, or holds floats that are not in [0, 1].
     """
+    with _explained(path, key):
+        return np.ascontiguousarray(_read(path, backdrop))
+
+
+def picture_size(path: Path, *, key: str = "image") -> tuple[int, int]:
+    """Height and width of a picture as `read_picture` decodes it, and its errors, as far as its first bytes tell."""
+    with _explained(path, key):
+        picture = _opened(path)
+        if picture is None or isinstance(picture, TiffImageFile):
+            height, width = _read(path, 1.0).shape[:2]
+        else:
+            with picture:
+                width, height = picture.size if _orientation(picture) < SWAPPED else picture.size[::-1]
+    return height, width
+
+
+@contextmanager
+def _explained(path: Path, key: str) -> Iterator[None]:
+    """Make whatever is wrong with a picture a UserError that names the key and the file."""
     with _silence():
         try:
-            return np.ascontiguousarray(_read(path, backdrop))
+            yield
+            return
         except UserError as error:
             reason = str(error)
         except Image.DecompressionBombError:
@@ -81,8 +102,8 @@ def _silence() -> Iterator[None]:
             logging.disable(logging.NOTSET)
 
 
-def _read(path: Path, backdrop: float) -> np.ndarray:
-    """(H, W, 3); errors say what is wrong without the name of the file."""
+def _opened(path: Path) -> ImageFile | None:
+    """A picture whose first bytes are read; None for a TIFF that Pillow does not know."""
     with path.open("rb") as file:
         magic = file.read(4)
     if not magic:
@@ -91,12 +112,20 @@ def _read(path: Path, backdrop: float) -> np.ndarray:
         picture = Image.open(path)
     except UnidentifiedImageError:
         if magic in TIFF_MAGIC:
-            return _read_tiff(path, backdrop)
+            return None
         raise
+    if picture.format not in FORMATS:
+        raise UserError(f"is a file of the format {picture.format}, which is not read here; {CURE}")
+    _check_size(*picture.size)
+    return picture
+
+
+def _read(path: Path, backdrop: float) -> np.ndarray:
+    """(H, W, 3); errors say what is wrong without the name of the file."""
+    picture = _opened(path)
+    if picture is None:
+        return _read_tiff(path, backdrop)
     with picture:
-        if picture.format not in FORMATS:
-            raise UserError(f"is a file of the format {picture.format}, which is not read here; {CURE}")
-        _check_size(*picture.size)
         if _needs_tifffile(picture):
             return _read_tiff(path, backdrop)
         if picture.mode == "F" or picture.mode.startswith("I"):
@@ -212,7 +241,7 @@ def _orientation(picture: Image.Image) -> int:
 
 def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
     """Turn and mirror (H, W, 3) as the EXIF orientation says."""
-    if orientation in (5, 6, 7, 8):
+    if orientation >= SWAPPED:
         pixels = pixels.swapaxes(0, 1)
     if orientation in (2, 3, 6, 7):
         pixels = pixels[:, ::-1]

@@ -3,6 +3,8 @@
 import math
 import os
 import re
+from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +12,9 @@ import torch
 from PIL import Image
 from torch import Tensor
 
+from brushexp.bounds import Rule
 from brushexp.errors import UserError
-from brushexp.pictures.decode import MAX_PIXELS, read_picture
+from brushexp.pictures.decode import MAX_PIXELS, picture_size, read_picture
 
 BRIGHTNESS = (0.299, 0.587, 0.114)  # of red, green and blue, Rec. 601
 SAMPLE_SUFFIXES = (".png", ".jpg")  # the GIF and TIFF files beside the samples are test data
@@ -33,6 +36,21 @@ def load_picture(image: str, resolution: int | None, key: str = "image") -> Tens
     return torch.from_numpy(planes)
 
 
+def size_of_picture(image: str, key: str, resolution: int | None = None, also: str = "") -> tuple[int, int]:
+    """Height and width of what `load_picture` makes, and its errors, without decoding a picture."""
+    path = _path_of(image, key, also)
+    height, width = _size_of_file(path, key, path.stat().st_mtime_ns)
+    return (height, width) if resolution is None else _size_at(resolution, height, width)
+
+
+@cache
+def _size_of_file(path: Path, key: str, changed: int) -> tuple[int, int]:
+    return picture_size(path, key=key)  # of a PNG it may take as long as decoding
+
+
+PICTURE = Rule(size_of_picture)
+
+
 def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Tensor:
     """Read a picture as grey values (H, W), at the ``size`` of another one, resampled as that is.
 
@@ -41,27 +59,38 @@ def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Te
     UserError if there is no such picture, it cannot be read, or its sides have another ratio.
     """
     picture = read_picture(_path_of(image, key, also), key=key, backdrop=0.0)
-    height, width = picture.shape[:2]
-    zoom = max(size) / max(height, width)
-    if any(abs(zoom * side - wanted) > max(1, zoom) for side, wanted in zip((height, width), size, strict=True)):
-        cure = "give one whose sides have the same ratio"
-        raise UserError(f"{key}={image} has {width} x {height} pixels, the picture {size[1]} x {size[0]}; {cure}")
+    check_ratio(image, picture.shape, size, key)
     scale = 255 if picture.dtype == np.uint8 else 1
     grey = np.asarray(_resample(picture, size) @ np.array(BRIGHTNESS) / scale, dtype=np.float32)
     return torch.from_numpy(grey).clamp_(0, 1)
 
 
-def background_color(spec: str, target: Tensor) -> Tensor:
-    """Colour (3,) of the bare canvas, float32 in [0, 1], for a target (3, H, W) and on its device.
+def check_ratio(image: str, sides: Sequence[int], size: tuple[int, int], key: str) -> None:
+    """Stop with a UserError if a picture of these ``sides`` (H, W) cannot lie over one of another ``size``."""
+    height, width = sides[:2]
+    zoom = max(size) / max(height, width)
+    if any(abs(zoom * side - wanted) > max(1, zoom) for side, wanted in zip((height, width), size, strict=True)):
+        cure = "give one whose sides have the same ratio"
+        raise UserError(f"{key}={image} has {width} x {height} pixels, the picture {size[1]} x {size[0]}; {cure}")
 
-    ``spec`` is ``mean`` (of the target), ``white``, ``black`` or ``#rrggbb`` (hexadecimal); anything else a UserError.
-    """
-    if spec == "mean":
+
+def background_color(spec: str, target: Tensor) -> Tensor:
+    """Colour (3,) of the bare canvas, as `named_color`, float32 in [0, 1], for a target (3, H, W) on its device."""
+    color = named_color(spec, "background")
+    if color is None:
         return target.mean((1, 2), dtype=torch.float64).to(torch.float32)
+    return torch.tensor(list(color), dtype=torch.float32, device=target.device) / 255
+
+
+def named_color(spec: str, key: str) -> bytes | None:
+    """Red, green and blue of a colour; None for ``mean``, that of the target.
+
+    ``spec`` is ``mean``, ``white``, ``black`` or ``#rrggbb`` (hexadecimal); anything else a UserError.
+    """
     digits = {"white": "#ffffff", "black": "#000000"}.get(spec, spec)
-    if not re.fullmatch("#[0-9a-fA-F]{6}", digits):
-        raise UserError(f"background={spec} is not a colour; use background=mean, white, black or '#rrggbb'")
-    return torch.tensor(list(bytes.fromhex(digits[1:])), dtype=torch.float32, device=target.device) / 255
+    if spec != "mean" and not re.fullmatch("#[0-9a-fA-F]{6}", digits):
+        raise UserError(f"{key}={spec} is not a colour; use {key}=mean, white, black or '#rrggbb'")
+    return None if spec == "mean" else bytes.fromhex(digits[1:])
 
 
 def samples() -> dict[str, Path]:

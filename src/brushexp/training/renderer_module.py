@@ -9,8 +9,7 @@ from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn, optim
 from torch.nn import functional
 
-from brushexp.errors import UserError
-from brushexp.plugins.renderer.base import Renderer, window_pictures
+from brushexp.plugins.renderer.base import Renderer, check_trainable, window_pictures
 from brushexp.training.datamodule import StrokeBatch
 from brushexp.training.evaluation import decibels, error_figures, error_sums, premultiplied
 from brushexp.training.network_module import NetworkModule
@@ -91,12 +90,7 @@ class RendererModule(NetworkModule):
 
     def __init__(self, renderer: Renderer, window: int, settings: RendererSettings) -> None:
         super().__init__()
-        if not any(parameter.requires_grad for parameter in renderer.parameters()):
-            raise UserError("this renderer has no weights to train; try renderer=neural")
-        own = getattr(renderer, "window", window)
-        if own != window:
-            difference = f"renderer.window={own}, but the strokes have {window} pixels"
-            raise UserError(f"{difference}; set renderer.window={window}")
+        check_trainable(renderer, window)
         self.renderer, self.window, self.settings = renderer.train(), window, settings
         self.critic = Critic(window, settings.critic_width) if settings.critic else None
         self.loss = math.nan  # L2, as last noted

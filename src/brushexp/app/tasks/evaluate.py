@@ -9,7 +9,6 @@ import numpy as np
 import torch
 from omegaconf import DictConfig
 
-from brushexp.app.stroke_data import check_origin
 from brushexp.app.stroke_sheets import sheet_of_extremes, sheet_of_strokes
 from brushexp.plugins.engine.base import Engine
 from brushexp.plugins.renderer.base import RENDERERS
@@ -37,7 +36,6 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     renderer = for_painting(build(cfg.renderer), device)
     data, engine = held_out_data(cfg)
     window = data.origin.window
-    check_origin(cfg, data.origin)
     if checkpoint is None and any(True for _ in renderer.parameters()):
         log.warning("%s has random weights; give those of task=train: renderer.checkpoint=...", name)
     before = time.monotonic()

@@ -12,10 +12,9 @@ from omegaconf import DictConfig, open_dict
 
 from brushexp.app.fitting import conclude
 from brushexp.app.network_fitting import fit_network, renderer_settings, save_renderer
-from brushexp.app.stroke_data import check_origin, stroke_data
+from brushexp.app.stroke_data import stroke_data
 from brushexp.app.stroke_sheets import COLUMNS, sheet_of_strokes
 from brushexp.app.tracking import trackers_of
-from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import RENDERERS, Renderer
 from brushexp.plugins.renderer.neural import Neural
 from brushexp.registry import build, plugin_of
@@ -26,7 +25,7 @@ from brushexp.training.benchmark import device_of_weights, evaluate, for_paintin
 from brushexp.training.datamodule import StrokeData
 from brushexp.training.dataset import Split
 from brushexp.training.evaluation import HeldOutSheet, effl0_distance
-from brushexp.training.pruning import check_prunable, prune
+from brushexp.training.pruning import prune
 from brushexp.training.renderer_module import RendererModule
 
 RANKING_BATCHES = 4  # of training strokes, by which channels are ranked
@@ -43,16 +42,10 @@ Row = dict[str, float]
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Prune by every ratio, fine-tune, measure; the table is renewed after each."""
-    if not cfg.ratios or not all(0 <= ratio < 1 for ratio in cfg.ratios):
-        raise UserError(f"ratios={list(cfg.ratios)} are not shares from 0 to below 1; try 'ratios=[0,0.25,0.5]'")
     device = device_of(cfg.device)
     L.seed_everything(cfg.seed, verbose=False)
     trained = build(cfg.renderer).to(device)
-    check_prunable(trained)
-    if cfg.renderer.get("checkpoint") is None:
-        raise UserError("there are no trained weights to prune; give those of task=train: renderer.checkpoint=...")
     data = stroke_data(cfg)
-    check_origin(cfg, data.origin)
     with open_dict(cfg):
         cfg.checkpoint_every = None  # what is interrupted is begun anew
     begun, n = time.monotonic(), data.count(Split.TEST, cfg.n)

@@ -2,20 +2,17 @@
 
 import logging
 import time
-from collections.abc import Sequence
 from functools import cache, partial
 from pathlib import Path
 
 import lightning as L
 import torch
-from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from brushexp.app.fitting import conclude, interrupted_run
 from brushexp.app.network_fitting import fit_network, renderer_settings, save_renderer, training_recipe
 from brushexp.app.stroke_data import stroke_data
 from brushexp.app.tracking import trackers_of
-from brushexp.errors import UserError
 from brushexp.plugins.loss.discriminator import NAME, Discriminator
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build, build_named, plugin_of
@@ -32,22 +29,6 @@ from brushexp.training.renderer_module import RendererModule
 DISTILLED_WINDOW = 256  # pixels of a window that a renderer may look at before training
 MAIN_FIGURES = ("psnr_alpha", "psnr_color", "accuracy", "auc")  # in the log
 TEST_STROKES = 1000  # at most, for the figures at the end
-USED_BY_DISCRIMINATOR = (
-    *(
-        "task",
-        "model",
-        "experiment",
-        "logger",
-        "callbacks",
-        "trainer",
-        "seed",
-        "device",
-        "threads",
-        "output",
-        "overwrite",
-    ),
-    *("batch_size", "epochs", "minutes", "lr", "ema", "checkpoint_every", "resume"),
-)
 
 log = logging.getLogger(__name__)
 
@@ -57,8 +38,6 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     resumed = None
     if cfg.get("resume") is not None:
         resumed, cfg = interrupted_run(Path(cfg.resume), cfg)
-    if cfg.model == NAME and resumed is None:
-        check_used(HydraConfig.get().overrides.task)
     device = device_of(cfg.device)
     trackers = trackers_of(cfg, folder)  # says now what they lack, and not when the strokes have been simulated
     L.seed_everything(cfg.seed, verbose=False)
@@ -133,15 +112,6 @@ class DiscriminatorJob:
         """Measure the network, write it with its recipe, and return its numbers."""
         recipe = training_recipe(self.module, self.cfg)
         return save_discriminator(self.module.network, self.weights, self.cfg.seed, recipe)
-
-
-def check_used(overrides: Sequence[str]) -> None:
-    """Stop with a UserError when the command line sets something that a discriminator has no use for."""
-    for override in overrides:
-        key = override.lstrip("+~").partition("=")[0]
-        if key.partition(".")[0] not in USED_BY_DISCRIMINATOR:
-            reason = f"{override} means nothing to model=discriminator, which learns from the prior of strokes alone"
-            raise UserError(f"{reason}; drop it (there are: {', '.join(sorted(USED_BY_DISCRIMINATOR))})")
 
 
 def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from brushexp.bounds import at_least, one_of
+from brushexp.bounds import DURATION, at_least, one_of
 from brushexp.plugins.callbacks.base import Callback
 from brushexp.registry import register
 
@@ -90,7 +90,7 @@ class TimeLimit(Callback):
         duration: days:hours:minutes:seconds, ``00:00:10:00`` for ten minutes.
     """
 
-    duration: str = "00:01:00:00"
+    duration: Annotated[str, DURATION] = "00:01:00:00"
 
     def open(self, folder: Path) -> L.Callback:
         from lightning.pytorch.callbacks import Timer  # noqa: PLC0415

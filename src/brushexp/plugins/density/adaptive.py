@@ -53,12 +53,12 @@ class Adaptive(Density):
     """
 
     start: Annotated[float, between(SMALLEST_SHARE, 1)] = 0.7
-    rounds: Annotated[int, at_least(0)] = 12
+    rounds: Annotated[int, at_least(1)] = 12
     until: Annotated[float, between(0, 1)] = 0.75
     moved: Annotated[float, between(0, 0.5)] = 0.1
     size: Annotated[float, between(SMALLEST_PITCHES, 10)] = 0.25
     tolerance: Annotated[float, between(0, 1)] = 0.004
-    psnr: float | None = None
+    psnr: Annotated[float | None, at_least(0)] = None
     _round: int = field(default=0, init=False)  # of those that are over
     _first: int = field(default=0, init=False)  # strokes at the beginning
     uses_importance = True

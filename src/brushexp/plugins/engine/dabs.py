@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from brushexp.bounds import between
+from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import register
 from brushexp.strokes.prior import strokes_of
@@ -69,7 +70,8 @@ class Dabs(Engine):
         head: Annotated[float, between(0, 1)] = 0.25,
         tail: Annotated[float, between(0, 1)] = 0.75,
     ) -> None:
-        between(0, tail).check("engine.head", head)
+        if head > tail:
+            raise UserError(f"engine.head={head:g} is more than engine.tail={tail:g}; try engine.head={tail:g}")
         from brushexp.plugins.engine import _stamps  # noqa: PLC0415  (Numba takes a second; --help should not)
 
         self._stamps = _stamps

@@ -7,10 +7,10 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from brushexp.bounds import between
-from brushexp.features import open_backbone
+from brushexp.bounds import FILE, between, one_of
+from brushexp.features import NETWORKS, open_backbone
 from brushexp.features.base import mean_squares
-from brushexp.features.distance import open_distance
+from brushexp.features.distance import CALIBRATED, open_distance
 from brushexp.plugins.loss.base import Loss, Painting
 from brushexp.registry import register
 
@@ -46,8 +46,8 @@ class Perceptual(Loss):
         self,
         *,
         weight: float = 0.0015,
-        backbone: str = "effl0",
-        weights: str | None = None,
+        backbone: Annotated[str, one_of(*NETWORKS)] = "effl0",
+        weights: Annotated[str | None, FILE] = None,
         taps: list[str] | None = None,
         jitter: Annotated[int, between(0, 3)] = 3,
     ) -> None:
@@ -100,7 +100,13 @@ class Lpips(Loss):
     cost = "5.9 x mse"
     exact_on_parts = False
 
-    def __init__(self, *, weight: float = 0.0012, backbone: str = "effl0", weights: str | None = None) -> None:
+    def __init__(
+        self,
+        *,
+        weight: float = 0.0012,
+        backbone: Annotated[str, one_of("effl0", *CALIBRATED)] = "effl0",
+        weights: Annotated[str | None, FILE] = None,
+    ) -> None:
         super().__init__(weight)
         self.distance = open_distance(backbone, weights)
         self.label = self.distance.label

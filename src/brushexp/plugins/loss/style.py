@@ -7,11 +7,11 @@ from typing import Annotated, NamedTuple
 import torch
 from torch import Tensor
 
-from brushexp.bounds import above, one_of
+from brushexp.bounds import FILE, above, one_of
 from brushexp.errors import UserError
-from brushexp.features import open_backbone
+from brushexp.features import NETWORKS, open_backbone
 from brushexp.pictures.color import recolored
-from brushexp.pictures.load import load_picture
+from brushexp.pictures.load import PICTURE, load_picture
 from brushexp.plugins.loss.base import Loss, Painting, Surroundings
 from brushexp.registry import register
 
@@ -131,17 +131,15 @@ class Style(Loss):
         self,
         *,
         weight: float = 1.0,
-        image: str | None = None,
+        image: Annotated[str | None, PICTURE] = None,
         kernel: Annotated[str, one_of(*KERNELS)] = "poly",
-        backbone: str = "effl0",
-        weights: str | None = None,
+        backbone: Annotated[str, one_of(*NETWORKS)] = "effl0",
+        weights: Annotated[str | None, FILE] = None,
         taps: list[str] | None = None,
         scale: Annotated[float, above(0)] = 1.0,
         colors: Annotated[str, one_of("style", "content")] = "style",
     ) -> None:
         super().__init__(weight)
-        if image is not None:
-            load_picture(image, 1, key="style")  # a wrong path is told before work starts
         self.image, self.kernel, self.scale, self.colors = image, kernel, scale, colors
         self.network = open_backbone(backbone, weights, "style.loss.weights")
         known = (row for row in STYLE_TAPS if set(row) <= set(self.network.taps))

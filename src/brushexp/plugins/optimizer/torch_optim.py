@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable
 from typing import Annotated, Any
 
+import torch
 from torch import nn, optim
 
 from brushexp.bounds import above, between, one_of
@@ -56,12 +57,16 @@ class TorchOptim(Optimizer):
         self.name, self.library, self.options = name, library, options
         self.lr, self.units = lr, units
         self.schedule, self.hold, self.warmup = schedule, hold, warmup
+        self.over([nn.Parameter(torch.zeros(1))])  # refuses options that the class does not take
 
     def over(self, parameters: Iterable[nn.Parameter]) -> optim.Optimizer:
         try:
             optimizer = self.kind(parameters, lr=self.lr, **self.options)
         except (TypeError, ValueError) as error:
-            raise UserError(f"{self.name}: {error}; see optimizer.options") from error
+            cure = (
+                f"optimizer.options are {self.options}; optimizer=torch optimizer.name={self.name} begins without any"
+            )
+            raise UserError(f"{error}; {cure}") from error
         if self.library == "pytorch_optimizer":
             for group in optimizer.param_groups:
                 group.setdefault("step", 0)  # what it counts from, but missing until the first step

@@ -19,6 +19,7 @@ from torch.utils.checkpoint import checkpoint
 
 from brushexp.compositing.layers import Layers
 from brushexp.compositing.windows import Windows
+from brushexp.errors import UserError
 from brushexp.registry import plugins
 from brushexp.strokes.catalogue import Strokes, drawable
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, rewindow, strokes_of
@@ -160,6 +161,15 @@ class PatchRenderer(Renderer):
     def rows(self, strokes: Strokes) -> Tensor:
         reach = strokes.scale * (0.5 + 0.5 / self.window)
         return torch.stack([strokes.position[:, 1] - reach, strokes.position[:, 1] + reach], dim=1)
+
+
+def check_trainable(renderer: Renderer, window: int) -> None:
+    """Stop with a UserError unless a renderer has weights, and strokes in windows of ``window`` pixels fit it."""
+    if not any(parameter.requires_grad for parameter in renderer.parameters()):
+        raise UserError("this renderer has no weights to train; try renderer=neural")
+    if (own := getattr(renderer, "window", window)) != window:
+        difference = f"renderer.window={own}, but the strokes have {window} pixels"
+        raise UserError(f"{difference}; set renderer.window={window}")
 
 
 def window_pictures(renderer: Renderer, parameters: Tensor, side: int, number: Tensor | None = None) -> Tensor:

@@ -1,0 +1,164 @@
+"""What is asked of a config beyond types and bounds, before anything starts: that files are there, and that keys agree.
+
+Each rule asks what uses the value later. What is slow to import is imported where a key asks for it.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+from omegaconf import DictConfig
+
+from brushexp.bounds import Rule
+from brushexp.errors import UserError
+from brushexp.pictures.load import check_ratio, named_color, size_of_picture
+from brushexp.registry import build, plugins
+from brushexp.system.device import device_of
+
+AUTO = "auto"  # focus that is found in the picture, and a warm-up renderer that the chosen one names
+CURVES = {  # how the names of the curves begin that a callback may watch
+    "paint": ("psnr", "seconds", "loss/", "lr-"),
+    "train": ("validation/psnr_alpha", "validation/", "loss/", "lr-"),
+}
+DISCRIMINATOR = "discriminator"  # what task=train trains if it is no renderer
+USED_BY_DISCRIMINATOR = {
+    *("task", "model", "experiment", "logger", "callbacks", "trainer", "seed", "device", "threads", "output"),
+    *("overwrite", "batch_size", "epochs", "minutes", "lr", "ema", "checkpoint_every", "resume"),
+}
+
+
+def canvas_of(path: str, option: str) -> tuple[int, tuple[int, int]]:
+    """Number of strokes of a saved painting, and height and width of its canvas."""
+    from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415
+
+    saved = load_catalogue(Path(path), option)
+    return len(saved.strokes), saved.size
+
+
+def _is_folder(path: str, option: str) -> None:
+    if not Path(path).is_dir():
+        raise UserError(f"{option}={path}: there is no such folder; give the folder of a run or of a sweep")
+
+
+def _is_interrupted(folder: str, option: str) -> None:
+    if not (Path(folder) / "checkpoint.ckpt").is_file():
+        raise UserError(f"{option}={folder}: there is no checkpoint.ckpt; give the folder of an interrupted run")
+
+
+def _is_set(path: str, option: str) -> None:
+    from brushexp.training.dataset import StrokeSet  # noqa: PLC0415
+
+    try:
+        StrokeSet(Path(path))
+    except UserError as error:
+        raise UserError(f"{option}={path}: {error}") from error
+
+
+CATALOGUE = Rule(canvas_of)
+COLOR = Rule(named_color)
+DEVICE = Rule(device_of)
+FOCUS = Rule(partial(size_of_picture, also=f"{AUTO}, "), besides=(AUTO,))
+FOLDER = Rule(_is_folder)
+INTERRUPTED_RUN = Rule(_is_interrupted)
+PAGE = Rule(lambda path, option: Path(path).is_dir() or canvas_of(path, option))
+STROKES = Rule(_is_set)
+
+
+def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """The losses, and strokes, mask and catalogue for a picture of this size."""
+    from brushexp.painting.assembly import budget_of, check_losses  # noqa: PLC0415
+
+    names = [plugin.name for plugin in plugins("renderer")]
+    if cfg.warm_up not in (AUTO, None, *names):
+        raise UserError(f"warm_up={cfg.warm_up} is not a renderer; choose auto, null or one of {', '.join(names)}")
+    check_losses(cfg)
+    check_monitors(cfg)
+    size, there = size_of_picture(cfg.image, "image", cfg.resolution), None
+    if cfg.focus not in (None, AUTO):
+        check_ratio(cfg.focus, size_of_picture(cfg.focus, "focus"), size, "focus")
+    if cfg.catalogue is not None:
+        there, canvas = canvas_of(cfg.catalogue, "catalogue")
+        check_ratio(cfg.catalogue, canvas, size, "catalogue")
+    budget_of(cfg, size, build(cfg.density), there)
+    if cfg.timelapse_seconds is not None:
+        from brushexp.painting.timelapse import Timelapse  # noqa: PLC0415
+
+        Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds)
+    if cfg.lpips_weights is not None:
+        from brushexp.features.distance import open_distance  # noqa: PLC0415
+
+        open_distance(cfg.lpips_backbone, cfg.lpips_weights, "lpips_weights")
+
+
+def check_train(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """That training ends, and that the strokes fit what is trained."""
+    check_ends(cfg)
+    if cfg.model == DISCRIMINATOR:
+        check_used(overrides)
+        return
+    from brushexp.app.stroke_data import origin_for  # noqa: PLC0415
+    from brushexp.plugins.renderer.base import check_trainable  # noqa: PLC0415
+
+    if cfg.data is None and cfg.simulate is None and cfg.limit is not None:
+        raise UserError(f"limit={cfg.limit} is for sets, and these strokes are simulated on the way; drop limit")
+    check_trainable(build(cfg.renderer), origin_for(cfg).window)
+
+
+def check_monitors(cfg: DictConfig) -> None:
+    """Stop with a UserError if a callback watches what is no curve of the task."""
+    for name, node in cfg.callbacks.items():
+        curves = CURVES["paint" if cfg.task == "paint" else "train"]
+        if not (node.get("monitor") or curves[0]).startswith(curves):
+            option = f"callbacks.{name}.monitor"
+            raise UserError(f"{option}={node.monitor} is no curve of task={cfg.task}; try {option}={curves[0]}")
+
+
+def check_used(overrides: Sequence[str]) -> None:
+    """Stop with a UserError when the command line sets something that a discriminator has no use for."""
+    for override in overrides:
+        if override.lstrip("+~").partition("=")[0].partition(".")[0] not in USED_BY_DISCRIMINATOR:
+            reason = f"{override} means nothing to model=discriminator, which learns from the prior of strokes alone"
+            raise UserError(f"{reason}; drop it (there are: {', '.join(sorted(USED_BY_DISCRIMINATOR))})")
+
+
+def check_ends(cfg: DictConfig) -> None:
+    """Stop with a UserError if nothing ends a training."""
+    check_monitors(cfg)
+    limits = (cfg.epochs, cfg.minutes, cfg.trainer.max_time, cfg.callbacks.get("timer"))
+    if all(limit is None for limit in limits) and max(cfg.trainer.max_steps, cfg.trainer.max_epochs or -1) < 0:
+        raise UserError("neither epochs nor minutes is set, so training would never end; set minutes=60")
+
+
+def check_evaluate(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """That there are strokes, and the renderer knows such."""
+    from brushexp.app.stroke_data import check_origin, origin_for  # noqa: PLC0415
+
+    check_origin(cfg, origin_for(cfg))
+
+
+def check_prune(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """That there is a network of which parts can go, and strokes that it knows."""
+    from brushexp.training.pruning import check_prunable  # noqa: PLC0415
+
+    if not cfg.ratios:
+        raise UserError("ratios=[] prunes nothing; try 'ratios=[0,0.25,0.5]'")
+    if cfg.renderer.get("checkpoint") is None:
+        raise UserError("there are no trained weights to prune; give those of task=train: renderer.checkpoint=...")
+    check_ends(cfg)
+    check_prunable(build(cfg.renderer))
+    check_evaluate(cfg, overrides)
+
+
+def check_extremes(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """The names on the axes."""
+    wanted = {axis: cfg[axis] for axis in ("renderers", "blends", "dtypes", "scenes") if cfg[axis] is not None}
+    if wanted:
+        from brushexp.stress.matrix import chosen_axes  # noqa: PLC0415
+
+        chosen_axes(**wanted)
+
+
+OF_TASKS: dict[str, Callable[[DictConfig, Sequence[str]], None]] = {
+    "paint": check_paint, "train": check_train, "evaluate": check_evaluate, "prune": check_prune,
+    "extremes": check_extremes,
+}  # fmt: skip
