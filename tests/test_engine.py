@@ -225,5 +225,5 @@ def test_random_numbers_of_dabs_are_normal_and_independent():
 
 
 def test_a_head_that_ends_behind_the_tail_is_refused_with_the_cure():
-    with pytest.raises(UserError, match=r"engine.head=0.8 is not 0 to 0.75; try engine.head=0.75"):
+    with pytest.raises(UserError, match=r"engine.head=0.8 is more than engine.tail=0.75; try engine.head=0.75"):
         build_named("engine", "dabs", {"head": 0.8})

@@ -167,8 +167,8 @@ def test_a_run_leaves_a_table_and_renderers_that_paint(run, tmp_path):
 
 def test_wrong_keys_are_refused(run):
     for overrides, message in (
-        (["ratios=[]"], r"ratios=\[\] are not shares from 0 to below 1; try 'ratios="),
-        (["ratios=[1.0]"], r"ratios=\[1.0\] are not shares"),
+        (["ratios=[]"], r"ratios=\[\] prunes nothing; try 'ratios="),
+        (["ratios=[1.0]"], r"ratios=1 is not 0 to 0.99"),
         (["renderer.checkpoint=null"], "there are no trained weights to prune; give those of task=train"),
         (["epochs=null", "minutes=null"], "neither epochs nor minutes is set"),
     ):

@@ -20,6 +20,7 @@ from brushexp.pictures.load import load_picture
 from brushexp.pictures.region import Region
 from brushexp.plugins.loss.base import Painting, Surroundings, weighted_sum
 from brushexp.plugins.loss.style import KERNELS, VARIANCE_OFFSET, Style
+from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Strokes
 
 NONE = Strokes.none()
@@ -153,8 +154,8 @@ def test_the_style_picture_follows_the_canvas(tmp_path):
 
 
 def test_what_cannot_serve_as_a_style_is_refused(tmp_path):
-    with pytest.raises(UserError, match=r"style=nowhere\.jpg is not there"):
-        Style(image="nowhere.jpg")
+    with pytest.raises(UserError, match=r"loss.style.image=nowhere\.jpg is not there"):
+        build_named("loss", "style", {"image": "nowhere.jpg"})
     with pytest.raises(UserError, match="choose from stem"):
         Style(taps=["relu1_1"])
     small = Style(image=saved(tmp_path, torch.rand(3, 20, 80)))
