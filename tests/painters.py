@@ -6,12 +6,13 @@ from typing import Any
 
 import lightning as L
 import torch
+from lightning.pytorch.callbacks import Checkpoint
 from scenes import random_strokes
 from torch.testing import assert_close
 
 from brushexp.painting.components import Stage, standard_components
 from brushexp.painting.painter import Painter
-from brushexp.painting.painter_state import rehearse
+from brushexp.painting.painter_state import compile_kernels
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.base import View
@@ -43,7 +44,7 @@ def take(painter: Painter, steps: int, loop: Any = None) -> Any:
     """Take steps in a bare loop; what it returns continues them."""
     if loop is None:
         loop = painter.configure_optimizers()
-        rehearse(painter)
+        compile_kernels(painter)
     optimizer, scheduler = loop["optimizer"], loop["lr_scheduler"]["scheduler"]
 
     def closure() -> torch.Tensor:
@@ -61,6 +62,7 @@ def take(painter: Painter, steps: int, loop: Any = None) -> Any:
 
 def fit(painter: Painter, callbacks=(), ckpt_path=None, **options: Any) -> L.Trainer:
     """Fit as a user of Lightning would."""
+    options = {"enable_checkpointing": any(isinstance(found, Checkpoint) for found in callbacks)} | options
     trainer = L.Trainer(**{**QUIET, **options}, callbacks=list(callbacks))
     trainer.fit(painter, ckpt_path=ckpt_path)
     return trainer

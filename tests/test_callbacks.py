@@ -12,7 +12,7 @@ from omegaconf import OmegaConf
 from brushexp.app.fitting import trainer_of
 from brushexp.errors import UserError
 from brushexp.registry import build_named, plugins
-from brushexp.system.callbacks import INTERRUPTED, MovingAverage
+from brushexp.system.callbacks import INTERRUPTED, STOPPED_EARLY, MovingAverage
 
 
 class Line(L.LightningModule):
@@ -38,7 +38,7 @@ class Line(L.LightningModule):
     def training_step(self, batch, batch_idx):
         self.beside(batch_idx)
         loss = (self.weight - 1).square().sum()
-        self.log("loss", loss)
+        self.log("psnr", -loss)
         return loss
 
     def configure_optimizers(self):
@@ -91,9 +91,10 @@ def test_lightnings_callbacks_can_be_chosen(tmp_path, plugin):
 
 
 def test_no_more_gain_ends_the_fit(tmp_path):
-    options = {"monitor": "loss", "mode": "min", "min_delta": 0.2, "patience": 1, "every": 2}
-    callback = build_named("callbacks", "early_stopping", options).open(tmp_path)
-    assert fit(tmp_path, Line(), callbacks=[callback]).global_step < 8
+    callback = build_named("callbacks", "early_stopping", {"min_delta": 0.2, "patience": 1}).open(tmp_path)
+    line = Line()
+    assert fit(tmp_path, line, callbacks=[callback], max_epochs=-1, limit_train_batches=2).global_step == 6
+    assert line.stop == STOPPED_EARLY
 
 
 def test_the_average_lags_behind_and_is_left_in_place(tmp_path):

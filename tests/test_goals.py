@@ -13,7 +13,6 @@ from brushexp.painting.curves import Anytime
 from brushexp.painting.goals import (
     PSNR_REACHED,
     SECONDS_SPENT,
-    STOPPED_EARLY,
     NoMoreGain,
     Quality,
     TimeBudget,
@@ -22,6 +21,7 @@ from brushexp.painting.goals import (
 from brushexp.painting.schedule import Schedule
 from brushexp.plugins.optimizer.torch_optim import TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.system.callbacks import STOPPED_EARLY, TimedCheckpoint
 
 
 class Work:
@@ -117,21 +117,22 @@ def test_a_quality_ends_the_run(caplog):
 def test_the_first_goal_ends_the_run():
     assert Work(400).run(Quality(0.0), TimeBudget(20.0)).stop == PSNR_REACHED
     assert Work(400).run(Quality(90.0), TimeBudget(2.0)).stop == SECONDS_SPENT
-    assert Work(400).run(NoMoreGain(50.0), TimeBudget(200.0)).stop == STOPPED_EARLY
-    work = Work(5).run(Quality(90.0), NoMoreGain(0.0))
+    work = Work(5).run(Quality(90.0))
     assert (work.stop, work.schedule.step) == ("", 5)
 
 
-def test_an_early_stop_goes_on_with_the_next_stage_counts_evaluations_and_remembers_them():
-    work = Work(1000, 3).run(NoMoreGain(50.0))
-    assert (work.stop, work.schedule.ends) == ("", [200, 203]), "200 evaluations have gained nothing"
-    work, stop = Work(1000), NoMoreGain(1.0)
-    for evaluations, reason in ((150, ""), (249, ""), (250, STOPPED_EARLY)):
-        resumed, work.evaluations = NoMoreGain(1.0), evaluations
-        resumed.load_state_dict(stop.state_dict())
-        resumed.on_train_batch_end(None, work)
-        assert work.stop == reason
-        stop = resumed
+def test_an_early_stop_goes_on_with_the_next_stage_counts_evaluations_and_remembers_them(tmp_path):
+    painter = painter_of(Stage("a", Analytic(), 1000), Stage("b", Analytic(), 3))
+    end = TimedCheckpoint(tmp_path / "it.ckpt", None)
+    fit(painter, [NoMoreGain(50.0), end])
+    assert (painter.stop, painter.schedule.ends) == ("", [200, 203]), "200 evaluations have gained nothing"
+    lbfgs = {"optimizer": TorchOptim(name="LBFGS", lr=0.5, options={"max_iter": 4})}
+    whole, first, second = (painter_of(**lbfgs) for _ in range(3))
+    fit(whole, [NoMoreGain(50.0), end])
+    assert (whole.stop, 200 <= whole.evaluations < 210) == (STOPPED_EARLY, True)
+    fit(first, [NoMoreGain(50.0)], max_steps=whole.schedule.step - 2).save_checkpoint(tmp_path / "it.ckpt")
+    fit(second, [NoMoreGain(50.0)], ckpt_path=tmp_path / "it.ckpt")
+    assert second.evaluations == whole.evaluations
 
 
 def test_a_curve_keeps_its_ends_and_its_bends():

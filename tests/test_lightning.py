@@ -2,20 +2,24 @@
 
 import math
 
+import lightning as L
 import pytest
 import torch
-from lightning.pytorch.callbacks import LearningRateMonitor, ModelCheckpoint, Timer
+from lightning.pytorch.callbacks import EarlyStopping, LearningRateMonitor, ModelCheckpoint, Timer
 from lightning.pytorch.loggers import CSVLogger
 from painters import assert_resumes, error_of, fit, painter_of, take
 from torch.testing import assert_close
 
+from brushexp.painting import curves
 from brushexp.painting.components import Stage
+from brushexp.painting.metrics import psnr_of
 from brushexp.plugins.density.adaptive import Adaptive
 from brushexp.plugins.optimizer.torch_optim import TorchOptim
 from brushexp.plugins.order.orders import Accuracy
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
+from brushexp.system.callbacks import TimedCheckpoint
 
 LBFGS = {"name": "LBFGS", "lr": 0.5, "options": {"max_iter": 3}}
 
@@ -31,7 +35,7 @@ def test_max_steps_takes_exactly_as_many_steps(sampler, optimizer):
 
 
 @pytest.mark.parametrize("options", [{"max_epochs": 1}, {"max_epochs": 9}, {"max_steps": 99}, {"max_epochs": -1}])
-def test_a_fit_takes_the_steps_of_a_bare_loop_and_ends_with_the_plan_which_is_one_epoch(options):
+def test_a_fit_takes_the_steps_of_a_bare_loop_and_ends_with_the_plan(options):
     one, two = painter_of(steps=5), painter_of(steps=5)
     take(one, 5)
     trainer = fit(two, **options)
@@ -39,17 +43,65 @@ def test_a_fit_takes_the_steps_of_a_bare_loop_and_ends_with_the_plan_which_is_on
     assert_close(dict(one.strokes().items()), dict(two.strokes().items()), rtol=0, atol=0)
 
 
+ENDS = {
+    "completed": ({}, [], ""),
+    "max_steps": ({"max_steps": 13}, [], "max_steps reached"),
+    "max_epochs": ({"max_epochs": 2}, [], "max_epochs reached"),
+    "max_time": ({"max_time": {"seconds": 0}}, [], "max_time reached"),
+    "timer": ({}, [Timer({"seconds": 0}, verbose=False)], "max_time reached"),
+    "no_gain": ({}, [EarlyStopping("psnr", mode="max", min_delta=100, patience=1)], "stopped early"),
+    "threshold": ({}, [EarlyStopping("loss/mse", stopping_threshold=1.0)], "stopped early"),
+}
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_what_ends_a_fit_before_its_plan_is_told(end, tmp_path, monkeypatch):
+    monkeypatch.setattr("brushexp.painting.painter.STEPS_PER_EPOCH", 10)
+    options, callbacks, status = ENDS[end]
+    painter = painter_of(steps=26)
+    trainer = fit(painter, [*callbacks, TimedCheckpoint(tmp_path / "it.ckpt", None)], **options)
+    steps = {"completed": 26, "max_steps": 13, "max_epochs": 20, "no_gain": 20, "threshold": 10}
+    assert (trainer.global_step, painter.stop) == (steps.get(end, 0), status)
+
+
+class Watch(L.Callback):
+    """Keeps what a callback may look at after each step, and what it was then."""
+
+    def __init__(self):
+        self.kept, self.then = [], []
+
+    def on_train_batch_end(self, trainer, painter, *_):
+        self.kept.append(trainer.callback_metrics["psnr"])
+        self.then.append((float(trainer.logged_metrics["psnr"]), float(trainer.callback_metrics["loss/mse"])))
+
+
+@pytest.mark.parametrize("plan", ["whole", "patches", "coarse"])
+def test_callbacks_see_the_values_of_the_step(plan, tmp_path):
+    best = {"monitor": "psnr", "mode": "max", "save_top_k": -1, "every_n_train_steps": 8}
+    saved, watch = ModelCheckpoint(tmp_path, filename="{step}-{psnr:.3f}", **best), Watch()
+    fit(PLANS[plan](), [watch, saved])
+    psnrs, errors = zip(*watch.then, strict=True)
+    assert len(set(psnrs)) > 12
+    assert [float(value) for value in watch.kept] == list(psnrs), "whenever they look"
+    if plan == "whole":
+        assert psnrs == pytest.approx([psnr_of(error) for error in errors], abs=1e-3)
+    names = {f"step={step}-psnr={psnrs[step - 1]:.3f}.ckpt" for step in (8, 16, 24)}
+    assert {path.name for path in tmp_path.iterdir()} == names
+
+
+def test_values_are_computed_only_for_who_looks(monkeypatch):
+    looks = []
+    monkeypatch.setattr(curves, "psnr_of", lambda error: looks.append(error) or 0.0)
+    fit(painter_of(steps=30), log_every_n_steps=100)
+    assert len(looks) <= 5, "at the first step and at the end"
+
+
 def test_callbacks_and_loggers_of_lightning_work(tmp_path):
-    checkpoints = ModelCheckpoint(tmp_path / "models", monitor="psnr", mode="max", save_top_k=1, every_n_train_steps=5)
     timer, rates = Timer(), LearningRateMonitor("step")
     logger = CSVLogger(tmp_path, name="", version="curves")
     painter = painter_of(Stage("a", Analytic(), 20), Stage("b", Analytic(), 10))
-    trainer = fit(
-        painter, [checkpoints, timer, rates], logger=logger, enable_checkpointing=True, log_every_n_steps=1,
-        profiler="simple",
-    )  # fmt: skip
+    trainer = fit(painter, [timer, rates], logger=logger, log_every_n_steps=1, profiler="simple")
     assert trainer.global_step == 30
-    assert checkpoints.best_model_path
     assert timer.time_elapsed("train") > 0
     assert "[LightningModule]Painter.optimizer_step" in trainer.profiler.summary()
     rows = (tmp_path / "curves" / "metrics.csv").read_text().splitlines()
@@ -82,5 +134,19 @@ PLANS = {
 
 @pytest.mark.parametrize("steps", [11, 14])
 @pytest.mark.parametrize("plan", PLANS)
-def test_a_resumed_fit_ends_as_an_uninterrupted_one(plan, steps, tmp_path):
+def test_a_resumed_fit_ends_as_an_uninterrupted_one(plan, steps, tmp_path, monkeypatch):
+    monkeypatch.setattr("brushexp.painting.painter.STEPS_PER_EPOCH", 7)
     assert_resumes(PLANS[plan], steps, tmp_path)
+
+
+@pytest.mark.parametrize("options", [{"every_n_train_steps": 7}, {"every_n_epochs": 1}], ids=["step", "epoch"])
+def test_a_fit_goes_on_from_the_end_of_an_epoch(options, tmp_path, monkeypatch):
+    monkeypatch.setattr("brushexp.painting.painter.STEPS_PER_EPOCH", 7)
+    straight, again = (painter_of(steps=24) for _ in range(2))
+    kept = [ModelCheckpoint(tmp_path, filename="{step}", save_top_k=-1, **options) for _ in range(2)]
+    whole = fit(straight, kept[:1])
+    watch = Watch()
+    trainer = fit(again, [watch, kept[1]], ckpt_path=tmp_path / "step=14.ckpt")
+    assert len(watch.then) == 10
+    assert (trainer.global_step, trainer.current_epoch) == (24, whole.current_epoch)
+    assert_close(dict(straight.strokes().items()), dict(again.strokes().items()), rtol=0, atol=0)

@@ -33,6 +33,8 @@ class Trackers(LightningLogger):
         self.chosen, self.run = chosen, run
         self.curves: dict[str, LightningLogger] = {}
         self.stopped: set[str] = set()
+        self.row: dict[str, float] = {}  # what is known of the last step
+        self.step: int | None = None
 
     def __enter__(self) -> Self:
         for name, tracker in self.chosen.items():
@@ -41,14 +43,22 @@ class Trackers(LightningLogger):
         return self
 
     def log_metrics(self, metrics: dict[str, float], step: int | None = None) -> None:
-        for name in self.curves.keys() - self.stopped:
+        """Keep values until those of another step come: what module and callbacks log of one is one row of a table."""
+        if step != self.step:
+            self._pass_on()
+        self.row, self.step = self.row | metrics, step
+
+    def _pass_on(self) -> None:
+        row, self.row = self.row, {}
+        for name in self.curves.keys() - self.stopped if row else ():
             with self._caught(name):
-                self.curves[name].log_metrics(metrics, step)
+                self.curves[name].log_metrics(row, self.step)
 
     def log_hyperparams(self, *_: Any, **__: Any) -> None:
         pass  # trackers get the settings when they open
 
     def save(self) -> None:
+        self._pass_on()
         for name in self.curves.keys() - self.stopped:
             with self._caught(name):
                 self.curves[name].save()
@@ -58,6 +68,7 @@ class Trackers(LightningLogger):
         self.run = replace(self.run, metrics=metrics, **results)
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._pass_on()
         status = {"interrupted": "interrupted", "diverged": "failed", "failed": "failed"}.get(
             str(self.run.metrics.get("status")), "completed"
         )

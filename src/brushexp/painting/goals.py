@@ -2,7 +2,7 @@
 
 They look at a painter after every step, and end a stage with ``schedule.end_stage()``, or the run by setting ``stop``.
 What a run ended with is its ``status`` in metrics.json: ``completed`` (all steps were taken), ``interrupted`` (by the
-user, and to be continued), or one of those here.
+user, and to be continued), one of those here, or what `system.callbacks.cut_short` finds.
 """
 
 import logging
@@ -11,12 +11,13 @@ from itertools import accumulate, pairwise
 from typing import Any
 
 import lightning as L
+import torch
+from lightning.pytorch.callbacks import EarlyStopping
 
 from brushexp.painting.metrics import psnr_of
 from brushexp.system.callbacks import INTERRUPTED
 
 log = logging.getLogger(__name__)
-STOPPED_EARLY = "stopped early"  # nothing was gained any more
 PSNR_REACHED = "psnr reached"
 SECONDS_SPENT = "seconds spent"
 GAIN_EVALUATIONS = 100  # evaluations of the losses over which early_stop asks for a gain
@@ -25,33 +26,37 @@ RECENT_SHARE = 0.2  # of a stage's time so far, from which its speed is read
 RECENT_SECONDS = 0.25  # at least of it
 
 
-class NoMoreGain(L.Callback):
-    """Ends a stage when 100 evaluations no longer gain ``gain`` dB, and with the last one the run.
+class NoMoreGain(EarlyStopping):
+    """Lightning's EarlyStopping of the PSNR, stage by stage: ends one when 100 evaluations no longer gain ``gain`` dB.
 
-    Evaluations and not steps, because a step of L-BFGS looks at the picture several times. Coarse steps are not judged.
+    Not epochs, because a step of L-BFGS looks at the picture several times. Coarse steps are not judged.
     """
 
     def __init__(self, gain: float) -> None:
-        self.gain = gain
-        self.before: float | None = None
+        super().__init__("psnr", min_delta=gain, patience=1, mode="max", check_on_train_epoch_end=True)
         self.last = 0  # evaluations at the last comparison
         self.stage = 0
 
     def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
         if painter.is_coarse or painter.schedule.stage != self.stage:
-            self.before, self.last, self.stage = None, painter.evaluations, painter.schedule.stage
-        if painter.evaluations - self.last < GAIN_EVALUATIONS:
+            self.last, self.stage = painter.evaluations, painter.schedule.stage
+            self.best_score = torch.tensor(-torch.inf)
+        if painter.evaluations - self.last < GAIN_EVALUATIONS or trainer.should_stop:
             return
-        now = psnr_of(painter.picture.error)
-        if self.before is not None and now - self.before < self.gain and not painter.schedule.end_stage():
-            painter.stop = STOPPED_EARLY
-        self.before, self.last = now, painter.evaluations
+        self.last = painter.evaluations
+        super().on_train_epoch_end(trainer, painter)
+        if trainer.should_stop and painter.schedule.end_stage():
+            trainer.should_stop = False
+
+    def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Nothing, since evaluations are counted."""
 
     def state_dict(self) -> dict[str, Any]:
-        return {"before": self.before, "last": self.last, "stage": self.stage}
+        return {**super().state_dict(), "last": self.last, "stage": self.stage}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        self.before, self.last, self.stage = state_dict["before"], state_dict["last"], state_dict["stage"]
+        super().load_state_dict(state_dict)
+        self.last, self.stage = state_dict["last"], state_dict["stage"]
 
 
 class Quality(L.Callback):

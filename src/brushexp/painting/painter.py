@@ -1,7 +1,6 @@
 """The optimisation: one gradient step over the strokes after another, as a LightningModule."""
 
 import logging
-from collections.abc import Iterator
 from typing import Any
 
 import lightning as L
@@ -13,10 +12,10 @@ from brushexp.painting.components import Components
 from brushexp.painting.curves import Anytime, Curves
 from brushexp.painting.densification import Densification
 from brushexp.painting.metrics import psnr_of
-from brushexp.painting.painter_state import load_painter_state, painter_state, rehearse
+from brushexp.painting.painter_state import compile_kernels, load_painter_state, painter_state
 from brushexp.painting.partial import partial_update, unwrapped
 from brushexp.painting.picture import Depth, Picture
-from brushexp.painting.schedule import Schedule
+from brushexp.painting.schedule import STEPS_PER_EPOCH, Epoch, Schedule
 from brushexp.pictures.region import Region
 from brushexp.plugins.loss.base import weighted_sum
 from brushexp.plugins.renderer.base import Renderer
@@ -33,8 +32,9 @@ class Painter(L.LightningModule):
     """Moves strokes until the picture matches the target. Renderers stay frozen.
 
     The steps go through the stages one after another. When one begins, its renderer converts the strokes, and the
-    optimiser and the schedule of its learning rate start afresh. An epoch is the whole plan. The first steps, the share
-    ``coarse`` of the first stage, look at the whole picture at half its size; meanwhile no strokes come or go.
+    optimiser and the schedule of its learning rate start afresh. The first steps, the share ``coarse`` of the first
+    stage, look at the whole picture at half its size; meanwhile no strokes come or go. An epoch is 100 steps, and a fit
+    ends with the last step, in the midst of one.
 
     >>> from brushexp.plugins.init.random import Random
     >>> from brushexp.painting.components import standard_components
@@ -42,7 +42,7 @@ class Painter(L.LightningModule):
     >>> strokes = Random()(target, 20, torch.Generator())
     >>> painter = Painter(Catalogue(strokes, components.optimizer.units), components, target, torch.ones(3), seed=0)
     >>> quiet = {"logger": False, "enable_checkpointing": False, "enable_progress_bar": False}
-    >>> trainer = L.Trainer(max_epochs=1, enable_model_summary=False, **quiet)
+    >>> trainer = L.Trainer(max_epochs=-1, enable_model_summary=False, **quiet)
     >>> trainer.fit(painter)
     >>> trainer.global_step, painter.drawn().shape
     (3, torch.Size([3, 24, 32]))
@@ -90,6 +90,11 @@ class Painter(L.LightningModule):
         return self.picture.renderer
 
     @property
+    def is_done(self) -> bool:
+        """Whether all steps are taken."""
+        return self.schedule.step >= self.schedule.steps
+
+    @property
     def is_coarse(self) -> bool:
         """Whether the next step looks at the smaller picture."""
         done, steps = self.schedule.stage_progress
@@ -105,7 +110,7 @@ class Painter(L.LightningModule):
     def progress(self) -> float:
         """How much of the present stage is done, 0 to 1."""
         done, steps = self.schedule.stage_progress
-        return done / max(steps, 1)
+        return done / steps if steps else 1.0
 
     def state_line(self) -> str:
         loss = sum(self.components.losses[name].weight * float(term) for name, term in self.terms.items())
@@ -131,9 +136,8 @@ class Painter(L.LightningModule):
         if self.stage != self.schedule.stage:
             self._begin_stage()
 
-    def train_dataloader(self) -> Iterator[int]:
-        """Without end: the plan may change, and a fit ends with it."""
-        return iter(lambda: 0, 1) if self.schedule.step < self.schedule.steps else iter(())
+    def train_dataloader(self) -> Epoch:
+        return Epoch(range(STEPS_PER_EPOCH))
 
     def configure_optimizers(self) -> Any:
         optimizer = self.components.optimizer.over(p for p in self.catalogue.parameters() if p.requires_grad)
@@ -179,6 +183,7 @@ class Painter(L.LightningModule):
                 moving.replace(clamped)
         self.picture.moved(view.active)
         schedule.step += 1
+        self._curves.step_taken(self)
         if not coarse:
             self.visits = self.densification.update(self.catalogue, self.visits, unwrapped(optimizer))
 
@@ -193,14 +198,16 @@ class Painter(L.LightningModule):
 
     def on_fit_start(self) -> None:
         check_strokes(self.strokes())  # those of a checkpoint
-        rehearse(self)
+        compile_kernels(self)
         self.schedule.start()
         self._curves.begin(self)
 
+    def on_train_start(self) -> None:
+        self.trainer.should_stop |= self.is_done
+
     def on_train_batch_end(self, outputs: Any, batch: Any, batch_idx: int) -> None:
-        is_last = self.schedule.step >= self.schedule.steps
-        self._curves.after_step(self, is_last=is_last)
-        self.trainer.should_stop |= is_last or bool(self.stop)
+        self._curves.write(self, is_last=self.is_done)
+        self.trainer.should_stop |= self.is_done or bool(self.stop)
 
     def on_train_end(self) -> None:
         self.schedule.pause()

@@ -1,4 +1,4 @@
-"""What a painter is beside its strokes and the optimiser: saved for a resumed run, or kept while it rehearses."""
+"""What a painter is beside its strokes and the optimiser: saved for a resumed run, or kept while kernels compile."""
 
 from __future__ import annotations
 
@@ -45,10 +45,11 @@ def load_painter_state(painter: Painter, state: dict[str, Any]) -> None:
     torch.set_rng_state(state["torch"])
 
 
-def rehearse(painter: Painter) -> None:
-    """Go through a step, forwards and backwards, and leave the painter as it was.
+def compile_kernels(painter: Painter) -> None:
+    """Compile and load what a step needs, before the clock starts, by going through one that moves nothing.
 
-    What is compiled or loaded at first use is then there, and its time is not counted.
+    Numba compiles at first use (ten seconds and more after installation), losses open their networks: a run of so many
+    ``seconds`` must not spend them on that, and the speed that it plans with is read off its first steps.
     """
     sampler, picture, catalogue = painter.components.sampler, painter.picture, painter.catalogue
     memory = picture.memory

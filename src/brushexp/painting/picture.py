@@ -1,6 +1,7 @@
 """The picture that the strokes make (all of it, a smaller one, or the part that a view shows), and their depth."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -58,18 +59,27 @@ class Picture(nn.Module):
     @property
     def error(self) -> float:
         """Mean squared error of the whole picture as it was last seen; a small one counts as it looks enlarged."""
-        if self.memory is not None:
-            return self.memory.error
-        return self._error if (last := self.last) is None else float((last - self.target).square().mean())
+        return self.error_now()()
+
+    def error_now(self) -> Callable[[], float]:
+        """A function that computes the present `error`, whenever it is called."""
+        if self._last is not None and self.memory is None:
+            last = self._last
+            return lambda: float((self._enlarged(last) - self.target).square().mean())
+        known = self._error if self.memory is None else self.memory.error
+        return lambda: known
 
     @property
     def last(self) -> Tensor | None:
         """The whole picture (3, H, W) as steps last saw it; None before the first one."""
         if self.memory is not None:
             return self.memory.picture
-        if self._last is None or self._last.shape == self.target.shape:
-            return self._last
-        return interpolate(self._last[None], self.size, mode="bilinear", align_corners=False)[0]
+        return None if self._last is None else self._enlarged(self._last)
+
+    def _enlarged(self, picture: Tensor) -> Tensor:
+        if picture.shape == self.target.shape:
+            return picture
+        return interpolate(picture[None], self.size, mode="bilinear", align_corners=False)[0]
 
     def level(self, *, coarse: bool) -> PyramidLevel:
         """What the picture is compared with: the target, or one of half its size, by means over areas."""

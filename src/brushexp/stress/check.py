@@ -153,7 +153,7 @@ def check_painting(
     try:
         catalogue = Catalogue(strokes, components.optimizer.units)
         painter = Painter(catalogue, components, exercise.target.to(kind), torch.tensor(BACKGROUND).to(kind), seed=0)
-        L.Trainer(accelerator="cpu", max_epochs=1, callbacks=[timer], enable_model_summary=False, **quiet).fit(painter)
+        L.Trainer(accelerator="cpu", max_epochs=-1, callbacks=[timer], enable_model_summary=False, **quiet).fit(painter)
         picture = painter.drawn()
         strokes = painter.catalogue().map(Tensor.detach)
         scene = StressScene(strokes, exercise.target, len(strokes), painter.depth.front_to_back)

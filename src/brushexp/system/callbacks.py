@@ -2,7 +2,8 @@
 
 Of a LightningModule they read ``title`` (what is being done; a new one begins a new bar), ``progress`` (how much of it
 is done, 0 to 1), ``state_line()`` (step, loss and quality in a few words) and ``stop`` (why the fit ends before its
-last step; "" while it goes on), which they also set, and ``trouble`` (at which step and how it diverged).
+last step; "" while it goes on, and if all were taken), which they also set, and ``trouble`` (at which step and how it
+diverged).
 """
 
 import logging
@@ -14,7 +15,8 @@ from threading import Event
 from typing import Any
 
 import lightning as L
-from lightning.pytorch.callbacks import Checkpoint, WeightAveraging
+from lightning.pytorch.callbacks import Checkpoint, Timer, WeightAveraging
+from torch import Tensor
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from brushexp.errors import UserError
@@ -24,6 +26,7 @@ from brushexp.system.runtime import interruptible
 
 log = logging.getLogger(__name__)
 INTERRUPTED, DIVERGED, FAILED = "interrupted", "diverged", "failed"  # how a fit stops that has not come to its end
+STOPPED_EARLY = "stopped early"  # by EarlyStopping or another callback
 FIRST_SECONDS = 10  # until the first checkpoint, at most
 REFRESH_SECONDS = 0.2  # between two updates of the bar: reading the loss and writing a line cost time
 
@@ -95,6 +98,32 @@ class TimedCheckpoint(Checkpoint):
 
     def on_exception(self, *_: object) -> None:
         self.handler.close()
+
+    def on_fit_end(self, trainer: L.Trainer, pl_module: Any) -> None:
+        pl_module.stop = pl_module.stop or cut_short(trainer, pl_module)
+
+
+def cut_short(trainer: L.Trainer, pl_module: Any) -> str:
+    """Which limit of the Trainer, or that a callback, has ended a fit before its last step; "" if nothing has."""
+    if pl_module.progress >= 1:
+        return ""
+    times = [found.time_remaining() for found in trainer.callbacks if isinstance(found, Timer)]  # type: ignore[attr-defined]
+    reached = {
+        "max_steps": 0 <= trainer.max_steps <= trainer.global_step,
+        "max_epochs": trainer.max_epochs is not None and 0 <= trainer.max_epochs <= trainer.current_epoch,
+        "max_time": any(left is not None and left <= 0 for left in times),
+    }
+    return next((f"{limit} reached" for limit, is_reached in reached.items() if is_reached), STOPPED_EARLY)
+
+
+def publish(pl_module: L.LightningModule, values: dict[str, Tensor]) -> None:
+    """Show callbacks the values of a step; at every step, for its cost is nothing.
+
+    Lightning's ``log`` costs half a millisecond at each, and gives values of an earlier step where it is left out.
+    """
+    if (trainer := pl_module._trainer) is not None:
+        trainer.callback_metrics.update(values)
+        trainer.logged_metrics.update(values)
 
 
 class MovingAverage(WeightAveraging):

@@ -1,6 +1,5 @@
 """Teaching a network to tell valid strokes from corrupted ones, and measuring how well it does."""
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -62,7 +61,6 @@ class DiscriminatorModule(NetworkModule):
     def __init__(self, network: Discriminator, lr: float) -> None:
         super().__init__()
         self.network, self.lr = network.train(), lr
-        self.loss = math.nan  # as last noted
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         optimizer = optim.Adam(self.network.parameters(), self.lr, betas=BETAS)
@@ -73,8 +71,6 @@ class DiscriminatorModule(NetworkModule):
         logistic = functional.softplus(-valid).mean() + functional.softplus(corrupted).mean()
         order = functional.softplus(corrupted - hard).mean()
         self.terms = {"loss/logistic": logistic.detach(), "loss/order": order.detach()}
-        if self.note(self.terms):
-            self.loss = float(logistic.detach())
         return logistic + order
 
     def validation_step(self, batch: ShapeBatch, batch_idx: int) -> None:
@@ -83,7 +79,7 @@ class DiscriminatorModule(NetworkModule):
 
     def state_line(self) -> str:
         quality = f"  held out AUC {self.figures['auc']:.4f}" if self.figures else ""
-        return f"loss {self.loss:.4f}{quality}"
+        return f"loss {float(self.terms['loss/logistic']):.4f}{quality}"
 
 
 def shape_batch(n: int, seed: int, first: int) -> ShapeBatch:

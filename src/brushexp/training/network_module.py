@@ -1,7 +1,6 @@
 """What the LightningModules of renderer and discriminator share: progress, learning rate, curves."""
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import lightning as L
@@ -11,7 +10,7 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LambdaLR
 
-from brushexp.system.callbacks import DIVERGED
+from brushexp.system.callbacks import DIVERGED, publish
 
 WARMUP_STEPS, WARMUP_SHARE = 200, 0.1  # over which the rate rises; of a short training a share of the steps
 FINAL_RATE = 0.01  # of the highest learning rate, at the end
@@ -28,6 +27,7 @@ class NetworkModule(L.LightningModule):
         self.stop = ""  # why training ends before its limit (`system.callbacks`)
         self.trouble = ""  # how the weights would have become no numbers; they stay as they were before that step
         self.terms: dict[str, Tensor] = {}  # the losses of the last step
+        self._written = 0  # steps after which they were given to the loggers
         self.figures: dict[str, float] = {}  # of the last validation
         self.validated = -1  # the step at which they were measured
 
@@ -63,12 +63,16 @@ class NetworkModule(L.LightningModule):
 
         return LambdaLR(optimizer, factor)
 
-    def note(self, curves: Mapping[str, Tensor]) -> bool:
-        """Log values of a training step and return True, if it is one at which the Trainer writes the curves."""
-        due = not self.global_step or (self.global_step + 1) % max(1, self.trainer.log_every_n_steps) == 0  # type: ignore[attr-defined]
-        if due:
-            self.log_dict(dict(curves))
-        return due
+    def on_after_backward(self) -> None:
+        publish(self, self.terms)
+
+    def on_train_batch_end(self, *_: object) -> None:
+        step, every = self.global_step, self.trainer.log_every_n_steps  # type: ignore[attr-defined]
+        if step > self._written and every and step % every == 0:
+            self._written = step
+            values = {name: float(value) for name, value in self.terms.items()} | {"epoch": self.current_epoch}
+            for logger in self.loggers:
+                logger.log_metrics(values, step - 1)  # Lightning numbers steps from 0
 
     def configure_gradient_clipping(
         self, optimizer: Any, gradient_clip_val: float | None = None, gradient_clip_algorithm: str | None = None

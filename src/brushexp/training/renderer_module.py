@@ -1,6 +1,5 @@
 """Training a renderer on pictures of strokes, beside a critic if one is wanted."""
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -93,7 +92,6 @@ class RendererModule(NetworkModule):
         check_trainable(renderer, window)
         self.renderer, self.window, self.settings = renderer.train(), window, settings
         self.critic = Critic(window, settings.critic_width) if settings.critic else None
-        self.loss = math.nan  # L2, as last noted
         self._strokes = 0  # of a step
         self._restored: dict[str, Any] = {}  # of a checkpoint, until it can be used
 
@@ -127,8 +125,6 @@ class RendererModule(NetworkModule):
             pulled = (drawn * slope).sum()  # its gradient in the pictures is the slope
             loss = pulled + (loss - pulled).detach()  # and its value L2
         self._strokes = len(drawn)
-        if self.note(self.terms):
-            self.loss = float(self.terms["loss/l2"])
         return loss
 
     def on_validation_epoch_start(self) -> None:
@@ -167,7 +163,8 @@ class RendererModule(NetworkModule):
     def state_line(self) -> str:
         quality = f"  held out {self.figures['psnr_alpha']:.2f} dB" if self.figures else ""
         speed = self.global_step * self._strokes / max(self.seconds, 1e-9)
-        return f"L2 {self.loss:.5f} ({decibels(self.loss):.2f} dB){quality}  {speed:.0f} strokes/s"
+        loss = float(self.terms["loss/l2"])
+        return f"L2 {loss:.5f} ({decibels(loss):.2f} dB){quality}  {speed:.0f} strokes/s"
 
     def _step_critic(self, critic: Critic, drawn: Tensor, truth: Tensor) -> None:
         """One step of the critic, true pictures above drawn ones."""

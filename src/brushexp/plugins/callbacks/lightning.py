@@ -34,28 +34,18 @@ class StopOnPlateau(Callback):
         monitor: the value, as the curves call it: ``psnr`` in painting, ``validation/psnr_alpha`` in training.
         mode: max where more is better, min where less is.
         min_delta: less than this is no gain.
-        patience: looks without a gain before the end; painting looks every ``every`` steps, training at validations.
-        every: steps between two looks where there is no validation.
+        patience: epochs without a gain before the end, in painting of 100 steps each.
     """
 
     monitor: str = "psnr"
     mode: Annotated[str, one_of("max", "min")] = "max"
     min_delta: Annotated[float, at_least(0)] = 0.0
     patience: Annotated[int, at_least(1)] = 3
-    every: Annotated[int, at_least(1)] = 100
 
     def open(self, folder: Path) -> L.Callback:
         from lightning.pytorch.callbacks import EarlyStopping  # noqa: PLC0415
 
-        options = vars(self).copy()
-        every = options.pop("every")
-
-        class EveryFewSteps(EarlyStopping):
-            def on_train_batch_end(self, trainer: L.Trainer, *_: object) -> None:
-                if not trainer.enable_validation and trainer.global_step % every == 0:
-                    self._run_early_stopping_check(trainer)
-
-        return EveryFewSteps(strict=False, **options)
+        return EarlyStopping(**vars(self))
 
 
 @register("callbacks", "model_checkpoint")
