@@ -139,6 +139,7 @@ def test_a_resumed_fit_ends_as_an_uninterrupted_one(plan, steps, tmp_path, monke
     assert_resumes(PLANS[plan], steps, tmp_path)
 
 
+@pytest.mark.filterwarnings("ignore:Checkpoint directory")
 @pytest.mark.parametrize("options", [{"every_n_train_steps": 7}, {"every_n_epochs": 1}], ids=["step", "epoch"])
 def test_a_fit_goes_on_from_the_end_of_an_epoch(options, tmp_path, monkeypatch):
     monkeypatch.setattr("brushexp.painting.painter.STEPS_PER_EPOCH", 7)
