@@ -74,7 +74,7 @@ class Breaking(Loss):
     def forward(self, painting):
         self.calls += torch.is_grad_enabled()
         value = self.whole(painting)
-        if self.calls <= 3:  # one of them is the rehearsal
+        if self.calls <= 3:  # one of them compiles the kernels
             return value
         if self.how == "gradient":
             return value + 0 * (painting.image - painting.image.detach()).abs().sum().sqrt()  # 0 times infinity
@@ -158,7 +158,7 @@ def test_what_ends_a_painting_leaves_it_as_it_was_before_that_step(error, messag
 
     def forward(self, painting):
         calls.append(0)
-        if len(calls) <= 4:  # one of them is the rehearsal
+        if len(calls) <= 4:  # one of them compiles the kernels
             return whole(self, painting)
         if error is None:
             return whole(self, painting) * torch.nan

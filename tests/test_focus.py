@@ -289,7 +289,7 @@ def test_a_painter_of_parts_shows_losses_their_part_of_the_focus():
     for painting in seen:
         assert torch.equal(painting.surroundings.focus, weights)
         assert_close(painting.focus, painting.surroundings.region.of(weights))
-    assert seen[1].focus is seen[2].focus  # the first is the rehearsal
+    assert seen[1].focus is seen[2].focus  # the first compiles the kernels
     assert seen[2].focus is not seen[3].focus
 
 
