@@ -22,13 +22,8 @@ OURS = re.compile(  # files that tasks write into their folders
 )
 BELOW = (  # and below them
     *(".hydra/*.yaml", "curves/metrics.csv", "pictures/epoch_*.png", "strokes/[0-9]*.h5", "checkpoints/*.ckpt"),
-    *(
-        "tensorboard/*tfevents*",
-        "tensorboard/hparams.yaml",
-        "ratio_*/*.png",
-        "ratio_*/*/epoch_*.png",
-        "ratio_*/*/*.csv",
-    ),
+    *("tensorboard/*tfevents*", "tensorboard/hparams.yaml"),
+    *("ratio_*/*.png", "ratio_*/*/epoch_*.png", "ratio_*/*/*.csv"),
 )
 WORTH = ("checkpoint.ckpt", "metrics.json", "result.json")  # with one of them a run can go on, or has a result
 OTHERS = ".hydra/others.txt"  # names of files that look like ours and were there before the first run
