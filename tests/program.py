@@ -1,12 +1,13 @@
 """The program in processes of its own, without the seconds that its imports take.
 
-Every process is a fork of one that has imported what takes long, and nothing of this project; from there on it is what
-``python run.py`` is: its own environment, folder, output, signals and exit code.
+Every process is a fork of one that has imported everything and done nothing; from there on it is what ``python run.py``
+is: its own environment, folder, output, signals and exit code.
 """
 
 import json
 import multiprocessing
 import os
+import pkgutil
 import runpy
 import shutil
 import signal
@@ -17,10 +18,13 @@ import warnings
 from pathlib import Path
 from subprocess import CompletedProcess, TimeoutExpired
 
+import brushexp
+
 ROOT = Path(__file__).parents[1]
-SLOW_IMPORTS = ["h5py", "hydra", "lightning", "lightning.pytorch", "numba", "scipy.signal", "torch", "torchmetrics"]
+THEIRS = ["filelock", "hydra.main", "jinja2", "lightning.pytorch.callbacks", "torchmetrics.functional.image"]
+OURS = [module.name for module in pkgutil.walk_packages(brushexp.__path__, "brushexp.")]
 FORKS = multiprocessing.get_context("forkserver")
-FORKS.set_forkserver_preload(SLOW_IMPORTS)
+FORKS.set_forkserver_preload([*THEIRS, *OURS])
 
 
 class Program:

@@ -3,7 +3,6 @@
 import gc
 import importlib
 import os
-import pkgutil
 import runpy
 import signal
 import sys
@@ -56,14 +55,7 @@ class Zygote:
 
 
 def _serve(pipe: Connection) -> None:
-    """Import all, then fork for every request until there are no more."""
-    sys.path.insert(0, str(ROOT / "src"))
-    import brushexp  # noqa: PLC0415
-
-    for module in pkgutil.walk_packages(brushexp.__path__, "brushexp."):
-        importlib.import_module(module.name)
-    for name in ("hydra.main", "lightning.pytorch.callbacks", "jinja2", "filelock", "torchmetrics.functional.image"):
-        importlib.import_module(name)
+    """Fork for every request until there are no more."""
     gc.freeze()
     while True:
         try:
