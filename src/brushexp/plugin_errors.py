@@ -64,10 +64,7 @@ def is_callback(found: Any, folder: object) -> bool:
 RULES: dict[tuple[str, str], tuple[str, Callable[..., bool]]] = {  # beside the types that the contracts state
     ("init", "__call__"): ("exactly n valid strokes", are_strokes),
     ("renderer", "draw"): ("finite pictures (n, 4, S, S)", is_window),
-    ("engine", "__call__"): (
-        "finite pictures (n, 4, S, S)",
-        lambda found, parameters, **_: is_window(found, parameters),
-    ),
+    ("engine", "__call__"): ("finite pictures (n, 4, S, S)", lambda found, rows, **_: is_window(found, rows)),
     ("blend", "__call__"): ("a picture (3, H, W)", lambda found, _, __, size, *___: is_real(found.image, (3, *size))),
     ("order", "depth"): (
         "real numbers (N,)",
@@ -88,8 +85,7 @@ RULES: dict[tuple[str, str], tuple[str, Callable[..., bool]]] = {  # beside the 
 def check_results(family: str, name: str, cls: type, contract: str) -> None:
     """Let the methods of a user's class say so when they return what its contract (a module) does not allow.
 
-    Raises:
-        UserError: if the class is none of that contract, or lacks a part of it.
+    A UserError if the class is none of that contract, or lacks a part of it.
     """
     bases = [base for base in cls.__mro__ if base.__module__ == contract]
     source = inspect.getsourcefile(cls)
@@ -97,9 +93,7 @@ def check_results(family: str, name: str, cls: type, contract: str) -> None:
         missing = ", ".join(sorted(getattr(cls, "__abstractmethods__", ()))) or f"a base class of {contract}"
         raise UserError(f"{family}={name} ({source}): class {cls.__name__} lacks {missing}")
     if family == "loss" and "weight" not in inspect.signature(cls).parameters:
-        raise UserError(
-            f"{family}={name} ({source}): write def __init__(self, *, weight: float = 1.0) in {cls.__name__}"
-        )
+        raise UserError(f"{family}={name} ({source}): {cls.__name__} lacks __init__(self, *, weight: float = 1.0)")
     for base in (base for base in cls.__mro__ if not base.__module__.startswith((OURS, "torch", "builtins", "abc"))):
         for method, function in list(vars(base).items()):
             owner = next((part for part in bases if method in vars(part)), None)
@@ -118,9 +112,7 @@ def _checked(function: Callable[..., Any], kind: Any, words: Any, rule: Callable
         try:
             fits = _is_of(found, kind) and (rule is None or rule(found, *args, **options))
         except UserError as error:
-            raise UserError(
-                f"{who}: {function.__name__} returns strokes of which {error}; correct the plugin"
-            ) from error
+            raise UserError(f"{who}: {function.__name__} returns strokes: {error}; correct the plugin") from error
         if not fits:
             shape = f" {tuple(found.shape)} of {found.dtype}" if isinstance(found, Tensor) else ""
             told = repr(found) if isinstance(found, str | Real | None) else type(found).__name__ + shape

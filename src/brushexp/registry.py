@@ -201,8 +201,7 @@ def build(node: DictConfig, *runtime: object) -> Any:
 def options_in(node: DictConfig, path: str) -> dict[str, Any]:
     """The options of a plugin in its config node, of the types and within the bounds that it has declared.
 
-    Raises:
-        UserError: if one does not fit; ``path`` is what is typed before it.
+    A UserError if one does not fit; ``path`` is what is typed before it.
     """
     plugin = plugin_of(node)
     typed: DictConfig = OmegaConf.structured(plugin.config)

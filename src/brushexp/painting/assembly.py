@@ -142,8 +142,7 @@ def first_strokes(cfg: DictConfig, target: Tensor, density: Density, focus: Tens
 def budget_of(cfg: DictConfig, size: tuple[int, int], density: Density, there: int | None = None) -> int:
     """How many strokes a picture of ``size`` may have in the end; as many are ``there`` in ``catalogue``, if it is set.
 
-    Raises:
-        UserError: if the picture has no room for as many, or nothing adds those that are missing.
+    A UserError if the picture has no room for as many, or nothing adds those that are missing.
     """
     n = there if cfg.strokes is None else cfg.strokes
     if n is None:
