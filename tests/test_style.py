@@ -14,7 +14,7 @@ from torch.testing import assert_close
 from brushexp.app.command_line import in_full
 from brushexp.errors import UserError
 from brushexp.features import base as features
-from brushexp.painting.assembly import losses_of
+from brushexp.painting.assembly import check_losses, losses_of
 from brushexp.pictures.color import recolored
 from brushexp.pictures.load import load_picture
 from brushexp.pictures.region import Region
@@ -212,7 +212,7 @@ def test_style_is_short_for_the_style_picture(given):
 
 def test_a_loss_that_the_style_brings_with_it_is_not_chosen_besides(config):
     with pytest.raises(UserError, match=r"style\.image=coffee brings the loss style with it; drop style from loss"):
-        losses_of(config("style.image=coffee", "loss=[mse,style]"))
+        check_losses(config("style.image=coffee", "loss=[mse,style]"))
 
 
 @pytest.mark.parametrize("content", [0, 0.25])
