@@ -9,6 +9,7 @@ import textwrap
 from pathlib import Path
 
 import pytest
+from catalogues import catalogue
 from hydra import compose, initialize_config_dir
 from hydra.errors import ConfigCompositionException
 
@@ -16,6 +17,7 @@ from brushexp.app.command_line import prepare
 from brushexp.app.composition import check, offer_presets
 from brushexp.errors import UserError
 from brushexp.registry import MULTI_SELECT, build
+from brushexp.strokes.storage import save_catalogue
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "docs" / "tutorial.md").read_text()
@@ -91,10 +93,11 @@ def test_a_preset_is_typed_and_tuned_as_its_plugin_is(presets):
         composed(presets, "loss=mse_strong", "loss.mse_strong.weight=-1")
 
 
-def test_presets_work_in_every_family_of_which_several_can_be_chosen(presets):
+def test_presets_work_in_every_family_of_which_several_can_be_chosen(presets, tmp_path):
+    save_catalogue(tmp_path / "a.h5", catalogue())
     cfg = composed(presets, "logger=[table,csv]", "callbacks=[rates]")
     assert (list(cfg.logger), list(cfg.callbacks)) == (["table", "csv"], ["rates"])
-    assert list(composed(presets, "task=export", "to=[large,svg]", "catalogue=a.h5").to) == ["large", "svg"]
+    assert list(composed(presets, "task=export", "to=[large,svg]", f"catalogue={tmp_path}/a.h5").to) == ["large", "svg"]
     assert {path.partition("/")[0] for path in PRESETS} == set(MULTI_SELECT)
 
 

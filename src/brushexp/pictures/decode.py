@@ -46,13 +46,11 @@ def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0) -> np
 
 def picture_size(path: Path, *, key: str = "image") -> tuple[int, int]:
     """Height and width of a picture as `read_picture` decodes it, and its errors, as far as its first bytes tell."""
-    with _explained(path, key):
-        picture = _opened(path)
+    with _explained(path, key), _opened(path) as picture:
         if picture is None or isinstance(picture, TiffImageFile):
             height, width = _read(path, 1.0).shape[:2]
         else:
-            with picture:
-                width, height = picture.size if _orientation(picture) < SWAPPED else picture.size[::-1]
+            width, height = picture.size if _orientation(picture) < SWAPPED else picture.size[::-1]
     return height, width
 
 
@@ -102,7 +100,8 @@ def _silence() -> Iterator[None]:
             logging.disable(logging.NOTSET)
 
 
-def _opened(path: Path) -> ImageFile | None:
+@contextmanager
+def _opened(path: Path) -> Iterator[ImageFile | None]:
     """A picture whose first bytes are read; None for a TIFF that Pillow does not know."""
     with path.open("rb") as file:
         magic = file.read(4)
@@ -111,22 +110,21 @@ def _opened(path: Path) -> ImageFile | None:
     try:
         picture = Image.open(path)
     except UnidentifiedImageError:
-        if magic in TIFF_MAGIC:
-            return None
-        raise
-    if picture.format not in FORMATS:
-        raise UserError(f"is a file of the format {picture.format}, which is not read here; {CURE}")
-    _check_size(*picture.size)
-    return picture
+        if magic not in TIFF_MAGIC:
+            raise
+        yield None
+        return
+    with picture:
+        if picture.format not in FORMATS:
+            raise UserError(f"is a file of the format {picture.format}, which is not read here; {CURE}")
+        _check_size(*picture.size)
+        yield picture
 
 
 def _read(path: Path, backdrop: float) -> np.ndarray:
     """(H, W, 3); errors say what is wrong without the name of the file."""
-    picture = _opened(path)
-    if picture is None:
-        return _read_tiff(path, backdrop)
-    with picture:
-        if _needs_tifffile(picture):
+    with _opened(path) as picture:
+        if picture is None or _needs_tifffile(picture):
             return _read_tiff(path, backdrop)
         if picture.mode == "F" or picture.mode.startswith("I"):
             samples, key = np.asarray(picture)[..., None], picture.info.get("transparency")
