@@ -84,10 +84,6 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
         from brushexp.painting.timelapse import Timelapse  # noqa: PLC0415
 
         Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds)
-    if cfg.lpips_weights is not None:
-        from brushexp.features.distance import open_distance  # noqa: PLC0415
-
-        open_distance(cfg.lpips_backbone, cfg.lpips_weights, "lpips_weights")
 
 
 def check_train(cfg: DictConfig, overrides: Sequence[str]) -> None:
