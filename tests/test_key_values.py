@@ -15,7 +15,7 @@ from hydra.errors import CompactHydraException
 from omegaconf import OmegaConf, read_write
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.app.command_line import GROUPS, in_full
+from brushexp.app.command_line import GROUPS, in_full, parsed
 from brushexp.app.composition import check
 from brushexp.app.keys import keys_of
 from brushexp.app.mistakes import in_our_words
@@ -116,3 +116,33 @@ def test_every_task_begins_with_what_it_needs_and_no_more(task):
 def test_a_family_of_one_member_has_one():
     with pytest.raises(UserError, match="init is not chosen; choose one of grid, "):
         check(composed("paint", "init=[]"))
+
+
+@pytest.mark.parametrize("key", ["image", "style", "focus", "output", "resume", "catalogue", "renderer.checkpoint"])
+def test_files_have_any_name(key, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = ["photo (1).png", "photo(1).png", "a[1].png", "a=b.png", "a{1}.png", "a, b.png", "it's.png", 'say "hi".png']
+    names += [
+        "a#b.png",
+        "50%.png",
+        "cost$.png",
+        "a${b}.png",
+        "ü 漢.png",
+        "2024",
+        "007",
+        "1e3",
+        "true",
+        "inf",
+        "a\\b",
+        "a\\",
+    ]
+    for name in names:
+        (tmp_path / name).write_text("")
+        (word,) = in_full([f"{key}={name}"])
+        assert OmegaConf.create({"is": parsed(word.partition("=")[2])})["is"] == name, word
+    swept = in_full(["-m", f"{key}=photo (1).png,2024"])[1]
+    assert swept.endswith('="photo (1).png","2024"')
+    (tmp_path / "null").write_text("")
+    if key not in ("image", "output"):
+        with pytest.raises(UserError, match=r"=null is none, but a file has this name; type .*=\./null"):
+            in_full([f"{key}=null"])

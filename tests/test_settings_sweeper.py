@@ -34,7 +34,7 @@ def jobs(settings, arguments=(), batch=None):
 def test_every_setting_is_one_job():
     settings = ["", "steps=100", "init=grid 'loss=[mse,kl]'"]
     assert jobs(settings) == [[[], ["steps=100"], ["init=grid", "loss=[mse,kl]"]]]
-    with pytest.raises(HydraException, match="steps"):
+    with pytest.raises(UserError, match="steps is no key=value"):
         jobs(["steps"])
 
 

@@ -7,12 +7,14 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper, BasicSweeperConf
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.config_store import ConfigStore
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
+from hydra.core.utils import JobReturn, JobStatus
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 
 
@@ -38,10 +40,30 @@ class SettingsSweeper(BasicSweeper):
         super().__init__(max_batch_size, params)
         self.settings = settings
 
+    def setup(self, **options: Any) -> None:
+        """As in Hydra; a batch with failed jobs ends in one line, and each of them has said why."""
+        super().setup(**options)
+        assert self.launcher is not None
+        launch = self.launcher.launch
+
+        def launch_all(batch: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
+            from brushexp.errors import UserError  # noqa: PLC0415
+
+            results = launch(batch, initial_job_idx=initial_job_idx)
+            failed = [str(k) for k, one in enumerate(results, initial_job_idx) if one.status is not JobStatus.COMPLETED]
+            if failed:
+                assert self.config is not None
+                table = Path(self.config.hydra.sweep.dir, "table.md")
+                raise UserError(f"{len(failed)} of {len(results)} jobs failed: {', '.join(failed)}; {table} says why")
+            return results
+
+        self.launcher.launch = launch_all  # type: ignore[method-assign, assignment]
+
     def split_arguments(  # type: ignore[override]  # a static method there
         self, overrides: list[Override], max_batch_size: int | None
     ) -> list[list[list[str]]]:
         """The overrides of every job, in batches, each checked before anything of the sweep is written."""
+        from brushexp.app.command_line import written_out  # noqa: PLC0415
         from brushexp.app.composition import check  # noqa: PLC0415  (Hydra imports this file for any program)
         from brushexp.app.run_folder import take  # noqa: PLC0415
         from brushexp.errors import UserError  # noqa: PLC0415
@@ -52,7 +74,7 @@ class SettingsSweeper(BasicSweeper):
         parser = OverridesParser.create(config_loader=loader)
         jobs: list[list[str]] = []
         for setting in self.settings:
-            own = parser.parse_overrides(shlex.split(setting))
+            own = parser.parse_overrides([written_out(word, sweep=True) for word in shlex.split(setting)])
             jobs += BasicSweeper.split_arguments([*overrides, *own], None)[0]
         for number, job in enumerate(jobs):
             try:

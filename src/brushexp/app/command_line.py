@@ -123,8 +123,9 @@ def as_text(key: str, value: str, sweep: bool = False, optional: bool = False) -
         if value == "null" and optional:
             raise UserError(f"{key}=null is none, but a file has this name; type {key}=./null, or drop the word")
         return quoted(value) if unlike(value) else value
-    if sweep and "," in value and not re.search(r"['\"\[({]", value):
-        return ",".join(as_text(key, part, optional=optional) for part in value.split(","))
+    parts = value.split(",")
+    if sweep and len(parts) > 1 and (any(map(os.path.exists, parts)) or not re.search(r"['\"\[({]", value)):
+        return ",".join(as_text(key, part, optional=optional) for part in parts)
     try:
         found = parsed(value)
     except HydraException:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -113,7 +114,8 @@ def shortened(values: Sequence[str], longest: int = LONGEST_VALUE) -> dict[str, 
 def parse_overrides(words: Iterable[str]) -> dict[str, str]:
     """``["loss=mse", "+a=1", "~b"]`` as a dictionary."""
     pairs = (word.partition("=") for word in words)
-    return {key.lstrip("+~"): value if equals else REMOVED for key, equals, value in pairs}
+    plain = ((key.lstrip("+~"), equals, re.sub(r'^"([^"\\]*)"$', r"\1", value)) for key, equals, value in pairs)
+    return {key: value if equals else REMOVED for key, equals, value in plain}
 
 
 def _part(rows: Sequence[Mapping[str, Any]], *always: str) -> DataFrame:
