@@ -20,6 +20,7 @@ from torch.utils.data import DataLoader
 
 from brushexp.app import stroke_data
 from brushexp.app.network_fitting import fit_network, renderer_settings
+from brushexp.app.rules import check_ends
 from brushexp.app.tasks import train
 from brushexp.errors import UserError
 from brushexp.plugins.loss.discriminator import Discriminator
@@ -388,9 +389,22 @@ def test_a_set_is_simulated_once_and_kept(config, tmp_path):
 
 
 def test_a_training_without_an_end_is_refused(config):
-    cfg = config("task=train", "minutes=null")
     with pytest.raises(UserError, match="set minutes=60"):
-        fit_network(module_of(), Strokes(), cfg, Path(), torch.device("cpu"), [])
+        check_ends(config("task=train", "minutes=null"))
+
+
+@pytest.mark.parametrize(
+    ("limit", "steps"),
+    [
+        *[("epochs=2", 8), ("trainer.max_epochs=2", 8), ("trainer.max_steps=3", 3)],
+        *[("trainer.max_time=00:00:00:00", 0), ("callbacks=timer callbacks.timer.duration=00:00:00:00", 0)],
+    ],
+)
+def test_any_limit_of_the_trainer_ends_a_training(limit, steps, config, tmp_path):
+    cfg, module = config("task=train", "minutes=null", "ema=0", *limit.split()), module_of()
+    check_ends(cfg)
+    fit_network(module, Strokes(), cfg, tmp_path, torch.device("cpu"), [])
+    assert module.global_step == steps
 
 
 @pytest.mark.slow

@@ -21,6 +21,10 @@ from brushexp.training.network_module import NetworkModule
 from brushexp.training.renderer_module import RendererModule, RendererSettings
 
 
+class Stopwatch(Timer):
+    """Times a training, and ends it after its minutes; Lightning wants the Timers of a Trainer to have other names."""
+
+
 def fit_network(
     module: NetworkModule,
     data: L.LightningDataModule,
@@ -34,10 +38,12 @@ def fit_network(
     """Train until the first limit of the config, then validate what will be kept, unless that is done; see `fit`."""
     options = {"log_every_n_steps": min(cfg.trainer.log_every_n_steps, len(data.train_dataloader()))}
     options |= {} if cfg.epochs is None else {"max_epochs": cfg.epochs}
-    cfg = OmegaConf.merge(cfg, {"trainer": options})  # type: ignore[assignment]
-    timer = Timer(None if cfg.minutes is None else timedelta(minutes=cfg.minutes), verbose=False)
+    timers: list[Timer] = [Stopwatch(None if cfg.minutes is None else timedelta(minutes=cfg.minutes), verbose=False)]
+    if cfg.trainer.max_time is not None:
+        timers.append(Timer(cfg.trainer.max_time, verbose=False))  # the Trainer makes none where there is another
+    cfg = OmegaConf.merge(cfg, {"trainer": options | {"max_time": None}})  # type: ignore[assignment]
     averages = [MovingAverage(cfg.ema)] if cfg.ema else []
-    trainer = trainer_of(cfg, device, folder, loggers, [timer, *averages, *callbacks], num_sanity_val_steps=0)
+    trainer = trainer_of(cfg, device, folder, loggers, [*timers, *averages, *callbacks], num_sanity_val_steps=0)
     failure = None if cfg.epochs == 0 else fit(trainer, module, data, resumed)
     if module.validated != module.global_step:
         trainer.validate(module, data, verbose=False)
