@@ -345,8 +345,8 @@ def attempt(kind: str, path: Path) -> str:
     found, happened = happened, None
     assert not found
     assert not Path("ran").exists()
-    assert "\n" not in message
-    assert len(message) < 1000 + 5 * len(str(path))
+    assert "\n" not in message, message[:200]
+    assert len(message) < 1000 + 5 * len(str(path)), message[:200]
     return message
 
 

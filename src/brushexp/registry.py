@@ -28,7 +28,7 @@ from omegaconf.errors import OmegaConfBaseException
 from brushexp.bounds import ANY, Bounds, Rule, bounds_of
 from brushexp.errors import UserError
 from brushexp.plugin_errors import OURS, check_results
-from brushexp.system.reading import check_plain
+from brushexp.system.reading import check_plain, in_short
 
 FAMILIES = {
     "init": "target picture -> first strokes",
@@ -231,7 +231,9 @@ def build_named(family: str, name: str, options: dict[str, Any]) -> Any:
     plugin = _plugins.get((family, name))
     if plugin is None:
         choices = ", ".join(p.name for p in plugins(family))
-        raise UserError(f"{family}={name} is not among the plugins here ({choices}); add the file that defines it")
+        raise UserError(
+            f"{family}={in_short(name)} is not among the plugins here ({choices}); add the file that defines it"
+        )
     return build(plain_config(options | {"_target_": plugin.target}))
 
 

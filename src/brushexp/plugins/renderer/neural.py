@@ -14,6 +14,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import PRECISIONS, RENDERERS, PatchRenderer
 from brushexp.registry import register
 from brushexp.strokes.prior import WIDTH
+from brushexp.system.reading import in_short
 
 COARSEST = 4  # pixels on the side of the picture that the dense layers make
 CONVOLUTIONS = 3  # at each size
@@ -103,7 +104,7 @@ class Neural(PatchRenderer):
         if channels is not None:
             possible = isinstance(channels, list) and all(isinstance(n, int) and 1 <= n <= 65536 for n in channels)
             if not possible or len(channels) != len(widths):
-                wrong = f"renderer.channels={channels} are not {len(widths)} widths, one of each layer but the last"
+                wrong = f"renderer.channels={in_short(channels)} are not {len(widths)} widths, of all layers but the last"
                 raise UserError(f"{wrong}; leave it at null, or give those of task=prune")
             widths = channels
         numbers = 9 * sum(a * b for a, b in pairwise(widths))
