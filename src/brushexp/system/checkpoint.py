@@ -118,7 +118,7 @@ class CheckpointFormat:
         version = recipe.get("format_version")
         if version != VERSION:
             raise UserError(
-                f"{file} has format_version {in_short(version)}, and this brushexp reads {VERSION}; update it or train again"
+                f"{file} has format_version {in_short(version)}, this brushexp reads {VERSION}; update it or train again"
             )
         for key, kind in ((self.family, str), ("options", dict), ("hash", str)):
             if not isinstance(recipe.get(key), kind):

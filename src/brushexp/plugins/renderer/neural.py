@@ -104,7 +104,7 @@ class Neural(PatchRenderer):
         if channels is not None:
             possible = isinstance(channels, list) and all(isinstance(n, int) and 1 <= n <= 65536 for n in channels)
             if not possible or len(channels) != len(widths):
-                wrong = f"renderer.channels={in_short(channels)} are not {len(widths)} widths, of all layers but the last"
+                wrong = f"renderer.channels={in_short(channels)} are not {len(widths)} widths, all but the last"
                 raise UserError(f"{wrong}; leave it at null, or give those of task=prune")
             widths = channels
         numbers = 9 * sum(a * b for a, b in pairwise(widths))
