@@ -117,9 +117,8 @@ class CheckpointFormat:
             raise UserError(f"{file} is not the recipe of a {self.noun}; give the checkpoint that {self.task} wrote")
         version = recipe.get("format_version")
         if version != VERSION:
-            raise UserError(
-                f"{file} has format_version {in_short(version)}, this brushexp reads {VERSION}; update it or train again"
-            )
+            known = f"and this brushexp reads {VERSION}; update it or train again"
+            raise UserError(f"{file} has format_version {in_short(version)}, {known}")
         for key, kind in ((self.family, str), ("options", dict), ("hash", str)):
             if not isinstance(recipe.get(key), kind):
                 raise UserError(f"{file} has no {key}; {cure}")
