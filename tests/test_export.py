@@ -405,6 +405,12 @@ def test_the_png_has_the_pixels_of_the_painting(compression, tmp_path, monkeypat
     assert np.array_equal(picture(path), expected)
 
 
+def test_coordinates_have_as_many_decimals_as_wanted(tmp_path):
+    what = job_of(some(200, (300, 400)), (300, 400))
+    sizes = [Svg(digits=digits).write(what, tmp_path)[0].stat().st_size for digits in (0, 2, 6)]
+    assert sizes == sorted(sizes)
+
+
 def test_other_weights_are_told_and_a_chosen_renderer_becomes_that_of_the_catalogue(tmp_path, caplog):
     with_renderer(replace(catalogue(), renderer_hash="0123"), None, "a.h5")
     assert "painted with other weights of renderer=analytic" in caplog.text

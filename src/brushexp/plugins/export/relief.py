@@ -1,7 +1,6 @@
 """The painting as an object under a light, and its shape for printers and 3D programs."""
 
 import logging
-import math
 from pathlib import Path
 from typing import Annotated
 
@@ -43,7 +42,7 @@ class Relief(Exporter):
         depth: Annotated[float, between(0, 1000)] = 1.0,
         gloss: Annotated[float, between(0, 1)] = 0.25,
     ) -> None:
-        if len(light) != 2 or not math.isfinite(light[0]) or not 0 < light[1] <= 90:
+        if len(light) != 2 or not 0 < light[1] <= 90:
             typed = ",".join(f"{value:g}" for value in light)
             wrong = f"light={typed} is not an azimuth and an elevation, which is above 0 and up to 90, in degrees"
             raise UserError(f"{wrong}; try light=315,45")
