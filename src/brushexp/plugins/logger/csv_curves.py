@@ -23,15 +23,16 @@ class CsvCurves(Logger):
 
         resumed = run.settings.get("resume")
         before = rows_of(Path(resumed) / "curves" / "metrics.csv") if resumed else []
-        (run.folder / "curves" / "metrics.csv").unlink(missing_ok=True)  # Lightning would, with a warning
 
         class Continued(CSVLogger):
             """Writes what there was up to the step at which it goes on, and then what comes."""
 
             def log_metrics(self, metrics: dict[str, Any], step: int | None = None) -> None:
-                kept = [row for row in before if int(row["step"]) < (step or 0)]
-                before.clear()
-                self.experiment.metrics += kept
+                if before:
+                    (run.folder / "curves" / "metrics.csv").unlink(missing_ok=True)  # Lightning would, with a warning
+                    self.experiment.metrics += [row for row in before if int(row["step"]) < (step or 0)]
+                    self.save()
+                    before.clear()
                 super().log_metrics(metrics, step)
 
         return Continued(run.folder, name="", version="curves")
