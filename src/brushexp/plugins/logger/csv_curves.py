@@ -21,21 +21,26 @@ class CsvCurves(Logger):
     def open(self, run: Run) -> LightningLogger:
         from lightning.pytorch.loggers import CSVLogger  # noqa: PLC0415
 
-        resumed = run.settings.get("resume")
-        before = rows_of(Path(resumed) / "curves" / "metrics.csv") if resumed else []
+        resumed, table = run.settings.get("resume"), Path(run.folder, "curves", "metrics.csv")
+        before = rows_of(Path(resumed, "curves", "metrics.csv")) if resumed else []
 
         class Continued(CSVLogger):
-            """Writes what there was up to the step at which it goes on, and then what comes."""
+            """Has the rows of before, up to the step at which it goes on."""
+
+            def begin(self, rows: list[Any]) -> None:
+                table.unlink(missing_ok=True)  # Lightning would, with a warning
+                self.experiment.metrics = rows
+                self.save()
 
             def log_metrics(self, metrics: dict[str, Any], step: int | None = None) -> None:
                 if before:
-                    (run.folder / "curves" / "metrics.csv").unlink(missing_ok=True)  # Lightning would, with a warning
-                    self.experiment.metrics += [row for row in before if int(row["step"]) < (step or 0)]
-                    self.save()
+                    self.begin([row for row in before if int(row["step"]) < (step or 0)])
                     before.clear()
                 super().log_metrics(metrics, step)
 
-        return Continued(run.folder, name="", version="curves")
+        curves = Continued(run.folder, name="", version="curves")
+        curves.begin(list(before))
+        return curves
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
