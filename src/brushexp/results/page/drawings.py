@@ -34,7 +34,9 @@ MAGMA = (
 MAP_SIDE = 512  # pixels: longer side of the map of heights
 
 
-def line_chart(title: str, x: Sequence[float], y: Sequence[float], x_label: str, unit: str = "") -> dict | None:
+def line_chart(
+    title: str, x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray, x_label: str, unit: str = ""
+) -> dict | None:
     """A curve over rising ``x``; None if it has no two points that can be drawn.
 
     An axis of positive numbers that differ by much is logarithmic, unless they have a unit.
