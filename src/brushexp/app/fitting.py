@@ -129,23 +129,21 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
         paths = {key: (Path(name), digest) for key, (name, digest) in check_plain(record["files"]).items()}
         if not paths.keys() <= {key for key, value in leaves(record["settings"]) if isinstance(value, str)}:
             raise UserError(f"{path} names files that its settings do not name; start anew")
-        if kept.task in TASKS:  # the keys that follow are those of this task
-            kept = typed(TASKS[kept.task], kept)
-        if kept.task == cfg.task:
-            kept.merge_with({"output": cfg.output} | {key: cfg[key] for key in OVERRIDABLE if key in chosen})
-            check(kept)
+        if kept.task != cfg.task:
+            raise UserError(f"this is a run of task={kept.task}; add task={kept.task}")
+        kept = typed(TASKS[kept.task], kept)
+        for key, (file, digest) in paths.items():
+            if not file.is_file() or digest_of(file) != digest:
+                raise UserError(f"{key}={file} is not the file that the run began with; put it back")
+            if file.suffix:  # else it may be a name that means something else
+                OmegaConf.update(kept, key, str(file))  # this folder may be another
+        kept.merge_with({"output": cfg.output} | {key: cfg[key] for key in OVERRIDABLE if key in chosen})
+        check(kept)
     except UserError as error:
         raise UserError(f"resume={folder}: {error}") from error
     except Exception as error:  # of whatever it holds instead
         reason = in_short(f"{type(error).__name__}: {error}")
         raise UserError(f"resume={folder}: {path} is no checkpoint of this program ({reason}); start anew") from error
-    if kept.task != cfg.task:
-        raise UserError(f"resume={folder} is a run of task={kept.task}; add task={kept.task}")
-    for key, (file, digest) in paths.items():
-        if not file.is_file() or digest_of(file) != digest:
-            raise UserError(f"resume={folder}: {key}={file} is not the file that the run began with; put it back")
-        if file.suffix:  # else it may be a name that means something else
-            OmegaConf.update(kept, key, str(file))  # this folder may be another
     into = Path(HydraConfig.get().runtime.output_dir) / ".hydra"  # of the whole run, and not of what continues it
     write_text(into / "config.yaml", OmegaConf.to_yaml(kept))
     write_text(into / "overrides.yaml", OmegaConf.to_yaml(OmegaConf.create(words)))
