@@ -198,7 +198,7 @@ def test_a_folder_that_cannot_be_written_ends_in_one_clear_line(tmp_path):
     (tmp_path / "file").write_text("in the way")
     result = run(*SMALL, f"output={tmp_path}/file/run", cwd=tmp_path)
     assert result.returncode == 1
-    assert "choose another place with output=" in result.stderr
+    assert "choose another folder" in result.stderr
     assert len(result.stderr.splitlines()) == 1
 
 
