@@ -144,6 +144,8 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
     except Exception as error:  # of whatever it holds instead
         reason = in_short(f"{type(error).__name__}: {error}")
         raise UserError(f"resume={folder}: {path} is no checkpoint of this program ({reason}); start anew") from error
+    if kept.threads:  # the command line of this run need not say so, and networks round otherwise on others
+        torch.set_num_threads(kept.threads)
     into = Path(HydraConfig.get().runtime.output_dir) / ".hydra"  # of the whole run, and not of what continues it
     write_text(into / "config.yaml", OmegaConf.to_yaml(kept))
     write_text(into / "overrides.yaml", OmegaConf.to_yaml(OmegaConf.create(words)))
