@@ -76,8 +76,13 @@ def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> di
 
 def in_users_words(error: BaseException, cfg: DictConfig) -> BaseException:
     """What a user can mend as a UserError, and an interruption, which Lightning makes a SystemExit, as what it is."""
-    if isinstance(error, SystemExit) and isinstance(error.__context__, KeyboardInterrupt):
-        return KeyboardInterrupt()
+    if isinstance(error, SystemExit):
+        was_interrupted = isinstance(error.__context__, KeyboardInterrupt)
+        return (
+            KeyboardInterrupt()
+            if was_interrupted
+            else UserError(f"something ends the program (exit code {error.code})")
+        )
     if isinstance(error, MemoryError | torch.OutOfMemoryError) or any(text in str(error) for text in NO_MEMORY):
         smaller = " or ".join(f"{key}=" for key in SIZES if key in cfg)
         return UserError(f"there is not enough memory; take a smaller {smaller}")
