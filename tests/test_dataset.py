@@ -11,7 +11,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from brushexp.app.stroke_data import stroke_data
 from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import plugins
@@ -204,8 +203,6 @@ def test_an_engine_simulates_no_stroke_twice_and_the_batch_size_changes_none(con
     assert next(iter(eight.val_dataloader())).images is held_out[0][0].images, "they are simulated once"
     few, many = (torch.cat([batch.images for batch in data(size).train_dataloader()]) for size in (4, 8))
     torch.testing.assert_close(few, many[:16])
-    with pytest.raises(UserError, match="drop limit"):
-        stroke_data(config("task=train", "simulate=null", "limit=5"))
 
 
 def test_the_origin_of_an_engine_is_all_of_its_options(config):

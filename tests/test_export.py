@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import torch
 from catalogues import CONFIG, assert_same, catalogue, refused
+from films import decoded
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
@@ -67,13 +68,14 @@ def exporter(name: str) -> Exporter:
 
 
 def written(name: str, what: ExportJob, folder: Path) -> dict[str, bytes]:
-    """Names and contents of the files that an exporter wrote, after a look at what every one promises."""
+    """Names and contents of the files (of a video, its pictures) that an exporter wrote; each keeps its promises."""
     folder.mkdir(parents=True)
     paths = exporter(name).write(what, folder)
     assert paths, "the files are told"
     assert all(path.parent == folder for path in paths)
     assert sorted(paths) == sorted(folder.iterdir()), "all of them, and nothing else"
-    return {path.name: path.read_bytes() for path in paths}
+    videos = {path.name: np.array(decoded(path)[0]).tobytes() for path in paths if path.suffix == ".mp4"}
+    return {path.name: path.read_bytes() for path in paths} | videos
 
 
 def drawn(svg: bytes) -> np.ndarray:

@@ -154,7 +154,7 @@ def test_ctrl_c_keeps_what_is_simulated(tmp_path, small_shards, monkeypatch):
 
 def test_what_killed_runs_leave_behind_does_no_harm(tmp_path, whole, caplog):
     path = write(tmp_path / "strokes", n=N)
-    (path / ".000000004-abcd.h5").write_bytes(b"half")
+    (path / ".brushexp-abcd.h5").write_bytes(b"half")
     files = sorted(path.glob("0*.h5"))
     files[1].write_bytes(files[1].read_bytes()[:3000])
     files[2].unlink()

@@ -207,7 +207,8 @@ def test_colors_content_gives_the_style_picture_the_colours_of_the_target(tmp_pa
 @pytest.mark.parametrize("given", ["style=a.jpg", "style=a.jpg,b.jpg", "++style=a.jpg", "+style=a.jpg", "style=null"])
 def test_style_is_short_for_the_style_picture(given):
     others = ["style.content=2", "style.image=a=b.jpg", "style={image: a.jpg}", "image=style=1.jpg", "-m"]
-    assert in_full([given, *others]) == [given.replace("style", "style.image"), *others]
+    full = [given.replace("style", "style.image"), others[0], 'style.image="a=b.jpg"', others[2], 'image="style=1.jpg"']
+    assert in_full([given, *others]) == [*full, "-m"]
 
 
 def test_a_loss_that_the_style_brings_with_it_is_not_chosen_besides(config):

@@ -1,6 +1,7 @@
 """The program as users start it: what it writes, how it resumes, how it refuses."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -18,11 +19,12 @@ from brushexp.strokes.storage import load_catalogue
 SMALL = ["image=chelsea", "resolution=48", "steps=30", "threads=1", "frames=5"]
 
 
-def typed(*overrides: str, cwd: Path) -> subprocess.CompletedProcess:
+def typed(*overrides: str, cwd: Path, code: int = 0, **environment: str) -> subprocess.CompletedProcess:
     """The program as a user starts it, with all of its imports; the others are forks, and agree bit for bit."""
     command = [sys.executable, "-W", "ignore::FutureWarning", str(ROOT / "run.py"), *overrides]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=280, check=False)
-    assert done.returncode == 0, done.stderr
+    options = {"capture_output": True, "text": True, "cwd": cwd, "timeout": 280}
+    done = subprocess.run(command, check=False, env={**os.environ, **environment}, **options)
+    assert done.returncode == code, done.stderr
     return done
 
 
@@ -151,16 +153,35 @@ def test_a_run_stops_when_nothing_is_gained(tmp_path):
     assert (metrics_of(tmp_path / "a")["status"], metrics_of(tmp_path / "a")["steps"]) == ("stopped early", 200)
 
 
+SHY = """
+from brushexp.errors import UserError
+from brushexp.plugins.init.random import Random
+from brushexp.registry import register
+
+@register("init", "shy")
+class Shy(Random):
+    "At random, if there are few."
+
+    def __call__(self, target, n, generator, focus=None):
+        if n > 15:
+            raise UserError("too many for me")
+        return super().__call__(target, n, generator, focus)
+"""
+
+
 def test_a_sweep_on_several_cores_ends_in_one_table_and_one_sheet(tmp_path):
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
-    swept = ["steps=5", "frames=0", "report=false", "init=grid,scatter", "strokes=15,100000"]
+    (tmp_path / "plugins").mkdir()
+    (tmp_path / "plugins" / "shy.py").write_text(SHY)
+    swept = ["steps=5", "frames=0", "report=false", "init=grid,shy", "strokes=15,20"]
     parallel = ["threads=null", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
-    result = run("-m", *SMALL, *swept, *parallel, f"output={tmp_path}/s", cwd=tmp_path)
-    assert result.returncode != 0, "half of the jobs ask for more strokes than pixels"
+    plugins = str(tmp_path / "plugins")
+    words = ["-m", *SMALL, *swept, *parallel, f"output={tmp_path}/s"]
+    typed(*words, cwd=tmp_path, code=1, BRUSHEXP_PLUGINS=plugins)  # no fork: workers are started by joblib
     rows = (tmp_path / "s" / "table.csv").read_text().splitlines()
     assert len(rows) == 1 + 4
-    assert sum("failed" in row for row in rows) == 2
-    assert "strokes=100000 is more than" in rows[2]
+    assert ["failed" in row for row in rows[1:]] == [False, False, False, True]
+    assert "too many for me" in rows[4]
     assert (tmp_path / "s" / "table.md").exists()
     assert picture(tmp_path / "s" / "sheet.png").shape[1] > 400
 

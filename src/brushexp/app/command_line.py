@@ -85,11 +85,11 @@ def written_out(word: str, sweep: bool) -> str:
     if key in GROUPS:
         check_choice(key, value)
     if kind is str:
-        value = as_text(key, value, sweep, optional)
+        value = in_quotes(key, value, sweep, optional)
     elif get_origin(kind) is list and value and not re.match(r"[\['\"{]|null$|\w+\(|\$\{", value):
         parts = [value] if os.path.exists(value) else value.split(",")
         if get_args(kind) == (str,):
-            parts = [as_text(key, part) for part in parts]
+            parts = [in_quotes(key, part) for part in parts]
         value = ",".join(f"[{part}]" for part in parts) if sweep else f"[{','.join(parts)}]"
     elif key in MULTI_SELECT and key != "loss" and not sweep and re.fullmatch(r"[\w,]+", value):
         value = f"[{value}]"
@@ -113,7 +113,7 @@ def parsed(value: str) -> Any:
     return OverridesParser.create().parse_override(f"key={value}").value()
 
 
-def as_text(key: str, value: str, sweep: bool = False, optional: bool = False) -> str:
+def in_quotes(key: str, value: str, sweep: bool = False, optional: bool = False) -> str:
     """The value of a key that takes a text, in quotes where Hydra would read something else into it.
 
     Its own syntax (quotes, lists, sweeps) is left to it, unless a file has this name; what may mean a file or nothing
@@ -125,7 +125,7 @@ def as_text(key: str, value: str, sweep: bool = False, optional: bool = False) -
         return quoted(value) if unlike(value) else value
     parts = value.split(",")
     if sweep and len(parts) > 1 and (any(map(os.path.exists, parts)) or not re.search(r"['\"\[({]", value)):
-        return ",".join(as_text(key, part, optional=optional) for part in parts)
+        return ",".join(in_quotes(key, part, optional=optional) for part in parts)
     try:
         found = parsed(value)
     except HydraException:

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.utils._pytree import tree_map_only
 
 from brushexp.painting.metrics import psnr_of
-from brushexp.system.callbacks import publish
+from brushexp.system.callbacks import publish_values
 
 if TYPE_CHECKING:
     from brushexp.painting.painter import Painter
@@ -88,7 +88,7 @@ class Curves:
         psnr.compute = lambda: psnr_of(error())
         self.values = {f"loss/{losses[name].label or name}": term for name, term in painter.terms.items()}
         self.values |= {"psnr": psnr, "seconds": _number(painter.schedule.seconds)}
-        publish(painter, self.values)
+        publish_values(painter, self.values)
 
     def write(self, painter: Painter, *, is_last: bool) -> None:
         """After a step: give its values to the loggers if they are due."""

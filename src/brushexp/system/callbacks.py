@@ -116,7 +116,7 @@ def cut_short(trainer: L.Trainer, pl_module: Any) -> str:
     return next((f"{limit} reached" for limit, is_reached in reached.items() if is_reached), STOPPED_EARLY)
 
 
-def publish(pl_module: L.LightningModule, values: dict[str, Tensor]) -> None:
+def publish_values(pl_module: L.LightningModule, values: dict[str, Tensor]) -> None:
     """Show callbacks the values of a step; at every step, for its cost is nothing.
 
     Lightning's ``log`` costs half a millisecond at each, and gives values of an earlier step where it is left out.

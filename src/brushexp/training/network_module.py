@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LambdaLR
 
-from brushexp.system.callbacks import DIVERGED, publish
+from brushexp.system.callbacks import DIVERGED, publish_values
 
 WARMUP_STEPS, WARMUP_SHARE = 200, 0.1  # over which the rate rises; of a short training a share of the steps
 FINAL_RATE = 0.01  # of the highest learning rate, at the end
@@ -64,7 +64,7 @@ class NetworkModule(L.LightningModule):
         return LambdaLR(optimizer, factor)
 
     def on_after_backward(self) -> None:
-        publish(self, self.terms)
+        publish_values(self, self.terms)
 
     def on_train_batch_end(self, *_: object) -> None:
         step, every = self.global_step, self.trainer.log_every_n_steps  # type: ignore[attr-defined]

@@ -70,6 +70,6 @@ class Exporter(ABC):
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         """Write one or more files into ``folder`` and return their paths, the main one first.
 
-        Nothing else is written, the job stays as it is, and the same job gives the same bytes. A painting without
-        strokes is written, too; a UserError says why one cannot be written in this form.
+        Nothing else is written, the job stays as it is, and the same job gives the same bytes (of a video, the same
+        pictures). A painting without strokes is written, too; a UserError says why one cannot be written in this form.
         """
