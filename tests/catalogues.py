@@ -1,7 +1,10 @@
 """Catalogues for tests, and what is asked of them when they are read."""
 
+from collections.abc import Callable
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 import torch
 
@@ -29,12 +32,23 @@ def assert_same(read: Saved, saved: Saved) -> None:
         assert getattr(read, name) == getattr(saved, name)
 
 
-def refused(path: Path) -> str:
-    """The message with which reading is refused: one line that names the file."""
+def refused(path: Path, read: Callable[[Path], object] = load_catalogue) -> str:
+    """The message with which reading is refused: one line that names the file, once at its beginning."""
     with pytest.raises(UserError) as caught:
-        load_catalogue(path)
+        read(path)
     message = str(caught.value)
     assert "\n" not in message
     assert str(path) in message
+    assert f"{path}: {path}" not in message
     assert len(message) < 400 + len(str(path))
     return message
+
+
+def refused_if_foreign(path: Path, refusal: Callable[[Path], str]) -> str:
+    """The message about an HDF5 file of something else; what is no HDF5 at all is said to be that."""
+    for data in (b"", b"\x89PNG\r\n\x1a\n" + bytes(3000), b"x" * 5000):
+        path.write_bytes(data)
+        assert "not an HDF5 file" in refusal(path)
+    with h5py.File(path, "w") as file:
+        file["params"] = np.zeros((3, 10))
+    return refusal(path)

@@ -57,7 +57,7 @@ def plugin_files() -> list[Path]:
 
 @pytest.mark.parametrize("path", plugin_files(), ids=lambda path: f"{path.parent.name}/{path.stem}")
 def test_plugins_know_libraries_and_contracts_only(path):
-    contracts = {f"plugins.{PACKAGES.get(family, family)}.base" for family in FAMILIES}
+    contracts = {f"plugins.{PACKAGES[family]}.base" for family in FAMILIES}
     for module in imports(path):
         package = module.partition(".")[0]
         own = module.startswith(f"plugins.{path.parent.name}.")
@@ -83,7 +83,7 @@ def test_the_map_names_every_module_of_the_path(path):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_every_family_is_a_package_with_a_contract(family):
-    folder = SOURCE / "plugins" / PACKAGES.get(family, family)
+    folder = SOURCE / "plugins" / PACKAGES[family]
     assert (folder / "base.py").is_file()
     assert f"{family}=" in (folder / "__init__.py").read_text()
 

@@ -3,8 +3,10 @@
 import json
 import re
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
+import catalogues
 import h5py
 import numpy as np
 import pytest
@@ -78,15 +80,7 @@ def read_all(path: Path) -> tuple:
     return found.origin, found.seed, *(np.concatenate([row[name] for row in rows]) for name in rows[0])
 
 
-def refused(path: Path) -> str:
-    """The message with which reading all of it is refused: one line that names the file once."""
-    with pytest.raises(UserError) as caught:
-        read_all(path)
-    message = str(caught.value)
-    assert "\n" not in message
-    assert str(path) in message
-    assert str(path) + ": " + str(path) not in message
-    return message
+refused = partial(catalogues.refused, read=read_all)
 
 
 def numbers_of(loader) -> Tensor:
@@ -219,12 +213,7 @@ def test_what_is_no_set_is_explained(tmp_path, stored):
     (tmp_path / "empty").mkdir()
     assert "there is no set of strokes at" in refused(tmp_path / "empty")
     path = tmp_path / "a.h5"
-    for data in (b"", b"\x89PNG\r\n\x1a\n" + bytes(3000), b"x" * 5000):
-        path.write_bytes(data)
-        assert "not an HDF5 file" in refused(path)
-    with h5py.File(path, "w") as file:
-        file["params"] = np.zeros((3, 10))
-    assert "not one of brushexp strokes" in refused(path)
+    assert "not one of brushexp strokes" in catalogues.refused_if_foreign(path, refused)
     for share in (0.1, 0.5, 0.9, 0.999):
         path.write_bytes(stored.read_bytes()[: int(stored.stat().st_size * share)])
         assert "is damaged or cut short" in refused(path)

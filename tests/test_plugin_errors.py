@@ -69,7 +69,7 @@ def loaded(tmp_path, monkeypatch):
 def test_what_a_plugin_does_wrong_is_told_with_its_name_and_file(loaded, family):
     contract, method, call = METHODS[family]
     names = [f"bad_{family}_{number}" for number in range(len(WRONG))]
-    text, about = HEAD.format(PACKAGES.get(family, family)), {"family": family, "contract": contract, "method": method}
+    text, about = HEAD.format(PACKAGES[family]), {"family": family, "contract": contract, "method": method}
     for number, (name, (body, _)) in enumerate(zip(names, WRONG, strict=True)):
         text += CLASS.format(number=number, name=name, body=body, **about)
     loaded(text, f"bad_{family}")

@@ -44,7 +44,7 @@ FAMILIES = {
     "logger": "where the curves of a run go",
     "to": "finished painting -> files that other programs read",
 }
-PACKAGES = {"to": "export"}  # families whose folder is not called as the key that is typed
+PACKAGES = {family: family for family in FAMILIES} | {"to": "export"}  # folder of each below `brushexp.plugins`
 MULTI_SELECT = ("loss", "callbacks", "logger", "to")  # families of which one run may use several members
 USER_PACKAGE = "brushexp_plugins"  # the import name of all files found in plugin folders
 SEARCH_PATH = "BRUSHEXP_PLUGINS"  # environment variable: more plugin folders
@@ -86,8 +86,7 @@ class Plugin:
     @property
     def facts(self) -> dict[str, str]:
         """What to choose it by, as the contract of its family words it; empty if the contract states nothing."""
-        facts: Callable[[], dict[str, str]] = getattr(self.cls, "facts", dict)
-        return facts()
+        return dict(getattr(self.cls, "facts", dict)())
 
     @property
     def path(self) -> str:
@@ -129,7 +128,7 @@ def register(family: str, name: str) -> Callable[[C], C]:
                 f"{family}={name} is taken by {owner.cls.__module__}; give the class in {cls.__module__} another name"
             )
         if not cls.__module__.startswith(OURS):
-            check_results(family, name, cls, f"{OURS}plugins.{PACKAGES.get(family, family)}.base")
+            check_results(family, name, cls, f"{OURS}plugins.{PACKAGES[family]}.base")
         bounds = {name: bounds_of(annotation) or ANY for name, annotation, _ in options_of(cls)}
         plugin = _plugins[family, name] = Plugin(family, name, cls, structured_config(cls), bounds)
         # A worker process of a sweep inherits a filled store and stores the same node again: no clash.
@@ -251,7 +250,7 @@ def load_plugins(directory: Path) -> list[str]:
     If any of them fails to import, a UserError names the file and the line.
     """
     for family in FAMILIES:
-        package = importlib.import_module(f"brushexp.plugins.{PACKAGES.get(family, family)}")
+        package = importlib.import_module(f"{OURS}plugins.{PACKAGES[family]}")
         for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
             if not module.name.rpartition(".")[2].startswith("_"):
                 importlib.import_module(module.name)
