@@ -6,12 +6,12 @@ import torch
 from torch import Tensor
 
 from brushexp.compositing.layers import KernelInput, Layers, TileKernel
-from brushexp.compositing.passes import PULL_ALPHA, PULL_BLUE, PULL_GREEN, PULL_RED
+from brushexp.compositing.passes import CHANNELS, PULL, PULL_ALPHA
 from brushexp.compositing.tile_lists import AREA, F
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
-from brushexp.system.compiled import inline
+from brushexp.system.compiled import first_of, inline
 
 COVER = 1  # row of a stroke in a tile
 
@@ -41,7 +41,7 @@ class Dabs(Layers):
         return self.opacity[index][..., None] * k.square(), self.color[index][:, :, None]
 
     def compiled(self) -> KernelInput:
-        columns = [self.position, self.radius[:, None], self.color, self.opacity[:, None]]
+        columns = [self.position, self.radius[:, None], self.opacity[:, None], self.color]
         return KernelInput(KERNEL, torch.cat(columns, dim=1))
 
 
@@ -56,35 +56,37 @@ def cover(p, i, data, ox, oy, own, temporary):
 
 @inline
 def tint(p, i):
-    return p[i, 3], p[i, 4], p[i, 5], p[i, 6]
+    return p[i, 3], first_of(p[i, 4:], CHANNELS)
 
 
 @inline
 def shade(look, own, q):
-    red, green, blue, opacity = look
-    alpha = opacity * own[COVER * AREA + q] * own[COVER * AREA + q]
-    return alpha, alpha * red, alpha * green, alpha * blue
+    return (look[0] * own[COVER * AREA + q] * own[COVER * AREA + q],)
+
+
+@inline
+def tone(look, seen, own, q, c):
+    return seen[0] * look[1][c]
 
 
 @inline
 def pull(p, i, data, ox, oy, own, temporary, buf, out):
-    r, red, green, blue, opacity = p[i, 2], p[i, 3], p[i, 4], p[i, 5], p[i, 6]
+    r, opacity, color = p[i, 2], p[i, 3], first_of(p[i, 4:], CHANNELS)
     out[:] = F(0)
     for q in range(AREA):
         x, y, k = ox + F(q & 7) + F(0.5) - p[i, 0], oy + F(q >> 3) + F(0.5) - p[i, 1], own[COVER * AREA + q]
-        gr, gg, gb = buf[PULL_RED * AREA + q], buf[PULL_GREEN * AREA + q], buf[PULL_BLUE * AREA + q]
-        of_alpha = buf[PULL_ALPHA * AREA + q] + red * gr + green * gg + blue * gb
+        of_alpha = buf[PULL_ALPHA * AREA + q]
+        for c in range(CHANNELS):
+            of_alpha += color[c] * buf[(PULL + c) * AREA + q]
+            out[4 + c] += opacity * k * k * buf[(PULL + c) * AREA + q]
         of_square = F(2) * opacity * k * of_alpha / (r * r)  # with respect to -(x^2 + y^2), and 0 outside
         out[0] += F(2) * x * of_square
         out[1] += F(2) * y * of_square
         out[2] += F(2) * (x * x + y * y) / r * of_square
-        out[3] += opacity * k * k * gr
-        out[4] += opacity * k * k * gg
-        out[5] += opacity * k * k * gb
-        out[6] += k * k * of_alpha
+        out[3] += k * k * of_alpha
 
 
-KERNEL = TileKernel(columns=7, rows=2, cover=cover, tint=tint, shade=shade, pull=pull, curved=False)
+KERNEL = TileKernel(rows=2, cover=cover, tint=tint, shade=shade, tone=tone, pull=pull, curved=False)
 
 
 class DabRenderer(Renderer):

@@ -3,13 +3,15 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from functools import cache
+from typing import Any, ClassVar, NamedTuple, Self
 
 import torch
 from torch import Tensor
 
 from brushexp.compositing.nearest import find_nearest, recall_nearest
-from brushexp.compositing.passes import backward_pass, forward_pass, weigh
+from brushexp.compositing.passes import backward_pass, channel_rows, forward_pass, weigh
+from brushexp.system.compiled import Compiled
 
 Size = tuple[int, int]  # height and width of a canvas, pixels
 SPREAD = 1.5  # half widths that textures reach to either side of the curve, and beyond its ends
@@ -21,26 +23,40 @@ class TileKernel:
     """The compiled passes of a kind of layer, from its parts: see the functions of these names in `passes`.
 
     Args:
-        columns: numbers that ``pull`` writes.
-        rows: of ``own``; row ABOVE is the skeleton's, and row NEAREST too if ``curved``.
+        rows: of ``own``, and ``rows_per_channel`` more; row ABOVE is the skeleton's, and row NEAREST too if ``curved``.
         temporary: rows for use within a part.
         curved: find nearest points first. The first six numbers of a stroke are then its control points in pixels,
             start, control and end, x and y each.
+        columns: numbers that ``pull`` writes; None: as many as a stroke has.
         gather: makes gradients of what ``pull`` wrote, called with pairs, there, row of the lists, order, gradient of
             the picture, strokes and data; None: they are summed by stroke and are the gradient of the strokes' numbers.
     """
 
     def __init__(
-        self, *, columns: int, rows: int, cover: Part, tint: Part, shade: Part, pull: Part,
-        temporary: int = 1, curved: bool = True, gather: Callable[..., Any] | None = None,
+        self, *, rows: int, cover: Part, tint: Part, shade: Part, tone: Part, pull: Part,
+        rows_per_channel: int = 0, temporary: int = 1, curved: bool = True, columns: int | None = None,
+        gather: Callable[..., Any] | None = None,
     ) -> None:  # fmt: skip
-        parts: dict[str, Any] = {"cover": cover, "tint": tint, "shade": shade, "ROWS": rows, "TEMPORARY": temporary}
-        if curved:
-            parts |= {"seek": find_nearest, "recall": recall_nearest}
+        parts: dict[str, Any] = {"cover": cover, "tint": tint, "shade": shade, "tone": tone, "TEMPORARY": temporary}
+        parts |= {"seek": find_nearest, "recall": recall_nearest} if curved else {}
+        self._parts, self._pull, self._rows = parts, pull, (rows, rows_per_channel)
         self.columns, self.curved, self.gather = columns, curved, gather
-        self.forward = forward_pass.having(**parts)
-        self.backward = backward_pass.having(**parts, pull=pull)
-        self.importance = backward_pass.having(**parts, visit=weigh)
+
+    @cache  # noqa: B019  (kernels live as long as the program)
+    def passes(self, channels: int) -> "TilePasses":
+        """Those for colours of so many channels."""
+        rows = self._rows[0] + self._rows[1] * channels
+        parts = self._parts | channel_rows(channels) | {"ROWS": rows}
+        backward = backward_pass.having(**parts, pull=self._pull)
+        return TilePasses(forward_pass.having(**parts), backward, backward_pass.having(**parts, visit=weigh))
+
+
+class TilePasses(NamedTuple):
+    """What a kernel does: paint, go back for the gradients of strokes, and go back for their importance."""
+
+    forward: Compiled
+    backward: Compiled
+    importance: Compiled
 
 
 @dataclass(frozen=True)
@@ -51,7 +67,7 @@ class KernelInput:
     """
 
     kernel: TileKernel
-    strokes: Tensor  # (N, C) numbers of each stroke, differentiable
+    strokes: Tensor  # (N, .) numbers of each stroke, differentiable
     data: tuple[Any, ...] = ()  # whatever else the parts of the kernel need; tensors reach them as arrays
     learnt: int = 0  # how many of ``data``, counted from the first, are differentiable
     boxes: tuple[Tensor, Tensor] | None = None

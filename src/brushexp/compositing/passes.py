@@ -7,8 +7,11 @@ of nearest points; then its strokes are visited back to front with the colour be
 1 - alpha. What a stroke receives from a tile goes to a row of its own, and rows are summed per stroke in double
 precision: no atomics, and the same bits on any number of threads.
 
-The parts are the functions `seek`, `recall`, `cover`, `tint`, `shade` and `pull`. Those here do nothing and say what is
-expected; `TileKernel` puts those of a kind in their place. They are given:
+Colours have CHANNELS numbers: a pixel's alpha is found once, and the loops over its channels are unrolled, for their
+number is known when a kernel is compiled (`channel_rows`).
+
+The parts are the functions `seek`, `recall`, `cover`, `tint`, `shade`, `tone` and `pull`. Those here do nothing and say
+what is expected; `TileKernel` puts those of a kind in their place. They are given:
 
 - ``p``: (N, C) float32, the numbers of the strokes; ``i``, which stroke; ``data``, a tuple of whatever else belongs to
   the layers; ``(ox, oy)``, the upper left corner of the tile in pixels.
@@ -25,12 +28,22 @@ from brushexp.compositing.tile_lists import ABOVE, AREA, TILE, F
 from brushexp.system.compiled import inline, kernel, prange
 
 WORKERS = 64  # every so many tiles are one worker's: fixed, and enough to share the work evenly
-# Rows of a worker's scratch: the picture so far (on the way back: the colour behind), the light that is left, three of
-# the picture that is given (target, gradient or error), what its pixels count, and what `pull` is given.
-RED, GREEN, BLUE, LIGHT, PICTURE, WEIGHT = 0, 1, 2, 3, 4, 7
-PULL_RED, PULL_GREEN, PULL_BLUE, PULL_ALPHA = 7, 8, 9, 10
-SCRATCH = 11
 ROWS = TEMPORARY = 1
+
+
+def channel_rows(channels: int) -> dict[str, int]:
+    """Rows of a worker's scratch for colours of so many channels.
+
+    First the picture so far (on the way back: the colour behind), then the light that is left, the picture that is
+    given (target, gradient or error), what its pixels count or what `pull` is given, and the number of rows.
+    """
+    light, picture, weight = channels, channels + 1, 2 * channels + 1
+    alpha = weight + channels
+    rows = {"LIGHT": light, "PICTURE": picture, "WEIGHT": weight, "PULL": weight, "PULL_ALPHA": alpha}
+    return {"CHANNELS": channels, **rows, "SCRATCH": alpha + 1}
+
+
+CHANNELS, LIGHT, PICTURE, WEIGHT, PULL, PULL_ALPHA, SCRATCH = channel_rows(3).values()
 
 
 @inline
@@ -50,19 +63,24 @@ def cover(p, i, data, ox, oy, own, temporary):
 
 @inline
 def tint(p, i):
-    """Part: a tuple of the numbers of stroke ``i`` that `shade` needs at every pixel."""
+    """Part: a tuple of the numbers of stroke ``i`` that `shade` and `tone` need at every pixel."""
 
 
 @inline
 def shade(look, own, q):
-    """Part: alpha, red, green and blue at pixel ``q``, the colours multiplied by alpha; ``look`` is from `tint`."""
+    """Part: a tuple of alpha at pixel ``q``, and whatever else `tone` needs there; ``look`` is from `tint`."""
+
+
+@inline
+def tone(look, seen, own, q, c):
+    """Part: channel ``c`` of the colour at pixel ``q``, multiplied by alpha; ``seen`` is from `shade`."""
 
 
 @inline
 def pull(p, i, data, ox, oy, own, temporary, buf, out):
     """Part: write the gradient of the numbers of stroke ``i`` into ``out``, from that of what `shade` says.
 
-    It is in rows PULL_ALPHA, PULL_RED, PULL_GREEN and PULL_BLUE of ``buf``; ``own`` may be written over.
+    It is in row PULL_ALPHA of ``buf``, and for each channel in the rows from PULL on; ``own`` may be written over.
     """
 
 
@@ -70,12 +88,11 @@ def pull(p, i, data, ox, oy, own, temporary, buf, out):
 def _lay(look, own, buf):
     """Lay a stroke under those before it."""
     for q in range(AREA):
-        alpha, red, green, blue = shade(look, own, q)
+        seen = shade(look, own, q)
         light = buf[LIGHT * AREA + q]
-        buf[RED * AREA + q] += light * red
-        buf[GREEN * AREA + q] += light * green
-        buf[BLUE * AREA + q] += light * blue
-        buf[LIGHT * AREA + q] = light - light * alpha
+        for c in range(CHANNELS):
+            buf[c * AREA + q] += light * tone(look, seen, own, q, c)
+        buf[LIGHT * AREA + q] = light - light * seen[0]
 
 
 @inline
@@ -89,7 +106,7 @@ def _bright(buf, opaque):
 
 @inline
 def _load(picture, top, left, buf):
-    """Put a tile of a picture (3 or 4, H, W) into rows PICTURE and WEIGHT: 1 for three planes, 0 beyond the edge."""
+    """Put a tile of a picture into rows PICTURE; WEIGHT is its plane after the channels, or 1 and beyond the edge 0."""
     buf[PICTURE * AREA : (WEIGHT + 1) * AREA] = F(0)
     for y in range(min(TILE, picture.shape[1] - top)):
         for c in range(len(picture)):
@@ -104,12 +121,12 @@ def _judge(look, own, buf):
     """Sum of alpha |color - target|^2 and of alpha of a stroke over the pixels of a tile, which `_load` has brought."""
     error, total = F(0), F(0)
     for q in range(AREA):
-        alpha, red, green, blue = shade(look, own, q)
-        dr = red - alpha * buf[PICTURE * AREA + q]
-        dg = green - alpha * buf[(PICTURE + 1) * AREA + q]
-        db = blue - alpha * buf[(PICTURE + 2) * AREA + q]
-        error += buf[WEIGHT * AREA + q] * (dr * dr + dg * dg + db * db) / max(alpha, F(1e-12))
-        total += buf[WEIGHT * AREA + q] * alpha
+        seen, square = shade(look, own, q), F(0)
+        for c in range(CHANNELS):
+            d = tone(look, seen, own, q, c) - seen[0] * buf[(PICTURE + c) * AREA + q]
+            square += d * d
+        error += buf[WEIGHT * AREA + q] * square / max(seen[0], F(1e-12))
+        total += buf[WEIGHT * AREA + q] * seen[0]
     return error, total
 
 
@@ -120,7 +137,7 @@ def _show(buf, background, top, left, image):
         for x in range(min(TILE, image.shape[2] - left)):
             q = y * TILE + x
             light = buf[LIGHT * AREA + q]
-            for c in range(3):
+            for c in range(CHANNELS):
                 image[c, top + y, left + x] = buf[c * AREA + q] + light * background[c]
 
 
@@ -131,10 +148,10 @@ def forward_pass(
     """Paint all tiles.
 
     ``order`` (N,) are the strokes, the uppermost first; ``first``, ``stroke`` and ``slot`` are those of `TileLists`,
-    with ``columns`` tiles per row; ``background`` is (3,) float32. A tile is finished when no pixel lets more light
-    than ``opaque`` through; but with a ``target`` (3, H, W) every stroke is looked at. Without, it is (3, 0, 0).
+    with ``columns`` tiles per row; ``background`` is (C,) float32. A tile is finished when no pixel lets more light
+    than ``opaque`` through; but with a ``target`` (C, H, W) every stroke is looked at. Without, it is (C, 0, 0).
 
-    Written are ``image`` (3, H, W); how much of its list was ``used`` by each tile (tiles,); by slot whether a stroke
+    Written are ``image`` (C, H, W); how much of its list was ``used`` by each tile (tiles,); by slot whether a stroke
     is ``there`` (pairs,), False before; ``near`` (pairs, 64) uint16 for `recall`, or (0, 64); and with a target
     ``errors`` (pairs, 2), the sums of alpha |color - target|^2 and of alpha.
     """
@@ -176,28 +193,22 @@ def _replay(p, data, order, stroke, slot, there, near, begin, n, ox, oy, buf, ke
         cover(p, i, data, ox, oy, own, temporary)
         look = tint(p, i)
         for q in range(AREA):
-            alpha, _, _, _ = shade(look, own, q)
             light = buf[LIGHT * AREA + q]
             own[ABOVE * AREA + q] = light
-            buf[LIGHT * AREA + q] = light - light * alpha
+            buf[LIGHT * AREA + q] = light - light * shade(look, own, q)[0]
 
 
 @inline
 def _step_back(look, own, buf):
     """Write the gradient of what `shade` says of a stroke; the colour behind then includes the stroke."""
     for q in range(AREA):
-        alpha, red, green, blue = shade(look, own, q)
-        light = own[ABOVE * AREA + q]
-        gr, gg = light * buf[PICTURE * AREA + q], light * buf[(PICTURE + 1) * AREA + q]
-        gb = light * buf[(PICTURE + 2) * AREA + q]
-        br, bg, bb = buf[RED * AREA + q], buf[GREEN * AREA + q], buf[BLUE * AREA + q]
-        buf[PULL_RED * AREA + q] = gr
-        buf[PULL_GREEN * AREA + q] = gg
-        buf[PULL_BLUE * AREA + q] = gb
-        buf[PULL_ALPHA * AREA + q] = -(br * gr + bg * gg + bb * gb)
-        buf[RED * AREA + q] = br + (red - alpha * br)
-        buf[GREEN * AREA + q] = bg + (green - alpha * bg)
-        buf[BLUE * AREA + q] = bb + (blue - alpha * bb)
+        seen, light, of_alpha = shade(look, own, q), own[ABOVE * AREA + q], F(0)
+        for c in range(CHANNELS):
+            slope, behind = light * buf[(PICTURE + c) * AREA + q], buf[c * AREA + q]
+            of_alpha -= behind * slope
+            buf[(PULL + c) * AREA + q] = slope
+            buf[c * AREA + q] = behind + (tone(look, seen, own, q, c) - seen[0] * behind)
+        buf[PULL_ALPHA * AREA + q] = of_alpha
 
 
 @inline
@@ -218,17 +229,12 @@ def _miss(look, own, buf):
     """What the weighted squared error would grow by in a tile without a stroke; the colour behind then includes it."""
     total = F(0)
     for q in range(AREA):
-        alpha, red, green, blue = shade(look, own, q)
-        light = own[ABOVE * AREA + q]
-        er, eg, eb = buf[PICTURE * AREA + q], buf[(PICTURE + 1) * AREA + q], buf[(PICTURE + 2) * AREA + q]
-        dr = alpha * buf[RED * AREA + q] - red
-        dg = alpha * buf[GREEN * AREA + q] - green
-        db = alpha * buf[BLUE * AREA + q] - blue
-        grown = dr * (light * dr + F(2) * er) + dg * (light * dg + F(2) * eg) + db * (light * db + F(2) * eb)
+        seen, light, grown = shade(look, own, q), own[ABOVE * AREA + q], F(0)
+        for c in range(CHANNELS):
+            d = seen[0] * buf[c * AREA + q] - tone(look, seen, own, q, c)
+            grown += d * (light * d + F(2) * buf[(PICTURE + c) * AREA + q])
+            buf[c * AREA + q] -= d
         total += buf[WEIGHT * AREA + q] * light * grown
-        buf[RED * AREA + q] -= dr
-        buf[GREEN * AREA + q] -= dg
-        buf[BLUE * AREA + q] -= db
     return total
 
 
@@ -236,8 +242,9 @@ def _miss(look, own, buf):
 def backward_pass(p, data, order, first, stroke, slot, columns, background, used, there, near, picture, pairs):
     """Visit the strokes of all tiles back to front: by default, for the gradients of all pairs.
 
-    Arguments as of `forward_pass`, with what it wrote. ``picture`` is the gradient of the image (3, H, W); for `weigh`
-    it is image less target, and the weight of each pixel (4, H, W). ``pairs`` (pairs, .) is written where ``there``.
+    Arguments as of `forward_pass`, with what it wrote. ``picture`` is the gradient of the image (C, H, W); for `weigh`
+    it is image less target, and the weight of each pixel (C + 1, H, W). ``pairs`` (pairs, .) is written where they are
+    ``there``.
     """
     for worker in prange(min(WORKERS, len(used))):
         buf, temporary = np.empty(SCRATCH * AREA, F), np.empty(TEMPORARY * AREA, F)
@@ -247,7 +254,7 @@ def backward_pass(p, data, order, first, stroke, slot, columns, background, used
             ox, oy = F(left), F(top)
             _replay(p, data, order, stroke, slot, there, near, begin, n, ox, oy, buf, kept, temporary)
             _load(picture, top, left, buf)
-            for c in range(3):  # the bare canvas lies behind the last stroke
+            for c in range(CHANNELS):  # the bare canvas lies behind the last stroke
                 buf[c * AREA : (c + 1) * AREA] = background[c]
             for back in range(n):
                 k = n - 1 - back

@@ -13,12 +13,13 @@ from torch import Tensor
 
 from brushexp.compositing.layers import KernelInput, Layers, TileKernel
 from brushexp.compositing.nearest import LEAST_SLOPE
-from brushexp.compositing.passes import PULL_ALPHA, PULL_BLUE, PULL_GREEN, PULL_RED
+from brushexp.compositing.passes import CHANNELS, PULL, PULL_ALPHA
 from brushexp.compositing.tile_lists import AREA, NEAREST, F
 from brushexp.strokes.bezier import closest_parameter, point_at
-from brushexp.system.compiled import inline
+from brushexp.system.compiled import first_of, inline
 
 LEAST_BEND = F(1.25e-5)  # square pixels: as in `strokes.bezier`
+COLOR = 8  # column of the first channel; before it are the control points, the half width and the opacity
 DISTANCE, COVER, ROWS = 2, 3, 4  # rows of a stroke in a tile: distance to the curve, coverage before opacity
 
 
@@ -58,7 +59,7 @@ class Profile(Layers):
         return self.opacity[index][..., None] * coverage, self.color[index][:, :, None]
 
     def compiled(self) -> KernelInput:
-        strokes = [self.curve.flatten(1), self.half_width[:, None], self.color, self.opacity[:, None]]
+        strokes = [self.curve.flatten(1), self.half_width[:, None], self.opacity[:, None], self.color]
         return KernelInput(KERNEL, torch.cat(strokes, dim=1), (F(1) / F(self.soft), F(self.taper)))
 
 
@@ -102,31 +103,31 @@ def _cover(p, i, data, ox, oy, own, temporary):
 
 @inline
 def _tint(p, i):
-    return p[i, 7], p[i, 8], p[i, 9], p[i, 10]
+    return p[i, 7], first_of(p[i, COLOR:], CHANNELS)
 
 
 @inline
 def _shade(look, own, q):
-    red, green, blue, opacity = look
-    alpha = opacity * own[COVER * AREA + q]
-    return alpha, alpha * red, alpha * green, alpha * blue
+    return (look[0] * own[COVER * AREA + q],)
+
+
+@inline
+def _tone(look, seen, own, q, c):
+    return seen[0] * look[1][c]
 
 
 @inline
 def _pull(p, i, data, ox, oy, own, temporary, buf, out):
     sharp, taper = data
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
-    h, red, green, blue, op = p[i, 6], p[i, 7], p[i, 8], p[i, 9], p[i, 10]
-    g0, g1, g2, g3, g4, g5 = F(0), F(0), F(0), F(0), F(0), F(0)
-    g6, g7, g8, g9, g10 = F(0), F(0), F(0), F(0), F(0)
+    h, op, color = p[i, 6], p[i, 7], first_of(p[i, COLOR:], CHANNELS)
+    g0, g1, g2, g3, g4, g5, g6, g7 = F(0), F(0), F(0), F(0), F(0), F(0), F(0), F(0)
     for q in range(AREA):
         t, d, cover = own[NEAREST * AREA + q], own[DISTANCE * AREA + q], own[COVER * AREA + q]
-        gr, gg, gb = buf[PULL_RED * AREA + q], buf[PULL_GREEN * AREA + q], buf[PULL_BLUE * AREA + q]
-        ga = buf[PULL_ALPHA * AREA + q] + red * gr + green * gg + blue * gb
-        g7 += cover * gr
-        g8 += cover * gg
-        g9 += cover * gb
-        g10 += cover * ga
+        ga = buf[PULL_ALPHA * AREA + q]
+        for c in range(CHANNELS):
+            ga += color[c] * buf[(PULL + c) * AREA + q]
+        g7 += cover * ga
         v = F(1) - t
         b0, b1, b2 = v * v, F(2) * t * v, t * t
         profile = F(1) - taper * (t - v) * (t - v)
@@ -143,15 +144,19 @@ def _pull(p, i, data, ox, oy, own, temporary, buf, out):
         g4 += px * b2
         g5 += py * b2
         temporary[q] = gh
-    out[0], out[1], out[2], out[3], out[4], out[5] = g0, g1, g2, g3, g4, g5
-    out[6], out[7], out[8], out[9], out[10] = g6, op * g7, op * g8, op * g9, g10
+    out[0], out[1], out[2], out[3], out[4], out[5], out[6], out[7] = g0, g1, g2, g3, g4, g5, g6, g7
+    for c in range(CHANNELS):
+        total = F(0)
+        for q in range(AREA):
+            total += own[COVER * AREA + q] * buf[(PULL + c) * AREA + q]
+        out[COLOR + c] = op * total
     if taper > F(0):
         _add_taper(p, i, ox, oy, taper, own, temporary, out)
 
 
 @inline
 def _add_taper(p, i, ox, oy, taper, own, of_thickness, out):
-    """Add to the gradient (11,) that the thickness depends on t, and t on the control points."""
+    """Add to the gradient of the curve that the thickness depends on t, and t on the control points."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     size = bx * bx + by * by + F(3) * abs(bx * fx + by * fy) + F(2) * (fx * fx + fy * fy)
@@ -183,4 +188,4 @@ def _add_taper(p, i, ox, oy, taper, own, of_thickness, out):
     out[5] += g5
 
 
-KERNEL = TileKernel(columns=11, rows=ROWS, cover=_cover, tint=_tint, shade=_shade, pull=_pull)
+KERNEL = TileKernel(rows=ROWS, cover=_cover, tint=_tint, shade=_shade, tone=_tone, pull=_pull)

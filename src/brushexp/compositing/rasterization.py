@@ -12,8 +12,6 @@ from brushexp.compositing.tile_lists import AREA, Array, F, tile_lists
 from brushexp.system.compiled import Compiled
 from brushexp.system.runtime import share_threads
 
-NO_TARGET = np.zeros((3, 0, 0), F)
-
 
 class Rasterization:
     """Settings and lists of one pass, arguments as of `Blend`; `paint` leaves behind what `gradient` needs.
@@ -31,6 +29,8 @@ class Rasterization:
         curve, reach = given.boxes or (layers.curve, layers.reach)
         lists = tile_lists(curve, reach, front_to_back, size, boxes_only=given.boxes is not None)
         self.kernel, self.lists, self.size, self.opaque = given.kernel, lists, size, opaque
+        self.channels = len(background)
+        self._passes = given.kernel.passes(self.channels)
         self.order = front_to_back.numpy()
         data = tuple(part.detach().numpy() if isinstance(part, Tensor) else part for part in given.data)
         self._strokes = np.ascontiguousarray(given.strokes.detach().numpy()), data
@@ -38,21 +38,21 @@ class Rasterization:
         self._seen: tuple[Array, Array, Array]  # how much of each list, which pairs, nearest points
 
     def paint(self, target: Array | None, *, keep: bool) -> Array:
-        """Picture (3, H, W); ``keep`` if `gradient` or `importance` will follow."""
+        """Picture (C, H, W); ``keep`` if `gradient` or `importance` will follow."""
         pairs = len(self.lists.stroke)
         near = np.empty((pairs if keep and self.kernel.curved else 0, AREA), np.uint16)
         self._seen = np.zeros(len(self.lists.first) - 1, np.int64), np.zeros(pairs, np.bool_), near
-        image = np.empty((3, *self.size), F)
+        image = np.empty((self.channels, *self.size), F)
         errors = np.empty((0 if target is None else pairs, 2), F)
-        goal = NO_TARGET if target is None else target
-        self.kernel.forward(*self._strokes, *self._tiles, F(self.opaque), goal, image, *self._seen, errors)
+        goal = np.zeros((self.channels, 0, 0), F) if target is None else target
+        self._passes.forward(*self._strokes, *self._tiles, F(self.opaque), goal, image, *self._seen, errors)
         if target is not None:
             self.errors = self._sums(errors)
         return image
 
     def gradient(self, grad_image: Array) -> tuple[Array, ...]:
-        """Gradients of the strokes' numbers and of learnt data from the gradient (3, H, W) of the picture."""
-        pairs = self._back(self.kernel.backward, grad_image, self.kernel.columns)
+        """Gradients of the strokes' numbers and of learnt data from the gradient (C, H, W) of the picture."""
+        pairs = self._back(self._passes.backward, grad_image, self.kernel.columns or self._strokes[0].shape[1])
         if self.kernel.gather is None:
             return (self._sums(pairs),)
         return tuple(self.kernel.gather(pairs, self._seen[1], self.lists.row, self.order, grad_image, *self._strokes))
@@ -60,7 +60,7 @@ class Rasterization:
     def importance(self, target: Array, weight: Array) -> Array:
         """By how much the squared error, weighted by (H, W), would grow without each stroke: (N,)."""
         error = self.paint(None, keep=True) - target
-        return self._sums(self._back(self.kernel.importance, np.concatenate([error, weight[None]]), 1))[:, 0]
+        return self._sums(self._back(self._passes.importance, np.concatenate([error, weight[None]]), 1))[:, 0]
 
     def _back(self, backward: Compiled, picture: Array, columns: int) -> Array:
         """What a backward pass writes (pairs, columns)."""
@@ -76,7 +76,7 @@ class Rasterization:
 
 
 class Painted(torch.autograd.Function):
-    """The kernels as one differentiable operation from the tensors of N strokes to the picture (3, H, W)."""
+    """The kernels as one differentiable operation from the tensors of N strokes to the picture (C, H, W)."""
 
     @staticmethod
     def forward(ctx: Any, rasterization: Rasterization, target: Array | None, *tensors: Tensor) -> Tensor:

@@ -13,11 +13,12 @@ from torch import Tensor
 
 from brushexp.compositing.frame import LEAST_SQUARE, SHORTEST_SQUARED, SLOWEST, SLOWEST_PIXELS, stroke_frame
 from brushexp.compositing.layers import SPREAD, KernelInput, Layers, TileKernel
-from brushexp.compositing.passes import PULL_ALPHA, PULL_BLUE, PULL_GREEN, PULL_RED
+from brushexp.compositing.passes import CHANNELS, PULL, PULL_ALPHA
 from brushexp.compositing.tile_lists import AREA, NEAREST, F
-from brushexp.system.compiled import inline
+from brushexp.system.compiled import first_of, inline
 
 I = np.int32  # noqa: E741
+COLOR = 9  # column of the first channel; before it are control points, half width, opacity and texels per pixel
 # Rows of a stroke in a tile: its place in the texture's cell, alpha, shade, and the corners of the cell as words.
 X, Y, ALPHA, SHADE, OPACITIES, LIGHTS, ROWS = 2, 3, 4, 5, 6, 7, 8
 
@@ -77,8 +78,8 @@ class TexturedProfile(Layers):
         if self.cells is None:
             return None
         texels = 0.5 * self.rows / SPREAD / self.half_width  # per pixel
-        strokes = [self.curve.flatten(1), self.half_width.detach()[:, None], self.color]
-        strokes += [self.opacity[:, None], texels[:, None]]
+        strokes = [self.curve.flatten(1), self.half_width.detach()[:, None], self.opacity[:, None]]
+        strokes += [texels[:, None], self.color]
         _, rows, columns, _ = self.cells.shape
         begin, cells = self.look * (rows * columns), self.cells.reshape(-1).view(torch.int64)
         return KernelInput(KERNEL, torch.cat(strokes, dim=1), (begin, cells, rows - 1, columns - 1))
@@ -110,7 +111,7 @@ def _place(p, i, ox, oy, rows, columns, own):
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     still = F(SLOWEST * SLOWEST) * _size(bx, by, fx, fy) + F(SLOWEST_PIXELS * SLOWEST_PIXELS)
     outer = F(-1) if fx * by - fy * bx > F(0) else F(1)
-    body, scale, origin = F(columns - rows), p[i, 11], F(0.5) * F(rows) + F(0.5)
+    body, scale, origin = F(columns - rows), p[i, 8], F(0.5) * F(rows) + F(0.5)
     for q in range(AREA):
         t = own[NEAREST * AREA + q]
         v = F(1) - t
@@ -171,7 +172,7 @@ def _cover(p, i, data, ox, oy, own, temporary):
     opacity, light = words[OPACITIES * AREA : (OPACITIES + 1) * AREA], words[LIGHTS * AREA : (LIGHTS + 1) * AREA]
     _place(p, i, ox, oy, rows, columns, own)
     _fetch(cells, begin[i], columns, rows, own, temporary.view(I), opacity, light)
-    op, total = F(1 / 255) * p[i, 10], F(0)
+    op, total = F(1 / 255) * p[i, 7], F(0)
     for q in range(AREA):
         x, y = own[X * AREA + q], own[Y * AREA + q]
         cover, _, _ = _mix(opacity[q], x, y)
@@ -184,40 +185,48 @@ def _cover(p, i, data, ox, oy, own, temporary):
 
 @inline
 def _tint(p, i):
-    return p[i, 7], p[i, 8], p[i, 9]
+    return first_of(p[i, COLOR:], CHANNELS)
 
 
 @inline
 def _shade(look, own, q):
-    red, green, blue = look
     alpha, shade = own[ALPHA * AREA + q], own[SHADE * AREA + q]
-    pure, white = alpha * (F(1) - abs(shade)), alpha * max(shade, F(0))
-    return alpha, pure * red + white, pure * green + white, pure * blue + white
+    return alpha, alpha * (F(1) - abs(shade)), alpha * max(shade, F(0))
+
+
+@inline
+def _tone(look, seen, own, q, c):
+    return seen[1] * look[c] + seen[2]
 
 
 @inline
 def _pull(p, i, data, ox, oy, own, temporary, buf, out):
     """Gradient of colour and opacity; that of the place in the texture replaces the place, for `_move`."""
-    red, green, blue, op = p[i, 7], p[i, 8], p[i, 9], p[i, 10] * F(1 / 255)
+    op, color = p[i, 7] * F(1 / 255), first_of(p[i, COLOR:], CHANNELS)
     words = own.view(I)
     opacity, light = words[OPACITIES * AREA : (OPACITIES + 1) * AREA], words[LIGHTS * AREA : (LIGHTS + 1) * AREA]
-    g7, g8, g9, g10 = F(0), F(0), F(0), F(0)
+    for c in range(CHANNELS):
+        total = F(0)
+        for q in range(AREA):
+            total += own[ALPHA * AREA + q] * (F(1) - abs(own[SHADE * AREA + q])) * buf[(PULL + c) * AREA + q]
+        out[COLOR + c] = total
+    of_opacity = F(0)
     for q in range(AREA):
         x, y, alpha, shade = own[X * AREA + q], own[Y * AREA + q], own[ALPHA * AREA + q], own[SHADE * AREA + q]
-        gr, gg, gb = buf[PULL_RED * AREA + q], buf[PULL_GREEN * AREA + q], buf[PULL_BLUE * AREA + q]
         cover, cover_x, cover_y = _mix(opacity[q], x, y)
         _, shade_x, shade_y = _mix(light[q], x, y)
         pure, white = F(1) - abs(shade), max(shade, F(0))
-        g7 += alpha * pure * gr
-        g8 += alpha * pure * gg
-        g9 += alpha * pure * gb
-        plain, every = red * gr + green * gg + blue * gb, gr + gg + gb
+        plain, every = F(0), F(0)
+        for c in range(CHANNELS):
+            slope = buf[(PULL + c) * AREA + q]
+            plain += color[c] * slope
+            every += slope
         gs = F(1 / 127) * alpha * (every - plain if shade > F(0) else plain)
         ga = buf[PULL_ALPHA * AREA + q] + pure * plain + white * every
-        g10 += ga * cover
+        of_opacity += ga * cover
         own[X * AREA + q] = ga * op * cover_x + gs * shade_x
         own[Y * AREA + q] = ga * op * cover_y + gs * shade_y
-    out[7], out[8], out[9], out[10] = g7, g8, g9, g10 * F(1 / 255)
+    out[7] = of_opacity * F(1 / 255)
     _move(p, i, ox, oy, F(data[3] - data[2]), own, out)
 
 
@@ -226,13 +235,13 @@ def _move(p, i, ox, oy, body, own, out):
     """Gradient of curve and size from that of the place in the texture, in rows X and Y."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
-    half, scale = p[i, 6], p[i, 11]
+    half, scale = p[i, 6], p[i, 8]
     size = _size(bx, by, fx, fy)
     still = F(SLOWEST * SLOWEST) * size + F(SLOWEST_PIXELS * SLOWEST_PIXELS)
     least = F(1) / np.sqrt(F(LEAST_SQUARE) * size + F(1e-30))
     short = F(LEAST_SQUARE) * size + F(SHORTEST_SQUARED) * half * half
     outer = F(-1) if fx * by - fy * bx > F(0) else F(1)
-    g0, g1, g2, g3, g4, g5, g11 = F(0), F(0), F(0), F(0), F(0), F(0), F(0)
+    g0, g1, g2, g3, g4, g5, g8 = F(0), F(0), F(0), F(0), F(0), F(0), F(0)
     for q in range(AREA):
         t, gx, gy = own[NEAREST * AREA + q], own[X * AREA + q], own[Y * AREA + q]
         v = F(1) - t
@@ -245,7 +254,7 @@ def _move(p, i, ox, oy, body, own, out):
         one = F(1) / np.sqrt(speed if moves else max(square, F(1e-30)))
         tx, ty = (dx * one, dy * one) if moves else (outer * wy * one, -outer * wx * one)
         along, across = F(0) if beside else tx * wx + ty * wy, tx * wy - ty * wx
-        g11 += gx * along + gy * across
+        g8 += gx * along + gy * across
         gu, gv = F(0) if beside else gx * scale, gy * scale
         gt = body * gx / max(F(2) * speed - wx * bx - wy * by, short)
         gt = gt if beside else F(0)
@@ -260,7 +269,7 @@ def _move(p, i, ox, oy, body, own, out):
         g4 += b2 * ax + t * vx
         g5 += b2 * ay + t * vy
     out[0], out[1], out[2], out[3], out[4], out[5] = g0, g1, g2, g3, g4, g5
-    out[6], out[11] = F(0), g11
+    out[6], out[8] = F(0), g8
 
 
-KERNEL = TileKernel(columns=12, rows=ROWS, cover=_cover, tint=_tint, shade=_shade, pull=_pull)
+KERNEL = TileKernel(rows=ROWS, cover=_cover, tint=_tint, shade=_shade, tone=_tone, pull=_pull)

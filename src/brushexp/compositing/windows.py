@@ -7,18 +7,19 @@ reaches it and the derivative with respect to its alpha. Then each stroke gather
 # mypy: allow-untyped-defs
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from brushexp.compositing.layers import KernelInput, Layers, TileKernel
-from brushexp.compositing.passes import PULL_ALPHA
+from brushexp.compositing.passes import CHANNELS, PULL_ALPHA
 from brushexp.compositing.tile_lists import ABOVE, AREA, TILE, Array, F
-from brushexp.system.compiled import inline, kernel, prange
+from brushexp.system.compiled import Compiled, inline, kernel, prange
 
 ALMOST_NOTHING = 1e-6  # alpha below which the colour of a texel no longer counts
-ALPHA, PAINTED, ROWS = 1, 2, 5  # rows of a stroke in a tile: alpha and the three colours times alpha, before opacity
+ALPHA, PAINTED = 1, 2  # rows of a stroke in a tile: alpha and the channels times alpha, before opacity
 AXES = 2 * 2 * TILE  # numbers of a lookup: along x and y, the texel before and after, of each pixel
 TILE_PLACE, COLUMNS = 2 * AREA, 2 * AREA + 2  # of what is left behind for a stroke: the place of the tile comes last
 
@@ -33,11 +34,11 @@ class Windows(Layers):
 
     per_stroke = ("images", "position", "scale", "opacity", "color")
 
-    images: Tensor  # (N, 4, S, S) RGBA in [0, 1], straight alpha
+    images: Tensor  # (N, C + 1, S, S) channels and alpha in [0, 1], straight alpha
     position: Tensor  # (N, 2) centres of the windows, pixels
     scale: Tensor  # (N,) their sides, pixels, > 0
     opacity: Tensor  # (N,)
-    color: Tensor  # (N, 3) mean colour
+    color: Tensor  # (N, C) mean colour
 
     @property
     def curve(self) -> Tensor:  # type: ignore[override]
@@ -56,15 +57,15 @@ class Windows(Layers):
         texel = (place + 0.5) * side - 0.5  # (T, K, P, 2); texel 0 has its centre at 0
         low = texel.detach().floor()
         fraction = texel - low
-        alpha, painted = points.new_zeros(texel.shape[:-1]), points.new_zeros(*texel.shape[:-1], 3)
+        alpha, painted = points.new_zeros(texel.shape[:-1]), points.new_zeros(*texel.shape[:-1], self.color.shape[1])
         for step in low.new_tensor([[0, 0], [1, 0], [0, 1], [1, 1]]):
             weight, at = torch.where(step > 0, fraction, 1 - fraction), low + step
             inside = ((at >= 0) & (at < side)).all(-1)
             x, y = at.clamp(0, side - 1).long().unbind(-1)
-            rgba = self.images[index[..., None], :, y, x]  # (T, K, P, 4)
-            covered = weight[..., 0] * weight[..., 1] * inside * rgba[..., 3]
+            texels = self.images[index[..., None], :, y, x]  # (T, K, P, C + 1)
+            covered = weight[..., 0] * weight[..., 1] * inside * texels[..., -1]
             alpha = alpha + covered
-            painted = painted + covered[..., None] * rgba[..., :3]  # premultiplied: an empty texel has no colour
+            painted = painted + covered[..., None] * texels[..., :-1]  # premultiplied: an empty texel has no colour
         color = painted / alpha.clamp_min(ALMOST_NOTHING)[..., None]
         return self.opacity[index][..., None] * alpha, color
 
@@ -79,7 +80,7 @@ class Windows(Layers):
         Where a picture is exactly transparent its alpha has no gradient: whatever made it so has none either.
         """
         side = self.images.shape[-1]
-        shows = self.images[:, 3] > 0
+        shows = self.images[:, -1] > 0
         lines = torch.stack([shows.any(1), shows.any(2)], dim=1).to(torch.uint8)  # (N, 2, S), along x and y
         low, high = lines.argmax(-1) - 1, side - lines.flip(-1).argmax(-1)  # each texel is felt as far as the next one
         ends = torch.stack([low, high])
@@ -125,20 +126,17 @@ def _cover(p, i, data, ox, oy, own, temporary):
     image, total = images[i], F(0)
     for y in range(TILE):
         for x in range(TILE):
-            red, green, blue, alpha = F(0), F(0), F(0), F(0)
+            q, alpha = y * TILE + x, F(0)
+            for c in range(CHANNELS):
+                own[(PAINTED + c) * AREA + q] = F(0)
             for k in range(4):
                 at_x, at_y = (k & 1) * TILE + x, (2 + (k >> 1)) * TILE + y
                 row, column = index[at_y], index[at_x]
-                covered = weight[at_y] * weight[at_x] * image[3, row, column]
+                covered = weight[at_y] * weight[at_x] * image[CHANNELS, row, column]
                 alpha += covered
-                red += covered * image[0, row, column]
-                green += covered * image[1, row, column]
-                blue += covered * image[2, row, column]
-            q = y * TILE + x
+                for c in range(CHANNELS):
+                    own[(PAINTED + c) * AREA + q] += covered * image[c, row, column]
             own[ALPHA * AREA + q] = alpha
-            own[PAINTED * AREA + q] = red
-            own[(PAINTED + 1) * AREA + q] = green
-            own[(PAINTED + 2) * AREA + q] = blue
             total += alpha
     return total > F(0)
 
@@ -150,12 +148,12 @@ def _tint(p, i):
 
 @inline
 def _shade(opacity, own, q):
-    return (
-        opacity * own[ALPHA * AREA + q],
-        opacity * own[PAINTED * AREA + q],
-        opacity * own[(PAINTED + 1) * AREA + q],
-        opacity * own[(PAINTED + 2) * AREA + q],
-    )
+    return (opacity * own[ALPHA * AREA + q],)
+
+
+@inline
+def _tone(opacity, seen, own, q, c):
+    return opacity * own[(PAINTED + c) * AREA + q]
 
 
 @inline
@@ -169,17 +167,22 @@ def _pull(p, i, data, ox, oy, own, temporary, buf, out):
 def _gather(
     left: Array, there: Array, row: Array, order: Array, grad_image: Array, places: Array, data: tuple[Array, ...]
 ) -> tuple[Array, Array]:
-    """Gradients of places (N, 4) and images (N, 4, S, S)."""
+    """Gradients of places (N, 4) and images (N, C + 1, S, S)."""
     gradients = np.zeros_like(places), np.zeros_like(data[0])
-    _over_strokes(places, *data, order, row, there, left, grad_image, *gradients)
+    _gathering(len(grad_image))(places, *data, order, row, there, left, grad_image, *gradients)
     return gradients
+
+
+@cache
+def _gathering(channels: int) -> Compiled:
+    return _over_strokes.having(CHANNELS=channels)
 
 
 @kernel
 def _over_strokes(places, images, order, row, there, left, grad_image, grad_places, grad_images):
     """Gather each stroke's gradient from what `_pull` ``left`` behind in its tiles, always in the same order.
 
-    ``places`` (N, 4) are centre x and y, side, and opacity of ``images`` (N, 4, S, S); ``grad_places`` and
+    ``places`` (N, 4) are centre x and y, side, and opacity of ``images`` (N, C + 1, S, S); ``grad_places`` and
     ``grad_images``, as large and 0 before, are written.
     """
     side = images.shape[-1]
@@ -211,26 +214,22 @@ def _over_strokes(places, images, order, row, there, left, grad_image, grad_plac
 
 @inline
 def _scatter(image, opacity, given, grad_image, top, left, y, x, index, weight, inside, out):
-    """Add one pixel's gradient to four texels of ``out`` (4, S, S).
+    """Add one pixel's gradient to four texels of ``out`` (C + 1, S, S).
 
     What is returned are the derivatives with respect to its place, in texels along x and y, and to the opacity.
     """
     light, of_alpha = given[y * TILE + x], given[AREA + y * TILE + x]
-    red = light * grad_image[0, top + y, left + x]
-    green = light * grad_image[1, top + y, left + x]
-    blue = light * grad_image[2, top + y, left + x]
     along_x, along_y, of_opacity = F(0), F(0), F(0)
     for k in range(4):
         at_x, at_y = (k & 1) * TILE + x, (2 + (k >> 1)) * TILE + y
         row, column = index[at_y], index[at_x]
         wy, wx = weight[at_y], weight[at_x]
-        alpha = image[3, row, column]
-        slope = of_alpha + red * image[0, row, column] + green * image[1, row, column] + blue * image[2, row, column]
-        total = wy * wx * opacity
-        out[3, row, column] += total * slope
-        out[0, row, column] += total * alpha * red
-        out[1, row, column] += total * alpha * green
-        out[2, row, column] += total * alpha * blue
+        alpha, slope, total = image[CHANNELS, row, column], of_alpha, wy * wx * opacity
+        for c in range(CHANNELS):
+            of_color = light * grad_image[c, top + y, left + x]
+            slope += of_color * image[c, row, column]
+            out[c, row, column] += total * alpha * of_color
+        out[CHANNELS, row, column] += total * slope
         value = alpha * slope
         of_opacity += wy * wx * value
         along_x += (value if k & 1 else -value) * inside[at_x] * wy
@@ -239,6 +238,6 @@ def _scatter(image, opacity, given, grad_image, top, left, y, x, index, weight, 
 
 
 KERNEL = TileKernel(
-    columns=COLUMNS, rows=ROWS, cover=_cover, tint=_tint, shade=_shade, pull=_pull, temporary=2, curved=False,
-    gather=_gather,
+    rows=PAINTED, rows_per_channel=1, cover=_cover, tint=_tint, shade=_shade, tone=_tone, pull=_pull,
+    temporary=2, curved=False, columns=COLUMNS, gather=_gather,
 )  # fmt: skip

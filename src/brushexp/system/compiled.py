@@ -15,6 +15,12 @@ import numpy as np
 
 prange = range  # becomes that of Numba, which shares the loop among threads
 
+
+def first_of(values: Any, n: int) -> tuple[Any, ...]:
+    """The first ``n`` numbers of an array as a tuple, which a kernel keeps in registers; ``n`` is a constant."""
+    return tuple(values[:n])
+
+
 # Rewriting allowed to the compiler: everything that keeps NaN and infinity what they are.
 MATHS = {"contract", "reassoc", "nsz", "arcp"}
 # Division as in numpy: a check for zero in a loop would keep it from becoming SIMD code.
@@ -50,6 +56,7 @@ class Compiled:
     def _linked(self, function: FunctionType, known: dict[str, Any]) -> tuple[FunctionType, str]:
         """A copy that calls Numba's versions of what it calls, and a digest of all the code in it."""
         import numba  # noqa: PLC0415
+        from numba.np.unsafe.ndarray import to_fixed_tuple  # noqa: PLC0415
 
         scope, code, seen = dict(function.__globals__), function.__code__, []
         for name in sorted(set(_names(code)) & (scope.keys() | self.parts.keys())):
@@ -63,6 +70,8 @@ class Compiled:
                 seen.append(value.py_func.__qualname__)
             elif value is prange:
                 value = numba.prange
+            elif value is first_of:
+                value = to_fixed_tuple
             elif isinstance(value, int | float | str | tuple | np.generic):
                 seen.append(f"{name}={value!r}")
             scope[name] = value
