@@ -4,7 +4,7 @@
     python benchmarks/engines.py FIGURE.png  and draws the strokes
 
 The strokes are those of a picture of Fluid Paint itself: 200 of 256 pixels long, bent by 0, 50 and -80, brush radii
-4, 8, 15 and 25.
+8, 15, 25 and 40.
 """
 
 import sys
@@ -24,7 +24,7 @@ from brushexp.plugins.engine.base import Engine
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.prior import WIDTH, parameters_of, sample_prior
 
-RADII, BENDS = (4, 8, 15, 25), (0, 50, -80)  # 256ths of the window
+RADII, BENDS = (8, 15, 25, 40), (0, 50, -80)  # 256ths of the window
 COLORS = ((1.0, 0.1, 0.1), (0.6, 0.8, 0.1), (0.55, 0.05, 0.4), (0.35, 0.5, 0.55))
 LARGE = 256  # pixels of a window of the figure
 PAPER, HEAD = 0.953, 26

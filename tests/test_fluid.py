@@ -93,6 +93,23 @@ def test_splats_keep_the_amount_of_paint_on_any_grid():
         assert grid[0].sum() * (256 / (side - 2)) ** 2 == pytest.approx(expected, rel=0.01)
 
 
+@pytest.mark.parametrize("radius", [0.7, 2.5, 6.2])
+def test_splats_have_their_radius_on_a_fine_grid(radius):
+    side = 40
+    grid, scratch, area = np.zeros((3, side, side), np.float32), np.zeros((3, side * side)), np.array([18, 21, 15, 20])
+    grid[:, 18:22, 15:21] = RNG.uniform(0, 1, (3, 4, 6))
+    wide = np.sqrt(max(radius**2 - 1, 0))
+    weight = np.maximum(1 - np.abs(np.arange(-9, 10)) / max(wide, 1), 0)
+    expected = grid.astype(float)
+    for axis in (1, 2):
+        expected = np.apply_along_axis(np.convolve, axis, expected, weight / weight.sum(), "same")
+    _deposition._widen(grid.reshape(3, -1), scratch, side, area, np.float32(radius))
+    np.testing.assert_allclose(grid, expected, atol=1e-5)
+    outside = np.ones((side, side), bool)
+    outside[area[0] : area[1] + 1, area[2] : area[3] + 1] = False
+    assert not grid[:, outside].any()
+
+
 def test_the_closed_form_of_a_frame_agrees_with_splat_after_splat():
     splats, side = RNG.uniform(0, 0.025, 200), 4
     cover = 1 - 0.7 * np.prod(1 - splats)

@@ -115,12 +115,12 @@ def move(p, velocity, before, q, roots, x, y, scale, stiffness, gravity, damping
 
 
 @kernel
-def settle(scales, roots, stiffness, gravity, damping, iterations, frames, approach, out):  # type: ignore[no-untyped-def]
+def settle(scales, roots, splay, stiffness, gravity, damping, iterations, frames, approach, out):  # type: ignore[no-untyped-def]
     """Let brushes come to rest on the canvas, trailing behind the way that they came.
 
     Without it a stroke would begin with a smear. For the first half of the ``frames`` the brush moves to the right, by
-    ``approach`` brush scales per frame; then it stands. Of brushes with radii ``scales`` (B,), ``roots`` (B, 2, N) and
-    ``stiffness`` (B, N) the positions around the handle, in brush scales, are written to ``out`` (B, 3, V, N).
+    ``approach`` brush scales per frame; then it stands. Of brushes with radii ``scales`` (B,), ``roots`` (B, 2, N),
+    ``splay`` (B, N), the direction in which each bristle falls, and ``stiffness`` (B, N) the positions around the handle, in brush scales, are written to ``out`` (B, 3, V, N).
     """
     for b in prange(len(scales)):
         scale = scales[b]
@@ -128,13 +128,11 @@ def settle(scales, roots, stiffness, gravity, damping, iterations, frames, appro
         p = np.empty((3, VERTICES, n), F)
         velocity, before, q = np.zeros_like(p), np.empty_like(p), np.empty_like(p)
         for i in range(n):
-            rx, ry = roots[b, 0, i], roots[b, 1, i]
-            for v in range(VERTICES):  # down to the canvas, then outward on it
+            for v in range(VERTICES):  # down to the canvas, then on it, each its own way
                 along = SEGMENT * F(v)
                 beyond = max(along - HEIGHT, F(0))
-                over = beyond / max(np.sqrt(rx * rx + ry * ry), CLOSE)
-                p[0, v, i] = scale * (rx + over * rx)
-                p[1, v, i] = scale * (ry + over * ry)
+                p[0, v, i] = scale * (roots[b, 0, i] + beyond * np.cos(splay[b, i]))
+                p[1, v, i] = scale * (roots[b, 1, i] + beyond * np.sin(splay[b, i]))
                 p[2, v, i] = scale * max(HEIGHT - along, F(0))
         for k in range(frames):
             x = -approach * scale * F(max(frames // 2 - k, 0))

@@ -12,6 +12,7 @@ from brushexp.system.compiled import function, inline, kernel
 UNITS = F(256)  # lengths are in 256ths of the window: the canvas of SPIRAL, in whose pixels the constants are given
 FLOW = F(100 / 60)  # units that paint moves in one frame per unit of velocity
 LAG = F(2.2)  # frames by which the touching parts follow the handle, measured on straight strokes
+SPLAT = F(0.05)  # radius of a splat, brush scales
 FASTEST = F(2)  # velocity of one splat at most
 MOST_SPLATS = 8  # per segment of a bristle (Fluid Paint's number); fewer where they would fall into one cell
 
@@ -46,7 +47,7 @@ def _splat(p, before, velocity, scale, opacity, drag, side, grid, area):  # type
     """
     cells = F(side - 2)
     fine = cells / UNITS  # cells per unit
-    radius, touch = F(0.05) * scale, TOUCH * scale
+    radius, touch = SPLAT * scale, TOUCH * scale
     limit = cells - F(0.001)
     top, bottom, left, right = area[0], area[1], area[2], area[3]
     for v in range(VERTICES - 1):
@@ -82,6 +83,37 @@ def _splat(p, before, velocity, scale, opacity, drag, side, grid, area):  # type
                         top, bottom, left, right = min(top, iy), max(bottom, iy + 1), min(left, ix), max(right, ix + 1)
                         _deposit(grid, side, ix, iy, gx - F(ix), gy - F(iy), paint, push * vx, push * vy)
     area[0], area[1], area[2], area[3] = top, bottom, left, right
+
+
+@function
+def _widen(grid, scratch, side, area, radius):  # type: ignore[no-untyped-def]
+    """Give the splats of a frame in ``grid`` (3, side * side) their ``radius`` (cells): a triangle across and along.
+
+    A splat between four cells already is such a triangle, of radius 1; the variances of the two add up. ``area`` grows.
+    """
+    wide = np.sqrt(max(radius * radius - F(1), F(0)))
+    reach = int(np.ceil(wide)) - 1
+    if reach < 1:
+        return
+    weight = np.empty(reach + 1, F)
+    for k in range(reach + 1):
+        weight[k] = F(1) - F(k) / wide
+    weight /= F(2) * weight.sum() - weight[0]
+    area[0], area[1] = max(area[0] - reach, 1), min(area[1] + reach, side - 2)
+    area[2], area[3] = max(area[2] - reach, 1), min(area[3] + reach, side - 2)
+    for step, low, high in ((1, area[2], area[3]), (side, area[0], area[1])):
+        for c in range(3):
+            for y in range(area[0], area[1] + 1):
+                for x in range(area[2], area[3] + 1):
+                    q, place = y * side + x, x if step == 1 else y
+                    total = weight[0] * grid[c, q]
+                    for k in range(1, reach + 1):
+                        total += weight[k] * grid[c, q - k * step] if place - k >= low else F(0)
+                        total += weight[k] * grid[c, q + k * step] if place + k <= high else F(0)
+                    scratch[c, q] = total
+            for y in range(area[0], area[1] + 1):
+                begin, end = y * side + area[2], y * side + area[3] + 1
+                grid[c, begin:end] = scratch[c, begin:end]
 
 
 @function
@@ -271,6 +303,7 @@ def paint(strokes, brush, first_pose, poses, reach, roots, stiffness, physics, c
             if wet[1] < 0:
                 continue
             if k < frames:
+                _widen(grid, pressure, side, wet, SPLAT * scale * F(side - 2) / UNITS)
                 _lay(grid, state, side, wet)
             wet[0], wet[1] = max(wet[0] - 2, 1), min(wet[1] + 2, side - 2)
             wet[2], wet[3] = max(wet[2] - 2, 1), min(wet[3] + 2, side - 2)

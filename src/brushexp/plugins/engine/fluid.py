@@ -33,8 +33,8 @@ class Fluid(Engine):
     are given, so that a stroke looks the same in every window.
 
     Differs from the source: thin splats keep their amount of paint on a coarse grid; the brush is turned with the
-    stroke, as a hand does, and comes to rest trailing behind it; the handle runs ahead of the curve by as much as the
-    bristles trail, so that the paint reaches from start to end; colours are those of a digital mixture, which on an
+    stroke, as a hand does, and comes to rest trailing behind it, its bristles spread as it came down, each its own way;
+    the handle runs ahead of the curve by as much as the bristles trail, so that the paint reaches from start to end; colours are those of a digital mixture, which on an
     empty canvas is exact: the recorded RGB is what flat paint shows, and alpha is how much the paint covers.
 
     Args:
@@ -54,7 +54,8 @@ class Fluid(Engine):
         jitter: irregularity of the bristles' places, 0 to 1.
         iterations: of the bristles' constraints per frame.
         rest: frames in which the brush comes to rest before it paints; for the first half it moves.
-        approach: brush radii that it moves per frame meanwhile; 0 lets the bristles splay to all sides.
+        approach: brush radii that it moves per frame meanwhile: the fewer, the more the start frays, the more, the more
+            a stroke is a comb.
         relief: height of the paint for the light; 0 is flat.
     """
 
@@ -66,7 +67,7 @@ class Fluid(Engine):
         window: Annotated[int, between(8, 1024)] = 64,
         supersample: Annotated[int, between(1, 8)] = 2,
         frames: Annotated[int, between(1, 1000)] = 20,
-        after: Annotated[int, between(0, 1000)] = 0,
+        after: Annotated[int, between(0, 1000)] = 12,
         bristles: Annotated[int, between(10, 200)] = 100,
         brushes: Annotated[int, between(1, 1000)] = 1,
         load: Annotated[float, between(0, 1)] = 0.8,
@@ -78,8 +79,8 @@ class Fluid(Engine):
         stiffness: Annotated[float, between(0, 1)] = 0.3,
         jitter: Annotated[float, between(0, 1)] = 0.5,
         iterations: Annotated[int, between(1, 1000)] = 20,
-        rest: Annotated[int, between(0, 1000)] = 45,
-        approach: Annotated[float, between(0, 10)] = 0.5,
+        rest: Annotated[int, between(0, 1000)] = 20,
+        approach: Annotated[float, between(0, 10)] = 0.4,
         relief: Annotated[float, between(0, 100)] = 1.0,
     ) -> None:
         from brushexp.plugins.engine import _bristles, _deposition  # noqa: PLC0415  (Numba takes a second; --help should not)
@@ -116,16 +117,17 @@ class Fluid(Engine):
         return Simulated(torch.from_numpy(images), torch.from_numpy(heights))
 
     def _take_brushes(self, seed: int) -> None:
-        """Draw the bristles: a jittered sunflower of places, and how stiff each one is."""
+        """Draw the bristles: a jittered sunflower of places, how stiff each one is, and where it falls on the canvas."""
         n = self.bristles
         sources = (np.random.Philox(key=np.array([seed, brush], np.uint64)) for brush in range(self.brushes))
-        words = np.stack([source.random_raw(3 * n).reshape(3, n) for source in sources])
+        words = np.stack([source.random_raw(4 * n).reshape(4, n) for source in sources])
         u = (words >> np.uint64(11)) * 2.0**-53
         i = np.arange(n)
         angle = (i + (u[:, 0] - 0.5) * self.jitter) * math.tau / GOLDEN**2
         radius = np.sqrt((i + u[:, 1] * self.jitter) / n)
         self._roots = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1).astype(np.float32)
         self._stiffness = (self.stiffness * u[:, 2]).astype(np.float32)
+        self._splay = (math.tau * u[:, 3]).astype(np.float32)
         self._seed, self._place = seed, dict[tuple[int, int], int]()
         self._poses, self._reach = list[Array](), list[Array]()
 
@@ -139,7 +141,7 @@ class Fluid(Engine):
             scales = np.array([(1 + STEP) ** key[1] for key in fresh], np.float32)
             poses = np.empty((len(fresh), 3, self._bristles.VERTICES, self.bristles), np.float32)
             motion = (*self.physics[:2], self.iterations, self.rest, self.approach)
-            self._bristles.settle(scales, self._roots[which], self._stiffness[which], *motion, poses)
+            self._bristles.settle(scales, self._roots[which], self._splay[which], self._stiffness[which], *motion, poses)
             for key, pose in zip(fresh, poses, strict=True):
                 self._place[key] = len(self._poses)
                 self._poses.append(pose)
