@@ -120,7 +120,8 @@ def settle(scales, roots, splay, stiffness, gravity, damping, iterations, frames
 
     Without it a stroke would begin with a smear. For the first half of the ``frames`` the brush moves to the right, by
     ``approach`` brush scales per frame; then it stands. Of brushes with radii ``scales`` (B,), ``roots`` (B, 2, N),
-    ``splay`` (B, N), the direction in which each bristle falls, and ``stiffness`` (B, N) the positions around the handle, in brush scales, are written to ``out`` (B, 3, V, N).
+    ``splay`` (B, N), the direction in which each bristle falls, and ``stiffness`` (B, N) the positions around the
+    handle, in brush scales, are written to ``out`` (B, 3, V, N).
     """
     for b in prange(len(scales)):
         scale = scales[b]

@@ -34,8 +34,9 @@ class Fluid(Engine):
 
     Differs from the source: thin splats keep their amount of paint on a coarse grid; the brush is turned with the
     stroke, as a hand does, and comes to rest trailing behind it, its bristles spread as it came down, each its own way;
-    the handle runs ahead of the curve by as much as the bristles trail, so that the paint reaches from start to end; colours are those of a digital mixture, which on an
-    empty canvas is exact: the recorded RGB is what flat paint shows, and alpha is how much the paint covers.
+    the handle runs ahead of the curve by as much as the bristles trail, so that the paint reaches from start to end;
+    colours are those of a digital mixture, which on an empty canvas is exact: the recorded RGB is what flat paint
+    shows, and alpha is how much the paint covers.
 
     Args:
         window: pixels on the side of a picture, 8 to 1024.
@@ -117,7 +118,7 @@ class Fluid(Engine):
         return Simulated(torch.from_numpy(images), torch.from_numpy(heights))
 
     def _take_brushes(self, seed: int) -> None:
-        """Draw the bristles: a jittered sunflower of places, how stiff each one is, and where it falls on the canvas."""
+        """Draw the bristles: a jittered sunflower of places, how stiff each one is, and which way it falls."""
         n = self.bristles
         sources = (np.random.Philox(key=np.array([seed, brush], np.uint64)) for brush in range(self.brushes))
         words = np.stack([source.random_raw(4 * n).reshape(4, n) for source in sources])
@@ -141,7 +142,9 @@ class Fluid(Engine):
             scales = np.array([(1 + STEP) ** key[1] for key in fresh], np.float32)
             poses = np.empty((len(fresh), 3, self._bristles.VERTICES, self.bristles), np.float32)
             motion = (*self.physics[:2], self.iterations, self.rest, self.approach)
-            self._bristles.settle(scales, self._roots[which], self._splay[which], self._stiffness[which], *motion, poses)
+            self._bristles.settle(
+                scales, self._roots[which], self._splay[which], self._stiffness[which], *motion, poses
+            )
             for key, pose in zip(fresh, poses, strict=True):
                 self._place[key] = len(self._poses)
                 self._poses.append(pose)
