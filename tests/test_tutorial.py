@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import textwrap
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -28,16 +29,31 @@ BLOCKS = {
 NAMES = {Path(name).stem for name in BLOCKS if name.endswith(".py")}
 
 
-def test_the_plugins_of_the_tutorial_keep_their_contracts(tmp_path):
+PACKAGE = ROOT / "examples" / "plugin-package"
+
+
+def installed(package: Path, folder: Path) -> str:
+    """A search path on which a package lies with its entry points, as pip would install it in place."""
+    project = tomllib.loads((package / "pyproject.toml").read_text())["project"]
+    info = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
+    lines = [f"{name} = {value}" for name, value in project["entry-points"]["brushexp.plugins"].items()]
+    (info / "entry_points.txt").write_text("\n".join(["[brushexp.plugins]", *lines]))
+    return os.pathsep.join([str(folder), str(package / "src")])
+
+
+def test_the_plugins_of_the_tutorial_and_of_the_package_keep_their_contracts(tmp_path):
     assert {"calm", "raster", "marker", "glaze"} == NAMES
     for name in NAMES:
         (tmp_path / f"{name}.py").write_text(BLOCKS[f"plugins/{name}.py"])
-    command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider", "-k", " or ".join(NAMES)]
-    command += ["tests/test_plugins.py", "tests/test_engine.py"]
-    environment = os.environ | {"BRUSHEXP_PLUGINS": str(tmp_path)}
+    command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider"]
+    command += ["-k", " or ".join([*NAMES, "dabs"]), "tests/test_plugins.py", "tests/test_engine.py", str(PACKAGE)]
+    found = [installed(PACKAGE, tmp_path), os.environ.get("PYTHONPATH", "")]
+    environment = os.environ | {"BRUSHEXP_PLUGINS": str(tmp_path), "PYTHONPATH": os.pathsep.join(found)}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-4000:]
-    assert int(re.search(r"(\d+) passed", done.stdout)[1]) >= 18
+    assert int(re.search(r"(\d+) passed", done.stdout)[1]) >= 40
 
 
 PRESETS = {

@@ -1,19 +1,24 @@
-"""The plainest brush: a row of discs."""
+"""The plainest brush: a row of discs. One worker paints a whole stroke on a canvas of its own."""
 
 from typing import Annotated
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from brushexp.bounds import between
 from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import register
 from brushexp.strokes.prior import strokes_of
+from brushexp.system.compiled import function, kernel, prange
 from brushexp.system.runtime import share_threads
 
 DISCS = 100  # number i lies at t = i / DISCS
 SUPERSAMPLE = 2  # pixels of the canvas per pixel of the picture, in each direction
 MIN_RADIUS = 1.0  # of a disc, pixels of that canvas
+FARTHEST, WIDEST = 4.0, 4.0  # half-windows and windows: what is farther away or wider is brought to here
+
+F = np.float32
 
 
 @register("engine", "disc")
@@ -34,15 +39,55 @@ class Disc(Engine):
     is_random = False
 
     def __init__(self, *, window: Annotated[int, between(8, 512)] = 64) -> None:
-        from brushexp.plugins.engine import _stamps  # noqa: PLC0415  (Numba takes a second; --help should not)
-
-        self._stamps = _stamps
         self.window = window
 
     def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:
         share_threads()
         strokes = strokes_of(parameters.detach().cpu().float())
-        curve, width = self._stamps.curves_of(strokes, SUPERSAMPLE * self.window)
-        alpha = np.empty((len(curve), self.window, self.window), np.float32)
-        self._stamps.discs(curve, np.maximum(0.5 * width, MIN_RADIUS), DISCS, SUPERSAMPLE, alpha)
-        return self._stamps.one_colour(strokes, alpha)
+        side = SUPERSAMPLE * self.window
+        points = torch.cat([strokes.start, strokes.control, strokes.end], dim=1).double()
+        curve = (points.clamp(-FARTHEST, FARTHEST) + 1) * (0.5 * side)
+        radius = (0.5 * side * strokes.width.double().clamp(0, WIDEST)).clamp_min(MIN_RADIUS)
+        alpha = torch.empty(len(curve), self.window, self.window)
+        _paint(curve.numpy(), radius.numpy(), alpha.numpy())
+        color = strokes.color.clamp(0, 1)[:, :, None, None].expand(-1, -1, *alpha.shape[1:])
+        return Simulated(torch.cat([color, alpha[:, None]], dim=1), alpha)
+
+
+@kernel
+def _paint(curve, radius, alpha):  # type: ignore[no-untyped-def]
+    """Write the share of each pixel that a stroke's discs cover to ``alpha`` (n, S, S).
+
+    Start, control and end (n, 6) and ``radius`` (n,) are in pixels of the canvas.
+    """
+    side = alpha.shape[1] * SUPERSAMPLE
+    for i in prange(len(curve)):
+        bare = np.ones((side, side), F)
+        for k in range(DISCS):
+            t = k / DISCS
+            a, b, c = (1 - t) * (1 - t), 2 * t * (1 - t), t * t
+            x = a * curve[i, 0] + b * curve[i, 2] + c * curve[i, 4]
+            y = a * curve[i, 1] + b * curve[i, 3] + c * curve[i, 5]
+            _disc(bare, x, y, radius[i])
+        for row in range(len(alpha[i])):
+            for column in range(len(alpha[i])):
+                block = bare[
+                    SUPERSAMPLE * row : SUPERSAMPLE * (row + 1), SUPERSAMPLE * column : SUPERSAMPLE * (column + 1)
+                ]
+                alpha[i, row, column] = F(1) - block.mean()
+
+
+@function
+def _disc(bare, x, y, radius):  # type: ignore[no-untyped-def]
+    top, bottom = _pixels(y, radius, len(bare))
+    for row in range(top, bottom):
+        dy = row + 0.5 - y
+        left, right = _pixels(x, np.sqrt(max(radius * radius - dy * dy, 0.0)), len(bare))
+        bare[row, left:right] = 0
+
+
+@function
+def _pixels(middle, reach, side):  # type: ignore[no-untyped-def]
+    """First pixel whose centre lies within ``reach`` of ``middle``, and the one after the last."""
+    low, high = np.ceil(middle - reach - 0.5), np.floor(middle + reach - 0.5) + 1
+    return int(min(max(low, 0), side)), int(min(max(high, 0), side))

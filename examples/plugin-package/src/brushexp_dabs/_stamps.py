@@ -1,15 +1,14 @@
-"""Stamps set along a quadratic Bezier curve, compiled: one worker paints a whole stroke on a canvas of its own.
+"""Dabs set along a quadratic Bezier curve, compiled: one worker paints a whole stroke on a canvas of its own.
 
 Lengths are in pixels of that canvas, which is finer than the picture; the picture is its average over blocks.
 """
 
 import numpy as np
 import torch
-from numba import prange
 
 from brushexp.plugins.engine.base import Simulated
 from brushexp.strokes.catalogue import Strokes
-from brushexp.system.compiled import function, kernel
+from brushexp.system.compiled import function, kernel, prange
 
 F = np.float32
 U = np.uint64
@@ -36,23 +35,8 @@ def one_colour(strokes: Strokes, alpha: Array) -> Simulated:
 
 
 @kernel
-def discs(curve, radius, count, block, alpha):  # type: ignore[no-untyped-def]
-    """Union of ``count`` discs at t = i / count of curves (n, 6), with radii (n,).
-
-    The covered share of each pixel, ``block`` x ``block`` of the canvas, is written to ``alpha`` (n, S, S).
-    """
-    side = alpha.shape[1] * block
-    for i in prange(len(curve)):
-        bare = np.ones((side, side), F)
-        for k in range(count):
-            x, y = _point(curve[i], k / count)
-            _disc(bare, x, y, radius[i])
-        _average(bare, block, alpha[i])
-
-
-@kernel
 def dabs(curve, radius, per_radius, look, pressure, seed, number, block, alpha):  # type: ignore[no-untyped-def]
-    """Soft dabs at equal steps along each curve, displaced at random; the rest is as in `discs`.
+    """Soft dabs at equal steps along each curve, displaced at random; numbers (n,) are those of the strokes.
 
     ``look`` is hardness, opaque, what pressure adds to it, linearize, offset_by_random, radius_by_random; ``pressure``
     that in the middle, at both ends, and the shares of the length where the middle begins and ends. ``seed`` and the
@@ -133,17 +117,6 @@ def _dab(bare, x, y, radius, opacity, hardness):  # type: ignore[no-untyped-def]
         for column in range(left, right):
             dx = F(column + 0.5 - x)
             bare[row, column] *= F(1) - faint * profile((dx * dx + dy * dy) * scale, hard)
-
-
-@function
-def _disc(bare, x, y, radius):  # type: ignore[no-untyped-def]
-    side = len(bare)
-    top, bottom = _pixels(y, radius, side)
-    for row in range(top, bottom):
-        dy = row + 0.5 - y
-        left, right = _pixels(x, np.sqrt(max(radius * radius - dy * dy, 0.0)), side)
-        for column in range(left, right):
-            bare[row, column] = F(0)
 
 
 @function

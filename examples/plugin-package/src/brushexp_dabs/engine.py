@@ -12,6 +12,7 @@ from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import register
 from brushexp.strokes.prior import strokes_of
 from brushexp.system.runtime import share_threads
+from brushexp_dabs._stamps import curves_of, dabs, one_colour, opacity_of
 
 SMALLEST = 0.2 / 64  # least basic radius, windows: libmypaint's 0.2 pixels in a window of 64
 EDGE = 1e-4  # hardness 0 and 1 are drawn as this far from them
@@ -72,27 +73,24 @@ class Dabs(Engine):
     ) -> None:
         if head > tail:
             raise UserError(f"engine.head={head:g} is more than engine.tail={tail:g}; try engine.head={tail:g}")
-        from brushexp.plugins.engine import _stamps  # noqa: PLC0415  (Numba takes a second; --help should not)
-
-        self._stamps = _stamps
         self.window, self.supersample, self.dabs_per_radius = window, supersample, float(dabs_per_radius)
         hard = min(max(hardness, EDGE), 1 - EDGE)
         look = (hard, opaque, opaque_by_pressure, opaque_linearize, offset_by_random, radius_by_random)
         self.look, self.pressure = tuple(map(float, look)), tuple(map(float, (pressure, end_pressure, head, tail)))
-        opacity = _stamps.opacity_of(pressure, opaque, opaque_by_pressure, opaque_linearize, self.dabs_per_radius)
+        opacity = opacity_of(pressure, opaque, opaque_by_pressure, opaque_linearize, self.dabs_per_radius)
         self.half_width = half_width(hard, opacity, self.dabs_per_radius, pressure * offset_by_random)
 
     def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:
         share_threads()
         strokes = strokes_of(parameters.detach().cpu().float())
         side = self.supersample * self.window
-        curve, width = self._stamps.curves_of(strokes, side)
+        curve, width = curves_of(strokes, side)
         radius = np.maximum(0.5 * width / self.half_width, SMALLEST * side)
         number = np.uint64(first) + np.arange(len(curve), dtype=np.uint64)
         alpha = np.empty((len(curve), self.window, self.window), np.float32)
         settings = (self.dabs_per_radius, self.look, self.pressure, np.uint64(seed))
-        self._stamps.dabs(curve, radius, *settings, number, self.supersample, alpha)
-        return self._stamps.one_colour(strokes, alpha)
+        dabs(curve, radius, *settings, number, self.supersample, alpha)
+        return one_colour(strokes, alpha)
 
 
 def half_width(hardness: float, opacity: float, per_radius: float, offset: float) -> float:

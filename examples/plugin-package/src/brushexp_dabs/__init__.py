@@ -1,0 +1,1 @@
+"""A dry brush for brushexp: ``engine=dabs``."""
