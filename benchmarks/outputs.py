@@ -98,8 +98,15 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        program("report=false", f"output={folder / 'default'}")
-        program("steps=100", "resolution=1000", f"strokes={options.strokes}", "frames=0", f"output={folder / 'many'}")
+        program("look=plain", "report=false", f"output={folder / 'default'}")
+        program(
+            "look=plain",
+            "steps=100",
+            "resolution=1000",
+            f"strokes={options.strokes}",
+            "frames=0",
+            f"output={folder / 'many'}",
+        )
         catalogue = folder / "default" / "catalogue.h5"
         print("| export of the default painting | seconds | MB | memory MB |\n|---|---|---|---|")
         svg = exported(catalogue, folder, "svg")

@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[1]
 def run(overrides: list[str], folder: Path) -> dict[str, float]:
     """Paint once and return metrics.json, with the wall time of the whole process as ``wall``."""
     start = time.perf_counter()
-    command = [sys.executable, str(ROOT / "run.py"), f"output={folder}", *overrides]
+    command = [sys.executable, str(ROOT / "run.py"), f"output={folder}", "look=plain", *overrides]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     wall = time.perf_counter() - start
     return json.loads((folder / "metrics.json").read_text()) | {"wall": wall}

@@ -12,6 +12,7 @@ from browser import browser, opened  # noqa: F401  (fixtures)
 from hydra import compose, initialize_config_dir
 from hypothesis import settings
 from omegaconf import DictConfig
+from program import in_plain
 from zygote import Zygote
 
 from brushexp.app.command_line import in_full, prepare
@@ -46,7 +47,7 @@ def config() -> Callable[..., DictConfig]:
 
     def compose_with(*overrides: str) -> DictConfig:
         with initialize_config_dir(version_base="1.3", config_dir=str(ROOT / "conf")):
-            return compose("config", overrides=in_full(list(overrides)))
+            return compose("config", overrides=in_full(in_plain(overrides)))
 
     return compose_with
 

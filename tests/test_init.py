@@ -13,14 +13,15 @@ from torch.testing import assert_close
 from brushexp.plugins.init._cells import nearest
 from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.init.grid import Grid, lattice
+from brushexp.plugins.init.layers import InLayers
 from brushexp.plugins.init.random import Random
 from brushexp.plugins.init.slic import Slic, refined
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
 
 OVERLAPPING = partial(Grid, shift=True, length=1.8, width=1.4)  # as the preset has it
-BUILT_IN = [Grid(), OVERLAPPING(), Slic(), Slic(detail=0.0), Slic(detail=1.0, orient="random"), Random()]
-NAMES = ["grid", "overlapping_grid", "slic", "slic_even", "slic_random", "random"]
+BUILT_IN = [Grid(), OVERLAPPING(), Slic(), Slic(detail=0.0), Slic(detail=1.0, orient="random"), Random(), InLayers()]
+NAMES = ["grid", "overlapping_grid", "slic", "slic_even", "slic_random", "random", "layers"]
 every_init = pytest.mark.parametrize("init", BUILT_IN, ids=NAMES)
 
 
@@ -75,7 +76,7 @@ def test_the_generator_decides_and_nothing_else_does(init):
     assert torch.equal(target, noise(30, 50)), "the target is left as it was"
 
 
-@every_init
+@pytest.mark.parametrize("init", BUILT_IN[:-1], ids=NAMES[:-1])
 @pytest.mark.parametrize("n", [1, 7, 40, 600])
 def test_a_stroke_has_the_mean_colour_and_centre_of_mass_of_its_cell(init, n):
     target, still = noise(20, 30), replace(init, jitter=0.0)
@@ -105,7 +106,7 @@ def test_overlapping_strokes_are_larger_and_their_rows_are_shifted():
     assert_close(second[1:-1] - first[1:-1], torch.full((2,), 5.0), atol=1.0, rtol=0)
 
 
-@pytest.mark.parametrize("init", BUILT_IN[:4], ids=NAMES[:4])
+@pytest.mark.parametrize("init", [*BUILT_IN[:4], InLayers()], ids=[*NAMES[:4], "layers"])
 @pytest.mark.parametrize("degrees", [0, 30, 45, 90, 120])
 def test_strokes_follow_the_stripes_of_the_picture(init, degrees):
     strokes = made(init, stripes(96, 144, degrees), 200)
@@ -139,6 +140,37 @@ def test_more_strokes_lie_where_the_picture_has_detail():
     inits = Slic(detail=0.0), Slic(), build_named("init", "scatter", {"detail": 0.7})
     even, *shares = (float((made(init, target, 150).position[:, 0] > 60).float().mean()) for init in inits)
     assert min(shares) > max(0.5, even)
+
+
+def test_layers_go_from_large_strokes_everywhere_to_small_ones_where_the_picture_has_detail():
+    target = torch.full((3, 60, 90), 0.5)
+    target[:, :, 60:] = noise(60, 30)
+    strokes = made(InLayers(ratio=0.5, cover=0.5, jitter=0), target, 140)
+    sizes, counts = (strokes.width * strokes.scale).round(decimals=4).unique(return_counts=True)
+    assert_close(sizes[1:] / sizes[:-1], torch.full((2,), 2.0), atol=1e-3, rtol=0)
+    assert counts.tolist() == [80, 40, 20]
+    right = [
+        float((strokes.position[strokes.scale == scale, 0] > 60).float().mean()) for scale in strokes.scale.unique()
+    ]
+    assert right[0] > 0.6
+    assert 0.4 > right[2] > 0.2  # the lowest layer is everywhere: a third of it is there
+
+
+def test_strokes_in_layers_end_where_the_picture_has_another_colour_and_bend_with_it():
+    disc = torch.zeros(1, 80, 80)
+    y, x = torch.meshgrid(torch.arange(80) - 39.5, torch.arange(80) - 39.5, indexing="ij")
+    disc[:, (x.square() + y.square()) < 30**2] = 1
+    strokes = made(InLayers(layers=1, jitter=0), disc.expand(3, -1, -1).contiguous(), 300)
+    curve = strokes.position[:, None] + torch.stack([strokes.start, strokes.end], 1) * strokes.scale[:, None, None] / 2
+    ends = (curve - 40).norm(dim=2)
+    light = strokes.color[:, 0] > 0.9
+    assert (ends[light] < 34).all()
+    assert (ends[strokes.color[:, 0] < 0.1] > 26).all()
+    around = light & ((strokes.position - 40).norm(dim=1) > 24)
+    radius = strokes.position[around] - 40
+    along = strokes.end[around] - strokes.start[around]
+    cosine = (radius * along).sum(1).abs() / (radius.norm(dim=1) * along.norm(dim=1))
+    assert cosine.median() < 0.15, "along the edge, not across"
 
 
 def test_cutting_shares_the_pieces_out_evenly_where_nothing_tells_cells_apart():

@@ -11,7 +11,7 @@ import warnings
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from program import FORKS, ROOT
+from program import FORKS, ROOT, in_plain
 
 Kill = tuple[str, int, bool]
 
@@ -49,7 +49,7 @@ class Zygote:
             sent: the signal.
             patched: constants of `brushexp.training.writer` that are other numbers.
         """
-        self.pipe.send((cwd, words, kill, sent, patched))
+        self.pipe.send((cwd, in_plain(words), kill, sent, patched))
         assert self.pipe.poll(200), f"{' '.join(words)} does not end"
         return self.pipe.recv()
 

@@ -11,6 +11,7 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.app.keys import groups_of, keys_of, publish
+from brushexp.app.looks import offer_looks
 from brushexp.app.mistakes import unknown_key, unknown_option
 from brushexp.app.rules import OF_TASKS
 from brushexp.app.schema import TASKS
@@ -24,11 +25,17 @@ STYLE_PARTS = {"style.loss": "style.image", "style.strokes": "style.brushwork"} 
 
 
 def offer(folders: Sequence[Path]) -> None:
-    """Publish the tasks, and the presets in folders of configs for families of which several can be chosen."""
-    publish(TASKS)
+    """Publish the tasks, the looks, and the presets in folders of configs for families with several members."""
     for folder in folders:
         for family in MULTI_SELECT:
-            offer_presets(family, {path.stem: path for path in sorted((folder / family).glob("*.yaml"))})
+            offer_presets(family, files_of(folder, family))
+    looks = {name: path for folder in folders for name, path in files_of(folder, "look").items()}
+    publish(TASKS, offer_looks(looks, TASKS["paint"]))
+
+
+def files_of(folder: Path, group: str) -> dict[str, Path]:
+    """The files of a group in a folder of configs, by name."""
+    return {path.stem: path for path in sorted((folder / group).glob("*.yaml"))}
 
 
 def offer_presets(family: str, paths: dict[str, Path]) -> None:

@@ -38,7 +38,9 @@ def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]
     for name, key in keys_of(schema).items():
         if name.startswith("trainer.") and "trainer" not in typed:
             continue  # twenty keys of Lightning
-        lines += two_columns(f"{name}={as_typed(reduce(getitem, name.split('.'), raw))}", key.meaning)
+        value = reduce(getitem, name.split("."), raw)
+        value = OmegaConf.select(cfg, name) if str(value).startswith("${scaled:") else value
+        lines += two_columns(f"{name}={as_typed(value)}", key.meaning)
     about = "a family that you type shows options and what to choose by: renderer=neural --help"
     lines += ["", f"Its plugins, family=name; {about}"]
     for group in groups_of(schema):

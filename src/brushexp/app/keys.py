@@ -4,7 +4,7 @@
 composed; `--help`, the error messages and the documentation read the same lines of `schema`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import MISSING as NO_DEFAULT
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, get_args, get_origin, get_type_hints
@@ -14,6 +14,8 @@ from omegaconf import DictConfig, OmegaConf
 
 from brushexp.bounds import ANY, Bounds, Rule
 from brushexp.registry import MULTI_SELECT
+
+OPTIONS = "look_options"  # group of what looks set of plugins: look_options/<family>/<look>_<plugin>
 
 
 def key(default: Any, meaning: str, bounds: Bounds | Rule = ANY) -> Any:
@@ -60,10 +62,12 @@ def groups_of(schema: type[Any]) -> list[str]:
     return [name for name in {**schema.groups, **schema.presets} if "@" not in name]
 
 
-def publish(tasks: Mapping[str, type[Any]]) -> None:
-    """Make every task, by its name, a choice of Hydra's group ``task``."""
+def publish(tasks: Mapping[str, type[Any]], tuned: Collection[str] = ()) -> None:
+    """Make every task, by its name, a choice of Hydra's group ``task``; looks set options of ``tuned`` families."""
     for name, schema in tasks.items():
         groups = [{f"/{group}": chosen} for group, chosen in schema.groups.items()]
+        if "look" in schema.presets:
+            groups += [{f"optional /{OPTIONS}/{family}@{family}": f"${{look}}_${{{family}}}"} for family in tuned]
         presets = [{f"/{group}": chosen} for group, chosen in schema.presets.items()]
         several: dict[str, Any] = {family: {} for family in MULTI_SELECT if family in schema.groups}  # for loss=[]
         head = {"defaults": [*groups, "_self_", *presets], "task": name, **several}

@@ -83,7 +83,7 @@ class PaintTask(Task):
     groups: ClassVar[dict[str, Any]] = {"init": "slic", "renderer": "analytic", "blend": "tiled", "order": "area"}
     groups |= {"loss": ["mse"], "density": "fixed", "sampler": "whole", "optimizer": "adam", "callbacks": []}
     groups |= {"logger": ["csv"], "loss@style.loss": "style", "loss@style.strokes": "brushwork"}
-    presets: ClassVar[dict[str, str]] = {"trainer": "default", "quality": "normal"}
+    presets: ClassVar[dict[str, str]] = {"trainer": "default", "look": "oil", "quality": "normal"}
     settings: ClassVar[dict[str, Any]] = {
         "style": {
             "loss": {"image": "${style.image}", "colors": "${style.colors}"},  # added to loss= with style.image
@@ -95,6 +95,9 @@ class PaintTask(Task):
     resolution: int | None = key(None, "longer side in pixels; null = as is", between(1, 16384))
     strokes: int | None = key(None, "number of strokes; null = one per pixels_per_stroke", at_least(1))
     pixels_per_stroke: float = key(100, "pixels of the picture for each stroke", at_least(1))
+    max_strokes: int | None = key(None, "at most so many by pixels_per_stroke; null = no limit", at_least(1))
+    detail: float = key(1, "factor of the strokes that a look has; quality= sets it", above(0))
+    effort: float = key(1, "factor of the steps that a look takes; quality= sets it", at_least(0))
     steps: int = key(500, "gradient steps; 0 paints the initialisation", at_least(0))
     steps_per_stroke: float | None = key(None, "instead of steps: how often each stroke moves", at_least(0))
     coarse: float = key(0, "share of the steps that come first, at half the resolution", between(0, 0.99))

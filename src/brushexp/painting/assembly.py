@@ -107,7 +107,7 @@ def paced(parts: Components, steps_per_stroke: float | None, strokes: Strokes, s
 def check_memory(cfg: DictConfig, parts: Components, size: tuple[int, int]) -> None:
     """Refuse (UserError) what memory cannot hold: pictures of a canvas of ``size``, and windows of its strokes."""
     pixels = size[0] * size[1]
-    strokes = cfg.strokes or pixels / cfg.pixels_per_stroke
+    strokes = cfg.strokes or min(pixels / cfg.pixels_per_stroke, cfg.max_strokes or math.inf)
     window = max(getattr(stage.renderer, "window", 0) for stage in parts.stages)
     windows = strokes * window**2 * BYTES_PER_WINDOW_PIXEL if isinstance(parts.sampler, Whole) else 0
     needed, free = (pixels * BYTES_PER_PIXEL + windows) / 2**20, free_memory()
@@ -147,6 +147,7 @@ def budget_of(cfg: DictConfig, size: tuple[int, int], density: Density, there: i
     n = there if cfg.strokes is None else cfg.strokes
     if n is None:
         n = max(1, round(math.prod(size) / cfg.pixels_per_stroke))
+        n = n if cfg.max_strokes is None else min(n, cfg.max_strokes)
     if there is not None and (n < there or (n > there and density.first(n, cfg.steps) == n)):
         raise UserError(
             f"strokes={n}, but {cfg.catalogue} has {there}; drop strokes or catalogue, or let a policy that "

@@ -1,0 +1,136 @@
+"""Looks: what they set stands below what is typed, whatever plugins that chooses, and quality scales them."""
+
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+from program import ROOT
+
+from brushexp.app.command_line import in_full
+from brushexp.app.composition import check, offer
+from brushexp.app.help import presets_of
+from brushexp.app.looks import FACTORS
+from brushexp.app.schema import PaintTask
+from brushexp.app.tasks import paint
+from brushexp.errors import UserError
+from brushexp.registry import plugin_of
+
+LOOKS = sorted(path.stem for path in (ROOT / "conf" / "look").glob("*.yaml"))
+MINE = """# @package _global_
+# my own
+defaults:
+  - override /init: grid
+  - override /loss: [mse, kl, width]
+
+steps: 30
+background: white
+init:
+  shift: true
+optimizer:
+  lr: 0.07
+loss:
+  kl:
+    weight: 0.5
+"""
+
+
+def composed(words: str = "", conf=ROOT / "conf"):
+    with initialize_config_dir(version_base="1.3", config_dir=str(conf)):
+        return compose("config", overrides=in_full(words.split()))
+
+
+@pytest.fixture
+def mine(tmp_path):
+    """A folder of configs with a look of the user's."""
+    (tmp_path / "look").mkdir()
+    (tmp_path / "look" / "mine.yaml").write_text(MINE)
+    offer([ROOT / "conf", tmp_path])
+    yield lambda words="": composed(f"look=mine {words}")
+    offer([ROOT / "conf"])
+
+
+def test_a_look_of_ones_own_is_one_file(mine, tmp_path):
+    cfg = mine()
+    check(cfg)
+    assert (cfg.steps, cfg.background, cfg.init.shift, cfg.optimizer.lr, cfg.loss.kl.weight) == (
+        30,
+        "white",
+        True,
+        0.07,
+        0.5,
+    )
+    assert presets_of(tmp_path / "look") == {"mine": "my own"}
+    assert cfg.pixels_per_stroke == PaintTask.pixels_per_stroke  # what a look does not say is as ever
+
+
+@pytest.mark.parametrize(
+    ("typed", "same", "changed"),
+    [
+        ("steps=7", "init loss optimizer", {"steps": 7}),
+        ("init=slic", "loss optimizer", {"init.width": 0.8}),
+        ("init=grid", "init loss optimizer", {}),
+        ("loss=[mse]", "init optimizer", {"loss": {"mse": {"weight": 1.0}}}),
+        ("loss=[kl,l1]", "init loss.kl", {"loss.l1.weight": 1.0}),
+        ("optimizer=sgd", "init loss", {"optimizer.lr": 12.0}),
+        ("init.shift=false loss.kl.weight=2", "optimizer", {"init.shift": False, "loss.kl.weight": 2.0}),
+    ],
+)
+def test_what_is_typed_wins_and_the_rest_of_a_look_stays(mine, typed, same, changed):
+    before, after = mine(), mine(typed)
+    check(after, typed.split())
+    for key in same.split():
+        assert OmegaConf.select(after, key) == OmegaConf.select(before, key)
+    for key, value in changed.items():
+        found = OmegaConf.select(after, key)
+        if key == "loss":
+            found = {name: {"weight": node.weight} for name, node in found.items()}
+        assert found == value
+
+
+@pytest.mark.parametrize("typed", ["init=slic init.shift=true", "loss=[mse] loss.kl.weight=3"])
+def test_what_a_user_types_of_a_plugin_that_is_not_chosen_is_refused(mine, typed):
+    with pytest.raises(Exception, match=r"shift|loss\.kl"):
+        check(mine(typed), typed.split())
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("init:\n  shifted: true\ndefaults:\n  - override /init: grid\n", "init=grid"),
+        ("loss:\n  kl:\n    weight: much\n", "loss=kl"),
+        ("- steps\n", "sets nothing"),
+    ],
+)
+def test_a_look_that_does_not_fit_is_refused_with_its_file(tmp_path, text, message):
+    (tmp_path / "look").mkdir()
+    (tmp_path / "look" / "wrong.yaml").write_text(text)
+    with pytest.raises(UserError, match=rf"wrong\.yaml.*{message}"):
+        offer([tmp_path])
+    offer([ROOT / "conf"])
+
+
+@pytest.mark.parametrize("look", LOOKS)
+def test_a_look_composes_with_everything_and_quality_scales_it(look):
+    looks = presets_of(ROOT / "conf" / "look")
+    assert looks[look]
+    for words in ("", "init=grid", "renderer=analytic loss=[mse]", "quality=best", "style.brushwork=null"):
+        check(composed(f"look={look} {words}"))
+    cfg, fine, typed = (composed(f"look={look} {words}") for words in ("", "effort=2 detail=4", "effort=9 steps=3"))
+    assert (fine.steps, typed.steps) == (2 * cfg.steps, 3)
+    assert fine.pixels_per_stroke == cfg.pixels_per_stroke / 4
+    assert set(FACTORS) <= set(cfg)
+
+
+@pytest.mark.filterwarnings("ignore:.*in eval mode")
+@pytest.mark.parametrize("look", LOOKS)
+def test_a_look_paints(look, run_task, tmp_path):
+    words = ("image=astronaut", "resolution=64", "steps=3", "finish_steps=1", "frames=0", "report=false", "threads=1")
+    result = run_task(paint, f"look={look}", *words)
+    assert result["psnr"] > 8
+    assert result["status"] == "completed"
+
+
+def test_a_sweep_over_looks_or_over_losses_of_one_composes():
+    jobs = [composed(f"look={look} loss={loss}") for look in ("oil", "plain") for loss in ("[mse]", "[mse,kl]")]
+    assert [list(cfg.loss) for cfg in jobs] == 2 * [["mse"], ["mse", "kl"]]
+    assert jobs[1].loss.kl.weight != jobs[3].loss.kl.weight
+    assert plugin_of(jobs[0].renderer).name == "textured"
