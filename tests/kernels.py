@@ -44,11 +44,13 @@ def paint_with_gradient(renderer, blend, strokes, size, weight, *, order=None) -
     return image.detach().double(), {n: (zero[n] if v.grad is None else v.grad).double() for n, v in leaves.items()}
 
 
-def assert_agree(renderer, blend, strokes, size, fields=tuple(FIELDS), *, order=None, slack=1e-3, exactness=1e-4):
+def assert_agree(
+    renderer, blend, strokes, size, fields=tuple(FIELDS), *, order=None, slack=1e-3, exactness=1e-4, dense=DENSE
+):
     """Value to ``exactness``, gradient to ``slack`` of its size, against the reference in float64."""
     weight = torch.randn(3, *size, generator=torch.Generator().manual_seed(0))
     image, gradient = paint_with_gradient(renderer, blend, strokes, size, weight, order=order)
-    exact, slope = paint_with_gradient(renderer, DENSE, strokes.map(lambda v: v.double()), size, weight, order=order)
+    exact, slope = paint_with_gradient(renderer, dense, strokes.map(lambda v: v.double()), size, weight, order=order)
     torch.testing.assert_close(image, exact, atol=exactness, rtol=0)
     for name in fields:
         error, scale = (gradient[name] - slope[name]).norm(), slope[name].norm()

@@ -34,6 +34,7 @@ FAMILIES = {
     "init": "target picture -> first strokes",
     "renderer": "stroke parameters -> what each stroke covers",
     "blend": "strokes in depth order -> picture",
+    "color": "in which space paint is laid over paint",
     "order": "strokes -> depth",
     "loss": "painting -> number to minimise",
     "density": "when strokes are added and removed",

@@ -13,7 +13,7 @@ from brushexp.plugins.blend.base import Canvas, accuracy_of
 
 CHUNK = 2**25  # stroke-pixel pairs held at once; more is computed in pieces, and again in the backward pass
 
-# (alpha (T, K, P), color (T, K, P or 1, 3)) -> (painted (T, P, 3), light left for the background (T, P))
+# (alpha (T, K, P), color (T, K, P or 1, C)) -> (painted (T, P, C), light left for the background (T, P))
 Combine = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
 
 
@@ -54,7 +54,7 @@ def paint_tiles(
         pieces.append(paint(index, points) if fits else checkpoint(paint, index, points, use_reentrant=False))
         if goal is not None:
             _judge(layers, index, points, goal[part], size, error, total)
-    tiles = torch.cat(pieces).permute(2, 1, 0).reshape(1, 3 * TILE * TILE, -1)
+    tiles = torch.cat(pieces).permute(2, 1, 0).reshape(1, len(background) * TILE * TILE, -1)
     image = functional.fold(tiles, whole, TILE, stride=TILE)[0, :, : size[0], : size[1]]
     return Canvas(image, None if target is None else accuracy_of(error, total))
 

@@ -16,6 +16,7 @@ from brushexp.system.compiled import Compiled
 Size = tuple[int, int]  # height and width of a canvas, pixels
 SPREAD = 1.5  # half widths that textures reach to either side of the curve, and beyond its ends
 EDGE = 2.0  # pixels that a soft edge may add to a stroke
+Encode = Callable[[Tensor], Tensor]  # from RGB (..., 3) to channels (..., C), black to 0 and white to 1, differentiable
 Part = Callable[..., Any]  # a function marked by `system.compiled.inline`
 
 
@@ -78,7 +79,7 @@ class Layers(ABC):
 
     curve: Tensor  # (N, 3, 2) control points in pixels; all of a stroke lies within ``reach`` of its curve
     reach: Tensor  # (N,) pixels beyond which its alpha is exactly 0; 0 or less for a stroke that is nowhere
-    color: Tensor  # (N, 3) mean colour
+    color: Tensor  # (N, C) mean colour
     per_stroke: ClassVar[tuple[str, ...]]  # names of the fields that have a row for each stroke
 
     def joined(self, other: Self) -> Self:
@@ -88,11 +89,27 @@ class Layers(ABC):
 
     @abstractmethod
     def sample(self, index: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
-        """Alpha (T, K, P) and colour (T, K, P or 1, 3) of strokes ``index`` (T, K) at ``points`` (T, P, 2).
+        """Alpha (T, K, P) and colour (T, K, P or 1, C) of strokes ``index`` (T, K) at ``points`` (T, P, 2).
 
         Both are in [0, 1], and differentiable in all fields; a colour that is constant has one pixel.
         """
 
+    def encoded(self, encode: Encode) -> "Layers":
+        """The same strokes with colours of other channels; light in textures mixes them with white or black there."""
+        return EncodedLayers(self, encode)
+
     def compiled(self) -> KernelInput | None:
         """The same for a compiled kernel; None if there is none, or none that can do what these layers need."""
         return None
+
+
+class EncodedLayers(Layers):
+    """Layers of any kind, whose colours are encoded where they are sampled."""
+
+    def __init__(self, layers: Layers, encode: Encode) -> None:
+        self.layers, self.encode = layers, encode
+        self.curve, self.reach, self.color = layers.curve, layers.reach, encode(layers.color)
+
+    def sample(self, index: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
+        alpha, color = self.layers.sample(index, points)
+        return alpha, self.encode(color)

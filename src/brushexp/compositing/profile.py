@@ -5,13 +5,14 @@ so its gradient is the unit normal times the Bernstein weights; a tapered stroke
 """
 # mypy: allow-untyped-defs
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.compositing.layers import KernelInput, Layers, TileKernel
+from brushexp.compositing.layers import Encode, KernelInput, Layers, TileKernel
 from brushexp.compositing.nearest import LEAST_SLOPE
 from brushexp.compositing.passes import CHANNELS, PULL, PULL_ALPHA
 from brushexp.compositing.tile_lists import AREA, NEAREST, F
@@ -57,6 +58,9 @@ class Profile(Layers):
         coverage = smooth_rise((half + distance) / self.soft) + smooth_rise((half - distance) / self.soft)
         coverage = coverage.clamp_min(0)  # rounding may leave less
         return self.opacity[index][..., None] * coverage, self.color[index][:, :, None]
+
+    def encoded(self, encode: Encode) -> Self:
+        return replace(self, color=encode(self.color))
 
     def compiled(self) -> KernelInput:
         strokes = [self.curve.flatten(1), self.half_width[:, None], self.opacity[:, None], self.color]

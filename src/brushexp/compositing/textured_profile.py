@@ -5,14 +5,15 @@ goes to the curve through both coordinates; the textures are taken as given.
 """
 # mypy: allow-untyped-defs
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from brushexp.compositing.frame import LEAST_SQUARE, SHORTEST_SQUARED, SLOWEST, SLOWEST_PIXELS, stroke_frame
-from brushexp.compositing.layers import SPREAD, KernelInput, Layers, TileKernel
+from brushexp.compositing.layers import SPREAD, Encode, KernelInput, Layers, TileKernel
 from brushexp.compositing.passes import CHANNELS, PULL, PULL_ALPHA
 from brushexp.compositing.tile_lists import AREA, NEAREST, F
 from brushexp.system.compiled import first_of, inline
@@ -73,6 +74,9 @@ class TexturedProfile(Layers):
         opacity, light = _look_up(self.textures, self.look[index][..., None], x, y).unbind(-1)
         color = self.color[index][:, :, None] * (1 - light.abs())[..., None] + light.clamp_min(0)[..., None]
         return self.opacity[index][..., None] * opacity, color
+
+    def encoded(self, encode: Encode) -> Self:
+        return replace(self, color=encode(self.color))
 
     def compiled(self) -> KernelInput | None:
         if self.cells is None:

@@ -6,14 +6,15 @@ reaches it and the derivative with respect to its alpha. Then each stroke gather
 """
 # mypy: allow-untyped-defs
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
+from typing import Self
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.compositing.layers import KernelInput, Layers, TileKernel
+from brushexp.compositing.layers import Encode, KernelInput, Layers, TileKernel
 from brushexp.compositing.passes import CHANNELS, PULL_ALPHA
 from brushexp.compositing.tile_lists import ABOVE, AREA, TILE, Array, F
 from brushexp.system.compiled import Compiled, inline, kernel, prange
@@ -68,6 +69,11 @@ class Windows(Layers):
             painted = painted + covered[..., None] * texels[..., :-1]  # premultiplied: an empty texel has no colour
         color = painted / alpha.clamp_min(ALMOST_NOTHING)[..., None]
         return self.opacity[index][..., None] * alpha, color
+
+    def encoded(self, encode: Encode) -> Self:
+        """Texel by texel."""
+        color = encode(self.images[:, :3].movedim(1, -1)).movedim(-1, 1)
+        return replace(self, images=torch.cat([color, self.images[:, 3:]], dim=1), color=encode(self.color))
 
     def compiled(self) -> KernelInput:
         places = torch.cat([self.position, self.scale[:, None], self.opacity[:, None]], dim=1)

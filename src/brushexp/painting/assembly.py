@@ -9,6 +9,7 @@ import torch
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
+from brushexp.compositing.mixing import mixing
 from brushexp.errors import UserError
 from brushexp.painting.components import Components, Stage
 from brushexp.pictures.color import recolored
@@ -35,8 +36,9 @@ AUTO = "auto"  # warm_up that leaves it to the renderer
 
 def components_of(cfg: DictConfig) -> Components:
     """Build what the config names."""
-    others = {family: build(cfg[family]) for family in ("blend", "order", "density", "sampler", "optimizer")}
-    return Components(stages=stages_of(cfg), losses=losses_of(cfg), **others)
+    others = {family: build(cfg[family]) for family in ("order", "density", "sampler", "optimizer")}
+    blend = mixing(build(cfg.blend), build(cfg.color))
+    return Components(stages=stages_of(cfg), blend=blend, losses=losses_of(cfg), **others)
 
 
 def losses_of(cfg: DictConfig) -> dict[str, Loss]:

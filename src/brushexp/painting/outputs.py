@@ -8,8 +8,11 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
+from brushexp.compositing.mixing import mixing
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend
+from brushexp.plugins.color.base import ColorSpace
+from brushexp.plugins.color.rgb import Rgb
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build, build_named, plain_config, plugin_of
@@ -23,6 +26,17 @@ LARGEST_SIDE_PIXELS = 65_536  # of the longer side of a picture that is written
 def renderer_of(saved: Saved) -> Renderer:
     """The renderer that a catalogue was made with: looked up by name, because a file must not name code to run."""
     return build_named("renderer", saved.renderer, painted_with(saved)["renderer"])
+
+
+def space_of(saved: Saved) -> ColorSpace:
+    """The colour space that a catalogue was painted in: a registered one, because a file must not name code to run."""
+    node = painted_with(saved).get("color", {})
+    if not node:
+        return Rgb()
+    if not isinstance(node, dict) or "_target_" not in node or plugin_of(plain_config(node)).family != "color":
+        raise UserError(f"color is {in_short(node)} in the config of the catalogue; write color: {{}} there for rgb")
+    space: ColorSpace = build(plain_config(node))
+    return space
 
 
 def painted_with(saved: Saved) -> dict[str, Any]:
@@ -64,7 +78,8 @@ def export_job(
 ) -> ExportJob:
     """A catalogue, from ``source``, as exporters take it; ``name`` is that of the renderer.
 
-    It is crisp at any size: the strokes are scaled, not the picture. ``resolution`` is the longer side in pixels,
+    Its paint is mixed in the colour space that it was painted in. It is crisp at any size: the strokes are scaled, not
+    the picture. ``resolution`` is the longer side in pixels,
     ``LARGEST_SIDE_PIXELS`` at most; None means as it was painted.
     """
     height, width = saved.size
@@ -74,6 +89,7 @@ def export_job(
     zoom = resolution / max(height, width)
     size = (max(1, round(height * zoom)), max(1, round(width * zoom)))
     painting = saved.strokes.moved(zoom=zoom), saved.depth, size, saved.background
+    blend = mixing(blend, space_of(saved))
     return ExportJob(*painting, renderer, blend, name, source, saved.seed, saved.config)
 
 

@@ -59,7 +59,8 @@ def height_of(job: ExportJob) -> np.ndarray:
     """
     height = np.empty(job.size, np.float32)
     renderer = Impasto(job.renderer, typical_width(job.strokes))
-    for top, band in replace(job, renderer=renderer, background=torch.zeros_like(job.background)).bands():
+    bare = replace(job, renderer=renderer, blend=job.blend.plain, background=torch.zeros_like(job.background))
+    for top, band in bare.bands():
         height[top : top + band.shape[1]] = band[0].cpu().numpy()
     return height
 

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from brushexp.compositing.layers import Layers, Size
+from brushexp.plugins.color.base import ColorSpace
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,13 @@ class Blend(ABC):
     cost: ClassVar[str] = "not measured"  # of a gradient step against that of ``tiled``, at 1024 px and 10,000 strokes
     exact: ClassVar[str] = "yes"  # or what it leaves out
     runs_on: ClassVar[str] = "any device, any precision"
-    layered: ClassVar[bool] = True  # whether strokes laid over others look as if both had been laid at once
+    space: ColorSpace | None = None  # in which paint is laid over paint, see `compositing.mixing`; None for RGB
+    layered: bool = True  # whether strokes laid over others look as if both had been laid at once
+
+    @property
+    def plain(self) -> "Blend":
+        """The blend that lays channels as they come, whatever they mean; ``background`` and picture have them, too."""
+        return self
 
     @classmethod
     def facts(cls) -> dict[str, str]:

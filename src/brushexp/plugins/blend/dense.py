@@ -26,9 +26,9 @@ class Dense(Blend):
             wrong = f"blend=dense would hold {len(front_to_back)} strokes at {height * width} pixels each"
             raise UserError(f"{wrong}; use blend=tiled, or fewer strokes or a smaller resolution")
         points = pixel_centres(torch.arange(height * width, device=background.device), width, background.dtype)[None]
-        alpha, color = layers.sample(front_to_back[None], points)  # (1, N, P), (1, N, P or 1, 3)
+        alpha, color = layers.sample(front_to_back[None], points)  # (1, N, P), (1, N, P or 1, C)
         painted, light = over(alpha, color)
-        image = (painted + light[..., None] * background)[0].T.reshape(3, height, width)
+        image = (painted + light[..., None] * background)[0].T.reshape(-1, height, width)
         if target is None:
             return Canvas(image)
         goal = target.reshape(3, -1).T[None, None]  # (1, 1, P, 3)
@@ -41,7 +41,7 @@ class Dense(Blend):
 def over(alpha: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
     """Lay K strokes over each other, the uppermost first ("over", Porter and Duff, 1984).
 
-    From alpha (T, K, P) and color (T, K, P or 1, 3) to the painted (T, P, 3), and the light that is left for the
+    From alpha (T, K, P) and color (T, K, P or 1, C) to the painted (T, P, C), and the light that is left for the
     background (T, P).
     """
     light = torch.cumprod(1 - alpha, dim=1)

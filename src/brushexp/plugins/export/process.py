@@ -86,8 +86,9 @@ def states(job: ExportJob, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
     Shares (N,) fall from 1 to 0 from the bottom stroke up, and never from state to state. Finished strokes are laid
     over what is there, so that each is drawn once, unless the blend is not `layered`.
     """
-    bare = job.background[:, None, None].expand(3, *job.size)
-    canvas, order, done = bare.clone(), job.bottom_up, 0
+    space, bare = job.blend.space, job.background
+    bare = bare if space is None else space.encode(bare)
+    canvas, order, done = bare[:, None, None].repeat(1, *job.size), job.bottom_up, 0
     if not job.blend.layered:
         log.warning("with this blend every picture is drawn from the beginning, which takes long; try blend=tiled")
     for share in shares:
@@ -99,24 +100,26 @@ def states(job: ExportJob, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
         if begun > done:
             shown = canvas.clone()
             lay(shown, order[done:begun], job, torch.from_numpy(share[done:begun]))
-        yield shown
+        yield shown if space is None else space.decode(shown)
 
 
 def lay(canvas: Tensor, number: Tensor, job: ExportJob, share: Tensor | None = None) -> None:
-    """Lay ``share`` (n,) of strokes ``number`` (n,), the bottom one first, over a canvas (3, H, W), in place.
+    """Lay ``share`` (n,) of strokes ``number`` (n,), the bottom one first, over a canvas (C, H, W), in place.
 
-    On black a blend shows what the strokes contribute, on white also what they let through: white light.
+    It is in the channels of the painting's colour space. On black a blend shows what the strokes contribute, on white
+    also what they let through: white light.
     """
     if not len(number):
         return
-    strokes, black, white = job.strokes[number], canvas.new_zeros(3), canvas.new_ones(3)
+    strokes, black, white = job.strokes[number], canvas.new_zeros(len(canvas)), canvas.new_ones(len(canvas))
     if share is not None:
         strokes = unfinished(strokes, share.to(strokes.start))
     for top, rows, part in cuts(strokes, job.size, job.renderer):
         layers = job.renderer(strokes[part].moved(shift=(0, -top)), number[part])
+        layers = layers if job.blend.space is None else layers.encoded(job.blend.space.encode)
         above, size = torch.arange(len(part), device=part.device).flip(0), (rows, job.size[1])
-        painted = job.blend(layers, above, size, black).image
-        light = (job.blend(layers, above, size, white).image - painted).mean(0)
+        painted = job.blend.plain(layers, above, size, black).image
+        light = (job.blend.plain(layers, above, size, white).image - painted).mean(0)
         canvas[:, top : top + rows].mul_(light).add_(painted)
 
 

@@ -1,0 +1,36 @@
+"""Light itself."""
+# mypy: allow-untyped-defs
+
+import torch
+from torch import Tensor
+
+from brushexp.plugins.color._decoding import Decoder, F, linear_of
+from brushexp.plugins.color.base import ColorSpace
+from brushexp.registry import register
+from brushexp.system.compiled import inline
+
+
+@inline
+def _same(x):
+    return x
+
+
+@inline
+def _one(x):
+    return F(1)
+
+
+DECODER = Decoder(torch.eye(3, dtype=torch.float64), torch.Tensor.clone, _same, _one)
+
+
+@register("color", "linear")
+class Linear(ColorSpace):
+    """As lights and fine dots of ink mix: amounts of red, green and blue light (linear RGB); soft edges are lighter."""
+
+    cost, mixes = "not measured", "light grey"
+
+    def encode(self, color: Tensor) -> Tensor:
+        return linear_of(color)
+
+    def decode(self, picture: Tensor) -> Tensor:
+        return DECODER(picture)

@@ -1,0 +1,19 @@
+"""The space in which pictures are stored."""
+
+from torch import Tensor
+
+from brushexp.plugins.color.base import ColorSpace
+from brushexp.registry import register
+
+
+@register("color", "rgb")
+class Rgb(ColorSpace):
+    """As most programs mix: the numbers of the picture file (sRGB) themselves."""
+
+    cost, mixes, is_rgb = "1", "grey", True
+
+    def encode(self, color: Tensor) -> Tensor:
+        return color
+
+    def decode(self, picture: Tensor) -> Tensor:
+        return picture
