@@ -5,7 +5,7 @@ loop serves many formulas. Machine code is kept on disk, under a name made from 
 everything that it calls: a change in any file is noticed, and no two choices of parts are mixed up.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from hashlib import sha256
 from types import CodeType, FunctionType
@@ -34,14 +34,14 @@ class Compiled:
     those that it calls by their names. The ``options`` are of `numba.njit`.
     """
 
-    def __init__(self, function: FunctionType, parts: Mapping[str, Callable[..., Any]], **options: Any) -> None:
+    def __init__(self, function: FunctionType, parts: Mapping[str, Any], **options: Any) -> None:
         self.function, self.parts, self.options = function, parts, options
         self.__doc__ = function.__doc__
 
     def __call__(self, *args: Any) -> Any:
         return self.dispatcher(*args)
 
-    def having(self, **parts: Callable[..., Any]) -> "Compiled":
+    def having(self, **parts: Any) -> "Compiled":
         """The same function with these parts."""
         return Compiled(self.function, {**self.parts, **parts}, **self.options)
 

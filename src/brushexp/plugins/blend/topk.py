@@ -50,5 +50,6 @@ def _uppermost(k: int, alpha: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
     place.scatter_(1, rank, layer)
     chosen = place[:, :k]  # (T, k, P): which stroke is at each place
     present = torch.arange(k, device=alpha.device)[:, None] < filled.sum(1, keepdim=True)
-    color = color.expand(*alpha.shape, color.shape[-1]).gather(1, chosen[..., None].expand(*chosen.shape, 3))
+    channels = color.shape[-1]
+    color = color.expand(*alpha.shape, channels).gather(1, chosen[..., None].expand(*chosen.shape, channels))
     return over(alpha.gather(1, chosen) * present, color)
