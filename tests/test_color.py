@@ -14,12 +14,16 @@ from brushexp.app.tasks import export
 from brushexp.app.tasks import paint as painting
 from brushexp.compositing.mixing import mixing
 from brushexp.errors import UserError
+from brushexp.painting.components import standard_components
 from brushexp.painting.outputs import export_job, renderer_of, space_of
+from brushexp.painting.painter import Painter
+from brushexp.painting.wet import under_starts, wetted
 from brushexp.plugins.blend.topk import TopK
 from brushexp.plugins.export.process import states
+from brushexp.plugins.order.orders import FixedOrder
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build_named, plugins
-from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.catalogue import Catalogue, Strokes
 from brushexp.strokes.storage import load_catalogue, save_catalogue
 
 SPACES = {plugin.name: build_named("color", plugin.name, {}) for plugin in plugins("color")}
@@ -136,3 +140,23 @@ def test_catalogues_remember_the_space_and_exports_mix_in_it(run_task, tmp_path)
             space_of(replace(saved, config=wrong))
     save_catalogue(tmp_path / "old.h5", replace(saved, config=""))
     assert space_of(load_catalogue(tmp_path / "old.h5")).is_rgb
+
+
+def test_wet_strokes_drag_what_lies_under_their_starts():
+    below = straight((2, 20), (38, 20), width=30.0, color=(0.9, 0.1, 0.1), opacity=1.0)
+    above = straight((30, 20), (70, 20), width=10.0, color=(0.1, 0.2, 0.9), opacity=1.0)
+    away = straight((-30, 10), (-10, 10), color=(0.0, 1.0, 0.0))
+    target, parts = torch.zeros(3, 40, 80), standard_components(steps=0, order=FixedOrder())
+    catalogue = Catalogue(Strokes.join(below, above, away), parts.optimizer.units)
+    painter = Painter(catalogue, parts, target, torch.full((3,), 0.5), seed=0)
+    picked = under_starts(painter.strokes(), painter.depth.front_to_back, painter.picture)
+    torch.testing.assert_close(picked, torch.stack([torch.full((3,), 0.5), below.color[0], away.color[0]]))
+    dry, order = wetted(painter, 0.0)
+    assert len(dry) == 3
+    strokes, wet_order = wetted(painter, 1.0)
+    assert len(strokes) == 3 + 2 * 3
+    torch.testing.assert_close(strokes[:3].color, dry.color)
+    before, after = painter.picture.draw(dry, order), painter.picture.draw(strokes, wet_order)
+    reds = after[0, 20, [34, 46, 58, 68]]
+    assert (reds[:-1] > reds[1:] + 0.02).all(), "the red is spent along the blue stroke"
+    torch.testing.assert_close(after[:, 20, 72], before[:, 20, 72])

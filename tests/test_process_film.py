@@ -13,10 +13,10 @@ from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.blend.topk import TopK
 from brushexp.plugins.export.base import ExportJob
-from brushexp.plugins.export.process import Process, fitted, schedule, states, unfinished
+from brushexp.plugins.export.process import Process, fitted, schedule, states
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build_named
-from brushexp.strokes.bezier import curve_of, point_at
+from brushexp.strokes.bezier import curve_of, point_at, unfinished
 from brushexp.system.files import to_bytes
 
 

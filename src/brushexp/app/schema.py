@@ -105,6 +105,7 @@ class PaintTask(Task):
     warm_up: str | None = key("auto", "renderer of these steps; auto = the fast one that a network names; null = none")
     finish_steps: int = key(40, "gradient steps of each stroke with the chosen renderer after a warm-up", at_least(0))
     background: str = key("mean", "of the bare canvas: mean (of the picture), white, black, '#rrggbb'", COLOR)
+    wet: float = key(0, "share of the paint under its start that a stroke carries along; 0 = dry", between(0, 1))
     catalogue: str | None = key(None, "start from the strokes of this catalogue.h5 instead of init", CATALOGUE)
     resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
     seconds: float | None = key(None, "instead of steps: seconds of optimisation; the schedule fits them", at_least(0))

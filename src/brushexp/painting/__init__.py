@@ -3,5 +3,5 @@
 assembly (with init) -> components
 -> painter (with schedule, picture, canvas_memory, sampler, renderer, order, blend, loss, partial, optimizer, density,
 densification, curves, painter_state)
--> goals -> timelapse -> metrics -> outputs
+-> goals -> wet -> timelapse -> metrics -> outputs
 """

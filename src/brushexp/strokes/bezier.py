@@ -1,5 +1,7 @@
 """Mathematics of the quadratic Bezier curve B(t) = (1-t)^2 P0 + 2 t (1-t) P1 + t^2 P2, t in [0, 1]."""
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -29,6 +31,13 @@ def shape_of(strokes: Strokes) -> Tensor:
 def half_width_of(strokes: Strokes) -> Tensor:
     """Half of the thickness (N,) in pixels."""
     return 0.5 * strokes.width * strokes.scale
+
+
+def unfinished(strokes: Strokes, share: Tensor) -> Strokes:
+    """Strokes (n) from their start to parameter ``share`` (n,) of their curve (de Casteljau)."""
+    done, left = share[:, None], 1 - share[:, None]
+    first, second = left * strokes.start + done * strokes.control, left * strokes.control + done * strokes.end
+    return replace(strokes, control=first, end=left * first + done * second)
 
 
 def point_at(curve: Tensor, t: Tensor) -> Tensor:

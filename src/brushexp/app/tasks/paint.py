@@ -18,6 +18,7 @@ from brushexp.painting.metrics import measure
 from brushexp.painting.outputs import export_job, renderer_of, summary_line
 from brushexp.painting.painter import Painter
 from brushexp.painting.timelapse import Timelapse
+from brushexp.painting.wet import wetted
 from brushexp.pictures.load import background_color, load_picture
 from brushexp.plugins.export.svg import Svg
 from brushexp.plugins.loss.style import Style
@@ -111,11 +112,12 @@ def finish(painter: Painter, cfg: DictConfig, folder: Path, start: float, lpips:
     painter.schedule.pause()
     painter.hand_over()
     canvas, schedule = painter.picture, painter.schedule
-    picture = to_bytes(painter.drawn())
+    strokes, front_to_back = wetted(painter, cfg.wet)
+    picture = to_bytes(canvas.draw(strokes, front_to_back))
     write_picture(folder / "painting.png", picture)
-    strokes = painter.strokes().map(torch.Tensor.cpu)
+    strokes = strokes.map(torch.Tensor.cpu)
     depth = torch.empty(len(strokes), dtype=torch.int32)
-    depth[painter.depth.front_to_back.cpu()] = torch.arange(len(strokes) - 1, -1, -1, dtype=torch.int32)
+    depth[front_to_back.cpu()] = torch.arange(len(strokes) - 1, -1, -1, dtype=torch.int32)
     saved = Saved(
         strokes=strokes,
         depth=depth,

@@ -16,7 +16,7 @@ from brushexp.compositing.bands import cuts
 from brushexp.pictures.video import filming, largest_side
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
-from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.bezier import unfinished
 from brushexp.system.files import to_bytes
 from brushexp.system.progress import with_progress
 
@@ -121,10 +121,3 @@ def lay(canvas: Tensor, number: Tensor, job: ExportJob, share: Tensor | None = N
         painted = job.blend.plain(layers, above, size, black).image
         light = (job.blend.plain(layers, above, size, white).image - painted).mean(0)
         canvas[:, top : top + rows].mul_(light).add_(painted)
-
-
-def unfinished(strokes: Strokes, share: Tensor) -> Strokes:
-    """Strokes (n) from their start to parameter ``share`` (n,) of their curve (de Casteljau)."""
-    done, left = share[:, None], 1 - share[:, None]
-    first, second = left * strokes.start + done * strokes.control, left * strokes.control + done * strokes.end
-    return replace(strokes, control=first, end=left * first + done * second)
