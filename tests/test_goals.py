@@ -10,14 +10,7 @@ from painters import fit, painter_of
 
 from brushexp.painting.components import Stage
 from brushexp.painting.curves import Anytime
-from brushexp.painting.goals import (
-    PSNR_REACHED,
-    SECONDS_SPENT,
-    NoMoreGain,
-    Quality,
-    TimeBudget,
-    goals_of,
-)
+from brushexp.painting.goals import PSNR_REACHED, SECONDS_SPENT, NoMoreGain, Quality, TimeBudget, goals_of
 from brushexp.painting.schedule import Schedule
 from brushexp.plugins.optimizer.torch_optim import TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic

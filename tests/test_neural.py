@@ -14,14 +14,7 @@ from brushexp.compositing.windows import Windows
 from brushexp.errors import UserError
 from brushexp.plugins.renderer import base, neural
 from brushexp.plugins.renderer.base import LEAST_ALPHA, PRECISIONS, RENDERERS, PatchRenderer, window_pictures
-from brushexp.plugins.renderer.neural import (
-    ACTIVATIONS,
-    COORDINATES,
-    NORMALISATIONS,
-    UPSAMPLING,
-    Neural,
-    stroke_planes,
-)
+from brushexp.plugins.renderer.neural import ACTIVATIONS, COORDINATES, NORMALISATIONS, UPSAMPLING, Neural, stroke_planes
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, sample_prior, strokes_of
 from brushexp.system.checkpoint import weights_hash

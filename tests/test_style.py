@@ -92,8 +92,7 @@ def test_the_style_picture_itself_costs_nothing(kernel, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("kernel", "size"),
-    [("poly", (96, 123)), ("linear", (101, 90)), ("gaussian", (83, 80)), ("meanstd", (77, 98))],
+    ("kernel", "size"), [("poly", (96, 123)), ("linear", (101, 90)), ("gaussian", (83, 80)), ("meanstd", (77, 98))]
 )
 def test_a_part_counts_as_in_the_whole(kernel, size, monkeypatch):
     """But for what the network sees beyond its context, part after part on a canvas that changes below them."""
