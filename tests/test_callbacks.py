@@ -11,8 +11,8 @@ from omegaconf import OmegaConf
 
 from brushexp.app.fitting import trainer_of
 from brushexp.errors import UserError
-from brushexp.registry import build_named, plugins
-from brushexp.system.callbacks import INTERRUPTED, STOPPED_EARLY, MovingAverage
+from brushexp.registry import plugins
+from brushexp.system.callbacks import INTERRUPTED, MovingAverage
 
 
 class Line(L.LightningModule):
@@ -88,13 +88,6 @@ def test_ctrl_c_ends_cleanly_and_the_fit_continues_exactly(tmp_path):
 @pytest.mark.parametrize("plugin", plugins("callbacks"), ids=lambda plugin: plugin.name)
 def test_lightnings_callbacks_can_be_chosen(tmp_path, plugin):
     assert fit(tmp_path, Line(), chosen={plugin.name: {"_target_": plugin.target}}).global_step == 8
-
-
-def test_no_more_gain_ends_the_fit(tmp_path):
-    callback = build_named("callbacks", "early_stopping", {"min_delta": 0.2, "patience": 1}).open(tmp_path)
-    line = Line()
-    assert fit(tmp_path, line, callbacks=[callback], max_epochs=-1, limit_train_batches=2).global_step == 6
-    assert line.stop == STOPPED_EARLY
 
 
 def test_the_average_lags_behind_and_is_left_in_place(tmp_path):

@@ -43,13 +43,9 @@ def test_the_scale_can_move_instead_of_the_position():
         Catalogue(random_strokes(5, (30, 40)), {"scale": 10.0, "position": 1.0})
 
 
-def test_an_unknown_field_is_refused_with_the_choices():
-    with pytest.raises(UserError, match="no stroke field is called 'colour'; the fields are position, scale"):
-        Catalogue(random_strokes(1, (8, 8)), {"colour": 1.0})
-
-
-def test_numbers_out_of_range_are_brought_back():
-    catalogue = Catalogue(random_strokes(4, (30, 40)), UNITS)
+def test_numbers_out_of_range_are_brought_back_but_named_when_they_are_given():
+    strokes = random_strokes(4, (30, 40))
+    catalogue = Catalogue(strokes, UNITS)
     with torch.no_grad():
         catalogue.color[0, 0] = 7.0
         catalogue.opacity[1] = -3.0
@@ -58,10 +54,8 @@ def test_numbers_out_of_range_are_brought_back():
         catalogue.position[0, 1] = torch.inf
     catalogue.keep_in_range()
     check_strokes(catalogue())
-
-
-def test_a_stroke_that_is_not_finite_is_named():
-    strokes = random_strokes(4, (30, 40))
+    with pytest.raises(UserError, match="no stroke field is called 'colour'; the fields are position, scale"):
+        Catalogue(strokes, {"colour": 1.0})
     strokes.control[2, 1] = torch.nan
     with pytest.raises(UserError, match=r"stroke 2: control is .*nan; it must lie in \[-1000, 1000\]"):
         Catalogue(strokes, UNITS)
@@ -114,11 +108,3 @@ def test_strokes_are_replaced_in_place_whatever_their_units():
     catalogue.replace(new)
     assert_same(catalogue(), new)
     assert all(parameter is held[name] for name, parameter in catalogue.named_parameters())
-
-
-def test_strokes_move_with_their_canvas():
-    strokes = random_strokes(3, (30, 40))
-    moved = strokes.moved(zoom=2.0, shift=(5.0, -1.0))
-    torch.testing.assert_close(moved.position, strokes.position * 2 + torch.tensor([5.0, -1.0]))
-    torch.testing.assert_close(moved.scale, strokes.scale * 2)
-    assert torch.equal(moved.start, strokes.start)

@@ -64,28 +64,11 @@ def importance_of(strokes, order, target, *, renderer=None, blend=None, focus=No
     return importance(strokes, order, picture, torch.Generator().manual_seed(seed))
 
 
-@pytest.mark.parametrize(("taper", "focus"), [(0.0, False), (0.5, True)])
-def test_importance_is_what_the_error_grows_by_when_a_stroke_is_left_out(taper, focus):
-    strokes, target, order = random_strokes(25, SIZE), torch.rand(3, *SIZE), torch.randperm(25)
-    options = {"renderer": Analytic(taper=taper), "blend": Tiled(opaque=0)}
-    weight = 0.5 + torch.rand(SIZE) if focus else torch.ones(SIZE)
-
-    def error(some, order):
-        image = options["blend"](options["renderer"](some), order, SIZE, torch.tensor([0.2, 0.5, 0.9])).image.double()
-        return float(((image - target) ** 2 * weight).sum())
-
-    found = importance_of(strokes, order, target, focus=weight if focus else None, **options)
-    for i in range(len(strokes)):
-        others = torch.arange(len(strokes)) != i
-        place = torch.cumsum(others, 0) - 1
-        grown = error(strokes[others], place[order[order != i]]) - error(strokes, order)
-        assert float(found[i]) == pytest.approx(grown, rel=2e-3, abs=2e-3)
-
-
-def test_importance_of_any_blend_is_the_same_on_average():
+@pytest.mark.parametrize("focus", [None, 0.5 + torch.rand(SIZE)])
+def test_importance_of_any_blend_is_on_average_what_a_kernel_finds(focus):
     scene = random_strokes(12, SIZE), torch.randperm(12), torch.rand(3, *SIZE)
-    exact, eager = importance_of(*scene, blend=Tiled(opaque=0)), Tiled(opaque=0, kernel="torch")
-    probed = torch.stack([importance_of(*scene, blend=eager, seed=k) for k in range(20)])
+    exact, eager = importance_of(*scene, blend=Tiled(opaque=0), focus=focus), Tiled(opaque=0, kernel="torch")
+    probed = torch.stack([importance_of(*scene, blend=eager, focus=focus, seed=k) for k in range(20)])
     spread = probed.std(0) / math.sqrt(20)
     assert ((probed.mean(0) - exact).abs() <= 5 * spread + 1e-3 * exact.abs().max()).all()
 
@@ -105,7 +88,7 @@ def test_importance_of_windows_and_of_no_strokes_is_finite(n):
     assert found.shape == found[found.isfinite()].shape == (n,)
 
 
-def test_new_strokes_lie_where_the_error_is_in_its_colour_along_its_edge():
+def test_new_strokes_lie_where_the_error_is_in_its_colour_along_its_edge_and_in_the_focus():
     target = torch.full((3, 40, 60), 0.5)
     target[:, 20:23, 30:50] = torch.tensor([0.9, 0.1, 0.2])[:, None, None]
     new = new_strokes(state_of(5, error=0.5 - target, target=target), 8, 0.5, 0.01)
@@ -114,12 +97,9 @@ def test_new_strokes_lie_where_the_error_is_in_its_colour_along_its_edge():
     assert ((x > 28) & (x < 52) & (y > 18) & (y < 25)).all()
     chord = (new.end - new.start)[(x > 32) & (x < 48) & (y > 20.4) & (y < 22.6)]
     assert (chord[:, 0].abs() > 3 * chord[:, 1].abs()).all()
-
-
-def test_the_error_counts_by_the_focus():
     focus = torch.full(SIZE, 0.1)
     focus[:, 30:] = 3.7
-    assert (new_strokes(state_of(5, focus=focus), 4, 0.5, 0.0).position[:, 0] >= 28).all()
+    assert (new_strokes(state_of(5, focus=focus), 4, 0.5, 0.0).position[:, 0] >= 28).all(), "the error counts by it"
 
 
 @pytest.mark.parametrize("n", [0, 3])
@@ -152,11 +132,6 @@ def test_adaptive_paints_better_than_fixed_with_as_many_strokes_and_steps():
     assert psnr_of(error_of(adaptive)) > psnr_of(error_of(fixed)) + 0.3
 
 
-def test_detail_gets_more_strokes_than_flat_regions():
-    right = painted(Adaptive(start=0.3), n=120).strokes().position[:, 0] > SIZE[1] / 2
-    assert int(right.sum()) > 3 * int((~right).sum())
-
-
 def test_the_weakest_go_and_the_rest_keep_their_optimiser_state():
     state = state_of(scores=torch.arange(40) + 1.0, budget=40)
     update = Adaptive(moved=0.25).revise(state)
@@ -179,15 +154,6 @@ def test_rounds_have_steps_between_them():
     for none in (Adaptive(rounds=0), Adaptive(until=0.0)):
         assert none.revise(state_of()) is None
         assert none.first(60, 500) == 60
-
-
-@pytest.mark.parametrize("n", [1, 2, 3])
-@pytest.mark.parametrize("size", [(1, 1), (3, 40), (20, 24)])
-def test_the_smallest_paintings_are_painted(n, size):
-    n = min(n, size[0] * size[1])
-    painter = painted(Adaptive(moved=0.5), n=n, target=torch.rand(3, *size), steps=40)
-    assert 1 <= len(painter.catalogue) <= n
-    assert painter.drawn().isfinite().all()
 
 
 def test_coarse_steps_look_at_the_smaller_picture_and_the_rest_at_all_of_it():

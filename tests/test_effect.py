@@ -37,6 +37,17 @@ def test_runs_are_grouped_by_all_but_the_seed(tmp_path):
     assert (found.index.name, list(found.index)) == ("loss", ["mse", "kl", "l1"])
     assert found["std"]["psnr"].tolist() == pytest.approx([math.sqrt(0.5)] * 3)
     assert list(found["mean"]) == ["psnr", "perceptual", "seconds"]
+    make_grid(tmp_path / "more", {"a": ["1", "2"], "image": ["/x/y/a.png", "/x/y/b.png"], "lr": ["1", "2", "3"]})
+    assert list(means(tmp_path / "more")) == [
+        "a=1 image=a.png",
+        "a=1 image=b.png",
+        "a=2 image=a.png",
+        "a=2 image=b.png",
+    ]
+    for size in ("64", "128"):
+        run = {"psnr_alpha": 20.0, "fid_effl0": 90.0, "l2": 0.001, "seconds": 3.0}
+        make_run(tmp_path / "training", {"engine.window": size}, name=size, **run)
+    assert list(effects(collect(tmp_path / "training"))["default"]["mean"]) == ["psnr_alpha", "fid_effl0", "seconds"]
 
 
 def test_numbers_are_put_in_order(tmp_path):
@@ -47,23 +58,12 @@ def test_numbers_are_put_in_order(tmp_path):
         assert list(means(tmp_path)["default"]) == [value, "0.003", "2"]
 
 
-def test_several_other_settings_name_one_series_each(tmp_path):
-    make_grid(tmp_path, {"a": ["1", "2"], "image": ["/x/y/a.png", "/x/y/b.png"], "lr": ["1", "2", "3"]})
-    assert list(means(tmp_path)) == ["a=1 image=a.png", "a=1 image=b.png", "a=2 image=a.png", "a=2 image=b.png"]
-
-
 def test_failed_and_interrupted_runs_are_left_out_but_not_those_that_stopped_early(tmp_path):
     make_grid(tmp_path, {"init": ["grid", "slic", "fill"], **SEEDS})
     for number, status in ((1, "failed"), (3, "stopped early"), (4, "failed"), (5, "interrupted")):
         note(tmp_path, number, status=status)
     assert means(tmp_path) == {"default": {"grid": 20.0, "slic": 22.5}}
     assert drawn(tmp_path)
-
-
-def test_metrics_of_training_are_found_too(tmp_path):
-    for k, size in enumerate(("64", "128")):
-        make_run(tmp_path, {"engine.window": size}, psnr_alpha=20.0 + k, fid_effl0=90.0, l2=0.001, seconds=3.0)
-    assert list(effects(collect(tmp_path))["default"]["mean"]) == ["psnr_alpha", "fid_effl0", "seconds"]
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -53,26 +54,19 @@ def test_a_full_disk_is_explained_and_leaves_the_previous_file(name, tmp_path):
     assert path.read_text() == "old"
 
 
-def test_the_new_file_takes_the_place_of_the_old_one(tmp_path):
+@pytest.mark.parametrize("failure", [None, KeyboardInterrupt, RuntimeError, SystemExit])
+def test_the_new_file_takes_the_place_of_the_old_one_unless_anything_fails(tmp_path, failure):
     path = write_old(tmp_path / "table.csv")
-    with replacing(path) as temporary:
+    with pytest.raises(failure) if failure else nullcontext(), replacing(path) as temporary:
         assert temporary.parent == tmp_path
         assert temporary.name.startswith(".")
         assert temporary.suffix == ".csv"
         temporary.write_text("new")
         assert path.read_text() == "old"
-    assert path.read_text() == "new"
+        if failure:
+            raise failure
+    assert path.read_text() == ("old" if failure else "new")
     assert os.listdir(tmp_path) == ["table.csv"]
-
-
-@pytest.mark.parametrize("failure", [KeyboardInterrupt, RuntimeError, SystemExit])
-def test_any_failure_leaves_the_previous_file_and_no_other(tmp_path, failure):
-    path = write_old(tmp_path / "table.csv")
-    with pytest.raises(failure), replacing(path) as temporary:  # noqa: PT012
-        temporary.write_text("half")
-        raise failure
-    assert os.listdir(tmp_path) == ["table.csv"]
-    assert path.read_text() == "old"
 
 
 def test_permissions_are_the_usual_and_a_very_long_name_is_no_obstacle(tmp_path):
@@ -105,26 +99,21 @@ def test_json_is_strict_keeps_letters_and_survives_odd_file_names(tmp_path):
     assert "größe" in text
 
 
-def test_rounding_to_bytes_clips_and_rounds_halves_up():
+def test_rounding_to_bytes_clips_and_rounds_halves_up_and_every_byte_is_written(tmp_path):
     values = torch.tensor([-1.0, 0.0, 0.5 / 255, 0.499 / 255, 127.5 / 255, 1.0, 2.0, math.nan, math.inf, -math.inf])
     pixels = to_bytes(values.expand(3, 1, -1))
     assert pixels.dtype == np.uint8
     assert pixels.shape == (1, 10, 3)
     assert pixels[0, :, 0].tolist() == [0, 0, 1, 0, 128, 255, 255, 0, 255, 0]
-
     for dtype in (torch.float16, torch.bfloat16, torch.float64):
         assert (to_bytes(torch.full((3, 2, 5), 0.5, dtype=dtype)) == 128).all()
-
-
-def test_every_byte_is_written_and_the_picture_left_alone(tmp_path):
     levels = torch.arange(256)
     image = (levels / 255).reshape(1, 8, 32).repeat(3, 1, 1).requires_grad_()
     before = image.detach().clone()
     assert to_bytes(image)[..., 1].reshape(-1).tolist() == levels.tolist()
-    torch.testing.assert_close(image.detach(), before, rtol=0, atol=0)
-    write_picture(tmp_path / "a.png", image)
-    write_picture(tmp_path / "b.png", to_bytes(image))
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-    with Image.open(tmp_path / "a.png") as read:
-        assert (read.format, read.mode, read.size) == ("PNG", "RGB", (32, 8))
-        np.testing.assert_array_equal(np.asarray(read), to_bytes(image))
+    for name, picture in (("a.png", image), ("b.png", to_bytes(image))):
+        write_picture(tmp_path / name, picture)
+        with Image.open(tmp_path / name) as read:
+            assert (read.format, read.mode, read.size) == ("PNG", "RGB", (32, 8))
+            np.testing.assert_array_equal(np.asarray(read), to_bytes(image))
+    assert torch.equal(image, before), "the picture is left alone"

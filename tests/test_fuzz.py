@@ -21,7 +21,7 @@ import torch
 from catalogues import catalogue
 from omegaconf import OmegaConf
 from painters import QUIET, fit, painter_of
-from PIL import Image
+from PIL import Image, ImageCms
 from safetensors.torch import save
 from test_dataset import read_all, write
 from tifffile import imwrite
@@ -179,7 +179,12 @@ def picture(suffix: str) -> Callable[[Path], Path]:
         if suffix == "tiff":  # which tifffile reads
             imwrite(path, pixels.astype(np.uint16) * 256, photometric="rgb")
         else:
-            Image.fromarray(pixels).save(path)
+            orientation = Image.Exif()
+            orientation[274] = 6
+            srgb = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+            Image.fromarray(pixels).save(
+                path, **({"exif": orientation, "icc_profile": srgb} if suffix == "jpg" else {})
+            )
         return path
 
     return write_image
@@ -202,7 +207,10 @@ KINDS: dict[str, tuple[Callable[[Path], Path], Callable[[Path], None]]] = {
     "checkpoint": (write_checkpoint, read_checkpoint),
     **{name: (part(name), read_run) for name in OF_RUN},
     **{name: (part(name), read_sweep) for name in OF_SWEEP},
-    **{suffix: (picture(suffix), read_image) for suffix in ("png", "jpg", "gif", "webp", "bmp", "tif", "tiff", "ppm")},
+    **{
+        suffix: (picture(suffix), read_image)
+        for suffix in ("png", "jpg", "gif", "webp", "bmp", "tif", "tiff", "ppm", "tga")
+    },
 }
 
 

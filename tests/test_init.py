@@ -10,7 +10,6 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.plugins.init._cells import nearest
 from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.init.grid import Grid, lattice
 from brushexp.plugins.init.layers import InLayers
@@ -98,14 +97,6 @@ def test_rows_of_a_lattice_differ_by_one_cell_at_most(height, width, n, shift):
     assert max(counts) - min(counts) <= 1
 
 
-def test_overlapping_strokes_are_larger_and_their_rows_are_shifted():
-    target = noise(40, 40)
-    apart, overlapping = made(Grid(), target, 16), made(OVERLAPPING(), target, 16)
-    assert (overlapping.width > apart.width).all()
-    first, second = overlapping.position[:4, 0], overlapping.position[4:8, 0]
-    assert_close(second[1:-1] - first[1:-1], torch.full((2,), 5.0), atol=1.0, rtol=0)
-
-
 @pytest.mark.parametrize("init", [*BUILT_IN[:4], InLayers()], ids=[*NAMES[:4], "layers"])
 @pytest.mark.parametrize("degrees", [0, 30, 45, 90, 120])
 def test_strokes_follow_the_stripes_of_the_picture(init, degrees):
@@ -180,12 +171,6 @@ def test_cutting_shares_the_pieces_out_evenly_where_nothing_tells_cells_apart():
     assert area.max() <= 2 * area.min()
 
 
-@pytest.mark.parametrize("detail", [0.0, 1.0])
-def test_scatter_makes_n_different_places(detail):
-    strokes = made(build_named("init", "scatter", {"detail": detail}), noise(12, 20), 240)
-    assert len(set(map(tuple, strokes.position.tolist()))) == 240
-
-
 @pytest.mark.parametrize("cls", [Grid, OVERLAPPING, Slic])
 def test_jitter_makes_seeds_differ_and_nothing_else(cls):
     target = noise(30, 44)
@@ -195,9 +180,3 @@ def test_jitter_makes_seeds_differ_and_nothing_else(cls):
         shift = (jittered.position - plain.position) / pitch
         assert 0.01 < float(shift.std()) < 0.03
         assert all(torch.equal(getattr(jittered, name), getattr(plain, name)) for name in FIELDS if name != "position")
-
-
-def test_the_nearest_point_is_that_of_a_search_of_all():
-    points, others = np.random.default_rng(3).random((9, 2)), np.random.default_rng(4).random((200, 2))
-    distance = np.linalg.norm(points[:, None] - others, axis=2)
-    assert nearest(points, others).tolist() == distance.argmin(0).tolist()

@@ -128,6 +128,10 @@ def test_known_shapes_have_known_measures():
     direction = ruler.direction_of(curve)
     assert_close(direction[1], direction.new_tensor([-1, 0]), rtol=0, atol=0.01)  # although its ends lie side by side
     assert direction[3].tolist() == [0, 0]
+    found = torch.tensor([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    near = torch.tensor([[0, 1, 2], [1, 2, 1]])
+    assert_close(ruler.mean_direction(found, near), torch.tensor([[1.0, 0.0], [0.0, 0.0]]), rtol=0, atol=1e-3)
+    assert ruler.mean_direction(found, near[:, :0]).tolist() == [[0, 0], [0, 0]]
 
 
 def test_measures_do_not_depend_on_the_end_a_stroke_begins_at_nor_on_its_window():
@@ -149,13 +153,6 @@ def test_nearest_agrees_with_all_distances_and_no_stroke_is_its_own_neighbour(n,
     for i, row in enumerate(found.tolist()):
         assert i not in row
         assert len(set(row)) == len(row)
-
-
-def test_points_do_not_count_in_a_mean_direction():
-    direction = torch.tensor([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
-    near = torch.tensor([[0, 1, 2], [1, 2, 1]])
-    assert_close(ruler.mean_direction(direction, near), torch.tensor([[1.0, 0.0], [0.0, 0.0]]), rtol=0, atol=1e-3)
-    assert ruler.mean_direction(direction, near[:, :0]).tolist() == [[0, 0], [0, 0]]
 
 
 def random_curves(n, bend, dtype=torch.float64):

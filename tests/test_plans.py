@@ -163,10 +163,9 @@ def test_everything_is_on_the_picture_and_in_a_stroke(tmp_path, kind, options):
     curves, half = curves_on_paper(strokes, exporter)
     assert len(lines) > 20
     for _, line in lines:
-        assert corner[0] - GRID <= line.real.min()
-        assert line.real.max() <= corner[0] + scale * SIZE[1] + GRID
-        assert paper[1] - corner[1] - scale * SIZE[0] - GRID <= line.imag.min()
-        assert line.imag.max() <= paper[1] - corner[1] + GRID
+        left, top = corner[0], paper[1] - corner[1]
+        assert left - GRID <= line.real.min() <= line.real.max() <= left + scale * SIZE[1] + GRID
+        assert top - scale * SIZE[0] - GRID <= line.imag.min() <= line.imag.max() <= top + GRID
         middles = (line[:-1] + line[1:]) / 2
         beyond = np.min([np.abs(middles[:, None] - c).min(1) - h for c, h in zip(curves, half, strict=True)], axis=0)
         assert beyond.max() <= JOINED_PENS * exporter.pen_mm, "the pen leaves the paper before it goes anywhere"
@@ -186,16 +185,6 @@ def test_tools_are_taken_once_in_each_layer_from_light_to_dark(tmp_path, kind):
     assert sum(plan.strokes) + plan.left_out == 80
 
 
-def test_own_pens_are_used_and_no_others():
-    strokes = Strokes.join(
-        straight((5.0, 10.0), (80.0, 10.0), color=(0.9, 0.1, 0.1)),
-        straight((5.0, 40.0), (80.0, 40.0), color=(0.1, 0.1, 0.1)),
-    )
-    plan = plan_by(job_of(strokes), pens=["black", "#f00", "blue"])
-    assert plan.tools == ["#ff0000", "#000000"]
-    assert plan.strokes == [1, 1]
-
-
 def test_what_is_hidden_is_left_out():
     below = straight((30.0, 30.0), (60.0, 30.0), width=2.0)
     above = straight((20.0, 30.0), (70.0, 30.0), width=8.0, color=(0, 0, 1.0))
@@ -213,22 +202,23 @@ def test_what_is_hidden_is_left_out():
     assert plan_by(cross, layers=2, **options).drawn == pytest.approx(whole.drawn), "paint covers paint"
 
 
-def test_layers_keep_the_depth_of_strokes():
+def test_pens_have_the_colours_that_are_seen_or_given_and_layers_keep_the_depth_of_strokes():
+    red = straight((0.0, 30.0), (90.0, 30.0), width=60.0)
+    grey = straight((20.0, 30.0), (70.0, 30.0), width=10.0, color=(0.0, 0.0, 0.0), opacity=0.5)
+    mixed = [[int(color[k : k + 2], 16) for k in (1, 3, 5)] for color in plan_by(job_of(Strokes.join(red, grey))).tools]
+    assert np.abs(np.array(mixed) - [[255, 0, 0], [128, 0, 0]]).max() <= 8  # pixels at edges are mixed
+    lines = (
+        straight((5.0, 10.0), (80.0, 10.0), color=(0.9, 0.1, 0.1)),
+        straight((5.0, 40.0), (80.0, 40.0), color=(0.1,) * 3),
+    )
+    plan = plan_by(job_of(Strokes.join(*lines)), pens=["black", "#f00", "blue"])
+    assert (plan.tools, plan.strokes) == (["#ff0000", "#000000"], [1, 1])
+
     below = straight((20.0, 30.0), (70.0, 30.0), color=(0.0, 0.0, 0.0))
     above = straight((45.0, 5.0), (45.0, 55.0), color=(1.0, 0.9, 0.5))
     job = job_of(Strokes.join(above, below), depth=torch.tensor([1, 0]).int())
     tools = {n: [(layer, tool) for layer, tool, _ in plan_by(job, layers=n).runs()] for n in (1, 2)}
     assert tools == {1: [(1, 1), (1, 2)], 2: [(1, 2), (2, 1)]}
-
-
-def test_ink_has_the_colour_that_the_painting_has_there():
-    strokes = Strokes.join(
-        straight((0.0, 30.0), (90.0, 30.0), width=60.0, color=(1.0, 0.0, 0.0)),
-        straight((20.0, 30.0), (70.0, 30.0), width=10.0, color=(0.0, 0.0, 0.0), opacity=0.5),
-    )
-    plan = plan_by(job_of(strokes))
-    tools = [[int(color[k : k + 2], 16) for k in (1, 3, 5)] for color in plan.tools]
-    assert np.abs(np.array(tools) - [[255, 0, 0], [128, 0, 0]]).max() <= 8  # pixels at edges are mixed
 
 
 @pytest.mark.parametrize(("kind", "hidden"), [(Gcode, "cut"), (Hpgl, "skip"), (Gcode, "draw")])
@@ -261,7 +251,7 @@ def test_the_picture_of_the_plan_is_the_plan(tmp_path):
     assert re.findall(r'stroke="(#\w+)"', picture.read_text()) == [plan.tools[tool - 1] for _, tool, _ in plan.runs()]
 
 
-def test_the_header_says_what_is_needed_in_harmless_letters(tmp_path):
+def test_the_header_says_what_is_needed_in_harmless_letters_and_the_machines_own_words_are_used(tmp_path):
     job = replace(job_of(random_strokes(25, SIZE)), source="größe!?~\n(M30)<&>;.h5")
     for kind, name in ((Gcode, "painting.gcode"), (Hpgl, "painting.hpgl.txt")):
         exporter = kind(colors=4)
@@ -274,11 +264,8 @@ def test_the_header_says_what_is_needed_in_harmless_letters(tmp_path):
         assert f"{plan.lifts} pen lifts" in head[2]
         assert f"drawn {plan.drawn / 1000:.2f} m, travel {plan.travel / 1000:.2f} m" in head[3]
         assert head[5:] == [f"tool {k}: {plan.tools[k - 1]}, {plan.strokes[k - 1]} strokes" for k in range(1, 5)]
-
-
-def test_the_machines_own_words_are_used(tmp_path):
-    options = {"up": "M5", "down": "M3 S90", "change": "M0 ; pen {tool} {color}", "feed": 1e6}
-    text = Gcode(**options).write(job_of(random_strokes(9, SIZE)), tmp_path)[0].read_text()
+    own = {"up": "M5", "down": "M3 S90", "change": "M0 ; pen {tool} {color}", "feed": 1e6}
+    text = Gcode(**own).write(job, tmp_path)[0].read_text()
     assert "M3 S90\nG1 F1000000\nG1 X" in text
     assert re.search(r"^M0 ; pen 1 #[0-9a-f]{6}$", text, re.M)
 
@@ -293,10 +280,9 @@ def test_nothing_is_lost_on_a_plotter_that_vpype_knows(tmp_path, plotter):
     lines = [line * 40 for _, line in read_hpgl(text)]
     drawn = sum(np.abs(np.diff(line)).sum() for line in lines) * device.plotter_unit_length / vpype.UNITS["mm"]
     assert drawn == pytest.approx(pen_plan(job, exporter).drawn, rel=0.02)
-    assert paper.x_range[0] <= min(line.real.min() for line in lines)
-    assert max(line.real.max() for line in lines) <= paper.x_range[1]
-    assert paper.y_range[0] <= min(line.imag.min() for line in lines)
-    assert max(line.imag.max() for line in lines) <= paper.y_range[1]
+    points = np.concatenate(lines)
+    assert paper.x_range[0] <= points.real.min() <= points.real.max() <= paper.x_range[1]
+    assert paper.y_range[0] <= points.imag.min() <= points.imag.max() <= paper.y_range[1]
     assert "VS10;" in text
 
 
@@ -329,15 +315,12 @@ def test_options_that_make_no_sense_are_refused_in_words(name, options, message)
         build_named("to", name, options)
 
 
-def test_what_does_not_fit_is_refused_when_it_is_known(tmp_path):
+def test_what_does_not_fit_or_is_not_installed_is_refused_when_it_is_known(tmp_path, monkeypatch):
     with pytest.raises(UserError, match=r"too wide for 210 x 297 mm and its margins; try to\.gcode\.width_mm=190"):
         Gcode(width_mm=191.0, landscape=False).write(job_of(inside(3)), tmp_path)
     with pytest.raises(UserError, match=re.escape("hp7475a has 6 pens, fewer than 8; set to.hpgl.colors=6")):
         Hpgl(plotter="hp7475a").write(job_of(inside(30)), tmp_path)
     assert not list(tmp_path.iterdir())
-
-
-def test_without_vpype_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "vpype", None)
     with pytest.raises(UserError, match=re.escape("pip install -e '.[plot]'")):
         Gcode()

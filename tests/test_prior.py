@@ -9,7 +9,7 @@ from scenes import random_strokes, straight
 from torch.testing import assert_close
 
 from brushexp.strokes.bezier import curve_of, half_width_of
-from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
+from brushexp.strokes.catalogue import Strokes, check_strokes
 from brushexp.strokes.prior import (
     INSET,
     SHORTEST_CHORD,
@@ -81,14 +81,9 @@ def test_a_stroke_depends_on_seed_and_number_alone():
         np.testing.assert_array_equal(table(sample_prior(n, seed=7)), many[:n])
     np.testing.assert_array_equal(table(sample_prior(100, seed=7, first=333)), many[333:433])
     np.testing.assert_array_equal(table(sample_prior(1, seed=7, first=999)), many[999:])
-
-
-def test_neither_strokes_nor_seeds_are_alike():
-    numbers, n = table(sample_prior(2000)), 2000
-    assert len(np.unique(numbers, axis=0)) == n
-    assert np.abs(np.corrcoef(numbers[:-1].T, numbers[1:].T)[:10, 10:]).max() < 5 / np.sqrt(n)
+    assert len(np.unique(many, axis=0)) == 1000
     for seed in (1, 2**64 - 1):
-        assert np.abs(table(sample_prior(50, seed=seed)) - numbers[:50]).min(axis=0).max() > 0
+        assert np.abs(table(sample_prior(50, seed=seed)) - many[:50]).min(axis=0).max() > 0
 
 
 def test_parameters_lie_in_the_unit_range_and_come_back():
@@ -133,13 +128,9 @@ def in_pixels(strokes: Strokes) -> torch.Tensor:
     return torch.cat([curve_of(strokes).flatten(1), 2 * half_width_of(strokes)[:, None]], dim=1)
 
 
-def test_valid_strokes_keep_their_windows():
-    strokes = clamp_to_prior(sample_prior(500))
-    for name in FIELDS:
-        assert torch.equal(getattr(rewindow(strokes), name), getattr(strokes, name)), name
-
-
-def test_strokes_that_fit_into_some_window_stay_where_they_are():
+def test_strokes_that_fit_into_some_window_stay_where_they_are_and_valid_ones_keep_theirs():
+    known = clamp_to_prior(sample_prior(500))
+    assert all(torch.equal(value, getattr(known, name)) for name, value in rewindow(known).items())
     valid = sample_prior(500, seed=3)
     generator = torch.Generator().manual_seed(0)
     zoom, shift = 0.2 + 9 * torch.rand(500, 1, generator=generator), 2 * torch.rand(500, 2, generator=generator) - 1
@@ -185,13 +176,6 @@ def test_a_stroke_that_fits_into_no_window_keeps_its_area(kind):
     assert not torch.allclose(in_pixels(new), in_pixels(stroke), atol=0.1)
 
 
-def test_strokes_of_no_size_get_a_window_and_none_stay_none():
-    new = rewindow(straight((8, 8), (8, 8), width=0.0))
-    check_strokes(new)
-    assert in_pixels(clamp_to_prior(new))[0, 6] < 0.1
-    assert len(rewindow(Strokes.none())) == 0
-
-
 def test_a_point_becomes_the_shortest_valid_stroke():
     strokes = strokes_of(torch.zeros(3, 10))
     strokes = replace(strokes, end=torch.tensor([[0.0, 0.0], [0.01, 0.0], [0.0, 0.5]]))
@@ -200,3 +184,7 @@ def test_a_point_becomes_the_shortest_valid_stroke():
     assert_close(length, torch.tensor([SHORTEST_CHORD, SHORTEST_CHORD, 0.5]))
     assert_close(clamped.start[:2] + clamped.end[:2], strokes.start[:2] + strokes.end[:2])
     assert_close(clamp_to_prior(clamped).end, clamped.end)
+    new = rewindow(straight((8, 8), (8, 8), width=0.0))
+    check_strokes(new)
+    assert in_pixels(clamp_to_prior(new))[0, 6] < 0.1
+    assert len(rewindow(Strokes.none())) == 0

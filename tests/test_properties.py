@@ -205,22 +205,6 @@ def test_what_lies_below_an_opaque_stroke_changes_nothing_and_has_no_slope(blend
     assert all(value.grad[number].abs().max() == 0 for _, value in strokes.items())
 
 
-@over_renderers
-@PROFILE
-@given(seed=st.integers(0, 10_000), height=st.integers(1, 9), width=st.integers(1, 9))
-def test_the_opacity_of_what_hides_others_has_the_slope_of_what_would_be_seen(renderer, seed, height, width):
-    """With ``opaque=0`` every stroke is looked at, also where nothing lets light through."""
-    strokes = random_strokes(8, (height, width), seed=seed, bend=0.1, width=(0.4, 0.9))
-    strokes = replace(strokes, opacity=torch.ones(8), position=torch.tensor([[width / 2, height / 2]]).expand(8, 2))
-    scene, weight = Scene(strokes, (height, width)), torch.randn(3, height, width)
-    slopes = []
-    for blend, dtype in (("tiled, all strokes", torch.float32), ("dense", torch.float64)):
-        copies = leaves(strokes, dtype)
-        (scene.paint(blend, renderer, copies) * weight).sum().backward()
-        slopes.append(copies.opacity.grad.double())
-    assert (slopes[0] - slopes[1]).norm() <= 1e-3 * slopes[1].norm() + 1e-5
-
-
 @over_all(scene=scenes(), rows=st.integers(1, 30), tiles=st.booleans())
 def test_bands_of_a_picture_are_the_picture(blend, renderer, scene, rows, tiles):
     rows = 8 * -(-rows // 8) if tiles else rows

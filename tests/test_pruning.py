@@ -118,14 +118,11 @@ def test_channels_of_a_file_that_do_not_fit_are_refused(channels, tmp_path):
         ("upsampling", "pixel_shuffle", "pixel_shuffle ties channels to pixels"),
     ],
 )
-def test_networks_whose_channels_cannot_be_told_apart_are_refused(key, value, message):
+def test_networks_whose_channels_cannot_be_told_apart_are_refused(key, value, message, monkeypatch):
     with pytest.raises(UserError, match=f"renderer.{key}={message}"):
         prune(tiny(**{key: value}), 0.5, [batch(2)])
     with pytest.raises(UserError, match="Analytic has no option for the widths of its layers; use renderer=neural"):
         check_prunable(Analytic())
-
-
-def test_a_missing_library_is_named_with_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "torch_pruning", None)
     with pytest.raises(UserError, match=r"task=prune needs torch-pruning; pip install 'brushexp\[prune\]'"):
         prune(tiny(), 0.5, [])
@@ -163,14 +160,3 @@ def test_a_run_leaves_a_table_and_renderers_that_paint(run, tmp_path):
     recipe = json.loads(path.with_suffix(".json").read_text())
     assert recipe["training"]["pruned"] == 0.5
     assert Path(recipe["training"]["started_from"]).name == "trained.safetensors"
-
-
-def test_wrong_keys_are_refused(run):
-    for overrides, message in (
-        (["ratios=[]"], r"ratios=\[\] prunes nothing; try 'ratios="),
-        (["ratios=[1.0]"], r"ratios=1 is not 0 to 0.99"),
-        (["renderer.checkpoint=null"], "there are no trained weights to prune; give those of task=train"),
-        (["epochs=null", "minutes=null"], "neither epochs nor minutes is set"),
-    ):
-        with pytest.raises(UserError, match=message):
-            run(*overrides)

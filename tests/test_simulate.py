@@ -1,16 +1,12 @@
 """Making a set of strokes: the same whatever happens on the way, never half a file at its place."""
 
-import random
 import resource
 import signal
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from PIL import Image
-from program import Program
 from test_dataset import SHARD_STROKES, Spot, write
 
 from brushexp.errors import UserError
@@ -22,27 +18,6 @@ from brushexp.training.writer import BATCH_STROKES, simulate_set, to_rows
 
 N = 5 * SHARD_STROKES + 70
 ORIGIN = Origin("spot", {"radius": 0.25}, 6)  # as `write` has it
-PLUGIN = '''
-import time
-
-from brushexp.plugins.engine.base import Engine, Simulated
-from brushexp.registry import register
-
-
-@register("engine", "test_spot")
-class Spot(Engine):
-    """A grey window, its opacity decided by the stroke's parameters."""
-
-    window = 6
-
-    def __init__(self, *, rest: float = 0.0) -> None:
-        self.rest = rest
-
-    def __call__(self, parameters, *, seed, first=0):
-        time.sleep(self.rest)
-        alpha = parameters[:, :1, None].square().expand(-1, 6, 6)
-        return Simulated(alpha[:, None].expand(-1, 4, -1, -1), alpha)
-'''
 
 
 @pytest.fixture
@@ -78,46 +53,6 @@ def whole(tmp_path_factory) -> dict[str, bytes]:
     return contents(write(tmp_path_factory.mktemp("whole") / "strokes", n=N))
 
 
-@pytest.mark.slow
-def test_a_killed_run_continues_and_makes_the_same_strokes(tmp_path):
-    def start(*overrides: str) -> Program:
-        words = ["task=simulate", "threads=1", *settings, f"path={path}", *overrides]
-        return Program(*words, cwd=tmp_path, BRUSHEXP_PLUGINS=str(tmp_path / "plugins"))
-
-    def drawn(parameters: torch.Tensor, *, seed: int, first: int) -> Simulated:
-        alpha = parameters[:, :1, None].square().expand(-1, 6, 6)
-        return Simulated(alpha[:, None].expand(-1, 4, -1, -1), alpha)
-
-    (tmp_path / "plugins").mkdir()
-    (tmp_path / "plugins" / "spot.py").write_text(PLUGIN)
-    n = 3 * writer.SHARD_STROKES + 5
-    settings = ["engine=test_spot", "engine.rest=0.03", f"n={n}", f"seed={2**64 - 1}"]
-    path = tmp_path / "killed" / "strokes"
-    chance = random.Random(0)
-    found = [0]
-    for stop in (signal.SIGKILL, signal.SIGINT):
-        process = start()
-        while len(list(path.glob("0*.h5"))) <= found[-1] and process.poll() is None:
-            time.sleep(0.005)
-        time.sleep(chance.random() * 0.1)
-        process.send_signal(stop)
-        _, err = process.communicate(timeout=60)
-        assert process.returncode in (-9, 130), err
-        found.append(len(StrokeSet(path).shards))
-    assert 0 < found[1] < found[2] <= 4
-    process = start("output=go")
-    said = "".join(process.communicate(timeout=120))
-    assert process.returncode == 0, said
-    assert "strokes are there already; going on" in said
-    with Image.open(tmp_path / "go" / "strokes.png") as sheet:
-        assert sheet.width > 1000
-    strokes = StrokeSet(path)
-    assert (len(strokes), strokes.seed) == (n, 2**64 - 1)
-    assert strokes.origin == Origin("test_spot", {"rest": 0.03}, 6)
-    simulate_set(tmp_path / "again", drawn, strokes.origin, strokes.seed, n)
-    assert contents(tmp_path / "again") == contents(path)
-
-
 @pytest.mark.parametrize("stops", [[0], [BATCH_STROKES], [300, 300, 1000], list(range(0, N - 70, 100))])
 def test_a_set_made_in_pieces_is_the_same(tmp_path, small_shards, whole, stops):
     path = tmp_path / "strokes"
@@ -126,13 +61,10 @@ def test_a_set_made_in_pieces_is_the_same(tmp_path, small_shards, whole, stops):
             simulate_set(path, Breaking(stop), ORIGIN, 0, N)
         assert not stop or len(StrokeSet(path)) < N
     assert contents(write(path, n=N)) == whole
-
-
-@pytest.mark.parametrize("before", [3, SHARD_STROKES, 2 * SHARD_STROKES + 1, N - 1])
-def test_a_set_that_grows_is_the_same_as_one_made_large(tmp_path, whole, before):
-    path = write(tmp_path / "strokes", n=before)
-    assert len(StrokeSet(path)) == before
-    assert contents(write(path, n=N)) == whole
+    for before in (3, SHARD_STROKES, 2 * SHARD_STROKES + 1, N - 1):
+        path = write(tmp_path / f"{before}", n=before)
+        assert len(StrokeSet(path)) == before
+        assert contents(write(path, n=N)) == whole, "a set that grows is the same as one made large"
 
 
 def test_ctrl_c_keeps_what_is_simulated(tmp_path, small_shards, monkeypatch):
@@ -191,7 +123,7 @@ def test_only_one_run_makes_a_set_at_a_time(tmp_path):
 
 
 @pytest.mark.parametrize("room", [2000, 30_000])
-def test_a_full_disk_ends_in_one_clear_line_and_nothing_is_lost(tmp_path, whole, room):
+def test_a_full_disk_or_a_file_in_the_way_ends_in_one_clear_line_and_nothing_is_lost(tmp_path, whole, room):
     path = write(tmp_path / "strokes", n=SHARD_STROKES)
     small = contents(path)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -203,14 +135,11 @@ def test_a_full_disk_ends_in_one_clear_line_and_nothing_is_lost(tmp_path, whole,
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert contents(path) == small
     assert contents(write(path, n=N)) == whole
-
-
-def test_a_place_that_cannot_be_written_is_explained(tmp_path):
-    (tmp_path / "file").write_text("in the way")
-    for path in (tmp_path / "file", tmp_path / "file" / "a"):
+    file = path / "000000000.h5"
+    for place in (file, file / "a"):
         with pytest.raises(UserError, match=r"cannot write .*; .*path="):
-            simulate_set(path, Spot(), ORIGIN, 0, N)
-    assert (tmp_path / "file").read_text() == "in the way"
+            simulate_set(place, Spot(), ORIGIN, 0, N)
+    assert contents(path) == whole
 
 
 def test_numbers_that_are_not_finite_are_refused_with_the_stroke_and_others_are_clipped():

@@ -86,15 +86,6 @@ def test_extremes_are_finite_and_not_below_nothing(size, epsilon):
             assert slope.abs().max() < 1e-7
 
 
-def test_it_is_symmetric_and_grows_with_the_distance():
-    image = pixel(30, 40, 5, 5)
-    values = [float(judged(Sinkhorn(), image, pixel(30, 40, 5 + 2 * d, 5 + 3 * d))) for d in (0, 1, 3, 6, 10)]
-    assert values == sorted(values)
-    a, b = torch.rand(2, 3, 20, 13)
-    assert_close(judged(Sinkhorn(), a, b), judged(Sinkhorn(), b, a))
-    assert float(judged(Sinkhorn(floor=1e-4), 0.5 * a, a)) < 1e-6, "colours count by their share of the light"
-
-
 @pytest.mark.parametrize(
     ("size", "small"), [((48, 96), (12, 24)), ((7, 5), (7, 5)), ((1, 100), (1, 24)), ((24, 25), (23, 24))]
 )

@@ -12,6 +12,7 @@ from torch.distributions import MultivariateNormal, kl_divergence
 from torch.testing import assert_close
 
 from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.plugins.loss.discriminator import Discriminated
 from brushexp.plugins.loss.stroke import SHRINK, Curvature, Direction, KullbackLeibler, Width
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import Strokes
@@ -39,7 +40,10 @@ def judged(loss: Loss, strokes: Strokes) -> Tensor:
     return loss(Painting(nothing, nothing, strokes))
 
 
-@pytest.mark.parametrize("loss", [Width(), KullbackLeibler(), Curvature(), Direction(k=4, every=10_000)])
+LOSSES = [Width(), KullbackLeibler(), Curvature(), Direction(k=4, every=10_000), Discriminated().double()]
+
+
+@pytest.mark.parametrize("loss", LOSSES)
 def test_they_have_the_right_slope(loss):
     made = scene(7)
 
@@ -102,16 +106,6 @@ def test_kl_agrees_with_the_textbook_and_depends_on_neither_size_nor_place(n, be
     assert_close(judged(KullbackLeibler(), made), judged(KullbackLeibler(), other))
 
 
-def test_kl_vanishes_for_bends_of_the_wanted_mean_and_covariance():
-    along, across = 0.1, np.sqrt(2 / 25)  # four bends on the axes: variances along^2 / 2 and across^2 / 2
-    rows = [[0.5, 0, x, y, -0.5, 0] for x, y in ((along, 0), (-along, 0), (0, across), (0, -across))]
-    made = leaves(of(rows, [0.1] * 4), torch.float64)
-    value = judged(KullbackLeibler(), made)
-    value.backward()
-    assert float(value.detach()) == pytest.approx(0, abs=1e-12)
-    assert max(getattr(made, name).grad.abs().max() for name in POINTS) < 1e-9
-
-
 def textbook_direction(strokes: Strokes, k: int) -> float:
     """4 sin^2 of the angle between the principal axes of each stroke and its nearest ones, pair by pair."""
     t = torch.linspace(0, 1, 2001, dtype=torch.float64)[:, None]
@@ -141,16 +135,6 @@ def test_curvature_agrees_with_the_loop():
 def test_direction_agrees_with_the_double_loop(k):
     made = scene(40, seed=k)
     assert float(judged(Direction(k=k), made)) == pytest.approx(textbook_direction(made, k), rel=5e-3)
-
-
-def test_neither_resolution_nor_lengths_nor_widths_matter():
-    made = scene(30)
-    short = replace(made, **{name: 0.3 * getattr(made, name) for name in (*POINTS, "width")})
-    for loss in (Curvature(), Direction(every=1000)):
-        here = float(judged(loss, made))
-        for zoom in (0.25, 4.0):
-            assert float(judged(loss, made.moved(zoom=zoom, shift=(5.0, -3.0)))) == pytest.approx(here, rel=1e-3)
-        assert float(judged(loss, short)) == pytest.approx(here, rel=5e-3)
 
 
 def test_neighbours_are_kept_and_renewed_also_after_a_restart():

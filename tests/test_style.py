@@ -1,20 +1,18 @@
 """The style loss against independent formulations, parts of the canvas against the whole, and painting in a style."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from PIL import Image
-from program import run
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.app.command_line import in_full
+from brushexp.app.tasks import paint
 from brushexp.errors import UserError
 from brushexp.features import base as features
-from brushexp.painting.assembly import check_losses, losses_of
+from brushexp.painting.assembly import losses_of
 from brushexp.pictures.color import recolored
 from brushexp.pictures.load import load_picture
 from brushexp.pictures.region import Region
@@ -203,18 +201,6 @@ def test_colors_content_gives_the_style_picture_the_colours_of_the_target(tmp_pa
     assert_close(moments(used)[0], moments(target)[0], rtol=0.02, atol=0)
 
 
-@pytest.mark.parametrize("given", ["style=a.jpg", "style=a.jpg,b.jpg", "++style=a.jpg", "+style=a.jpg", "style=null"])
-def test_style_is_short_for_the_style_picture(given):
-    others = ["style.content=2", "style.image=a=b.jpg", "style={image: a.jpg}", "image=style=1.jpg", "-m"]
-    full = [given.replace("style", "style.image"), others[0], 'style.image="a=b.jpg"', others[2], 'image="style=1.jpg"']
-    assert in_full([given, *others]) == [*full, "-m"]
-
-
-def test_a_loss_that_the_style_brings_with_it_is_not_chosen_besides(config):
-    with pytest.raises(UserError, match=r"style\.image=coffee brings the loss style with it; drop style from loss"):
-        check_losses(config("style.image=coffee", "loss=[mse,style]"))
-
-
 @pytest.mark.parametrize("content", [0, 0.25])
 def test_the_style_is_added_and_the_others_are_weakened(config, content):
     settings = ["style.image=coffee", "style.colors=content", "style.loss.kernel=meanstd", f"style.content={content}"]
@@ -225,16 +211,14 @@ def test_the_style_is_added_and_the_others_are_weakened(config, content):
     assert list(losses_of(config())) == ["mse"]
 
 
-def test_a_picture_is_painted_in_the_style_and_the_colours_of_another(tmp_path):
-    settings = ["style=coffee", "resolution=110", "strokes=60", "steps=8", "threads=1", "frames=0"]
-    done = run(*settings, f"output={tmp_path}/run", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+def test_a_picture_is_painted_in_the_style_and_the_colours_of_another(run_task, tmp_path):
+    settings = ["style=coffee", "resolution=110", "strokes=60", "steps=8", "threads=1", "frames=0", "report=false"]
+    metrics = run_task(paint, *settings)
     style, photo = load_picture("coffee", 110), load_picture("astronaut", 110)
-    used, target = (load_picture(f"{tmp_path}/run/{name}.png", None) for name in ("style", "target"))
+    used, target = (load_picture(f"{tmp_path}/{name}.png", None) for name in ("style", "target"))
     assert_close(used, style, rtol=0, atol=0.003)
     assert_close(target, recolored(photo, style), rtol=0, atol=0.003)
-    assert "loss/style" in (tmp_path / "run" / "curves" / "metrics.csv").read_text()
-    metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert "loss/style" in (tmp_path / "curves" / "metrics.csv").read_text()
     assert {key for key in metrics if key.startswith("style_")} == {f"style_{kernel}" for kernel in KERNELS}
 
 

@@ -40,8 +40,16 @@ def test_the_video_shows_the_frames_and_holds_the_last(tmp_path):
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (4, 20000), (20000, 4), (63, 91), (2, 3)])
-def test_pictures_of_every_shape_become_a_timelapse(tmp_path, shape):
-    video, gif = filled(side=80, size=shape, kind="both").write(tmp_path)
+def test_pictures_of_every_shape_become_a_timelapse_but_no_picture_none(tmp_path, shape):
+    off = Timelapse(0, 64)
+    off.add(torch.rand(3, *shape), 0)
+    assert off.write(tmp_path) == Timelapse(5, 64).write(tmp_path) == [] == list(tmp_path.iterdir())
+    resumed = Timelapse(4, 80, kind="both")
+    torch.save(filled((0, 1, 2), side=80, size=shape).state_dict(), tmp_path / "state")
+    resumed.load_state_dict(torch.load(tmp_path / "state", weights_only=True))
+    resumed.add(torch.tensor(COLORS[3])[:, None, None].expand(3, *shape), 3)
+    torch.testing.assert_close(resumed.state_dict(), filled(side=80, size=shape).state_dict())
+    video, gif = resumed.write(tmp_path)
     assert len(decoded(video)[0]) == len(COLORS) + round(HOLD_SECONDS * FPS)
     assert len(unrolled(gif)[0]) == len(COLORS)
 
@@ -64,24 +72,15 @@ def test_as_many_frames_as_asked_are_due_ever_fewer_and_the_first_and_last_step_
     assert all(later >= earlier - 1 for earlier, later in pairwise(np.diff(due)))  # up to rounding
 
 
-def test_zero_frames_switch_it_off_and_nothing_is_written_before_the_first(tmp_path):
-    assert Timelapse(5, 64).write(tmp_path) == []
-    timelapse = Timelapse(0, 64)
-    timelapse.add(torch.rand(3, 8, 8), 0)
-    assert timelapse.write(tmp_path) == []
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_resumed_run_has_all_frames(tmp_path):
-    straight, resumed = filled(), Timelapse(4, 64)
-    torch.save(filled((0, 1, 2)).state_dict(), tmp_path / "state")
-    resumed.load_state_dict(torch.load(tmp_path / "state", weights_only=True))
-    resumed.add(torch.tensor(COLORS[3])[:, None, None].expand(3, 48, 64), 3)
-    torch.testing.assert_close(resumed.state_dict(), straight.state_dict())
-
-
 @pytest.mark.parametrize("seconds", [0.5, 3.0, 7.3, 60.0])
-def test_a_chosen_length_is_kept(tmp_path, seconds):
+def test_a_chosen_length_is_kept_and_players_can_follow(tmp_path, seconds):
+    for n_frames in (1, 2, 3, 11, 60, 2000):
+        rate, ticks = timing(n_frames, seconds)
+        assert MIN_FPS <= rate <= MOST_FPS
+        assert rate == MOST_FPS or abs(ticks * n_frames / rate - seconds) < 1e-3 * seconds
+    for impossible in (0.0, -seconds, 1.1, 301.0, float("nan")):
+        with pytest.raises(UserError, match=r"^timelapse_seconds is .*; choose 1.2 to 300 for 60 frames$"):
+            Timelapse(60, 64, seconds=impossible)
     video, gif = filled(side=16, size=(8, 12), seconds=seconds, kind="both").write(tmp_path)
     frames, rate = decoded(video)
     assert abs(len(frames) / rate - seconds - HOLD_SECONDS) < 0.1
@@ -89,18 +88,3 @@ def test_a_chosen_length_is_kept(tmp_path, seconds):
     ticks = (len(frames) - round(HOLD_SECONDS * rate)) // len(COLORS)
     for k, color in enumerate(COLORS):  # each for the same time
         np.testing.assert_allclose(frames[k * ticks + ticks // 2].mean((0, 1)) / 255, color, atol=0.02)
-
-
-@pytest.mark.parametrize("n_frames", [1, 2, 3, 11, 60, 2000])
-@pytest.mark.parametrize("seconds", [0.1, 1.0, 4.0, 300.0])
-def test_players_can_follow(n_frames, seconds):
-    rate, ticks = timing(n_frames, seconds)
-    assert MIN_FPS <= rate <= MOST_FPS
-    if rate < MOST_FPS:
-        assert abs(ticks * n_frames / rate - seconds) < 1e-3 * seconds
-
-
-@pytest.mark.parametrize("seconds", [0.0, -1.0, 1.1, 301.0, float("nan")])
-def test_impossible_lengths_are_refused(seconds):
-    with pytest.raises(UserError, match=r"^timelapse_seconds is .*; choose 1.2 to 300 for 60 frames$"):
-        Timelapse(60, 64, seconds=seconds)

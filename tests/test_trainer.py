@@ -3,17 +3,13 @@
 import csv
 import json
 import math
-import signal
-import time
-from datetime import timedelta
 from functools import partial
 from pathlib import Path
 
 import lightning as L
 import pytest
 import torch
-from lightning.pytorch.callbacks import Checkpoint, Timer
-from program import Program, run
+from lightning.pytorch.callbacks import Checkpoint
 from test_dataset import write
 from torch import nn
 from torch.utils.data import DataLoader
@@ -34,8 +30,6 @@ from brushexp.training import network_module
 from brushexp.training.datamodule import StrokeBatch, StrokeLoader
 from brushexp.training.discriminator_module import DiscriminatorModule, ShapeData
 from brushexp.training.evaluation import (
-    FrechetDistance,
-    HeldOutSheet,
     decibels,
     error_figures,
     error_sums,
@@ -139,14 +133,6 @@ def test_a_few_strokes_are_learned_and_validated():
     assert error() < 0.2 * before
     assert module.global_step == module.validated == 60
     assert set(module.figures) == {"l2", "psnr_alpha", "psnr_color"}
-
-
-def test_time_ends_a_training():
-    timer, module = Timer(timedelta(seconds=0.3)), module_of()
-    fit(module, None, timer, max_epochs=-1)
-    assert module.seconds == timer.time_elapsed() >= 0.3
-    assert module.progress == 1
-    assert module.figures, "what it has is validated"
 
 
 @pytest.mark.parametrize("settings", [RendererSettings(), CRITIC], ids=["plain", "critic"])
@@ -289,20 +275,6 @@ def test_the_critic_gives_one_score_a_picture(window):
     assert float(pictures.grad.abs().sum()) > 0
 
 
-def test_held_out_strokes_are_shown_and_compared_at_every_validation(tmp_path):
-    module, seen = module_of(), []
-
-    class Watch(L.Callback):
-        def on_validation_end(self, trainer, pl_module):
-            seen.append(float(trainer.callback_metrics["validation/fid_effl0"]))
-
-    few = FrechetDistance(3)
-    fit(module, None, HeldOutSheet(tmp_path), few, Watch(), max_epochs=2)
-    assert int(few.distance.fid.fake_features_num_samples) == 3
-    assert 0 < min(seen) < max(seen)
-    assert {path.name for path in tmp_path.rglob("*.png")} == {"epoch_000.png", "epoch_001.png", "validation.png"}
-
-
 def test_a_renderer_that_cannot_be_trained_is_refused():
     with pytest.raises(UserError, match="try renderer=neural"):
         RendererModule(Analytic(), SIDE, RendererSettings())
@@ -388,50 +360,22 @@ def test_a_set_is_simulated_once_and_kept(config, tmp_path):
     assert paths("engine.window=128") != [path]
 
 
-def test_a_training_without_an_end_is_refused(config):
-    with pytest.raises(UserError, match="set minutes=60"):
-        check_ends(config("task=train", "minutes=null"))
-
-
 @pytest.mark.parametrize(
     ("limit", "steps"),
     [
         *[("epochs=2", 8), ("trainer.max_epochs=2", 8), ("trainer.max_steps=3", 3)],
         *[("trainer.max_time=00:00:00:00", 0), ("callbacks=timer callbacks.timer.duration=00:00:00:00", 0)],
+        ("minutes=1e-9", 0),
     ],
 )
 def test_any_limit_of_the_trainer_ends_a_training(limit, steps, config, tmp_path):
-    cfg, module = config("task=train", "minutes=null", "ema=0", *limit.split()), module_of()
+    words = ["task=train", "minutes=null", "ema=0"]
+    with pytest.raises(UserError, match="set minutes=60"):
+        check_ends(config(*words))
+    cfg, module = config(*words, *limit.split()), module_of()
     check_ends(cfg)
     fit_network(module, Strokes(), cfg, tmp_path, torch.device("cpu"), [])
     assert module.global_step == steps
-
-
-@pytest.mark.slow
-def test_an_interrupted_training_is_kept_and_goes_on(stored, tmp_path):
-    settings = [
-        "epochs=12",
-        "minutes=null",
-        "batch_size=8",
-        "threads=1",
-        "checkpoint_every=0",
-        f"data={stored}",
-        "fid=0",
-        *TINY,
-    ]
-    process = Program("task=train", *settings, f"output={tmp_path}/a", cwd=tmp_path)
-    while not (tmp_path / "a" / "checkpoint.ckpt").exists() and process.poll() is None:
-        time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=120)
-    assert process.returncode == 130, out + err
-    assert f"continue with: python run.py task=train resume={tmp_path}/a" in out
-    first = json.loads((tmp_path / "a" / "metrics.json").read_text())
-    assert first["status"] == "interrupted"
-    assert 0 < first["steps"] < 96
-    resumed = run("task=train", f"resume={tmp_path}/a", f"output={tmp_path}/b", cwd=tmp_path)
-    assert resumed.returncode == 0, resumed.stdout + resumed.stderr
-    assert not resumed.stderr, "no warnings"
-    last = json.loads((tmp_path / "b" / "metrics.json").read_text())
-    assert (last["status"], last["steps"]) == ("completed", 96)
-    assert "renderer.checkpoint=" in resumed.stdout
+    assert module.seconds > 0 or steps == 0
+    assert module.progress == 1
+    assert module.figures, "what it has is validated"

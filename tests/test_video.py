@@ -25,23 +25,17 @@ def film_of(pictures, folder, kind, ticks=1, rate=Fraction(25)):
     return film.paths
 
 
-def test_both_files_show_the_pictures(tmp_path):
-    pictures = [smooth(seed) for seed in range(5)]
-    video, gif = film_of(pictures, tmp_path, "both")
+@pytest.mark.parametrize("rate", [Fraction(1), Fraction(15), Fraction(600, 73), Fraction(24), Fraction(50)])
+def test_both_films_show_the_pictures_and_are_as_long_as_their_ticks(tmp_path, rate):
+    originals = [smooth(seed) for seed in range(6)]
+    video, gif = film_of(originals, tmp_path, "both", ticks=2, rate=rate)
     assert sorted(tmp_path.iterdir()) == [gif, video] == [tmp_path / "film.gif", tmp_path / "film.mp4"]
-    for seen in (decoded(video)[0], unrolled(gif)[0]):
-        assert len(seen) == 5
-        for picture, original in zip(seen, pictures, strict=True):
+    (frames, seen_rate), (pictures, durations) = decoded(video), unrolled(gif)
+    assert (len(frames), seen_rate) == (12, rate)
+    for found in (frames[::2], pictures):
+        for picture, original in zip(found, originals, strict=True):
             assert picture.shape == (40, 60, 3)
             assert np.abs(picture.astype(float) - original).mean() < 6
-
-
-@pytest.mark.parametrize("rate", [Fraction(1), Fraction(15), Fraction(600, 73), Fraction(24), Fraction(50)])
-def test_a_film_is_as_long_as_its_ticks(tmp_path, rate):
-    video, gif = film_of([smooth(seed, 8, 8) for seed in range(6)], tmp_path, "both", ticks=2, rate=rate)
-    frames, seen_rate = decoded(video)
-    assert (len(frames), seen_rate) == (12, rate)
-    durations = unrolled(gif)[1]
     assert abs(sum(durations) - 12000 / rate) <= 5
     assert max(durations) - min(durations) <= 10
     assert min(durations) >= 20  # below that players take their time
@@ -85,11 +79,21 @@ def test_a_video_of_odd_sides_repeats_its_edge(tmp_path, shape):
         np.testing.assert_allclose(frames[-1][-1], frames[-1][-2], atol=12)
 
 
-def test_a_large_gif_is_shrunk(tmp_path):
+def test_a_large_gif_is_shrunk_and_a_film_that_is_broken_off_leaves_nothing(tmp_path):
     (gif,) = film_of([smooth(seed, 300, 960) for seed in range(2)], tmp_path, "gif")
     pictures, _ = unrolled(gif)
     assert pictures[0].shape == (150, GIF_SIDE, 3)
     assert np.abs(pictures[1].astype(float) - smooth(1, 150, GIF_SIDE)).mean() < 6
+    gif.unlink()
+
+    def broken_off():
+        with filming(tmp_path / "film", "both", (8, 8), Fraction(25)) as film:
+            film.show(smooth(0, 8, 8), 1)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        broken_off()
+    assert not list(tmp_path.iterdir())
 
 
 def test_pictures_are_not_kept(tmp_path):
@@ -101,17 +105,6 @@ def test_pictures_are_not_kept(tmp_path):
             film.show(picture, 3)
             del picture
             assert sum(reference() is not None for reference in seen) <= 1
-
-
-def test_a_film_that_is_broken_off_leaves_nothing(tmp_path):
-    def broken_off():
-        with filming(tmp_path / "film", "both", (8, 8), Fraction(25)) as film:
-            film.show(smooth(0, 8, 8), 1)
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        broken_off()
-    assert not list(tmp_path.iterdir())
 
 
 def test_without_av_or_its_encoder_every_film_is_a_gif_which_is_smaller(tmp_path, monkeypatch):

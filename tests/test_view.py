@@ -87,6 +87,10 @@ def test_a_catalogue_is_drawn_by_its_own_renderer(tmp_path, config):
     html = found["/"].read_text()
     assert "strokes &lt;b&gt;" in html
     assert "strokes <b>" not in html
+    run = make_run(tmp_path / "run")
+    before = sorted(run.iterdir())
+    assert "20.00" in pages(config, run, tmp_path / "out")["/"].read_text(), "its PSNR"
+    assert sorted(run.iterdir()) == before, "it may be somebody else's, and read-only"
 
 
 def test_a_renderer_that_is_not_here_is_named_and_another_one_helps(tmp_path, config):
@@ -97,14 +101,9 @@ def test_a_renderer_that_is_not_here_is_named_and_another_one_helps(tmp_path, co
     path = make_catalogue(tmp_path / "b.h5", "neural", "renderer: {checkpoint: gone.safetensors}\n")
     with pytest.raises(UserError, match=r"gone\.safetensors.*there is no such file"):
         pages(config, path, tmp_path / "out")
-
-
-def test_the_folder_of_a_run_is_shown_with_its_pictures(tmp_path, config):
-    run = make_run(tmp_path / "run")
-    before = sorted(run.iterdir())
-    html = pages(config, run, tmp_path / "out")["/"].read_text()
-    assert "20.00" in html  # its PSNR
-    assert sorted(run.iterdir()) == before  # it may be somebody else's, and read-only
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(UserError, match="neither a run nor a sweep"):
+        pages(config, tmp_path / "empty", tmp_path / "out")
 
 
 @pytest.mark.parametrize(("name", "path"), [("sweep é", "sweep%20%C3%A9"), (os.fsdecode(b"sw\xe9"), "sw%E9")])
@@ -119,14 +118,6 @@ def test_the_folder_of_a_sweep_is_shown_with_the_pages_of_its_runs(tmp_path, nam
         assert ask(address, f"/{path}/1/report.html")[1] == b"page of run 1"
         assert ask(address, f"/{path}/0/report.html")[0] == 404
         assert ask(address, f"/{path}/1/catalogue.h5")[0] == 404
-
-
-def test_what_has_no_page_is_refused(tmp_path, config):
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(UserError, match="neither a run nor a sweep"):
-        pages(config, tmp_path / "empty", tmp_path / "out")
-    with pytest.raises(UserError, match="there is no file"):
-        pages(config, tmp_path / "gone.h5", tmp_path / "out")
 
 
 def test_the_program_serves_until_ctrl_c(tmp_path):
