@@ -180,15 +180,6 @@ def test_flat_paint_shows_the_recorded_colour():
     assert off < 0.015, "light on the ridges changes it little"
 
 
-def test_paint_reaches_from_start_to_end():
-    alpha = Fluid(window=128)(stroke((-0.6, 0.1), (0, 0.1), (0.6, 0.1)), seed=0).images[0, 3]
-    columns = (alpha.max(0).values > 0.2).nonzero()[:, 0] / 64 - 1  # half-windows
-    assert columns.min() == pytest.approx(-0.6, abs=0.06)
-    assert columns.max() == pytest.approx(0.6, abs=0.06)
-    rows = (alpha.mean(1) > 0.2 * alpha.mean(1).max()).nonzero()[:, 0] / 64 - 1
-    assert rows.max() - rows.min() == pytest.approx(0.2, abs=0.04), "as wide as the width says"
-
-
 def test_bristles_leave_streaks():
     """Across the stroke the paint goes up and down more often than a smooth profile, which does it once."""
     alpha = Fluid(window=256, supersample=1)(stroke((-0.7, 0), (0, 0), (0.7, 0), width=0.19), seed=0).images[0, 3]
@@ -213,12 +204,6 @@ def test_every_setting_of_the_physics_matters(option):
     parameters = stroke((-0.5, 0), (0, 0.3), (0.5, 0), width=0.2)
     plain = Fluid()(parameters, seed=0).images
     assert not torch.equal(Fluid(**{option: other.get(option, 3.0)})(parameters, seed=0).images, plain)
-
-
-def test_a_finer_simulation_lays_as_much_paint():
-    parameters = parameters_of(sample_prior(40, seed=5))
-    amounts = [Fluid(supersample=fine)(parameters, seed=0).images[:, 3].mean() for fine in (1, 2, 4)]
-    assert max(amounts) < 1.1 * min(amounts)
 
 
 def test_strokes_of_the_prior_stay_in_their_windows():

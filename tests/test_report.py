@@ -2,8 +2,6 @@
 
 import json
 import logging
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -298,46 +296,3 @@ def test_overrides_of_every_form_are_read():
 def test_an_error_is_told_in_one_line():
     errors = UserError("a; b"), KeyError(), ValueError("\nx\ny")
     assert [first_line(error) for error in errors] == ["a; b", "KeyError", "ValueError: x"]
-
-
-APP = """
-from pathlib import Path
-import hydra, numpy as np
-from hydra.core.hydra_config import HydraConfig
-from brushexp.system.files import write_picture
-
-@hydra.main(version_base="1.3", config_path="conf", config_name="config")
-def main(cfg):
-    if cfg.seed == 2:
-        raise RuntimeError("this job fails")
-    for name in ("target.png", "painting.png"):
-        write_picture(Path(HydraConfig.get().runtime.output_dir) / name, np.full((20, 30, 3), 20 + cfg.seed, np.uint8))
-    return {"psnr": float("nan"), "steps": cfg.steps - 1, "status": "completed"}
-
-main()
-"""
-APP_CONFIG = """
-seed: 0
-steps: 7
-loss: {mse: {weight: 1.0}}
-hydra:
-  sweep: {dir: out, subdir: "${hydra.job.num}"}
-  callbacks: {report: {_target_: brushexp.results.sweep.SweepReport}}
-"""
-
-
-def test_a_real_sweep_with_a_failing_job_is_reported_whole(tmp_path):
-    (tmp_path / "conf").mkdir()
-    (tmp_path / "conf" / "config.yaml").write_text(APP_CONFIG)
-    (tmp_path / "app.py").write_text(APP)
-    command = [sys.executable, "app.py", "-m", "seed=1,2,3", "steps=9"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 1, done.stderr
-    rows = read_csv(tmp_path / "out" / "table.csv")
-    assert [(row["seed"], row["status"], row["error"], row["override.steps"], row["steps"]) for row in rows] == [
-        ("1", "completed", "", "9", "8"),
-        ("2", "failed", "RuntimeError: this job fails", "9", ""),
-        ("3", "completed", "", "9", "8"),
-    ]
-    assert greys(tmp_path / "out" / "sheet.png") == [[21, 21, 23, 23]]
-    assert "RuntimeError: this job fails\nTraceback" in (tmp_path / "out" / "1" / "app.log").read_text()

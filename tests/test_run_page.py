@@ -233,7 +233,7 @@ def test_packed_strokes_are_the_strokes_and_those_far_away_do_not_coarsen_the_ot
     assert highest["half"] <= FARTHEST * max(SIZE)
 
 
-def test_an_error_map_measures_mean_differences():
+def test_pictures_errors_and_colours_are_those_of_the_painting():
     target = np.zeros((4, 6, 3), np.uint8)
     painting = target.copy()
     painting[1, 2] = (3, 6, 9)
@@ -244,13 +244,15 @@ def test_an_error_map_measures_mean_differences():
     assert_array_equal(found["pixels"][0, 0], (0, 0, 4))
     assert found["pixels"][1, 2].sum() > 300
     assert error_map(target, target)["mean"] == 0
-
-
-def test_swatches_are_the_colors_and_their_shares():
     colors = np.repeat([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0]], [10, 20, 30], axis=0)
-    found = [(swatch["color"], round(swatch["share"], 3)) for swatch in swatches_of(colors, np.ones(60))]
-    assert found == [("#0000ff", 0.333), ("#ff0000", 0.167), ("#ffffff", 0.5)]
+    shares = [(swatch["color"], round(swatch["share"], 3)) for swatch in swatches_of(colors, np.ones(60))]
+    assert shares == [("#0000ff", 0.333), ("#ff0000", 0.167), ("#ffffff", 0.5)]
     assert swatches_of(colors, np.zeros(60)) == []
+    noise = np.random.default_rng(0).integers(0, 256, (1000, 2000, 3), dtype=np.uint8)
+    large, small = _shown(noise), _shown(noise[:50, :70])
+    assert large["source"].startswith("data:image/jpeg")
+    assert decoded(large["source"]).shape == (LARGEST_SIDE // 2, LARGEST_SIDE, 3)
+    assert_array_equal(decoded(small["source"]), noise[:50, :70])
 
 
 def test_charts_need_something_to_show():
@@ -264,15 +266,6 @@ def test_charts_need_something_to_show():
     assert rose_chart("x", np.array([math.nan]), np.ones(1)) is None
     shares = rose_chart("x", np.array([0.0, 3.13, math.pi / 2]), np.ones(3))["shares"]
     assert shares[::9] == pytest.approx([2 / 3, 1 / 3])
-
-
-def test_large_pictures_are_shrunk_and_small_ones_are_kept():
-    noise = np.random.default_rng(0).integers(0, 256, (1000, 2000, 3), dtype=np.uint8)
-    large, small = _shown(noise), _shown(noise[:50, :70])
-    assert large["source"].startswith("data:image/jpeg")
-    assert decoded(large["source"]).shape == (LARGEST_SIDE // 2, LARGEST_SIDE, 3)
-    assert (large["width"], large["height"]) == (2000, 1000)
-    assert_array_equal(decoded(small["source"]), noise[:50, :70])
 
 
 def test_the_divider_follows_keys_and_pointer(shown):
@@ -363,19 +356,6 @@ def test_play_lays_strokes_and_stops_at_the_end_and_arrow_keys_step_through_them
     stage.press("Space")
 
 
-def test_a_frame_that_began_before_the_click_does_not_play_into_the_negative(opened, tmp_path):
-    write_text(tmp_path / "report.html", run_page(saved_with(COUNT), name="x"))
-    watched = opened(tmp_path / "report.html")
-    scrub(watched, 0)
-    watched.page.select_option("#speed", "10")
-    watched.evaluate(
-        "() => { window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now() - 200)); }"
-    )
-    watched.page.click("#play")
-    watched.page.wait_for_selector(f"#replay-stage[data-playing=false][data-shown='{COUNT}']", timeout=60_000)
-    assert not watched.errors
-
-
 def oracle(saved: Saved, points: np.ndarray) -> list[int | None]:
     """The uppermost stroke at each point; None where rounding may decide."""
     curve, half = curve_of(saved.strokes), half_width_of(saved.strokes)
@@ -456,16 +436,6 @@ def test_the_lamp_follows_the_pointer_and_its_light_is_that_of_the_program(shown
     assert float(shown.page.locator("#azimuth").input_value()) == pytest.approx(90, abs=1)
 
 
-def test_every_control_has_a_name(shown):
-    nameless = """() => [...document.querySelectorAll("button, input, select, [tabindex='0'], img, [role=img]")]
-        .filter((e) => !(e.getAttribute("aria-label") || e.labels?.length || e.textContent.trim()))
-        .filter((e) => !e.hasAttribute("alt"))
-        .map((e) => e.outerHTML.slice(0, 80))"""
-    assert shown.evaluate(nameless) == []
-    names = shown.evaluate("() => [...document.querySelectorAll('[id]')].map((e) => e.id)")
-    assert len(set(names)) == len(names)
-
-
 def test_it_fits_every_screen_can_be_read_and_printed(shown):
     page, paper = shown.page, "getComputedStyle(document.body).backgroundColor"
     shown.evaluate("() => document.querySelectorAll('details').forEach((one) => { one.open = true; })")
@@ -490,8 +460,28 @@ def test_it_fits_every_screen_can_be_read_and_printed(shown):
     assert min(map(int, ground)) > 240
     assert not page.locator("#play").is_visible()
     page.emulate_media(media="screen")
+    assert shown.evaluate(NAMELESS) == []
+    names = shown.evaluate("() => [...document.querySelectorAll('[id]')].map((e) => e.id)")
+    assert len(set(names)) == len(names)
     assert not shown.errors
     assert not shown.foreign
+
+
+def test_long_and_narrow_pictures_fit_into_the_window(opened, tmp_path):
+    for size in ((400, 4), (1, 90)):
+        pictures = dict.fromkeys(("target", "painting"), np.zeros((*size, 3), np.uint8))
+        write_text(tmp_path / "a.html", run_page(saved_with(20, size), name="narrow", pictures=pictures))
+        watched = opened(tmp_path / "a.html")
+        assert not watched.is_too_wide()
+        heights = watched.evaluate("[...document.querySelectorAll('.stage')].map(e => e.clientHeight)")
+        assert max(heights) <= WIDE[1]
+        assert not watched.errors
+
+
+NAMELESS = """() => [...document.querySelectorAll("button, input, select, [tabindex='0'], img, [role=img]")]
+    .filter((e) => !(e.getAttribute("aria-label") || e.labels?.length || e.textContent.trim()))
+    .filter((e) => !e.hasAttribute("alt"))
+    .map((e) => e.outerHTML.slice(0, 80))"""
 
 
 TOO_FAINT = """() => {
@@ -517,17 +507,6 @@ TOO_FAINT = """() => {
   }
   return found;
 }"""
-
-
-@pytest.mark.parametrize("size", [(400, 4), (1, 90)])
-def test_long_and_narrow_pictures_fit_into_the_window(size, opened, tmp_path):
-    pictures = dict.fromkeys(("target", "painting"), np.zeros((*size, 3), np.uint8))
-    write_text(tmp_path / "a.html", run_page(saved_with(20, size), name="narrow", pictures=pictures))
-    watched = opened(tmp_path / "a.html")
-    assert not watched.is_too_wide()
-    tallest = watched.evaluate("Math.max(...[...document.querySelectorAll('.stage')].map(e => e.clientHeight))")
-    assert tallest <= WIDE[1]
-    assert not watched.errors
 
 
 def test_without_scripts_what_needs_them_is_left_out(run, opened):
