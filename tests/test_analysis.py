@@ -281,14 +281,11 @@ def test_the_table_can_be_read_back_and_what_is_not_defined_is_empty_null_or_a_d
     assert three_digits(12345.6) == "12,346"
 
 
-@pytest.mark.parametrize(
-    "rows",
-    [
-        lambda: [found(name="a $ b"), found(30, 1, "名", size=(90, 40))],
-        lambda: [analysis_of(saved(straight((20, 20), (20, 20))), "dot", "dot")],
-        lambda: [analysis_of(saved(combed(20)), "no neighbours", "combed", radius=0.0), found(size=(300, 2))],
-    ],
-)
+@pytest.mark.parametrize("rows", [
+    lambda: [found(name="a $ b"), found(30, 1, "名", size=(90, 40))],
+    lambda: [analysis_of(saved(straight((20, 20), (20, 20))), "dot", "dot")],
+    lambda: [analysis_of(saved(combed(20)), "no neighbours", "combed", radius=0.0), found(size=(300, 2))],
+])  # fmt: skip
 def test_the_sheet_can_be_drawn(rows, tmp_path, monkeypatch):
     monkeypatch.setattr(figures, "PRINT_DPI", 40)
     monkeypatch.setattr(figures, "STROKES_SIDE", 200)

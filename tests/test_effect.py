@@ -66,16 +66,13 @@ def test_failed_and_interrupted_runs_are_left_out_but_not_those_that_stopped_ear
     assert drawn(tmp_path)
 
 
-@pytest.mark.parametrize(
-    "runs",
-    [
-        [({}, 20.0)],
-        [({"seed": "0"}, 20.0), ({"seed": "1"}, 21.0)],
-        [({"lr": "1"}, 20.0), ({"lr": "2"}, None)],
-        [({"lr": "1"}, None), ({"lr": "2"}, None)],
-        [(chosen, 20.0) for chosen in ({}, *({key: value} for key in "abc" for value in "12"))],  # a list, no grid
-    ],
-)
+@pytest.mark.parametrize("runs", [
+    [({}, 20.0)],
+    [({"seed": "0"}, 20.0), ({"seed": "1"}, 21.0)],
+    [({"lr": "1"}, 20.0), ({"lr": "2"}, None)],
+    [({"lr": "1"}, None), ({"lr": "2"}, None)],
+    [(chosen, 20.0) for chosen in ({}, *({key: value} for key in "abc" for value in "12"))],  # a list, no grid
+])  # fmt: skip
 def test_nothing_to_compare_gives_no_plot(tmp_path, runs):
     for chosen, psnr in runs:
         make_run(tmp_path, chosen, psnr=psnr)
@@ -85,16 +82,13 @@ def test_nothing_to_compare_gives_no_plot(tmp_path, runs):
     assert list(tmp_path.glob("*.png")) == []
 
 
-@pytest.mark.parametrize(
-    ("axes", "heights"),
-    [
-        ({"lr": ["0.001", "0.01", "0.1"], **SEEDS}, (500, 500)),
-        ({"ring": ["0", "128"], "patch": ["160", "320"]}, (500, 500)),
-        ({"loss": ["mse", "[mse,perceptual,kl,width]", "", "画$x$\n" + "long/" * 40], **SEEDS}, (500, 500)),
-        ({"loss": [f"loss_number_{k}+perceptual+width" for k in range(14)], "init": ["a", "b", "c"]}, (700, 1400)),
-        ({"some.very.long_setting" * 3: ["value" * 12 + str(k) for k in range(3)], "b": ["x" * 90, "y" * 90]}, None),
-    ],
-)
+@pytest.mark.parametrize(("axes", "heights"), [
+    ({"lr": ["0.001", "0.01", "0.1"], **SEEDS}, (500, 500)),
+    ({"ring": ["0", "128"], "patch": ["160", "320"]}, (500, 500)),
+    ({"loss": ["mse", "[mse,perceptual,kl,width]", "", "画$x$\n" + "long/" * 40], **SEEDS}, (500, 500)),
+    ({"loss": [f"loss_number_{k}+perceptual+width" for k in range(14)], "init": ["a", "b", "c"]}, (700, 1400)),
+    ({"some.very.long_setting" * 3: ["value" * 12 + str(k) for k in range(3)], "b": ["x" * 90, "y" * 90]}, None),
+])  # fmt: skip
 def test_every_plot_is_drawn_whole_and_the_same_every_time(tmp_path, axes, heights):
     make_grid(tmp_path, axes)
     with warnings.catch_warnings():

@@ -46,6 +46,9 @@ def test_a_run_goes_on_in_its_own_folder_whatever_signals_end_it(tmp_path):
     steps += [stopped(number, f"resume={folder}", output=folder)["steps"] for number in (signal.SIGHUP, signal.SIGINT)]
     assert 0 < steps[0] < steps[1] < steps[2] < 900
 
+    refused = run(f"resume={folder}", "steps=9", f"output={tmp_path}/b", cwd=tmp_path)
+    assert refused.returncode == 1
+    assert "drop steps=9" in refused.stdout + refused.stderr
     picture = (tmp_path / "photo (1).png").read_bytes()
     (tmp_path / "photo (1).png").write_bytes(picture[:-1])
     refused = run(f"resume={folder}", f"output={tmp_path}/b", cwd=tmp_path)

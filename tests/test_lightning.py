@@ -8,6 +8,7 @@ import torch
 from lightning.pytorch.callbacks import EarlyStopping, LearningRateMonitor, ModelCheckpoint, Timer
 from lightning.pytorch.loggers import CSVLogger
 from painters import assert_resumes, error_of, fit, painter_of, take
+from scenes import Windowed
 from torch.testing import assert_close
 
 from brushexp.painting import curves
@@ -129,6 +130,7 @@ PLANS = {
     "adaptive": lambda: painter_of(steps=24, n=40, density=Adaptive(), options={"budget": 60}),
     "stages": lambda: painter_of(Stage("a", Analytic(), 11), Stage("b", Analytic(soft=2.0), 13)),
     "coarse": lambda: painter_of(steps=24, options={"coarse": 0.5}),
+    "warm-up": lambda: painter_of(Stage("fast", Analytic(), 11), Stage("slow", Windowed(), 13), order=Accuracy()),
 }
 
 

@@ -195,17 +195,14 @@ def carried_out(tracker: Logger, error: BaseException | None = None) -> None:
             raise error
 
 
-@pytest.mark.parametrize(
-    ("fails", "told"),
-    [
-        ("", "open curve save curve save finish success"),
-        ("open", "open finish"),
-        ("curve", "open curve finish success"),
-        ("save", "open curve save finish success"),
-        ("finish", "open curve save curve save finish success"),
-        ("success", "open curve save curve save finish success"),
-    ],
-)
+@pytest.mark.parametrize(("fails", "told"), [
+    ("", "open curve save curve save finish success"),
+    ("open", "open finish"),
+    ("curve", "open curve finish success"),
+    ("save", "open curve save finish success"),
+    ("finish", "open curve save curve save finish success"),
+    ("success", "open curve save curve save finish success"),
+])  # fmt: skip
 def test_a_tracker_that_failed_takes_no_more_curves_but_is_told_of_the_end(fails, told, caplog):
     tracker = Noting(fails)
     carried_out(tracker)
@@ -214,15 +211,12 @@ def test_a_tracker_that_failed_takes_no_more_curves_but_is_told_of_the_end(fails
     assert [record.message for record in caplog.records if record.levelno == logging.WARNING] == expected
 
 
-@pytest.mark.parametrize(
-    ("error", "status"),
-    [
-        (None, "completed"),
-        (KeyboardInterrupt(), "interrupted"),
-        (SystemExit(1), "interrupted"),
-        (UserError("x"), "failed"),
-    ],
-)
+@pytest.mark.parametrize(("error", "status"), [
+    (None, "completed"),
+    (KeyboardInterrupt(), "interrupted"),
+    (SystemExit(1), "interrupted"),
+    (UserError("x"), "failed"),
+])  # fmt: skip
 def test_trackers_are_told_how_the_run_ended(error, status):
     tracker = Noting()
     with nullcontext() if error is None else pytest.raises(type(error)):
@@ -289,18 +283,15 @@ def account(monkeypatch, tmp_path):
     return known
 
 
-@pytest.mark.parametrize(
-    ("settings", "netrc", "mode"),
-    [
-        ({}, None, "offline"),
-        ({"mode": "disabled"}, None, None),  # WANDB_MODE
-        ({"api_key": "x"}, None, None),
-        ({}, "machine example.org login a password b", "offline"),
-        ({}, "machine api.wandb.ai login user password x", None),
-        ({"base_url": "https://api.forge.coreweave.com"}, "machine api.wandb.ai login user password x", None),
-        ({"base_url": "https://wandb.example.org"}, "machine api.wandb.ai login user password x", "offline"),
-    ],
-)
+@pytest.mark.parametrize(("settings", "netrc", "mode"), [
+    ({}, None, "offline"),
+    ({"mode": "disabled"}, None, None),  # WANDB_MODE
+    ({"api_key": "x"}, None, None),
+    ({}, "machine example.org login a password b", "offline"),
+    ({}, "machine api.wandb.ai login user password x", None),
+    ({"base_url": "https://api.forge.coreweave.com"}, "machine api.wandb.ai login user password x", None),
+    ({"base_url": "https://wandb.example.org"}, "machine api.wandb.ai login user password x", "offline"),
+])  # fmt: skip
 def test_wandb_is_offline_unless_somebody_is_logged_in_or_says_otherwise(account, settings, netrc, mode, tmp_path):
     account(**settings)
     if netrc is not None:

@@ -53,22 +53,19 @@ def test_a_target_is_looked_at_once_without_a_slope_until_another_comes(made):
     assert len(looks) == 3
 
 
-@pytest.mark.parametrize(
-    ("name", "option", "value"),
-    [
-        ("perceptual", "jitter", 4),
-        ("direction", "k", 0),
-        ("direction", "every", 0),
-        ("sinkhorn", "side", 0),
-        ("sinkhorn", "epsilon", 0.001),
-        ("sinkhorn", "epsilon", float("nan")),
-        ("sinkhorn", "iterations", 0),
-        ("sinkhorn", "floor", 0),
-        ("style", "scale", 0),
-        ("style", "kernel", "cubic"),
-        ("style", "colors", "none"),
-    ],
-)
+@pytest.mark.parametrize(("name", "option", "value"), [
+    ("perceptual", "jitter", 4),
+    ("direction", "k", 0),
+    ("direction", "every", 0),
+    ("sinkhorn", "side", 0),
+    ("sinkhorn", "epsilon", 0.001),
+    ("sinkhorn", "epsilon", float("nan")),
+    ("sinkhorn", "iterations", 0),
+    ("sinkhorn", "floor", 0),
+    ("style", "scale", 0),
+    ("style", "kernel", "cubic"),
+    ("style", "colors", "none"),
+])  # fmt: skip
 def test_options_that_cannot_be_are_refused_before_work_starts(name, option, value):
     with pytest.raises(UserError, match=rf"loss\.{name}\.{option}={value} is not .*; try loss\.{name}\.{option}="):
         build_named("loss", name, {option: value})
@@ -195,14 +192,11 @@ def test_positions_without_activation_have_a_slope():
     assert picture.grad.isfinite().all()
 
 
-@pytest.mark.parametrize(
-    ("cls", "options", "reason"),
-    [
-        (Perceptual, {"taps": ["relu4_3"]}, "choose from stem, b0"),
-        (Perceptual, {"backbone": "vgg16"}, r"loss\.perceptual\.weights=path"),
-        (Lpips, {"backbone": "alexnet"}, r"set loss\.lpips\.weights=path, .*loss\.lpips\.backbone=effl0"),
-    ],
-)
+@pytest.mark.parametrize(("cls", "options", "reason"), [
+    (Perceptual, {"taps": ["relu4_3"]}, "choose from stem, b0"),
+    (Perceptual, {"backbone": "vgg16"}, r"loss\.perceptual\.weights=path"),
+    (Lpips, {"backbone": "alexnet"}, r"set loss\.lpips\.weights=path, .*loss\.lpips\.backbone=effl0"),
+])  # fmt: skip
 def test_networks_that_cannot_be_opened_are_refused_with_the_option_to_set(cls, options, reason):
     with pytest.raises(UserError, match=reason):
         cls(**options)

@@ -121,45 +121,39 @@ def test_a_mistake_is_told_with_what_to_type_instead(config, overrides, monkeypa
     assert "\n" not in said
 
 
-@pytest.mark.parametrize(
-    ("typed", "meant"),
-    [
-        ("to=svg,json", "to=[svg,json]"),
-        ("logger=csv", "logger=[csv]"),
-        ("ratios=0,0.5", "ratios=[0,0.5]"),
-        ("data=a b.h5", "data=[a b.h5]"),
-        ("data=a&b.h5,c.h5", 'data=["a&b.h5",c.h5]'),
-        ("data=null", "data=null"),
-        ("-m data=a,b", "-m data=[a],[b]"),
-        ("-m to=svg,json", "-m to=svg,json"),
-        ("-m catalogue=ö.h5,b.h5", '-m catalogue="ö.h5",b.h5'),
-        ("light=315,45", "to.relief.light=[315,45]"),
-        ("light=[-20.5,45]", "to.relief.light=[-20.5,45]"),
-        ("style=a.jpg", "style.image=a.jpg"),
-        ("catalogue=it's.h5", 'catalogue="it\'s.h5"'),
-        ("--config-dir mine steps=3", "--config-dir mine steps=3"),
-    ],
-)
+@pytest.mark.parametrize(("typed", "meant"), [
+    ("to=svg,json", "to=[svg,json]"),
+    ("logger=csv", "logger=[csv]"),
+    ("ratios=0,0.5", "ratios=[0,0.5]"),
+    ("data=a b.h5", "data=[a b.h5]"),
+    ("data=a&b.h5,c.h5", 'data=["a&b.h5",c.h5]'),
+    ("data=null", "data=null"),
+    ("-m data=a,b", "-m data=[a],[b]"),
+    ("-m to=svg,json", "-m to=svg,json"),
+    ("-m catalogue=ö.h5,b.h5", '-m catalogue="ö.h5",b.h5'),
+    ("light=315,45", "to.relief.light=[315,45]"),
+    ("light=[-20.5,45]", "to.relief.light=[-20.5,45]"),
+    ("style=a.jpg", "style.image=a.jpg"),
+    ("catalogue=it's.h5", 'catalogue="it\'s.h5"'),
+    ("--config-dir mine steps=3", "--config-dir mine steps=3"),
+])  # fmt: skip
 def test_short_forms_are_written_out(typed, meant):
     words = [text.split(" ") if typed.startswith("-") else [text] for text in (typed, meant)]
     assert in_full(words[0]) == words[1]
 
 
-@pytest.mark.parametrize(
-    ("bounds", "fine", "wrong", "message"),
-    [
-        (at_least(1), [1, 7], 0, "x=0 is not at least 1; try x=1"),
-        (between(0, 1), [0, 0.5, 1.0, None], 1.5, "x=1.5 is not 0 to 1; try x=1"),
-        (above(0), [1e-9, 5], 0.0, "x=0 is not above 0; try x=3"),
-        (above(0, 10), [10], 11, "x=11 is not above 0 and at most 10; try x=10"),
-        (multiple_of(16, 64), [16, 64], 40, "x=40 is not a multiple of 16, 16 to 64; try x=32"),
-        (multiple_of(16), [16, 640], 3, "x=3 is not a multiple of 16, at least 16; try x=16"),
-        (one_of("red", "green"), ["red"], "gren", "x=gren is not one of red, green; try x=green"),
-        (at_least(0), [0.0], float("nan"), "x=nan is not at least 0; try x=3"),
-        (between(0, 9), [[], [0, 9], {"a": 3}], [3, -1], "x=-1 is not 0 to 9; try x=0"),
-        (between(0, 9), [], {"a": 10}, "x=10 is not 0 to 9; try x=9"),
-    ],
-)
+@pytest.mark.parametrize(("bounds", "fine", "wrong", "message"), [
+    (at_least(1), [1, 7], 0, "x=0 is not at least 1; try x=1"),
+    (between(0, 1), [0, 0.5, 1.0, None], 1.5, "x=1.5 is not 0 to 1; try x=1"),
+    (above(0), [1e-9, 5], 0.0, "x=0 is not above 0; try x=3"),
+    (above(0, 10), [10], 11, "x=11 is not above 0 and at most 10; try x=10"),
+    (multiple_of(16, 64), [16, 64], 40, "x=40 is not a multiple of 16, 16 to 64; try x=32"),
+    (multiple_of(16), [16, 640], 3, "x=3 is not a multiple of 16, at least 16; try x=16"),
+    (one_of("red", "green"), ["red"], "gren", "x=gren is not one of red, green; try x=green"),
+    (at_least(0), [0.0], float("nan"), "x=nan is not at least 0; try x=3"),
+    (between(0, 9), [[], [0, 9], {"a": 3}], [3, -1], "x=-1 is not 0 to 9; try x=0"),
+    (between(0, 9), [], {"a": 10}, "x=10 is not 0 to 9; try x=9"),
+])  # fmt: skip
 def test_bounds_hold_and_propose_the_nearest_value(bounds, fine, wrong, message):
     for value in fine:
         bounds.check("x", value)

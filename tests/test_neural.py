@@ -159,14 +159,11 @@ def test_noise_is_fresh_in_training_and_fixed_in_painting():
         assert torch.equal(again.draw(parameters()), renderer.draw(parameters()))
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"window": 100}, "renderer.window=100 is not one of 64, 128, 256; try renderer.window=128"),
-        ({"activation": "rellu"}, "renderer.activation=rellu is not one of .*; try renderer.activation=relu"),
-        ({"dense": []}, "renderer.dense"),
-    ],
-)
+@pytest.mark.parametrize(("options", "message"), [
+    ({"window": 100}, "renderer.window=100 is not one of 64, 128, 256; try renderer.window=128"),
+    ({"activation": "rellu"}, "renderer.activation=rellu is not one of .*; try renderer.activation=relu"),
+    ({"dense": []}, "renderer.dense"),
+])  # fmt: skip
 def test_wrong_options_are_refused(options, message):
     with pytest.raises(UserError, match=message):
         build_named("renderer", "neural", options)

@@ -100,16 +100,13 @@ def test_one_setting_has_no_front(tmp_path, numbers):
     assert not list(tmp_path.glob("pareto.*"))
 
 
-@pytest.mark.parametrize(
-    "rows",
-    [
-        [(0.0, 15.0, None), (2.0, 25.0, None)],
-        [(1.0, 20.0, 0.2), (1.0, 20.0, 0.2)],
-        [(1e-3, 5.0, 0.9), (1.0, 30.0, 0.2), (1.01, 30.1, 0.19), (4e4, 8.0, 5.0)],
-        [(1.0, 20.0, 0.2), (1.5, 21.0, None)],
-        [(1.0 + k / 50, 20.0 + k / 10, 0.3 - k / 200) for k in range(40)],
-    ],
-)
+@pytest.mark.parametrize("rows", [
+    [(0.0, 15.0, None), (2.0, 25.0, None)],
+    [(1.0, 20.0, 0.2), (1.0, 20.0, 0.2)],
+    [(1e-3, 5.0, 0.9), (1.0, 30.0, 0.2), (1.01, 30.1, 0.19), (4e4, 8.0, 5.0)],
+    [(1.0, 20.0, 0.2), (1.5, 21.0, None)],
+    [(1.0 + k / 50, 20.0 + k / 10, 0.3 - k / 200) for k in range(40)],
+])  # fmt: skip
 def test_every_front_is_drawn_and_the_same_every_time(tmp_path, rows):
     results = {}
     for k, (seconds, psnr, perceptual) in enumerate(rows):

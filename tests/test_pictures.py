@@ -194,18 +194,15 @@ def with_pixel(value: float) -> np.ndarray:
     return samples
 
 
-@pytest.mark.parametrize(
-    ("samples", "message"),
-    [
-        (with_pixel(np.nan), "NaN or infinite"),
-        (with_pixel(-np.inf)[..., 0], "NaN or infinite"),
-        (np.array([[-0.25, 1.0]], np.float32), "values from -0.25 to 1; scale them to 0 to 1"),
-        (np.array([[0.0, 3.5]], np.float32), "values from 0 to 3.5; scale them to 0 to 1"),
-        (WORDS.astype(np.int32), "signed or complex"),
-        (WORDS.astype(np.complex64), "signed or complex"),
-        (np.zeros((8, 6, 5), np.float32), "neither grey nor RGB"),
-    ],
-)
+@pytest.mark.parametrize(("samples", "message"), [
+    (with_pixel(np.nan), "NaN or infinite"),
+    (with_pixel(-np.inf)[..., 0], "NaN or infinite"),
+    (np.array([[-0.25, 1.0]], np.float32), "values from -0.25 to 1; scale them to 0 to 1"),
+    (np.array([[0.0, 3.5]], np.float32), "values from 0 to 3.5; scale them to 0 to 1"),
+    (WORDS.astype(np.int32), "signed or complex"),
+    (WORDS.astype(np.complex64), "signed or complex"),
+    (np.zeros((8, 6, 5), np.float32), "neither grey nor RGB"),
+])  # fmt: skip
 def test_a_tiff_that_has_no_plain_meaning_as_a_picture_is_refused(tmp_path, samples, message):
     kind = {"photometric": "rgb", "planarconfig": "contig"} if samples.ndim == 3 else {"photometric": "minisblack"}
     tifffile.imwrite(tmp_path / "odd.tif", samples, **kind)
@@ -264,14 +261,11 @@ def test_broken_profiles_and_exif_data_leave_the_raw_values(tmp_path, damaged):
     expect(tmp_path / "broken.png", BYTES / 255)
 
 
-@pytest.mark.parametrize(
-    ("size", "resolution", "wanted"),
-    [
-        ((60, 40), 30, (30, 20)), ((40, 60), 30, (20, 30)), ((60, 40), 60, (60, 40)), ((60, 40), 90, (90, 60)),
-        ((60, 40), 1, (1, 1)), ((1, 1), 64, (64, 64)), ((1, 1), None, (1, 1)), ((20000, 4), None, (20000, 4)),
-        ((20000, 4), 100, (100, 1)),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("size", "resolution", "wanted"), [
+    ((60, 40), 30, (30, 20)), ((40, 60), 30, (20, 30)), ((60, 40), 60, (60, 40)), ((60, 40), 90, (90, 60)),
+    ((60, 40), 1, (1, 1)), ((1, 1), 64, (64, 64)), ((1, 1), None, (1, 1)), ((20000, 4), None, (20000, 4)),
+    ((20000, 4), 100, (100, 1)),
+])  # fmt: skip
 def test_the_longer_side_gets_the_resolution(tmp_path, size, resolution, wanted):
     Image.new("RGB", size, (10, 20, 30)).save(tmp_path / "plain.png")
     target = load_picture(str(tmp_path / "plain.png"), resolution)
@@ -329,13 +323,10 @@ NOISE = np.random.default_rng(3).random((64, 48, 3))
 KINDS = ("JPEG", "PNG", "GIF", "WEBP", "TIFF", "BMP", "JPEG2000")
 
 
-@pytest.mark.parametrize(
-    "whole",
-    [
-        *(encoded(Image.fromarray((255 * NOISE).astype(np.uint8)), kind) for kind in KINDS),
-        *(tiff_of((NOISE * TOP[t]).astype(t), packed) for t in (np.uint16, np.float32) for packed in (None, "zlib")),
-    ],
-)
+@pytest.mark.parametrize("whole", [
+    *(encoded(Image.fromarray((255 * NOISE).astype(np.uint8)), kind) for kind in KINDS),
+    *(tiff_of((NOISE * TOP[t]).astype(t), packed) for t in (np.uint16, np.float32) for packed in (None, "zlib")),
+])  # fmt: skip
 @pytest.mark.parametrize("kept", [0.5, 0.9])
 def test_a_truncated_picture_is_refused_without_a_word_of_its_decoder(tmp_path, whole, kept, capfd):
     (tmp_path / "cut").write_bytes(whole[: int(len(whole) * kept)])

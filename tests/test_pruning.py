@@ -49,15 +49,12 @@ def silence_every_other_channel(renderer: Neural) -> None:
             layer.coordinates.weight[::2] = 0
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {},
-        {"upsampling": "bilinear", "coordconv": "window"},
-        {"coordconv": "none", "tint": False, "noise": True},
-        {"normalisation": "batch"},
-    ],
-)
+@pytest.mark.parametrize("options", [
+    {},
+    {"upsampling": "bilinear", "coordconv": "window"},
+    {"coordconv": "none", "tint": False, "noise": True},
+    {"normalisation": "batch"},
+])  # fmt: skip
 def test_channels_that_do_nothing_are_the_ones_to_go(options):
     renderer = tiny(activation="elu", **options)  # after relu, others might be silent too
     silence_every_other_channel(renderer)
@@ -110,14 +107,11 @@ def test_channels_of_a_file_that_do_not_fit_are_refused(channels, tmp_path):
     assert tiny(channels=[8] * 9).widths == [8] * 9
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "message"),
-    [
-        ("normalisation", "group", "group or instance mixes channels"),
-        ("normalisation", "instance", "group or instance mixes channels"),
-        ("upsampling", "pixel_shuffle", "pixel_shuffle ties channels to pixels"),
-    ],
-)
+@pytest.mark.parametrize(("key", "value", "message"), [
+    ("normalisation", "group", "group or instance mixes channels"),
+    ("normalisation", "instance", "group or instance mixes channels"),
+    ("upsampling", "pixel_shuffle", "pixel_shuffle ties channels to pixels"),
+])  # fmt: skip
 def test_networks_whose_channels_cannot_be_told_apart_are_refused(key, value, message, monkeypatch):
     with pytest.raises(UserError, match=f"renderer.{key}={message}"):
         prune(tiny(**{key: value}), 0.5, [batch(2)])

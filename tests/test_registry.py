@@ -89,15 +89,12 @@ def test_plugins_in_folders_of_the_environment_are_found(tmp_path, monkeypatch):
     assert build_named("order", "upside", {"every": 5}).every == 5
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "message"),
-    [
-        ("broken.py", "def broken(:\n", r"broken\.py, line 1: .*; correct it or move it away"),
-        ("broken.py", "1 / 0\n", r"cannot be loaded: ZeroDivisionError: division by zero"),
-        ("scatter.py", "", "have the same name; rename one"),
-        (None, "", "BRUSHEXP_PLUGINS names /nowhere/at/all, which is not a folder"),
-    ],
-)
+@pytest.mark.parametrize(("name", "text", "message"), [
+    ("broken.py", "def broken(:\n", r"broken\.py, line 1: .*; correct it or move it away"),
+    ("broken.py", "1 / 0\n", r"cannot be loaded: ZeroDivisionError: division by zero"),
+    ("scatter.py", "", "have the same name; rename one"),
+    (None, "", "BRUSHEXP_PLUGINS names /nowhere/at/all, which is not a folder"),
+])  # fmt: skip
 def test_a_broken_plugin_or_folder_stops_the_program(tmp_path, monkeypatch, name, text, message):
     if name:
         (tmp_path / name).write_text(text)

@@ -44,19 +44,16 @@ def test_settings_stand_above_the_command_line_and_are_combined_with_what_it_swe
     assert [len(batch) for batch in jobs(["", "steps=1", "steps=2"], ["seed=1,2"], batch=4)] == [4, 2]
 
 
-@pytest.mark.parametrize(
-    ("override", "message"),
-    [
-        ("steps=5,-3", "job 1 of the sweep.*steps=-3 is not at least 0; try steps=0"),
-        ("task=paint,export", "task=export needs catalogue"),
-        ("renderer.soft=1,wide", "wide"),
-        ("init=grid,nope", "nope"),
-        ("trainer.precision=32-true,abc", "job 1 of the sweep .*trainer.precision=abc is not one of 32-true, "),
-        ("image=astronaut,nope.jpg", "job 1 of the sweep .*image=nope.jpg is not there; give the path of a picture"),
-        ("strokes=9,9999999", "job 1 of the sweep .*set strokes to 262144 at most"),
-        ("optimizer.name=Adam,Adm", "job 1 of the sweep .*torch.optim has no optimiser 'Adm'"),
-    ],
-)
+@pytest.mark.parametrize(("override", "message"), [
+    ("steps=5,-3", "job 1 of the sweep.*steps=-3 is not at least 0; try steps=0"),
+    ("task=paint,export", "task=export needs catalogue"),
+    ("renderer.soft=1,wide", "wide"),
+    ("init=grid,nope", "nope"),
+    ("trainer.precision=32-true,abc", "job 1 of the sweep .*trainer.precision=abc is not one of 32-true, "),
+    ("image=astronaut,nope.jpg", "job 1 of the sweep .*image=nope.jpg is not there; give the path of a picture"),
+    ("strokes=9,9999999", "job 1 of the sweep .*set strokes to 262144 at most"),
+    ("optimizer.name=Adam,Adm", "job 1 of the sweep .*torch.optim has no optimiser 'Adm'"),
+])  # fmt: skip
 def test_a_mistake_in_any_job_is_found_before_the_first_starts(override, message):
     with pytest.raises((UserError, ConfigCompositionException, HydraException), match=message):
         jobs([""], [override])

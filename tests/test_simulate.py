@@ -94,17 +94,14 @@ def test_what_killed_runs_leave_behind_does_no_harm(tmp_path, whole, caplog):
     assert "it is made again" in caplog.text
 
 
-@pytest.mark.parametrize(
-    ("origin", "seed", "n", "message"),
-    [
-        (Origin("blot", {"radius": 0.25}, 6), 0, N, "was made with engine=spot, this run has engine=blot"),
-        (Origin("spot", {"radius": 0.5}, 6), 0, N, "engine.radius=0.25, this run has engine.radius=0.5"),
-        (Origin("spot", {"radius": 0.25, "load": 1}, 6), 0, N, "no engine.load, this run has engine.load=1"),
-        (Origin("spot", {"radius": 0.25}, 7), 0, N, "the window=6, this run has the window=7"),
-        (ORIGIN, 1, N, "seed=0, this run has seed=1"),
-        (ORIGIN, 0, 200, "already, more than n=200"),
-    ],
-)
+@pytest.mark.parametrize(("origin", "seed", "n", "message"), [
+    (Origin("blot", {"radius": 0.25}, 6), 0, N, "was made with engine=spot, this run has engine=blot"),
+    (Origin("spot", {"radius": 0.5}, 6), 0, N, "engine.radius=0.25, this run has engine.radius=0.5"),
+    (Origin("spot", {"radius": 0.25, "load": 1}, 6), 0, N, "no engine.load, this run has engine.load=1"),
+    (Origin("spot", {"radius": 0.25}, 7), 0, N, "the window=6, this run has the window=7"),
+    (ORIGIN, 1, N, "seed=0, this run has seed=1"),
+    (ORIGIN, 0, 200, "already, more than n=200"),
+])  # fmt: skip
 def test_a_set_is_not_continued_with_other_settings(tmp_path, origin, seed, n, message):
     path = write(tmp_path / "strokes", n=300)
     before = contents(path)

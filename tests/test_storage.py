@@ -60,16 +60,13 @@ def test_the_config_is_text_and_runs_nothing(tmp_path):
     assert not mark.exists()
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"size": (0, 5)}, "the canvas is 0 x 5"),
-        ({"depth": torch.zeros(7).int()}, "depth is not an order"),
-        ({"background": torch.tensor([0.0, 2.0, 0.0])}, "background is"),
-        ({"config": "a: [1"}, "config is not YAML"),
-        ({"strokes": replace(catalogue().strokes, width=torch.full((7,), torch.nan))}, "stroke 0: width is nan"),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), [
+    ({"size": (0, 5)}, "the canvas is 0 x 5"),
+    ({"depth": torch.zeros(7).int()}, "depth is not an order"),
+    ({"background": torch.tensor([0.0, 2.0, 0.0])}, "background is"),
+    ({"config": "a: [1"}, "config is not YAML"),
+    ({"strokes": replace(catalogue().strokes, width=torch.full((7,), torch.nan))}, "stroke 0: width is nan"),
+])  # fmt: skip
 def test_what_could_not_be_read_again_is_not_written(tmp_path, change, message):
     with pytest.raises(UserError, match=message):
         save_catalogue(tmp_path / "a.h5", replace(catalogue(), **change))
@@ -103,28 +100,25 @@ def test_an_unreadable_file_is_explained(stored, monkeypatch):
     assert "Permission denied" in refused(stored)
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "message"),
-    [
-        ("format", "brushexp strokes", "not a brushexp catalogue"),
-        ("format", 3, "attribute format is"),
-        ("format_version", 2, "has format_version 2, and this brushexp reads 1; update brushexp"),
-        ("format_version", 0, "has format_version 0"),
-        ("format_version", "1", "attribute format_version is '1'; a whole number is needed"),
-        ("height", 0, "the canvas is 0 x 50 pixels"),
-        ("width", 2_000_000, "the canvas is 30 x 2000000 pixels"),
-        ("width", 3.5, "attribute width is .*; a whole number is needed"),
-        ("background", [0.1, 0.2], "background is"),
-        ("background", [0.1, 0.2, 1.5], "background is"),
-        ("background", "white", "attribute background is .*; numbers are needed"),
-        ("renderer_hash", np.zeros(3), "attribute renderer_hash is .*; text is needed"),
-        ("seed", "x", "attribute seed is 'x'; a whole number is needed"),
-        ("config", 5, "attribute config is .*; text is needed"),
-        ("config", "a: [1, 2", "config is not YAML"),
-        ("config", "just words", "config is not a YAML mapping"),
-        *((name, None, f"has no attribute {name}") for name in ("format_version", "height", "background", "renderer")),
-    ],
-)
+@pytest.mark.parametrize(("name", "value", "message"), [
+    ("format", "brushexp strokes", "not a brushexp catalogue"),
+    ("format", 3, "attribute format is"),
+    ("format_version", 2, "has format_version 2, and this brushexp reads 1; update brushexp"),
+    ("format_version", 0, "has format_version 0"),
+    ("format_version", "1", "attribute format_version is '1'; a whole number is needed"),
+    ("height", 0, "the canvas is 0 x 50 pixels"),
+    ("width", 2_000_000, "the canvas is 30 x 2000000 pixels"),
+    ("width", 3.5, "attribute width is .*; a whole number is needed"),
+    ("background", [0.1, 0.2], "background is"),
+    ("background", [0.1, 0.2, 1.5], "background is"),
+    ("background", "white", "attribute background is .*; numbers are needed"),
+    ("renderer_hash", np.zeros(3), "attribute renderer_hash is .*; text is needed"),
+    ("seed", "x", "attribute seed is 'x'; a whole number is needed"),
+    ("config", 5, "attribute config is .*; text is needed"),
+    ("config", "a: [1, 2", "config is not YAML"),
+    ("config", "just words", "config is not a YAML mapping"),
+    *((name, None, f"has no attribute {name}") for name in ("format_version", "height", "background", "renderer")),
+])  # fmt: skip
 def test_a_wrong_or_missing_attribute_is_explained(stored, name, value, message):
     with h5py.File(stored, "a") as file:
         del file.attrs[name]
@@ -133,27 +127,24 @@ def test_a_wrong_or_missing_attribute_is_explained(stored, name, value, message)
     assert re.search(message, refused(stored))
 
 
-@pytest.mark.parametrize(
-    ("name", "data", "message"),
-    [
-        ("position", np.zeros((7, 3), np.float32), r"position has shape \(7, 3\); \(7, 2\) is needed"),
-        ("width", np.zeros((6,), np.float32), r"width has shape \(6,\); \(7,\) is needed"),
-        ("opacity", np.float32(1), r"opacity has shape \(\); \(7,\) is needed"),
-        ("color", np.zeros((7, 3), np.float64), "color has type float64; float32 is needed"),
-        ("start", np.full((7, 2), b"x"), r"start has type \|S1; float32 is needed"),
-        ("depth", np.arange(7), "depth has type int64; int32 is needed"),
-        ("depth", np.zeros((7, 1), np.int32), r"depth has shape \(7, 1\); \(N,\) is needed"),
-        ("depth", np.arange(1, 8, dtype=np.int32), "depth is not an order of the strokes"),
-        ("depth", np.array([0, 1, 2, 3, 4, 5, 5], np.int32), "depth is not an order of the strokes"),
-        ("depth", np.arange(6, dtype=np.int32), r"position has shape \(7, 2\); \(6, 2\) is needed"),
-        ("opacity", np.array([0, 1, 0, 0, 0, 2, 0], np.float32), r"stroke 5: opacity is 2; it must lie in \[0, 1\]"),
-        ("scale", np.array([1, 1, np.inf, 1, 1, 1, 1], np.float32), "stroke 2: scale is inf"),
-        ("color", np.full((7, 3), np.nan, np.float32), "stroke 0: color is nan, nan, nan"),
-        ("depth", None, "has no dataset depth"),
-        ("scale", h5py.Group, "has no dataset scale"),
-        ("scale", h5py.Dataset, "dataset scale has no attribute unit"),
-    ],
-)
+@pytest.mark.parametrize(("name", "data", "message"), [
+    ("position", np.zeros((7, 3), np.float32), r"position has shape \(7, 3\); \(7, 2\) is needed"),
+    ("width", np.zeros((6,), np.float32), r"width has shape \(6,\); \(7,\) is needed"),
+    ("opacity", np.float32(1), r"opacity has shape \(\); \(7,\) is needed"),
+    ("color", np.zeros((7, 3), np.float64), "color has type float64; float32 is needed"),
+    ("start", np.full((7, 2), b"x"), r"start has type \|S1; float32 is needed"),
+    ("depth", np.arange(7), "depth has type int64; int32 is needed"),
+    ("depth", np.zeros((7, 1), np.int32), r"depth has shape \(7, 1\); \(N,\) is needed"),
+    ("depth", np.arange(1, 8, dtype=np.int32), "depth is not an order of the strokes"),
+    ("depth", np.array([0, 1, 2, 3, 4, 5, 5], np.int32), "depth is not an order of the strokes"),
+    ("depth", np.arange(6, dtype=np.int32), r"position has shape \(7, 2\); \(6, 2\) is needed"),
+    ("opacity", np.array([0, 1, 0, 0, 0, 2, 0], np.float32), r"stroke 5: opacity is 2; it must lie in \[0, 1\]"),
+    ("scale", np.array([1, 1, np.inf, 1, 1, 1, 1], np.float32), "stroke 2: scale is inf"),
+    ("color", np.full((7, 3), np.nan, np.float32), "stroke 0: color is nan, nan, nan"),
+    ("depth", None, "has no dataset depth"),
+    ("scale", h5py.Group, "has no dataset scale"),
+    ("scale", h5py.Dataset, "dataset scale has no attribute unit"),
+])  # fmt: skip
 def test_a_wrong_or_missing_dataset_is_explained(stored, name, data, message):
     with h5py.File(stored, "a") as file:
         if data is h5py.Dataset:

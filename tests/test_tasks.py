@@ -2,7 +2,6 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
-from program import ROOT, run, stopped
+from program import ROOT, run
 
 from brushexp.strokes.prior import clamp_to_prior
 from brushexp.strokes.storage import load_catalogue
@@ -109,25 +108,6 @@ def windowed(tmp_path_factory) -> dict[str, str]:
     code += ['register("renderer", "windowed")(Windowed)']
     (folder / "windowed.py").write_text("\n".join(code))
     return {"BRUSHEXP_PLUGINS": str(folder), "PYTHONPATH": str(ROOT / "tests")}
-
-
-def test_an_interrupted_warm_up_continues_exactly(windowed, tmp_path):
-    settings = [*SMALL, "steps=400", "order=accuracy", "renderer=windowed", "warm_up=analytic", "finish_steps=4"]
-    metrics = stopped(signal.SIGINT, *settings, output=tmp_path / "a", **windowed)
-    assert metrics["status"] == "interrupted"
-    assert 0 < metrics["steps"] < 400
-    assert (tmp_path / "a" / "painting.png").exists()
-    carried_out(f"resume={tmp_path}/a", output=tmp_path / "b", **windowed)
-    carried_out(*settings, output=tmp_path / "c", **windowed)
-    first, resumed, whole = (load_catalogue(tmp_path / name / "catalogue.h5") for name in "abc")
-    assert first.renderer == resumed.renderer == whole.renderer
-    assert torch.equal(resumed.depth, whole.depth)
-    for name, value in whole.strokes.items():
-        assert torch.equal(getattr(resumed.strokes, name), value), name
-    assert metrics_of(tmp_path / "b")["steps"] == metrics_of(tmp_path / "c")["steps"] >= 400
-    refused = run(f"resume={tmp_path}/a", "steps=9", cwd=tmp_path, **windowed)
-    assert refused.returncode == 1
-    assert "drop steps=9" in refused.stdout + refused.stderr
 
 
 def test_a_slow_renderer_takes_over_from_a_fast_one(windowed, tmp_path):

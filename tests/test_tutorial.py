@@ -117,14 +117,11 @@ def test_presets_work_in_every_family_of_which_several_can_be_chosen(presets, tm
     assert {path.partition("/")[0] for path in PRESETS} == set(MULTI_SELECT)
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "message"),
-    [
-        ("mse", "defaults: [l1]\n", "has the name of the plugin loss=mse; give the file another name"),
-        ("odd", "defaults: [mse]\nwieght: 2.0\n", r"odd\.yaml does not fit loss=mse: .*wieght"),
-        ("odd", "defaults: [mse]\nweight: much\n", r"odd\.yaml does not fit loss=mse: .*much"),
-    ],
-)
+@pytest.mark.parametrize(("name", "text", "message"), [
+    ("mse", "defaults: [l1]\n", "has the name of the plugin loss=mse; give the file another name"),
+    ("odd", "defaults: [mse]\nwieght: 2.0\n", r"odd\.yaml does not fit loss=mse: .*wieght"),
+    ("odd", "defaults: [mse]\nweight: much\n", r"odd\.yaml does not fit loss=mse: .*much"),
+])  # fmt: skip
 def test_a_preset_that_fits_no_plugin_is_refused(tmp_path, name, text, message):
     (tmp_path / f"{name}.yaml").write_text(text)
     with pytest.raises(UserError, match=message):
