@@ -317,7 +317,9 @@ def test_the_map_of_coherence_says_nothing_where_no_strokes_are():
     assert np.isnan(mean[10, 29]).all()
 
 
-def test_the_task_writes_all_files_and_names_a_missing_one(run_task, tmp_path):
+def test_the_task_writes_all_files_and_names_a_missing_one(run_task, tmp_path, monkeypatch):
+    monkeypatch.setattr(figures, "PRINT_DPI", 40)
+    monkeypatch.setattr(figures, "STROKES_SIDE", 200)
     for name, seed in (("a", 0), ("b", 1)):
         (tmp_path / name).mkdir()
         save_catalogue(tmp_path / name / "catalogue.h5", painting(40, seed))
@@ -329,7 +331,7 @@ def test_the_task_writes_all_files_and_names_a_missing_one(run_task, tmp_path):
         "brushwork.csv", "brushwork_against.csv", "summary.json", "summary.md", "brushwork.png", "metrics.json",
     }  # fmt: skip
     with Image.open(tmp_path / "brushwork.png") as sheet:
-        assert sheet.width == 2800
+        assert sheet.width == 560
     numbers = json.loads((tmp_path / "summary.json").read_text())
     assert numbers["catalogue"] == paths[0]
     assert (numbers["name"], numbers["against"]["name"], numbers["radius"]) == ("a", "b", 20)
