@@ -5,7 +5,7 @@ import torch
 from scenes import random_strokes
 
 from brushexp.errors import UserError
-from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes, check_strokes
+from brushexp.strokes.catalogue import FIELDS, Catalogue, check_strokes
 
 UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3, "color": 1.0, "opacity": 0.5}
 
@@ -82,23 +82,6 @@ def test_strokes_that_stay_keep_their_optimiser_state():
     catalogue().start.sum().backward()
     optimizer.step()  # the optimiser moves the new parameters
     assert not torch.equal(catalogue().start[4:], new.start)
-
-
-def test_history_of_all_strokes_at_once_starts_afresh():
-    catalogue = Catalogue(random_strokes(6, (30, 40)), UNITS)
-    optimizer = torch.optim.LBFGS(catalogue.parameters(), lr=0.1)
-
-    def closure():
-        optimizer.zero_grad()
-        total = sum(parameter.square().sum() for parameter in catalogue.parameters())
-        total.backward()
-        return total
-
-    optimizer.step(closure)
-    catalogue.revise(torch.arange(6) < 4, Strokes.none(), optimizer)
-    optimizer.step(closure)
-    assert len(catalogue) == 4
-    check_strokes(catalogue())
 
 
 def test_strokes_are_replaced_in_place_whatever_their_units():

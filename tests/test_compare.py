@@ -4,8 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from sweeps import collect, make_run
 
 from brushexp.errors import UserError
@@ -42,17 +40,6 @@ def test_quality_at_a_time_is_the_best_so_far_and_time_to_a_quality_the_first():
     assert quality_at(CURVE, 0.9) is quality_at(CURVE, 5.1) is None
     assert [time_to(CURVE, p) for p in (9.9, 10, 15, 20, 25, 30)] == pytest.approx([1, 1, 1.5, 2, 4.5, 5])
     assert time_to(CURVE, 30.1) is None
-
-
-@settings(deadline=None)
-@given(st.lists(st.floats(0, 50), min_size=2, max_size=20), st.floats(0, 1))
-def test_time_and_quality_are_inverse(psnr, share):
-    curve = (np.arange(len(psnr), dtype=float), np.array(psnr))
-    found = quality_at(curve, share * (len(psnr) - 1))
-    time = time_to(curve, found)
-    assert time is not None
-    assert time <= share * (len(psnr) - 1) + 1e-6
-    assert quality_at(curve, time) == pytest.approx(found, abs=1e-6)
 
 
 def test_curves_are_read_in_order_and_a_run_without_one_is_passed_over():

@@ -179,12 +179,6 @@ def test_valid_strokes_cost_almost_nothing_and_worse_ones_more():
     assert values[1] > 20 * values[0]
 
 
-def test_place_size_and_colour_do_not_matter():
-    made = wild(30, 1.0)
-    other = replace(made.moved(zoom=3.0, shift=(7.0, -5.0)), color=1 - made.color, opacity=0.5 * made.opacity)
-    assert torch.equal(loss_of(Discriminated(), made), loss_of(Discriminated(), other))
-
-
 def test_a_discriminator_has_defaults_of_its_own_and_what_it_has_no_use_for_is_refused(config):
     cfg = config("task=train", "model=discriminator", "lr=0.1")
     assert (cfg.lr, cfg.minutes, config("task=train").minutes) == (0.1, None, 60)

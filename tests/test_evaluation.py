@@ -24,7 +24,6 @@ from brushexp.training.benchmark import EXTREMES, draw_extremes, extreme_strokes
 from brushexp.training.datamodule import StrokeBatch
 from brushexp.training.evaluation import (
     FeatureDistance,
-    effl0_distance,
     inception_distance,
     over_white,
 )
@@ -73,17 +72,6 @@ def test_fid_and_kid_are_their_formulas():
         few = distance()
         few.add(sample_set(n), sample_set(n))
         assert all(math.isnan(value) for value in few.figures().values()), "a set of one has no distance"
-
-
-def test_what_looks_more_different_is_farther_for_effl0():
-    truth, close, far = (strokes(16, soft=soft).images for soft in (1.0, 2.0, 8.0))
-    found = []
-    for images in (truth, close, far):
-        measure = effl0_distance(CPU)
-        measure.add(images, truth)
-        found.append(measure.figures()["fid_effl0"])
-    assert abs(found[0]) < 1e-6 * found[2]
-    assert found[0] < found[1] < found[2]
 
 
 class Bytes(torch.nn.Module):

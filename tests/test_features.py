@@ -197,13 +197,10 @@ def test_files_of_other_networks_are_refused(tmp_path, name):
     mixed = state_of(name) | {"features.0.weight": torch.zeros(2, 3, 7, 7)}
     with pytest.raises(UserError, match=r"size mismatch for features\.0\.weight.*\[2, 3, 7, 7\]"):
         open_backbone(name, str(saved(tmp_path, mixed)))
-
-
-def test_files_that_are_no_weights_are_refused(tmp_path):
     (tmp_path / "text.pth").write_text("hello")
     for file, reason in (("absent.pth", "no file"), ("text.pth", "is damaged or cut short")):
         with pytest.raises(UserError, match=reason):
-            open_backbone("vgg16", str(tmp_path / file))
+            open_backbone(name, str(tmp_path / file))
 
 
 def test_distance_is_the_weighted_difference_of_unit_vectors():

@@ -107,13 +107,6 @@ def test_a_quality_ends_the_run(caplog):
     assert Work(5, 5).run(Quality(0.0)).schedule.step == 6, "only the last stage reaches it"
 
 
-def test_the_first_goal_ends_the_run():
-    assert Work(400).run(Quality(0.0), TimeBudget(20.0)).stop == PSNR_REACHED
-    assert Work(400).run(Quality(90.0), TimeBudget(2.0)).stop == SECONDS_SPENT
-    work = Work(5).run(Quality(90.0))
-    assert (work.stop, work.schedule.step) == ("", 5)
-
-
 def test_an_early_stop_goes_on_with_the_next_stage_counts_evaluations_and_remembers_them(tmp_path):
     painter = painter_of(Stage("a", Analytic(), 1000), Stage("b", Analytic(), 3))
     end = TimedCheckpoint(tmp_path / "it.ckpt", None)

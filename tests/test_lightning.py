@@ -15,24 +15,10 @@ from brushexp.painting import curves
 from brushexp.painting.components import Stage
 from brushexp.painting.metrics import psnr_of
 from brushexp.plugins.density.adaptive import Adaptive
-from brushexp.plugins.optimizer.torch_optim import TorchOptim
 from brushexp.plugins.order.orders import Accuracy
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.patches import Patches
-from brushexp.plugins.sampler.whole import Whole
 from brushexp.system.callbacks import TimedCheckpoint
-
-LBFGS = {"name": "LBFGS", "lr": 0.5, "options": {"max_iter": 3}}
-
-
-@pytest.mark.parametrize("optimizer", [{}, LBFGS])
-@pytest.mark.parametrize("sampler", [Whole, Patches])
-def test_max_steps_takes_exactly_as_many_steps(sampler, optimizer):
-    painter = painter_of(sampler=sampler(), optimizer=TorchOptim(**optimizer))
-    before = error_of(painter)
-    trainer = fit(painter, max_steps=7)
-    assert trainer.global_step == painter.schedule.step == 7
-    assert error_of(painter) < before
 
 
 @pytest.mark.parametrize("options", [{"max_epochs": 1}, {"max_epochs": 9}, {"max_steps": 99}, {"max_epochs": -1}])

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from PIL import Image
 from sweeps import collect, make_run, read_csv
 
 from brushexp.results.pareto import front, front_table, write_front
@@ -121,12 +120,3 @@ def test_every_front_is_drawn_and_the_same_every_time(tmp_path, rows):
     if len(rows) == 3:
         write_front(tmp_path, frame)
         assert (tmp_path / "pareto.png").read_bytes() == before
-
-
-def test_more_pictures_make_a_taller_plot(tmp_path):
-    for target in range(7):
-        for steps in (1, 2):
-            make_run(tmp_path, {"steps": str(steps)}, target=target, psnr=20.0, seconds=1.0)
-    write_front(tmp_path, collect(tmp_path))
-    with Image.open(tmp_path / "pareto.png") as picture:
-        assert picture.size == (1400, 3600)

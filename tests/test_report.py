@@ -247,7 +247,12 @@ def test_every_job_of_a_sweep_leaves_its_result_and_renews_the_table(tmp_path):
     assert [path.name for path in (tmp_path / "single").rglob("*")] == ["0"]
 
 
-def test_trouble_with_the_report_is_logged_with_its_reason(tmp_path, caplog):
+def test_overrides_and_errors_of_every_form_are_read_and_trouble_with_the_report_is_logged(tmp_path, caplog):
+    words = ["loss=mse", "+a.b=1", "++c=x=y", "~d", "e=", "+f=[1,2]"]
+    expected = {"loss": "mse", "a.b": "1", "c": "x=y", "d": "(removed)", "e": "", "f": "[1,2]"}
+    assert parse_overrides(words) == expected
+    errors = UserError("a; b"), KeyError(), ValueError("\nx\ny")
+    assert [first_line(error) for error in errors] == ["a; b", "KeyError", "ValueError: x"]
     (tmp_path / "table.csv").mkdir()
     end_job(tmp_path, 0, METRICS)
     record = caplog.records[-1]
@@ -285,14 +290,3 @@ def test_the_last_of_many_writers_sees_all_results(tmp_path):
     assert sum(map(len, greys(tmp_path / "sheet.png"))) == 7
     files = {path.name for path in tmp_path.iterdir() if path.is_file()}
     assert files <= {"table.csv", "table.md", "table.tex", "sheet.png", "report.html"}
-
-
-def test_overrides_of_every_form_are_read():
-    words = ["loss=mse", "+a.b=1", "++c=x=y", "~d", "e=", "+f=[1,2]"]
-    expected = {"loss": "mse", "a.b": "1", "c": "x=y", "d": "(removed)", "e": "", "f": "[1,2]"}
-    assert parse_overrides(words) == expected
-
-
-def test_an_error_is_told_in_one_line():
-    errors = UserError("a; b"), KeyError(), ValueError("\nx\ny")
-    assert [first_line(error) for error in errors] == ["a; b", "KeyError", "ValueError: x"]

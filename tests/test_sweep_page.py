@@ -265,10 +265,7 @@ def test_pictures_are_encoded_once(tmp_path):
     assert thumbnail(tmp_path / "none.png", 640) is None
     (tmp_path / "bad.png").write_bytes(b"no picture")
     assert thumbnail(tmp_path / "bad.png", 640) is None
-
-
-def test_the_more_runs_the_smaller_the_pictures():
-    for count in range(1, 2500, 7):
+    for count in range(1, 2500, 7):  # the more runs, the smaller
         side = side_for(count)
         assert count * side**2 <= AREA
         assert side == SIDES[0] or count * SIDES[SIDES.index(side) - 1] ** 2 > AREA

@@ -95,11 +95,6 @@ def test_painting_goes_on_from_a_catalogue(painted, tmp_path):
     assert metrics_of(tmp_path / "a")["steps"] == 0
 
 
-def test_the_same_seed_gives_the_same_bits(painted, tmp_path):
-    carried_out(*SMALL, output=tmp_path / "a")
-    assert np.array_equal(picture(tmp_path / "a" / "painting.png"), picture(painted / "painting.png"))
-
-
 @pytest.fixture(scope="module")
 def windowed(tmp_path_factory) -> dict[str, str]:
     """Environment in which renderer=windowed, a patch renderer, can be chosen."""
@@ -126,11 +121,6 @@ def test_a_slow_renderer_takes_over_from_a_fast_one(windowed, tmp_path):
     carried_out("task=export", f"catalogue={tmp_path}/a/catalogue.h5", output=tmp_path / "b", **windowed)
     same = picture(tmp_path / "b" / "painting.png")
     assert np.abs(same - picture(tmp_path / "a" / "painting.png")).max() <= 1
-
-
-def test_a_run_stops_when_nothing_is_gained(tmp_path):
-    carried_out(*SMALL, "steps=100000", "early_stop=20", output=tmp_path / "a")
-    assert (metrics_of(tmp_path / "a")["status"], metrics_of(tmp_path / "a")["steps"]) == ("stopped early", 200)
 
 
 SHY = """
