@@ -141,21 +141,17 @@ TINY = ["image=chelsea", "resolution=32", "strokes=12", "steps=8", "threads=1", 
 TINY += ["checkpoint_every=0", "device=cpu"]
 
 
-@pytest.mark.parametrize(
-    ("error", "message"),
-    [
-        (RuntimeError("a bug"), "a bug"),
-        (SystemExit(0), r"ends the program \(exit code 0\)"),
-        (MemoryError(), "there is not enough memory; take a smaller resolution= or strokes="),
-        (RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory"), "there is not enough memory"),
-        (
-            OSError(errno.ENOSPC, "No space left on device"),
-            "cannot write into .*: No space left on device; choose another",
-        ),
-        (None, "step 4: loss=mse is nan; .* lower the rate, or drop the loss"),
-    ],
-    ids=["bug", "exit", "memory", "torch", "disk", "nan"],
-)
+@pytest.mark.parametrize(("error", "message"), [
+    (RuntimeError("a bug"), "a bug"),
+    (SystemExit(0), r"ends the program \(exit code 0\)"),
+    (MemoryError(), "there is not enough memory; take a smaller resolution= or strokes="),
+    (RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory"), "there is not enough memory"),
+    (
+        OSError(errno.ENOSPC, "No space left on device"),
+        "cannot write into .*: No space left on device; choose another",
+    ),
+    (None, "step 4: loss=mse is nan; .* lower the rate, or drop the loss"),
+], ids=["bug", "exit", "memory", "torch", "disk", "nan"])  # fmt: skip
 def test_what_ends_a_painting_leaves_it_as_it_was_before_that_step(error, message, run_task, tmp_path, monkeypatch):
     calls, whole = [], MeanSquaredError.forward
 
@@ -204,16 +200,13 @@ def test_a_full_disk_costs_no_more_than_what_it_cannot_hold(full, run_task, tmp_
     assert not list(tmp_path.glob(TEMPORARY))
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (
-            {"resolution": 9000},
-            r"9000 strokes on 9000 x 100 .* at least 0.4 GB of memory, but 0.1 GB .* smaller resolution=",
-        ),
-        ({"renderer": "neural"}, r"take at least 1.1 GB .* fewer strokes= or sampler=patches"),
-    ],
-)
+@pytest.mark.parametrize(("words", "message"), [
+    (
+        {"resolution": 9000},
+        r"9000 strokes on 9000 x 100 .* at least 0.4 GB of memory, but 0.1 GB .* smaller resolution=",
+    ),
+    ({"renderer": "neural"}, r"take at least 1.1 GB .* fewer strokes= or sampler=patches"),
+])  # fmt: skip
 def test_memory_is_estimated_before_the_work_starts(words, message, config, monkeypatch):
     monkeypatch.setattr(assembly, "free_memory", lambda: 100)
     cfg = config("strokes=9000", "warm_up=null", *(f"{key}={value}" for key, value in words.items()))

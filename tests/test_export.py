@@ -282,29 +282,26 @@ def test_edited_strokes_are_painted(tmp_path):
     assert torch.equal(load_catalogue(path).depth, catalogue().depth[kept] - 1), "the others keep their order"
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda d: d.update(format="x"), "not a brushexp catalogue"),
-        (lambda d: d.update(format_version=2), "has format_version 2, and this brushexp reads 1; update brushexp"),
-        (lambda d: d.update(format_version=True), "format_version is True; a whole number is needed"),
-        (lambda d: d.update(width=3.5), "width is 3.5; a whole number is needed"),
-        (lambda d: d.update(background=[0.1, 0.2]), r"background is \[0.1, 0.2\]; a list of 3 numbers is needed"),
-        (lambda d: d.update(renderer=None), "renderer is None; text is needed"),
-        (lambda d: d.update(config=[1]), r"config is \[1\]; a list of the lines"),
-        (lambda d: d.pop("config"), "config is None; a list is needed"),
-        (lambda d: d["strokes"].append(3), "stroke 7 is 3; {...} with its fields is needed"),
-        (lambda d: d["strokes"][2].pop("depth"), "stroke 2: depth is None; a whole number is needed"),
-        (lambda d: d["strokes"][2].update(colour=[]), "stroke 2 has a field 'colour'; it takes position"),
-        (lambda d: d["strokes"][2].update(width=True), "stroke 2: width is True; a number is needed"),
-        (lambda d: d["strokes"][2].update(start=[1]), r"stroke 2: start is \[1\]; a list of 2 numbers is needed"),
-        (lambda d: d["strokes"][2].update(opacity=1.5), r"stroke 2: opacity is 1.5; it must lie in \[0, 1\]"),
-        (lambda d: d["strokes"][2].update(scale=1e300), "stroke 2: scale is inf; it must lie in"),
-        (lambda d: d["strokes"][2].update(scale=10**400), "int too large"),
-        (lambda d: d["strokes"][2].update(scale=math.nan), "stroke 2: scale is nan; it must lie in"),
-        (lambda d: d["strokes"][2].update(depth=d["strokes"][5]["depth"]), "2 strokes have depth"),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), [
+    (lambda d: d.update(format="x"), "not a brushexp catalogue"),
+    (lambda d: d.update(format_version=2), "has format_version 2, and this brushexp reads 1; update brushexp"),
+    (lambda d: d.update(format_version=True), "format_version is True; a whole number is needed"),
+    (lambda d: d.update(width=3.5), "width is 3.5; a whole number is needed"),
+    (lambda d: d.update(background=[0.1, 0.2]), r"background is \[0.1, 0.2\]; a list of 3 numbers is needed"),
+    (lambda d: d.update(renderer=None), "renderer is None; text is needed"),
+    (lambda d: d.update(config=[1]), r"config is \[1\]; a list of the lines"),
+    (lambda d: d.pop("config"), "config is None; a list is needed"),
+    (lambda d: d["strokes"].append(3), "stroke 7 is 3; {...} with its fields is needed"),
+    (lambda d: d["strokes"][2].pop("depth"), "stroke 2: depth is None; a whole number is needed"),
+    (lambda d: d["strokes"][2].update(colour=[]), "stroke 2 has a field 'colour'; it takes position"),
+    (lambda d: d["strokes"][2].update(width=True), "stroke 2: width is True; a number is needed"),
+    (lambda d: d["strokes"][2].update(start=[1]), r"stroke 2: start is \[1\]; a list of 2 numbers is needed"),
+    (lambda d: d["strokes"][2].update(opacity=1.5), r"stroke 2: opacity is 1.5; it must lie in \[0, 1\]"),
+    (lambda d: d["strokes"][2].update(scale=1e300), "stroke 2: scale is inf; it must lie in"),
+    (lambda d: d["strokes"][2].update(scale=10**400), "int too large"),
+    (lambda d: d["strokes"][2].update(scale=math.nan), "stroke 2: scale is nan; it must lie in"),
+    (lambda d: d["strokes"][2].update(depth=d["strokes"][5]["depth"]), "2 strokes have depth"),
+])  # fmt: skip
 def test_a_wrong_value_is_explained(change, message, tmp_path):
     path, data = edited(tmp_path)
     change(data)
@@ -320,13 +317,10 @@ def test_strokes_that_could_not_be_read_back_are_not_written(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    "config",
-    [
-        "renderer: analytic", "renderer: null", "renderer: [1]", "renderer: {soft: 1, soft: 2}", "a: !!int x",
-        "renderer: {taper: '${nope}'}", "renderer: {taper: '${'}", "a: !!python/name:os.system x", "? [a, b]\n: c",
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("config", [
+    "renderer: analytic", "renderer: null", "renderer: [1]", "renderer: {soft: 1, soft: 2}", "a: !!int x",
+    "renderer: {taper: '${nope}'}", "renderer: {taper: '${'}", "a: !!python/name:os.system x", "? [a, b]\n: c",
+])  # fmt: skip
 def test_settings_that_someone_spoilt_are_explained(config, tmp_path):
     save_catalogue(tmp_path / "a.h5", replace(catalogue(), config=config))
     with pytest.raises(UserError, match="config of the catalogue") as caught:
@@ -334,16 +328,13 @@ def test_settings_that_someone_spoilt_are_explained(config, tmp_path):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", r"not JSON \(line 1, column 1"),
-        ('{"format": "brushexp catalogue",\n}', r"not JSON \(line 2, column 1"),
-        ("[1, 2]", "not a brushexp catalogue"),
-        ("[" * 100_000, "too many brackets"),
-        ("\x89HDF\r\n\x1a\n\xff\xfe", "is damaged or cut short"),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("", r"not JSON \(line 1, column 1"),
+    ('{"format": "brushexp catalogue",\n}', r"not JSON \(line 2, column 1"),
+    ("[1, 2]", "not a brushexp catalogue"),
+    ("[" * 100_000, "too many brackets"),
+    ("\x89HDF\r\n\x1a\n\xff\xfe", "is damaged or cut short"),
+])  # fmt: skip
 def test_a_wrong_text_is_explained(text, message, tmp_path):
     (tmp_path / "a.JSON").write_bytes(text.encode("latin-1"))
     assert re.search(message, refused(tmp_path / "a.JSON"))

@@ -54,15 +54,11 @@ def steps_of(folder: Path) -> list[int]:
         return [int(row["step"]) for row in csv.DictReader(file)]
 
 
-@pytest.mark.parametrize(
-    ("words", "result", "kills"),
-    [
-        ([*PAINT, "steps=40"], "catalogue.h5", [*2 * CHECKPOINTS[:4], *CHECKPOINTS[4:], *ENDS["paint"]]),
-        ([*TRAIN, "critic=true", "critic_width=4"], "neural.safetensors", [*2 * CHECKPOINTS, *ENDS["train"]]),
-        (["task=train", "model=discriminator", "trainer.max_steps=12", "batch_size=8", "threads=1"], "", CHECKPOINTS),
-    ],
-    ids=["painting", "training", "discriminator"],
-)
+@pytest.mark.parametrize(("words", "result", "kills"), [
+    ([*PAINT, "steps=40"], "catalogue.h5", [*2 * CHECKPOINTS[:4], *CHECKPOINTS[4:], *ENDS["paint"]]),
+    ([*TRAIN, "critic=true", "critic_width=4"], "neural.safetensors", [*2 * CHECKPOINTS, *ENDS["train"]]),
+    (["task=train", "model=discriminator", "trainer.max_steps=12", "batch_size=8", "threads=1"], "", CHECKPOINTS),
+], ids=["painting", "training", "discriminator"])  # fmt: skip
 def test_a_run_that_is_killed_goes_on_to_the_same_bits(zygote, folder, tmp_path, words, result, kills, request):
     name = request.node.callspec.id
     words = [*words, *(["checkpoint_every=0", "epochs=null"] if not result else [])]

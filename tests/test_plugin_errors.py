@@ -83,17 +83,14 @@ def test_what_a_plugin_does_wrong_is_told_with_its_name_and_file(loaded, family)
 
 
 @pytest.mark.usefixtures("hydra_restore_singletons")
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("@register('loss', 'half')\nclass Half(Loss): ...", r"loss=half \(.*half\.py\): class Half lacks forward"),
-        (
-            "@register('loss', 'half')\nclass Half: ...",
-            r"class Half lacks a base class of brushexp\.plugins\.loss\.base",
-        ),
-        ("import sys; sys.exit(3)", r"half\.py cannot be loaded: SystemExit: 3; correct it or move it away"),
-    ],
-)
+@pytest.mark.parametrize(("text", "said"), [
+    ("@register('loss', 'half')\nclass Half(Loss): ...", r"loss=half \(.*half\.py\): class Half lacks forward"),
+    (
+        "@register('loss', 'half')\nclass Half: ...",
+        r"class Half lacks a base class of brushexp\.plugins\.loss\.base",
+    ),
+    ("import sys; sys.exit(3)", r"half\.py cannot be loaded: SystemExit: 3; correct it or move it away"),
+])  # fmt: skip
 def test_half_a_plugin_is_refused_when_it_is_loaded(loaded, text, said):
     with pytest.raises(UserError, match=said):
         loaded(f"from brushexp.plugins.loss.base import Loss\nfrom brushexp.registry import register\n{text}\n", "half")

@@ -152,14 +152,11 @@ def test_long_errors_are_cut_and_infinite_psnr_is_shown(tmp_path):
     assert "failed" not in latex
 
 
-@pytest.mark.parametrize(
-    ("axes", "expected"),
-    [
-        ({"seed": ["1", "2", "3"]}, [[200, 20, 21, 22]]),
-        ({"seed": list("012345")}, [[200, 20, 21, 22], [23, 24, 25]]),  # rows are about equally full
-        ({"loss": ["mse", "kl"], "init": ["grid", "slic", "fill"]}, [[200, 20, 21, 22], [200, 23, 24, 25]]),  # a matrix
-    ],
-)
+@pytest.mark.parametrize(("axes", "expected"), [
+    ({"seed": ["1", "2", "3"]}, [[200, 20, 21, 22]]),
+    ({"seed": list("012345")}, [[200, 20, 21, 22], [23, 24, 25]]),  # rows are about equally full
+    ({"loss": ["mse", "kl"], "init": ["grid", "slic", "fill"]}, [[200, 20, 21, 22], [200, 23, 24, 25]]),  # a matrix
+])  # fmt: skip
 def test_the_target_comes_first_and_every_run_follows(tmp_path, axes, expected):
     painted(tmp_path, axes)
     assert greys(sheet(tmp_path)) == expected

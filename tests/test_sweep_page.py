@@ -207,17 +207,6 @@ def test_seeds_have_means(tmp_path, opened):
     assert "PSNR, dB 21, optimisation, s 1.5, mean of 2 runs" in told
 
 
-def test_means_of_many_settings_tell_those_that_were_set(tmp_path):
-    for k in range(6):
-        for seed in "01":
-            make_run(tmp_path, {"seed": seed} | ({f"key{k}": "1"} if k else {}), psnr=20.0 + k, seconds=1.0)
-    html = page_of(tmp_path).read_text()
-    means = html[html.index('id="means"') : html.index('id="runs"')]
-    assert "not set" not in means
-    assert "<td>key3=1</td>" in means
-    assert "<td>default</td>" in means
-
-
 def test_pictures_of_two_targets_are_not_plotted_together(tmp_path, opened):
     for k, image in enumerate(("a.png", "a.png", "b.png", "b.png")):
         chosen, grey = {"image": image, "steps": str(k % 2)}, ord(image[0])
