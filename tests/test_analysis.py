@@ -26,7 +26,6 @@ from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 
 SIZE = (60, 90)
-AROUND = ("neighbours", "aligned", "deviation", "coherence", "homogeneity")
 
 
 def ranks(strokes: Strokes) -> torch.Tensor:

@@ -188,18 +188,19 @@ def test_what_a_blend_cannot_do_is_refused():
         paint(Analytic(), DENSE, random_strokes(10_000, (1000, 1000)), (1000, 1000))
 
 
+PLACES = {
+    "pixel by pixel": ((16.001, 12.001), 16.0),  # not quite: at a kink the slope is a matter of taste
+    "half as large": ((16.0, 12.0), 8.0),
+    "between pixels": ((13.3, 7.9), 21.7),
+    "over the edge": ((-3.0, 24.0), 20.0),
+    "far off the canvas": ((-1e5, 12.0), 20.0),
+    "larger than the canvas": ((15.0, 11.0), 300.0),
+    "less than a pixel": ((15.2, 11.4), 0.3),
+}
+
+
 @pytest.mark.parametrize("side", [1, 7, 16])
-@pytest.mark.parametrize(("centre", "scale"), [
-    pytest.param(
-        (16.001, 12.001), 16.0, id="pixel by pixel"
-    ),  # not quite: at a kink the slope is a matter of taste
-    pytest.param((16.0, 12.0), 8.0, id="half as large"),
-    pytest.param((13.3, 7.9), 21.7, id="between pixels"),
-    pytest.param((-3.0, 24.0), 20.0, id="over the edge"),
-    pytest.param((-1e5, 12.0), 20.0, id="far off the canvas"),
-    pytest.param((15.0, 11.0), 300.0, id="larger than the canvas"),
-    pytest.param((15.2, 11.4), 0.3, id="less than a pixel"),
-])  # fmt: skip
+@pytest.mark.parametrize(("centre", "scale"), PLACES.values(), ids=PLACES)
 def test_the_gradient_reaches_the_pictures_of_windows(centre, scale, side):
     drawn = torch.rand(2, 4, side, side)
     drawn[1, 3] = 0  # below lies one that shows almost nothing
