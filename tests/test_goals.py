@@ -84,18 +84,6 @@ def test_the_last_stage_gets_half_of_the_seconds():
     assert work.stop == SECONDS_SPENT
 
 
-def test_time_before_an_interruption_counts():
-    goal, first = TimeBudget(20.0), Work(500)
-    first.run(goal, most=50)
-    assert first.stop == ""
-    again, second = TimeBudget(20.0), Work(500)
-    again.load_state_dict(goal.state_dict())
-    second.schedule.load_state_dict(first.schedule.state_dict())
-    second.run(again)
-    assert second.schedule.step == pytest.approx(200, abs=1)
-    assert second.schedule.seconds == pytest.approx(20, abs=0.1)
-
-
 def test_a_quality_ends_the_run(caplog):
     caplog.set_level("INFO")
     assert Work(40, error=0.1).run(Quality(10.5)).stop == ""

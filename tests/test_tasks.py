@@ -156,10 +156,13 @@ def test_a_sweep_on_several_cores_ends_in_one_table_and_one_sheet(tmp_path):
     assert picture(tmp_path / "s" / "sheet.png").shape[1] > 400
 
 
-def test_help_lists_every_plugin_in_one_line(tmp_path):
-    lines = typed("--help", cwd=tmp_path).stdout.splitlines()
+def test_help_lists_every_plugin_and_preset_in_one_line(tmp_path):
+    lines = [line.strip() for line in typed("--help", cwd=tmp_path).stdout.splitlines()]
     for name in ("slic", "analytic", "tiled", "topk", "accuracy", "perceptual", "adam", "lbfgs", "scatter", "edges"):
-        assert any(line.strip().startswith(f"{name} ") for line in lines), name
+        assert any(line.startswith(f"{name} ") for line in lines), name
+    for path in (ROOT / "conf" / "quality").glob("*.yaml"):
+        measured = path.read_text().splitlines()[1].removeprefix("# ")
+        assert any(line.startswith(f"{path.stem} ") and line.endswith(measured) for line in lines), path.stem
 
 
 REFUSED = {  # by each part of the program in turn; tests/test_mistakes.py has the others
