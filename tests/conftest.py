@@ -2,7 +2,7 @@
 
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -13,7 +13,6 @@ from hydra import compose, initialize_config_dir
 from hypothesis import settings
 from omegaconf import DictConfig
 from program import in_plain
-from zygote import Zygote
 
 from brushexp.app.command_line import in_full, prepare
 from brushexp.app.composition import check
@@ -32,13 +31,6 @@ torch.set_num_threads(1)  # tiny tensors: threads cost more than they give, most
 @pytest.fixture(autouse=True)
 def _seeded() -> None:
     torch.manual_seed(0)
-
-
-@pytest.fixture(scope="session")
-def zygote() -> Iterator[Zygote]:
-    """Runs of the program that cost a fork each."""
-    with Zygote() as found:
-        yield found
 
 
 @pytest.fixture

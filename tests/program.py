@@ -4,6 +4,7 @@ Every process is a fork of one that has imported everything and done nothing; fr
 is: its own environment, folder, output, signals and exit code.
 """
 
+import importlib
 import json
 import multiprocessing
 import os
@@ -26,6 +27,7 @@ THEIRS = ["filelock", "hydra.main", "jinja2", "lightning.pytorch.callbacks", "to
 OURS = [module.name for module in pkgutil.walk_packages(brushexp.__path__, "brushexp.")]
 FORKS = multiprocessing.get_context("forkserver")
 FORKS.set_forkserver_preload([*THEIRS, *OURS])
+Kill = tuple[str, int, bool]
 
 
 class Program:
@@ -34,13 +36,21 @@ class Program:
     Args:
         overrides: words of the command line.
         cwd: folder that it runs in.
+        kill: which file the run is about to move to its place when it gets a signal: the end of its path, and the how
+            manieth of those; True: after that.
+        sent: the signal.
+        patched: constants of `brushexp.training.writer` that are other numbers.
         environment: what is added to the environment.
     """
 
-    def __init__(self, *overrides: str, cwd: Path, **environment: str) -> None:
+    def __init__(
+        self, *overrides: str, cwd: Path, kill: Kill | None = None, sent: int = signal.SIGKILL,
+        patched: dict[str, int] | None = None, **environment: str,
+    ) -> None:  # fmt: skip
         self.args = [str(ROOT / "run.py"), *in_plain(overrides)]
         self._said = Path(tempfile.mkdtemp())
-        words = (self.args, str(cwd), {**os.environ, **environment}, self._said)
+        disturbed = (*kill, sent) if kill else None
+        words = (self.args, str(cwd), {**os.environ, **environment}, self._said, disturbed, patched or {})
         self._process = FORKS.Process(target=_main, args=words)
         self._process.start()
 
@@ -61,7 +71,7 @@ class Program:
         if self.poll() is None:
             self._process.kill()
             raise TimeoutExpired(self.args, timeout)
-        out, err = ((self._said / name).read_text() for name in ("out", "err"))
+        out, err = ((self._said / name).read_text(errors="replace") for name in ("out", "err"))
         shutil.rmtree(self._said)
         return out, err
 
@@ -79,7 +89,19 @@ def run(*overrides: str, cwd: Path, **environment: str) -> CompletedProcess:
     return CompletedProcess(program.args, program.returncode, out, err)
 
 
-def _main(words: list[str], folder: str, environment: dict[str, str], said: Path) -> None:
+def ended(
+    cwd: Path, *words: str, kill: Kill | None = None, sent: int = signal.SIGKILL, **patched: int
+) -> tuple[int, str]:
+    """Exit code (negative: the signal that ended it) and output of the program, which may be killed; see `Program`."""
+    program = Program(*words, cwd=cwd, kill=kill, sent=sent, patched=patched)
+    said = "".join(program.communicate(200))
+    return program.returncode, said
+
+
+def _main(
+    words: list[str], folder: str, environment: dict[str, str], said: Path,
+    disturbed: tuple[str, int, bool, int] | None, patched: dict[str, int],
+) -> None:  # fmt: skip
     """What a fork does: ``python -W ignore::FutureWarning`` with these words."""
     for number, name in ((1, "out"), (2, "err")):
         os.dup2(os.open(said / name, os.O_CREAT | os.O_WRONLY | os.O_APPEND), number)
@@ -90,6 +112,10 @@ def _main(words: list[str], folder: str, environment: dict[str, str], said: Path
     for number in (signal.SIGTERM, signal.SIGHUP):  # whatever started the tests may ignore them
         signal.signal(number, signal.SIG_DFL)
     warnings.simplefilter("ignore", FutureWarning)
+    for name, value in patched.items():
+        setattr(importlib.import_module("brushexp.training.writer"), name, value)
+    if disturbed:
+        _kill_at(*disturbed)
     sys.argv = words
     runpy.run_path(words[0], run_name="__main__")
 
@@ -106,3 +132,19 @@ def stopped(number: int, *settings: str, output: Path, **environment: str) -> di
     assert process.returncode == 128 + number, err
     assert checkpoint.exists()
     return json.loads((output / "metrics.json").read_text())
+
+
+def _kill_at(name: str, number: int, after: bool, sent: int) -> None:
+    """Let this process get a signal when it moves a file to its place."""
+    real, moved = os.replace, 0
+
+    def replace(source: Path, target: Path) -> None:
+        nonlocal moved
+        moved += (ours := str(target).endswith(name))
+        if ours and moved == number and not after:
+            os.kill(os.getpid(), sent)
+        real(source, target)
+        if ours and moved == number and after:
+            os.kill(os.getpid(), sent)
+
+    os.replace = replace

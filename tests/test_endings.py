@@ -15,7 +15,7 @@ from filelock import FileLock
 from omegaconf import OmegaConf
 from painters import fit, painter_of
 from PIL import Image
-from program import run, stopped
+from program import ended, run, stopped
 
 from brushexp.app import fitting
 from brushexp.app.fitting import CHECKPOINT, RECORD, interrupted_run
@@ -253,13 +253,13 @@ def test_a_run_replaces_no_other_and_removes_nothing_but_what_runs_leave(tmp_pat
     assert there() == mine
 
 
-def test_one_run_at_a_time_is_in_a_folder(zygote, tmp_path):
+def test_one_run_at_a_time_is_in_a_folder(tmp_path):
     (tmp_path / "a" / ".hydra").mkdir(parents=True)
     with FileLock(tmp_path / "a" / ".hydra" / "lock"):
-        code, said = zygote.run(tmp_path, *TINY, "output=a")
+        code, said = ended(tmp_path, *TINY, "output=a")
     assert code == 1
     assert said == "brushexp: another run is at work in output=a; wait for its end, or choose another one\n"
     assert [path.name for path in (tmp_path / "a").iterdir()] == [".hydra"], "nothing is written"
-    code, said = zygote.run(tmp_path, *TINY, "output=/proc/x")
+    code, said = ended(tmp_path, *TINY, "output=/proc/x")
     assert code == 1
     assert said.startswith("brushexp: cannot write into output=/proc/x")

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from program import ended
 
 from brushexp.app.run_folder import left_in
 from brushexp.strokes.storage import load_catalogue
@@ -41,10 +42,10 @@ def some(kills):
 
 
 @pytest.fixture(scope="module")
-def folder(zygote, tmp_path_factory) -> Path:
+def folder(tmp_path_factory) -> Path:
     """With a set of strokes to learn from."""
     path = tmp_path_factory.mktemp("kills").resolve()
-    assert zygote.run(path, *SET, "n=640", "output=set", **SHARDS)[0] == 0
+    assert ended(path, *SET, "n=640", "output=set", **SHARDS)[0] == 0
     return path
 
 
@@ -59,20 +60,20 @@ def steps_of(folder: Path) -> list[int]:
     ([*TRAIN, "critic=true", "critic_width=4"], "neural.safetensors", [*2 * CHECKPOINTS, *ENDS["train"]]),
     (["task=train", "model=discriminator", "trainer.max_steps=12", "batch_size=8", "threads=1"], "", CHECKPOINTS),
 ], ids=["painting", "training", "discriminator"])  # fmt: skip
-def test_a_run_that_is_killed_goes_on_to_the_same_bits(zygote, folder, tmp_path, words, result, kills, request):
+def test_a_run_that_is_killed_goes_on_to_the_same_bits(folder, tmp_path, words, result, kills, request):
     name = request.node.callspec.id
     words = [*words, *(["checkpoint_every=0", "epochs=null"] if not result else [])]
     result = result or "discriminator.safetensors"
-    code, said = zygote.run(folder, *words, f"output={name}-straight")
+    code, said = ended(folder, *words, f"output={name}-straight")
     assert code == 0, said
     task = [word for word in words if word.startswith("task=")]
     ctrl_c = (CHECKPOINTS[1], signal.SIGINT, 130)
     for kill, sent, wanted in (ctrl_c, *((kill, signal.SIGKILL, -signal.SIGKILL) for kill in some(kills))):
-        code, said = zygote.run(folder, *words, f"output={name}", kill=kill, sent=sent)
+        code, said = ended(folder, *words, f"output={name}", kill=kill, sent=sent)
         assert code == wanted, (kill, said)
         assert sent == signal.SIGKILL or f"continue with: python run.py {' '.join([*task, ''])}resume=" in said
         words = [*task, f"resume={name}"] if (folder / name / "checkpoint.ckpt").exists() else words
-    code, said = zygote.run(folder, *words, f"output={name}")
+    code, said = ended(folder, *words, f"output={name}")
     assert code == 0, said
     assert "not empty" not in said, "curves go on"
     killed, straight = folder / name, folder / f"{name}-straight"
@@ -91,11 +92,11 @@ def test_a_run_that_is_killed_goes_on_to_the_same_bits(zygote, folder, tmp_path,
         assert torch.equal(value, getattr(theirs, field)), field
 
 
-def test_a_simulation_that_is_killed_goes_on_to_the_same_bits(zygote, folder):
+def test_a_simulation_that_is_killed_goes_on_to_the_same_bits(folder):
     kills = [*9 * [(".h5", 1, True), (".h5", 2, False)], ("strokes.png", 1, False), ("metrics.json", 1, False)]
     for kill in some(kills):
-        assert zygote.run(folder, *SET, "n=640", "output=sim", kill=kill, **SHARDS)[0] == -signal.SIGKILL, kill
-    code, said = zygote.run(folder, *SET, "n=640", "output=sim", **SHARDS)
+        assert ended(folder, *SET, "n=640", "output=sim", kill=kill, **SHARDS)[0] == -signal.SIGKILL, kill
+    code, said = ended(folder, *SET, "n=640", "output=sim", **SHARDS)
     assert (code, "strokes are there already; going on" in said) == (0, True), said
     made, whole = (
         {path.name: path.read_bytes() for path in (folder / name / "strokes").glob("*.h5")} for name in ("sim", "set")
@@ -105,35 +106,35 @@ def test_a_simulation_that_is_killed_goes_on_to_the_same_bits(zygote, folder):
 
 
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGKILL, -9)])
-def test_a_sweep_that_is_ended_keeps_the_jobs_that_are_done(zygote, tmp_path, sent, code):
+def test_a_sweep_that_is_ended_keeps_the_jobs_that_are_done(tmp_path, sent, code):
     words = ["-m", *PAINT, "steps=5,7,9", "report=false", "output=s"]
-    assert zygote.run(tmp_path, *words, kill=("1/checkpoint.ckpt", 2, True), sent=sent)[0] == code
+    assert ended(tmp_path, *words, kill=("1/checkpoint.ckpt", 2, True), sent=sent)[0] == code
     with (tmp_path / "s" / "table.csv").open(newline="") as file:
         status = [row["status"] for row in csv.DictReader(file)]
     assert status == ["completed", "interrupted"][: 2 if sent == signal.SIGTERM else 1]
     assert not (tmp_path / "s" / "2").exists()
-    refused, said = zygote.run(tmp_path, *words)
+    refused, said = ended(tmp_path, *words)
     assert refused == 1
     assert "output=s holds a run already" in said
     assert "overwrite=true" in said
-    assert zygote.run(tmp_path, "resume=s/1", "output=s/1")[0] == 0
+    assert ended(tmp_path, "resume=s/1", "output=s/1")[0] == 0
     assert json.loads((tmp_path / "s" / "1" / "metrics.json").read_text())["steps"] == 7
     (tmp_path / "s" / "1" / "mine.txt").write_text("kept")
-    code, said = zygote.run(tmp_path, *words, "overwrite=true")
+    code, said = ended(tmp_path, *words, "overwrite=true")
     assert code == 0, said
     assert (tmp_path / "s" / "1" / "mine.txt").read_text() == "kept"
     with (tmp_path / "s" / "table.csv").open(newline="") as file:
         assert [row["status"] for row in csv.DictReader(file)] == 3 * ["completed"]
 
 
-def test_an_export_that_is_ended_leaves_no_half_files(zygote, tmp_path):
-    assert zygote.run(tmp_path, *PAINT, "steps=2", "report=false", "output=a")[0] == 0
+def test_an_export_that_is_ended_leaves_no_half_files(tmp_path):
+    assert ended(tmp_path, *PAINT, "steps=2", "report=false", "output=a")[0] == 0
     words = ["task=export", "catalogue=a/catalogue.h5", "to=png,svg,process", "to.process.format=gif", "output=b"]
-    assert zygote.run(tmp_path, *words, kill=("process.gif", 1, False))[0] == -signal.SIGKILL
+    assert ended(tmp_path, *words, kill=("process.gif", 1, False))[0] == -signal.SIGKILL
     assert len(list((tmp_path / "b").glob(TEMPORARY))) == 1
-    assert zygote.run(tmp_path, *words, kill=("process.gif", 1, False), sent=signal.SIGTERM)[0] == 143
+    assert ended(tmp_path, *words, kill=("process.gif", 1, False), sent=signal.SIGTERM)[0] == 143
     assert not list((tmp_path / "b").glob(TEMPORARY))
     assert not (tmp_path / "b" / "metrics.json").exists()
-    code, said = zygote.run(tmp_path, *words, "overwrite=true")
+    code, said = ended(tmp_path, *words, "overwrite=true")
     assert code == 0, said
     assert (tmp_path / "b" / "process.gif").exists()

@@ -25,6 +25,7 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 from PIL import Image
+from program import ended
 
 from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.plugins.blend.tiled import Tiled
@@ -44,7 +45,6 @@ MOMENTS += [("target.png", 1, True), ("timelapse.gif", 1, False)]
 class Runs(RuleBasedStateMachine):
     """Two folders for runs, a picture, and a note of the user's own in each folder; what is expected is kept beside."""
 
-    zygote = None
     whole: ClassVar = {}  # target -> strokes that every run ends with, however often it was killed
 
     @initialize()
@@ -72,7 +72,7 @@ class Runs(RuleBasedStateMachine):
         holds = self.has_result(name) or (self.place / name / "checkpoint.ckpt").exists()
         words = [*SETTINGS, f"output={name}", *["overwrite=true"] * overwrite]
         before = files_of(self.place / name)
-        code, said = self.zygote.run(self.place, *words, kill=kill)
+        code, said = ended(self.place, *words, kill=kill)
         if holds and not overwrite:
             assert code == 1
             assert f"output={name} holds a run already" in said
@@ -87,7 +87,7 @@ class Runs(RuleBasedStateMachine):
         name = data.draw(st.sampled_from([name for name in NAMES if self.step_of(name) is not None]))
         into = into or name
         holds = into != name and (self.has_result(into) or (self.place / into / "checkpoint.ckpt").exists())
-        code, said = self.zygote.run(self.place, f"resume={name}", f"output={into}", kill=kill)
+        code, said = ended(self.place, f"resume={name}", f"output={into}", kill=kill)
         if holds:
             assert code == 1
             assert f"output={into} holds a run already" in said
@@ -102,7 +102,7 @@ class Runs(RuleBasedStateMachine):
         if self.has_result(name) or (self.place / name / "checkpoint.ckpt").exists():
             return
         kill = ("checkpoint.ckpt", 2, True)
-        code, said = self.zygote.run(self.place, *SETTINGS, f"output={name}", kill=kill, sent=signal.SIGTERM)
+        code, said = ended(self.place, *SETTINGS, f"output={name}", kill=kill, sent=signal.SIGTERM)
         assert code == 128 + signal.SIGTERM, said
         assert json.loads((self.place / name / "metrics.json").read_text())["status"] == "interrupted"
 
@@ -135,7 +135,7 @@ class Runs(RuleBasedStateMachine):
         path = self.place / name / "checkpoint.ckpt"
         path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
         self.damaged.add(name)
-        code, said = self.zygote.run(self.place, f"resume={name}", f"output={name}")
+        code, said = ended(self.place, f"resume={name}", f"output={name}")
         assert code == 1
         assert "start anew" in said
         assert "Traceback" not in said
@@ -178,7 +178,6 @@ def files_of(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.slow
-def test_nothing_is_lost_and_nothing_lies(zygote):
-    Runs.zygote = zygote
+def test_nothing_is_lost_and_nothing_lies():
     few = settings(max_examples=HISTORIES, stateful_step_count=12 if HISTORIES == 1 else 25, deadline=None)
     run_state_machine_as_test(Runs, settings=settings(few, suppress_health_check=list(HealthCheck)))
