@@ -37,6 +37,7 @@ def test_runs_are_grouped_by_all_but_the_seed(tmp_path):
     assert (found.index.name, list(found.index)) == ("loss", ["mse", "kl", "l1"])
     assert found["std"]["psnr"].tolist() == pytest.approx([math.sqrt(0.5)] * 3)
     assert list(found["mean"]) == ["psnr", "perceptual", "seconds"]
+    (tmp_path / "more").mkdir()
     make_grid(tmp_path / "more", {"a": ["1", "2"], "image": ["/x/y/a.png", "/x/y/b.png"], "lr": ["1", "2", "3"]})
     assert list(means(tmp_path / "more")) == [
         "a=1 image=a.png",

@@ -363,7 +363,7 @@ def test_a_set_is_simulated_once_and_kept(config, tmp_path):
 @pytest.mark.parametrize(("limit", "steps"), [
     *[("epochs=2", 8), ("trainer.max_epochs=2", 8), ("trainer.max_steps=3", 3)],
     *[("trainer.max_time=00:00:00:00", 0), ("callbacks=timer callbacks.timer.duration=00:00:00:00", 0)],
-    ("minutes=1e-9", 0),
+    ("minutes=0.003", None),  # as many as fit
 ])  # fmt: skip
 def test_any_limit_of_the_trainer_ends_a_training(limit, steps, config, tmp_path):
     words = ["task=train", "minutes=null", "ema=0"]
@@ -372,7 +372,6 @@ def test_any_limit_of_the_trainer_ends_a_training(limit, steps, config, tmp_path
     cfg, module = config(*words, *limit.split()), module_of()
     check_ends(cfg)
     fit_network(module, Strokes(), cfg, tmp_path, torch.device("cpu"), [])
-    assert module.global_step == steps
-    assert module.seconds > 0 or steps == 0
-    assert module.progress == 1
+    assert steps in (module.global_step, None)
+    assert steps == 0 or (module.progress == 1 and module.seconds > 0)
     assert module.figures, "what it has is validated"
