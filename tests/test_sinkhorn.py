@@ -1,7 +1,5 @@
 """The transport loss: against dense matrices, at the extremes, and where pixels see nothing."""
 
-from itertools import product
-
 import pytest
 import torch
 from torch import Tensor
@@ -67,23 +65,6 @@ def test_it_has_the_right_slope():
     wide = torch.rand(3, 5, 30, dtype=torch.float64, requires_grad=True)  # downsampled
     other = torch.rand(3, 5, 30, dtype=torch.float64)
     assert torch.autograd.gradcheck(lambda x: judged(Sinkhorn(side=8), x, other), wide, fast_mode=True)
-
-
-@pytest.mark.parametrize("epsilon", [0.01, 0.3])
-@pytest.mark.parametrize("size", [(1, 1), (1, 7), (40, 64)])
-def test_extremes_are_finite_and_not_below_nothing(size, epsilon):
-    height, width = size
-    extremes = [torch.zeros(3, *size), torch.ones(3, *size), torch.rand(3, *size).round()]
-    extremes += [pixel(*size, 0, 0), pixel(*size, height - 1, width - 1)]
-    for image, target in product(extremes, extremes):
-        x = image.clone().requires_grad_()
-        value = judged(Sinkhorn(epsilon=epsilon, floor=1e-4), x, target)
-        (slope,) = torch.autograd.grad(value, x)
-        assert value >= -1e-9
-        assert slope.isfinite().all()
-        if torch.allclose(masses(image, 1e-4), masses(target, 1e-4)):  # black and white, too: both are even
-            assert abs(value) < 1e-12
-            assert slope.abs().max() < 1e-7
 
 
 @pytest.mark.parametrize(
