@@ -94,7 +94,7 @@ def ended(
 ) -> tuple[int, str]:
     """Exit code (negative: the signal that ended it) and output of the program, which may be killed; see `Program`."""
     program = Program(*words, cwd=cwd, kill=kill, sent=sent, patched=patched)
-    said = "".join(program.communicate(200))
+    said = "".join(program.communicate())
     return program.returncode, said
 
 

@@ -7,7 +7,6 @@ import math
 import os
 import socket
 import struct
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import nullcontext
@@ -15,6 +14,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import program
 import pytest
 import yaml
 from hydra.core.hydra_config import HydraConfig
@@ -28,7 +28,7 @@ from brushexp.plugins.logger.base import Logger, Run
 from brushexp.plugins.logger.wandb import WeightsAndBiases, mode_of
 from brushexp.system.files import write_picture
 
-ROOT = Path(__file__).parents[1]
+PROXIES = ("http_proxy", "https_proxy", "all_proxy")
 
 
 @pytest.fixture(scope="module")
@@ -38,21 +38,18 @@ def tracked(tmp_path_factory) -> SimpleNamespace:
     (folder / "home").mkdir()
     rows, columns = np.mgrid[:40, :56]
     write_picture(folder / "picture.png", np.stack([4 * columns, 6 * rows, 255 - 4 * columns], -1).astype(np.uint8))
-    command = [sys.executable, "-W", "ignore::FutureWarning", str(ROOT / "run.py"), "hydra.mode=MULTIRUN"]
     settings = ["steps=20", "frames=12", "threads=1", "report=false", f"output={folder}/my sweep"]
     loggers = ["logger=[csv,tensorboard,wandb]", "logger.wandb.tags=[a,b]"]
-    with socket.create_server(("127.0.0.1", 0)) as proxy:
+    with socket.create_server(("127.0.0.1", 0)) as proxy, pytest.MonkeyPatch.context() as patch:
         proxy.setblocking(False)
         url = f"http://127.0.0.1:{proxy.getsockname()[1]}"
-        environment = {key: value for key, value in os.environ.items() if not key.startswith("WANDB_")}
-        for name in ("http_proxy", "https_proxy", "all_proxy"):
-            environment |= {name: url, name.upper(): url}
+        environment = {key: value for name in PROXIES for key, value in ((name, url), (name.upper(), url))}
         environment |= {"no_proxy": "", "NO_PROXY": "", "HOME": str(folder / "home")}
         environment["MPLCONFIGDIR"] = str(Path.home() / ".cache" / "matplotlib")  # to look for fonts takes seconds
-        done = subprocess.run(
-            [*command, f"image={folder}/picture.png", *settings, *loggers], stdin=subprocess.DEVNULL,
-            check=False, capture_output=True, text=True, cwd=folder, env=environment, timeout=250,
-        )  # fmt: skip
+        for name in [name for name in os.environ if name.startswith("WANDB_")]:
+            patch.delenv(name)
+        words = ["hydra.mode=MULTIRUN", f"image={folder}/picture.png", *settings, *loggers]
+        done = program.run(*words, cwd=folder, **environment)
         assert done.returncode == 0, done.stderr
         with pytest.raises(BlockingIOError):
             proxy.accept()  # nobody came
