@@ -113,12 +113,12 @@ def test_a_stroke_on_top_leaves_some_of_the_paint_below():
 def test_where_bristles_are_large_enough_to_be_seen_slopes_do_not_depend_on_the_size(name):
     strokes = straight((30, 50), (70, 55), width=60)
     slopes = []
-    for zoom in (2, 4):
+    for zoom in (4, 8):
         size = (100 * zoom, 120 * zoom)
         height = height_of(export_job(strokes.moved(zoom=zoom), size, renderer=RENDERERS[name]))
         slopes.append(np.hypot(*np.gradient(height)).mean())
     assert slopes[0] > 0.01
-    assert slopes[1] == pytest.approx(slopes[0], rel=0.05)
+    assert slopes[1] == pytest.approx(slopes[0], rel=0.1)
 
 
 def hills(height, width, *, roughness=1.0):

@@ -1,6 +1,6 @@
 """Strokes with textures in coordinates of their own, and the parts of their kernel.
 
-The kernel brings the four texels around a place by two loads: eight bits each of opacity and of light. Its gradient
+The kernel brings the four texels around a place by one load: eight bits each of opacity and of tone. Its gradient
 goes to the curve through both coordinates; the textures are taken as given.
 """
 # mypy: allow-untyped-defs
@@ -15,6 +15,7 @@ from torch import Tensor
 from brushexp.compositing.frame import LEAST_SQUARE, SHORTEST_SQUARED, SLOWEST, SLOWEST_PIXELS, stroke_frame
 from brushexp.compositing.layers import SPREAD, Encode, KernelInput, Layers, TileKernel
 from brushexp.compositing.passes import CHANNELS, PULL, PULL_ALPHA
+from brushexp.compositing.textures import LONG, Sheets
 from brushexp.compositing.tile_lists import AREA, NEAREST, F
 from brushexp.system.compiled import first_of, inline
 
@@ -26,80 +27,79 @@ X, Y, ALPHA, SHADE, OPACITIES, LIGHTS, ROWS = 2, 3, 4, 5, 6, 7, 8
 
 @dataclass(frozen=True)
 class TexturedProfile(Layers):
-    """Strokes whose opacity and shade are looked up in small textures, in coordinates of the stroke.
+    """Strokes whose opacity and tone are looked up in textures (`Sheets`), in coordinates of the stroke.
 
-    The rows of a texture go across the stroke; its columns are, in this order, the cap before the start, the body with
-    t from 0 to 1, and the cap beyond the end. Rows and the columns of caps are ``2 * SPREAD / rows`` half widths apart,
-    so that what juts out scales with the thickness and not with the length. Lookups are bilinear. Around all this lies
-    a ring of texels, transparent like those next to it, so that a lookup outside may be clamped to it, with no slope.
+    What juts out beyond the ends of a curve scales with its thickness. Beside the curve lie the beginning, as many
+    ``repeats`` of the texture's loop as there is room for, and the end; the curve parameter t goes evenly through all
+    of it. ``flip`` of -1 turns a texture over. Lookups are bilinear.
 
-    The second channel moves the colour: light > 0 mixes it with white, light < 0 with black, by |light|. So a colour
-    stays a colour without being clamped.
-
-    ``cells`` (M, rows + 1, rows + columns + 1, 2) int32 are for the compiled kernel, see `textures.cells_of`; there are
-    none while textures are being trained.
+    The tone moves the colour: tone > 0 mixes it with white, tone < 0 with black, by |tone|. So a colour stays a colour
+    without being clamped.
     """
 
-    per_stroke = ("curve", "half_width", "color", "opacity", "look")
+    per_stroke = ("curve", "half_width", "color", "opacity", "look", "repeats", "flip")
 
     curve: Tensor
     half_width: Tensor  # (N,) pixels, > 0
     color: Tensor
     opacity: Tensor  # (N,)
-    textures: Tensor  # (M, 2, rows + 2, rows + columns + 2) opacity in [0, 1] and light in [-1, 1]; rows is even
-    extent: Tensor  # (M,) half widths beyond which a texture is transparent, at least 0
     look: Tensor  # (N,) int64, each stroke's texture
-    cells: Tensor | None = None
+    repeats: Tensor  # (N,) int64, of the loop, 0 or more
+    flip: Tensor  # (N,) 1 or -1
+    sheets: Sheets
 
     @property
     def reach(self) -> Tensor:  # type: ignore[override]
-        return self.half_width * self.extent[self.look]
+        return self.half_width * self.sheets.extent.to(self.half_width.dtype)[self.look]
 
-    @property
-    def rows(self) -> int:
-        """Rows of a texture without the ring around it, and columns of both caps together."""
-        return self.textures.shape[2] - 2
+    def frame(self) -> Tensor:
+        """How to find each stroke's texels (N, 8), in those of its sheet, texel j with its centre at j.
 
-    @property
-    def columns(self) -> int:
-        """Columns of the body."""
-        return self.textures.shape[3] - 2 - self.rows
+        Rows and columns of the sheet, the column at the start of the curve, columns along it, the column where the
+        loop begins, its length (1 if it has none), by how many repeats there are more than one, and the flip.
+        """
+        size, (begin, length) = self.sheets.size[self.look].double(), self.sheets.loop[self.look].double().unbind(1)
+        cap, more = size[:, 0] / (2 * LONG), self.repeats - 1.0
+        body = size[:, 1] - 2 * cap + length * more
+        parts = (size[:, 0], size[:, 1], cap + 0.5, body, begin + 0.5, torch.where(length > 0, length, 1.0), more)
+        return torch.stack([*parts, self.flip.double()], dim=1)
 
     def sample(self, index: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
         half = self.half_width[index][..., None]  # (T, K, 1)
         t, along, across = stroke_frame(self.curve[index][:, :, None], points[:, None], half)  # (T, K, P)
-        per_texel = 0.5 * self.rows / SPREAD / half
-        x = 0.5 * self.rows + 0.5 + self.columns * t + per_texel * along  # texel j has its centre at j
-        y = 0.5 * self.rows + 0.5 + per_texel * across
-        opacity, light = _look_up(self.textures, self.look[index][..., None], x, y).unbind(-1)
-        color = self.color[index][:, :, None] * (1 - light.abs())[..., None] + light.clamp_min(0)[..., None]
+        frame = self.frame()[index][:, :, None].to(t.dtype)
+        rows, columns, origin, body, begin, length, more, flip = frame.unbind(-1)
+        per_texel = 0.5 * rows / SPREAD / half
+        x = origin + body * t + per_texel / LONG * along
+        x = x - torch.where(x >= begin, length * torch.minimum(((x - begin) / length).detach().floor(), more), 0.0)
+        y = 0.5 * rows + 0.5 + flip * per_texel * across
+        opacity, tone = self._look_up(index[..., None], x, y, rows, columns).unbind(-1)
+        color = self.color[index][:, :, None] * (1 - tone.abs())[..., None] + tone.clamp_min(0)[..., None]
         return self.opacity[index][..., None] * opacity, color
 
     def encoded(self, encode: Encode) -> Self:
         return replace(self, color=encode(self.color))
 
+    def _look_up(self, index: Tensor, x: Tensor, y: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
+        """Bilinear opacity and tone (..., 2) of strokes ``index`` at columns x and rows y of their textures."""
+        texels, stride = self.sheets.texels[:, :2].to(x.dtype), columns.long() + 2
+        x, y = torch.minimum(x.clamp_min(0), columns + 1), torch.minimum(y.clamp_min(0), rows + 1)
+        left, top = torch.minimum(x.detach().floor(), columns), torch.minimum(y.detach().floor(), rows)
+        first = self.sheets.first[self.look[index]] + top.long() * stride + left.long()
+        right, down = (x - left)[..., None], (y - top)[..., None]
+        above = torch.lerp(texels[first], texels[first + 1], right)
+        below = torch.lerp(texels[first + stride], texels[first + stride + 1], right)
+        return torch.lerp(above, below, down)
+
     def compiled(self) -> KernelInput | None:
-        if self.cells is None:
+        if self.sheets.cells is None:
             return None
-        texels = 0.5 * self.rows / SPREAD / self.half_width  # per pixel
+        frame = self.frame().float()
+        texels = 0.5 * frame[:, 0] / SPREAD / self.half_width  # per pixel, across
         strokes = [self.curve.flatten(1), self.half_width.detach()[:, None], self.opacity[:, None]]
         strokes += [texels[:, None], self.color]
-        _, rows, columns, _ = self.cells.shape
-        begin, cells = self.look * (rows * columns), self.cells.reshape(-1).view(torch.int64)
-        return KernelInput(KERNEL, torch.cat(strokes, dim=1), (begin, cells, rows - 1, columns - 1))
-
-
-def _look_up(textures: Tensor, look: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    """Bilinear values (..., C) of textures (M, C, rows, columns) number ``look`` at columns x and rows y, all (...)."""
-    _, channels, rows, columns = textures.shape
-    texels = textures.to(x.dtype).movedim(1, -1).reshape(-1, channels)
-    x, y = x.clamp(0, columns - 1), y.clamp(0, rows - 1)
-    left, top = x.detach().floor().clamp_max(columns - 2), y.detach().floor().clamp_max(rows - 2)
-    first = (look * rows + top.long()) * columns + left.long()
-    right, down = (x - left)[..., None], (y - top)[..., None]
-    above = torch.lerp(texels[first], texels[first + 1], right)
-    below = torch.lerp(texels[first + columns], texels[first + columns + 1], right)
-    return torch.lerp(above, below, down)
+        data = (self.sheets.first[self.look], self.sheets.cells, frame)
+        return KernelInput(KERNEL, torch.cat(strokes, dim=1), data)
 
 
 @inline
@@ -109,13 +109,15 @@ def _size(bx, by, fx, fy):
 
 
 @inline
-def _place(p, i, ox, oy, rows, columns, own):
-    """Write rows X and Y: where in its texture the pixels of a tile find stroke ``i``, in texels."""
+def _place(p, i, ox, oy, frame, own):
+    """Write rows X and Y: where in its texture the pixels of a tile find stroke ``i``, in texels; see `frame`."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     still = F(SLOWEST * SLOWEST) * _size(bx, by, fx, fy) + F(SLOWEST_PIXELS * SLOWEST_PIXELS)
     outer = F(-1) if fx * by - fy * bx > F(0) else F(1)
-    body, scale, origin = F(columns - rows), p[i, 8], F(0.5) * F(rows) + F(0.5)
+    rows, columns, origin, body = frame[0], frame[1], frame[2], frame[3]
+    begin, loop, more, flip = frame[4], frame[5], frame[6], frame[7]
+    scale, middle, often = p[i, 8], F(0.5) * rows + F(0.5), F(1) / loop
     for q in range(AREA):
         t = own[NEAREST * AREA + q]
         v = F(1) - t
@@ -131,24 +133,27 @@ def _place(p, i, ox, oy, rows, columns, own):
         along = (tx * wx + ty * wy) * one
         along = F(0) if (t > F(0)) & (t < F(1)) else along
         across = (tx * wy - ty * wx) * one
-        own[X * AREA + q] = min(max(origin + body * t + scale * along, F(0)), F(columns + 1))
-        own[Y * AREA + q] = min(max(origin + scale * across, F(0)), F(rows + 1))
+        x = origin + body * t + F(1 / LONG) * scale * along
+        back = min(np.floor((x - begin) * often), more)
+        x -= loop * back if x >= begin else F(0)
+        own[X * AREA + q] = min(max(x, F(0)), columns + F(1))
+        own[Y * AREA + q] = min(max(middle + flip * scale * across, F(0)), rows + F(1))
 
 
 @inline
 def _fetch(cells, first, columns, rows, own, at, opacity, light):
     """Write the corners (AREA,) around the places in rows X and Y, and leave the places within the cell there.
 
-    ``cells`` are all textures as one line, opacity in the lower word and light in the upper one; this texture of
-    ``rows`` x ``columns`` texels, without the ring, begins at ``first``. ``at`` is scratch (AREA,) int32.
+    ``cells`` are those of all textures (`cells_of`); this one of ``rows`` x ``columns`` texels, without the ring,
+    begins at ``first``. ``at`` is scratch (AREA,) int32.
     """
     for q in range(AREA):
         x, y = own[X * AREA + q], own[Y * AREA + q]
         column, row = min(I(x), I(columns)), min(I(y), I(rows))
         own[X * AREA + q] = x - F(column)
         own[Y * AREA + q] = y - F(row)
-        at[q] = row * I(columns + 1) + column
-    mine = cells[first : first + (rows + 1) * (columns + 1)]
+        at[q] = row * I(columns + 2) + column
+    mine = cells[first : first + (rows + 2) * (columns + 2)]
     for q in range(AREA):  # apart from the arithmetic, which becomes SIMD code
         cell = mine[np.uint32(at[q])]
         opacity[q] = I(cell)
@@ -171,11 +176,12 @@ def _mix(word, x, y):
 
 @inline
 def _cover(p, i, data, ox, oy, own, temporary):
-    begin, cells, rows, columns = data
+    begin, cells, frames = data
+    frame = frames[i]
     words = own.view(I)
     opacity, light = words[OPACITIES * AREA : (OPACITIES + 1) * AREA], words[LIGHTS * AREA : (LIGHTS + 1) * AREA]
-    _place(p, i, ox, oy, rows, columns, own)
-    _fetch(cells, begin[i], columns, rows, own, temporary.view(I), opacity, light)
+    _place(p, i, ox, oy, frame, own)
+    _fetch(cells, begin[i], I(frame[1]), I(frame[0]), own, temporary.view(I), opacity, light)
     op, total = F(1 / 255) * p[i, 7], F(0)
     for q in range(AREA):
         x, y = own[X * AREA + q], own[Y * AREA + q]
@@ -231,11 +237,11 @@ def _pull(p, i, data, ox, oy, own, temporary, buf, out):
         own[X * AREA + q] = ga * op * cover_x + gs * shade_x
         own[Y * AREA + q] = ga * op * cover_y + gs * shade_y
     out[7] = of_opacity * F(1 / 255)
-    _move(p, i, ox, oy, F(data[3] - data[2]), own, out)
+    _move(p, i, ox, oy, data[2][i, 3], data[2][i, 7], own, out)
 
 
 @inline
-def _move(p, i, ox, oy, body, own, out):
+def _move(p, i, ox, oy, body, flip, own, out):
     """Gradient of curve and size from that of the place in the texture, in rows X and Y."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
@@ -247,7 +253,7 @@ def _move(p, i, ox, oy, body, own, out):
     outer = F(-1) if fx * by - fy * bx > F(0) else F(1)
     g0, g1, g2, g3, g4, g5, g8 = F(0), F(0), F(0), F(0), F(0), F(0), F(0)
     for q in range(AREA):
-        t, gx, gy = own[NEAREST * AREA + q], own[X * AREA + q], own[Y * AREA + q]
+        t, gx, gy = own[NEAREST * AREA + q], own[X * AREA + q], flip * own[Y * AREA + q]
         v = F(1) - t
         b0, b1, b2 = v * v, F(2) * t * v, t * t
         wx = F(q & 7) + F(0.5) - b0 * sx - b1 * cx - b2 * ex
@@ -258,8 +264,8 @@ def _move(p, i, ox, oy, body, own, out):
         one = F(1) / np.sqrt(speed if moves else max(square, F(1e-30)))
         tx, ty = (dx * one, dy * one) if moves else (outer * wy * one, -outer * wx * one)
         along, across = F(0) if beside else tx * wx + ty * wy, tx * wy - ty * wx
-        g8 += gx * along + gy * across
-        gu, gv = F(0) if beside else gx * scale, gy * scale
+        g8 += F(1 / LONG) * gx * along + gy * across
+        gu, gv = F(0) if beside else F(1 / LONG) * gx * scale, gy * scale
         gt = body * gx / max(F(2) * speed - wx * bx - wy * by, short)
         gt = gt if beside else F(0)
         turn = (gu * across - gv * along) * min(one, least)

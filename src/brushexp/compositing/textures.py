@@ -1,70 +1,134 @@
-"""Textures along and across a stroke: where their texels lie, how they are smoothed, and how a kernel has them."""
+"""Textures along and across a stroke: where their texels lie, how they are made smaller, and how a kernel has them.
+
+The rows of a texture go across the stroke, from ``SPREAD`` half widths on one side to as many on the other. Its columns
+are the cap before the start of the curve, its beginning, a piece that a long stroke repeats (`Loop`), its end, and the
+cap beyond; they are ``LONG`` times as far apart as the rows. Around all this lies a ring of texels, transparent like
+those next to it, so that a lookup outside may be clamped to it, with no slope.
+"""
 
 import math
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from brushexp.compositing.layers import SPREAD
+
+LONG = 2  # texels along a stroke are so many times as long as they are wide: bristles run along it
+BYTE, HALF = 255, 127  # steps of opacity, and of tone to either side of 0
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The columns of a texture, without its ring, that a long stroke repeats; 0 of them are none."""
+
+    begin: int
+    length: int
+
+
+@dataclass(frozen=True, eq=False)
+class Sheets:
+    """M textures of several sizes, as lines of texels with their rings, one after the other."""
+
+    texels: Tensor  # (T, C) opacity in [0, 1], tone in [-1, 1], and, where it is known, height in films, in [0, 1]
+    first: Tensor  # (M,) int64, where each begins
+    size: Tensor  # (M, 2) int64, rows and columns without the ring
+    loop: Tensor  # (M, 2) columns at which the repeated piece begins, and how many it has
+    extent: Tensor  # (M,) half widths beyond which it is transparent
+    cells: Tensor | None = None  # (T,) int64, see `cells_of`; None while textures are being trained
 
 
 def coordinates_of(rows: int, columns: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Where the texels of a texture with the ring around it lie; all but t in half widths.
 
-    Across (rows + 2,), and of the columns (rows + columns + 2,) t, before the start (negative), and beyond the end.
+    Across (rows + 2,), and of the columns (columns + 2,) t, before the start (negative), and beyond the end.
     """
-    step = 2 * SPREAD / rows
+    step, cap = 2 * SPREAD / rows, cap_of(rows)
     across = step * (torch.arange(rows + 2) - 0.5 - rows / 2)
-    u = torch.arange(rows + columns + 2) - 0.5 - rows / 2
-    return across, (u / columns).clamp(0, 1), step * u.clamp_max(0), step * (u - columns).clamp_min(0)
+    u, body = torch.arange(columns + 2) - 0.5 - cap, columns - 2 * cap
+    return across, (u / body).clamp(0, 1), LONG * step * u.clamp_max(0), LONG * step * (u - body).clamp_min(0)
+
+
+def cap_of(rows: int) -> float:
+    """Columns of a cap."""
+    return rows / (2 * LONG)
 
 
 def texel_distances(rows: int, columns: int) -> Tensor:
-    """Half widths (rows + 2, rows + columns + 2) from the curve to each texel."""
+    """Half widths (rows + 2, columns + 2) from the curve to each texel."""
     across, _, before, beyond = coordinates_of(rows, columns)
     return torch.hypot(across[:, None], before + beyond)
 
 
-def smoothed(opacity: Tensor, light: Tensor, room: Tensor, level: int) -> Tensor:
-    """Textures (..., 2, rows, columns) as pixels of 2^level texels see them: a Gaussian with the spread of that square.
+def room_of(rows: int, columns: int) -> Tensor:
+    """1 where a texture (rows + 2, columns + 2) may be opaque, 0 in its corners and its ring."""
+    return (texel_distances(rows, columns) < SPREAD - 2 * SPREAD / rows).float()
 
-    Along the stroke half as much, for there most texels are longer. Light counts by opacity.
+
+def sheets_of(textures: Tensor, levels: int, loop: Loop, *, rounded: bool) -> Sheets:
+    """Textures (V, C, rows, columns) in ``levels`` sizes each, every one half the one before: M = V * levels.
+
+    A texel of the smaller ones is the mean of four (mip maps: Williams, 1983); what is not opacity counts by it. If
+    ``rounded``, they are in whole steps of 8 bits, and there are cells for the kernel.
     """
-    if level == 0:
-        return torch.stack([opacity, light], dim=-3)
-    sigma = 2**level / math.sqrt(12)
-    rows, columns = opacity.shape[-2:]
-    weighted = torch.stack([opacity, opacity * light], dim=-3)
-    blurred = _gaussian(rows, sigma).to(room) @ weighted @ _gaussian(columns, 0.5 * sigma).to(room)
-    covered, lit = blurred.unbind(-3)
-    return torch.stack([covered * room, lit / covered.clamp_min(1e-6)], dim=-3)
+    variants, _, rows, columns = textures.shape
+    sheets = [_ringed(_halved(textures, level)) for level in range(levels)]
+    if rounded:
+        sheets = [_rounded(sheet) for sheet in sheets]
+    size = torch.tensor([(rows >> level, columns >> level) for level in range(levels)] * variants)
+    counts, scale = (size + 2).prod(1), 0.5 ** torch.arange(levels)[:, None]
+    size = size.to(textures.device)
+    texels = torch.cat([sheet.flatten(2).movedim(1, 2) for sheet in sheets], dim=1).flatten(0, 1)
+    return Sheets(
+        texels=texels,
+        first=(counts.cumsum(0) - counts).to(textures.device),
+        size=size,
+        loop=(torch.tensor([[loop.begin, loop.length]]) * scale).repeat(variants, 1).to(textures.device),
+        extent=torch.stack([extent_of(sheet[:, 0].detach()) for sheet in sheets], dim=1).flatten(),
+        cells=cells_of(texels, size) if rounded else None,
+    )
 
 
-def _gaussian(n: int, sigma: float) -> Tensor:
-    """Matrix (n, n) that blurs n texels, with nothing beyond them."""
-    place = torch.arange(n)
-    spread = torch.arange(-n, n + 1)
-    total = torch.exp(-0.5 * (spread / sigma) ** 2).sum()
-    return torch.exp(-0.5 * ((place[:, None] - place) / sigma) ** 2) / total
+def _halved(textures: Tensor, times: int) -> Tensor:
+    if times == 0:
+        return textures
+    opacity, rest = textures[:, :1], textures[:, 1:]
+    covered, counted = (functional.avg_pool2d(part, 2**times) for part in (opacity, opacity * rest))
+    return torch.cat([covered, counted / covered.clamp_min(1e-6)], dim=1)
+
+
+def _ringed(textures: Tensor) -> Tensor:
+    """With the ring around them, and nothing in the corners."""
+    opacity, rest = functional.pad(textures, (1, 1, 1, 1), mode="replicate").split([1, textures.shape[1] - 1], dim=1)
+    return torch.cat([opacity * room_of(*textures.shape[2:]).to(opacity), rest], dim=1)
+
+
+def _rounded(sheet: Tensor) -> Tensor:
+    steps = torch.full((sheet.shape[1], 1, 1), float(BYTE)).to(sheet)
+    steps[1] = HALF
+    return (sheet * steps).round() / steps
 
 
 def extent_of(opacity: Tensor) -> Tensor:
     """Half widths (M,) from the curve, beyond which textures with this opacity (M, rows + 2, columns + 2) are empty."""
     rows = opacity.shape[1] - 2
-    distance = texel_distances(rows, opacity.shape[2] - 2 - rows).to(opacity)
+    distance = texel_distances(rows, opacity.shape[2] - 2).to(opacity)
     farthest = torch.where(opacity > 0, distance, -1.0).amax((1, 2))
-    margin = math.sqrt(2) * 2 * SPREAD / rows  # a texel is felt as far as the next one
+    margin = math.hypot(1, LONG) * 2 * SPREAD / rows  # a texel is felt as far as the next one
     return torch.where(farthest < 0, 0.0, farthest + margin)
 
 
-def cells_of(steps: Tensor) -> Tensor:
-    """The corners of each cell between four texels, as bytes of two words, so that a lookup is two loads.
+def cells_of(texels: Tensor, size: Tensor) -> Tensor:
+    """The corners of the cell below and to the right of each texel, as the bytes of one word: a lookup is one load.
 
-    ``steps`` (M, 2, rows, columns) are whole numbers: opacity 0 to 255, light -127 to 127. What comes is int32 (M,
-    rows - 1, columns - 1, 2): of opacity, and of light + 128, the corners above left, above right, below left and below
-    right, the lowest byte first.
+    ``texels`` (T, C) and ``size`` (M, 2) are those of `Sheets`, in whole steps of 8 bits. What comes is int64 (T,): in
+    the lower half opacity, in the upper one tone + 128, of the corners above left, above right, below left and below
+    right, the lowest byte first. A texel of the last row or column of a sheet begins no cell.
     """
-    whole = steps.long() + torch.tensor([0, 128], device=steps.device)[:, None, None]
-    corners = (whole[..., :-1, :-1], whole[..., :-1, 1:], whole[..., 1:, :-1], whole[..., 1:, 1:])
-    word = sum((corner << (8 * k) for k, corner in enumerate(corners)), start=torch.zeros_like(corners[0]))
-    return torch.where(word >= 2**31, word - 2**32, word).int().movedim(1, -1).contiguous()
+    stride = (size[:, 1] + 2).repeat_interleave((size + 2).prod(1))
+    whole = torch.stack([texels[:, 0] * BYTE, texels[:, 1] * HALF + 128]).round().long()
+    place, word = torch.arange(len(texels), device=texels.device), torch.zeros_like(whole)
+    for k, ahead in enumerate((torch.zeros_like(stride), torch.ones_like(stride), stride, stride + 1)):
+        word |= whole[:, (place + ahead).clamp_max(len(texels) - 1)] << (8 * k)
+    return word[0] | (word[1] << 32)

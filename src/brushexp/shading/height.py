@@ -16,7 +16,7 @@ from torch.nn import functional
 from brushexp.compositing.layers import SPREAD, Layers
 from brushexp.compositing.profile import Profile, smooth_rise
 from brushexp.compositing.textured_profile import TexturedProfile
-from brushexp.compositing.textures import cells_of, coordinates_of, extent_of, smoothed, texel_distances
+from brushexp.compositing.textures import HALF, Loop, Sheets, cells_of, coordinates_of, sheets_of
 from brushexp.compositing.windows import Windows
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.renderer.base import Renderer
@@ -29,9 +29,8 @@ THIN = 0.5  # pixels: a stroke thinner than about twice this is drawn so thick, 
 AT_ONCE = 256  # windows
 DENSE = 0.97  # coverage of a full film
 LIT = 0.8  # films by which paint is higher where it is white by light than where it has its own colour
-OPACITIES, LIGHTS = 255, 127  # steps in textures
 VARIANTS, LEVELS = 8, 5  # brushes of plain strokes; sizes, each half of the one before
-ROWS, COLUMNS = 48, 32  # texels across (to SPREAD half widths on either side) and along
+ROWS, COLUMNS = 48, 64  # texels of their textures, across and along
 KNOTS = 6  # along a stroke, between which bristles waver
 RAGGED = 0.2  # share by which the ends of bristles differ
 THINNEST = 0.1  # films, between bristles
@@ -124,20 +123,18 @@ def _as_layers(film: Tensor, opacity: Tensor) -> dict[str, Tensor]:
 
 def _plain(layers: Profile, film: Tensor, number: Tensor) -> TexturedProfile:
     """Strokes without a texture, with that of a brush."""
-    textures, extent, cells = (part.to(film.device) for part in _plain_brush(layers.taper))
+    sheets = _plain_brush(layers.taper, film.device)
     half = (layers.half_width.square() + THIN**2).sqrt()
     texel = half * (2 * SPREAD / ROWS)  # of the size whose texels are about as large as pixels
-    look = number % VARIANTS * LEVELS + texel.log2().neg().round().clamp(0, LEVELS - 1).long()
+    look = number % VARIANTS * LEVELS + texel.log2().neg().floor().clamp(0, LEVELS - 1).long()
     shown = _as_layers(film, layers.opacity * layers.half_width / half)
-    extent = extent.to(film.dtype)
-    return TexturedProfile(layers.curve, half, textures=textures, extent=extent, look=look, cells=cells, **shown)
+    once = torch.ones_like(look)
+    return TexturedProfile(layers.curve, half, look=look, repeats=once, flip=once, sheets=sheets, **shown)
 
 
 def _textured(layers: TexturedProfile, film: Tensor) -> TexturedProfile:
-    """Strokes with a texture, raised where its bristles left paint."""
-    textures, _, cells = _raised(layers.textures)
-    known = None if layers.cells is None else cells
-    return replace(layers, textures=textures, cells=known, **_as_layers(film, layers.opacity))
+    """Strokes with a texture, as high as it says."""
+    return replace(layers, sheets=_raised(layers.sheets), **_as_layers(film, layers.opacity))
 
 
 def _windows(layers: Windows, film: Tensor) -> Windows:
@@ -160,17 +157,19 @@ def thickness_of(coverage: Tensor, light: Tensor) -> Tensor:
     return (bare * (1 + LIT * light)).clamp(0, 1)
 
 
-@lru_cache(maxsize=1)  # a renderer's textures are the same tensor at every call
-def _raised(textures: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Textures (M, 2, rows, columns) of opacity and light as textures of opacity and thickness, extent and cells."""
-    opacity, light = textures.unbind(1)
-    return _packed(opacity, thickness_of(opacity, light))
+@lru_cache(maxsize=1)  # a renderer's textures are the same at every call
+def _raised(sheets: Sheets) -> Sheets:
+    """Textures of opacity and, in place of the tone, thickness - 1: their own, or what opacity and tone tell of it."""
+    opacity, tone = sheets.texels[:, 0], sheets.texels[:, 1]
+    thickness = sheets.texels[:, 2] if sheets.texels.shape[1] > 2 else thickness_of(opacity, tone)
+    texels = torch.stack([opacity, ((thickness - 1) * HALF).round() / HALF], dim=1)
+    return replace(sheets, texels=texels, cells=None if sheets.cells is None else cells_of(texels, sheets.size))
 
 
 @lru_cache(maxsize=4)
-def _plain_brush(taper: float) -> tuple[Tensor, Tensor, Tensor]:
+def _plain_brush(taper: float, device: torch.device) -> Sheets:
     """Textures for strokes that have none: VARIANTS brushes, each in LEVELS sizes, look = variant * LEVELS + level."""
-    across, t, before, beyond = coordinates_of(ROWS, COLUMNS)
+    across, t, before, beyond = (part[1:-1] for part in coordinates_of(ROWS, COLUMNS))
     half = (1 - taper * (2 * t - 1) ** 2).clamp_min(0.05)
     fine, coarse = _streaks(1.0), _streaks(3.0)
     ragged = 1 + RAGGED * (1 + coarse).clamp_min(0)  # some bristles touch down later and lift off earlier
@@ -179,26 +178,16 @@ def _plain_brush(taper: float) -> tuple[Tensor, Tensor, Tensor]:
     film = BODY * (1 + 0.5 * SPENT - SPENT * t) + FINE * fine + COARSE * coarse + RIDGE * ridge
     shoulder = 0.5 + smooth_rise((EDGE[1] - from_curve) / SHOULDER - 0.5)
     opacity = 0.5 + smooth_rise((EDGE[1] - from_curve) / (EDGE[1] - EDGE[0]) - 0.5).expand_as(film)
-    room = (texel_distances(ROWS, COLUMNS) < SPREAD - 2 * SPREAD / ROWS).float()
-    thickness = film.clamp(THINNEST, 1) * shoulder
-    levels = [smoothed(opacity * room, thickness, room, level) for level in range(LEVELS)]
-    return _packed(*torch.stack(levels, dim=1).flatten(0, 1).unbind(1))
-
-
-def _packed(opacity: Tensor, thickness: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Textures for painting from opacity and films, both (M, rows, columns) in [0, 1], in whole steps."""
-    steps = torch.stack([(opacity * OPACITIES).round(), ((thickness - 1) * LIGHTS).round()], dim=1)
-    textures = steps / torch.tensor([OPACITIES, LIGHTS]).to(steps)[:, None, None]
-    return textures, extent_of(textures[:, 0]), cells_of(steps)
+    textures = torch.stack([opacity, film.clamp(THINNEST, 1) * shoulder - 1], dim=1)
+    return sheets_of(textures.to(device), LEVELS, Loop(0, 0), rounded=True)
 
 
 def _streaks(spread: float) -> Tensor:
-    """Noise (VARIANTS, rows + 2, rows + columns + 2) of mean 0 and deviation 1: ``spread`` rows wide, and long."""
+    """Noise (VARIANTS, ROWS, COLUMNS) of mean 0 and deviation 1: ``spread`` rows wide, and long."""
     generator = torch.Generator().manual_seed(round(1000 * spread))
-    rows, columns = ROWS + 2, ROWS + COLUMNS + 2
-    knots = torch.randn(VARIANTS, rows, KNOTS, generator=generator)
+    knots = torch.randn(VARIANTS, ROWS, KNOTS, generator=generator)
     knots = 0.8 * knots[..., :1] + 0.6 * knots  # mostly the same bristles all the way
-    place = torch.arange(rows)
+    place = torch.arange(ROWS)
     blur = torch.exp(-0.5 * ((place[:, None] - place) / spread) ** 2)
-    noise = functional.interpolate(blur @ knots, columns, mode="linear", align_corners=True)
+    noise = functional.interpolate(blur @ knots, COLUMNS, mode="linear", align_corners=True)
     return (noise - noise.mean((1, 2), keepdim=True)) / noise.std((1, 2), keepdim=True)

@@ -26,7 +26,7 @@ from brushexp.training.discriminator_module import DiscriminatorModule, ShapeDat
 from brushexp.training.evaluation import FrechetDistance, HeldOutSheet, effl0_distance
 from brushexp.training.renderer_module import RendererModule
 
-DISTILLED_WINDOW = 256  # pixels of a window that a renderer may look at before training
+DISTILLED = {"window": 1024, "supersample": 1}  # options of an engine whose strokes a renderer looks at
 MAIN_FIGURES = ("psnr_alpha", "psnr_color", "accuracy", "auc")  # in the log
 TEST_STROKES = 1000  # at most, for the figures at the end
 
@@ -119,10 +119,10 @@ def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:
     renderer: Renderer = build(cfg.renderer)
     if cfg.renderer.get("checkpoint") is None:
         origin = data.origin
-        options = {**origin.engine_config, "window": max(DISTILLED_WINDOW, origin.window)}
+        options = {key: DISTILLED.get(key, value) for key, value in origin.engine_config.items()}
         engine = cache(partial(build_named, "engine", origin.engine, options))  # not made if nothing is distilled
         seed = data.sets[0].seed if data.sets else cfg.seed
-        renderer.distil(lambda parameters, first: engine()(parameters, seed=seed, first=first).images)
+        renderer.distil(lambda parameters, first: engine()(parameters, seed=seed, first=first))
     return renderer
 
 

@@ -20,6 +20,7 @@ from torch.utils.checkpoint import checkpoint
 from brushexp.compositing.layers import Layers
 from brushexp.compositing.windows import Windows
 from brushexp.errors import UserError
+from brushexp.plugins.engine.base import Simulated
 from brushexp.registry import plugins
 from brushexp.strokes.catalogue import Strokes, drawable
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, rewindow, strokes_of
@@ -94,11 +95,11 @@ class Renderer(nn.Module, ABC):
         """The nearest strokes that this renderer can draw; the painter applies it after every step."""
         return strokes
 
-    def distil(self, simulate: Callable[[Tensor, int], Tensor]) -> None:
+    def distil(self, simulate: Callable[[Tensor, int], Simulated]) -> None:
         """Take over what can be read directly off strokes of a simulator; called once, before training.
 
-        ``simulate`` makes pictures (n, 4, S, S) of strokes (n, 10), large enough to see details, as the simulator draws
-        those of a data set that begins with the given number: this decides the brushes.
+        ``simulate`` paints strokes (n, 10), large enough to see details, as the simulator paints those of a data set
+        that begins with the given number: this decides the brushes.
         """
 
     def convert(self, strokes: Strokes) -> Strokes:

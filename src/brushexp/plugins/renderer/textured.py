@@ -1,6 +1,5 @@
-"""Strokes with the look of a bristle brush: small textures along and across the stroke, drawn by compiled kernels."""
+"""Strokes with the look of a bristle brush: textures along and across the stroke, drawn by compiled kernels."""
 
-import math
 from collections.abc import Callable
 from typing import Annotated
 
@@ -11,39 +10,43 @@ from torch.nn import functional
 from brushexp.bounds import Bounds, between
 from brushexp.compositing.layers import SPREAD
 from brushexp.compositing.textured_profile import TexturedProfile
-from brushexp.compositing.textures import cells_of, coordinates_of, extent_of, smoothed, texel_distances
+from brushexp.compositing.textures import LONG, Loop, Sheets, cap_of, coordinates_of, sheets_of
+from brushexp.plugins.engine.base import Simulated
 from brushexp.plugins.renderer.base import RENDERERS, Renderer
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.prior import INSET, WIDTH
+from brushexp.strokes.prior import WIDTH
 
-FINE = 3  # in painting, steps of thickness between two widths of the textures
-BLURS = 4  # for texels down to an eighth of a pixel
+LEVELS = 6  # sizes of a texture, for texels down to a 64th of a pixel
 THIN = 0.5  # pixels: strokes do not get thinner than about twice this, but fainter
 LEAST_OPACITY = 5 / 255  # in painting, texels less opaque than this are left out: a stroke's reach is what it costs
-DARKEST = 0.35  # share of black in the darkest texel: shade between bristles, not black where paint is too thin to tell
-FADED, LIT = 0.003, 0.95  # opacities and light this near to their limits are kept off them, so that they can be trained
+FADED, LIT = 0.003, 0.95  # opacities and tones this near to their limits are kept off them, so that they can be trained
 SAMPLES = 4  # of a texel in each direction, when it is read off a picture
-BYTE = 255  # steps of opacity in painting; light has (BYTE - 1) / 2 to either side of 0
+STRETCH = 0.9  # half-windows from the middle to either end of a stroke that textures are read off
+FULL = 0.98  # share of texels with paint that are no higher than a full film
+TONE = 0.2  # share of white in the palest bristle, of black in the darkest
+AROUND = 0.35  # half widths over which paint is compared with the paint around it
+NODES = ((0.112702, 5 / 18), (0.5, 4 / 9), (0.887298, 5 / 18))  # of Gauss and Legendre's rule
 
 
 @register("renderer", "textured")
 class Textured(Renderer):
     """Bezier stroke with the texture of a bristle brush, looked up along and across the curve.
 
-    There are several textures: a stroke's number decides which variant it has, always the same one, and its thickness
-    against its window between which two ``widths`` it lies. A texture that would be finer than the pixels is smoothed
-    first, so that small strokes neither flicker nor have wild gradients. A stroke thinner than a pixel fades.
+    There are several textures: a stroke's number decides which variant it has and whether it is turned over, always the
+    same way. A texture does not stretch with the stroke: beginning and end are as long as the stroke is thick, and
+    between them a longer stroke has more of the piece that repeats. One that would be finer than the pixels is looked
+    up in a smaller size, so that small strokes neither flicker nor have wild gradients. A stroke thinner than a pixel
+    fades.
 
-    In painting (frozen weights) textures are kept in 8 bits, and the thickness is rounded to one of a few: what is lost
-    is less than can be seen, and the derivative of the texture with respect to the thickness.
+    The colour varies along bristles, but holds no light: that comes from the height of the finished paint, which the
+    textures have besides (`shading`). In painting (frozen weights) they are kept in 8 bits.
 
     Args:
-        variants: how many different brushes.
-        widths: textures of a brush from the thinnest to the thickest stroke, evenly on a logarithmic scale.
-        rows: texels across; even. They reach to ``SPREAD`` half widths on either side.
-        columns: texels from the start of the curve to its end; the caps beyond have the size of the others across.
+        variants: how many different textures.
+        rows: texels across, to ``SPREAD`` half widths on either side.
+        columns: texels along, ``LONG`` times as long, beyond the ends too.
         checkpoint: trained weights: a .safetensors file, or the name of one that comes with the program; null for
             bristles drawn at random.
     """
@@ -52,123 +55,157 @@ class Textured(Renderer):
         self,
         *,
         variants: Annotated[int, between(1, 256)] = 8,
-        widths: Annotated[int, between(1, 256)] = 4,
-        rows: Annotated[int, Bounds(4, 256, step=2)] = 24,
-        columns: Annotated[int, between(1, 256)] = 32,
+        rows: Annotated[int, Bounds(16, 256, step=16)] = 96,
+        columns: Annotated[int, Bounds(32, 1024, step=32)] = 256,
         checkpoint: str | None = RENDERERS.shipped_name("textured"),
     ) -> None:
         super().__init__()
-        self.variants, self.widths = variants, widths
-        self.textures = nn.Parameter(bristles(variants, widths, rows, columns))
-        room = texel_distances(rows, columns) < SPREAD - 2 * SPREAD / rows
-        self.register_buffer("room", room.float(), persistent=False)
-        self._ready: tuple[object, tuple[Tensor, Tensor, Tensor]] | None = None
-
-    room: Tensor
+        self.variants = variants
+        self.loop = Loop(3 * columns // 8, 3 * columns // 8)
+        self.textures = nn.Parameter(bristles(variants, rows, columns))
+        self._ready: tuple[object, Sheets] | None = None
 
     def forward(self, strokes: Strokes, number: Tensor | None = None) -> TexturedProfile:
         number = torch.arange(len(strokes), device=strokes.position.device) if number is None else number
-        half = half_width_of(strokes)
+        curve, half = curve_of(strokes), half_width_of(strokes)
         softened = (half.square() + THIN**2).sqrt()
-        place = (strokes.width.clamp(*WIDTH) / WIDTH[0]).log() * ((self.widths - 1) / math.log(WIDTH[1] / WIDTH[0]))
-        texel = 2 * SPREAD / (self.room.shape[0] - 2) * softened.detach()  # pixels
-        blur = texel.clamp_min(1e-9).log2().neg().round().clamp(0, BLURS - 1).long()
-        trained = self.training or (self.textures.requires_grad and torch.is_grad_enabled())
-        choose = self._between if trained else self._nearest
-        textures, extent, look, cells = choose(number % self.variants, place, blur)
-        opacity = strokes.opacity * half / softened
-        return TexturedProfile(curve_of(strokes), softened, strokes.color, opacity, textures, extent, look, cells)
+        per_half = self.textures.shape[2] / (2 * SPREAD)  # texels
+        finer = (per_half / softened.detach()).clamp(1e-3, 1e9).log2().floor()
+        variant, flip = number % self.variants, 1 - 2 * (number // self.variants % 2)
+        return TexturedProfile(
+            curve,
+            softened,
+            strokes.color,
+            strokes.opacity * half / softened,
+            look=variant * self.levels + finer.clamp(0, self.levels - 1).long(),
+            repeats=self._repeats(curve.detach(), softened.detach()),
+            flip=flip,
+            sheets=self._sheets(),
+        )
+
+    @property
+    def levels(self) -> int:
+        """Sizes of a texture: each of its pieces is whole columns in all of them."""
+        return min(LEVELS, (self.loop.begin & -self.loop.begin).bit_length(), self.textures.shape[2].bit_length() - 1)
+
+    def _repeats(self, curve: Tensor, half: Tensor) -> Tensor:
+        """How often each stroke (N,) has the piece that repeats, so that texels are about as long as they should be."""
+        start, control, end = curve.unbind(1)
+        velocity = (2 * ((1 - t) * (control - start) + t * (end - control)) for t, _ in NODES)
+        length = sum((w * v.norm(dim=1) for v, (_, w) in zip(velocity, NODES, strict=True)), torch.zeros_like(half))
+        rows, columns = self.textures.shape[2:]
+        along = length / half * (rows / (2 * SPREAD * LONG))  # columns that the curve has room for
+        once = columns - 2 * cap_of(rows)
+        return ((along - once) / self.loop.length + 1).round().clamp_min(0).long()
 
     @torch.no_grad()
-    def distil(self, simulate: Callable[[Tensor, int], Tensor]) -> None:
-        """Read the textures off straight strokes: of each brush one as thick as each of the ``widths``."""
-        place = torch.linspace(0, 1, self.widths) if self.widths > 1 else torch.full((1,), 0.5)
-        thickness = WIDTH[0] * (WIDTH[1] / WIDTH[0]) ** place
-        parameters = torch.zeros(self.widths, 10)
-        parameters[:, 0], parameters[:, 4] = -INSET, INSET
-        parameters[:, 6] = (2 * thickness - sum(WIDTH)) / (WIDTH[1] - WIDTH[0])
+    def distil(self, simulate: Callable[[Tensor, int], Simulated]) -> None:
+        """Read the textures off straight strokes, each painted with another brush."""
+        rows, columns = self.textures.shape[2:]
+        long = columns + columns // 2
+        width = STRETCH * rows / (2 * SPREAD * LONG) / (0.5 * long - cap_of(rows))  # of the window
+        parameters = torch.zeros(1, 10)
+        parameters[:, 0], parameters[:, 4] = -STRETCH, STRETCH
+        parameters[:, 6] = (2 * width - sum(WIDTH)) / (WIDTH[1] - WIDTH[0])
         for variant in range(self.variants):
-            for k in range(self.widths):  # one by one, for the number decides the brush
-                picture = simulate(parameters[k : k + 1], variant)[0]
-                self.textures[variant, k] = unrolled(picture, float(thickness[k]), *self.textures.shape[3:])
+            painted = simulate(parameters, variant)
+            seen = torch.stack([painted.images[0, 3], painted.heights[0]])
+            self.textures[variant] = raw_of(shortened(unrolled(seen, width, rows, long), columns, self.loop))
 
-    def _between(self, variant: Tensor, place: Tensor, blur: Tensor) -> tuple[Tensor, Tensor, Tensor, None]:
-        """A texture for each stroke, differentiable in its thickness and in what is trained."""
-        looks = self._looks()
-        low = place.detach().floor().clamp(0, max(self.widths - 2, 0)).long()
-        part = (place - low)[:, None, None, None].to(looks)
-        high = (low + 1).clamp_max(self.widths - 1)
-        textures = torch.lerp(looks[variant, low, blur], looks[variant, high, blur], part)
-        count = torch.arange(len(variant), device=variant.device)
-        return textures, extent_of(self.room[None]).to(place.dtype).expand(len(count)), count, None
-
-    def _nearest(self, variant: Tensor, place: Tensor, blur: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """The textures for painting, and which of them each stroke has."""
+    def _sheets(self) -> Sheets:
+        if self.training or (self.textures.requires_grad and torch.is_grad_enabled()):
+            return self._made(rounded=False)
         key = (self.textures._version, self.textures.data_ptr(), self.textures.device)
         if self._ready is None or self._ready[0] != key:
             with torch.inference_mode(False), torch.no_grad():
-                self._ready = (key, self._prepare())
-        textures, extent, cells = self._ready[1]
-        level = (place.detach() * FINE).round().long()
-        look = (variant * ((self.widths - 1) * FINE + 1) + level) * BLURS + blur
-        return textures, extent.to(place.dtype), look, cells
+                self._ready = (key, self._made(rounded=True))
+        return self._ready[1]
 
-    def _looks(self) -> Tensor:
-        """(variants, widths, BLURS, 2, rows + 2, rows + columns + 2) as `TexturedProfile` has it."""
-        raw = functional.pad(self.textures.flatten(0, 1), (1, 1, 1, 1), mode="replicate")
-        opacity, light = raw.unflatten(0, (self.variants, self.widths)).unbind(2)
-        opacity, light = opacity.sigmoid() * self.room, light.tanh() * torch.where(light > 0, 1.0, DARKEST)
-        return torch.stack([smoothed(opacity, light, self.room, level) for level in range(BLURS)], dim=2)
-
-    def _prepare(self) -> tuple[Tensor, Tensor, Tensor]:
-        looks = self._looks()
-        place = torch.arange((self.widths - 1) * FINE + 1, device=looks.device, dtype=looks.dtype) / FINE
-        low = place.floor().clamp(0, max(self.widths - 2, 0)).long()
-        part = (place - low)[:, None, None, None, None]
-        looks = torch.lerp(looks[:, low], looks[:, (low + 1).clamp_max(self.widths - 1)], part).flatten(0, 2)
-        opacity, light = looks.unbind(1)
-        half = (BYTE - 1) // 2
-        bytes_ = torch.stack([(opacity * (opacity >= LEAST_OPACITY) * BYTE).round(), (light * half).round()], dim=1)
-        textures = bytes_ / torch.tensor([BYTE, half], device=looks.device)[:, None, None]
-        return textures, extent_of(textures[:, 0]), cells_of(bytes_)
+    def _made(self, *, rounded: bool) -> Sheets:
+        opacity, tone, height = self.textures.unbind(1)
+        opacity = opacity.sigmoid()
+        if rounded:
+            opacity = opacity * (opacity >= LEAST_OPACITY)
+        textures = torch.stack([opacity, tone.tanh(), height.sigmoid()], dim=1)
+        return sheets_of(textures, self.levels, self.loop, rounded=rounded)
 
 
-def unrolled(picture: Tensor, width: float, rows: int, length: int) -> Tensor:
-    """The texture (2, rows, length), before sigmoid and tanh, of a straight grey stroke; caps are part of its length.
+def unrolled(seen: Tensor, width: float, rows: int, columns: int) -> Tensor:
+    """Texels (C, rows, columns) of a straight stroke in pictures ``seen`` (C, S, S), ``width`` windows thick.
 
-    ``picture`` (4, S, S) shows it from (-INSET, 0) to (INSET, 0) half-windows, ``width`` windows thick, in middle grey.
+    It goes from (-STRETCH, 0) to (STRETCH, 0) half-windows.
     """
-    across, t, before, beyond = (part[1:-1] for part in coordinates_of(rows, length - rows))
-    x = INSET * (2 * t - 1) + width * (before + beyond)  # half-windows; half a width is `width` of them
+    across, t, before, beyond = (part[1:-1] for part in coordinates_of(rows, columns))
+    x = STRETCH * (2 * t - 1) + width * (before + beyond)  # half-windows; half a width is `width` of them
     within = (torch.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
-    step_x = torch.gradient(x)[0]
-    x = (x[:, None] + within * step_x[:, None]).flatten()
+    x = (x[:, None] + within * torch.gradient(x)[0][:, None]).flatten()
     y = (width * (across[:, None] + within * (2 * SPREAD / rows))).flatten()
     places = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1)[None]
-    seen = torch.cat([picture[:3].mean(0, keepdim=True) * picture[3:], picture[3:]])  # premultiplied grey, alpha
-    fine = functional.grid_sample(seen[None], places, align_corners=False)
-    grey, alpha = functional.avg_pool2d(fine, SAMPLES)[0]
-    light = 2 * grey / alpha.clamp_min(1e-3) - 1
-    light = torch.where(light > 0, light, light / DARKEST) * (alpha > LEAST_OPACITY)
-    return torch.stack([alpha.clamp(FADED, 1 - FADED).logit(), light.clamp(-LIT, LIT).atanh()])
+    return functional.avg_pool2d(functional.grid_sample(seen[None], places, align_corners=False), SAMPLES)[0]
 
 
-def bristles(variants: int, widths: int, rows: int, columns: int) -> Tensor:
-    """Textures (variants, widths, 2, rows, rows + columns) of brushes drawn at random, the same ones every time.
+def shortened(texels: Tensor, columns: int, loop: Loop) -> Tensor:
+    """Texels (C, rows, columns) of a long stroke's beginning and then of its end, which holds the ``loop``.
 
-    Before sigmoid (opacity) and tanh (light). The thicker the stroke, the more the bristles show.
+    What is left out lies between them, so that what comes after the beginning is steady.
+    """
+    result = looped(texels[..., -columns:], loop)
+    part = torch.cat([torch.zeros(loop.begin // 2), torch.linspace(0, 1, loop.begin - loop.begin // 2)])
+    result[..., : loop.begin] = torch.lerp(texels[..., : loop.begin], result[..., : loop.begin], part)
+    return result
+
+
+def looped(texels: Tensor, loop: Loop) -> Tensor:
+    """Texels (C, rows, columns) whose ``loop`` follows itself, and whose end follows the beginning, without a seam.
+
+    The second half of the loop goes over into what comes before it, what comes after it begins as the loop does. (The
+    beginning of a loop must be as long as half of it, the end as the rest.)
+    """
+    result, half = texels.clone(), loop.length // 2
+    after = loop.begin + loop.length
+    part = torch.linspace(0, 1, half + 1)[1:]
+    result[..., after - half : after] = torch.lerp(
+        texels[..., after - half : after], texels[..., loop.begin - half : loop.begin], part
+    )
+    ahead = min(half, (texels.shape[2] - after) // 2)
+    part = torch.linspace(0, 1, ahead + 1)[:-1]
+    result[..., after : after + ahead] = torch.lerp(
+        texels[..., loop.begin : loop.begin + ahead], texels[..., after : after + ahead], part
+    )
+    return result
+
+
+def raw_of(texels: Tensor) -> Tensor:
+    """Texture (3, rows, columns), before sigmoid, tanh and sigmoid, of texels (2, rows, columns): coverage, height.
+
+    Where there is more paint than around it, bristles hold more pigment and are paler; where there is less, darker.
+    """
+    coverage, height = texels.clamp_min(0)
+    films = (height / height[coverage > 0.5].quantile(FULL).clamp_min(1e-6)).clamp(0, 1)
+    rows = height.shape[0]
+    spread = 2 * round(0.5 * AROUND * rows / (2 * SPREAD)) + 1
+    around, known = (
+        functional.avg_pool2d(part[None], (spread, spread), 1, spread // 2)[0] for part in (coverage * films, coverage)
+    )
+    tone = TONE * torch.tanh(4 * (films - around / known.clamp_min(1e-3))) * (coverage > LEAST_OPACITY)
+    parts = (coverage.clamp(FADED, 1 - FADED).logit(), tone.clamp(-LIT, LIT).atanh())
+    return torch.stack([*parts, films.clamp(FADED, 1 - FADED).logit()])
+
+
+def bristles(variants: int, rows: int, columns: int) -> Tensor:
+    """Textures (variants, 3, rows, columns) of brushes drawn at random, the same ones every time.
+
+    Before sigmoid (opacity), tanh (tone) and sigmoid (height).
     """
     generator = torch.Generator().manual_seed(0)
-    load, begin, finish, ridge = torch.randn(4, variants, 1, rows, 1, generator=generator)
-    waver = functional.interpolate(  # what changes along a bristle
-        torch.randn(variants, rows, 8, generator=generator), rows + columns, mode="linear", align_corners=True
-    )[:, None]
-    v, t, before, beyond = (part[1:-1] for part in coordinates_of(rows, columns))
-    thick = torch.linspace(0.3, 1, widths)[:, None, None]
-    side = 14 * (0.95 + 0.1 * thick * load - v.abs()[:, None])
-    start = 9 * (before + 0.1 + 0.3 * thick * begin) + 6 * t
-    end = 14 * (0.1 + 0.2 * thick * finish - beyond) + 12 * (1 - t)
-    full = 2.5 + thick * (load + 0.7 * waver)
+    load, begin, finish = torch.randn(3, variants, rows, 1, generator=generator)
+    waver = torch.randn(variants, rows, 8, generator=generator)  # what changes along a bristle
+    waver = functional.interpolate(waver, columns, mode="linear", align_corners=True)
+    v, _, before, beyond = (part[1:-1] for part in coordinates_of(rows, columns))
+    side = 14 * (1 + 0.05 * load - v.abs()[:, None])
+    start = 9 * (before + 0.3 + 0.2 * begin)
+    end = 14 * (0.2 + 0.1 * finish - beyond)
+    full = 2.5 + 0.6 * (load + 0.7 * waver)
     opacity = torch.minimum(torch.minimum(side, start), torch.minimum(end, full)).clamp(-6, 6)
-    light = 0.15 * thick * (load + waver) + 0.5 * (thick * (ridge + 0.5 * waver) - 1.5).clamp_min(0)
-    return torch.stack([opacity, light], dim=2)
+    textures = torch.stack([opacity, 0.1 * (load + waver), load + waver], dim=1)
+    return torch.stack([looped(texture, Loop(3 * columns // 8, 3 * columns // 8)) for texture in textures])
