@@ -187,7 +187,7 @@ def test_distilled_strokes_look_like_those_of_the_engine():
     before = off()
     renderer.distil(lambda parameters, first: engine(parameters, seed=3, first=first))
     assert off() < 0.8 * before
-    tone, height = renderer.textures[:, 1].tanh(), renderer.textures[:, 2].sigmoid()
+    tone, height = (part.detach() for part in (renderer.textures[:, 1].tanh(), renderer.textures[:, 2].sigmoid()))
     assert tone.std() > 0.01
     assert abs(float(tone.mean())) < 0.05, "no light: as much paler as darker"
     assert height.amax((1, 2)).min() > 0.9
