@@ -149,12 +149,13 @@ def test_wet_strokes_drag_what_lies_under_their_starts():
     target, parts = torch.zeros(3, 40, 80), standard_components(steps=0, order=FixedOrder())
     catalogue = Catalogue(Strokes.join(below, above, away), parts.optimizer.units)
     painter = Painter(catalogue, parts, target, torch.full((3,), 0.5), seed=0)
-    picked = under_starts(painter.strokes(), painter.depth.front_to_back, painter.picture)
-    torch.testing.assert_close(picked, torch.stack([torch.full((3,), 0.5), below.color[0], away.color[0]]))
+    picked, covered = under_starts(painter.strokes(), painter.depth.front_to_back, painter.picture)
+    torch.testing.assert_close(covered, torch.tensor([0.0, 1.0, 0.0]))
+    torch.testing.assert_close(picked[1], below.color[0])
     dry, order = wetted(painter, 0.0)
     assert len(dry) == 3
     strokes, wet_order = wetted(painter, 1.0)
-    assert len(strokes) == 3 + 2 * 3
+    assert len(strokes) == 3 + 4, "a bare canvas is dry"
     torch.testing.assert_close(strokes[:3].color, dry.color)
     before, after = painter.picture.draw(dry, order), painter.picture.draw(strokes, wet_order)
     reds = after[0, 20, [34, 46, 58, 68]]

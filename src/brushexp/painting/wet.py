@@ -13,10 +13,11 @@ from brushexp.plugins.blend.dense import over
 from brushexp.strokes.bezier import curve_of, unfinished
 from brushexp.strokes.catalogue import Strokes
 
-REACHES = (0.9, 0.6, 0.3)  # of the curve: how far each film of what was picked up is carried, the lowest first
+REACHES = (0.9, 0.65, 0.4, 0.2)  # of the curve: how far each film of what was picked up is carried, the lowest first
 MOST = 0.8  # share of picked-up paint at the start of a stroke with wet=1
 NARROWER = 0.9  # width of these films, in widths of the stroke
 ALIKE = 0.02  # a difference of colour, in every channel, that is not worth a film
+LEAST = 0.1  # of the canvas that has to be covered under a start; a bare canvas is dry
 STARTS = 1024  # that are looked at together
 
 
@@ -32,29 +33,32 @@ def wetted(painter: Painter, wet: float) -> tuple[Strokes, Tensor]:
     strokes, front_to_back = painter.strokes(), painter.depth.front_to_back
     if not wet or not len(strokes):
         return strokes, front_to_back
-    picked = under_starts(strokes, front_to_back, painter.picture)
-    dragging = ((picked - strokes.color).abs().amax(1) > ALIKE).nonzero()[:, 0]
+    picked, covered = under_starts(strokes, front_to_back, painter.picture)
+    dragging = (((picked - strokes.color).abs().amax(1) > ALIKE) & (covered > LEAST)).nonzero()[:, 0]
     share = 1 - (1 - MOST * wet) ** (1 / len(REACHES))
     found, height = [strokes], [torch.empty_like(front_to_back)]
     height[0][front_to_back] = torch.arange(len(strokes), 0, -1, device=front_to_back.device) * (len(REACHES) + 1)
     for k, reach in enumerate(REACHES, start=1):
         film = unfinished(strokes[dragging], torch.full_like(strokes.width[dragging], reach))
-        changes = {"color": picked[dragging], "opacity": share * film.opacity, "width": NARROWER * film.width}
+        changes = {
+            "color": picked[dragging],
+            "opacity": share * covered[dragging] * film.opacity,
+            "width": NARROWER * film.width,
+        }
         found.append(painter.renderer.clamp(Strokes(**{**dict(film.items()), **changes})))
         height.append(height[0][dragging] + k)
     return Strokes.join(*found), torch.cat(height).argsort(descending=True)
 
 
 @torch.no_grad()
-def under_starts(strokes: Strokes, front_to_back: Tensor, picture: Picture) -> Tensor:
-    """Colour (N, 3) of what lies under the start of each stroke; its own where that is off the canvas."""
-    place, colors = front_to_back.argsort(), strokes.color.clone()
+def under_starts(strokes: Strokes, front_to_back: Tensor, picture: Picture) -> tuple[Tensor, Tensor]:
+    """Colour (N, 3) of the paint that lies under the start of each stroke, and how far (N,) it covers the canvas."""
+    place, colors, covered = front_to_back.argsort(), strokes.color.clone(), torch.zeros_like(strokes.opacity)
     space = picture.blend.space
     for top, rows, number in cuts(strokes, picture.size, picture.renderer):
         part, size = strokes[number].moved(shift=(0, -top)), (rows, picture.size[1])
-        layers, bare = picture.renderer(part, number), picture.background.to(colors)
-        if space is not None:
-            layers, bare = layers.encoded(space.encode), space.encode(bare)
+        layers = picture.renderer(part, number)
+        layers = layers if space is None else layers.encoded(space.encode)
         start = curve_of(part)[:, 0]
         inside = ((start >= 0) & (start < start.new_tensor([size[1], size[0]]))).all(1).nonzero()[:, 0]
         if not len(inside):
@@ -65,15 +69,17 @@ def under_starts(strokes: Strokes, front_to_back: Tensor, picture: Picture) -> T
         tile = (start[inside] // TILE).long()
         tile = tile[:, 1] * -(-size[1] // TILE) + tile[:, 0]
         chunks = zip(inside.split(STARTS), tile.split(STARTS), strict=True)
-        found = torch.cat([_below(layers, lists[of], rank, some, start[some], bare) for some, of in chunks])
+        parts = [_below(layers, lists[of], rank, some, start[some]) for some, of in chunks]
+        found, covered[number[inside]] = (torch.cat(part) for part in zip(*parts, strict=True))
         shown = found if space is None else space.decode(found.T[:, :, None])[:, :, 0].T
         colors[number[inside]] = shown.clamp(0, 1)
-    return colors
+    return colors, covered
 
 
-def _below(layers: Layers, index: Tensor, rank: Tensor, number: Tensor, point: Tensor, bare: Tensor) -> Tensor:
-    """Colour (n, C) at points (n, 2) of those strokes of lists (n, K) that lie below strokes ``number`` (n,)."""
+def _below(layers: Layers, index: Tensor, rank: Tensor, number: Tensor, point: Tensor) -> tuple[Tensor, Tensor]:
+    """Colour (n, C) and coverage (n,) at points (n, 2) of strokes of lists (n, K) that lie below those ``number`` (n,)."""
     alpha, color = layers.sample(index.clamp_min(0), point[:, None])  # (n, K, 1), (n, K, 1, C)
     below = (index >= 0) & (rank[index.clamp_min(0)] > rank[number][:, None])
     painted, light = over(alpha * below[..., None], color)
-    return painted[:, 0] + light * bare
+    covered = 1 - light
+    return painted[:, 0] / covered.clamp_min(1e-6), covered[:, 0]
