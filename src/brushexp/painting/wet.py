@@ -1,5 +1,7 @@
 """Wet paint: a stroke picks up what lies under its start, and carries it along until it is spent."""
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor
 
@@ -40,12 +42,8 @@ def wetted(painter: Painter, wet: float) -> tuple[Strokes, Tensor]:
     height[0][front_to_back] = torch.arange(len(strokes), 0, -1, device=front_to_back.device) * (len(REACHES) + 1)
     for k, reach in enumerate(REACHES, start=1):
         film = unfinished(strokes[dragging], torch.full_like(strokes.width[dragging], reach))
-        changes = {
-            "color": picked[dragging],
-            "opacity": share * covered[dragging] * film.opacity,
-            "width": NARROWER * film.width,
-        }
-        found.append(painter.renderer.clamp(Strokes(**{**dict(film.items()), **changes})))
+        opacity, width = share * covered[dragging] * film.opacity, NARROWER * film.width
+        found.append(painter.renderer.clamp(replace(film, color=picked[dragging], opacity=opacity, width=width)))
         height.append(height[0][dragging] + k)
     return Strokes.join(*found), torch.cat(height).argsort(descending=True)
 
@@ -77,7 +75,7 @@ def under_starts(strokes: Strokes, front_to_back: Tensor, picture: Picture) -> t
 
 
 def _below(layers: Layers, index: Tensor, rank: Tensor, number: Tensor, point: Tensor) -> tuple[Tensor, Tensor]:
-    """Colour (n, C) and coverage (n,) at points (n, 2) of strokes of lists (n, K) that lie below those ``number`` (n,)."""
+    """Colour (n, C) and coverage (n,) at points (n, 2) of what in lists (n, K) lies below strokes ``number`` (n,)."""
     alpha, color = layers.sample(index.clamp_min(0), point[:, None])  # (n, K, 1), (n, K, 1, C)
     below = (index >= 0) & (rank[index.clamp_min(0)] > rank[number][:, None])
     painted, light = over(alpha * below[..., None], color)
