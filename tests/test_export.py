@@ -6,6 +6,7 @@ import json
 import math
 import re
 import xml.etree.ElementTree as ET
+import zlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ from brushexp.plugins.export.png import Png, pixels
 from brushexp.plugins.export.svg import Svg, soft_edge
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build_named, plugins
+from brushexp.shading.light import Light
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import FIELDS, Strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
@@ -229,6 +231,63 @@ def test_no_name_of_a_file_breaks_the_svg(source, tmp_path):
     assert f"from {seen};" in root.find("{http://www.w3.org/2000/svg}desc").text
     tags = {element.tag.rpartition("}")[2] for element in root.iter()}
     assert tags == {"svg", "title", "desc", "clipPath", "g", "path"}
+
+
+@pytest.mark.parametrize(("zoom", "least"), [(1, 45), (3, 30)])
+def test_textured_strokes_in_the_light_are_in_the_svg_as_they_are(zoom, least, tmp_path, monkeypatch):
+    monkeypatch.setattr("brushexp.plugins.export.svg.MOST_PIXELS", 1e5)  # too few for strokes three times as large
+    strokes = random_strokes(150, (96, 128), width=(0.1, 0.4), bend=0.3).moved(zoom=zoom)
+    textured = build_named("renderer", "textured", {}).eval()
+    what = replace(job_of(strokes, (96 * zoom, 128 * zoom)), renderer=textured, light=Light(depth=1.0))
+    (path,) = Svg().write(what, tmp_path)
+    assert psnr(drawn(path.read_bytes()), pixels(what)) > least
+    numbers = re.findall('id="stroke-([0-9]+)"', path.read_text())
+    order = [number for number in what.bottom_up.tolist() if str(number) in numbers]
+    assert numbers == [str(number) for number in order]
+    assert len(numbers) > 70
+    (path,) = Svg(paths=True).write(what, tmp_path)
+    assert "<image" not in path.read_text()
+
+
+@pytest.mark.parametrize("name", ["png", "pdf"])
+def test_a_print_has_its_size_on_paper_and_the_same_pixels(name, tmp_path):
+    options = {"size_cm": "6x2.5", "dpi": 80}
+    (path,) = build_named("to", name, options).write(job_of(some()), tmp_path)
+    large = job_of(some()).scaled(114 / 52)
+    assert large.size == (79, 114)
+    data = path.read_bytes()
+    if name == "png":
+        with Image.open(path) as image:
+            assert image.info["dpi"] == pytest.approx((80, 80), abs=0.02)
+            read = np.asarray(image)
+    else:
+        assert b"/MediaBox [0 0 102.6000 71.1000]" in data
+        for number, place in enumerate(re.findall(rb"(\d{10}) 00000 n", data), start=1):
+            assert data[int(place) :].startswith(b"%d 0 obj" % number)
+        assert data[int(re.search(rb"startxref\n(\d+)", data)[1]) :].startswith(b"xref")
+        begin, length = data.index(b"stream\n", data.index(b"5 0 obj")) + 7, int(re.search(rb"6 0 obj\n(\d+)", data)[1])
+        rows = np.frombuffer(zlib.decompress(data[begin : begin + length]), np.uint8).reshape(79, 1 + 3 * 114)
+        assert (rows[:, 0] == 2).all()
+        read = np.cumsum(rows[:, 1:], axis=0, dtype=np.uint8).reshape(79, 114, 3)
+    np.testing.assert_array_equal(read, pixels(large))
+
+
+@pytest.mark.parametrize("options", [{"size_cm": "60"}, {"size_cm": "600x400", "dpi": 9000}, {"size_cm": "0x0"}])
+def test_a_size_on_paper_that_cannot_be_is_refused(options, tmp_path):
+    with pytest.raises(UserError, match=r"to\.png\.size_cm=.*try to\.png\."):
+        build_named("to", "png", options).write(job_of(some(2)), tmp_path)
+
+
+def test_the_weave_of_the_canvas_is_the_same_in_bands_and_keeps_the_colours(tmp_path, monkeypatch):
+    pictures = []
+    for width in (2**20, 60):
+        monkeypatch.setattr("brushexp.compositing.bands.BAND", width * 7)
+        (path,) = Png(weave=0.5).write(job_of(some()), tmp_path)
+        pictures.append(np.asarray(Image.open(path)).astype(int))
+    assert np.abs(pictures[0] - pictures[1]).max() <= 1
+    away = pictures[0] - pixels(job_of(some())).astype(int)
+    assert np.abs(away).max() > 8
+    assert np.abs(away.mean()) < 3
 
 
 def exported(what: Saved, folder: Path) -> Path:

@@ -13,9 +13,10 @@ from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.blend.topk import TopK
 from brushexp.plugins.export.base import ExportJob
-from brushexp.plugins.export.process import Process, fitted, schedule, states
+from brushexp.plugins.export.process import Process, fitted, lit_states, schedule, states
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build_named
+from brushexp.shading.light import Light
 from brushexp.strokes.bezier import curve_of, point_at, unfinished
 from brushexp.system.files import to_bytes
 
@@ -40,6 +41,15 @@ def whole(job: ExportJob, counts: list[int]) -> list[np.ndarray]:
 
 def painting(job: ExportJob) -> np.ndarray:
     return np.concatenate([to_bytes(band) for _, band in job.bands()])
+
+
+def test_under_a_lamp_every_state_is_the_lit_painting_of_its_strokes():
+    job = replace(export_job(renderer=build_named("renderer", "textured", {}).eval()), light=Light(depth=2.0))
+    bare, half, last = (to_bytes(state) for state in lit_states(job, whole(job, [0, 17, 40])))
+    assert np.abs(last.astype(int) - painting(job)).max() <= 1
+    assert np.abs(last.astype(int) - painting(replace(job, light=Light()))).max() > 8
+    assert (bare == bare[0, 0]).all()
+    assert np.abs(half.astype(int) - last).max() > 8
 
 
 @pytest.mark.parametrize(("renderer", "blend"), [

@@ -7,22 +7,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from catalogues import catalogue
 from dabs import DabRenderer
 from PIL import Image
 from scenes import Windowed, random_strokes, straight
 
+from brushexp.app.tasks import export, paint
 from brushexp.compositing import bands as banding
 from brushexp.errors import UserError
+from brushexp.painting import outputs
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.relief import Relief
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.textured import Textured
 from brushexp.registry import build_named, plugins
-from brushexp.shading.height import CARRIED, FILM, Impasto, height_of, typical_width
+from brushexp.shading.height import CARRIED, FILM, Impasto, typical_width
 from brushexp.shading.light import Light, normals_of, shaded
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.storage import load_catalogue
 
 RENDERERS = {"plain": Analytic(), "pointed": Analytic(taper=1.0), "bristles": Textured(checkpoint=None)}
 RENDERERS |= {"windows": Windowed(), "another kind": DabRenderer()}
@@ -56,7 +60,7 @@ def test_heights_are_those_of_strokes_laid_one_after_another(name):
             a = (alpha / CARRIED).reshape(size)  # of the stroke itself
             t = (color[..., 0] * CARRIED).expand(1, 1, -1).reshape(size)
             height = height * (1 - CARRIED * a) + a * t
-    found = height_of(job)
+    found = job.height()
     assert found.dtype == np.float32
     assert found.max() > 0
     np.testing.assert_allclose(found, height.numpy(), atol=2e-4)
@@ -67,7 +71,7 @@ def test_every_renderer_has_heights_between_the_canvas_and_the_thickest_paint(na
     renderer = build_named("renderer", name, {})
     strokes = renderer.clamp(thick(6, (20, 30)))
     with torch.no_grad():
-        height = height_of(export_job(strokes, (20, 30), renderer=renderer))
+        height = export_job(strokes, (20, 30), renderer=renderer).height()
     assert np.isfinite(height).all()
     assert height.min() >= 0
     thickest = 2 * float(half_width_of(strokes).max())
@@ -78,11 +82,11 @@ def test_every_renderer_has_heights_between_the_canvas_and_the_thickest_paint(na
 def test_transparent_strokes_and_strokes_without_width_add_nothing(name):
     strokes = Strokes.join(straight((2, 3), (14, 9), opacity=0.0), straight((2, 9), (14, 3), width=0.0))
     strokes = strokes[:1] if name == "windows" else strokes  # a network draws no thinner ones than it knows
-    assert (height_of(export_job(strokes, (12, 17), renderer=RENDERERS[name])) == 0).all()
+    assert (export_job(strokes, (12, 17), renderer=RENDERERS[name]).height() == 0).all()
 
 
 def test_there_is_paint_where_the_stroke_is_and_nowhere_else():
-    height = height_of(export_job(straight((20, 15), (60, 15), width=12), (30, 80)))
+    height = export_job(straight((20, 15), (60, 15), width=12), (30, 80)).height()
     y, x = np.mgrid[:30, :80] + 0.5
     distance = np.hypot(y - 15, np.maximum(0, np.maximum(20 - x, x - 60)))
     assert (height[distance < 0.6 * 6] > 0.05 * FILM * 12).all()
@@ -92,7 +96,7 @@ def test_there_is_paint_where_the_stroke_is_and_nowhere_else():
 def test_paint_is_pushed_aside_and_stands_about_as_high_on_either_side():
     stroke, clear = (straight((20, 15), (60, 15), width=12, opacity=opacity) for opacity in (1.0, 0.0))
     brushes = [Strokes.join(*[clear] * number, stroke) for number in range(8)]
-    mean = np.mean([height_of(export_job(strokes, (30, 80)))[:, 25:55].mean(1) for strokes in brushes], axis=0)
+    mean = np.mean([export_job(strokes, (30, 80)).height()[:, 25:55].mean(1) for strokes in brushes], axis=0)
     middle, sides = mean[13:17].mean(), (mean[9:12].mean(), mean[18:21].mean())
     assert np.mean(sides) > 1.1 * middle
     assert sides[0] == pytest.approx(sides[1], rel=0.25)
@@ -101,8 +105,8 @@ def test_paint_is_pushed_aside_and_stands_about_as_high_on_either_side():
 
 def test_a_stroke_on_top_leaves_some_of_the_paint_below():
     across, below = straight((0, 15), (80, 15), width=10), straight((40, 0), (40, 30), width=10)
-    alone = height_of(export_job(across, (30, 80)))
-    both = height_of(export_job(Strokes.join(across, below), (30, 80), depth=torch.tensor([1, 0])))
+    alone = export_job(across, (30, 80)).height()
+    both = export_job(Strokes.join(across, below), (30, 80), depth=torch.tensor([1, 0])).height()
     crossing = np.s_[13:17, 38:42]
     added = (both - alone)[crossing].mean()
     assert 0.2 * (1 - CARRIED) * FILM * 10 < added < (1 - CARRIED) * FILM * 10
@@ -115,7 +119,7 @@ def test_where_bristles_are_large_enough_to_be_seen_slopes_do_not_depend_on_the_
     slopes = []
     for zoom in (4, 8):
         size = (100 * zoom, 120 * zoom)
-        height = height_of(export_job(strokes.moved(zoom=zoom), size, renderer=RENDERERS[name]))
+        height = export_job(strokes.moved(zoom=zoom), size, renderer=RENDERERS[name]).height()
         slopes.append(np.hypot(*np.gradient(height)).mean())
     assert slopes[0] > 0.01
     assert slopes[1] == pytest.approx(slopes[0], rel=0.1)
@@ -128,14 +132,16 @@ def hills(height, width, *, roughness=1.0):
 def lit_grey(value, height, azimuth, elevation, gloss=0.0):
     """A grey canvas of this height under a light, (H, W)."""
     color = np.full((3, *height.shape), value, np.float32)
-    return shaded(color, normals_of(height), Light(azimuth, elevation), gloss)[0]
+    return shaded(color, normals_of(height), Light(azimuth, elevation, gloss=gloss))[0]
 
 
 def test_a_flat_canvas_keeps_its_colours():
     color, normals = np.random.default_rng(0).random((3, 7, 11)), normals_of(np.full((7, 11), 3.0, np.float32))
     for light in (Light(315, 45), Light(0, 90), Light(123.4, 0.5), Light(-700, 17)):
         for gloss in (0.0, 1.0):
-            np.testing.assert_allclose(shaded(color.astype(np.float32), normals, light, gloss), color, atol=1e-6)
+            np.testing.assert_allclose(
+                shaded(color.astype(np.float32), normals, replace(light, gloss=gloss)), color, atol=1e-6
+            )
 
 
 @pytest.mark.parametrize(
@@ -169,7 +175,7 @@ def test_normals_are_those_of_the_plane_have_unit_length_and_can_be_had_row_by_r
 def test_no_light_leaves_the_range_of_colours(elevation):
     color = np.random.default_rng(1).random((3, 20, 30)).astype(np.float32)
     color[:, :5] = np.float32([0, 0.5, 1])[:, None, None]
-    lit = shaded(color, normals_of(hills(20, 30, roughness=20)), Light(45, elevation), 1.0)
+    lit = shaded(color, normals_of(hills(20, 30, roughness=20)), Light(45, elevation, gloss=1.0))
     assert 0 <= lit.min() <= lit.max() <= 1  # NaN is neither
 
 
@@ -180,28 +186,29 @@ def test_gloss_brightens_what_mirrors_the_lamp():
     assert lit_grey(0.2, slope, 90, 45, 1.0)[1, 2] < 0.2
 
 
-def test_the_three_files_agree_with_the_heights(tmp_path, caplog):
-    job = export_job(thick(20, (21, 34)), (21, 34))
+@pytest.mark.parametrize(("depth", "thick_as"), [(2.0, 2.0), (0.0, 1.0)])
+def test_the_three_files_agree_with_the_heights(depth, thick_as, tmp_path, caplog):
+    job = replace(export_job(thick(20, (21, 34)), (21, 34)), light=Light(200, 30, depth))
     with caplog.at_level(logging.INFO, logger="brushexp.plugins.export.relief"):
-        paths = Relief(light=[200, 30], depth=2.0).write(job, tmp_path)
+        paths = Relief().write(job, tmp_path)
     assert [path.name for path in paths] == ["relief.png", "height.png", "normals.png"]
-    height = height_of(job)
+    height = job.height()
     with Image.open(tmp_path / "height.png") as image:
         levels, text = np.asarray(image), image.text
     assert levels.max() == 65535
     white = float(text["HeightOfWhite"])
-    assert white == pytest.approx(2 * height.max(), rel=1e-6)
+    assert white == pytest.approx(thick_as * height.max(), rel=1e-6)
     assert f"{white:.6g} pixels above the bare canvas" in text["Description"]
     assert f"{white:.6g} pixels above the bare canvas" in caplog.text
-    np.testing.assert_allclose(levels * (white / 65535), 2 * height, atol=white / 65535)
+    np.testing.assert_allclose(levels * (white / 65535), thick_as * height, atol=white / 65535)
     with Image.open(tmp_path / "normals.png") as image:
         assert image.mode == "RGB"
         normals = np.asarray(image) / 127.5 - 1
-    np.testing.assert_allclose(normals.transpose(2, 0, 1), normals_of(height, 2.0), atol=0.006)
-    picture = next(job.bands())[1].numpy()
+    np.testing.assert_allclose(normals.transpose(2, 0, 1), normals_of(height, thick_as), atol=0.006)
+    picture = next(replace(job, light=Light()).bands())[1].numpy()
     with Image.open(tmp_path / "relief.png") as image:
         lit = np.asarray(image) / 255
-    expected = shaded(picture, normals_of(height, 2.0), Light(200, 30), 0.25)
+    expected = shaded(picture, normals_of(height, thick_as), Light(200, 30))
     np.testing.assert_allclose(lit.transpose(2, 0, 1), expected, atol=0.003)
 
 
@@ -216,6 +223,19 @@ def test_files_are_the_same_in_bands(tmp_path, monkeypatch):
         assert np.abs(whole - parts).max() <= step
 
 
+@pytest.mark.parametrize("name", RENDERERS)
+def test_the_picture_under_a_lamp_is_the_flat_one_shaded_by_the_slopes_of_its_paint(name, monkeypatch):
+    lamp = Light(30, 25, depth=1.5, gloss=0.6)
+    job = replace(export_job(thick(25, (70, 31)), (70, 31), renderer=RENDERERS[name]), light=lamp)
+    flat = next(replace(job, light=Light()).bands())[1].numpy()
+    wanted = shaded(flat, normals_of(job.height(), 1.5), lamp)
+    assert np.abs(wanted - flat).max() > 0.05
+    monkeypatch.setattr(banding, "BAND", 31 * 9)
+    tops, bands = zip(*job.bands(), strict=True)
+    assert len(tops) > 3
+    np.testing.assert_allclose(np.concatenate(bands, axis=1), wanted, atol=2e-3)
+
+
 @pytest.mark.parametrize("size", [(1, 1), (3, 5)])
 def test_an_empty_canvas_is_written_as_it_is(tmp_path, size):
     paths = Relief().write(export_job(Strokes.none(), size), tmp_path)
@@ -225,7 +245,30 @@ def test_an_empty_canvas_is_written_as_it_is(tmp_path, size):
     assert (normals == [128, 128, 255]).all()
 
 
-@pytest.mark.parametrize("light", [[315.0], [1.0, 2.0, 3.0], [10.0, 0.0], [10.0, 91.0]])
-def test_a_light_that_is_none_is_refused_with_the_cure(light):
-    with pytest.raises(UserError, match=r"light=.* is not an azimuth and an elevation, .*; try light=315,45"):
-        build_named("to", "relief", {"light": light})
+def test_a_lit_painting_is_its_flat_one_under_the_lamp_and_every_export_shows_the_same(run_task, tmp_path):
+    small = ["image=chelsea", "resolution=48", "steps=5", "threads=1", "frames=3", "timelapse=gif"]
+    metrics = run_task(paint, *small, "light=200,30", "light.depth=2")
+    picture = {path.stem: np.asarray(Image.open(path)).astype(float) for path in tmp_path.glob("*.png")}
+    for key, name in (("psnr", "flat"), ("psnr_lit", "painting")):
+        error = np.square(picture[name] - picture["target"]).mean()
+        assert metrics[key] == pytest.approx(10 * math.log10(255**2 / error), abs=1e-3), key
+    saved = load_catalogue(tmp_path / "catalogue.h5")
+    job = outputs.export_job(saved, outputs.renderer_of(saved), Tiled(), saved.renderer)
+    assert job.light == Light(200, 30, depth=2.0)
+    color = (picture["flat"] / 255).transpose(2, 0, 1).astype(np.float32)
+    lit = 255 * shaded(color, normals_of(job.height(), 2.0), job.light).transpose(1, 2, 0)
+    assert np.abs(lit - picture["painting"]).max() <= 1.5
+    assert np.abs(picture["flat"] - picture["painting"]).max() > 8
+    words = ["task=export", f"catalogue={tmp_path / 'catalogue.h5'}", "threads=1"]
+    run_task(export, *words, "to=png,relief")
+    for name in ("painting", "relief"):
+        np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / f"{name}.png")), picture["painting"])
+    run_task(export, *words, "light.depth=0")
+    np.testing.assert_allclose(np.asarray(Image.open(tmp_path / "painting.png")), picture["flat"], atol=1)
+
+
+@pytest.mark.parametrize("light", ["{depth: bright}", "{gloss: 7}", "{elevation: 0}", "{depth: .nan}"])
+def test_a_lamp_that_is_none_in_a_catalogue_is_refused(light):
+    saved = replace(catalogue(3), config=f"light: {light}")
+    with pytest.raises(UserError, match=r"light\.\w+"):
+        outputs.light_of(saved)

@@ -5,6 +5,7 @@ import io
 import json
 import math
 import re
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import pytest
 import torch
 from browser import NARROW, WIDE
 from numpy.testing import assert_allclose, assert_array_equal
+from omegaconf import OmegaConf
 from PIL import Image
 from scenes import random_strokes
 
@@ -24,7 +26,7 @@ from brushexp.plugins.export.png import pixels
 from brushexp.registry import build_named
 from brushexp.results.page.drawings import error_map, histogram_chart, line_chart, rose_chart, swatches_of
 from brushexp.results.page.replay import FARTHEST, STEPS, replay_of
-from brushexp.results.page.run import LARGEST_SIDE, _shown, read_curves, run_page, write_run_page
+from brushexp.results.page.run import LARGEST_SIDE, _shown, line_of, read_curves, run_page, write_run_page
 from brushexp.shading.light import Light, normals_of, shaded
 from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, point_at
 from brushexp.strokes.catalogue import Strokes
@@ -155,6 +157,38 @@ def test_a_page_shows_all_that_a_run_has_left_and_asks_nothing_of_any_other_plac
     assert write_run_page(run).read_text() == html  # the same run makes the same page
 
 
+def test_all_settings_in_one_line_are_the_same_settings(config):
+    words = ["loss=[mse,width]", "loss.width.weight=0.5", "renderer=textured", "light=200,30", "optimizer=sgd"]
+    resolved = OmegaConf.to_container(config(*words, "background='#102030'", "image=a b.png"), resolve=True)
+    again = OmegaConf.to_container(config(*shlex.split(line_of(resolved))[2:]), resolve=True)
+    assert again | {"output": resolved["output"]} == resolved
+
+
+def test_every_file_of_the_run_can_be_had(run):
+    (run / "a b.txt").write_text("x")
+    write_run_page(run)
+    html = (run / "report.html").read_text()
+    (run / "a b.txt").unlink()
+    for name in (
+        "painting.png",
+        "catalogue.h5",
+        "metrics.json",
+        "curves/metrics.csv",
+        ".hydra/overrides.yaml",
+        "a%20b.txt",
+    ):
+        assert f'href="{name}" download' in html
+    assert 'href="report.html"' not in html
+
+
+def test_the_words_of_the_menu_are_the_headings(run):
+    html = (run / "report.html").read_text()
+    menu = re.findall(r'href="#([\w-]+)">([^<]+)</a>', html)[1:]  # the first one skips to the content
+    assert len(menu) == 7
+    for part, word in menu:
+        assert f'<h2 id="{part}-head">{word}</h2>' in html
+
+
 def test_what_is_not_known_is_left_out():
     html = run_page(saved_with(50), name="somewhere.h5")
     assert '<section id="replay"' in html
@@ -167,8 +201,8 @@ def test_what_is_not_known_is_left_out():
     html = run_page(nothing, name="nothing", pictures={"painting": np.zeros((*SIZE, 3), np.uint8)})
     assert "0 strokes" in html
     assert 'id="replay"' not in html
-    html = run_page(saved_with(1, renderer="textured"), name="one", metrics={"psnr": None, "l1": 0.0})
-    for part in ("1 stroke on", "The only stroke is", "<code>renderer=textured</code>", "∞"):
+    html = run_page(saved_with(1, renderer="neural"), name="one", metrics={"psnr": None, "l1": 0.0})
+    for part in ("1 stroke on", "The only stroke is", "<code>renderer=neural</code>", "∞"):
         assert part in html
 
 
@@ -316,6 +350,27 @@ def test_the_scrubber_goes_forwards_and_back_to_the_same_pixels(shown):
     assert_array_equal(np.unique(pixels[0].reshape(-1, 3), axis=0), [[204, 179, 153]])
 
 
+@pytest.mark.parametrize("most_pixels", [8e6, 2e5])
+def test_the_replay_of_textured_strokes_ends_as_the_painting_under_its_lamp(most_pixels, opened, tmp_path, monkeypatch):
+    monkeypatch.setattr("brushexp.results.page.run.MOST_PIXELS", most_pixels)
+    saved = saved_with(200, (300, 400), renderer="textured")
+    strokes = replace(saved.strokes, scale=3 * saved.strokes.scale)
+    flat, saved = (replace(saved, strokes=strokes, config=text) for text in ("", "light: {depth: 1.5}"))
+    pictures = {"flat": painting_of(flat), "painting": painting_of(saved)}
+    write_text(tmp_path / "report.html", run_page(saved, name="x", pictures=pictures))
+    watched = opened(tmp_path / "report.html", (1440, round(300 / 0.64)))
+    see(watched, "#replay")
+    idle(watched)
+    lit = np.asarray(Image.fromarray(seen(watched)).resize((400, 300)), float)
+    scrub(watched, 199)
+    almost = np.asarray(Image.fromarray(seen(watched)).resize((400, 300)), float)
+    worst = 21 if most_pixels > 1e6 else 160  # 35 dB, or 26 where strokes are drawn from small bitmaps
+    assert np.square(lit - pictures["painting"]).mean() < worst
+    assert np.square(almost - pictures["flat"]).mean() < 2 * worst  # the lamp goes on at the end
+    assert np.square(almost - pictures["painting"]).mean() > 1.5 * np.square(lit - pictures["painting"]).mean()
+    assert not watched.errors
+
+
 @pytest.mark.parametrize("taper", [0.0, 0.8])
 def test_the_replay_ends_as_the_painting(taper, opened, tmp_path):
     saved = saved_with(200, (300, 400), taper=taper)
@@ -424,7 +479,7 @@ def test_the_lamp_follows_the_pointer_and_its_light_is_that_of_the_program(shown
     for name, value in {"azimuth": 200, "elevation": 35, "depth": 1.5, "gloss": 0.4}.items():
         slide(shown, f"#{name}", value)
     shown.page.wait_for_timeout(100)
-    wanted = shaded(color, normals_of(height, 1.5), Light(200, 35), 0.4).transpose(1, 2, 0) * 255
+    wanted = shaded(color, normals_of(height, 1.5), Light(200, 35, gloss=0.4)).transpose(1, 2, 0) * 255
     away = np.abs(seen(shown, "#light-stage canvas") - wanted)
     assert away.mean() < 1
     assert away.max() < 6

@@ -61,7 +61,7 @@ def asks_for_help(root: Path, arguments: list[str]) -> bool:
 def in_full(arguments: list[str]) -> list[str]:
     """The command line with its short forms written out, and its texts as Hydra takes them.
 
-    ``style=painting.jpg`` is ``style.image=painting.jpg``; ``light=315,45`` is ``to.relief.light=[315,45]``; and keys
+    ``style=painting.jpg`` is ``style.image=painting.jpg``; ``light=315,45`` is an azimuth and an elevation; and keys
     that take several values do without brackets: ``to=svg,json``, ``logger=csv,wandb``, ``ratios=0,0.5``. In a sweep
     commas separate the values of jobs, so ``data=a,b`` are two jobs with one data set each. A UserError says which word
     is no ``key=value``, or has no value that could be meant.
@@ -78,7 +78,11 @@ def written_out(word: str, sweep: bool) -> str:
     """One word of `in_full`; in a ``sweep`` commas separate the values of jobs."""
     check_word(word)
     full = re.sub(r"^(\+{0,2}|~)style=(?!\{)", r"\1style.image=", word)
-    full = re.sub(r"^light=\[?([^\[\]]*)\]?$", r"to.relief.light=[\1]", full)
+    if lamp := re.fullmatch(r"light=\[?([^\[\]{]*)\]?", full):
+        angles = lamp[1].split(",")
+        if len(angles) != 2:
+            raise UserError(f"{word} is not an azimuth and an elevation, in degrees; try light=315,45")
+        full = f"light={{azimuth:{angles[0]},elevation:{angles[1]}}}"
     name, equal, value = full.partition("=")
     key = name.lstrip("+")
     kind, optional = kinds_of_keys().get(key, (None, False))

@@ -9,6 +9,7 @@ from brushexp.app.keys import key
 from brushexp.app.rules import CATALOGUE, COLOR, DEVICE, FOCUS, FOLDER, INTERRUPTED_RUN, PAGE, STROKES
 from brushexp.bounds import DURATION, FILE, above, at_least, between, one_of
 from brushexp.pictures.load import PICTURE
+from brushexp.shading.light import BOUNDS, Light
 
 LARGEST_SEED = 2**32 - 1  # of NumPy's generator
 LARGEST_SEED_SIMULATED = 2**64 - 1  # of the generator of strokes
@@ -48,6 +49,26 @@ class StyleTransfer:
     colors: str = key(
         "style", "of the painting: those of the style picture, or of the content", one_of("style", "content")
     )
+
+
+@dataclass
+class Lamp:
+    """Keys below ``light`` of ``task=paint``; light=315,45 is short for light.azimuth=315 light.elevation=45."""
+
+    depth: float = key(Light.depth, "thickness of the paint in the light; 1 is natural, 0 = no light", BOUNDS["depth"])
+    azimuth: float = key(Light.azimuth, "of the lamp, degrees clockwise from the top; 315: upper left")
+    elevation: float = key(Light.elevation, "of the lamp above the canvas, degrees", BOUNDS["elevation"])
+    gloss: float = key(Light.gloss, "of the paint, 0 (matt) to 1 (wet)", BOUNDS["gloss"])
+
+
+@dataclass
+class OtherLamp:
+    """Keys below ``light`` of ``task=export``, as in ``task=paint``."""
+
+    depth: float | None = key(None, "thickness of the paint, 0 = no light; null = as painted", BOUNDS["depth"])
+    azimuth: float | None = key(None, "of the lamp, degrees clockwise from the top; null = as painted")
+    elevation: float | None = key(None, "of the lamp, degrees; null = as painted", BOUNDS["elevation"])
+    gloss: float | None = key(None, "of the paint, 0 to 1; null = as painted", BOUNDS["gloss"])
 
 
 @dataclass
@@ -121,6 +142,7 @@ class PaintTask(Task):
     focus_strength: float = key(8, "errors where it is brightest count so many times those elsewhere", between(1, 1000))
     lpips_backbone: str = key("alexnet", "network of lpips_weights", one_of("alexnet", "squeeze", "vgg16", "effl0"))
     lpips_weights: str | None = key(None, "file with its features: metrics then hold the official LPIPS too", FILE)
+    light: Lamp = field(default_factory=Lamp)
     style: StyleTransfer = field(default_factory=StyleTransfer)
     trainer: TrainerOptions = field(default_factory=TrainerOptions)
 
@@ -133,6 +155,7 @@ class ExportTask(Task):
 
     catalogue: str = key(MISSING, "catalogue.h5 of a run, or the strokes.json that to=json wrote", CATALOGUE)
     resolution: int | None = key(None, "longer side in pixels; null = as it was painted", between(1, 65536))
+    light: OtherLamp = field(default_factory=OtherLamp)
 
 
 @dataclass

@@ -24,8 +24,18 @@ def bands(
     """
     place = front_to_back.argsort()
     for top, rows, number in cuts(strokes, size, renderer):
-        layers = renderer(strokes[number].moved(shift=(0, -top)), number)
-        yield top, blend(layers, place[number].argsort(), (rows, size[1]), background).image
+        yield top, band_of(strokes, place, number, (top, rows, size[1]), background, renderer, blend)
+
+
+@torch.no_grad()
+def band_of(
+    strokes: Strokes, place: Tensor, number: Tensor, band: tuple[int, int, int], background: Tensor,
+    renderer: Renderer, blend: Blend,
+) -> Tensor:  # fmt: skip
+    """Strokes ``number`` (n,) in a band of the canvas (first row, rows, columns); ``place`` (N,) is 0 on the top."""
+    top, *size = band
+    layers = renderer(strokes[number].moved(shift=(0, -top)), number)
+    return blend(layers, place[number].argsort(), (size[0], size[1]), background).image
 
 
 @torch.no_grad()
@@ -37,14 +47,14 @@ def cuts(strokes: Strokes, size: Size, renderer: Renderer) -> Iterator[tuple[int
     while top < height:
         band = min(max(1, BAND // width), height - top)
         if rows is not None:
-            number = _within(rows, top, band)
+            number = within(rows, top, band)
             while band > LEAST_ROWS and len(number) > (renderer.at_once or len(number)):
                 band = band // 2
-                number = _within(rows, top, band)
+                number = within(rows, top, band)
         yield top, band, number
         top += band
 
 
-def _within(rows: Tensor, top: int, height: int) -> Tensor:
+def within(rows: Tensor, top: int, height: int) -> Tensor:
     """Numbers of the strokes whose rows (N, 2) meet the ``height`` rows from ``top`` on."""
     return ((rows[:, 1] > top) & (rows[:, 0] < top + height)).nonzero()[:, 0]

@@ -11,6 +11,11 @@ from brushexp.features.distance import Distance, perceptual_distance
 SSIM_WINDOW = 11  # pixels, side of the windows that SSIM compares
 
 
+def picture_psnr(painting: np.ndarray, target: np.ndarray) -> float:
+    """PSNR (dB) of two 8-bit pictures of one shape; infinite for equal ones."""
+    return psnr_of(float(np.square((painting.astype(np.float64) - target) / 255).mean()))
+
+
 @torch.no_grad()
 def measure(
     painting: np.ndarray, target: np.ndarray, lpips: Distance | None = None, focus: Tensor | None = None

@@ -2,7 +2,7 @@
 
 import logging
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +13,14 @@ from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.color.base import ColorSpace
 from brushexp.plugins.color.rgb import Rgb
-from brushexp.plugins.export.base import ExportJob
+from brushexp.plugins.export.base import LARGEST_SIDE_PIXELS, ExportJob
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build, build_named, plain_config, plugin_of
+from brushexp.shading.light import BOUNDS, Light
 from brushexp.strokes.storage import Saved
 from brushexp.system.reading import in_short, yaml_of
 
 log = logging.getLogger(__name__)
-LARGEST_SIDE_PIXELS = 65_536  # of the longer side of a picture that is written
 
 
 def renderer_of(saved: Saved) -> Renderer:
@@ -51,6 +51,17 @@ def painted_with(saved: Saved) -> dict[str, Any]:
         raise UserError(f"the config of the catalogue cannot be read ({error}); mend it, or make it empty") from error
     options = {str(key): value for key, value in options.items() if not str(key).startswith("_")}
     return {**settings, "renderer": options}
+
+
+def light_of(saved: Saved) -> Light:
+    """The lamp that a catalogue was painted under; none where its settings do not name one."""
+    given = painted_with(saved).get("light", {})
+    known = {item.name: given[item.name] for item in fields(Light) if item.name in given} if given else {}
+    for name, value in known.items():
+        if not isinstance(value, int | float) or not math.isfinite(value):
+            raise UserError(f"light.{name} in the config of the catalogue is {in_short(value)}; a number is needed")
+        BOUNDS[name].check(f"light.{name}", value)
+    return Light(**known)
 
 
 def with_renderer(saved: Saved, chosen: DictConfig | None, path: str) -> tuple[Saved, Renderer]:
@@ -90,13 +101,15 @@ def export_job(
     size = (max(1, round(height * zoom)), max(1, round(width * zoom)))
     painting = saved.strokes.moved(zoom=zoom), saved.depth, size, saved.background
     blend = mixing(blend, space_of(saved))
-    return ExportJob(*painting, renderer, blend, name, source, saved.seed, saved.config)
+    return ExportJob(*painting, renderer, blend, name, source, saved.seed, saved.config, light_of(saved))
 
 
 def summary_line(folder: Path, metrics: dict[str, object]) -> str:
     """One line per result: where the painting is, how good, how long."""
     psnr, ssim, seconds = metrics["psnr"], metrics["ssim"], metrics["seconds"]
     quality = f"{psnr:.2f} dB" if isinstance(psnr, float) and math.isfinite(psnr) else "identical to the target"
+    if "psnr_lit" in metrics:
+        quality += f" ({metrics['psnr_lit']:.2f} dB in the light)"
     if ssim is not None:
         quality += f", SSIM {ssim:.3f}"
     strokes = f"{metrics['n_strokes']} strokes in {seconds:.1f} s"

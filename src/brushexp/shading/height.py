@@ -5,6 +5,7 @@ The thickness of one stroke is told by its coverage, or, for plain strokes, by b
 (0) of that light has the colour thickness * colour.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -13,12 +14,13 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from brushexp.compositing.layers import SPREAD, Layers
+from brushexp.compositing.bands import band_of, cuts, within
+from brushexp.compositing.layers import SPREAD, Layers, Size
 from brushexp.compositing.profile import Profile, smooth_rise
 from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.textures import HALF, Loop, Sheets, cells_of, coordinates_of, sheets_of
 from brushexp.compositing.windows import Windows
-from brushexp.plugins.export.base import ExportJob
+from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
@@ -41,14 +43,19 @@ SHOULDER = 0.3  # half widths over which the edge of the paint is round
 EDGE = (0.85, 1.1)  # half widths between which a plain stroke ends
 
 
-def height_of(job: ExportJob) -> np.ndarray:
-    """Height of the paint (H, W), float32, in pixels of the picture; the bare canvas is 0.
+@torch.no_grad()
+def heights(
+    strokes: Strokes, front_to_back: Tensor, size: Size, renderer: Renderer, blend: Blend
+) -> Iterator[tuple[int, int, Tensor, np.ndarray]]:
+    """Height of the paint from the top of the canvas to its bottom, in pixels of the picture; the bare canvas is 0.
+
+    What comes is the first row of each band, how many rows it has, the numbers of its strokes, and heights (h, W),
+    float32, of these rows and of the one before and after them, where there are such: all that their slopes need.
 
     Strokes are laid from the bottom to the top: h <- h (1 - CARRIED a) + a t, with the opacity a of a stroke at a pixel
     and the thickness t of its film there, at most ``FILM`` times the geometric mean of its width and the typical one:
     a broader brush leaves thicker paint, but the first broad strokes do not outdo what is painted over them. A picture
-    twice as large has the same slopes. A blend makes all this of strokes of opacity CARRIED a and "colour" t / CARRIED,
-    in bands, so that memory is little more than that of the result.
+    twice as large has the same slopes. A blend makes all this of strokes of opacity CARRIED a and "colour" t / CARRIED.
 
     Where renderers say how their strokes cover and shine, t is higher where their bristles left more paint; plain
     strokes get bristles, and ridges where a brush pushes paint aside, from textures drawn at random.
@@ -56,12 +63,14 @@ def height_of(job: ExportJob) -> np.ndarray:
     Source: Hertzmann, "Fast paint texture" (2002): strokes with textures of opacity and height are laid over each other
     as colours are. Differs: covered paint still shows in the surface, and the thickness depends on the brush.
     """
-    height = np.empty(job.size, np.float32)
-    renderer = Impasto(job.renderer, typical_width(job.strokes))
-    bare = replace(job, renderer=renderer, blend=job.blend.plain, background=torch.zeros_like(job.background))
-    for top, band in bare.bands():
-        height[top : top + band.shape[1]] = band[0].cpu().numpy()
-    return height
+    impasto, (height, width) = Impasto(renderer, typical_width(strokes)), size
+    place, reached = front_to_back.argsort(), impasto.rows(strokes)
+    bare = strokes.color.new_zeros(3)
+    for top, rows, number in cuts(strokes, size, impasto):
+        first, after = max(top - 1, 0), min(top + rows + 1, height)
+        near = number if reached is None else within(reached, first, after - first)
+        band = band_of(strokes, place, near, (first, after - first, width), bare, impasto, blend.plain)
+        yield top, rows, number, band[0].cpu().numpy()
 
 
 def typical_width(strokes: Strokes) -> float:

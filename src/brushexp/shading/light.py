@@ -27,18 +27,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from brushexp.bounds import ANY, above, between
+
 DIRECT = 0.7  # share of the diffuse light that comes from the light, the rest from everywhere
 SHININESS = 24.0  # of oil paint: a highlight is seen where the surface is turned up to 14 degrees from it
 GAMMA = 2.2  # of displays: light is multiplied in physical units
+BOUNDS = {"azimuth": ANY, "elevation": above(0, 90), "depth": between(0, 1000), "gloss": between(0, 1)}  # of `Light`
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
 class Light:
-    """Where the light comes from: degrees clockwise from the top (315: upper left), and above the canvas (to 90)."""
+    """The lamp over a painting, and what its paint is like in it."""
 
-    azimuth: float = 315.0
-    elevation: float = 45.0
+    azimuth: float = 315.0  # degrees clockwise from the top (315: upper left)
+    elevation: float = 45.0  # degrees above the canvas
+    depth: float = 0.0  # how thick the paint is: 1 is natural, and 0 flat, so that there is no light to be seen
+    gloss: float = 0.25  # of the paint, 0 (matt) to 1 (wet)
 
     @property
     def direction(self) -> Array:
@@ -46,6 +51,9 @@ class Light:
         azimuth, elevation = math.radians(self.azimuth), math.radians(self.elevation)
         flat = math.cos(elevation)
         return np.array([math.sin(azimuth) * flat, math.cos(azimuth) * flat, math.sin(elevation)], np.float32)
+
+
+UNLIT = Light()
 
 
 def normals_of(height: Array, scale: float = 1.0, rows: slice = slice(None)) -> Array:
@@ -59,8 +67,8 @@ def normals_of(height: Array, scale: float = 1.0, rows: slice = slice(None)) -> 
     return np.stack([-gx, gy, np.ones_like(gx)]) / np.sqrt(gx * gx + gy * gy + 1)
 
 
-def shaded(color: Array, normals: Array, light: Light, gloss: float) -> Array:
-    """A display-referred picture (3, H, W) in [0, 1] under a light, by the formula above; gloss 0 is matt, 1 wet."""
+def shaded(color: Array, normals: Array, light: Light) -> Array:
+    """A display-referred picture (3, H, W) in [0, 1] under a light, by the formula above."""
     to_light = light.direction
     halfway = to_light + np.array([0, 0, 1], np.float32)
     halfway /= np.linalg.norm(halfway)
@@ -68,4 +76,17 @@ def shaded(color: Array, normals: Array, light: Light, gloss: float) -> Array:
     shine = np.maximum(np.tensordot(halfway, normals, 1), 0) ** SHININESS - halfway[2] ** SHININESS
     color, k = np.clip(color, 0, 1), diffuse ** (1 / GAMMA)
     lit = np.where(k <= 1, color * k, 1 - (1 - color) ** np.maximum(k, 1))
-    return lit + gloss * np.maximum(shine, 0) * (1 - lit)
+    return lit + light.gloss * np.maximum(shine, 0) * (1 - lit)
+
+
+def overlay(flat: Array, lit: Array) -> Array:
+    """Black and white with transparency (H, W, 4) uint8 that, laid over ``flat`` (H, W, 3) uint8, give about ``lit``.
+
+    It is the share of black or white that is nearest in the three colours: exact where a colour was darkened.
+    """
+    below, above = flat.astype(np.float32) / 255, lit.astype(np.float32) / 255
+    brighter = above.sum(-1) > below.sum(-1)
+    room = brighter[..., None] - below  # to white, or to black
+    share = ((above - below) * room).sum(-1) / np.maximum(np.square(room).sum(-1), 1e-6)
+    white = np.where(brighter, 255, 0)
+    return np.stack([white, white, white, 255 * share.clip(0, 1) + 0.5], axis=-1).astype(np.uint8)

@@ -2,6 +2,7 @@
 
 import logging
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from omegaconf import DictConfig
@@ -18,6 +19,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     exporters = {name: build(node) for name, node in cfg.to.items()}
     saved, renderer = with_renderer(load_catalogue(Path(cfg.catalogue)), cfg.get("renderer"), cfg.catalogue)
     job = export_job(saved, renderer, build(cfg.blend), saved.renderer, cfg.resolution, cfg.catalogue)
+    typed = {name: value for name, value in cfg.light.items() if value is not None}
+    job = replace(job, light=replace(job.light, **typed))
     before = time.monotonic()
     for exporter in exporters.values():
         begin = time.monotonic()

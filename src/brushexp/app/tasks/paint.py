@@ -14,16 +14,17 @@ from brushexp.errors import UserError
 from brushexp.features.distance import Distance, open_distance
 from brushexp.painting.assembly import STYLE, check_memory, components_of, first_strokes, focus_of, in_colors, paced
 from brushexp.painting.goals import goals_of
-from brushexp.painting.metrics import measure
+from brushexp.painting.metrics import measure, picture_psnr
 from brushexp.painting.outputs import export_job, renderer_of, summary_line
 from brushexp.painting.painter import Painter
 from brushexp.painting.timelapse import Timelapse
 from brushexp.painting.wet import wetted
 from brushexp.pictures.load import background_color, load_picture
+from brushexp.plugins.export.png import pixels
 from brushexp.plugins.export.svg import Svg
 from brushexp.plugins.loss.style import Style
 from brushexp.registry import plugin_of
-from brushexp.strokes.catalogue import Catalogue
+from brushexp.strokes.catalogue import Catalogue, Strokes
 from brushexp.strokes.storage import Saved, save_catalogue
 from brushexp.system.device import device_of
 from brushexp.system.files import to_bytes, write_json, write_picture
@@ -63,7 +64,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
             goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
             trainer = trainer_of(cfg, device, folder, [trackers], [timelapse, *goals])
             failure = fit(trainer, painter, checkpoint=checkpoint)
-        metrics = finish(painter, cfg, folder, start, lpips)
+        metrics = finish(painter, cfg, folder, start, lpips, timelapse)
         timelapse.write(folder)
         trackers.report(
             metrics,
@@ -106,32 +107,45 @@ def style_of(painter: Painter, cfg: DictConfig) -> dict[str, float]:
     return {f"style_{name}": value for name, value in style.measured(painter.drawn(), painter.picture.target).items()}
 
 
-def finish(painter: Painter, cfg: DictConfig, folder: Path, start: float, lpips: Distance | None) -> dict[str, object]:
-    """Write the painting, its catalogue and, when both are there, its numbers."""
-    (folder / "metrics.json").unlink(missing_ok=True)  # those of the painting that is being replaced
-    painter.schedule.pause()
-    painter.hand_over()
-    canvas, schedule = painter.picture, painter.schedule
-    strokes, front_to_back = wetted(painter, cfg.wet)
-    picture = to_bytes(canvas.draw(strokes, front_to_back))
-    write_picture(folder / "painting.png", picture)
+def saved_of(painter: Painter, cfg: DictConfig, strokes: Strokes, front_to_back: torch.Tensor) -> Saved:
+    """The finished strokes as a catalogue."""
     strokes = strokes.map(torch.Tensor.cpu)
     depth = torch.empty(len(strokes), dtype=torch.int32)
     depth[front_to_back.cpu()] = torch.arange(len(strokes) - 1, -1, -1, dtype=torch.int32)
-    saved = Saved(
+    return Saved(
         strokes=strokes,
         depth=depth,
-        size=canvas.size,
-        background=canvas.background.cpu(),
+        size=painter.picture.size,
+        background=painter.picture.background.cpu(),
         renderer=plugin_of(cfg.renderer).name,
         renderer_hash=painter.renderer.weights_hash,
         seed=cfg.seed,
         config=OmegaConf.to_yaml(cfg, resolve=True),
     )
+
+
+def finish(
+    painter: Painter, cfg: DictConfig, folder: Path, start: float, lpips: Distance | None, timelapse: Timelapse
+) -> dict[str, object]:
+    """Write the painting, its catalogue and, when both are there, its numbers; under a lamp, all but these show it."""
+    (folder / "metrics.json").unlink(missing_ok=True)  # those of the painting that is being replaced
+    painter.schedule.pause()
+    painter.hand_over()
+    canvas, schedule = painter.picture, painter.schedule
+    strokes, front_to_back = wetted(painter, cfg.wet)
+    saved = saved_of(painter, cfg, strokes, front_to_back)
+    flat, target = to_bytes(canvas.draw(strokes, front_to_back)), to_bytes(canvas.target)
+    job = export_job(saved, renderer_of(saved), painter.components.blend, saved.renderer, source=cfg.image)
+    measured = measure(flat, target, lpips, canvas.focus)
+    picture = flat
+    if job.light.depth:
+        picture = pixels(job)
+        measured["psnr_lit"] = picture_psnr(picture, target)
+        write_picture(folder / "flat.png", flat)
+        timelapse.add(torch.from_numpy(picture).permute(2, 0, 1) / 255, schedule.step)
+    write_picture(folder / "painting.png", picture)
     save_catalogue(folder / "catalogue.h5", saved)
-    blend = painter.components.blend
-    Svg().write(export_job(saved, renderer_of(saved), blend, saved.renderer, source=cfg.image), folder)
-    measured = measure(picture, to_bytes(canvas.target), lpips, canvas.focus)
+    Svg().write(job, folder)
     assert isinstance(measured["psnr"], float)
     painter.anytime.add(schedule.seconds, measured["psnr"])
     metrics: dict[str, object] = {
@@ -141,7 +155,7 @@ def finish(painter: Painter, cfg: DictConfig, folder: Path, start: float, lpips:
         "seconds_total": time.monotonic() - start,
         "seconds_per_step": schedule.seconds / schedule.step if schedule.step else None,
         "peak_memory_mb": peak_memory(),
-        "n_strokes": len(strokes),
+        "n_strokes": len(saved.strokes),
         "steps": schedule.step,
         "device": str(painter.device),
         "status": painter.stop or "completed",

@@ -3,6 +3,7 @@
 import logging
 import time
 import webbrowser
+from dataclasses import replace
 from pathlib import Path
 
 from omegaconf import DictConfig
@@ -15,6 +16,7 @@ from brushexp.results.page.run import LARGEST_SIDE, PAGE_NAME, page_of_run, run_
 from brushexp.results.page.serving import served
 from brushexp.results.page.sweep_page import write_sweep_page
 from brushexp.results.runs import gather
+from brushexp.shading.light import UNLIT
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import write_text
 
@@ -77,4 +79,7 @@ def page_of_catalogue(cfg: DictConfig) -> str:
     job = export_job(saved, renderer, build(cfg.blend), saved.renderer, resolution, cfg.catalogue)
     path = Path(cfg.catalogue).resolve()
     name = path.parent.name if path.stem == "catalogue" else path.stem
-    return run_page(saved, name=name or path.stem, pictures={"painting": pixels(job)})
+    pictures = {"painting": pixels(job)}
+    if job.light.depth:
+        pictures["flat"] = pixels(replace(job, light=UNLIT))
+    return run_page(saved, name=name or path.stem, pictures=pictures)

@@ -5,6 +5,7 @@ is read from a grid on which the strokes are painted with their numbers. Lengths
 down from the paper's upper left corner; lines are complex numbers, as vpype has them.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from brushexp.pictures.color import nearest_ink, palette, to_lab, to_rgb
 from brushexp.plugins.export._pens import MM, PenExporter, PenPlan, load_vpype, quiet_vpype
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.png import pixels
+from brushexp.shading.light import UNLIT
 from brushexp.strokes.bezier import curve_of, half_width_of
 
 Array = np.ndarray
@@ -47,7 +49,7 @@ def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
             if machine.hidden == "cut":
                 lines[k] = [piece for line in filled for piece in grid.pieces(tops[layer[k]], line, k, machine.pen_mm)]
     shown = np.array([bool(found) for found in lines], dtype=bool)
-    colors, area = grid.colors(pixels(job), above_all, strokes.color.numpy())
+    colors, area = grid.colors(pixels(replace(job, light=UNLIT)), above_all, strokes.color.numpy())
     inks, tool = _inked(colors[shown], area[shown], machine)
     tools = ["#" + "".join(f"{round(255 * channel):02x}" for channel in ink) for ink in inks]
     runs: dict[tuple[int, int], list[Array]] = {}

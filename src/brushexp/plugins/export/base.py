@@ -2,17 +2,22 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+import torch
 from torch import Tensor
 
-from brushexp.compositing.bands import BAND, bands
+from brushexp.compositing.bands import BAND, band_of, bands
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.renderer.base import Renderer
+from brushexp.shading.height import heights
+from brushexp.shading.light import UNLIT, Light, normals_of, shaded
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.progress import with_progress
 
+LARGEST_SIDE_PIXELS = 65_536  # of the longer side of a picture that is written
 LARGE = 8 * BAND  # pixels from which painting takes so long that a bar is shown
 
 
@@ -30,19 +35,53 @@ class ExportJob:
     source: str  # where the catalogue came from, for titles
     seed: int = 0  # of the run that painted it
     config: str = ""  # of that run, YAML: text to show, never to run
+    light: Light = UNLIT  # over the finished paint
 
     @property
     def bottom_up(self) -> Tensor:
         """Numbers (N,) of the strokes, the bottom one first."""
         return self.depth.argsort()
 
+    def at_most(self, side: int) -> "ExportJob":
+        """The same painting with at most ``side`` pixels on its longer side."""
+        return self if side >= max(self.size) else self.scaled(side / max(self.size))
+
+    def scaled(self, zoom: float) -> "ExportJob":
+        """The same painting ``zoom`` times as large."""
+        size = (max(1, round(self.size[0] * zoom)), max(1, round(self.size[1] * zoom)))
+        return replace(self, strokes=self.strokes.moved(zoom=zoom), size=size)
+
     def bands(self) -> Iterator[tuple[int, Tensor]]:
-        """The picture from top to bottom: first row of each band, and its pixels (3, h, W) in [0, 1]."""
-        above = self.bottom_up.flip(0)
-        found = bands(self.strokes, above, self.size, self.background, self.renderer, self.blend)
+        """The picture from top to bottom, under its light: first row of each band, and its pixels (3, h, W) in [0, 1].
+
+        ``replace(job, light=UNLIT)`` has the colours alone.
+        """
+        found = self._lit() if self.light.depth else self._flat()
         if self.size[0] * self.size[1] < LARGE:
             return found
         return with_progress(found, self.size[0], "painting", lambda item: item[1].shape[1])
+
+    def height(self) -> np.ndarray:
+        """Height of the paint (H, W), float32, in pixels of the picture, see `heights`."""
+        height = np.empty(self.size, np.float32)
+        for top, rows, _, band in self._heights():
+            height[top : top + rows] = band[top > 0 :][:rows]
+        return height
+
+    def _heights(self) -> Iterator[tuple[int, int, Tensor, np.ndarray]]:
+        return heights(self.strokes, self.bottom_up.flip(0), self.size, self.renderer, self.blend)
+
+    def _flat(self) -> Iterator[tuple[int, Tensor]]:
+        above = self.bottom_up.flip(0)
+        return bands(self.strokes, above, self.size, self.background, self.renderer, self.blend)
+
+    def _lit(self) -> Iterator[tuple[int, Tensor]]:
+        place = self.bottom_up.flip(0).argsort()
+        for top, rows, number, height in self._heights():
+            band = (top, rows, self.size[1])
+            flat = band_of(self.strokes, place, number, band, self.background, self.renderer, self.blend)
+            facing = normals_of(height, self.light.depth, slice(int(top > 0), int(top > 0) + rows))
+            yield top, torch.from_numpy(shaded(flat.float().cpu().numpy(), facing, self.light))
 
 
 class Exporter(ABC):

@@ -2,48 +2,43 @@
 
 import struct
 import zlib
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 
-from brushexp.bounds import between
-from brushexp.plugins.export.base import Exporter, ExportJob
+from brushexp.plugins.export._prints import CM, PrintExporter
+from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import register
 from brushexp.system.files import replacing, to_bytes
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 DEPTH, RGB = 8, 2  # bits, and PNG's number for this kind of pixel
-UP = 2  # PNG's number for the filter that leaves the difference from the pixel above
+PER_METRE = 1  # PNG's number for this unit of density
 
 
 @register("to", "png")
-class Png(Exporter):
+@dataclass(kw_only=True)
+class Png(PrintExporter):
     """``painting.png``: the picture, crisp at any ``resolution``: the strokes are scaled, not the pixels.
 
-    It is painted and packed in bands, so that memory does not grow with the picture.
-
-    Args:
-        compression: 1 is fast, 9 small.
+    It is painted and packed in bands, so that memory does not grow with the picture. For print:
+    ``to.png.size_cm=60x40``.
     """
 
-    def __init__(self, *, compression: Annotated[int, between(1, 9)] = 6) -> None:
-        self.compression = compression
-
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
+        job = self.sized(job)
         path, (height, width) = folder / "painting.png", job.size
-        packer, above = zlib.compressobj(self.compression), np.zeros((1, 3 * width), dtype=np.uint8)
-        # As in ISO/IEC 15948; Pillow wants the whole picture, and packs it in four bytes a pixel.
+        # Pillow wants the whole picture, and packs it in four bytes a pixel.
         with replacing(path) as temporary, temporary.open("wb") as file:
             file.write(SIGNATURE)
             _chunk(file, b"IHDR", struct.pack(">IIBBBBB", width, height, DEPTH, RGB, 0, 0, 0))
-            for _, band in job.bands():
-                rows = to_bytes(band).reshape(-1, 3 * width)
-                filtered = np.full((len(rows), 1 + 3 * width), UP, dtype=np.uint8)
-                np.subtract(rows, np.concatenate([above, rows[:-1]]), out=filtered[:, 1:])
-                _chunk(file, b"IDAT", packer.compress(filtered.data))
-                above = rows[-1:]
-            _chunk(file, b"IDAT", packer.flush())
+            if self.density:
+                metre = round(100 * self.density / CM)
+                _chunk(file, b"pHYs", struct.pack(">IIB", metre, metre, PER_METRE))
+            for piece in self.packed(job):
+                _chunk(file, b"IDAT", piece)
             _chunk(file, b"IEND", b"")
         return [path]
 

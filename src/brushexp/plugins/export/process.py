@@ -4,6 +4,7 @@ import logging
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import tee
 from pathlib import Path
 from typing import Annotated
 
@@ -16,6 +17,8 @@ from brushexp.compositing.bands import cuts
 from brushexp.pictures.video import filming, largest_side
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
+from brushexp.shading.height import Impasto, typical_width
+from brushexp.shading.light import normals_of, shaded
 from brushexp.strokes.bezier import unfinished
 from brushexp.system.files import to_bytes
 from brushexp.system.progress import with_progress
@@ -52,7 +55,7 @@ class Process(Exporter):
         job, frames = fitted(job, largest_side(self.format)), max(1, round(self.seconds * self.fps))
         growing = job.renderer.warm_up is None if self.growing is None else self.growing
         shares = schedule(len(job.strokes), frames, self.seconds, self.pace, growing=growing)
-        pictures = with_progress(states(job, shares), frames, "pictures")
+        pictures = with_progress(lit_states(job, shares), frames, "pictures")
         with filming(folder / "process", self.format, job.size, Fraction(self.fps)) as film:
             for k, picture in enumerate(pictures, start=1):
                 film.show(to_bytes(picture), 1 + (round(self.hold * self.fps) if k == frames else 0))
@@ -70,13 +73,24 @@ def schedule(n: int, frames: int, seconds: float, pace: str, *, growing: bool) -
 
 
 def fitted(job: ExportJob, side: int) -> ExportJob:
-    """The same painting with at most ``side`` pixels on its longer side."""
-    zoom = side / max(job.size)
-    if zoom >= 1:
-        return job
-    size = (max(1, round(job.size[0] * zoom)), max(1, round(job.size[1] * zoom)))
-    log.info("the film is drawn with %d x %d pixels, the most that it can have", size[1], size[0])
-    return replace(job, strokes=job.strokes.moved(zoom=zoom), size=size)
+    """The same painting with at most ``side`` pixels on its longer side, which is told if it had more."""
+    small = job.at_most(side)
+    if small is not job:
+        log.info("the film is drawn with %d x %d pixels, the most that it can have", small.size[1], small.size[0])
+    return small
+
+
+def lit_states(job: ExportJob, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
+    """What `states` shows, under the painting's lamp: heights are laid over each other as colours are."""
+    if not job.light.depth:
+        yield from states(job, shares)
+        return
+    impasto = Impasto(job.renderer, typical_width(job.strokes))
+    relief = replace(job, renderer=impasto, blend=job.blend.plain, background=torch.zeros_like(job.background))
+    for_colors, for_heights = tee(shares)
+    for color, height in zip(states(job, for_colors), states(relief, for_heights), strict=True):
+        normals = normals_of(height[0].cpu().numpy(), job.light.depth)
+        yield torch.from_numpy(shaded(color.float().cpu().numpy(), normals, job.light))
 
 
 @torch.no_grad()

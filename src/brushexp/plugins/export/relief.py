@@ -1,20 +1,17 @@
 """The painting as an object under a light, and its shape for printers and 3D programs."""
 
 import logging
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import torch
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from brushexp.bounds import between
-from brushexp.errors import UserError
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
-from brushexp.shading.height import height_of
-from brushexp.shading.light import Light, normals_of, shaded
+from brushexp.shading.light import UNLIT, normals_of, shaded
 from brushexp.system.files import replacing, to_bytes, write_picture
 
 log = logging.getLogger(__name__)
@@ -23,46 +20,29 @@ WHITE = 2**16 - 1
 
 @register("to", "relief")
 class Relief(Exporter):
-    """``relief.png``: thick paint under a light, ``light=315,45``; ``height.png`` and ``normals.png`` are its shape.
+    """``relief.png``: thick paint under a lamp, ``light=315,45``; ``height.png`` and ``normals.png`` are its shape.
+
+    The lamp is that of the painting unless ``light.*`` says another; one painted without light gets ``light.depth=1``.
 
     ``height.png`` has 16 bits: black is the bare canvas, white the highest point; how high that is stands in the log
     and in the texts of the file, ``Description`` and ``HeightOfWhite`` (pixels). ``normals.png`` is a tangent-space
     normal map in the convention of OpenGL: red to the right, green up, blue to the viewer, -1 to 1 as 0 to 255.
-
-    Args:
-        light: azimuth in degrees clockwise from the top (315: upper left), and elevation above the canvas.
-        depth: how thick the paint is, in all three files; 1 is natural, 0 flat.
-        gloss: of the paint, 0 (matt) to 1 (wet).
     """
 
-    def __init__(
-        self,
-        *,
-        light: list[float] = [315.0, 45.0],  # noqa: B006
-        depth: Annotated[float, between(0, 1000)] = 1.0,
-        gloss: Annotated[float, between(0, 1)] = 0.25,
-    ) -> None:
-        if len(light) != 2 or not 0 < light[1] <= 90:
-            typed = ",".join(f"{value:g}" for value in light)
-            wrong = f"light={typed} is not an azimuth and an elevation, which is above 0 and up to 90, in degrees"
-            raise UserError(f"{wrong}; try light=315,45")
-        self.light = Light(*light)
-        self.depth = depth
-        self.gloss = gloss
-
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        height = height_of(job)
+        light = job.light if job.light.depth else replace(job.light, depth=1.0)
+        height = job.height()
         relief, normals = np.empty((*job.size, 3), np.uint8), np.empty((*job.size, 3), np.uint8)
-        for top, band in job.bands():
+        for top, band in replace(job, light=UNLIT).bands():
             rows = slice(top, top + band.shape[1])
-            facing = normals_of(height, self.depth, rows)
+            facing = normals_of(height, light.depth, rows)
             normals[rows] = to_bytes(torch.from_numpy(0.5 * facing + 0.5))
-            lit = shaded(band.float().cpu().numpy(), facing, self.light, self.gloss)
+            lit = shaded(band.float().cpu().numpy(), facing, light)
             relief[rows] = to_bytes(torch.from_numpy(lit))
         paths = [folder / name for name in ("relief.png", "height.png", "normals.png")]
         write_picture(paths[0], relief)
         write_picture(paths[2], normals)
-        white = self.depth * float(height.max())
+        white = light.depth * float(height.max())
         share = 100 * white / max(job.size)
         told = f"{white:.6g} pixels above the bare canvas, {share:.4g} % of the longer side"
         log.info("%s: white is %s", paths[1], told)

@@ -1,24 +1,33 @@
-"""The strokes as vector paths (W3C, SVG 1.1, section 8): curves, and outlines of strokes whose width tapers."""
+"""The strokes as SVG (W3C, SVG 1.1): paths, outlines where the width tapers, and bitmaps of strokes with a texture."""
 
+import base64
+import io
 import re
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Annotated
 
 import torch
+from PIL import Image
 from torch import Tensor
 
 from brushexp.bounds import between
 from brushexp.compositing.profile import Profile, smooth_rise
+from brushexp.plugins.export._sprites import has_sprites, sprites_of
 from brushexp.plugins.export.base import Exporter, ExportJob
+from brushexp.plugins.export.png import pixels
 from brushexp.registry import register
+from brushexp.shading.light import UNLIT, overlay
 from brushexp.strokes.bezier import curve_of, half_width_of, point_at
 from brushexp.system.files import write_text
 
 CRISP = 1.0  # pixels: soft edge of strokes whose renderer is no profile
 PIXEL = 1 / 12  # square pixels: variance of an edge where a program fills pixels by the share that is covered
 BISECTIONS = 40
+MOST_PIXELS = 6e6  # of all bitmaps: about 5 MB
+LIGHT_SIDE = 2048  # pixels of the longer side of the light
 ALPHA = 3  # decimals of opacities
 SIDE_POINTS = 24  # of each long side of a tapered stroke
 TURN = 1e-3  # of the parameter: how near to its sharpest bend a curve that folds is sampled, on either side
@@ -34,18 +43,26 @@ class Svg(Exporter):
     the renderer; two ``outlines`` come close to it. A stroke thinner than that edge is drawn wider and fainter, as
     the renderer does. One that cannot be seen (no width, no opacity) has no path; one without length is a dot.
 
-    Renderers with textures (``textured``, ``neural``) have no paths: here are their strokes without the texture.
+    Strokes with a texture are bitmaps with transparency, one image each, coarser than the picture where all would be
+    too large; those of a slow renderer (``neural``) are paths without the texture. The lamp of a painting (``light.*``)
+    is the last image, ``light``: what it darkens is covered with black, what it brightens with white.
 
     Args:
         digits: decimals of coordinates and widths.
         outlines: how many paths, one on another, make the soft edge of a stroke.
+        paths: nothing but paths, without textures and light, for programs that edit them.
     """
 
     def __init__(
-        self, *, digits: Annotated[int, between(0, 6)] = 2, outlines: Annotated[int, between(1, 8)] = 1
+        self,
+        *,
+        digits: Annotated[int, between(0, 6)] = 2,
+        outlines: Annotated[int, between(1, 8)] = 1,
+        paths: bool = False,
     ) -> None:
         self.digits = digits
         self.outlines = outlines
+        self.paths = paths
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         path = folder / "strokes.svg"
@@ -55,9 +72,12 @@ class Svg(Exporter):
     def _lines(self, job: ExportJob) -> Iterator[str]:
         (height, width), count = job.size, len(job.strokes)
         profile, bare = profile_of(job)
+        drawn = not self.paths and has_sprites(job)
         about = f"{count} brush strokes on {width} x {height} pixels, the bottom one first"
         about += f", from {job.source}" * bool(job.source) + "; written by brushexp."
-        about += f" The renderer {job.name} gives them a texture, which paths cannot hold." * bare
+        about += f" The renderer {job.name} gives them a texture, which paths cannot hold." * (bare and not drawn)
+        about += " Each one is a bitmap with its texture." * drawn
+        about += " The last image is the light on the paint." * self._is_lit(job)
         canvas = f'<path d="M0 0h{width}v{height}h-{width}z"'
         stroked = "" if profile.taper else ' fill="none" stroke-linecap="round" stroke-linejoin="round"'
         yield '<?xml version="1.0" encoding="UTF-8"?>\n<svg xmlns="http://www.w3.org/2000/svg" '
@@ -65,8 +85,22 @@ class Svg(Exporter):
         yield f"<title>{count} brush strokes</title>\n<desc>{escape(FORBIDDEN.sub('?', about), quote=False)}</desc>\n"
         yield f'<clipPath id="canvas">{canvas}/></clipPath>\n<g clip-path="url(#canvas)"{stroked}>\n'
         yield f'{canvas} fill="{hexadecimal(job.background[None])[0]}"/>\n'
-        yield from self._paths(profile, job.bottom_up.cpu())
+        yield from self._bitmaps(job) if drawn else self._paths(profile, job.bottom_up.cpu())
+        if self._is_lit(job):
+            small = job.at_most(LIGHT_SIDE)
+            light = Image.fromarray(overlay(pixels(replace(small, light=UNLIT)), pixels(small)))
+            yield f'<image id="light" width="{width}" height="{height}" preserveAspectRatio="none" {_href(light)}/>\n'
         yield "</g>\n</svg>\n"
+
+    def _is_lit(self, job: ExportJob) -> bool:
+        return job.light.depth > 0 and not self.paths
+
+    def _bitmaps(self, job: ExportJob) -> Iterator[str]:
+        sprites = sprites_of(job, MOST_PIXELS)
+        for stroke, place, bitmap in sprites.bitmaps():
+            box = [number(value / sprites.zoom, self.digits) for value in (*place, *bitmap.size)]
+            shape = " ".join(f'{key}="{value}"' for key, value in zip(("x", "y", "width", "height"), box, strict=True))
+            yield f'<image id="stroke-{stroke}" {shape} preserveAspectRatio="none" {_href(bitmap)}/>\n'
 
     def _paths(self, profile: Profile, bottom_up: Tensor) -> Iterator[str]:
         curve, half, color, opacity = (
@@ -87,6 +121,13 @@ class Svg(Exporter):
                     more = "" if profile.taper else f' stroke-width="{size}"'
                     more += "" if clear == "1" else f' {kind}-opacity="{clear}"'
                     yield f'<path d="{d}" {kind}="{paint}"{more}/>\n'
+
+
+def _href(picture: Image.Image) -> str:
+    """A picture as an attribute of the element that shows it."""
+    encoded = io.BytesIO()
+    picture.save(encoded, format="PNG")
+    return f'href="data:image/png;base64,{base64.b64encode(encoded.getvalue()).decode()}"'
 
 
 @torch.no_grad()

@@ -5,6 +5,7 @@ A chart has a ``kind``, a ``title``, a ``summary`` (a sentence for those who can
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,6 @@ from brushexp.pictures.color import nearest_ink, palette, to_lab
 from brushexp.registry import build_named
 from brushexp.results.page.html import embedded
 from brushexp.results.page.replay import hex_of
-from brushexp.shading.height import height_of
 from brushexp.strokes.storage import Saved
 
 MAX_POINTS = 400  # of a line: more cannot be seen
@@ -148,6 +148,8 @@ def error_map(painting: np.ndarray, target: np.ndarray) -> dict[str, Any]:
 def height_map(saved: Saved) -> dict[str, Any]:
     """What ``light.js`` needs: heights in pixels of the map are ``top`` * (256 red + green) / 65535.
 
+    ``light`` is the lamp that the painting is under, or that of a relief where it has none.
+
     A renderer that is slow to draw is replaced by its stand-in, whose name is then in ``drawn_as``; one that cannot be
     built, because its checkpoint is not there for instance, is a UserError.
     """
@@ -156,9 +158,11 @@ def height_map(saved: Saved) -> dict[str, Any]:
     if drawn_as is not None:
         renderer = build_named("renderer", drawn_as, {})
     blend = build_named("blend", "tiled", {})
-    paint = height_of(export_job(saved, renderer, blend, saved.renderer, min(MAP_SIDE, max(saved.size)))).clip(0)
+    job = export_job(saved, renderer, blend, saved.renderer, min(MAP_SIDE, max(saved.size)))
+    paint, light = job.height().clip(0), job.light if job.light.depth else replace(job.light, depth=1.0)
     top = float(paint.max()) or 1.0
     levels = (paint / top * 65_535).round().astype(np.uint16)
     packed = np.stack([levels >> 8, levels & 255, np.zeros_like(levels)], axis=2).astype(np.uint8)
     (height, width), picture = saved.size, embedded(Image.fromarray(packed), MAP_SIDE)
-    return {"source": picture["source"], "top": top, "width": width, "height": height, "drawn_as": drawn_as}
+    lamp = {"drawn_as": drawn_as, "light": asdict(light)}
+    return {"source": picture["source"], "top": top, "width": width, "height": height, **lamp}

@@ -7,31 +7,49 @@ import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 from PIL import Image
 
 from brushexp.analysis.columns import StrokeTable, measure_strokes
 from brushexp.errors import UserError
+from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.pictures.decode import opened_picture
-from brushexp.registry import plugins
+from brushexp.plugins.export._sprites import Sprites, has_sprites, sprites_of
+from brushexp.registry import build_named, plugins
 from brushexp.results.anytime_curves import curve_from
 from brushexp.results.page import drawings
 from brushexp.results.page.html import embedded, page, readable_number
-from brushexp.results.page.replay import recorded_config, replay_of
+from brushexp.results.page.replay import MAX_STROKES, recorded_config, replay_of
 from brushexp.results.runs import command_of, read_result
+from brushexp.shading.light import overlay
 from brushexp.strokes.storage import Saved, load_catalogue
 from brushexp.system.files import write_text
 from brushexp.system.reading import read_table
 
 log = logging.getLogger(__name__)
 PAGE_NAME = "report.html"
-PICTURES = ("target", "painting", "style", "focus")
+FILES = {  # of a run, in the order in which the page has them
+    "painting.png": "the painting",
+    "flat.png": "its colours, without the light",
+    "strokes.svg": "its strokes, for Inkscape and the web",
+    "catalogue.h5": "its strokes, to export and to paint on",
+    "timelapse.mp4": "how the strokes moved",
+    "timelapse.gif": "how the strokes moved",
+    "target.png": "the picture that was painted",
+    "metrics.json": "its numbers",
+    "curves/metrics.csv": "the curves, as a table",
+}
+LEFT_OUT = {PAGE_NAME, "checkpoint.ckpt", "run.lock"}
+PICTURES = ("target", "painting", "flat", "style", "focus")  # flat: the painting without its light
 LARGEST_SIDE = 1600  # pixels of the longer side of a picture in a page
 LOSSLESS = 2**18  # pixels of a picture: a larger one goes into a page as a JPEG
+MOST_PIXELS = 8e6  # of the strokes with their textures: about 4 MB
 JPEG = {"format": "JPEG", "quality": 92, "subsampling": 0}
 METRICS_SHOWN = (  # of metrics.json: key, name, unit, digits, what it is
     ("psnr", "PSNR", "dB", 2, "peak signal-to-noise ratio, all pixels of the 8-bit pictures"),
+    ("psnr_lit", "PSNR in the light", "dB", 2, "of the painting under its lamp, which the target knows nothing of"),
     ("ssim", "SSIM", "", 3, "structural similarity (Wang et al., 2004); 1 is identical"),
     ("l1", "L1", "", 4, "mean |difference|, 0 to 1"),
     ("perceptual", "perceptual", "", 3, "distance in the features of a small network; 0 is identical"),
@@ -60,7 +78,19 @@ def page_of_run(folder: Path) -> str:
         metrics=metrics,
         curves=read_curves(folder / "curves" / "metrics.csv"),
         command=command_of(folder) if metrics else None,
+        files=files_in(folder),
     )
+
+
+def files_in(folder: Path) -> list[dict[str, str]]:
+    """What a run has left but for its page: names, addresses from the page, and what the known ones are."""
+    paths = sorted(path for path in folder.rglob("*") if path.is_file() and path.name not in LEFT_OUT)
+    names = [path.relative_to(folder).as_posix() for path in paths]
+    known = [name for name in FILES if name in names]
+    return [
+        {"name": name, "address": quote(name), "about": FILES.get(name, "")}
+        for name in known + [name for name in names if name not in FILES]
+    ]
 
 
 def _pictures(folder: Path) -> dict[str, np.ndarray]:
@@ -93,12 +123,13 @@ def _float(text: str | None) -> float:
 def run_page(
     saved: Saved, *, name: str, pictures: Mapping[str, np.ndarray] | None = None,
     metrics: Mapping[str, Any] | None = None, curves: Mapping[str, Sequence[float]] | None = None,
-    command: str | None = None,
+    command: str | None = None, files: Sequence[Mapping[str, str]] = (),
 ) -> str:  # fmt: skip
     """The page of a painting, HTML that needs nothing else; a part of which nothing is known is left out.
 
     Pictures are (H, W, 3) uint8 by name: ``target``, ``painting`` (without it there are no error map and no light), and
-    others; curves are columns by name: ``step``, ``psnr``, ``loss/...``; ``command`` repeats the run.
+    others; curves are columns by name: ``step``, ``psnr``, ``loss/...``; ``command`` repeats the run; ``files`` lie
+    beside the page, see `files_in`.
     """
     metrics, pictures = metrics or {}, pictures or {}
     shown = {key: _shown(pixels) for key, pixels in pictures.items()}
@@ -111,15 +142,19 @@ def run_page(
         figures=_figures(metrics),
         target=shown.pop("target", None),
         painting=shown.pop("painting", None),
+        flat=shown.pop("flat", None),
+        overlay=_overlay(pictures),
         others=shown,
         renderer=saved.renderer,
-        replay=None if measures is None else replay_of(saved, measures),
-        error=_error(pictures.get("painting"), pictures.get("target")),
+        replay=None if measures is None else replay_of(saved, measures, _sprites(saved)),
+        error=_error(pictures.get("flat", pictures.get("painting")), pictures.get("target")),
         curves=_curves(curves or {}, metrics),
         strokes=None if measures is None else _strokes(saved, measures),
         light=_light(saved) if measures is not None and "painting" in pictures else None,
         settings=_settings(recorded_config(saved), shlex.split(command or "")[2:]),
+        line=line_of(recorded_config(saved)),
         command=command,
+        files=files,
     )
 
 
@@ -189,6 +224,23 @@ def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
     return {"lead": lead, "charts": [chart for chart in charts if chart], "swatches": swatches}
 
 
+def _sprites(saved: Saved) -> Sprites | None:
+    """The strokes with their textures; None where they have none that a canvas could show."""
+    try:
+        job = export_job(saved, renderer_of(saved), build_named("blend", "tiled", {}), saved.renderer)
+    except UserError as error:
+        log.warning("the replay shows plain strokes: %s", error)
+        return None
+    return sprites_of(job, MOST_PIXELS) if len(job.strokes) <= MAX_STROKES and has_sprites(job) else None
+
+
+def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
+    """The light on a painting as a picture to lay over its colours; None where there is none."""
+    if "flat" not in pictures or "painting" not in pictures:
+        return None
+    return str(embedded(Image.fromarray(overlay(pictures["flat"], pictures["painting"])), LARGEST_SIDE)["source"])
+
+
 def _light(saved: Saved) -> dict[str, Any] | None:
     try:
         return drawings.height_map(saved)
@@ -203,6 +255,27 @@ def _settings(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple
     names = {plugin.target: plugin.name for plugin in plugins()}
     rows = ((key.removesuffix("._target_"), names.get(value, value)) for key, value in _flat(config))
     return [(key, value, key in typed) for key, value in rows]
+
+
+def line_of(config: Mapping[str, Any]) -> str:
+    """All settings as one line that can be typed: plugins by their names, then every key that has a value."""
+    names = {plugin.target: plugin for plugin in plugins()}
+    chosen = {key.removesuffix("._target_") for key, _ in _flat(config) if key.endswith("._target_")}
+    words, keys = [], []
+    for key, value in config.items():
+        if isinstance(value, dict) and value.get("_target_") in names:
+            words.append(f"{key}={names[value['_target_']].name}")
+        elif isinstance(value, dict) and value and all(isinstance(one, dict) for one in value.values()):
+            words.append(f"{key}=[{','.join(value)}]")
+    for key, text in _flat(config):
+        if (
+            not key.endswith("_target_")
+            and text not in ("{}", "null")
+            and key not in ("task", "output", "overwrite", "resume")
+        ):
+            below = key.rpartition(".")[0].rpartition(".")[0]  # of an option that is a table: its keys are the user's
+            keys.append(f"{'++' * (below in chosen)}{key}={text}")
+    return shlex.join(["python", "run.py", "look=plain", *words, *keys])
 
 
 def _flat(config: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:

@@ -21,7 +21,7 @@
   }
 
   async function load() {
-    const [heights, painting] = [Object.assign(new Image(), { src: source }), byId("painting")];
+    const [heights, painting] = [Object.assign(new Image(), { src: source }), byId("flat")];
     await Promise.all([heights.decode(), painting.decode()]);
     const { naturalWidth: width, naturalHeight: height } = heights;
     const data = pixelsOf(heights, width, height);
@@ -67,7 +67,7 @@
 
   function show() {
     const [azimuth, elevation, depth, gloss] = settings();
-    const texts = [`${Math.round(azimuth)}°`, `${Math.round(elevation)}°`, depth.toFixed(1), gloss.toFixed(1)];
+    const texts = [`${Math.round(azimuth)}°`, `${Math.round(elevation)}°`, depth.toFixed(1), gloss.toFixed(2)];
     for (const [k, name] of names.entries()) document.querySelector(`output[for=${name}]`).textContent = texts[k];
     const away = 46 * (1 - elevation / 90);
     lamp.style.left = `${50 + away * Math.sin(radians(azimuth))}%`;

@@ -16,6 +16,7 @@
   const card = byId("stroke"); // what is known of the selected stroke
   const [canvas, over] = stage.querySelectorAll("canvas");
   const end = stage.querySelector(".replay-end"); // the painting itself, where strokes have more than a canvas can draw
+  const lamp = stage.querySelector(".replay-light"); // what its light does to the colours
   const context = canvas.getContext("2d", { alpha: false });
   const strokes = unpacked(JSON.parse(byId("strokes").textContent));
   const every = Math.ceil(strokes.count / KEYS);
@@ -28,6 +29,7 @@
   let playing = false;
   let played = 0; // strokes, and parts of them
   let last = 0; // when the last frame was
+  let lit = false; // by the lamp, which goes on when all is laid
   let waiting = false; // for a frame
   let selected = -1; // stroke, counted from the bottom
   let pinned = false; // stays selected when the pointer goes away
@@ -63,6 +65,7 @@
     if (count) context.drawImage(keys.get(count), 0, 0);
     else context.fillRect(0, 0, canvas.width, canvas.height);
     shown = count;
+    lit = false;
   }
 
   // Go towards the goal for some milliseconds; the rest is done in the next frames.
@@ -82,6 +85,12 @@
         keys.set(shown, key);
       }
       if (shown % 8 === 0 && performance.now() > until) break;
+    }
+    if (lamp && shown === strokes.count && chosen.every(Boolean) && !lit) {
+      context.resetTransform();
+      context.globalAlpha = 1;
+      context.drawImage(lamp, 0, 0, canvas.width, canvas.height);
+      lit = true;
     }
   }
 
@@ -148,7 +157,7 @@
   function describe(k) {
     const turn = strokes.direction[k];
     const words = {
-      number: thousands(strokes.number[k]),
+      number: String(strokes.number[k]), // as in every file
       depth: `${thousands(k + 1)} of ${thousands(strokes.count)}`,
       length: `${strokes.length[k].toFixed(1)} px`,
       width: `${(2 * strokes.half[k]).toFixed(1)} px`,
@@ -226,8 +235,8 @@
       begin();
     });
   }
-  addEventListener("resize", measure);
+  addEventListener("resize", () => { if (scale) measure(); });
   run(false);
   show();
-  measure();
+  Promise.all([strokes.ready, lamp?.decode()]).then(measure);
 }

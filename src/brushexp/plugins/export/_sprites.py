@@ -1,0 +1,99 @@
+"""Every stroke of a painting by itself: its bitmap, as the renderer draws it, and where that lies on the canvas."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from PIL import Image
+
+from brushexp.compositing.profile import Profile
+from brushexp.plugins.export.base import ExportJob
+from brushexp.registry import build_named
+from brushexp.shading.light import UNLIT
+from brushexp.strokes.catalogue import Strokes
+
+SHEET_WIDTH = 4096  # pixels, and as many rows at most: what every browser can hold
+GAP = 1  # pixels between strokes
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Sprites:
+    """The strokes of a painting that can be seen, the bottom one first, beside each other on a sheet."""
+
+    sheet: Array  # (h, SHEET_WIDTH, 4) uint8: RGBA, straight alpha
+    number: Array  # (N,) of each stroke in the catalogue
+    boxes: Array  # (N, 4) left, top, width and height in the sheet, pixels
+    places: Array  # (N, 2) left and top on the canvas, in pixels of the sheet
+    zoom: float  # pixels of the sheet for each of the canvas
+
+    def bitmaps(self) -> Iterator[tuple[int, tuple[int, int], Image.Image]]:
+        """Number, place and picture of each stroke."""
+        for number, (left, top, width, height), place in zip(self.number, self.boxes, self.places, strict=True):
+            pixels = np.ascontiguousarray(self.sheet[top : top + height, left : left + width])
+            yield int(number), (int(place[0]), int(place[1])), Image.fromarray(pixels)
+
+
+def has_sprites(job: ExportJob) -> bool:
+    """Whether strokes are more than curves with a width, and soon drawn."""
+    return job.renderer.warm_up is None and not isinstance(job.renderer(job.strokes[:0]), Profile)
+
+
+@torch.no_grad()
+def sprites_of(job: ExportJob, most_pixels: float = SHEET_WIDTH**2) -> Sprites:
+    """Draw every stroke once, all in one pass of a blend, which leaves them as they are, for they do not touch.
+
+    On black a blend shows what a stroke contributes, on white also what it lets through. Strokes are drawn smaller if
+    the sheet would have more than ``most_pixels``.
+    """
+    strokes, zoom = job.strokes, 1.0
+    boxes = _boxes(job, strokes)
+    needed = float(((boxes[:, 2] + GAP) * (boxes[:, 3] + GAP)).sum())
+    if needed > 0.8 * most_pixels:
+        zoom = math.sqrt(0.8 * most_pixels / needed)
+        strokes = strokes.moved(zoom=zoom)
+        boxes = _boxes(job, strokes)
+    corners, height = _on_shelves(boxes[:, 2:] + GAP)
+    shift = torch.from_numpy(corners - boxes[:, :2]).to(strokes.position)
+    apart = replace(strokes, position=strokes.position + shift)
+    blend = build_named("blend", "tiled", {})
+    laid = replace(job, strokes=apart, size=(height, SHEET_WIDTH), blend=blend, light=UNLIT)
+    sheet = np.zeros((height, SHEET_WIDTH, 4), np.uint8)
+    dark, bright = (replace(laid, background=torch.full_like(job.background, shade)) for shade in (0.0, 1.0))
+    for (top, black), (_, white) in zip(dark.bands(), bright.bands(), strict=True):
+        alpha = 1 - (white - black).mean(0, keepdim=True)
+        pixels = torch.cat([black / alpha.clamp_min(1e-6), alpha]).clamp(0, 1)
+        sheet[top : top + black.shape[1]] = (pixels * 255 + 0.5).to(torch.uint8).permute(1, 2, 0).cpu().numpy()
+    sheet[sheet[..., 3] == 0] = 0
+    found = np.concatenate([corners, boxes[:, 2:]], axis=1)
+    seen = np.array([sheet[y : y + h, x : x + w, 3].any() for x, y, w, h in found], dtype=bool)
+    number = job.bottom_up.cpu().numpy()
+    number = number[seen[number]]
+    return Sprites(sheet, number, found[number], boxes[number, :2], zoom)
+
+
+def _boxes(job: ExportJob, strokes: Strokes) -> Array:
+    """Left, top, width and height (N, 4), int64, of what each stroke may touch; without area beyond the canvas."""
+    layers = job.renderer(strokes)
+    curve, reach = layers.curve.cpu().numpy(), layers.reach.cpu().numpy()[:, None]
+    low, high = np.floor(curve.min(1) - reach), np.ceil(curve.max(1) + reach)
+    side = SHEET_WIDTH - GAP
+    size = np.minimum(high - low, side)
+    far = np.array(job.size[::-1]) * (strokes.scale / job.strokes.scale.clamp_min(1e-9)).mean().item()
+    outside = ((high <= 0) | (low >= far)).any(1) | (reach[:, 0] <= 0)
+    size[outside] = 0
+    return np.concatenate([low, size], axis=1).astype(np.int64)
+
+
+def _on_shelves(sizes: Array) -> tuple[Array, int]:
+    """Corners (N, 2) of boxes (N, 2) side by side in rows, the highest ones first, and the height of all."""
+    corners, (left, top, row) = np.zeros_like(sizes), (0, 0, 0)
+    for k in np.argsort(-sizes[:, 1], kind="stable"):
+        width, height = sizes[k]
+        if left + width > SHEET_WIDTH:
+            left, top, row = 0, top + row, 0
+        corners[k] = left, top
+        left, row = left + width, max(row, height)
+    return corners, max(1, int(top + row))
