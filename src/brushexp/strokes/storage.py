@@ -22,6 +22,7 @@ from brushexp.system.files import write_bytes
 from brushexp.system.hdf5 import HDF5, attribute_of, dataset_of, fixed, opened, text_of, whole_number_of
 from brushexp.system.reading import check_yaml, explaining, in_short, read_text
 
+SHIPPED = Path(__file__).with_name("catalogues")
 LARGEST_SIDE = 1_000_000  # pixels
 MOST_STROKES = 10_000_000  # which take 0.7 GB
 LARGEST_TEXT = 2**29  # bytes of a catalogue as JSON, two million strokes
@@ -70,7 +71,12 @@ def _put(file: h5py.File, name: str, value: np.ndarray, unit: str) -> None:
 
 
 def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
-    """Read a catalogue and check all of it; a UserError says what is wrong. ``option`` is what sets the path."""
+    """Read a catalogue and check all of it; a UserError says what is wrong. ``option`` is what sets the path.
+
+    A plain name is a catalogue that comes with the program: ``starry_night``.
+    """
+    if str(path).isidentifier() and not path.exists() and (SHIPPED / f"{path}.h5").is_file():
+        path = SHIPPED / f"{path}.h5"
     if path.is_dir():
         raise UserError(f"{path} is a folder; give the file in it, {option}={path / 'catalogue.h5'}")
     cure, again = f"give the catalogue.h5 of a finished run, {option}=...", "save it again or give another one"

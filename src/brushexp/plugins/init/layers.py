@@ -8,7 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.bounds import above, at_least, between
+from brushexp.bounds import Rule, above, at_least, between
+from brushexp.pictures.load import named_color
 from brushexp.pictures.structure import along_edges, structure_tensor
 from brushexp.plugins.init._cells import MIN_WINDOW_PIXELS, WINDOW_PITCHES
 from brushexp.plugins.init.base import Initializer
@@ -21,6 +22,7 @@ BLUR = 0.35  # of the picture that a layer paints after, in pitches of the layer
 SUBSTEPS = 4  # points of a stroke on each side of its middle
 FAR_AWAY = ((1, 1.0), (4, 0.05), (16, 0.01))  # how far structure reaches (in pitches), and how much it counts there
 SHORTEST = 0.5  # of a stroke that ends at an edge, in its full length
+INK = Rule(named_color)
 
 
 @register("init", "layers")
@@ -41,6 +43,7 @@ class InLayers(Initializer):
         width: of a stroke, in pitches of its layer.
         edges: a stroke ends where the picture differs by this from its colour, 0 to 1; smaller follows edges closer.
         opacity: 0 to 1.
+        color: of all strokes, as '#rrggbb', for drawings in one ink; null = that of the picture, where they lie.
         jitter: random shift of each stroke in pitches of its layer (its deviation), so that seeds differ.
     """
 
@@ -51,6 +54,7 @@ class InLayers(Initializer):
     width: Annotated[float, above(0, 10)] = 0.9
     edges: Annotated[float, above(0, 1)] = 0.15
     opacity: Annotated[float, between(0, 1)] = 0.95
+    color: Annotated[str | None, INK] = None
     jitter: Annotated[float, at_least(0)] = 0.15
 
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
@@ -91,6 +95,7 @@ class InLayers(Initializer):
         points = [
             torch.from_numpy((point - middle) / (scale / 2)).float() for point in (start, 2 * places - chord, end)
         ]
+        own = torch.from_numpy(color).float().clamp(0, 1)
         return Strokes(
             position=torch.from_numpy(middle).float(),
             scale=torch.full((n,), scale),
@@ -98,7 +103,7 @@ class InLayers(Initializer):
             control=points[1].clamp(-1, 1),
             end=points[2].clamp(-1, 1),
             width=torch.full((n,), min(1.0, self.width * side / scale)),
-            color=torch.from_numpy(color).float().clamp(0, 1),
+            color=_ink(self.color, own),
             opacity=torch.full((n,), self.opacity),
         )
 
@@ -119,6 +124,12 @@ class InLayers(Initializer):
             ahead = ahead + turned
             ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
         return point
+
+
+def _ink(color: str | None, own: Tensor) -> Tensor:
+    """Colours (n, 3) of strokes: one that is named, or their ``own``."""
+    ink = None if color is None else named_color(color, "init.color")
+    return own if ink is None else (torch.tensor(list(ink)) / 255).repeat(len(own), 1)
 
 
 def _places(wanted: Array, cells: int, n: int) -> Array:
