@@ -6,7 +6,6 @@ cap beyond; they are ``LONG`` times as far apart as the rows. Around all this li
 those next to it, so that a lookup outside may be clamped to it, with no slope.
 """
 
-import math
 from dataclasses import dataclass
 
 import torch
@@ -112,11 +111,9 @@ def _rounded(sheet: Tensor) -> Tensor:
 
 def extent_of(opacity: Tensor) -> Tensor:
     """Half widths (M,) from the curve, beyond which textures with this opacity (M, rows + 2, columns + 2) are empty."""
-    rows = opacity.shape[1] - 2
-    distance = texel_distances(rows, opacity.shape[2] - 2).to(opacity)
-    farthest = torch.where(opacity > 0, distance, -1.0).amax((1, 2))
-    margin = math.hypot(1, LONG) * 2 * SPREAD / rows  # a texel is felt as far as the next one
-    return torch.where(farthest < 0, 0.0, farthest + margin)
+    distance = texel_distances(opacity.shape[1] - 2, opacity.shape[2] - 2).to(opacity)
+    felt = functional.max_pool2d((opacity > 0).to(opacity), 3, 1, 1)  # a texel is felt as far as the next one
+    return torch.where(felt > 0, distance, 0.0).amax((1, 2)) * (1 + 1e-5)
 
 
 def cells_of(texels: Tensor, size: Tensor) -> Tensor:

@@ -10,7 +10,7 @@ from torch.nn import functional
 from brushexp.bounds import Bounds, between
 from brushexp.compositing.layers import SPREAD
 from brushexp.compositing.textured_profile import TexturedProfile
-from brushexp.compositing.textures import LONG, Loop, Sheets, cap_of, coordinates_of, sheets_of
+from brushexp.compositing.textures import LONG, Loop, Sheets, cap_of, coordinates_of, sheets_of, texel_distances
 from brushexp.plugins.engine.base import Simulated
 from brushexp.plugins.renderer.base import RENDERERS, Renderer
 from brushexp.registry import register
@@ -26,6 +26,7 @@ SAMPLES = 4  # of a texel in each direction, when it is read off a picture
 STRETCH = 0.9  # half-windows from the middle to either end of a stroke that textures are read off
 FULL = 0.98  # share of texels with paint that are no higher than a full film
 TONE = 0.2  # share of white in the palest bristle, of black in the darkest
+REACH = (1.15, 1.35)  # half widths between which hairs end that go astray: a stroke's reach is what it costs
 AROUND = 0.35  # half widths over which paint is compared with the paint around it
 NODES = ((0.112702, 5 / 18), (0.5, 4 / 9), (0.887298, 5 / 18))  # of Gauss and Legendre's rule
 
@@ -180,7 +181,8 @@ def raw_of(texels: Tensor) -> Tensor:
 
     Where there is more paint than around it, bristles hold more pigment and are paler; where there is less, darker.
     """
-    coverage, height = texels.clamp_min(0)
+    astray = texel_distances(*texels.shape[1:])[1:-1, 1:-1]
+    coverage, height = texels.clamp_min(0) * ((REACH[1] - astray) / (REACH[1] - REACH[0])).clamp(0, 1)
     films = (height / height[coverage > 0.5].quantile(FULL).clamp_min(1e-6)).clamp(0, 1)
     rows = height.shape[0]
     spread = 2 * round(0.5 * AROUND * rows / (2 * SPREAD)) + 1
