@@ -5,6 +5,7 @@ import json
 import os
 import pickle
 import signal
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,21 +17,27 @@ from omegaconf import OmegaConf
 from painters import fit, painter_of
 from PIL import Image
 from program import ended, run, stopped
+from scenes import random_strokes
 
 from brushexp.app import fitting
+from brushexp.app.composition import check
 from brushexp.app.fitting import CHECKPOINT, RECORD, interrupted_run
 from brushexp.app.run_folder import take
 from brushexp.app.tasks import paint
 from brushexp.errors import UserError
 from brushexp.painting import assembly
 from brushexp.painting.painter import DIVERGED
+from brushexp.plugins.blend.base import Blend, Canvas
+from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.loss.base import Loss
 from brushexp.plugins.loss.pixel import MeanSquaredError
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS
-from brushexp.strokes.storage import load_catalogue
+from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.files import TEMPORARY
 from brushexp.system.runtime import free_memory
 
@@ -92,9 +99,44 @@ def test_strokes_stay_as_they_were_before_a_step_that_gives_no_numbers(how, samp
     broken = painter_of(losses={"broken": Breaking(how)}, steps=9, sampler=sampler())
     trainer = fit(broken)
     assert (broken.stop, trainer.global_step) == (DIVERGED, 3)
-    assert broken.trouble == f"step 3: {'the gradient is not finite' if how == 'gradient' else f'loss=broken is {how}'}"
+    said = "the gradient of loss=broken is not finite" if how == "gradient" else f"loss=broken is {how}"
+    assert broken.trouble == f"step 3: {said}"
     for name, value in broken.strokes().items():
         torch.testing.assert_close(value, getattr(before.strokes(), name), atol=1e-6, rtol=1e-6)
+
+
+class Spoilt(Renderer):
+    """Plain strokes, of which number 2 has no colour that is a number."""
+
+    def forward(self, strokes, number=None):
+        layers = Analytic()(strokes, number)
+        return replace(layers, color=torch.where(torch.arange(len(strokes))[:, None] == 2, torch.nan, layers.color))
+
+
+class Spilling(Blend):
+    """A picture that is no number, or has no slope that is one."""
+
+    def __init__(self, how: str) -> None:
+        self.how = how
+
+    def __call__(self, *args):
+        image = Tiled()(*args).image
+        slope = 0 * (image - image.detach()).abs().sum().sqrt()  # 0 times infinity
+        return Canvas(image + (torch.nan if self.how == "nan" else slope))
+
+
+@pytest.mark.parametrize(
+    ("parts", "said"),
+    [
+        ({"renderer": Spoilt()}, "renderer=Spoilt makes stroke 2 of numbers that are not finite"),
+        ({"blend": Spilling("nan")}, "blend=Spilling makes a picture that is not finite"),
+        ({"blend": Spilling("gradient")}, "the gradient of blend=Spilling is not finite"),
+    ],
+)
+def test_who_made_the_first_number_that_is_none_is_named(parts, said):
+    painter = painter_of(steps=3, **parts)
+    fit(painter)
+    assert (painter.stop, painter.trouble) == (DIVERGED, f"step 1: {said}")
 
 
 @pytest.mark.parametrize(
@@ -150,7 +192,7 @@ TINY += ["checkpoint_every=0", "device=cpu"]
         OSError(errno.ENOSPC, "No space left on device"),
         "cannot write into .*: No space left on device; choose another",
     ),
-    (None, "step 4: loss=mse is nan; .* lower the rate, or drop the loss"),
+    (None, "step 4: loss=mse is nan; .* lower the rate, or choose others"),
 ], ids=["bug", "exit", "memory", "torch", "disk", "nan"])  # fmt: skip
 def test_what_ends_a_painting_leaves_it_as_it_was_before_that_step(error, message, run_task, tmp_path, monkeypatch):
     calls, whole = [], MeanSquaredError.forward
@@ -208,14 +250,41 @@ def test_a_full_disk_costs_no_more_than_what_it_cannot_hold(full, run_task, tmp_
     ({"renderer": "neural"}, r"take at least 1.1 GB .* fewer strokes= or sampler=patches"),
 ])  # fmt: skip
 def test_memory_is_estimated_before_the_work_starts(words, message, config, monkeypatch):
-    monkeypatch.setattr(assembly, "free_memory", lambda: 100)
+    monkeypatch.setattr("brushexp.system.runtime.free_memory", lambda: 100)
     cfg = config("strokes=9000", "warm_up=null", *(f"{key}={value}" for key, value in words.items()))
     size = (100, words.get("resolution", 100))
     with pytest.raises(UserError, match=message):
-        assembly.check_memory(cfg, assembly.components_of(cfg), size)
+        assembly.check_size(cfg, assembly.components_of(cfg), size)
     monkeypatch.undo()
     assert 10 < free_memory() < 1e9
-    assembly.check_memory(cfg, assembly.components_of(cfg), size)
+    assembly.check_size(cfg, assembly.components_of(cfg), size)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ["task=export", "catalogue=c.h5", "to=relief", "resolution=30000"],
+            r"to=relief: 30000 .* 100000 .* resolution=",
+        ),
+        (["task=export", "catalogue=c.h5", "to=gcode", "to.gcode.width_mm=900"], r"900 is too wide for"),
+        (["task=export", "catalogue=other.h5"], r"renderer\.width=-3"),
+        (["task=export", "catalogue=c.h5", "to=gcode", "to.gcode.change=T{x}"], r"more than {tool} and {color}"),
+        (["task=train", "engine=disc", "batch_size=200000"], r"batch_size=200000 strokes of .* smaller batch_size="),
+        (["task=simulate", "engine=disc", "engine.window=256"], r"2048 strokes of 256 x 256 .* smaller engine.window="),
+        (["blend=dense", "strokes=100000", "resolution=512"], r"blend=dense would hold 100000 strokes at 1572"),
+        (["style=astronaut", "style.loss.scale=0.02", "resolution=512"], r"has 10 x 10 pixels .* needs 32 x 32"),
+    ],
+)
+def test_what_has_no_room_is_refused_before_any_job_starts(words, message, config, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    parts = {"depth": torch.arange(2), "size": (30, 9), "background": torch.ones(3), "renderer_hash": "", "seed": 0}
+    plain = Saved(strokes=random_strokes(2, (30, 9)), renderer="analytic", config="", **parts)
+    save_catalogue(Path("c.h5"), plain)
+    save_catalogue(Path("other.h5"), replace(plain, renderer="neural", config="renderer: {width: -3}"))
+    monkeypatch.setattr("brushexp.system.runtime.free_memory", lambda: 400)
+    with pytest.raises(UserError, match=message):
+        check(config(*words), words)
 
 
 def test_a_run_replaces_no_other_and_removes_nothing_but_what_runs_leave(tmp_path, config):

@@ -5,6 +5,7 @@ import json
 import os
 import random
 import sys
+import zlib
 from collections.abc import Callable
 from contextlib import suppress
 from io import BytesIO
@@ -42,7 +43,7 @@ from brushexp.results.runs import gather
 from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.storage import load_catalogue, save_catalogue
 from brushexp.system.files import write_json, write_picture
-from brushexp.system.hdf5 import fixed
+from brushexp.system.hdf5 import fixed, numbers_of
 
 CASES = int(os.environ.get("BRUSHEXP_FUZZ", "3"))  # of each kind of file and of damage: thousands to search for more
 SLOW = 6  # one case of kinds that are read into a whole page or fit, for so many of others
@@ -305,6 +306,16 @@ def change_hdf5(file: h5py.File, chance: random.Random, folder: Path) -> None:
     chance.choice(ways)()
     if isinstance(file.get(name, getlink=True), h5py.HardLink):
         file[name].attrs["unit"] = fixed("x")
+
+
+def test_a_chunk_that_unpacks_to_more_than_it_says_is_refused_before_there_is_room_for_it(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        made = file.create_dataset("it", (16,), np.float32, chunks=(16,), compression="gzip", shuffle=True)
+        made.id.write_direct_chunk((0,), zlib.compress(bytes(2**22)))
+        whole = file.create_dataset("whole", data=np.arange(99.0), chunks=(16,), compression="gzip", fletcher32=True)
+        with pytest.raises(UserError, match="it has a chunk that unpacks to more than the 64 bytes that it says"):
+            numbers_of(made)
+        assert numbers_of(whole).tolist() == list(range(99))
 
 
 WAYS = (flipped, cut, moved, worded, rewritten)

@@ -35,6 +35,12 @@ ENDS = {
     ],
 }
 
+SWEPT = ("target.png", "checkpoint.ckpt", "painting.png", "catalogue.h5", "metrics.json")
+SWEEP_KILLS = [(f"{job}/{name}", 1, after) for job in (0, 1) for name in SWEPT for after in (False, True)]
+EXPORTED = ["painting.png", "strokes.svg", "strokes.json", "strokes.csv", "process.gif", "relief.png", "height.png"]
+EXPORTED += ["normals.png", "metrics.json"]
+EXPORT_KILLS = [(name, 1, after) for after in (False, True) for name in (*EXPORTED[:-1], "process.gif", "metrics.json")]
+
 
 def some(kills):
     """Those of a chain that are tried: at least what comes first and last."""
@@ -128,14 +134,39 @@ def test_a_sweep_that_is_ended_keeps_the_jobs_that_are_done(tmp_path, sent, code
         assert [row["status"] for row in csv.DictReader(file)] == 3 * ["completed"]
 
 
-def test_an_export_that_is_ended_leaves_no_half_files(tmp_path):
-    assert ended(tmp_path, *PAINT, "steps=2", "report=false", "output=a")[0] == 0
-    words = ["task=export", "catalogue=a/catalogue.h5", "to=png,svg,process", "to.process.format=gif", "output=b"]
-    assert ended(tmp_path, *words, kill=("process.gif", 1, False))[0] == -signal.SIGKILL
-    assert len(list((tmp_path / "b").glob(TEMPORARY))) == 1
-    assert ended(tmp_path, *words, kill=("process.gif", 1, False), sent=signal.SIGTERM)[0] == 143
-    assert not list((tmp_path / "b").glob(TEMPORARY))
-    assert not (tmp_path / "b" / "metrics.json").exists()
+def test_a_sweep_leaves_no_half_file_wherever_it_is_killed(tmp_path):
+    words, sweep = ["-m", *PAINT, "steps=2,3", "report=false", "output=s"], tmp_path / "s"
+    for number, kill in enumerate(some(SWEEP_KILLS)):
+        sent = (signal.SIGTERM, signal.SIGKILL)[number % 2]
+        code, said = ended(tmp_path, *words, "overwrite=true", kill=kill, sent=sent)
+        assert code == (143 if sent == signal.SIGTERM else -9), (kill, said)
+        assert sent == signal.SIGKILL or not list(sweep.rglob(TEMPORARY)), kill
+        job = int(kill[0][0])
+        noted = [json.loads(path.read_text())["status"] for path in sorted(sweep.glob("[01]/result.json"))]
+        assert noted == job * ["completed"] + ["interrupted"] * (sent == signal.SIGTERM), kill
+        for path in sweep.rglob("catalogue.h5"):
+            load_catalogue(path)
     code, said = ended(tmp_path, *words, "overwrite=true")
     assert code == 0, said
-    assert (tmp_path / "b" / "process.gif").exists()
+    assert not list(sweep.rglob(TEMPORARY))
+
+
+def test_an_export_leaves_no_half_file_wherever_it_is_killed(tmp_path):
+    assert ended(tmp_path, *PAINT, "steps=2", "report=false", "output=a")[0] == 0
+    words = ["task=export", "catalogue=a/catalogue.h5", "to=png,svg,json,csv,process,relief", "to.process.format=gif"]
+    words += ["to.process.seconds=1", "threads=1"]
+    code, said = ended(tmp_path, *words, "output=straight")
+    assert code == 0, said
+    whole = {name: (tmp_path / "straight" / name).read_bytes() for name in EXPORTED[:-1]}
+    for number, kill in enumerate(some(EXPORT_KILLS)):
+        sent = (signal.SIGTERM, signal.SIGKILL)[number % 2]
+        code, said = ended(tmp_path, *words, "output=b", "overwrite=true", kill=kill, sent=sent)
+        assert code == (143 if sent == signal.SIGTERM else -9), (kill, said)
+        left = list((tmp_path / "b").glob(TEMPORARY))
+        assert len(left) <= (sent == signal.SIGKILL), kill
+        there = {path.name: path.read_bytes() for path in (tmp_path / "b").iterdir() if path.name in whole}
+        assert there.items() <= whole.items(), kill
+        assert (tmp_path / "b" / "metrics.json").exists() == (kill == ("metrics.json", 1, True)), kill
+    code, said = ended(tmp_path, *words, "output=b", "overwrite=true")
+    assert code == 0, said
+    assert not list((tmp_path / "b").glob(TEMPORARY))

@@ -3,11 +3,16 @@
 import logging
 from types import SimpleNamespace
 
+import lightning as L
 import pytest
 import torch
+from omegaconf import OmegaConf
+from painters import QUIET, fit, painter_of
 from scenes import random_strokes
 
 from brushexp import registry
+from brushexp.app import fitting
+from brushexp.app.fitting import RunRecord
 from brushexp.app.tasks import paint
 from brushexp.errors import UserError
 from brushexp.plugin_errors import plugins_named
@@ -94,6 +99,17 @@ def test_what_a_plugin_does_wrong_is_told_with_its_name_and_file(loaded, family)
 def test_half_a_plugin_is_refused_when_it_is_loaded(loaded, text, said):
     with pytest.raises(UserError, match=said):
         loaded(f"from brushexp.plugins.loss.base import Loss\nfrom brushexp.registry import register\n{text}\n", "half")
+
+
+@pytest.mark.usefixtures("hydra_restore_singletons")
+def test_a_plugin_that_fails_where_a_run_goes_on_is_no_fault_of_the_checkpoint(loaded, tmp_path):
+    options = {"family": "loss", "contract": "Loss", "method": "forward", "name": "trips", "number": 0}
+    loaded(HEAD.format("loss") + CLASS.format(body="_[0].picture", **options), "trips")
+    fit(painter_of(n=4, steps=4), max_steps=2).save_checkpoint(tmp_path / "c.ckpt")
+    painter = painter_of(n=4, steps=4, losses={"trips": build_named("loss", "trips", {})})
+    trainer = L.Trainer(**QUIET, callbacks=[RunRecord(OmegaConf.create({}), tmp_path)])
+    with pytest.raises(UserError, match=r"loss=trips .*AttributeError"), plugins_named(plugins()):
+        fitting.fit(trainer, painter, checkpoint=tmp_path / "c.ckpt")
 
 
 @pytest.mark.usefixtures("hydra_restore_singletons")

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import os
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -26,6 +27,18 @@ METRICS = {
     **{"peak_memory_mb": 512.0, "n_strokes": 2600, "steps": 500, "device": "cpu"},
 }
 ERROR = "RuntimeError: stroke 17 | is *singular*"
+
+
+def test_a_job_that_went_on_by_itself_is_no_longer_interrupted(tmp_path):
+    run = make_run(tmp_path, {"steps": "7"}, name="0")
+    noted = json.loads((run / "result.json").read_text()) | {"status": "interrupted", "psnr": None}
+    (run / "result.json").write_text(json.dumps(noted))
+    (run / "metrics.json").write_text(json.dumps({"psnr": 30.0, "seconds": 1.0, "status": "completed"}))
+    os.utime(run / "result.json", (0, 0))
+    row = collect(tmp_path).iloc[0]
+    assert (row["run", "status"], row["metric", "psnr"], row["setting", "steps"]) == ("completed", 30.0, "7")
+    os.utime(run / "metrics.json", (0, 0))
+    assert collect(tmp_path).iloc[0]["run", "status"] == "interrupted"
 
 
 def fail(folder: Path, number: int, error: str = ERROR) -> None:

@@ -149,7 +149,7 @@ def plugins_named(plugins: Iterable[Any]) -> Iterator[None]:
     except SAID_ALREADY:
         raise
     except (Exception, SystemExit) as error:
-        told = None if isinstance(error.__context__, KeyboardInterrupt) else _told(error, plugins)
+        told = None if isinstance(error.__context__, KeyboardInterrupt) else mistake_of(error, plugins)
         if told is None:
             raise
         record = log.makeRecord(log.name, logging.ERROR, __file__, 0, told, (), sys.exc_info())
@@ -159,7 +159,7 @@ def plugins_named(plugins: Iterable[Any]) -> Iterator[None]:
         raise UserError(told) from error
 
 
-def _told(error: BaseException, plugins: Iterable[Any]) -> str | None:
+def mistake_of(error: BaseException, plugins: Iterable[Any]) -> str | None:
     """What is wrong in the innermost line of a user's plugin that an error came through; None if it did not."""
     users = [(inspect.getsourcefile(one.cls), one) for one in plugins if not one.cls.__module__.startswith(OURS)]
     for frame, line in reversed(list(traceback.walk_tb(error.__traceback__))):

@@ -181,6 +181,15 @@ def plugins(family: str | None = None) -> list[Plugin]:
     return sorted(found, key=lambda plugin: (list(FAMILIES).index(plugin.family), plugin.name))
 
 
+def named(family: str, made: object, name: str = "") -> str:
+    """An object of a family as messages name it: ``loss=mse``, of a user's plugin with its file."""
+    plugin = next((one for one in plugins(family) if one.cls is type(made)), None)
+    source = (
+        "" if plugin is None or plugin.cls.__module__.startswith(OURS) else f" ({inspect.getsourcefile(plugin.cls)})"
+    )
+    return f"{family}={name or (plugin.name if plugin else type(made).__name__)}{source}"
+
+
 def plugin_of(node: DictConfig) -> Plugin:
     """The plugin that a config node describes; a UserError if its ``_target_`` is none that is registered."""
     for plugin in plugins():

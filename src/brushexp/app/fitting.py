@@ -16,7 +16,8 @@ from brushexp.app.composition import check, leaves
 from brushexp.app.keys import typed
 from brushexp.app.schema import TASKS
 from brushexp.errors import UserError
-from brushexp.registry import build, plain_config
+from brushexp.plugin_errors import SAID_ALREADY, mistake_of
+from brushexp.registry import build, plain_config, plugins
 from brushexp.results.runs import words_of
 from brushexp.results.sweep import first_line
 from brushexp.system.callbacks import DIVERGED, FAILED, INTERRUPTED, ProgressBar, TimedCheckpoint
@@ -73,7 +74,8 @@ def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | No
             log.error("step %d failed, what is done will be written: %s", trainer.global_step + 1, first_line(error))
             module.stop = FAILED
             return error
-        if checkpoint is None or record.begun or isinstance(error, UserError | SystemExit):
+        is_known = isinstance(error, (*SAID_ALREADY, SystemExit)) or mistake_of(error, plugins())
+        if checkpoint is None or record.begun or is_known:
             raise
         reason = in_short(f"{type(error).__name__}: {error}")
         raise UserError(f"resume: {checkpoint} does not fit its own settings ({reason}); start anew") from error
@@ -92,7 +94,7 @@ def conclude(module: Any, folder: Path, cfg: DictConfig, failure: BaseException 
     if failure is not None:
         raise failure
     if module.stop == DIVERGED:
-        raise UserError(f"{module.trouble}; {folder} has what was there before it; lower the rate, or drop the loss")
+        raise UserError(f"{module.trouble}; {folder} has what was there before it; lower the rate, or choose others")
     (folder / CHECKPOINT).unlink(missing_ok=True)
 
 

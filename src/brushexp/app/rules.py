@@ -14,7 +14,11 @@ from brushexp.errors import UserError
 from brushexp.pictures.load import check_ratio, named_color, size_of_picture
 from brushexp.registry import build, plugins
 from brushexp.system.device import device_of
+from brushexp.system.runtime import check_memory
 
+BYTES_PER_STROKE = 500  # that an export takes at least; a million were seen to take 850 each
+BYTES_PER_WINDOW_PIXEL = 16  # RGBA in 32 bits
+BYTES_PER_TRAINED_PIXEL = 48  # of a network's strokes: RGBA of the picture, of what it should be, and of its gradient
 AUTO = "auto"  # focus that is found in the picture, and a warm-up renderer that the chosen one names
 CURVES = {  # how the names of the curves begin that a callback may watch
     "paint": ("psnr", "seconds", "loss/", "lr-"),
@@ -79,7 +83,13 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
     if cfg.catalogue is not None:
         there, canvas = canvas_of(cfg.catalogue, "catalogue")
         check_ratio(cfg.catalogue, canvas, size, "catalogue")
-    budget_of(cfg, size, build(cfg.density), there)
+    build(cfg.blend).check(budget_of(cfg, size, build(cfg.density), there), size)
+    if cfg.style.image is not None:
+        build(cfg.style.loss).check(size)
+    if cfg.lpips_weights is not None:
+        from brushexp.features.distance import open_distance  # noqa: PLC0415
+
+        open_distance(cfg.lpips_backbone, cfg.lpips_weights, "lpips_weights")
     if cfg.timelapse_seconds is not None:
         from brushexp.painting.timelapse import Timelapse  # noqa: PLC0415
 
@@ -97,7 +107,47 @@ def check_train(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
     if cfg.data is None and cfg.simulate is None and cfg.limit is not None:
         raise UserError(f"limit={cfg.limit} is for sets, and these strokes are simulated on the way; drop limit")
-    check_trainable(build(cfg.renderer), origin_for(cfg).window)
+    window = origin_for(cfg).window
+    check_trainable(build(cfg.renderer), window)
+    check_batch(cfg, window)
+
+
+def check_batch(cfg: DictConfig, window: int) -> None:
+    """Stop with a UserError if memory cannot hold the pictures of a step, of ``window`` x ``window`` pixels each."""
+    what = f"batch_size={cfg.batch_size} strokes of {window} x {window} pixels"
+    check_memory(cfg.batch_size * window**2 * BYTES_PER_TRAINED_PIXEL, what, "choose a smaller batch_size=")
+
+
+def check_simulate(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """That the set can go on with these strokes, and memory holds those of a file."""
+    from brushexp.training.dataset import origin_of  # noqa: PLC0415
+    from brushexp.training.writer import BYTES_PER_PIXEL, SHARD_STROKES, whole_shards  # noqa: PLC0415
+
+    origin = origin_of(cfg.engine, build(cfg.engine))
+    strokes = min(cfg.n, SHARD_STROKES)
+    what = f"{strokes} strokes of {origin.window} x {origin.window} pixels, those of a file,"
+    check_memory(strokes * origin.window**2 * BYTES_PER_PIXEL, what, "choose a smaller engine.window=")
+    if cfg.path is not None:
+        whole_shards(Path(cfg.path), origin, cfg.seed, cfg.n)
+
+
+def check_export(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """That the renderer can be built, and the painting has room in memory and in what it is exported to."""
+    from brushexp.compositing.bands import cuts  # noqa: PLC0415
+    from brushexp.painting.outputs import export_job, renderer_of  # noqa: PLC0415
+    from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415
+
+    saved = load_catalogue(Path(cfg.catalogue))
+    renderer = renderer_of(saved) if cfg.get("renderer") is None else build(cfg.renderer)
+    job = export_job(saved, renderer, build(cfg.blend), saved.renderer, cfg.resolution, cfg.catalogue)
+    for node in cfg.to.values():
+        build(node).check(len(job.strokes), job.size)
+    windows = max(len(number) for _, _, number in cuts(job.strokes, job.size, renderer))
+    needed = (
+        len(job.strokes) * BYTES_PER_STROKE + windows * getattr(renderer, "window", 0) ** 2 * BYTES_PER_WINDOW_PIXEL
+    )
+    what = f"{len(job.strokes)} strokes on {job.size[1]} x {job.size[0]} pixels"
+    check_memory(needed, what, "choose a smaller resolution=, or renderer=analytic")
 
 
 def check_monitors(cfg: DictConfig) -> None:
@@ -143,6 +193,7 @@ def check_prune(cfg: DictConfig, overrides: Sequence[str]) -> None:
     check_ends(cfg)
     check_prunable(build(cfg.renderer))
     check_evaluate(cfg, overrides)
+    check_batch(cfg, build(cfg.renderer).window)
 
 
 def check_extremes(cfg: DictConfig, overrides: Sequence[str]) -> None:
@@ -156,5 +207,5 @@ def check_extremes(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 OF_TASKS: dict[str, Callable[[DictConfig, Sequence[str]], None]] = {
     "paint": check_paint, "train": check_train, "evaluate": check_evaluate, "prune": check_prune,
-    "extremes": check_extremes,
+    "extremes": check_extremes, "export": check_export, "simulate": check_simulate,
 }  # fmt: skip

@@ -21,7 +21,7 @@ from brushexp.plugin_errors import plugins_named
 from brushexp.registry import plugins
 from brushexp.results.sweep import note_result
 from brushexp.system.files import write_json
-from brushexp.system.runtime import peak_memory
+from brushexp.system.runtime import forget_peak_memory, peak_memory
 
 NO_MEMORY = ("can't allocate memory", "not enough memory", "Unable to allocate")  # what torch and NumPy say
 SIZES = ("resolution", "strokes", "batch_size", "n")  # keys that less memory is needed with
@@ -34,6 +34,7 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
     hydra = HydraConfig.get()
     if hydra.mode is RunMode.MULTIRUN:
         start = time.monotonic()  # each job counts from its own start
+        forget_peak_memory()
     warnings.filterwarnings("ignore", ".*in eval mode at the start of training")  # networks are frozen on purpose
     try:
         if hydra.mode is RunMode.MULTIRUN:  # of another sweeper than ours; of a single run `RunFolder` has done it

@@ -25,7 +25,7 @@ from brushexp.strokes.brushwork import load_brushwork, with_brushwork
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import write_picture
-from brushexp.system.runtime import free_memory
+from brushexp.system.runtime import check_memory
 
 log = logging.getLogger(__name__)
 BYTES_PER_PIXEL = 500  # that painting takes at least; blend=tiled was seen to take 800
@@ -106,19 +106,15 @@ def paced(parts: Components, steps_per_stroke: float | None, strokes: Strokes, s
     return replace(parts, stages=[first, *(replace(stage, steps=stage.steps * each) for stage in others)])
 
 
-def check_memory(cfg: DictConfig, parts: Components, size: tuple[int, int]) -> None:
+def check_size(cfg: DictConfig, parts: Components, size: tuple[int, int]) -> None:
     """Refuse (UserError) what memory cannot hold: pictures of a canvas of ``size``, and windows of its strokes."""
     pixels = size[0] * size[1]
     strokes = cfg.strokes or min(pixels / cfg.pixels_per_stroke, cfg.max_strokes or math.inf)
     window = max(getattr(stage.renderer, "window", 0) for stage in parts.stages)
     windows = strokes * window**2 * BYTES_PER_WINDOW_PIXEL if isinstance(parts.sampler, Whole) else 0
-    needed, free = (pixels * BYTES_PER_PIXEL + windows) / 2**20, free_memory()
-    if needed > free:
-        smaller = "resolution=, fewer strokes= or sampler=patches" if windows else "resolution="
-        raise UserError(
-            f"{strokes:.0f} strokes on {size[1]} x {size[0]} pixels take at least {needed / 1024:.1f} GB of memory, "
-            f"but {free / 1024:.1f} GB are free; choose a smaller {smaller}"
-        )
+    smaller = "resolution=, fewer strokes= or sampler=patches" if windows else "resolution="
+    what = f"{strokes:.0f} strokes on {size[1]} x {size[0]} pixels"
+    check_memory(pixels * BYTES_PER_PIXEL + windows, what, f"choose a smaller {smaller}")
 
 
 def first_strokes(cfg: DictConfig, target: Tensor, density: Density, focus: Tensor | None) -> tuple[Strokes, int]:

@@ -24,8 +24,9 @@ def measure(
 
     They are psnr (dB, infinite for equal pictures), ssim (Wang et al., 2004; None for a picture smaller than its
     window), l1 (mean |difference|, 0 to 1), edges (the same of the differences between neighbouring pixels: how well
-    edges are kept), perceptual (distance in the network perceptual_backbone); with ``lpips`` the metric of its label,
-    lpips_alexnet for instance; with ``focus`` (H, W) psnr_focus, of the mean squared error weighted so.
+    edges are kept; None without neighbours), perceptual (distance in the network perceptual_backbone); with ``lpips``
+    the metric of its label, lpips_alexnet for instance; with ``focus`` (H, W) psnr_focus, of the mean squared error
+    weighted so.
     """
     from torchmetrics.functional.image import (  # noqa: PLC0415  (takes seconds to import)
         structural_similarity_index_measure,
@@ -41,7 +42,7 @@ def measure(
     found |= {
         "ssim": float(structural_similarity_index_measure(a[None], b[None], data_range=1.0)) if is_wide else None,  # type: ignore[arg-type]
         "l1": float((a - b).abs().mean()),
-        "edges": float(torch.cat(slopes).sum()) / max(sum(map(len, slopes)), 1),
+        "edges": float(torch.cat(slopes).mean()) if any(map(len, slopes)) else None,
         "perceptual": perceptual_distance(a, b),
         "perceptual_backbone": "effl0",
     }

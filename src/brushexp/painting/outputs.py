@@ -113,4 +113,5 @@ def summary_line(folder: Path, metrics: dict[str, object]) -> str:
     if ssim is not None:
         quality += f", SSIM {ssim:.3f}"
     strokes = f"{metrics['n_strokes']} strokes in {seconds:.1f} s"
-    return f"{folder / 'painting.png'}: {quality}, {strokes} ({metrics['seconds_total']:.1f} s in all)"
+    total = "" if metrics["seconds_total"] is None else f" ({metrics['seconds_total']:.1f} s in all)"
+    return f"{folder / 'painting.png'}: {quality}, {strokes}{total}"

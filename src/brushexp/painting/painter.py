@@ -11,6 +11,7 @@ from torch.optim.lr_scheduler import LambdaLR
 from brushexp.painting.components import Components
 from brushexp.painting.curves import Anytime, Curves
 from brushexp.painting.densification import Densification
+from brushexp.painting.divergence import first_broken
 from brushexp.painting.metrics import psnr_of
 from brushexp.painting.painter_state import compile_kernels, load_painter_state, painter_state
 from brushexp.painting.partial import partial_update, unwrapped
@@ -192,7 +193,8 @@ class Painter(L.LightningModule):
         wrong = next((name for name, term in self.terms.items() if not term.isfinite()), None)
         if wrong is None and moving.is_finite():
             return True
-        what = f"loss={wrong} is {float(self.terms[wrong])}" if wrong else "the gradient is not finite"
+        rows = self._view.active
+        what = first_broken(self, self._strokes if rows is None else self._strokes[rows], wrong)
         self.stop, self.trouble = DIVERGED, f"step {self.schedule.step + 1}: {what}"
         return False
 

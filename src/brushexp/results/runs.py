@@ -52,12 +52,21 @@ def gather(folders: Iterable[Path], into: Path) -> DataFrame:
         if not paths:
             raise UserError(f"runs={folder}: there is no finished run in it; give the folder of a run or of a sweep")
         for path in paths:
-            if (path / "result.json").is_file():
-                result = read_result(path / "result.json")
-            else:  # a single run
-                result = read_result(path / "metrics.json") | {"overrides": parse_overrides(words_of(path) or [])}
-            found[os.path.relpath(path, into)] = result
+            found[os.path.relpath(path, into)] = _result_in(path)
     return frame_of(into, found)
+
+
+def _result_in(folder: Path) -> Result:
+    """What a run has noted last: a job of a sweep its result, unless it went on by itself later."""
+    noted, measured = folder / "result.json", folder / "metrics.json"
+    if not noted.is_file():
+        return read_result(measured) | {"overrides": parse_overrides(words_of(folder) or [])}
+    result = read_result(noted)
+    if result["status"] in UNFINISHED and measured.is_file() and measured.stat().st_mtime > noted.stat().st_mtime:
+        result = {key: result[key] for key in ("overrides", "loss") if key in result} | {
+            key: value for key, value in read_result(measured).items() if key != "overrides"
+        }
+    return result
 
 
 def frame_of(folder: Path, results: Mapping[str, Result]) -> DataFrame:

@@ -1,7 +1,8 @@
 """Cells of the matrix: a scene drawn forwards and backwards, or strokes optimised, in one precision against float64."""
 
+from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from enum import Enum
 from typing import Any
@@ -19,8 +20,9 @@ from brushexp.plugins.blend.base import Blend, pixel_centres
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.optimizer.torch_optim import TorchOptim
 from brushexp.plugins.renderer.base import Renderer
-from brushexp.stress.scenes import BACKGROUND, TARGETS, StressScene, random_strokes, random_target
-from brushexp.strokes.catalogue import FIELDS, PRECISE, Catalogue, Strokes
+from brushexp.registry import build_named
+from brushexp.stress.scenes import BACKGROUND, TARGETS, StressScene, one_bright_pixel, random_strokes, random_target
+from brushexp.strokes.catalogue import FIELDS, PRECISE, Catalogue, Strokes, drawable
 
 DTYPES = {"float64": torch.float64, "float32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16}
 # Largest difference of a pixel, in [0, 1]. Strokes of 16 bits are drawn in float32, so their pictures are as exact.
@@ -73,16 +75,30 @@ class DrawnScene:
 
 @dataclass(frozen=True)
 class Exercise:
-    """What strokes are put through: a target (3, H, W), gradient steps, and the learning rate of Adam."""
+    """What strokes are put through: a target (3, H, W), gradient steps, and the learning rate of Adam.
+
+    ``parts`` are other components than usual: family -> name and options. The strokes may come to ``growth`` times as
+    many, and ``focus`` (H, W), of mean 1, weighs the pixels.
+    """
 
     target: Tensor
     steps: int = 30
     rate: float = USUAL
+    parts: Mapping[str, tuple[str, dict[str, Any]]] = field(default_factory=dict)
+    growth: int = 1
+    focus: Tensor | None = None
 
 
 EXERCISES = {
     "learning rate x 100": Exercise(random_target(CANVAS), 60, 100 * USUAL),
     "10,000 steps": Exercise(random_target(CANVAS), 10_000),
+    "parts of the canvas": Exercise(
+        random_target(CANVAS), parts={"sampler": ("patches", {"n_active": 2, "n_ring": 1, "patch": 9})}
+    ),
+    "strokes that come and go": Exercise(
+        random_target(CANVAS), parts={"density": ("adaptive", {"rounds": 3, "moved": 0.5})}, growth=4
+    ),
+    "focus on one pixel": Exercise(random_target(CANVAS), focus=one_bright_pixel(CANVAS)[0] * CANVAS[0] * CANVAS[1]),
     **{name: Exercise(target(CANVAS)) for name, target in TARGETS.items()},
 }
 
@@ -114,7 +130,8 @@ class Reference:
         kind = DTYPES[dtype]
         held = "" if kind in PRECISE else dtype
         if (blend, held) not in self._drawn:
-            strokes = self.scene.strokes.map(lambda value: (value.to(kind) if held else value).double())
+            strokes = drawable(self.scene.strokes.map(lambda value: value.to(kind) if held else value))
+            strokes = strokes.map(Tensor.double)
             self._drawn[blend, held] = draw_scene(self.renderer, blend or Dense(), self.scene, strokes)
         return self._drawn[blend, held]
 
@@ -147,12 +164,16 @@ def check_painting(
     precise, kind = deepcopy(renderer).double(), DTYPES[dtype]
     stage = Stage(name, precise if dtype == "float64" else renderer, exercise.steps)
     components = standard_components(stages=[stage], blend=blend, optimizer=TorchOptim(lr=exercise.rate))
+    components = replace(components, **{family: build_named(family, *part) for family, part in exercise.parts.items()})
     strokes = random_strokes(STROKES if renderer.warm_up is None else FEW, CANVAS).map(lambda value: value.to(kind))
     quiet: dict[str, Any] = dict.fromkeys(("logger", "enable_checkpointing", "enable_progress_bar"), False)
     timer = Timer(timedelta(seconds=patience), verbose=False)
     try:
         catalogue = Catalogue(strokes, components.optimizer.units)
-        painter = Painter(catalogue, components, exercise.target.to(kind), torch.tensor(BACKGROUND).to(kind), seed=0)
+        painter = Painter(
+            catalogue, components, exercise.target.to(kind), torch.tensor(BACKGROUND).to(kind), seed=0,
+            focus=None if exercise.focus is None else exercise.focus.to(kind), budget=exercise.growth * len(strokes),
+        )  # fmt: skip
         L.Trainer(accelerator="cpu", max_epochs=-1, callbacks=[timer], enable_model_summary=False, **quiet).fit(painter)
         picture = painter.drawn()
         strokes = painter.catalogue().map(Tensor.detach)
@@ -202,9 +223,9 @@ def gradient_error(value: Tensor, exact: Tensor, name: str, strokes: Strokes, pu
 def range_fault(strokes: Strokes, slack: float = 1e-6) -> str:
     """Which field of strokes is not finite or outside `FIELDS`; "" if none is."""
     faults = []
-    for name, field in FIELDS.items():
-        room = slack * max(abs(field.low), abs(field.high))
-        faults.append(_interval_fault(name, getattr(strokes, name).detach(), field.low - room, field.high + room))
+    for name, allowed in FIELDS.items():
+        room = slack * max(abs(allowed.low), abs(allowed.high))
+        faults.append(_interval_fault(name, getattr(strokes, name).detach(), allowed.low - room, allowed.high + room))
     return next(filter(None, faults), "")
 
 

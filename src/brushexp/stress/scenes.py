@@ -68,7 +68,8 @@ def _checkerboard(size: Size) -> Tensor:
     return ((rows + columns) % 2).float().expand(3, *size)
 
 
-def _one_bright_pixel(size: Size) -> Tensor:
+def one_bright_pixel(size: Size) -> Tensor:
+    """(3, H, W), 1 in its middle and 0 elsewhere."""
     target = torch.zeros(3, *size)
     target[:, size[0] // 2, size[1] // 2] = 1
     return target
@@ -135,7 +136,7 @@ TARGETS: dict[str, Callable[[Size], Tensor]] = {
     "target 0": lambda size: torch.zeros(3, *size),
     "target 1": lambda size: torch.ones(3, *size),
     "target: checkerboard of pixels": _checkerboard,
-    "target: one bright pixel": _one_bright_pixel,
+    "target: one bright pixel": one_bright_pixel,
 }
 SCENES: dict[str, Recipe] = {
     "ordinary": Recipe(),

@@ -111,14 +111,18 @@ def drawable(strokes: Strokes) -> Strokes:
     """Strokes as renderers take them: those of 16 bits in float32, and their gradients come back in 16 bits.
 
     A coordinate of 16 bits is coarse (at 300 px steps of 1/4 px in float16, of 2 px in bfloat16), but it is a place.
-    What is computed from it in 16 bits is not: squares of distances overflow, and nearest points are lost. Refused
-    (UserError) are numbers that 16 bits cannot hold, and strokes of whole or complex numbers.
+    What is computed from it in 16 bits is not: squares of distances overflow, and nearest points are lost. What is
+    farther away than float16 can tell (65,504 px, as an infinity) is off any canvas, and stays there. Refused
+    (UserError) are other numbers that 16 bits cannot hold, and strokes of whole or complex numbers.
     """
     dtype = strokes.position.dtype
     if dtype in PRECISE:
         return strokes
     if dtype not in (torch.float16, torch.bfloat16):
         raise UserError(f"strokes are {dtype}; convert them with strokes.map(lambda value: value.float())")
+    if dtype == torch.float16:
+        place = strokes.position.float()
+        strokes = replace(strokes, position=torch.where(place.isinf(), place.sign() * FARTHEST, place))
     try:
         check_strokes(strokes)
     except UserError as error:

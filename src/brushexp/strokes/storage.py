@@ -19,7 +19,7 @@ from brushexp.errors import UserError
 from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
 from brushexp.strokes.text import DEPTH_UNIT, FORMAT, VERSION, check_version, parse
 from brushexp.system.files import write_bytes
-from brushexp.system.hdf5 import HDF5, attribute_of, dataset_of, fixed, opened, text_of, whole_number_of
+from brushexp.system.hdf5 import HDF5, attribute_of, dataset_of, fixed, numbers_of, opened, text_of, whole_number_of
 from brushexp.system.reading import check_yaml, explaining, in_short, read_text
 
 SHIPPED = Path(__file__).with_name("catalogues")
@@ -92,14 +92,15 @@ def _read(file: h5py.File, cure: str) -> Saved:
     if "format" not in file.attrs or text_of(file, "format") != FORMAT:
         raise UserError(f"an HDF5 file, but not a {FORMAT}; {cure}")
     check_version(whole_number_of(file, "format_version"))
-    count = dataset_of(file, "depth", np.int32, None, MOST_STROKES).shape[0]
+    depth = dataset_of(file, "depth", np.int32, None, MOST_STROKES)
+    count = depth.shape[0]
     values = {name: dataset_of(file, name, np.float32, field.shape(count)) for name, field in FIELDS.items()}
     background = np.asarray(attribute_of(file, "background"))
     if background.dtype.kind not in "fiu":
         raise UserError(f"attribute background is {in_short(repr(background))}; numbers are needed")
     return Saved(
-        strokes=Strokes(**{name: torch.from_numpy(value[...]) for name, value in values.items()}),
-        depth=torch.from_numpy(file["depth"][...]),
+        strokes=Strokes(**{name: torch.from_numpy(numbers_of(value)) for name, value in values.items()}),
+        depth=torch.from_numpy(numbers_of(depth)),
         size=(whole_number_of(file, "height"), whole_number_of(file, "width")),
         background=torch.from_numpy(background.astype(np.float32)),
         renderer=text_of(file, "renderer"),

@@ -22,6 +22,7 @@ FORMAT = "brushexp catalogue"
 VERSION = 1  # raise it whenever a file of the new kind would mislead an older reader
 DEPTH_UNIT = "rank, 0 is the bottom stroke"
 ATTRIBUTES = {"height": int, "width": int, "renderer": str, "renderer_hash": str, "seed": int}
+AT_ONCE = 4096  # strokes whose text is held in memory
 KINDS = {int: "a whole number", str: "text", list: "a list"}
 
 
@@ -33,20 +34,21 @@ def json_lines(
     Strokes and their ``depth`` (N,), ``background`` (3,) and the ``ATTRIBUTES`` are those of `storage.Saved`, float32.
     """
     units = {name: field.unit for name, field in FIELDS.items()} | {"depth": DEPTH_UNIT}
-    head = {"format": FORMAT, "format_version": VERSION, **attributes, "background": _exact(background.tolist())}
+    head = {"format": FORMAT, "format_version": VERSION, **attributes}
+    head["background"] = [float(f"{level:.9g}") for level in background.tolist()]
     yield json.dumps(head | {"units": units, "config": config.split("\n")}, ensure_ascii=False, indent=2)[:-2]
     yield ',\n  "strokes": ['
-    columns = [value.tolist() for _, value in strokes.items()]
+    exact = "%.9g"  # as short as can be: nine digits tell any two float32 apart
+    slots = {name: f"[{', '.join([exact] * field.size)}]" if field.size else exact for name, field in FIELDS.items()}
+    line = "{" + ", ".join(f'"{name}": {slot}' for name, slot in slots.items()) + ', "depth": %d}'
+    columns = [value.reshape(len(strokes), FIELDS[name].size or 1) for name, value in strokes.items()]
     separator = "\n    "
-    for *values, rank in zip(*columns, depth.tolist(), strict=True):
-        yield separator + json.dumps(dict(zip(FIELDS, map(_exact, values), strict=True)) | {"depth": rank})
+    for *parts, ranks in zip(*(column.split(AT_ONCE) for column in (*columns, depth[:, None])), strict=True):
+        rows = torch.cat([part.double() for part in (*parts, ranks)], dim=1).tolist()
+        text = ",\n    ".join([line % tuple(row) for row in rows])
+        yield separator * bool(rows) + text.replace("-0,", "-0.0,").replace("-0]", "-0.0]")  # -0 is a whole number
         separator = ",\n    "
     yield "\n  ]\n}\n" if len(strokes) else "]\n}\n"
-
-
-def _exact(value: Any) -> Any:
-    """One or several float32 as short as they can be: nine digits tell any two of them apart."""
-    return [_exact(x) for x in value] if isinstance(value, list) else float(f"{value:.9g}")
 
 
 def parse(text: str) -> tuple[Strokes, Tensor, Tensor, str, dict[str, Any]]:

@@ -5,7 +5,7 @@ import json
 import math
 import os
 import secrets
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -48,9 +48,11 @@ def write_bytes(path: Path, data: bytes, key: str = "output") -> None:
         temporary.write_bytes(data)
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a UTF-8 file as `replacing` does; what UTF-8 cannot hold (parts of odd file names) is escaped."""
-    write_bytes(path, text.encode("utf-8", "backslashreplace"))
+def write_text(path: Path, text: str | Iterable[str]) -> None:
+    """Write a UTF-8 file, of one text or piece by piece; what UTF-8 cannot hold (parts of file names) is escaped."""
+    pieces = [text] if isinstance(text, str) else text
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        file.writelines(piece.encode("utf-8", "backslashreplace") for piece in pieces)
 
 
 def write_json(path: Path, data: Any) -> None:

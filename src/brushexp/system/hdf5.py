@@ -1,5 +1,6 @@
 """Parts of HDF5 files that are read by programs which trust nobody: every function says what is wrong with the file."""
 
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,8 @@ from brushexp.system.reading import check_file, explaining, in_short
 HDF5 = "v110"  # of the library whose format is written: the first with checksums of everything but free text
 LARGEST_ATTRIBUTE = 2**22  # bytes
 LARGEST_CHUNK = 2**26  # bytes of a chunk unpacked: 16 pictures of 1024 x 1024
-FILTERS = {1, 2, 3}  # gzip, shuffle, checksum: others could be libraries that HDF5 loads
+GZIP, SHUFFLE, CHECKSUM = 1, 2, 3
+FILTERS = {GZIP, SHUFFLE, CHECKSUM}  # others could be libraries that HDF5 loads
 INFLATION = 1032  # bytes that gzip makes of one at most
 PLAIN = (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
 SPARE = 2**12  # bytes by which small data may grow when packed
@@ -61,8 +63,8 @@ def dataset_of(
 def _check_storage(name: str, dataset: h5py.Dataset) -> None:
     """Refuse what would unpack to more than it says, or says more than can be there."""
     layout, held = dataset.id.get_create_plist(), dataset.id.get_storage_size()
-    used = {layout.get_filter(k)[0] for k in range(layout.get_nfilters())}
-    if not used <= FILTERS:
+    used = [layout.get_filter(k)[0] for k in range(layout.get_nfilters())]
+    if not FILTERS.issuperset(used) or used.count(GZIP) > 1:
         raise UserError(f"{name} is packed in a way that is not read here; pack it with gzip")
     if dataset.chunks is not None:
         unpacked = int(np.prod(dataset.chunks)) * dataset.dtype.itemsize
@@ -72,6 +74,28 @@ def _check_storage(name: str, dataset: h5py.Dataset) -> None:
             raise UserError(f"{name} has chunks of {unpacked} bytes, more than {LARGEST_CHUNK} or than there are")
     if dataset.nbytes > held * INFLATION + SPARE:
         raise UserError(f"{name} claims {dataset.nbytes} bytes, of which it has only {held}; it is not complete")
+
+
+def numbers_of(dataset: h5py.Dataset) -> np.ndarray:
+    """All that a `dataset_of` holds; UserError if a chunk unpacks to more than it says."""
+    offsets: list[tuple[int, ...]] = []
+    if dataset.chunks is not None:
+        dataset.id.chunk_iter(lambda chunk: offsets.append(chunk.chunk_offset))
+    for offset in offsets:
+        check_chunk(dataset, offset)
+    return np.asarray(dataset[...])
+
+
+def check_chunk(dataset: h5py.Dataset, offset: tuple[int, ...]) -> None:
+    """Refuse the chunk at ``offset`` if it unpacks to more than it says: HDF5 makes room for all of it first."""
+    layout = dataset.id.get_create_plist()
+    kinds = [layout.get_filter(k)[0] for k in range(layout.get_nfilters())]
+    skipped, packed = dataset.id.read_direct_chunk(offset)
+    if GZIP not in kinds or skipped & 1 << kinds.index(GZIP):
+        return
+    said = int(np.prod(dataset.chunks)) * dataset.dtype.itemsize
+    if len(zlib.decompressobj().decompress(packed, said + SPARE)) >= said + SPARE:
+        raise UserError(f"{dataset.name[1:]} has a chunk that unpacks to more than the {said} bytes that it says")
 
 
 def text_of(file: h5py.File, name: str) -> str:

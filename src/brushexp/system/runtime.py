@@ -8,9 +8,11 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
+
+from brushexp.errors import UserError
 
 log = logging.getLogger(__name__)
 
@@ -102,6 +104,20 @@ def free_memory() -> float:
         lines = dict(line.split(":") for line in info.read_text().splitlines())
         found.append(sum(int(lines[name].split()[0]) for name in ("MemAvailable", "SwapFree")) / 1024)
     return min(found)
+
+
+def check_memory(needed: float, what: str, cure: str) -> None:
+    """Refuse (UserError) what takes more bytes than this process may get."""
+    free = free_memory()
+    if needed > free * 2**20:
+        gigabytes = f"{needed / 2**30:.1f} GB of memory, but {free / 1024:.1f} GB are free"
+        raise UserError(f"{what} take at least {gigabytes}; {cure}")
+
+
+def forget_peak_memory() -> None:
+    """Let `peak_memory` begin again, for the next job of this process; only Linux can."""
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
 
 
 def peak_memory() -> float:

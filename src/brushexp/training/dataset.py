@@ -27,7 +27,7 @@ from omegaconf import DictConfig, OmegaConf
 from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine
 from brushexp.registry import plugin_of
-from brushexp.system.hdf5 import dataset_of, opened, text_of, whole_number_of
+from brushexp.system.hdf5 import check_chunk, dataset_of, numbers_of, opened, text_of, whole_number_of
 from brushexp.system.reading import explaining, in_short, json_of
 
 FORMAT = "brushexp strokes"
@@ -125,7 +125,8 @@ class Shard:
         params = _whole_dataset(file, "params", np.float32, (n, 10))
         self.images = _whole_dataset(file, "images", np.uint8, (n, window, window, 4))
         self.heights = _whole_dataset(file, "heights", np.uint16, (n, window, window))
-        self.parameters = torch.from_numpy(params[...])
+        self.parameters = torch.from_numpy(numbers_of(params))
+        self._checked: set[tuple[str, int]] = set()  # blocks that have been read
         if not bool((self.parameters.abs() <= 1).all()):
             raise UserError("params has numbers outside [-1, 1]; it is damaged, simulate it again")
 
@@ -138,6 +139,9 @@ class Shard:
         blocks = rows // BLOCK
         with explaining(self.path, AGAIN):
             for block in np.unique(blocks):
+                if (dataset.name, block) not in self._checked:
+                    check_chunk(dataset, (int(block) * BLOCK, *(0 for _ in dataset.shape[1:])))
+                    self._checked.add((dataset.name, block))
                 here = np.flatnonzero(blocks == block)
                 found[here] = dataset[block * BLOCK : (block + 1) * BLOCK][rows[here] - block * BLOCK]
         return found

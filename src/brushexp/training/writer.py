@@ -38,6 +38,8 @@ UNITS = {
     "heights": f"1/{HEIGHT_STEPS} of the paint that covers the canvas",
 }
 
+BYTES_PER_PIXEL = 12  # of the strokes of a file: RGBA and height, in parts and together
+
 Rows = dict[str, NDArray[Any]]  # of some strokes, by name of the dataset
 
 
@@ -49,7 +51,9 @@ def simulate_set(path: Path, engine: Engine, origin: Origin, seed: int, n: int, 
     the present batch, and what is simulated by then is kept.
     """
     with _locked(path, wait):
-        kept = _whole_shards(path, origin, seed, n)
+        for rest in path.glob(TEMPORARY):  # of writing that was killed
+            rest.unlink()
+        kept = whole_shards(path, origin, seed, n)
         there = sum(map(len, kept.values()))
         if there:
             log.info("%s: %d of %d strokes are there already%s", path, there, n, "; going on" if there < n else "")
@@ -89,10 +93,8 @@ def _locked(path: Path, wait: bool) -> AbstractContextManager[object]:
         raise UserError(f"{reason}; choose a folder that you may write to with path=...") from error
 
 
-def _whole_shards(path: Path, origin: Origin, seed: int, n: int) -> dict[int, Shard]:
-    """The shards that are there, by their first strokes; they must belong to this set."""
-    for rest in path.glob(TEMPORARY):  # of writing that was killed
-        rest.unlink()
+def whole_shards(path: Path, origin: Origin, seed: int, n: int) -> dict[int, Shard]:
+    """The shards that are there, by their first strokes; a UserError if they do not belong to this set."""
     found = {}
     for file in sorted(path.glob("[0-9]*.h5")):
         try:

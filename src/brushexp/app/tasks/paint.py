@@ -12,7 +12,7 @@ from brushexp.app.fitting import conclude, fit, interrupted_run, trainer_of
 from brushexp.app.tracking import trackers_of
 from brushexp.errors import UserError
 from brushexp.features.distance import Distance, open_distance
-from brushexp.painting.assembly import STYLE, check_memory, components_of, first_strokes, focus_of, in_colors, paced
+from brushexp.painting.assembly import STYLE, check_size, components_of, first_strokes, focus_of, in_colors, paced
 from brushexp.painting.goals import goals_of
 from brushexp.painting.metrics import measure, picture_psnr
 from brushexp.painting.outputs import export_job, renderer_of, summary_line
@@ -46,7 +46,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     target = load_picture(cfg.image, cfg.resolution)
     focus = focus_of(cfg, target, folder)
     parts = components_of(cfg)
-    check_memory(cfg, parts, (target.shape[1], target.shape[2]))
+    check_size(cfg, parts, (target.shape[1], target.shape[2]))
     if cfg.style.image is not None:
         target = in_colors(target, parts, folder)
     background = background_color(cfg.background, target)
@@ -64,7 +64,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
             goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
             trainer = trainer_of(cfg, device, folder, [trackers], [timelapse, *goals])
             failure = fit(trainer, painter, checkpoint=checkpoint)
-        metrics = finish(painter, cfg, folder, start, lpips, timelapse)
+        metrics = finish(painter, cfg, folder, None if checkpoint else start, lpips, timelapse)
         timelapse.write(folder)
         trackers.report(
             metrics,
@@ -125,9 +125,12 @@ def saved_of(painter: Painter, cfg: DictConfig, strokes: Strokes, front_to_back:
 
 
 def finish(
-    painter: Painter, cfg: DictConfig, folder: Path, start: float, lpips: Distance | None, timelapse: Timelapse
+    painter: Painter, cfg: DictConfig, folder: Path, start: float | None, lpips: Distance | None, timelapse: Timelapse
 ) -> dict[str, object]:
-    """Write the painting, its catalogue and, when both are there, its numbers; under a lamp, all but these show it."""
+    """Write the painting, its catalogue and, when both are there, its numbers; under a lamp, all but these show it.
+
+    A run that went on has no one ``start``.
+    """
     (folder / "metrics.json").unlink(missing_ok=True)  # those of the painting that is being replaced
     painter.schedule.pause()
     painter.hand_over()
@@ -152,7 +155,7 @@ def finish(
         **measured,
         **style_of(painter, cfg),
         "seconds": schedule.seconds,
-        "seconds_total": time.monotonic() - start,
+        "seconds_total": None if start is None else time.monotonic() - start,
         "seconds_per_step": schedule.seconds / schedule.step if schedule.step else None,
         "peak_memory_mb": peak_memory(),
         "n_strokes": len(saved.strokes),

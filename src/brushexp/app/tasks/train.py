@@ -46,14 +46,14 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     with trackers:
         failure = fit_network(module, job.data, cfg, folder, device, [trackers], job.callbacks, resumed)
         (folder / "metrics.json").unlink(missing_ok=True)  # of weights that are being replaced
-        seen = module.global_step * cfg.batch_size
+        seen = strokes_seen(job.data, module.global_step, cfg.batch_size)
         metrics = {
             **job.finish(),
             "steps": module.global_step,
             "strokes_seen": seen,
             "strokes_per_second": seen / module.seconds if module.seconds else None,
             "seconds": module.seconds,
-            "seconds_total": time.monotonic() - start,
+            "seconds_total": None if resumed else time.monotonic() - start,  # a run that went on has no one start
             "peak_memory_mb": peak_memory(),
             "device": str(device),
             "status": module.stop or "completed",
@@ -67,6 +67,14 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         *(job.weights, figures, module.global_step, module.seconds, job.use),
     )
     return metrics
+
+
+def strokes_seen(data: StrokeData | ShapeData, steps: int, batch_size: int) -> int:
+    """Strokes in so many steps; the last batch of an epoch may be smaller."""
+    if isinstance(data, ShapeData):
+        return steps * batch_size
+    epochs, more = divmod(steps, -(-data.size(Split.TRAINING) // batch_size))
+    return epochs * data.size(Split.TRAINING) + more * batch_size
 
 
 class RendererJob:

@@ -48,6 +48,9 @@ class Blend(ABC):
     def facts(cls) -> dict[str, str]:
         return {"cost": cls.cost, "exact": cls.exact, "runs on": cls.runs_on}
 
+    def check(self, count: int, size: Size) -> None:  # noqa: B027  (most hold anything)
+        """Refuse (UserError) ``count`` strokes on a canvas of ``size`` (H, W) if it cannot hold them."""
+
     @abstractmethod
     def __call__(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None

@@ -17,14 +17,17 @@ class Dense(Blend):
 
     cost = "grows with strokes times pixels"
 
+    def check(self, count: int, size: Size) -> None:
+        if count * size[0] * size[1] > LIMIT:
+            wrong = f"blend=dense would hold {count} strokes at {size[0] * size[1]} pixels each"
+            raise UserError(f"{wrong}; use blend=tiled, or fewer strokes or a smaller resolution")
+
     def __call__(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None
     ) -> Canvas:
         height, width = size
         background, target = alike(layers, background, target)
-        if len(front_to_back) * height * width > LIMIT:
-            wrong = f"blend=dense would hold {len(front_to_back)} strokes at {height * width} pixels each"
-            raise UserError(f"{wrong}; use blend=tiled, or fewer strokes or a smaller resolution")
+        self.check(len(front_to_back), size)
         points = pixel_centres(torch.arange(height * width, device=background.device), width, background.dtype)[None]
         alpha, color = layers.sample(front_to_back[None], points)  # (1, N, P), (1, N, P or 1, C)
         painted, light = over(alpha, color)

@@ -18,6 +18,7 @@ from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.png import pixels
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.bezier import curve_of, half_width_of
+from brushexp.system.progress import with_progress
 
 Array = np.ndarray
 
@@ -26,10 +27,13 @@ OPAQUE = 0.5  # opacity from which a stroke hides what lies below it
 JOINED_PENS = 2.0  # widths of the pen, of which one is ink: where the next line begins as near, the pen stays down
 CELLS = 500, 2000  # along the picture's longer side: the grid on which is seen what is hidden
 CHORDS = 256  # of a curve, before those that are not needed are left out
+AT_ONCE = 4096  # curves that are flattened
+MOST_SWAPPED = 20_000  # lines whose order is improved by swaps: that takes the square of their number
 
 
 def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
-    """What pens have to draw for a painting to appear on paper; a UserError if the picture does not fit on it."""
+    """What pens have to draw for a painting to appear on paper; a UserError if a paper or plan cannot hold it."""
+    machine.check(len(job.strokes), job.size)
     paper, corner, scale = machine.frame(job.size)
     frame = (*corner, *(corner + scale * np.array(job.size[::-1])))
     strokes = job.strokes.map(lambda value: value.detach().cpu().double()[job.bottom_up.cpu()])
@@ -42,7 +46,7 @@ def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
     tops = [grid.topmost(outlines, drawn & (opacity >= OPAQUE) & (layer == k)) for k in range(machine.layers)]
     above_all = np.maximum.reduce(tops)
     lines: list[list[Array]] = [[] for _ in widths]
-    for k in np.flatnonzero(drawn).tolist():
+    for k in with_progress(np.flatnonzero(drawn).tolist(), int(drawn.sum()), "strokes filled"):
         filled = _filled(middles[k], widths[k], machine, frame, grid.cell / 2)
         if machine.hidden == "draw" or any(grid.seen(above_all, line, k).any() for line in filled):
             lines[k] = filled
@@ -77,19 +81,23 @@ def _document(
         return document
     import vpype_cli  # noqa: PLC0415  (slow to import)
 
+    swaps = "--two-opt --passes 5" if max(map(len, document.layers.values())) <= MOST_SWAPPED else ""
     merge = f"linemerge --tolerance {JOINED_PENS * machine.pen_mm}mm" if machine.hidden == "cut" else ""
     with quiet_vpype():
         return vpype_cli.execute(
-            f"linesimplify --tolerance {machine.tolerance_mm / 2}mm {merge} linesort --two-opt --passes 5", document
+            f"linesimplify --tolerance {machine.tolerance_mm / 2}mm {merge} linesort {swaps}", document
         )
 
 
 def _flattened(curves: Array, tolerance: float) -> Array:
     """Quadratic Bezier curves (N, 3, 2) as N polylines of shapely that are within ``tolerance`` of fine ones."""
-    t = np.linspace(0, 1, CHORDS + 1)
-    points = np.einsum("kp,npd->nkd", np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], axis=1), curves)
-    points[:, -1, 0] += 1e-6  # mm: shapely takes a closed line for a ring, without ends
-    return np.asarray(shapely.simplify(shapely.linestrings(points), tolerance, preserve_topology=False), dtype=object)
+    t, found = np.linspace(0, 1, CHORDS + 1), [np.empty(0, dtype=object)]
+    weights = np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], axis=1)
+    for first in range(0, len(curves), AT_ONCE):
+        points = np.einsum("kp,npd->nkd", weights, curves[first : first + AT_ONCE])
+        points[:, -1, 0] += 1e-6  # mm: shapely takes a closed line for a ring, without ends
+        found.append(shapely.simplify(shapely.linestrings(points), tolerance, preserve_topology=False))
+    return np.concatenate(found)
 
 
 def _filled(
@@ -111,8 +119,9 @@ def _filled(
     parts = [*shapely.get_parts(rings)] + [middle] * (count % 2)
     parts = shapely.get_parts(shapely.segmentize(shapely.clip_by_rect(np.array(parts, dtype=object), *frame), step))
     lines = load_vpype().LineCollection(shapely.get_coordinates(part) @ (1, 1j) for part in parts)
-    with quiet_vpype():
-        lines.merge(JOINED_PENS * pen)
+    if len(lines) > 1:
+        with quiet_vpype():
+            lines.merge(JOINED_PENS * pen)
     return list(lines)
 
 

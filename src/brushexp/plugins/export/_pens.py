@@ -23,6 +23,7 @@ from brushexp.system.files import write_text
 log = logging.getLogger(__name__)
 Array = np.ndarray
 MM = 96 / 25.4  # vpype counts in pixels of CSS
+MOST_STROKES = 100_000  # of a plan: each takes milliseconds to fill, and a machine seconds to draw
 LIFT_SECONDS = 1.0  # to lift a pen, set it down, and turn the machine round: an estimate
 
 
@@ -139,6 +140,12 @@ class PenExporter(Exporter):
     def key(self) -> str:
         """What the user types before an option."""
         return f"to.{type(self).__name__.lower()}"
+
+    def check(self, count: int, size: tuple[int, int]) -> None:
+        self.frame(size)
+        if count > MOST_STROKES:
+            most = f"{count} strokes are more than the {MOST_STROKES} that a plan holds"
+            raise UserError(f"{self.key}: {most}; paint with fewer (strokes=), or take to=svg")
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         from brushexp.plugins.export._pen_plan import pen_plan  # noqa: PLC0415  (needs the extra plot)

@@ -105,6 +105,9 @@ class Exporter(ABC):
     [(0, (3, 24, 32))]
     """
 
+    def check(self, count: int, size: tuple[int, int]) -> None:  # noqa: B027  (most hold anything)
+        """Refuse (UserError) ``count`` strokes on a canvas of ``size`` (H, W) if it cannot hold them."""
+
     @abstractmethod
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         """Write one or more files into ``folder`` and return their paths, the main one first.

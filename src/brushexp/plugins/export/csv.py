@@ -1,5 +1,6 @@
 """The strokes as a table."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import torch
@@ -8,7 +9,8 @@ from torch import Tensor
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, length_of
-from brushexp.system.files import replacing
+from brushexp.strokes.text import AT_ONCE
+from brushexp.system.files import write_text
 
 POINTS = tuple(f"{point}_{axis}_px" for point in ("start", "control", "end") for axis in "xy")
 COLUMNS = (*POINTS, "width_px", "red", "green", "blue", "opacity", "length_px", "direction_deg")
@@ -26,16 +28,20 @@ class Csv(Exporter):
     """
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        from pandas import DataFrame, Index  # noqa: PLC0415  (slow to import)
+        write_text(folder / "strokes.csv", _lines(job))
+        return [folder / "strokes.csv"]
 
-        path, order = folder / "strokes.csv", job.bottom_up.cpu()
-        strokes = job.strokes.map(lambda value: value.detach().cpu().double()[order])
+
+def _lines(job: ExportJob) -> Iterator[str]:
+    """The text of the file, piece by piece."""
+    yield ",".join(("stroke", *COLUMNS)) + "\n"
+    line = "%d" + ",%.7g" * len(COLUMNS) + "\n"
+    for number in job.bottom_up.cpu().split(AT_ONCE):
+        strokes = job.strokes.map(lambda value, rows=number: value.detach().cpu()[rows].double())
         curve, width = curve_of(strokes), strokes.width * strokes.scale
-        columns = (curve.flatten(1), width, strokes.color, strokes.opacity, length_of(curve), heading_degrees(curve))
-        table = DataFrame(torch.column_stack(columns).numpy(), Index(order.numpy(), name="stroke"), COLUMNS)
-        with replacing(path) as temporary:
-            table.to_csv(temporary, float_format="%.7g", lineterminator="\n")
-        return [path]
+        shape = curve.flatten(1), width, strokes.color, strokes.opacity, length_of(curve), heading_degrees(curve)
+        rows = torch.column_stack((number, *shape)).tolist()
+        yield "".join([line % tuple(row) for row in rows]).replace("nan\n", "\n")
 
 
 def heading_degrees(curve: Tensor) -> Tensor:

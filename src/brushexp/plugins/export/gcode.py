@@ -40,6 +40,11 @@ class Gcode(PenExporter):
         for key, text in (("up", self.up), ("down", self.down), ("change", self.change)):
             if not text.isascii() or not text.isprintable():
                 raise UserError(f"to.gcode.{key}={text!r} is not one line of ASCII; write 'to.gcode.{key}=M3 S90'")
+        try:
+            self.change.format(tool=1, color="#000000")
+        except (LookupError, ValueError, AttributeError, TypeError) as error:
+            wrong = f"to.gcode.change={self.change!r} names more than {{tool}} and {{color}}"
+            raise UserError(f"{wrong}; write 'to.gcode.change=M6 T{{tool}}'") from error
 
     @property
     def speeds(self) -> tuple[float, float]:
@@ -47,8 +52,7 @@ class Gcode(PenExporter):
 
     def programs(self, plan: PenPlan) -> dict[str, str]:
         vpype = load_vpype()
-        from click import BadParameter  # noqa: PLC0415  (slow to import, with vpype)
-        from vpype_cli.state import State  # noqa: PLC0415
+        from vpype_cli.state import State  # noqa: PLC0415  (slow to import)
         from vpype_gcode.gwrite import gwrite  # noqa: PLC0415
 
         head = [*plan.report(*self.speeds), "millimetres from the lower left corner of the paper, y up"]
@@ -65,10 +69,5 @@ class Gcode(PenExporter):
         }
         text = io.StringIO()
         text.name = "painting.gcode"
-        try:
-            gwrite.callback(output=text, profile="brushexp", default=())(State(plan.document))
-        except BadParameter as error:
-            raise UserError(
-                f"to.gcode.change={self.change!r} names more than {{tool}} and {{color}}; write 'M6 T{{tool}}'"
-            ) from error
+        gwrite.callback(output=text, profile="brushexp", default=())(State(plan.document))
         return {"painting.gcode": text.getvalue()}

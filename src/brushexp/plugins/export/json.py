@@ -35,5 +35,5 @@ class Json(Exporter):
         except UserError as error:
             raise UserError(f"to=json cannot hold this size ({error}); choose another resolution") from error
         text = json_lines(strokes, job.depth, job.background.float(), job.config, attributes)
-        write_text(path, "".join(text))
+        write_text(path, text)
         return [path]

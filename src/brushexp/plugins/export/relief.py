@@ -13,9 +13,11 @@ from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.shading.light import UNLIT, normals_of, shaded
 from brushexp.system.files import replacing, to_bytes, write_picture
+from brushexp.system.runtime import check_memory
 
 log = logging.getLogger(__name__)
 WHITE = 2**16 - 1
+BYTES_PER_PIXEL = 14  # heights in 32 bits, two pictures, and what Pillow makes of one
 
 
 @register("to", "relief")
@@ -28,6 +30,10 @@ class Relief(Exporter):
     and in the texts of the file, ``Description`` and ``HeightOfWhite`` (pixels). ``normals.png`` is a tangent-space
     normal map in the convention of OpenGL: red to the right, green up, blue to the viewer, -1 to 1 as 0 to 255.
     """
+
+    def check(self, count: int, size: tuple[int, int]) -> None:
+        what = f"to=relief: {size[1]} x {size[0]} pixels"
+        check_memory(BYTES_PER_PIXEL * size[0] * size[1], what, "choose a smaller resolution=")
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         light = job.light if job.light.depth else replace(job.light, depth=1.0)

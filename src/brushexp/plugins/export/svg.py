@@ -3,7 +3,7 @@
 import base64
 import io
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from html import escape
 from pathlib import Path
@@ -21,6 +21,7 @@ from brushexp.plugins.export.png import pixels
 from brushexp.registry import register
 from brushexp.shading.light import UNLIT, overlay
 from brushexp.strokes.bezier import curve_of, half_width_of, point_at
+from brushexp.strokes.text import AT_ONCE
 from brushexp.system.files import write_text
 
 CRISP = 1.0  # pixels: soft edge of strokes whose renderer is no profile
@@ -31,6 +32,7 @@ LIGHT_SIDE = 2048  # pixels of the longer side of the light
 ALPHA = 3  # decimals of opacities
 SIDE_POINTS = 24  # of each long side of a tapered stroke
 TURN = 1e-3  # of the parameter: how near to its sharpest bend a curve that folds is sampled, on either side
+LEADING_ZERO = re.compile(r"(?<![\d.])0\.")
 FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # in XML 1.0
 
 
@@ -66,7 +68,7 @@ class Svg(Exporter):
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         path = folder / "strokes.svg"
-        write_text(path, "".join(self._lines(job)))
+        write_text(path, self._lines(job))
         return [path]
 
     def _lines(self, job: ExportJob) -> Iterator[str]:
@@ -85,7 +87,11 @@ class Svg(Exporter):
         yield f"<title>{count} brush strokes</title>\n<desc>{escape(FORBIDDEN.sub('?', about), quote=False)}</desc>\n"
         yield f'<clipPath id="canvas">{canvas}/></clipPath>\n<g clip-path="url(#canvas)"{stroked}>\n'
         yield f'{canvas} fill="{hexadecimal(job.background[None])[0]}"/>\n'
-        yield from self._bitmaps(job) if drawn else self._paths(profile, job.bottom_up.cpu())
+        if drawn:
+            yield from self._bitmaps(job)
+        else:
+            for number in job.bottom_up.cpu().split(AT_ONCE):
+                yield short("".join(self._paths(profile, number)))
         if self._is_lit(job):
             small = job.at_most(LIGHT_SIDE)
             light = Image.fromarray(overlay(pixels(replace(small, light=UNLIT)), pixels(small)))
@@ -98,28 +104,27 @@ class Svg(Exporter):
     def _bitmaps(self, job: ExportJob) -> Iterator[str]:
         sprites = sprites_of(job, MOST_PIXELS)
         for stroke, place, bitmap in sprites.bitmaps():
-            box = [number(value / sprites.zoom, self.digits) for value in (*place, *bitmap.size)]
+            box = [f"{round(value / sprites.zoom, self.digits):.12g}" for value in (*place, *bitmap.size)]
             shape = " ".join(f'{key}="{value}"' for key, value in zip(("x", "y", "width", "height"), box, strict=True))
             yield f'<image id="stroke-{stroke}" {shape} preserveAspectRatio="none" {_href(bitmap)}/>\n'
 
-    def _paths(self, profile: Profile, bottom_up: Tensor) -> Iterator[str]:
+    def _paths(self, profile: Profile, number: Tensor) -> Iterator[str]:
         curve, half, color, opacity = (
-            value.detach().cpu().double()[bottom_up]
+            value.detach().cpu()[number].double()
             for value in (profile.curve, profile.half_width, profile.color, profile.opacity)
         )
         middle, offset, alpha = soft_edge(half, opacity, profile.soft, self.outlines)
-        widths = 2 * (middle[:, None] + offset)
+        widths = _rounded(2 * (middle[:, None] + offset), self.digits).tolist()
         kind = "fill" if profile.taper else "stroke"
-        shapes: Iterable[list[str]] = ([line(row, self.digits)] * self.outlines for row in curve.flatten(1).tolist())
+        shapes: Iterable[list[str]] = ([text] * self.outlines for text in lines(curve, self.digits))
         if profile.taper:
             shapes = tapered(curve, middle, offset, profile.taper, self.digits)
-        rows = zip(shapes, hexadecimal(color), widths.tolist(), alpha.tolist(), strict=True)
+        rows = zip(shapes, hexadecimal(color), widths, _rounded(alpha, ALPHA).tolist(), strict=True)
         for paths, paint, path_widths, opacities in rows:
             for d, width, opaque in zip(paths, path_widths, opacities, strict=True):
-                size, clear = number(width, self.digits), number(opaque, ALPHA)
-                if float(size) > 0 and float(clear) > 0:
-                    more = "" if profile.taper else f' stroke-width="{size}"'
-                    more += "" if clear == "1" else f' {kind}-opacity="{clear}"'
+                if width > 0 and opaque > 0:
+                    more = "" if profile.taper else f' stroke-width="{width:.12g}"'
+                    more += "" if opaque == 1 else f' {kind}-opacity="{opaque:.12g}"'
                     yield f'<path d="{d}" {kind}="{paint}"{more}/>\n'
 
 
@@ -181,26 +186,27 @@ def hexadecimal(color: Tensor) -> list[str]:
     return [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in levels]
 
 
-def number(value: float, digits: int) -> str:
-    """A number as short as it can be written: ``.5`` and not ``0.50``."""
-    text = f"{value:.{digits}f}"
-    if digits:
-        text = text.rstrip("0").rstrip(".")
-    return text.replace("0.", ".", 1) if text.startswith(("0.", "-0.")) else text
+def short(text: str) -> str:
+    """Paths with each number as short as it can be written, ``.5`` and not ``0.5``; a minus is as good as a space."""
+    return LEADING_ZERO.sub(".", text).replace(" -", "-")
 
 
-def packed(values: list[float], digits: int) -> str:
-    """Numbers after each other; a minus separates them as well as a space."""
-    return " ".join([number(value, digits) for value in values]).replace(" -", "-")
+def packed(values: Sequence[float]) -> str:
+    """Rounded numbers after each other, to be made `short`."""
+    return " ".join(["%.12g"] * len(values)) % tuple(values)
 
 
-def line(points: list[float], digits: int) -> str:
-    """A quadratic Bezier curve (x and y of start, control, end); of a point something that has a direction."""
-    sx, sy, cx, cy, ex, ey = (round(value, digits) for value in points)
-    start = f"M{packed([sx, sy], digits)}"
-    if sx == cx == ex and sy == cy == ey:
-        return f"{start}h{number(10**-digits, digits)}"
-    return f"{start}q{packed([cx - sx, cy - sy, ex - sx, ey - sy], digits)}"
+def lines(curve: Tensor, digits: int) -> Iterator[str]:
+    """Quadratic Bezier curves (N, 3, 2), to be made `short`; of a point something that has a direction."""
+    curve = _rounded(curve, digits)
+    further = _rounded((curve[:, 1:] - curve[:, :1]).flatten(1), digits)
+    for start, (cx, cy, ex, ey) in zip(curve[:, 0].tolist(), further.tolist(), strict=True):
+        drawn = f"q{packed([cx, cy, ex, ey])}" if cx or cy or ex or ey else f"h{packed([10**-digits])}"
+        yield f"M{packed(start)}{drawn}"
+
+
+def _rounded(values: Tensor, digits: int) -> Tensor:
+    return values.round(decimals=digits) + 0.0  # not -0
 
 
 def tapered(curve: Tensor, middle: Tensor, offset: Tensor, taper: float, digits: int) -> Iterator[list[str]]:
@@ -219,17 +225,18 @@ def tapered(curve: Tensor, middle: Tensor, offset: Tensor, taper: float, digits:
     half = (half[:, None] + offset[..., None]).clamp_min(0)  # (N, K, T + 1), the last one at the bend
     reach = half[..., :-1, None] * normal
     left, right = (point + reach).flatten(2), (point - reach).flip(2).flatten(2)  # (N, K, 2 T): x, y, x, y, ...
-    tables = (left, right, half[..., [0, -2, -1]], point_at(curve, bend), folds | point_like)
-    for lefts, rights, halves, (x, y), with_disc in zip(*(table.tolist() for table in tables), strict=True):
+    tips = half[..., -1:] * (folds | point_like)[:, None, None]
+    tables = (left, right, half[..., [0, -2]], tips, point_at(curve, bend))
+    columns = [_rounded(table, digits).tolist() for table in tables]
+    for lefts, rights, halves, discs, (x, y) in zip(*columns, strict=True):
         found = []
-        for there, back, (first, last, tip) in zip(lefts, rights, halves, strict=True):
+        for there, back, (first, last), (tip,) in zip(lefts, rights, halves, discs, strict=True):
             # Along one side, around the end, back along the other side and around the start.
-            text = f"M{packed(there, digits)}A{packed([last, last], digits)} 0 0 0 {packed(back[:2], digits)}L"
-            text += f"{packed(back[2:], digits)}A{packed([first, first], digits)} 0 0 0 {packed(there[:2], digits)}z"
-            if with_disc and tip > 0:
-                arc = f"a{packed([tip, tip], digits)} 0 1 0 "
-                text += f"M{packed([x - tip, y], digits)}{arc}{packed([2 * tip, 0], digits)}"
-                text += f"{arc}{packed([-2 * tip, 0], digits)}z"
+            text = f"M{packed(there)}A{packed([last, last])} 0 0 0 {packed(back[:2])}L"
+            text += f"{packed(back[2:])}A{packed([first, first])} 0 0 0 {packed(there[:2])}z"
+            if tip > 0:
+                arc = f"a{packed([tip, tip])} 0 1 0 "
+                text += f"M{packed([x - tip, y])}{arc}{packed([2 * tip, 0])}{arc}{packed([-2 * tip, 0])}z"
             found.append(text)
         yield found
 

@@ -11,7 +11,7 @@ from brushexp.bounds import FILE, above, one_of
 from brushexp.errors import UserError
 from brushexp.features import NETWORKS, open_backbone
 from brushexp.pictures.color import recolored
-from brushexp.pictures.load import PICTURE, load_picture
+from brushexp.pictures.load import PICTURE, load_picture, size_of_picture
 from brushexp.plugins.loss.base import Loss, Painting, Surroundings
 from brushexp.registry import register
 
@@ -150,19 +150,25 @@ class Style(Loss):
         self._seen = torch.empty(0)  # (3, H, W) the canvas to which the following belongs
         self._rest: list[Tensor] = []  # sums over the canvas without those over what the steps look at
 
+    def check(self, size: tuple[int, int]) -> int:
+        """Longer side of the style picture for a canvas of ``size`` (H, W); a UserError if that is too small."""
+        side = max(1, round(self.scale * max(size)))
+        height, width = size if self.image is None else size_of_picture(self.image, "style", side)
+        if (short := min(height, width)) < self.context and self.image is not None:
+            least = math.ceil(10 * self.scale * self.context / short) / 10
+            raise UserError(
+                f"style={self.image} has {width} x {height} pixels at the scale {self.scale:g} of this canvas, but the "
+                f"network needs {self.context} x {self.context}; set style.loss.scale={least:g} or more, or a larger "
+                "resolution"
+            )
+        return side
+
     def picture(self, target: Tensor) -> Tensor:
         """The style picture (3, h, w) as it is used for a whole target (3, H, W); not smaller than ``context``."""
         if self.image is None:
             return target
-        side = max(1, round(self.scale * max(target.shape[1:])))
+        side = self.check((target.shape[1], target.shape[2]))
         picture = load_picture(self.image, side, key="style").to(target)
-        if (short := min(picture.shape[1:])) < self.context:
-            least = math.ceil(10 * self.scale * self.context / short) / 10
-            raise UserError(
-                f"style={self.image} has {picture.shape[2]} x {picture.shape[1]} pixels at the scale {self.scale:g} of "
-                f"this canvas, but the network needs {self.context} x {self.context}; set style.loss.scale={least:g} "
-                "or more, or a larger resolution"
-            )
         return recolored(picture, like=target) if self.colors == "content" else picture
 
     def forward(self, painting: Painting) -> Tensor:
