@@ -328,7 +328,5 @@ def test_what_does_not_fit_or_is_not_installed_is_refused_when_it_is_known(tmp_p
 
 def test_more_strokes_than_a_plan_holds_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("brushexp.plugins.export._pens.MOST_STROKES", 4)
-    with pytest.raises(
-        UserError, match=r"to\.hpgl: 5 strokes are more than the 4 that a plan holds; .* or take to=svg"
-    ):
+    with pytest.raises(UserError, match=r"to\.hpgl: 5 strokes are more than the 4 that a plan holds; "):
         Hpgl().write(job_of(inside(5)), tmp_path)

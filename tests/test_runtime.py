@@ -2,11 +2,10 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
-import pytest
 
+from brushexp.system import runtime
 from brushexp.system.runtime import forget_peak_memory, peak_memory
 
 SCRIPT = """
@@ -29,10 +28,12 @@ def test_kernels_take_the_threads_of_torch_and_leave_them():
     assert result.stdout.split() == ["1", "1"]
 
 
-@pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="only Linux forgets")
 def test_the_peak_of_a_job_is_not_that_of_one_before_it():
-    for megabytes in (300, 100):
-        forget_peak_memory()
-        before = peak_memory()
-        np.ones(megabytes * 2**20, np.uint8)
-        assert megabytes - 20 < peak_memory() - before < megabytes + 50
+    forget_peak_memory()
+    before = peak_memory() or runtime._earlier_peak[0]
+    np.ones(2**29, np.uint8)
+    first = peak_memory()
+    assert first is None or 500 < first < before + 600
+    forget_peak_memory()
+    np.ones(2**20, np.uint8)
+    assert (peak_memory() or 0) < (first or np.inf), "systems that cannot forget say that they do not know"

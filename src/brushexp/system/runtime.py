@@ -18,6 +18,7 @@ log = logging.getLogger(__name__)
 
 ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 _received: list[int] = []  # signals so far
+_earlier_peak = [0.0]  # MB, of jobs before this one
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # names of malloc.h
 
@@ -115,13 +116,19 @@ def check_memory(needed: float, what: str, cure: str) -> None:
 
 
 def forget_peak_memory() -> None:
-    """Let `peak_memory` begin again, for the next job of this process; only Linux can."""
-    with suppress(OSError):
+    """Let `peak_memory` begin again, for the next job of this process."""
+    with suppress(OSError):  # only some systems can
         Path("/proc/self/clear_refs").write_text("5")
+    _earlier_peak[0] = _peak()
 
 
-def peak_memory() -> float:
-    """Most memory that this process has had at once, in MB."""
+def peak_memory() -> float | None:
+    """Most memory that this process has had at once, in MB; None if an earlier job had more, so that nobody knows."""
+    peak = _peak()
+    return peak if peak > _earlier_peak[0] else None
+
+
+def _peak() -> float:
     status = Path("/proc/self/status")
     if status.exists():  # unlike getrusage it does not count what the parent had before it started us
         line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
