@@ -21,7 +21,7 @@ from brushexp.plugin_errors import plugins_named
 from brushexp.registry import plugins
 from brushexp.results.sweep import note_result
 from brushexp.system.files import write_json
-from brushexp.system.runtime import forget_peak_memory, peak_memory
+from brushexp.system.runtime import forget_peak_memory, peak_memory, was_signalled
 
 NO_MEMORY = ("can't allocate memory", "not enough memory", "Unable to allocate")  # what torch and NumPy say
 SIZES = ("resolution", "strokes", "batch_size", "n")  # keys that less memory is needed with
@@ -44,7 +44,7 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
         gc.freeze()  # what is loaded now stays
         gc.enable()  # run.py has disabled it
         torch.set_num_threads(cfg.threads or fair_share(hydra))
-        return perform(task, cfg, Path(hydra.runtime.output_dir).resolve(), start)
+        result = perform(task, cfg, Path(hydra.runtime.output_dir).resolve(), start)
     except UserError as error:
         if hydra.mode is RunMode.MULTIRUN:
             raise  # the other jobs go on, and this one is marked in the table
@@ -54,6 +54,10 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
         if hydra.mode is RunMode.MULTIRUN:  # Hydra tells its callbacks nothing
             note_result(Path(hydra.runtime.output_dir), cfg, hydra.overrides.task, error)
         raise
+    if hydra.mode is RunMode.MULTIRUN and was_signalled():  # in its last step: this job is done, and the sweep ends
+        note_result(Path(hydra.runtime.output_dir), cfg, hydra.overrides.task, result)
+        raise KeyboardInterrupt
+    return result
 
 
 def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:

@@ -63,6 +63,11 @@ def end_on_signals() -> None:
             signal.signal(number, interrupt)
 
 
+def was_signalled() -> bool:
+    """Whether a signal has asked this process to end."""
+    return bool(_received)
+
+
 def interrupted_code() -> int:
     """Exit code of an interrupted process: 128 and the number of the signal, 130 for Ctrl-C."""
     return 128 + (_received[-1] if _received else signal.SIGINT)
