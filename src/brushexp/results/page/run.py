@@ -41,7 +41,7 @@ FILES = {  # of a run, in the order in which the page has them
     "metrics.json": "its numbers",
     "curves/metrics.csv": "the curves, as a table",
 }
-LEFT_OUT = {PAGE_NAME, "checkpoint.ckpt", "run.lock"}
+LEFT_OUT = {PAGE_NAME, "checkpoint.ckpt", "lock", "others.txt"}  # the latter two are of the folder
 PICTURES = ("target", "painting", "flat", "style", "focus")  # flat: the painting without its light
 LARGEST_SIDE = 1600  # pixels of the longer side of a picture in a page
 LOSSLESS = 2**18  # pixels of a picture: a larger one goes into a page as a JPEG
