@@ -21,7 +21,7 @@ from brushexp.registry import build_named, plugins
 from brushexp.results.anytime_curves import curve_from
 from brushexp.results.page import drawings
 from brushexp.results.page.html import embedded, page, readable_number
-from brushexp.results.page.replay import MAX_STROKES, recorded_config, replay_of
+from brushexp.results.page.replay import MAX_STROKES, WEBP, recorded_config, replay_of
 from brushexp.results.runs import command_of, read_result
 from brushexp.shading.light import overlay
 from brushexp.strokes.storage import Saved, load_catalogue
@@ -45,7 +45,7 @@ LEFT_OUT = {PAGE_NAME, "checkpoint.ckpt", "lock", "others.txt"}  # the latter tw
 PICTURES = ("target", "painting", "flat", "style", "focus")  # flat: the painting without its light
 LARGEST_SIDE = 1600  # pixels of the longer side of a picture in a page
 LOSSLESS = 2**18  # pixels of a picture: a larger one goes into a page as a JPEG
-MOST_PIXELS = 8e6  # of the strokes with their textures: about 4 MB
+MOST_PIXELS = 6e6  # of the strokes with their textures: about 3 MB
 JPEG = {"format": "JPEG", "quality": 92, "subsampling": 0}
 METRICS_SHOWN = (  # of metrics.json: key, name, unit, digits, what it is
     ("psnr", "PSNR", "dB", 2, "peak signal-to-noise ratio, all pixels of the 8-bit pictures"),
@@ -238,7 +238,8 @@ def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
     """The light on a painting as a picture to lay over its colours; None where there is none."""
     if "flat" not in pictures or "painting" not in pictures:
         return None
-    return str(embedded(Image.fromarray(overlay(pictures["flat"], pictures["painting"])), LARGEST_SIDE)["source"])
+    light = Image.fromarray(overlay(pictures["flat"], pictures["painting"]))
+    return str(embedded(light, LARGEST_SIDE, **(WEBP | {"alpha_quality": 100}))["source"])
 
 
 def _light(saved: Saved) -> dict[str, Any] | None:
