@@ -15,8 +15,10 @@ from brushexp.app.tasks import paint as painting
 from brushexp.compositing.mixing import mixing
 from brushexp.errors import UserError
 from brushexp.painting.components import standard_components
+from brushexp.painting.densification import importance
 from brushexp.painting.outputs import export_job, renderer_of, space_of
 from brushexp.painting.painter import Painter
+from brushexp.painting.picture import Picture
 from brushexp.painting.wet import under_starts, wetted
 from brushexp.plugins.blend.topk import TopK
 from brushexp.plugins.export.process import states
@@ -105,20 +107,21 @@ def test_a_yellow_glaze_over_blue_is_green_in_pigment_alone():
 
 
 @pytest.mark.parametrize("name", OTHERS)
-def test_importance_says_which_strokes_matter(name):
-    space, strokes = SPACES[name], random_strokes(25, SIZE, bend=0.05)
-    order, target, weight = torch.randperm(25), torch.rand(3, 1, 1).expand(3, *SIZE).contiguous(), torch.rand(SIZE)
-    with torch.no_grad():
-        layers, dense = Analytic()(strokes), mixing(DENSE, space)
-        found = mixing(TILED, space).importance(layers, order, SIZE, BACKGROUND, target, weight)
+def test_importance_is_estimated_in_the_picture(name):
+    strokes, order, blend = random_strokes(25, SIZE, bend=0.05), torch.randperm(25), mixing(DENSE, SPACES[name])
+    picture = Picture(torch.zeros(3, *SIZE), None, BACKGROUND, blend)
+    picture.renderer = Analytic()
+    shown = picture.draw(strokes, order)
+    picture.target = (shown + 0.08 * torch.randn(3, *SIZE)).clamp(0, 1)
 
-        def error(chosen):
-            return (weight * (dense(layers, chosen, SIZE, BACKGROUND).image - target).square()).double().sum()
+    def error(chosen):
+        image = blend(Analytic()(strokes), chosen, SIZE, BACKGROUND).image
+        return (image - picture.target).square().double().sum()
 
-        grown = torch.stack([error(order[order != i]) for i in range(25)]) - error(order)
+    grown = torch.stack([error(order[order != i]) for i in range(25)]) - error(order)
+    found = importance(strokes, order, picture, torch.Generator().manual_seed(0))
     ranks = torch.stack([found.argsort().argsort(), grown.argsort().argsort()]).double()
     assert torch.corrcoef(ranks)[0, 1] > 0.8
-    assert mixing(DENSE, space).importance(layers, order, SIZE, BACKGROUND, target, weight) is None
 
 
 def test_catalogues_remember_the_space_and_exports_mix_in_it(run_task, tmp_path):

@@ -16,7 +16,8 @@ def mixing(blend: Blend, space: ColorSpace) -> Blend:
 class MixingBlend(Blend):
     """Lays strokes over each other as another blend does, channel by channel of a colour space.
 
-    The accuracy of a stroke is that of its own colour, which no other is laid over: it is the same in every space.
+    The accuracy of a stroke is that of its own colour, which no other is laid over: it is the same in every space. Of
+    its importance nothing is known here: the error of the channels ranks strokes otherwise than that of the picture.
     """
 
     def __init__(self, blend: Blend, space: ColorSpace) -> None:
@@ -37,17 +38,3 @@ class MixingBlend(Blend):
             return Canvas(image)
         with torch.no_grad():
             return Canvas(image, self.blend(layers, front_to_back, size, background, target).accuracy)
-
-    def importance(
-        self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor, weight: Tensor
-    ) -> Tensor | None:
-        """The error is that of the channels; a pixel counts by how far the picture moves when all of them do."""
-        bare = self.space.encode(background.to(layers.color))
-        wanted = self.space.encode(target.movedim(0, -1)).movedim(-1, 0).contiguous()
-        with torch.enable_grad():
-            channels = wanted.detach().clone().requires_grad_()
-            shown = self.space.decode(channels)
-            slopes = [torch.autograd.grad(plane.sum(), channels, retain_graph=True)[0].sum(0) for plane in shown]
-        exchange = torch.stack(slopes).square().sum(0) / len(wanted)
-        encoded = layers.encoded(self.space.encode)
-        return self.blend.importance(encoded, front_to_back, size, bare, wanted, weight * exchange)

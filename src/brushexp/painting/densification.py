@@ -59,8 +59,9 @@ class Densification:
 def importance(strokes: Strokes, front_to_back: Tensor, picture: Picture, generator: torch.Generator) -> Tensor:
     """By how much the squared error of the painting would grow without each stroke.
 
-    The picture is linear in the opacity of each stroke, so without one it changes by d = -opacity * dP/dopacity, and
-    the squared error by sum(d^2) + 2 sum(error * d). A blend may know both sums (`Blend.importance`). If not, the
+    The picture is linear in the opacity of each stroke (with color=rgb; nearly so in other spaces), so without one it
+    changes by d = -opacity * dP/dopacity, and the squared error by sum(d^2) + 2 sum(error * d). A blend may know both
+    sums (`Blend.importance`). If not, the
     second is one backward pass for all strokes, and the first is estimated without bias by the square of sum(s * d) for
     random signs s (Hutchinson, 1990), so the numbers (N,) scatter. They are summed over pixels and channels and
     weighted by the focus; about 0 for a stroke that cannot be seen, negative for one that does harm.
