@@ -1,11 +1,14 @@
-"""Threads: what one library does must not change what the other was told; and memory of one job, not of another."""
+"""What one library or job does must not change what another was told: threads, packages, memory."""
 
 import subprocess
 import sys
+from importlib.util import find_spec
 
 import numpy as np
+from lightning_utilities.core.imports import RequirementCache
 
 from brushexp.system import runtime
+from brushexp.system.hidden_packages import hidden
 from brushexp.system.runtime import forget_peak_memory, peak_memory
 
 SCRIPT = """
@@ -37,3 +40,13 @@ def test_the_peak_of_a_job_is_not_that_of_one_before_it():
     forget_peak_memory()
     np.ones(2**20, np.uint8)
     assert (peak_memory() or 0) < (first or np.inf), "systems that cannot forget say that they do not know"
+
+
+def test_a_hidden_package_looks_as_if_it_were_not_installed_and_a_loaded_one_stays():
+    with hidden("xmlrpc", "wandb", "torch"):
+        assert not RequirementCache("wandb>=0.1")
+        assert find_spec("xmlrpc") is None
+        assert find_spec("torch") is not None
+        assert RequirementCache("torch>=2")
+    assert find_spec("xmlrpc") is not None
+    assert RequirementCache("wandb>=0.1")

@@ -21,6 +21,7 @@ from brushexp.plugin_errors import plugins_named
 from brushexp.registry import plugins
 from brushexp.results.sweep import note_result
 from brushexp.system.files import write_json
+from brushexp.system.hidden_packages import hidden
 from brushexp.system.runtime import forget_peak_memory, peak_memory, was_signalled
 
 NO_MEMORY = ("can't allocate memory", "not enough memory", "Unable to allocate")  # what torch and NumPy say
@@ -39,7 +40,8 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
     try:
         if hydra.mode is RunMode.MULTIRUN:  # of another sweeper than ours; of a single run `RunFolder` has done it
             check(cfg, list(hydra.overrides.task))
-        task = importlib.import_module(f"brushexp.app.tasks.{cfg.task}")
+        with hidden("scipy", "matplotlib"):
+            task = importlib.import_module(f"brushexp.app.tasks.{cfg.task}")
         logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware on every run
         gc.freeze()  # what is loaded now stays
         gc.enable()  # run.py has disabled it

@@ -2,6 +2,7 @@
 
 import logging
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import lightning as L
@@ -65,15 +66,17 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
             trainer = trainer_of(cfg, device, folder, [trackers], [timelapse, *goals])
             failure = fit(trainer, painter, checkpoint=checkpoint)
         metrics = finish(painter, cfg, folder, None if checkpoint else start, lpips, timelapse)
-        timelapse.write(folder)
         trackers.report(
             metrics,
             pictures={name: folder / f"{name}.png" for name in ("target", "painting")},
             frames=some_of(timelapse),
             files={"catalogue": folder / "catalogue.h5"},
         )
-    if cfg.report:
-        report(folder)
+    with ThreadPoolExecutor(1) as beside:  # to encode a film leaves Python to others
+        film = beside.submit(timelapse.write, folder)
+        if cfg.report:
+            report(folder)
+    film.result()
     log.info(summary_line(folder, metrics))
     conclude(painter, folder, cfg, failure, painter.schedule.step)
     return metrics
