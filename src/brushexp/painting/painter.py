@@ -86,6 +86,13 @@ class Painter(L.LightningModule):
         self._curves = Curves()
         self._begin_stage()
 
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Lightning notes the hook that it is in forty times a step, and a module looks for parameters each time."""
+        if name == "_current_fx_name":
+            object.__setattr__(self, name, value)
+        else:
+            super().__setattr__(name, value)
+
     @property
     def renderer(self) -> Renderer:
         return self.picture.renderer

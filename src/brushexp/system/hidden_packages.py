@@ -16,7 +16,7 @@ def hidden(*packages: str) -> Iterator[None]:
     """
     from lightning_utilities.core import imports  # noqa: PLC0415  (only runs need it)
 
-    found = imports._version
+    found = imports._version  # type: ignore[attr-defined]
     fresh = [name for name in packages if name not in sys.modules]
 
     def version(name: str) -> str:
