@@ -45,7 +45,7 @@ LEFT_OUT = {PAGE_NAME, "checkpoint.ckpt", "lock", "others.txt"}  # the latter tw
 PICTURES = ("target", "painting", "flat", "style", "focus")  # flat: the painting without its light
 LARGEST_SIDE = 1600  # pixels of the longer side of a picture in a page
 LOSSLESS = 2**18  # pixels of a picture: a larger one goes into a page as a JPEG
-MOST_PIXELS = 6e6  # of the strokes with their textures: about 3 MB
+MOST_PIXELS = 8e6  # of the strokes with their textures: about 4 MB
 JPEG = {"format": "JPEG", "quality": 92, "subsampling": 0}
 METRICS_SHOWN = (  # of metrics.json: key, name, unit, digits, what it is
     ("psnr", "PSNR", "dB", 2, "peak signal-to-noise ratio, all pixels of the 8-bit pictures"),
