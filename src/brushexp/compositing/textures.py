@@ -15,6 +15,7 @@ from torch.nn import functional
 from brushexp.compositing.layers import SPREAD
 
 LONG = 2  # texels along a stroke are so many times as long as they are wide: bristles run along it
+LEAST = 5  # steps of opacity that are kept
 BYTE, HALF = 255, 127  # steps of opacity, and of tone to either side of 0
 
 
@@ -104,9 +105,11 @@ def _ringed(textures: Tensor) -> Tensor:
 
 
 def _rounded(sheet: Tensor) -> Tensor:
+    """In whole steps, and without the faintest opacities: a stroke's reach is what it costs."""
     steps = torch.full((sheet.shape[1], 1, 1), float(BYTE)).to(sheet)
     steps[1] = HALF
-    return (sheet * steps).round() / steps
+    opacity, rest = ((sheet * steps).round() / steps).split([1, sheet.shape[1] - 1], dim=1)
+    return torch.cat([opacity * (opacity >= LEAST / BYTE), rest], dim=1)
 
 
 def extent_of(opacity: Tensor) -> Tensor:

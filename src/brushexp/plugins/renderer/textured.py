@@ -20,7 +20,6 @@ from brushexp.strokes.prior import WIDTH
 
 LEVELS = 6  # sizes of a texture, for texels down to a 64th of a pixel
 THIN = 0.5  # pixels: strokes do not get thinner than about twice this, but fainter
-LEAST_OPACITY = 5 / 255  # in painting, texels less opaque than this are left out: a stroke's reach is what it costs
 FADED, LIT = 0.003, 0.95  # opacities and tones this near to their limits are kept off them, so that they can be trained
 SAMPLES = 4  # of a texel in each direction, when it is read off a picture
 STRETCH = 0.9  # half-windows from the middle to either end of a stroke that textures are read off
@@ -124,10 +123,7 @@ class Textured(Renderer):
 
     def _made(self, *, rounded: bool) -> Sheets:
         opacity, tone, height = self.textures.unbind(1)
-        opacity = opacity.sigmoid()
-        if rounded:
-            opacity = opacity * (opacity >= LEAST_OPACITY)
-        textures = torch.stack([opacity, tone.tanh(), height.sigmoid()], dim=1)
+        textures = torch.stack([opacity.sigmoid(), tone.tanh(), height.sigmoid()], dim=1)
         return sheets_of(textures, self.levels, self.loop, rounded=rounded)
 
 
@@ -189,7 +185,7 @@ def raw_of(texels: Tensor) -> Tensor:
     around, known = (
         functional.avg_pool2d(part[None], (spread, spread), 1, spread // 2)[0] for part in (coverage * films, coverage)
     )
-    tone = TONE * torch.tanh(4 * (films - around / known.clamp_min(1e-3))) * (coverage > LEAST_OPACITY)
+    tone = TONE * torch.tanh(4 * (films - around / known.clamp_min(1e-3))) * (coverage > FADED)
     parts = (coverage.clamp(FADED, 1 - FADED).logit(), tone.clamp(-LIT, LIT).atanh())
     return torch.stack([*parts, films.clamp(FADED, 1 - FADED).logit()])
 
