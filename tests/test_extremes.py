@@ -143,7 +143,9 @@ def test_a_crash_is_a_bug_and_a_message_is_none():
     assert found == Check(Outcome.broken, note="RuntimeError: expected scalar type Float")
     for scene in ("1e6 px off the canvas", "windows 1e6 px away"):  # farther than float16 can tell
         far = Reference(Analytic(), SCENES[scene].scene(2))
-        assert check_drawing(Analytic(), far, BLENDS["tiled"], "float16").outcome is Outcome.exact
+        found = check_drawing(Analytic(), far, BLENDS["tiled"], "float16")
+        assert found.outcome in (Outcome.exact, Outcome.degraded)
+        assert found.picture < 1e-4
 
 
 def test_the_matrix_goes_through_all_that_is_registered():
