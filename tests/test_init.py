@@ -144,7 +144,7 @@ def test_layers_go_from_large_strokes_everywhere_to_small_ones_where_the_picture
         float((strokes.position[strokes.scale == scale, 0] > 60).float().mean()) for scale in strokes.scale.unique()
     ]
     assert right[0] > 0.6
-    assert 0.4 > right[2] > 0.2  # the lowest layer is everywhere: a third of it is there
+    assert 0.5 > right[2] > 0.2  # the lowest layer is everywhere: a third of it is there
 
 
 def test_strokes_in_layers_end_where_the_picture_has_another_colour_and_bend_with_it():
