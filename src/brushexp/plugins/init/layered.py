@@ -69,7 +69,9 @@ class InLayers(Initializer):
                 seen = _blurred(picture, BLUR * side)
                 wanted = weight * np.abs(seen - below).sum(0)
                 cells = min(weight.size, max(count, round(count / self.cover**number)))
-                flow = along_edges(sum(share * _structure(picture, reach * side) for reach, share in FAR_AWAY))
+                flow = along_edges(
+                    np.sum([share * _structure(picture, reach * side) for reach, share in FAR_AWAY], axis=0)
+                )
                 parts.append(self._layer(seen, flow, _places(wanted, cells, count), side, generator))
                 below = seen
         return Strokes.join(*parts)
@@ -134,7 +136,7 @@ def _ink(color: str | None, own: Tensor) -> Tensor:
 
 def _places(wanted: Array, cells: int, n: int) -> Array:
     """Centres (n, 2: x, y) of those of ``cells`` squares where the mean of what is ``wanted`` (H, W) is largest."""
-    flat = lattice(*wanted.shape, cells).ravel()
+    flat = lattice(wanted.shape[0], wanted.shape[1], cells).ravel()
     area = np.bincount(flat, minlength=cells)
     best = np.sort(np.argsort(-np.bincount(flat, wanted.ravel(), cells) / area, kind="stable")[:n])
     y, x = np.divmod(np.arange(wanted.size), wanted.shape[1])

@@ -110,7 +110,7 @@ class Textured(Renderer):
         for variant in range(self.variants):
             painted = simulate(parameters, variant)
             seen = torch.stack([painted.images[0, 3], painted.heights[0]])
-            self.textures[variant] = raw_of(shortened(unrolled(seen, width, rows, long), columns, self.loop))
+            self.textures[variant] = raw_of(without_middle(unrolled(seen, width, rows, long), columns, self.loop))
 
     def _sheets(self) -> Sheets:
         if self.training or (self.textures.requires_grad and torch.is_grad_enabled()):
@@ -141,7 +141,7 @@ def unrolled(seen: Tensor, width: float, rows: int, columns: int) -> Tensor:
     return functional.avg_pool2d(functional.grid_sample(seen[None], places, align_corners=False), SAMPLES)[0]
 
 
-def shortened(texels: Tensor, columns: int, loop: Loop) -> Tensor:
+def without_middle(texels: Tensor, columns: int, loop: Loop) -> Tensor:
     """Texels (C, rows, columns) of a long stroke's beginning and then of its end, which holds the ``loop``.
 
     What is left out lies between them, so that what comes after the beginning is steady.
