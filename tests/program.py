@@ -77,9 +77,11 @@ class Program:
 
 
 def in_plain(words: Sequence[str]) -> list[str]:
-    """The words with ``look=plain`` before them if they paint and name no look: few tests are of looks."""
-    other = any(word.startswith(("task=", "look=", "experiment=", "resume=", "--")) for word in words)
-    return [*words] if other else ["look=plain", *words]
+    """The words with ``look=plain`` before their keys if they paint and name no look: few tests are of looks."""
+    if any(word.startswith(("task=", "look=", "experiment=", "resume=", "--")) for word in words):
+        return [*words]
+    flags = next((k for k, word in enumerate(words) if not word.startswith("-")), len(words))
+    return [*words[:flags], "look=plain", *words[flags:]]
 
 
 def run(*overrides: str, cwd: Path, **environment: str) -> CompletedProcess:

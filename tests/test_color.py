@@ -126,6 +126,7 @@ def test_importance_is_estimated_in_the_picture(name):
     assert torch.corrcoef(ranks)[0, 1] > 0.8
 
 
+@pytest.mark.filterwarnings("ignore:.*in eval mode")
 def test_catalogues_remember_the_space_and_exports_mix_in_it(run_task, tmp_path):
     folder = tmp_path / "painted"
     folder.mkdir()

@@ -118,7 +118,7 @@ def test_tensorboard_has_all_pictures_and_tables(tracked):
     content = found.PluginTagToContent("hparams")["_hparams_/session_start_info"]
     chosen = HParamsPluginData.FromString(content).session_start_info.hparams
     assert {key: value.string_value for key, value in chosen.items()} == {
-        "image": f"{tracked.folder}/picture.png", "steps": "20", "frames": "12", "threads": "1", "report": "False"
+        "look": "plain", "image": f"{tracked.folder}/picture.png", "steps": "20", "frames": "12", "threads": "1", "report": "False"
     }  # fmt: skip
     assert yaml.safe_load((events.parent / "hparams.yaml").read_text())["steps"] == 20
 
@@ -128,7 +128,7 @@ def test_wandb_has_all_pictures_the_table_and_the_catalogue(tracked):
     found = list(records(next(kept.glob("*.wandb"))))
     (run,) = [record.run for record in found if record.HasField("run")]
     assert (run.project, run.run_group, run.display_name, list(run.tags)) == ("brushexp", "my sweep", "0", ["a", "b"])
-    assert run.notes == f"image={tracked.folder}/picture.png steps=20 frames=12 threads=1 report=False"
+    assert run.notes == f"look=plain image={tracked.folder}/picture.png steps=20 frames=12 threads=1 report=False"
     config = {item.key: json.loads(item.value_json) for item in run.config.update}
     assert config["renderer"]["soft"] == 2.0
     assert config["steps"] == 20

@@ -58,9 +58,9 @@ def test_what_you_type_wins_over_a_study_over_a_preset_over_the_task(tmp_path):
         "quality=toy": (7, 100, "SOAP"),
         "experiment=toy": (7, 33, "LBFGS"),
         "experiment=toy steps=5 optimizer=sgd": (5, 33, "SGD"),
-        "experiment=toy quality=best": (composed("quality=best").steps, 33, "LBFGS"),
+        "experiment=toy quality=best": (composed("look=plain", "quality=best").steps, 33, "LBFGS"),
     }.items():
-        cfg = composed(*typed.split(), conf=tmp_path / "conf")
+        cfg = composed("look=plain", *typed.split(), conf=tmp_path / "conf")
         assert (cfg.steps, cfg.pixels_per_stroke, cfg.optimizer.name) == expected, typed
 
 

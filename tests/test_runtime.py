@@ -43,10 +43,10 @@ def test_the_peak_of_a_job_is_not_that_of_one_before_it():
 
 
 def test_a_hidden_package_looks_as_if_it_were_not_installed_and_a_loaded_one_stays():
-    with hidden("xmlrpc", "wandb", "torch"):
-        assert not RequirementCache("wandb>=0.1")
+    with hidden("xmlrpc", "mkdocs", "torch"):
+        assert not RequirementCache("mkdocs>=0.1")
         assert find_spec("xmlrpc") is None
         assert find_spec("torch") is not None
         assert RequirementCache("torch>=2")
     assert find_spec("xmlrpc") is not None
-    assert RequirementCache("wandb>=0.1")
+    assert RequirementCache("mkdocs>=0.2")

@@ -47,7 +47,7 @@ def test_settings_stand_above_the_command_line_and_are_combined_with_what_it_swe
 @pytest.mark.parametrize(("override", "message"), [
     ("steps=5,-3", "job 1 of the sweep.*steps=-3 is not at least 0; try steps=0"),
     ("task=paint,export", "task=export needs catalogue"),
-    ("renderer.soft=1,wide", "wide"),
+    ("optimizer.lr=0.1,wide", "wide"),
     ("init=grid,nope", "nope"),
     ("trainer.precision=32-true,abc", "job 1 of the sweep .*trainer.precision=abc is not one of 32-true, "),
     ("image=astronaut,nope.jpg", "job 1 of the sweep .*image=nope.jpg is not there; give the path of a picture"),
@@ -74,7 +74,7 @@ def test_nothing_of_a_sweep_starts_when_one_of_its_jobs_is_wrong(launcher, tmp_p
     words = ["-m", f"hydra/launcher={launcher}", "hydra.sweeper.settings=['','loss=brushwork']", "resolution=16"]
     done = run(*words, "steps=0", f"output={tmp_path}/s", cwd=tmp_path)
     assert done.returncode == 1
-    assert done.stderr.startswith("brushexp: job 1 of the sweep (resolution=16 steps=0 output="), done.stderr
+    assert done.stderr.startswith("brushexp: job 1 of the sweep (look=plain resolution=16 steps=0 output="), done.stderr
     assert done.stderr.count("\n") == 1
     assert not (tmp_path / "s").exists()
 

@@ -15,7 +15,7 @@ from program import ROOT, run
 from brushexp.strokes.prior import clamp_to_prior
 from brushexp.strokes.storage import load_catalogue
 
-SMALL = ["image=chelsea", "resolution=48", "steps=30", "threads=1", "frames=5"]
+SMALL = ["look=plain", "image=chelsea", "resolution=48", "steps=30", "threads=1", "frames=5"]
 
 
 def typed(*overrides: str, cwd: Path, code: int = 0, **environment: str) -> subprocess.CompletedProcess:

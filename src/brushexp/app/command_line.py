@@ -160,7 +160,8 @@ def check_choice(group: str, value: str) -> None:
         return  # the grammar says what is wrong
     found = found.list if isinstance(found, ChoiceSweep) else [found]
     names = [name for one in found for name in (one if isinstance(one, list) else [one])]
-    if not all(isinstance(name, str | dict | Sweep) for name in names) or value == "''":
+    single = group not in MULTI_SELECT
+    if not all(isinstance(name, str | dict | Sweep) for name in names) or value == "''" or (single and not names):
         choices = ", ".join(plugin.name for plugin in plugins() if plugin.family == group) or "those that --help lists"
         raise UserError(f"{group}={value} is no name; choose one of {choices}")
 

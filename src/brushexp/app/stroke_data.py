@@ -5,12 +5,13 @@ import json
 import logging
 from pathlib import Path
 
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Engine
 from brushexp.plugins.renderer.base import RENDERERS
-from brushexp.registry import build
+from brushexp.registry import build, plugin_of
 from brushexp.training.datamodule import SimulatedData, StoredData, StrokeData
 from brushexp.training.dataset import Origin, first_difference, origin_of
 from brushexp.training.writer import simulate_set
@@ -23,8 +24,9 @@ def stroke_data(cfg: DictConfig) -> StrokeData:
     if cfg.data is not None:
         paths = [Path(path) for path in cfg.data]
     else:
-        engine: Engine = build(cfg.engine)
-        origin = origin_of(cfg.engine, engine)
+        node = engine_node(cfg)
+        engine: Engine = build(node)
+        origin = origin_of(node, engine)
         if cfg.get("simulate") is None:
             return SimulatedData(engine, origin, batch_size=cfg.batch_size, seed=cfg.seed)
         mark = hashlib.sha256(json.dumps(origin.settings(), sort_keys=True).encode()).hexdigest()[:8]
@@ -51,18 +53,38 @@ def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:
 def origin_for(cfg: DictConfig) -> Origin:
     """Where the strokes of `stroke_data` come from, before any are simulated; a UserError if the sets are none."""
     if cfg.data is None:
-        return origin_of(cfg.engine, build(cfg.engine))
+        node = engine_node(cfg)
+        return origin_of(node, build(node))
     return StoredData([Path(path) for path in cfg.data], limit=cfg.get("limit")).origin
+
+
+def engine_node(cfg: DictConfig) -> DictConfig:
+    """The engine's part of the config; for a renderer that is measured, with the options of its own training.
+
+    Options that are typed win over those.
+    """
+    plugin, trained = plugin_of(cfg.engine), None if cfg.get("other_data", True) else trained_on(cfg)
+    if trained is None or trained.engine != plugin.name or cfg.engine != OmegaConf.structured(plugin.config):
+        return cfg.engine
+    try:
+        return OmegaConf.unsafe_merge(OmegaConf.structured(plugin.config), trained.engine_config)  # type: ignore[return-value]
+    except OmegaConfBaseException:  # of another version
+        return cfg.engine
+
+
+def trained_on(cfg: DictConfig) -> Origin | None:
+    """What made the strokes that a renderer was trained on; None if its file does not tell."""
+    checkpoint = cfg.renderer.get("checkpoint")
+    recipe = {} if checkpoint is None else RENDERERS.read_recipe(RENDERERS.path_of(checkpoint)).get("data", {})
+    if not isinstance(recipe, dict) or not isinstance(recipe.get("engine_config"), dict):
+        return None
+    return Origin(str(recipe.get("engine")), recipe["engine_config"], recipe.get("window", 0))
 
 
 def check_origin(cfg: DictConfig, found: Origin) -> None:
     """Stop with a UserError if a trained renderer knows another brush than that of the strokes, unless wanted."""
-    checkpoint = cfg.renderer.get("checkpoint")
-    recipe = {} if checkpoint is None else RENDERERS.read_recipe(RENDERERS.path_of(checkpoint)).get("data", {})
-    if cfg.other_data or not isinstance(recipe, dict) or not isinstance(recipe.get("engine_config"), dict):
-        return
-    trained = Origin(str(recipe.get("engine")), recipe["engine_config"], recipe.get("window", 0))
-    if difference := first_difference(trained.settings(), found.settings()):
+    trained = None if cfg.other_data else trained_on(cfg)
+    if trained is not None and (difference := first_difference(trained.settings(), found.settings())):
         name = f"engine={found.engine}" if cfg.data is None else cfg.data[0]
         raise UserError(
             f"{name} was made with {difference[1]}, but the renderer was trained on strokes made with {difference[0]}; "

@@ -161,7 +161,7 @@ class Catalogue(nn.Module):
         return len(self.scale)
 
     def is_finite(self) -> bool:
-        """Whether all parameters are numbers; the sum shows one that is not, three times as fast as `isfinite`."""
+        """Whether all parameters are numbers: a sum shows one that is not, and is quicker to find than `isfinite`."""
         return all(math.isfinite(value.detach().sum(dtype=torch.float64)) for value in self.parameters())
 
     @torch.no_grad()

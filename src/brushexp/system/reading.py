@@ -13,6 +13,8 @@ import stat
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from copy import deepcopy
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 from zipfile import ZIP_STORED, ZipFile, is_zipfile
@@ -140,6 +142,11 @@ def check_yaml(text: str, root: type = dict) -> None:
 
 def yaml_of(text: str, root: type = dict) -> Any:
     """The mapping (or list) that YAML says, of plain values; empty for an empty text. Interpolations stay text."""
+    return deepcopy(_yaml_of(text, root))
+
+
+@lru_cache(maxsize=4)  # the settings of a run are read for its catalogue, files and page
+def _yaml_of(text: str, root: type) -> Any:
     check_yaml(text, root)
     try:
         return check_plain(OmegaConf.to_container(OmegaConf.create(text)) or root())

@@ -37,7 +37,7 @@ def _lines(job: ExportJob) -> Iterator[str]:
     yield ",".join(("stroke", *COLUMNS)) + "\n"
     line = "%d" + ",%.7g" * len(COLUMNS) + "\n"
     for number in job.bottom_up.cpu().split(AT_ONCE):
-        strokes = job.strokes.map(lambda value, rows=number: value.detach().cpu()[rows].double())
+        strokes = job.strokes[number.to(job.strokes.position.device)].map(lambda value: value.detach().cpu().double())
         curve, width = curve_of(strokes), strokes.width * strokes.scale
         shape = curve.flatten(1), width, strokes.color, strokes.opacity, length_of(curve), heading_degrees(curve)
         rows = torch.column_stack((number, *shape)).tolist()

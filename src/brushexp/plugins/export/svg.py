@@ -79,6 +79,7 @@ class Svg(Exporter):
         about += f", from {job.source}" * bool(job.source) + "; written by brushexp."
         about += f" The renderer {job.name} gives them a texture, which paths cannot hold." * (bare and not drawn)
         about += " Each one is a bitmap with its texture." * drawn
+        about += " Viewers mix its colours as light, not as color= said." * (job.blend is not job.blend.plain)
         about += " The last image is the light on the paint." * self._is_lit(job)
         canvas = f'<path d="M0 0h{width}v{height}h-{width}z"'
         stroked = "" if profile.taper else ' fill="none" stroke-linecap="round" stroke-linejoin="round"'

@@ -8,6 +8,7 @@ from PIL import Image
 
 from brushexp.analysis.columns import StrokeTable
 from brushexp.errors import UserError
+from brushexp.painting.outputs import space_of
 from brushexp.plugins.export._sprites import SHEET_WIDTH, Sprites
 from brushexp.results.page.html import embedded
 from brushexp.strokes.bezier import curve_of
@@ -63,18 +64,28 @@ def replay_of(saved: Saved, measures: StrokeTable, sprites: Sprites | None = Non
         columns.append((name, column.size // count, float(low), float(max(high, low + 1e-6))))
     options = recorded_config(saved).get("renderer")
     edges = {k: v for k, v in options.items() if k in EDGES and v is not None} if isinstance(options, dict) else {}
+    mixed = _is_mixed(saved)
     return {
         "count": count,
         "width": width,
         "height": height,
         "background": hex_of(saved.background.numpy()),
         **(EDGES | edges),
-        "exact": saved.renderer == CANVAS_RENDERER or sprites is not None,
+        "exact": (saved.renderer == CANVAS_RENDERER or sprites is not None) and not mixed,
+        "mixed": mixed,
         "sheet": None if sprites is None else embedded(Image.fromarray(sprites.sheet), SHEET_WIDTH, **WEBP)["source"],
         "zoom": 1.0 if sprites is None else sprites.zoom,
         "columns": columns,
         "data": base64.b64encode(data).decode(),
     }
+
+
+def _is_mixed(saved: Saved) -> bool:
+    """Whether colours were laid over each other otherwise than a browser does, which takes sRGB values."""
+    try:
+        return not space_of(saved).is_rgb
+    except UserError:
+        return False
 
 
 def recorded_config(saved: Saved) -> dict[str, Any]:
