@@ -130,8 +130,7 @@ def test_importance_is_estimated_in_the_picture(name):
 def test_catalogues_remember_the_space_and_exports_mix_in_it(run_task, tmp_path):
     folder = tmp_path / "painted"
     folder.mkdir()
-    options = ("task=paint", "image=coffee", "resolution=40", "steps=2", "color=pigment", "report=false", "frames=0")
-    run_task(painting, *options)
+    run_task(painting, "image=coffee", "resolution=40", "steps=2", "color=pigment", "report=false", "frames=0")
     first = np.asarray(Image.open(tmp_path / "painting.png"))
     saved = load_catalogue(tmp_path / "catalogue.h5")
     assert type(space_of(saved)) is type(SPACES["pigment"])

@@ -118,7 +118,8 @@ def test_tensorboard_has_all_pictures_and_tables(tracked):
     content = found.PluginTagToContent("hparams")["_hparams_/session_start_info"]
     chosen = HParamsPluginData.FromString(content).session_start_info.hparams
     assert {key: value.string_value for key, value in chosen.items()} == {
-        "look": "plain", "image": f"{tracked.folder}/picture.png", "steps": "20", "frames": "12", "threads": "1", "report": "False"
+        "look": "plain", "image": f"{tracked.folder}/picture.png", "steps": "20", "frames": "12", "threads": "1",
+        "report": "False",
     }  # fmt: skip
     assert yaml.safe_load((events.parent / "hparams.yaml").read_text())["steps"] == 20
 

@@ -29,6 +29,8 @@ def explanation(error: BaseException, conf: Path, arguments: list[str]) -> str:
     text = " ".join(str(error).partition("Config search path")[0].split())
     if isinstance(error, CompactHydraException) and isinstance(error.__cause__, OmegaConfBaseException):
         text += f": {' '.join(str(error.__cause__).split())}"
+    if found := re.search(r"interpolation '\$\{look\}_\$\{(\w+)\}'", text):
+        return f"{found[1]} is not chosen; choose one of {', '.join(choices(found[1], conf))}"
     return in_our_words(text, task_of(arguments, conf), conf, arguments) or text
 
 
