@@ -181,15 +181,6 @@ def plugins(family: str | None = None) -> list[Plugin]:
     return sorted(found, key=lambda plugin: (list(FAMILIES).index(plugin.family), plugin.name))
 
 
-def named(family: str, made: object, name: str = "") -> str:
-    """An object of a family as messages name it: ``loss=mse``, of a user's plugin with its file."""
-    plugin = next((one for one in plugins(family) if one.cls is type(made)), None)
-    source = (
-        "" if plugin is None or plugin.cls.__module__.startswith(OURS) else f" ({inspect.getsourcefile(plugin.cls)})"
-    )
-    return f"{family}={name or (plugin.name if plugin else type(made).__name__)}{source}"
-
-
 def plugin_of(node: DictConfig) -> Plugin:
     """The plugin that a config node describes; a UserError if its ``_target_`` is none that is registered."""
     for plugin in plugins():
@@ -305,6 +296,5 @@ def _import_or_explain(load: Callable[[], object], source: str) -> None:
     except SyntaxError as error:
         raise UserError(f"plugin {source}, line {error.lineno}: {error.msg}; correct it or move it away") from error
     except (Exception, SystemExit) as error:
-        raise UserError(
-            f"plugin {source} cannot be loaded: {type(error).__name__}: {error}; correct it or move it away"
-        ) from error
+        reason = f"{type(error).__name__}: {error}"
+        raise UserError(f"plugin {source} cannot be loaded: {reason}; correct it or move it away") from error

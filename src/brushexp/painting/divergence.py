@@ -1,5 +1,6 @@
 """Who made the first number that is not finite: asked once, when a step has come to nothing."""
 
+import inspect
 from collections.abc import Iterable
 from typing import Any
 
@@ -7,8 +8,9 @@ import torch
 from torch import Tensor
 
 from brushexp.compositing.layers import Layers
+from brushexp.plugin_errors import OURS
 from brushexp.plugins.loss.base import Loss, Painting
-from brushexp.registry import named
+from brushexp.registry import plugins
 from brushexp.strokes.catalogue import Strokes
 
 
@@ -38,6 +40,14 @@ def first_broken(painter: Any, strokes: Strokes, wrong: str | None) -> str:
         if not all_finite(slopes(image.sum(), inputs)):
             return f"the gradient of {who} is not finite"
     return "the gradient is not finite"
+
+
+def named(family: str, made: object, name: str = "") -> str:
+    """An object of a family as messages name it: ``loss=mse``, of a user's plugin with its file."""
+    plugin = next((one for one in plugins(family) if one.cls is type(made)), None)
+    ours = plugin is None or plugin.cls.__module__.startswith(OURS)
+    source = "" if ours else f" ({inspect.getsourcefile(type(made))})"
+    return f"{family}={name or (plugin.name if plugin else type(made).__name__)}{source}"
 
 
 def broken_layer(layers: Layers, count: int) -> int | None:

@@ -90,18 +90,15 @@ def export_job(
     """A catalogue, from ``source``, as exporters take it; ``name`` is that of the renderer.
 
     Its paint is mixed in the colour space that it was painted in. It is crisp at any size: the strokes are scaled, not
-    the picture. ``resolution`` is the longer side in pixels,
-    ``LARGEST_SIDE_PIXELS`` at most; None means as it was painted.
+    the picture. ``resolution`` is the longer side in pixels, ``LARGEST_SIDE_PIXELS`` at most; None means as it was
+    painted.
     """
-    height, width = saved.size
-    resolution = resolution or max(height, width)
-    if resolution > LARGEST_SIDE_PIXELS:
-        raise UserError(f"resolution={resolution} is more than {LARGEST_SIDE_PIXELS} pixels; choose a smaller one")
-    zoom = resolution / max(height, width)
-    size = (max(1, round(height * zoom)), max(1, round(width * zoom)))
-    painting = saved.strokes.moved(zoom=zoom), saved.depth, size, saved.background
-    blend = mixing(blend, space_of(saved))
-    return ExportJob(*painting, renderer, blend, name, source, saved.seed, saved.config, light_of(saved))
+    side = resolution or max(saved.size)
+    if side > LARGEST_SIDE_PIXELS:
+        raise UserError(f"resolution={side} is more than {LARGEST_SIDE_PIXELS} pixels; choose a smaller one")
+    blend, painting = mixing(blend, space_of(saved)), (saved.strokes, saved.depth, saved.size, saved.background)
+    job = ExportJob(*painting, renderer, blend, name, source, saved.seed, saved.config, light_of(saved))
+    return job.scaled(side / max(saved.size))
 
 
 def summary_line(folder: Path, metrics: dict[str, object]) -> str:

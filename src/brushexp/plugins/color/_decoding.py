@@ -117,8 +117,10 @@ def _rooted(light):
 
 
 @inline
-def _gather(picture, rows, begin, size, channels, light):
-    """Bring the curved channels (C, BLOCK) and the linear RGB (3, BLOCK) of some pixels."""
+def _gather(picture, rows, block, channels, light):
+    """Bring the curved channels (C, BLOCK) and the linear RGB (3, BLOCK) of a block: its first pixel, and how many."""
+    begin = block * BLOCK
+    size = min(BLOCK, picture.shape[1] - begin)
     for c in range(CHANNELS):
         for q in range(size):
             channels[c, q] = rise(picture[c, begin + q])
@@ -127,16 +129,15 @@ def _gather(picture, rows, begin, size, channels, light):
         for c in range(CHANNELS):
             for q in range(size):
                 light[k, q] += rows[k, c] * channels[c, q]
+    return begin, size
 
 
 @kernel
 def _decode(picture, rows, shown):
     """Write pixels (3, P) of channels (C, P); ``rows`` is the matrix (3, C)."""
     for block in prange(-(-picture.shape[1] // BLOCK)):
-        begin = block * BLOCK
-        size = min(BLOCK, picture.shape[1] - begin)
         channels, light = np.empty((CHANNELS, BLOCK), F), np.empty((3, BLOCK), F)
-        _gather(picture, rows, begin, size, channels, light)
+        begin, size = _gather(picture, rows, block, channels, light)
         for k in range(3):
             for q in range(size):
                 x = light[k, q]
@@ -148,10 +149,8 @@ def _decode(picture, rows, shown):
 def _decode_back(picture, rows, grad, out):
     """Write the gradient (C, P) of the channels from that of the pixels ``grad`` (3, P)."""
     for block in prange(-(-picture.shape[1] // BLOCK)):
-        begin = block * BLOCK
-        size = min(BLOCK, picture.shape[1] - begin)
         channels, light = np.empty((CHANNELS, BLOCK), F), np.empty((3, BLOCK), F)
-        _gather(picture, rows, begin, size, channels, light)
+        begin, size = _gather(picture, rows, block, channels, light)
         for k in range(3):
             for q in range(size):
                 x = max(light[k, q], F(KNEE))

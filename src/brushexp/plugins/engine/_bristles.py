@@ -10,6 +10,7 @@ from numba import prange
 from brushexp.system.compiled import function, kernel
 
 F = np.float32
+UNITS = F(256)  # lengths are in 256ths of the window: the canvas of SPIRAL, in whose pixels the constants are given
 
 VERTICES = 10
 HEIGHT = F(2.0)  # of the handle above the canvas, brush scales

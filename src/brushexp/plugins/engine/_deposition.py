@@ -1,4 +1,4 @@
-"""What the bristles leave on the canvas: splats, the flow of wet paint, light on the ridges; compiled.
+"""What the bristles leave on the canvas: splats, and the flow of wet paint; compiled.
 
 Grids are flat arrays of rows with one cell of margin around the canvas, so that no index can leave them.
 """
@@ -6,10 +6,10 @@ Grids are flat arrays of rows with one cell of margin around the canvas, so that
 import numpy as np
 from numba import prange
 
-from brushexp.plugins.engine._bristles import TOUCH, VERTICES, F, move
+from brushexp.plugins.engine._bristles import TOUCH, UNITS, VERTICES, F, move
+from brushexp.plugins.engine._lit_paint import picture
 from brushexp.system.compiled import function, inline, kernel
 
-UNITS = F(256)  # lengths are in 256ths of the window: the canvas of SPIRAL, in whose pixels the constants are given
 FLOW = F(100 / 60)  # units that paint moves in one frame per unit of velocity
 LAG = F(2.2)  # frames by which the touching parts follow the handle, measured on straight strokes
 SPLAT = F(0.05)  # radius of a splat, brush scales
@@ -229,50 +229,6 @@ def _tangent(curve, t):  # type: ignore[no-untyped-def]
     return (dx / length, dy / length) if length > F(1e-3) else (F(1), F(0))
 
 
-@inline
-def _light(gx, gy):  # type: ignore[no-untyped-def]
-    """Diffuse and specular light on paint of slope (gx, gy), lit from above the picture (GGX, Walter et al. 2007)."""
-    nz = F(7) / np.sqrt(gx * gx + gy * gy + F(49))
-    ny = gy * nz / F(7)
-    nl = max((nz - ny) * F(0.70710678), F(0))
-    nh = max(F(0.38268343) * -ny + F(0.92387953) * nz, F(0))
-    a2 = F(0.075) ** 2
-    d = a2 / (F(3.14159265) * (nh * nh * (a2 - F(1)) + F(1)) ** 2)
-    g = F(1) / ((nl + np.sqrt(a2 + (F(1) - a2) * nl * nl)) * (nz + np.sqrt(a2 + (F(1) - a2) * nz * nz)))
-    f = F(0.05) + F(0.95) * (F(1) - F(0.92387953)) ** 5
-    return F(0.15) * nl + F(0.85), d * g * f
-
-
-@function
-def _picture(state, side, fine, color, relief, image, heights):  # type: ignore[no-untyped-def]
-    """Shade the paint on the fine grid and average it over the pixels of the window."""
-    cover, height, window = state[2], state[3], heights.shape[0]
-    slope, share = relief * F(side - 2) / UNITS, F(1) / F(fine * fine)
-    flat, bare = _light(F(0), F(0))
-    rgb = np.empty(3, F)
-    for y in range(window):
-        for x in range(window):
-            total, thick = F(0), F(0)
-            rgb[:] = F(0)
-            for k in range(fine * fine):
-                q = (y * fine + k // fine + 1) * side + x * fine + k % fine + 1
-                thick += height[q]
-                if cover[q] <= F(0):
-                    continue
-                above, below = q - side, q + side
-                fall, rise = height[above - 1] - height[below + 1], height[above + 1] - height[below - 1]
-                gx = fall - rise + F(2) * (height[q - 1] - height[q + 1])
-                gy = fall + rise + F(2) * (height[above] - height[below])
-                diffuse, shine = _light(slope * gx, slope * gy)
-                total += cover[q]
-                for c in range(3):
-                    rgb[c] += cover[q] * min(max(color[c] * diffuse / flat + F(0.5) * (shine - bare), F(0)), F(1))
-            heights[y, x] = thick * share
-            image[3, y, x] = min(total * share, F(1))
-            for c in range(3):
-                image[c, y, x] = rgb[c] / total if total > F(1e-6) else color[c]
-
-
 @kernel
 def paint(strokes, brush, first_pose, poses, reach, roots, stiffness, physics, counts, projection, images, heights):  # type: ignore[no-untyped-def]
     """Paint every stroke on a canvas of its own: ``images`` (n, 4, S, S) and ``heights`` (n, S, S) are written.
@@ -314,4 +270,4 @@ def paint(strokes, brush, first_pose, poses, reach, roots, stiffness, physics, c
                 begin, end = row * side + wet[2], row * side + wet[3] + 1
                 for c in range(4):
                     state[c, begin:end] = new[c, begin:end]
-        _picture(state, side, fine, color, relief, images[m], heights[m])
+        picture(state, side, fine, color, relief, images[m], heights[m])

@@ -102,7 +102,7 @@ class Fluid(Engine):
         if seed != self._seed:
             self._take_brushes(seed)
         strokes = strokes_of(parameters.detach().cpu().float())
-        units = 0.5 * float(self._deposition.UNITS)
+        units = 0.5 * float(self._bristles.UNITS)
         points = torch.cat([strokes.start, strokes.control, strokes.end], dim=1).clamp(-FARTHEST, FARTHEST)
         scale = (BAND * strokes.width * units).clamp(*SCALES)
         rows = torch.cat([(points + 1) * units, scale[:, None], strokes.color.clamp(0, 1)], dim=1).numpy()
