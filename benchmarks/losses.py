@@ -21,7 +21,7 @@ from step import BACKGROUND, scene
 
 from brushexp.errors import UserError
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build, load_plugins, plugins
 
@@ -37,7 +37,7 @@ def on_the_picture(loss: Loss) -> Callable[[], None]:
 
     def step() -> None:
         image.grad = None
-        loss(Painting(image, target, strokes)).backward()
+        loss(PaintedView(image, target, strokes)).backward()
 
     return step
 
@@ -51,7 +51,7 @@ def of_a_painting(losses: list[Loss]) -> Callable[[], None]:
         for _, value in leaves.items():
             value.grad = None
         image = blend(renderer(leaves), order, (SIDE, SIDE), BACKGROUND).image
-        painting = Painting(image, target, leaves)
+        painting = PaintedView(image, target, leaves)
         torch.stack([loss.weight * loss(painting) for loss in losses]).sum().backward()
 
     return step

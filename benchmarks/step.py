@@ -27,7 +27,7 @@ from brushexp.painting.components import Components, standard_components
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.blend.topk import TopK
-from brushexp.plugins.loss.base import Painting, weighted_sum
+from brushexp.plugins.loss.base import PaintedView, weighted_sum
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.catalogue import Catalogue, Strokes
 from brushexp.system.runtime import peak_memory
@@ -220,7 +220,7 @@ def bare_step(catalogue: Catalogue, parts: Components, target: torch.Tensor) -> 
         with torch.no_grad():
             parts.sampler(catalogue(), size, 1, generator)
         strokes = catalogue()
-        painting = Painting(parts.blend(renderer(strokes), order, size, BACKGROUND).image, target, strokes)
+        painting = PaintedView(parts.blend(renderer(strokes), order, size, BACKGROUND).image, target, strokes)
         total, _ = weighted_sum(parts.losses, painting)
         optimizer.zero_grad()
         total.backward()

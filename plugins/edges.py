@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.registry import register
 
 
@@ -28,5 +28,5 @@ class EdgeLoss(Loss):
     def __init__(self, *, weight: float = 0.5) -> None:
         super().__init__(weight)
 
-    def forward(self, painting: Painting) -> Tensor:
+    def forward(self, painting: PaintedView) -> Tensor:
         return painting.mean((slopes(painting.image) - slopes(painting.target)).abs())

@@ -15,7 +15,7 @@ from brushexp.errors import UserError
 from brushexp.painting.assembly import components_of, first_strokes
 from brushexp.pictures.region import Region
 from brushexp.plugins.density.fixed import Fixed
-from brushexp.plugins.loss.base import Painting, Surroundings
+from brushexp.plugins.loss.base import PaintedView, Surroundings
 from brushexp.plugins.loss.stroke import BrushworkTransfer
 from brushexp.strokes.bezier import curve_of, length_of
 from brushexp.strokes.brushwork import (
@@ -56,9 +56,9 @@ def saved(path: Path, strokes: Strokes, size: tuple[int, int] = SIZE) -> Path:
     return path
 
 
-def painting(strokes: Strokes, size: tuple[int, int] = SIZE) -> Painting:
+def painting(strokes: Strokes, size: tuple[int, int] = SIZE) -> PaintedView:
     image = torch.zeros(3, *size, dtype=strokes.width.dtype)
-    return Painting(image, image, strokes)
+    return PaintedView(image, image, strokes)
 
 
 def loss_like(strokes: Strokes) -> BrushworkTransfer:
@@ -142,7 +142,7 @@ def test_the_canvas_counts_and_not_the_part_a_step_looks_at():
     whole = painting(made)
     region = Region(10, 20, 16, 24)
     part = region.of(whole.image)
-    seen = Painting(part, part, made, Surroundings(region, whole.image, whole.target))
+    seen = PaintedView(part, part, made, Surroundings(region, whole.image, whole.target))
     assert_close(loss(seen), loss(whole), rtol=0, atol=0)
 
 

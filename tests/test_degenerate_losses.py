@@ -11,7 +11,7 @@ from scenes import random_strokes
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.plugins.loss.discriminator import Discriminated
 from brushexp.plugins.loss.perceptual import Lpips, Perceptual
 from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
@@ -102,7 +102,7 @@ def judged_strokes(loss: Loss, strokes: Strokes, dtype: torch.dtype) -> tuple[Te
     """Value and gradients of a loss of strokes in a dtype."""
     made = strokes.map(lambda value: value.to(dtype).clone().requires_grad_())
     picture = torch.zeros(3, *CANVAS, dtype=dtype)
-    value = loss(Painting(picture, picture, made))
+    value = loss(PaintedView(picture, picture, made))
     leaves = [leaf for _, leaf in made.items()]
     found = torch.autograd.grad(value, leaves, allow_unused=True)
     return value.detach(), [torch.zeros_like(x) if g is None else g for x, g in zip(leaves, found, strict=True)]
@@ -168,7 +168,7 @@ def judged_pictures(loss: Loss, image: Tensor, target: Tensor, dtype: torch.dtyp
     if isinstance(loss, Perceptual):
         loss.calls.zero_()  # the same shift every time
     seen = image.to(dtype).requires_grad_()
-    value = loss(Painting(seen, target.to(dtype), Strokes.none()))
+    value = loss(PaintedView(seen, target.to(dtype), Strokes.none()))
     return value.detach(), torch.autograd.grad(value, seen)[0]
 
 

@@ -13,7 +13,7 @@ from torch import Tensor
 from brushexp.app.rules import check_used
 from brushexp.app.tasks import train
 from brushexp.errors import UserError
-from brushexp.plugins.loss.base import Painting
+from brushexp.plugins.loss.base import PaintedView
 from brushexp.plugins.loss.discriminator import DISCRIMINATORS, NAME, Discriminated, Discriminator, shapes_of
 from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import build_named
@@ -43,7 +43,7 @@ def strokes(shapes: Tensor) -> Strokes:
 
 def loss_of(loss: Discriminated, made: Strokes) -> Tensor:
     nothing = torch.zeros(3, 5, 8)
-    return loss(Painting(nothing, nothing, made))
+    return loss(PaintedView(nothing, nothing, made))
 
 
 def valid(made: Strokes, slack: float = 0.01) -> Tensor:

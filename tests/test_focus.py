@@ -21,7 +21,7 @@ from brushexp.painting.painter import Painter
 from brushexp.pictures.focus import attention, faces, focus_map, focus_weights, resized
 from brushexp.pictures.load import load_picture
 from brushexp.plugins.init.slic import Slic
-from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.plugins.loss.perceptual import Lpips, Perceptual
 from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
 from brushexp.plugins.loss.ssim import StructuralSimilarity, dissimilarity, statistics
@@ -49,7 +49,7 @@ def scene(size: tuple[int, int] = SIZE, strength: float = 8) -> tuple[Tensor, Te
 
 def slope_of(loss: Loss, image: Tensor, target: Tensor, focus: Tensor | None) -> tuple[Tensor, Tensor]:
     image = image.detach().clone().requires_grad_()
-    value = loss(Painting(image, target, Strokes.none(), focus=focus))
+    value = loss(PaintedView(image, target, Strokes.none(), focus=focus))
     (slope,) = torch.autograd.grad(value, image)
     return value.detach(), slope
 
@@ -193,7 +193,7 @@ def test_weighted_losses_have_the_gradient_of_their_value(name):
     image, target, focus = scene((4, 6))
     loss = LOSSES[name](**({"taps": ["stem"]} if name == "perceptual" else {})).double()
     assert torch.autograd.gradcheck(
-        lambda x: loss(Painting(x, target, Strokes.none(), focus=focus)), image.requires_grad_()
+        lambda x: loss(PaintedView(x, target, Strokes.none(), focus=focus)), image.requires_grad_()
     )
 
 
@@ -247,7 +247,7 @@ def test_the_strokes_begin_where_it_matters():
 
 def test_a_painter_of_parts_shows_losses_their_part_of_the_focus():
     weights = focus_weights(torch.rand(CANVAS), 8)
-    seen: list[Painting] = []
+    seen: list[PaintedView] = []
 
     class Spy(MeanSquaredError):
         def forward(self, painting):

@@ -15,7 +15,7 @@ from torchmetrics.functional.image import structural_similarity_index_measure
 from brushexp.errors import UserError
 from brushexp.features.distance import open_distance, perceptual_distance
 from brushexp.painting.metrics import measure
-from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.plugins.loss.perceptual import Lpips, Perceptual
 from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
 from brushexp.plugins.loss.sinkhorn import Sinkhorn
@@ -33,7 +33,7 @@ def pictures(height: int = 5, width: int = 8, dtype: torch.dtype = torch.float64
 
 
 def judged(loss: Loss, image: Tensor, target: Tensor) -> Tensor:
-    return loss(Painting(image, target, Strokes.none()))
+    return loss(PaintedView(image, target, Strokes.none()))
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def test_perceptual_has_the_right_slope(jitter):
 
 
 def test_jitter_takes_four_shifts_in_turn_and_goes_on_after_a_restart():
-    painting = Painting(*pictures(12, 10, torch.float32), Strokes.none())
+    painting = PaintedView(*pictures(12, 10, torch.float32), Strokes.none())
     loss, second, third, sizes = Perceptual(jitter=3), Perceptual(jitter=3), Perceptual(jitter=3), set()
     loss.network.register_forward_pre_hook(lambda _, inputs: sizes.add(tuple(inputs[0].shape)))
     values = [float(loss(painting)) for _ in range(8)]

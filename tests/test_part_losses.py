@@ -10,7 +10,7 @@ from brushexp.features import base as features
 from brushexp.features import open_backbone
 from brushexp.pictures.focus import focus_weights
 from brushexp.pictures.region import Region
-from brushexp.plugins.loss.base import Loss, Painting, Surroundings, weighted_sum
+from brushexp.plugins.loss.base import Loss, PaintedView, Surroundings, weighted_sum
 from brushexp.plugins.loss.perceptual import Lpips, Perceptual
 from brushexp.registry import plugins
 from brushexp.strokes.catalogue import Strokes
@@ -26,10 +26,10 @@ PLACES = {
 OF_PIXELS = {plugin.name: plugin.cls for plugin in plugins("loss") if plugin.cls.looks_at == "pixels"}
 
 
-def part_of(image: Tensor, target: Tensor, region: Region, focus: Tensor | None = None) -> Painting:
+def part_of(image: Tensor, target: Tensor, region: Region, focus: Tensor | None = None) -> PaintedView:
     around = Surroundings(region, image.detach(), target, focus)
     part = region.of(image).detach().clone().requires_grad_()
-    return Painting(part, around.part, Strokes.none(), around, around.part_focus)
+    return PaintedView(part, around.part, Strokes.none(), around, around.part_focus)
 
 
 def slopes_of(loss: Loss, region: Region, size=SIZE, focus: Tensor | None = None) -> tuple[Tensor, Tensor]:
@@ -38,7 +38,7 @@ def slopes_of(loss: Loss, region: Region, size=SIZE, focus: Tensor | None = None
     image = (0.7 * target + 0.3 * noise).requires_grad_()
     part = part_of(image, target, region, focus)
     slopes = []
-    for painting in (part, Painting(image, target, Strokes.none(), focus=focus)):
+    for painting in (part, PaintedView(image, target, Strokes.none(), focus=focus)):
         if hasattr(loss, "calls"):
             loss.calls.zero_()  # the same shift
         total, terms = weighted_sum({"it": loss}, painting)
@@ -87,7 +87,7 @@ def test_a_wider_view_stays_the_same_object_as_long_as_steps_look_at_the_same_pl
     assert painting.around(9, 4).surroundings is wide.surroundings
     assert painting.around(9).target is not wide.target
     assert painting.around(0) is painting
-    whole = Painting(image, target, Strokes.none())
+    whole = PaintedView(image, target, Strokes.none())
     assert whole.around(9) is whole
 
 

@@ -16,7 +16,7 @@ from brushexp.app.fitting import RunRecord
 from brushexp.app.tasks import paint
 from brushexp.errors import UserError
 from brushexp.plugin_errors import plugins_named
-from brushexp.plugins.loss.base import Painting
+from brushexp.plugins.loss.base import PaintedView
 from brushexp.registry import PACKAGES, build_named, load_plugins, plugins
 
 SIZE = (8, 12)
@@ -28,7 +28,7 @@ METHODS = {  # family: contract, method that it wants, a call
     "renderer": ("Renderer", "forward", lambda it: it(STROKES)),
     "blend": ("Blend", "__call__", lambda it: it(None, torch.arange(5), SIZE, torch.ones(3))),
     "order": ("Order", "depth", lambda it: it.depth(STROKES, None)),
-    "loss": ("Loss", "forward", lambda it: it(Painting(TARGET, TARGET, STROKES))),
+    "loss": ("Loss", "forward", lambda it: it(PaintedView(TARGET, TARGET, STROKES))),
     "density": ("Density", "revise", lambda it: it.revise(STATE)),
     "sampler": ("Sampler", "__call__", lambda it: it(STROKES, SIZE, 0, torch.Generator())),
     "engine": ("Engine", "__call__", lambda it: it(torch.zeros(2, 10), seed=0)),

@@ -9,7 +9,7 @@ from scenes import leaves, random_strokes
 
 from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.logger.base import Run
-from brushexp.plugins.loss.base import Painting
+from brushexp.plugins.loss.base import PaintedView
 from brushexp.plugins.order.base import front_to_back
 from brushexp.registry import FAMILIES, MULTI_SELECT, build, plugins
 from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes, check_strokes
@@ -102,16 +102,16 @@ def test_loss_is_finite_differentiable_and_zero_at_best(config, name):
     loss = default(config, "loss", name)
     assert loss.weight > 0
     image, strokes = torch.rand(3, *SIZE, requires_grad=True), leaves(random_strokes(6, SIZE, bend=0.05))
-    value = loss(Painting(image, torch.rand(3, *SIZE), strokes))
+    value = loss(PaintedView(image, torch.rand(3, *SIZE), strokes))
     assert value.shape == ()
     assert value.isfinite()
     assert value >= 0
     value.backward()
     assert all(grad is None or grad.isfinite().all() for grad in [image.grad, *(x.grad for _, x in strokes.items())])
     if image.grad is not None and image.grad.abs().sum() > 0:
-        assert loss(Painting(image.detach(), image.detach(), strokes)) < 1e-8, "a perfect picture costs nothing"
+        assert loss(PaintedView(image.detach(), image.detach(), strokes)) < 1e-8, "a perfect picture costs nothing"
     for n in (0, 1):
-        assert loss(Painting(image, torch.rand(3, *SIZE), random_strokes(n, SIZE))).isfinite()
+        assert loss(PaintedView(image, torch.rand(3, *SIZE), random_strokes(n, SIZE))).isfinite()
 
 
 @pytest.mark.parametrize("name", names("density"))

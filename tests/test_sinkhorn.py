@@ -6,14 +6,14 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from brushexp.pictures.region import Region
-from brushexp.plugins.loss.base import Painting, Surroundings
+from brushexp.plugins.loss.base import PaintedView, Surroundings
 from brushexp.plugins.loss.pixel import MeanSquaredError
 from brushexp.plugins.loss.sinkhorn import Sinkhorn, downsampled, masses
 from brushexp.strokes.catalogue import Strokes
 
 
 def judged(loss: Sinkhorn, image: Tensor, target: Tensor) -> Tensor:
-    return loss(Painting(image, target, Strokes.none()))
+    return loss(PaintedView(image, target, Strokes.none()))
 
 
 def pixel(height: int, width: int, row: int, column: int) -> Tensor:
@@ -88,7 +88,7 @@ def test_a_part_is_looked_at_in_the_whole_canvas(size, monkeypatch):
         around = Surroundings(region=region, picture=picture, target=target)
         for _ in range(2):
             part = torch.rand(3, region.height, region.width, dtype=torch.float64, requires_grad=True)
-            found = loss(Painting(part, region.of(target), Strokes.none(), around))
+            found = loss(PaintedView(part, region.of(target), Strokes.none(), around))
             region.of(picture).copy_(part.detach())
             whole = picture.clone().requires_grad_()
             wanted = judged(Sinkhorn(), whole, target)
@@ -109,7 +109,7 @@ def disc(row: Tensor, column: Tensor) -> Tensor:
 def test_a_disc_far_from_its_place_is_drawn_there_where_pixels_see_nothing():
     goal, place = torch.tensor([36.0, 50.0]), torch.tensor([12.0, 14.0], requires_grad=True)
     pixels, slope = (
-        torch.autograd.grad(loss(Painting(disc(*place), disc(*goal), Strokes.none())), place)[0]
+        torch.autograd.grad(loss(PaintedView(disc(*place), disc(*goal), Strokes.none())), place)[0]
         for loss in (MeanSquaredError(), Sinkhorn())
     )
     assert pixels.norm() < 1e-6

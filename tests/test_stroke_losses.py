@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.distributions import MultivariateNormal, kl_divergence
 from torch.testing import assert_close
 
-from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.plugins.loss.discriminator import Discriminated
 from brushexp.plugins.loss.stroke import SHRINK, Curvature, Direction, KullbackLeibler, Width
 from brushexp.strokes.bezier import curve_of
@@ -37,7 +37,7 @@ def of(points: list[list[float]], width: list[float]) -> Strokes:
 
 def judged(loss: Loss, strokes: Strokes) -> Tensor:
     nothing = strokes.color.new_zeros(3, *SIZE)
-    return loss(Painting(nothing, nothing, strokes))
+    return loss(PaintedView(nothing, nothing, strokes))
 
 
 LOSSES = [Width(), KullbackLeibler(), Curvature(), Direction(k=4, every=10_000), Discriminated().double()]

@@ -16,7 +16,7 @@ from brushexp.painting.assembly import losses_of
 from brushexp.pictures.color import recolored
 from brushexp.pictures.load import load_picture
 from brushexp.pictures.region import Region
-from brushexp.plugins.loss.base import Painting, Surroundings, weighted_sum
+from brushexp.plugins.loss.base import PaintedView, Surroundings, weighted_sum
 from brushexp.plugins.loss.style import KERNELS, VARIANCE_OFFSET, Style
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Strokes
@@ -56,7 +56,7 @@ def test_the_value_agrees_with_numpy(kernel):
     loss = Style(kernel=kernel, taps=["stem", "b2"]).double()
     ours, style = (loss.network(x[None], ["stem", "b2"]) for x in (image, target))
     wanted = [value_by_numpy(kernel, *(found[tap][0].flatten(1).numpy() for found in (ours, style))) for tap in ours]
-    assert float(loss(Painting(image, target, NONE))) == pytest.approx(np.mean(wanted), rel=1e-9)
+    assert float(loss(PaintedView(image, target, NONE))) == pytest.approx(np.mean(wanted), rel=1e-9)
 
 
 def test_the_gaussian_kernel_agrees_with_all_pairs_of_positions():
@@ -69,14 +69,14 @@ def test_the_gaussian_kernel_agrees_with_all_pairs_of_positions():
         return float(torch.exp(-torch.cdist(x, y).square() / (2 * width**2)).mean())
 
     exact = mean_kernel(a, a) + mean_kernel(b, b) - 2 * mean_kernel(a, b)
-    assert float(loss(Painting(image * 0.5, target, NONE))) == pytest.approx(exact, rel=0.2)  # 256 random features
+    assert float(loss(PaintedView(image * 0.5, target, NONE))) == pytest.approx(exact, rel=0.2)  # 256 random features
 
 
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_the_slope_is_right(kernel):
     image, target = pictures(4, 5, dtype=torch.float64)
     loss = Style(kernel=kernel, taps=TAPS).double()
-    assert torch.autograd.gradcheck(lambda x: loss(Painting(x, target, NONE)), image.requires_grad_())
+    assert torch.autograd.gradcheck(lambda x: loss(PaintedView(x, target, NONE)), image.requires_grad_())
 
 
 @pytest.mark.parametrize("kernel", KERNELS)
@@ -84,9 +84,9 @@ def test_the_style_picture_itself_costs_nothing(kernel, tmp_path):
     image, target = pictures()
     style = (image * 255).round() / 255
     loss = Style(image=saved(tmp_path, style), kernel=kernel, taps=TAPS)
-    assert float(loss(Painting(style, target, NONE))) < 1e-10
-    assert float(loss(Painting(target, target, NONE))) > 1e-5
-    assert float(Style(kernel=kernel)(Painting(target.clone(), target, NONE))) < 1e-10
+    assert float(loss(PaintedView(style, target, NONE))) < 1e-10
+    assert float(loss(PaintedView(target, target, NONE))) > 1e-5
+    assert float(Style(kernel=kernel)(PaintedView(target.clone(), target, NONE))) < 1e-10
 
 
 @pytest.mark.parametrize(
@@ -104,10 +104,10 @@ def test_a_part_counts_as_in_the_whole(kernel, size, monkeypatch):
         for _ in range(2):
             patch = torch.rand(3, region.height, region.width).requires_grad_()
             region.of(picture).copy_(patch.detach())  # as the painter does, before the losses look
-            found, _ = weighted_sum({"style": loss}, Painting(patch, region.of(target), NONE, around))
+            found, _ = weighted_sum({"style": loss}, PaintedView(patch, region.of(target), NONE, around))
             found.backward()
             full = picture.clone().requires_grad_()
-            wanted = whole(Painting(full, target, NONE))
+            wanted = whole(PaintedView(full, target, NONE))
             wanted.backward()
             assert_close(found, wanted, rtol=2e-2, atol=1e-5)
             slope = region.of(full.grad)
@@ -120,16 +120,16 @@ def test_another_picture_or_a_step_on_the_whole_canvas_is_noticed():
 
     def value(picture: Tensor) -> Tensor:
         around = Surroundings(region, picture, target)
-        return weighted_sum({"style": loss}, Painting(region.of(picture), region.of(target), NONE, around))[0]
+        return weighted_sum({"style": loss}, PaintedView(region.of(picture), region.of(target), NONE, around))[0]
 
     value(image)
     found = value(image * 0.5)
-    assert_close(found, Style(taps=TAPS)(Painting(image * 0.5, target, NONE)), rtol=1e-4, atol=1e-7)
+    assert_close(found, Style(taps=TAPS)(PaintedView(image * 0.5, target, NONE)), rtol=1e-4, atol=1e-7)
     changing = image.clone()
     value(changing)
     changing *= 0.3
-    loss(Painting(changing, target, NONE))
-    assert_close(value(changing), Style(taps=TAPS)(Painting(changing, target, NONE)), rtol=1e-4, atol=1e-7)
+    loss(PaintedView(changing, target, NONE))
+    assert_close(value(changing), Style(taps=TAPS)(PaintedView(changing, target, NONE)), rtol=1e-4, atol=1e-7)
 
 
 def test_a_part_is_looked_at_with_memory_for_a_part(monkeypatch):
@@ -139,7 +139,7 @@ def test_a_part_is_looked_at_with_memory_for_a_part(monkeypatch):
     loss.network.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0].shape[-2:]))
     for region in (Region(100, 90, 40, 50), Region(200, 200, 40, 50)):
         around = Surroundings(region, image, target)
-        weighted_sum({"style": loss}, Painting(region.of(image), region.of(target), NONE, around))
+        weighted_sum({"style": loss}, PaintedView(region.of(image), region.of(target), NONE, around))
     assert max(max(shape) for shape in seen) <= 64 + 2 * loss.context + 2 * loss.grid
 
 
@@ -157,9 +157,9 @@ def test_what_cannot_serve_as_a_style_is_refused(tmp_path):
         Style(taps=["relu1_1"])
     small = Style(image=saved(tmp_path, torch.rand(3, 20, 80)))
     with pytest.raises(UserError, match=r"80 x 20 pixels at the scale 1 .* 32 x 32; set style\.loss\.scale=1\.6 or"):
-        small(Painting(*pictures(60, 80), NONE))
+        small(PaintedView(*pictures(60, 80), NONE))
     enough = Style(image=small.image, scale=1.6)
-    assert enough(Painting(*pictures(60, 80), NONE)).isfinite()
+    assert enough(PaintedView(*pictures(60, 80), NONE)).isfinite()
 
 
 def moments(picture: Tensor) -> tuple[Tensor, Tensor]:
@@ -226,7 +226,7 @@ def test_a_finished_picture_is_measured_by_every_kernel(monkeypatch):
     monkeypatch.setattr(features, "TILE_PIXELS", 32)
     image, target = pictures()
     loss = Style(kernel="linear")
-    before = loss(Painting(image, target, NONE))
+    before = loss(PaintedView(image, target, NONE))
     for name, value in loss.measured(image, target).items():
-        assert value == pytest.approx(float(Style(kernel=name)(Painting(image, target, NONE))), rel=1e-4)
-    assert_close(loss(Painting(image, target, NONE)), before, rtol=0, atol=0)
+        assert value == pytest.approx(float(Style(kernel=name)(PaintedView(image, target, NONE))), rel=1e-4)
+    assert_close(loss(PaintedView(image, target, NONE)), before, rtol=0, atol=0)

@@ -9,7 +9,7 @@ from brushexp.compositing.layers import EDGE, SPREAD, Layers
 from brushexp.compositing.windows import Windows
 from brushexp.pictures.region import Region
 from brushexp.plugins.blend.base import Blend, Canvas
-from brushexp.plugins.loss.base import Painting, Surroundings
+from brushexp.plugins.loss.base import PaintedView, Surroundings
 from brushexp.plugins.renderer.base import PatchRenderer, Renderer
 from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import curve_of, half_width_of
@@ -50,7 +50,7 @@ class CanvasMemory:
 
     def paint(
         self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, accuracy: bool
-    ) -> tuple[Canvas, Painting]:
+    ) -> tuple[Canvas, PaintedView]:
         """The region of a view, differentiable in its active strokes; see `Picture.see`."""
         region, active, ring = view.region, view.active, view.ring
         assert active is not None
@@ -70,7 +70,7 @@ class CanvasMemory:
         self._paste(image.detach(), region)
         every = {name: value.index_copy(0, active, getattr(moving, name)) for name, value in strokes.items()}
         judged = None if canvas.accuracy is None else canvas.accuracy[: len(active)]
-        return Canvas(image, judged), Painting(image, part, Strokes(**every), around, focus)
+        return Canvas(image, judged), PaintedView(image, part, Strokes(**every), around, focus)
 
     def _turn_to(self, region: Region, known: Tensor, strokes: Strokes) -> None:
         """Look elsewhere, or at other strokes; what belongs to the place stays the same object as long as it does."""

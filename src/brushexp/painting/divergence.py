@@ -9,7 +9,7 @@ from torch import Tensor
 
 from brushexp.compositing.layers import Layers
 from brushexp.plugin_errors import OURS
-from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.registry import plugins
 from brushexp.strokes.catalogue import Strokes
 
@@ -34,7 +34,7 @@ def first_broken(painter: Any, strokes: Strokes, wrong: str | None) -> str:
     if wrong is not None:
         return f"{named('loss', losses[wrong], wrong)} is {float(painter.terms[wrong])}"
     for name, loss in losses.items():
-        if not gradient_is_finite(loss, Painting(image.detach(), picture.target, moving, focus=picture.focus)):
+        if not gradient_is_finite(loss, PaintedView(image.detach(), picture.target, moving, focus=picture.focus)):
             return f"the gradient of {named('loss', loss, name)} is not finite"
     for who, inputs in ((blend, tensors_of(layers)), (renderer, [value for _, value in moving.items()])):
         if not all_finite(slopes(image.sum(), inputs)):
@@ -62,7 +62,7 @@ def broken_layer(layers: Layers, count: int) -> int | None:
     return None
 
 
-def gradient_is_finite(loss: Loss, painting: Painting) -> bool:
+def gradient_is_finite(loss: Loss, painting: PaintedView) -> bool:
     """Whether a loss has a finite gradient in the picture and the strokes of a ``painting`` of the whole canvas."""
     painting.image.requires_grad_()
     value = loss(painting)

@@ -14,7 +14,7 @@ from brushexp.painting.canvas_memory import CanvasMemory
 from brushexp.painting.schedule import Schedule
 from brushexp.pictures.focus import resized
 from brushexp.plugins.blend.base import Blend, Canvas
-from brushexp.plugins.loss.base import Painting
+from brushexp.plugins.loss.base import PaintedView
 from brushexp.plugins.order.base import Order, front_to_back
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.base import View
@@ -102,7 +102,7 @@ class Picture(nn.Module):
 
     def see(
         self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, coarse: bool, accuracy: bool
-    ) -> tuple[Canvas, Painting]:
+    ) -> tuple[Canvas, PaintedView]:
         """What a view shows of N ``strokes``; the active ones are ``moving``, with gradient.
 
         ``coarse``, for views of the whole only, looks at the smaller picture; ``accuracy`` measures that of the active
@@ -117,12 +117,12 @@ class Picture(nn.Module):
 
     def _see_whole(
         self, moving: Strokes, front_to_back: Tensor, level: PyramidLevel, accuracy: bool
-    ) -> tuple[Canvas, Painting]:
+    ) -> tuple[Canvas, PaintedView]:
         strokes = moving if level.zoom == 1 else moving.moved(zoom=level.zoom)
         target, size = level.target if accuracy else None, (level.target.shape[1], level.target.shape[2])
         canvas = self.blend(self.renderer(strokes), front_to_back, size, self.background, target)
         self._last, self.memory = canvas.image.detach(), None
-        return canvas, Painting(canvas.image, level.target, strokes, focus=level.focus)
+        return canvas, PaintedView(canvas.image, level.target, strokes, focus=level.focus)
 
     def moved(self, rows: Tensor | None) -> None:
         """Strokes number ``rows`` have changed; what was kept of them is out of date."""

@@ -18,8 +18,8 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Painting:
-    """Everything a loss may look at after one forward pass."""
+class PaintedView:
+    """What a step's view shows once it is painted: everything that a loss may look at."""
 
     image: Tensor  # (3, h, w) the painting where this step looks, display-referred RGB in [0, 1]
     target: Tensor  # (3, h, w) what it should look like; the same object as long as steps look at the same place
@@ -46,7 +46,7 @@ class Painting:
         weights = self.weights(values) if values.numel() else None
         return (values if weights is None else values * weights).sum() / max(values.numel(), 1)
 
-    def around(self, context: int, grid: int = 1) -> Painting:
+    def around(self, context: int, grid: int = 1) -> PaintedView:
         """The same with ``context`` more pixels on every side, as far as there is canvas; those have no gradient."""
         if self.surroundings is None or not context:
             return self
@@ -99,7 +99,7 @@ class Loss(nn.Module, ABC):
     ...     looks_at = "canvas"
     ...     def forward(self, painting):
     ...         return (painting.image - painting.whole_target).mean((1, 2)).square().sum()
-    >>> painting = Painting(torch.ones(3, 4, 6), torch.zeros(3, 4, 6), Strokes.none())
+    >>> painting = PaintedView(torch.ones(3, 4, 6), torch.zeros(3, 4, 6), Strokes.none())
     >>> total, terms = weighted_sum({"mean_colour": MeanColour(weight=0.5)}, painting)
     >>> float(total), float(terms["mean_colour"])
     (1.5, 3.0)
@@ -130,7 +130,7 @@ class Loss(nn.Module, ABC):
         self._found: dict[Hashable, Any] = {}  # and what was computed from it
 
     @abstractmethod
-    def forward(self, painting: Painting) -> Tensor:
+    def forward(self, painting: PaintedView) -> Tensor:
         """Return a scalar, 0 for a perfect painting."""
 
     def of_target(self, target: Tensor, compute: Callable[[Tensor], T], key: Hashable = None) -> T:
@@ -161,7 +161,7 @@ def at_least_single(value: Tensor) -> Tensor:
     return value.to(torch.promote_types(value.dtype, torch.float32))
 
 
-def weighted_sum(losses: Mapping[str, Loss], painting: Painting) -> tuple[Tensor, dict[str, Tensor]]:
+def weighted_sum(losses: Mapping[str, Loss], painting: PaintedView) -> tuple[Tensor, dict[str, Tensor]]:
     """The objective: the sum of the losses times their weights, and each of them unweighted."""
     terms, weighted = {}, []
     for name, loss in losses.items():

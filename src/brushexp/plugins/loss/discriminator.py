@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from brushexp.plugins.loss.base import Loss, Painting, at_least_single
+from brushexp.plugins.loss.base import Loss, PaintedView, at_least_single
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import SHORTEST_CHORD, bend_of, parameters_of, strokes_of
@@ -78,7 +78,7 @@ class Discriminated(Loss):
         DISCRIMINATORS.restore(self.network, NAME, checkpoint or NAME, {})
         self.network.requires_grad_(False)
 
-    def forward(self, painting: Painting) -> Tensor:
+    def forward(self, painting: PaintedView) -> Tensor:
         shapes = shapes_of(painting.strokes.map(at_least_single)).to(self.network.threshold.dtype)
         missing = functional.relu(self.network.threshold - self.network(shapes))
         return missing.sum() / max(len(shapes), 1)

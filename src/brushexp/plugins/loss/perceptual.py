@@ -11,7 +11,7 @@ from brushexp.bounds import FILE, between, one_of
 from brushexp.features import NETWORKS, open_backbone
 from brushexp.features.base import mean_squares
 from brushexp.features.distance import CALIBRATED, open_distance
-from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.registry import register
 
 # Four shifts (x, y) in pixels in which each column and each row appears once, taken modulo jitter + 1.
@@ -60,7 +60,7 @@ class Perceptual(Loss):
         self.register_buffer("calls", torch.zeros((), dtype=torch.long))  # which shift is next, also after a restart
         self.context, self.grid = self.network.context, self.network.grid
 
-    def forward(self, painting: Painting) -> Tensor:
+    def forward(self, painting: PaintedView) -> Tensor:
         shift = self.shifts[int(self.calls) % len(self.shifts)]
         self.calls += 1
         wanted = self.of_target(painting.target, lambda target: self._features(target, shift), key=shift)
@@ -112,7 +112,7 @@ class Lpips(Loss):
         self.label = self.distance.label
         self.context, self.grid = self.distance.network.context, self.distance.network.grid
 
-    def forward(self, painting: Painting) -> Tensor:
+    def forward(self, painting: PaintedView) -> Tensor:
         wanted = self.of_target(painting.target, self.distance.look)
         seen = self.distance.look(painting.image)
         return self.distance.compare(seen, wanted, [painting.weights(value) for value in seen])

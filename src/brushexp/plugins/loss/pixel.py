@@ -2,7 +2,7 @@
 
 from torch import Tensor
 
-from brushexp.plugins.loss.base import Loss, Painting
+from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.registry import register
 
 
@@ -15,7 +15,7 @@ class MeanSquaredError(Loss):
     def __init__(self, *, weight: float = 1.0) -> None:
         super().__init__(weight)
 
-    def forward(self, painting: Painting) -> Tensor:
+    def forward(self, painting: PaintedView) -> Tensor:
         return painting.mean((painting.image - painting.target).square())
 
 
@@ -28,5 +28,5 @@ class MeanAbsoluteError(Loss):
     def __init__(self, *, weight: float = 1.0) -> None:
         super().__init__(weight)
 
-    def forward(self, painting: Painting) -> Tensor:
+    def forward(self, painting: PaintedView) -> Tensor:
         return painting.mean((painting.image - painting.target).abs())

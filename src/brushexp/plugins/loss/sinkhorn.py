@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from brushexp.bounds import at_least
-from brushexp.plugins.loss.base import Loss, Painting, Surroundings, at_least_single
+from brushexp.plugins.loss.base import Loss, PaintedView, Surroundings, at_least_single
 from brushexp.registry import register
 
 FIRST_BLUR = 2.0  # with which the potentials begin: the largest cost on a square
@@ -62,7 +62,7 @@ class Sinkhorn(Loss):
         self._rest = torch.empty(0)  # (3, h, w) what its pixels outside the part give to the shrunk picture
         self._shares: tuple[Tensor, Tensor] = (self._rest, self._rest)  # `pooling_weights` of its rows and columns
 
-    def forward(self, painting: Painting) -> Tensor:
+    def forward(self, painting: PaintedView) -> Tensor:
         # Debiased: OT(a, b) - OT(a, a) / 2 - OT(b, b) / 2, each after as many updates, so that equal masses have 0.
         theirs, rest = self.of_target(painting.whole_target, self._look)
         ours = masses(self._downsampled(painting), self.floor)
@@ -76,7 +76,7 @@ class Sinkhorn(Loss):
         theirs = masses(downsampled(target, self.side), self.floor)
         return theirs, potentials(theirs.log()[None], [0], self.blurs)[0]
 
-    def _downsampled(self, painting: Painting) -> Tensor:
+    def _downsampled(self, painting: PaintedView) -> Tensor:
         """The whole canvas (3, h, w), shrunk; differentiable in the part that the step looks at."""
         around = painting.surroundings
         if around is None:

@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from brushexp.plugins.loss.base import Loss, Painting, at_least_single
+from brushexp.plugins.loss.base import Loss, PaintedView, at_least_single
 from brushexp.registry import register
 
 RADIUS, SIGMA = 5, 1.5  # pixels: the window has 11 x 11
@@ -31,7 +31,7 @@ class StructuralSimilarity(Loss):
     def __init__(self, *, weight: float = 0.01) -> None:
         super().__init__(weight)
 
-    def forward(self, painting: Painting) -> Tensor:
+    def forward(self, painting: PaintedView) -> Tensor:
         mean, variance = self.of_target(painting.target, statistics)
         return painting.mean(dissimilarity(painting.image, painting.target, mean, variance))
 

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from brushexp.bounds import at_least
-from brushexp.plugins.loss.base import Loss, Painting, at_least_single
+from brushexp.plugins.loss.base import Loss, PaintedView, at_least_single
 from brushexp.registry import register
 from brushexp.strokes.bezier import shape_of
 from brushexp.strokes.brushwork import distances, load_brushwork
@@ -38,7 +38,7 @@ class Width(Loss):
     def __init__(self, *, weight: float = 0.01) -> None:
         super().__init__(weight)
 
-    def forward(self, painting: Painting) -> Tensor:
+    def forward(self, painting: PaintedView) -> Tensor:
         strokes = painting.strokes.map(at_least_single)
         square = (strokes.start - strokes.end).square().sum(1)
         nothing = (square == 0).to(square)
@@ -67,7 +67,7 @@ class KullbackLeibler(Loss):
     def __init__(self, *, weight: float = 0.0001) -> None:
         super().__init__(weight)
 
-    def forward(self, painting: Painting) -> Tensor:
+    def forward(self, painting: PaintedView) -> Tensor:
         if not len(painting.strokes):
             return painting.strokes.control.sum()  # 0, and differentiable
         bend = bend_of(painting.strokes.map(at_least_single))
@@ -101,7 +101,7 @@ class Curvature(Loss):
     def __init__(self, *, weight: float = 0.0002) -> None:
         super().__init__(weight)
 
-    def forward(self, painting: Painting) -> Tensor:
+    def forward(self, painting: PaintedView) -> Tensor:
         shape = shape_of(painting.strokes.map(at_least_single))
         return curvature_of(shape).sum() / max(len(shape), 1)
 
@@ -137,7 +137,7 @@ class Direction(Loss):
         self.calls = 0
         self.neighbours = torch.empty(0, 0, dtype=torch.long)  # (N, k) strokes nearest to each
 
-    def forward(self, painting: Painting) -> Tensor:
+    def forward(self, painting: PaintedView) -> Tensor:
         strokes = painting.strokes.map(at_least_single)
         shape = shape_of(strokes)
         if self.calls % self.every == 0 or len(self.neighbours) != len(strokes):
@@ -181,7 +181,7 @@ class BrushworkTransfer(Loss):
         super().__init__(weight)
         self.reference = None if catalogue is None else load_brushwork(Path(catalogue), option)
 
-    def forward(self, painting: Painting) -> Tensor:
+    def forward(self, painting: PaintedView) -> Tensor:
         if self.reference is None:
             return painting.strokes.width.sum() * 0
         strokes = painting.strokes.map(at_least_single)

@@ -12,7 +12,7 @@ from brushexp.errors import UserError
 from brushexp.features import NETWORKS, open_backbone
 from brushexp.pictures.color import recolored
 from brushexp.pictures.load import PICTURE, load_picture, size_of_picture
-from brushexp.plugins.loss.base import Loss, Painting, Surroundings
+from brushexp.plugins.loss.base import Loss, PaintedView, Surroundings
 from brushexp.registry import register
 
 # Taps for style, the first row that a network has: of effl0 the linear outputs of blocks (its rectified insides lead to
@@ -171,7 +171,7 @@ class Style(Loss):
         picture = load_picture(self.image, side, key="style").to(target)
         return recolored(picture, like=target) if self.colors == "content" else picture
 
-    def forward(self, painting: Painting) -> Tensor:
+    def forward(self, painting: PaintedView) -> Tensor:
         styles = self._styles(painting.whole_target, self.kernel)
         sums = self._sums(styles, painting.image)
         if painting.surroundings is None:
