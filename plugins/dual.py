@@ -5,8 +5,8 @@ seven numbers of the shape and draws two planes, a mask (alpha) and a shading; t
 
 What the framework does with it: `PatchRenderer` brings parameters into the range of training, calls `draw`, places the
 windows on the canvas, saves memory and loads the weights of ``checkpoint``;
-``python run.py task=train renderer=dual data=data/fluid`` trains it;
-``python run.py renderer=dual renderer.checkpoint=outputs/x/dual.safetensors`` paints with it.
+``brushexp task=train renderer=dual data=data/fluid`` trains it;
+``brushexp renderer=dual renderer.checkpoint=outputs/x/dual.safetensors`` paints with it.
 """
 
 from itertools import pairwise

@@ -9,13 +9,13 @@ from types import ModuleType
 import pytest
 import torch
 from browser import browser, opened  # noqa: F401  (fixtures)
-from hydra import compose, initialize_config_dir
 from hypothesis import settings
 from omegaconf import DictConfig
 from program import in_plain
 
 from brushexp.app.command_line import in_full, prepare
 from brushexp.app.composition import check
+from brushexp.app.configs import composed
 from brushexp.app.runner import perform
 
 # The same examples at every run: a failure is one of the change, and not of chance.
@@ -35,11 +35,10 @@ def _seeded() -> None:
 
 @pytest.fixture
 def config() -> Callable[..., DictConfig]:
-    """Compose conf/config.yaml with overrides, as the command line would."""
+    """Compose a config with overrides, as the command line would."""
 
     def compose_with(*overrides: str) -> DictConfig:
-        with initialize_config_dir(version_base="1.3", config_dir=str(ROOT / "conf")):
-            return compose("config", overrides=in_full(in_plain(overrides)))
+        return composed(in_full(in_plain(overrides)))
 
     return compose_with
 

@@ -1,6 +1,6 @@
 """The program in processes of its own, without the seconds that its imports take.
 
-Every process is a fork of one that has imported everything and done nothing; from there on it is what ``python run.py``
+Every process is a fork of one that has imported everything and done nothing; from there on it is what ``brushexp``
 is: its own environment, folder, output, signals and exit code.
 """
 
@@ -9,7 +9,6 @@ import json
 import multiprocessing
 import os
 import pkgutil
-import runpy
 import shutil
 import signal
 import sys
@@ -20,7 +19,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from subprocess import CompletedProcess, TimeoutExpired
 
-import brushexp
+import brushexp.__main__
 
 ROOT = Path(__file__).parents[1]
 THEIRS = ["filelock", "hydra.main", "jinja2", "lightning.pytorch.callbacks", "torchmetrics.functional.image"]
@@ -31,7 +30,7 @@ Kill = tuple[str, int, bool]
 
 
 class Program:
-    """``python run.py`` with overrides; used as a `subprocess.Popen` is.
+    """``brushexp`` with overrides; used as a `subprocess.Popen` is.
 
     Args:
         overrides: words of the command line.
@@ -47,10 +46,17 @@ class Program:
         self, *overrides: str, cwd: Path, kill: Kill | None = None, sent: int = signal.SIGKILL,
         patched: dict[str, int] | None = None, **environment: str,
     ) -> None:  # fmt: skip
-        self.args = [str(ROOT / "run.py"), *in_plain(overrides)]
+        self.args = ["brushexp", *in_plain(overrides)]
         self._said = Path(tempfile.mkdtemp())
         disturbed = (*kill, sent) if kill else None
-        words = (self.args, str(cwd), {**os.environ, **environment}, self._said, disturbed, patched or {})
+        words = (
+            self.args,
+            str(cwd),
+            {**os.environ, "BRUSHEXP_PLUGINS": str(ROOT / "plugins"), **environment},
+            self._said,
+            disturbed,
+            patched or {},
+        )
         self._process = FORKS.Process(target=_main, args=words)
         self._process.start()
 
@@ -119,7 +125,7 @@ def _main(
     if disturbed:
         _kill_at(*disturbed)
     sys.argv = words
-    runpy.run_path(words[0], run_name="__main__")
+    brushexp.__main__.main()
 
 
 def stopped(number: int, *settings: str, output: Path, **environment: str) -> dict:

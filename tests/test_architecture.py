@@ -92,7 +92,7 @@ def test_no_preset_has_the_name_of_a_plugin():
     from brushexp.registry import plugins  # noqa: PLC0415
 
     for family in FAMILIES:
-        presets = {path.stem for path in (ROOT / "conf" / family).glob("*.yaml")}
+        presets = {path.stem for path in (SOURCE / "conf" / family).glob("*.yaml")}
         assert not presets & {plugin.name for plugin in plugins(family)}
 
 

@@ -16,7 +16,7 @@ NUMBERS = {"psnr": 25.0, "perceptual": 0.2, "seconds": 2.0, "anytime": [[0.1, 15
 
 
 def single_run(folder: Path, *words: str, **numbers: object) -> Path:
-    """What ``python run.py`` leaves."""
+    """What ``brushexp`` leaves."""
     (folder / ".hydra").mkdir(parents=True)
     write_text(folder / ".hydra" / "overrides.yaml", "".join(f"- {word}\n" for word in words) or "[]\n")
     write_text(folder / ".hydra" / "config.yaml", "image: chelsea\n")
@@ -26,7 +26,7 @@ def single_run(folder: Path, *words: str, **numbers: object) -> Path:
 
 
 def sweep(folder: Path, *settings: str, **numbers: object) -> Path:
-    """What ``python run.py -m`` leaves, one override a job."""
+    """What ``brushexp -m`` leaves, one override a job."""
     for k, setting in enumerate(settings):
         run = single_run(folder / str(k), setting, **numbers)
         key, value = setting.split("=")
@@ -111,7 +111,7 @@ def test_everything_is_written(tmp_path, compare):
     assert numbers["runs"] == 3
     names = {"table.csv", "table.md", "table.tex", "pareto.md", "pareto.csv", "pareto.png", "anytime.md", "curves.png"}
     assert {path.name for path in folder.iterdir()} == names | {"report.html"}
-    assert "python run.py steps=3 'loss=[mse,kl]'" in (folder / "pareto.csv").read_text()
+    assert "brushexp steps=3 'loss=[mse,kl]'" in (folder / "pareto.csv").read_text()
     assert "| ../b | 3 |" in (folder / "table.md").read_text()
 
 

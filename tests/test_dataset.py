@@ -209,7 +209,7 @@ def test_the_origin_of_an_engine_is_all_of_its_options(config):
 
 
 def test_what_is_no_set_is_explained(tmp_path, stored):
-    assert "make one with python run.py task=simulate" in refused(tmp_path / "nowhere")
+    assert "make one with brushexp task=simulate" in refused(tmp_path / "nowhere")
     (tmp_path / "empty").mkdir()
     assert "there is no set of strokes at" in refused(tmp_path / "empty")
     path = tmp_path / "a.h5"

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ from scenes import random_strokes
 from torch import Tensor
 from torch.testing import assert_close
 
+from brushexp.app.configs import SHIPPED
 from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.plugins.loss.discriminator import Discriminated
 from brushexp.plugins.loss.perceptual import Lpips, Perceptual
@@ -227,7 +227,7 @@ def test_statistics_of_one_channel_or_one_position_are_finite(kernel, channels, 
             assert judge.discrepancy(judge.sums(wanted)) == 0
 
 
-PRESETS = sorted(path.stem for path in (Path(__file__).parents[1] / "conf" / "optimizer").glob("*.yaml"))
+PRESETS = sorted(path.stem for path in (SHIPPED / "optimizer").glob("*.yaml"))
 STEPS = 200
 
 

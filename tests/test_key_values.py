@@ -9,15 +9,16 @@ from pathlib import Path
 
 import pytest
 from catalogues import catalogue
-from hydra import compose, initialize_config_dir
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import CompactHydraException
 from omegaconf import OmegaConf, read_write
 from omegaconf.errors import OmegaConfBaseException
 
+from brushexp.app import configs
 from brushexp.app.command_line import GROUPS, in_full, parsed
 from brushexp.app.composition import check
+from brushexp.app.configs import SHIPPED
 from brushexp.app.keys import keys_of
 from brushexp.app.mistakes import in_our_words
 from brushexp.app.schema import TASKS
@@ -25,8 +26,6 @@ from brushexp.errors import UserError
 from brushexp.registry import MULTI_SELECT, plugins
 from brushexp.strokes.storage import save_catalogue
 
-ROOT = Path(__file__).parents[1]
-CONF = ROOT / "conf"
 FILES = Path(tempfile.mkdtemp())
 save_catalogue(FILES / "a.h5", catalogue(60))
 NEEDED = {task: f"catalogue={FILES}/a.h5" for task in ("export", "analyse", "view")} | {"compare": f"runs={FILES}"}
@@ -60,15 +59,13 @@ def refusal(cfg, task, words):
         return str(error)
     except (CompactHydraException, OmegaConfBaseException) as error:
         cause = f": {error.__cause__}" if error.__cause__ else ""
-        said = in_our_words(" ".join(f"{error}{cause}".split()), task, CONF)
+        said = in_our_words(" ".join(f"{error}{cause}".split()), task, [SHIPPED])
         return said or f"in words of Hydra: {error}\n"
     return ""
 
 
 def composed(task, *words):
-    words = in_full([f"task={task}", *([NEEDED[task]] if task in NEEDED else []), *words])
-    with initialize_config_dir(version_base="1.3", config_dir=str(CONF)):
-        return compose("config", overrides=words)
+    return configs.composed(in_full([f"task={task}", *([NEEDED[task]] if task in NEEDED else []), *words]))
 
 
 def declared():

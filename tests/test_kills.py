@@ -77,7 +77,7 @@ def test_a_run_that_is_killed_goes_on_to_the_same_bits(folder, tmp_path, words, 
     for kill, sent, wanted in (ctrl_c, *((kill, signal.SIGKILL, -signal.SIGKILL) for kill in some(kills))):
         code, said = ended(folder, *words, f"output={name}", kill=kill, sent=sent)
         assert code == wanted, (kill, said)
-        assert sent == signal.SIGKILL or f"continue with: python run.py {' '.join([*task, ''])}resume=" in said
+        assert sent == signal.SIGKILL or f"continue with: brushexp {' '.join([*task, ''])}resume=" in said
         words = [*task, f"resume={name}"] if (folder / name / "checkpoint.ckpt").exists() else words
     code, said = ended(folder, *words, f"output={name}")
     assert code == 0, said

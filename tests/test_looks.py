@@ -1,12 +1,12 @@
 """Looks: what they set stands below what is typed, whatever plugins that chooses, and quality scales them."""
 
 import pytest
-from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
-from program import ROOT
 
+from brushexp.app import configs
 from brushexp.app.command_line import in_full
 from brushexp.app.composition import check, offer
+from brushexp.app.configs import SHIPPED
 from brushexp.app.help import presets_of
 from brushexp.app.looks import FACTORS
 from brushexp.app.schema import PaintTask
@@ -14,7 +14,7 @@ from brushexp.app.tasks import paint
 from brushexp.errors import UserError
 from brushexp.registry import plugin_of
 
-LOOKS = sorted(path.stem for path in (ROOT / "conf" / "look").glob("*.yaml"))
+LOOKS = sorted(path.stem for path in (SHIPPED / "look").glob("*.yaml"))
 MINE = """# @package _global_
 # my own
 defaults:
@@ -33,9 +33,8 @@ loss:
 """
 
 
-def composed(words: str = "", conf=ROOT / "conf"):
-    with initialize_config_dir(version_base="1.3", config_dir=str(conf)):
-        return compose("config", overrides=in_full(words.split()))
+def composed(words: str = ""):
+    return configs.composed(in_full(words.split()))
 
 
 @pytest.fixture
@@ -43,9 +42,9 @@ def mine(tmp_path):
     """A folder of configs with a look of the user's."""
     (tmp_path / "look").mkdir()
     (tmp_path / "look" / "mine.yaml").write_text(MINE)
-    offer([ROOT / "conf", tmp_path])
+    offer([SHIPPED, tmp_path])
     yield lambda words="": composed(f"look=mine {words}")
-    offer([ROOT / "conf"])
+    offer([SHIPPED])
 
 
 def test_a_look_of_ones_own_is_one_file(mine, tmp_path):
@@ -105,12 +104,12 @@ def test_a_look_that_does_not_fit_is_refused_with_its_file(tmp_path, text, messa
     (tmp_path / "look" / "wrong.yaml").write_text(text)
     with pytest.raises(UserError, match=rf"wrong\.yaml.*{message}"):
         offer([tmp_path])
-    offer([ROOT / "conf"])
+    offer([SHIPPED])
 
 
 @pytest.mark.parametrize("look", LOOKS)
 def test_a_look_composes_with_everything_and_quality_scales_it(look):
-    looks = presets_of(ROOT / "conf" / "look")
+    looks = presets_of(SHIPPED / "look")
     assert looks[look]
     for words in ("", "init=grid", "renderer=analytic loss=[mse]", "quality=best", "style.brushwork=null"):
         check(composed(f"look={look} {words}"))

@@ -8,6 +8,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.app.command_line import in_full
 from brushexp.app.composition import check
+from brushexp.app.configs import SHIPPED
 from brushexp.app.help import help_text
 from brushexp.app.keys import keys_of
 from brushexp.app.mistakes import explanation
@@ -18,10 +19,7 @@ from brushexp.errors import UserError
 ROOT = Path(__file__).parents[1]
 MISTAKES = {
     # words, keys and choices
-    "photo.jpg": "photo.jpg is no key=value; to paint a picture: image=photo.jpg",
-    "outputs/x/catalogue.h5": "to look at a painting: task=view catalogue=outputs/x/catalogue.h5",
-    "tests": "to look at a run or sweep: task=view catalogue=tests",
-    "export": "export is no key=value; type task=export",
+    "outputs/x/catalogue.h5": "to look at a painting, run or sweep: task=view catalogue=outputs/x/catalogue.h5",
     "nonsense": "--help lists the keys",
     "stepz=3": "stepz is no key of task=paint; nearest first: steps, ",
     "n=3": "It is one of task=simulate, task=evaluate, task=prune",
@@ -90,7 +88,7 @@ MISTAKES = {
     "renderer=neural renderer.channels=[3]": "renderer.channels=[3] are not ",
     "task=view catalogue=nope": "there is no file nope",
     "task=compare runs=nope": "runs=nope: there is no such folder; give the folder of a run or of a sweep",
-    "task=train data=nope": "there is no set of strokes at nope; make one with python run.py task=simulate path=nope",
+    "task=train data=nope": "there is no set of strokes at nope; make one with brushexp task=simulate path=nope",
     "task=evaluate data=nope": "there is no set of strokes at nope",
     "task=evaluate inception=nope": "inception=nope: there is no such file",
     "task=extremes renderers=[nope]": "renderers has no 'nope'; leave renderers at null for all, or choose",
@@ -116,13 +114,17 @@ def test_a_mistake_is_told_with_what_to_type_instead(config, overrides, monkeypa
     words = overrides.split(" ")
     with pytest.raises((UserError, CompactHydraException, OmegaConfBaseException)) as caught:
         check(config(*words), words)
-    said = explanation(caught.value, ROOT / "conf", words)
+    said = explanation(caught.value, [SHIPPED], words)
     assert MISTAKES[overrides] in said
     assert "\n" not in said
 
 
 @pytest.mark.parametrize(("typed", "meant"), [
     ("to=svg,json", "to=[svg,json]"),
+    ("photo.jpg", "image=photo.jpg"),
+    ("astronaut", "image=astronaut"),
+    ("tests", "image=tests"),
+    ("train", "task=train"),
     ("logger=csv", "logger=[csv]"),
     ("ratios=0,0.5", "ratios=[0,0.5]"),
     ("data=a b.h5", "data=[a b.h5]"),
@@ -140,6 +142,11 @@ def test_a_mistake_is_told_with_what_to_type_instead(config, overrides, monkeypa
 def test_short_forms_are_written_out(typed, meant):
     words = [text.split(" ") if typed.startswith("-") else [text] for text in (typed, meant)]
     assert in_full(words[0]) == words[1]
+
+
+def test_several_pictures_are_told_how_they_are_painted():
+    with pytest.raises(UserError, match=r"^a\.jpg, b\.jpg are several pictures; .*-m image=a\.jpg,b\.jpg$"):
+        in_full(["a.jpg", "b.jpg", "steps=3"])
 
 
 @pytest.mark.parametrize(("bounds", "fine", "wrong", "message"), [
@@ -164,7 +171,7 @@ def test_bounds_hold_and_propose_the_nearest_value(bounds, fine, wrong, message)
 
 @pytest.mark.parametrize("task", TASKS)
 def test_every_key_has_a_meaning_in_the_help_and_a_default_within_its_bounds(config, task):
-    text = help_text(config(f"task={task}", "seed=77"), ["trainer=default"], [ROOT / "conf"])
+    text = help_text(config(f"task={task}", "seed=77"), ["trainer=default"], [SHIPPED])
     assert "  seed=77 " in text
     for name, key in keys_of(TASKS[task]).items():
         assert f"  {name}=" in text

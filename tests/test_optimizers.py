@@ -2,13 +2,13 @@
 
 import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 import torch
 from painters import assert_resumes, error_of, painter_of, take
 from scenes import random_strokes
 
+from brushexp.app.configs import SHIPPED
 from brushexp.errors import UserError
 from brushexp.painting.painter import Painter
 from brushexp.plugins.density.base import DensificationUpdate, Density
@@ -18,7 +18,7 @@ from brushexp.plugins.optimizer.torch_optim import LIBRARIES, TorchOptim
 from brushexp.registry import build, build_named
 
 SIZE = (24, 33)
-PRESETS = sorted(path.stem for path in (Path(__file__).parents[1] / "conf" / "optimizer").glob("*.yaml"))
+PRESETS = sorted(path.stem for path in (SHIPPED / "optimizer").glob("*.yaml"))
 every_preset = pytest.mark.parametrize("name", PRESETS)
 
 

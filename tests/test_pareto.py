@@ -81,14 +81,14 @@ def test_the_tables_say_how_to_repeat_a_run(tmp_path):
     write_text(tmp_path / "2" / ".hydra" / "overrides.yaml", "".join(f"- {word}\n" for word in words))
     write_front(tmp_path, collect(tmp_path))
     commands = [row["command"] for row in read_csv(tmp_path / "pareto.csv")]
-    assert commands[0] == "python run.py steps=1 frames=0"
-    assert shlex.split(commands[1]) == ["python", "run.py", *words[:3], "hydra.mode=RUN"]
+    assert commands[0] == "brushexp steps=1 frames=0"
+    assert shlex.split(commands[1]) == ["brushexp", *words[:3], "hydra.mode=RUN"]
     lines = (tmp_path / "pareto.md").read_text().splitlines()
     assert "| 3 | 4.00 | 24.00 | 0.1000 | 1 | perceptual | steps=3 |" in lines
-    assert "   3: python run.py steps=3 frames=0" in lines
+    assert "   3: brushexp steps=3 frames=0" in lines
     assert "| 4 | 8.00 | 15.00 | 0.4000 | 1 |  | steps=4 |" in lines
     assert not any(line.startswith("   4:") for line in lines)
-    assert command_of(tmp_path, parse_overrides(["~a", "b=1"])) == "python run.py '~a' b=1"
+    assert command_of(tmp_path, parse_overrides(["~a", "b=1"])) == "brushexp '~a' b=1"
 
 
 @pytest.mark.parametrize("numbers", [{"psnr": 20.0, "seconds": 1.0}, {"l2": 0.1}, {}])

@@ -7,6 +7,7 @@ import pytest
 import torch
 from scenes import leaves, random_strokes
 
+from brushexp.app.configs import SHIPPED
 from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.logger.base import Run
 from brushexp.plugins.loss.base import PaintedView
@@ -21,7 +22,7 @@ TASK_OF = {"engine": "simulate", "to": "export"}  # families that the config of 
 
 def names(family: str) -> list[str]:
     """Plugins and presets of a family."""
-    presets = [path.stem for path in (ROOT / "conf" / family).glob("*.yaml")]
+    presets = [path.stem for path in (SHIPPED / family).glob("*.yaml")]
     return sorted([plugin.name for plugin in plugins(family)] + presets)
 
 

@@ -6,17 +6,17 @@ import shutil
 
 import pytest
 from hydra import compose, initialize_config_dir
-from program import ROOT
 
 from brushexp.app.composition import check
+from brushexp.app.configs import SHIPPED
 from brushexp.registry import build
 
-PRESETS = {path.stem: path for path in (ROOT / "conf" / "quality").glob("*.yaml")}
-STUDIES = {path.stem: path for path in sorted((ROOT / "conf" / "experiment").glob("*.yaml"))}
+PRESETS = {path.stem: path for path in (SHIPPED / "quality").glob("*.yaml")}
+STUDIES = {path.stem: path for path in sorted((SHIPPED / "experiment").glob("*.yaml"))}
 LADDER = ("draft", "normal", "fine", "best")
 
 
-def composed(*overrides: str, conf=ROOT / "conf", hydra: bool = False):
+def composed(*overrides: str, conf=SHIPPED, hydra: bool = False):
     with initialize_config_dir(version_base="1.3", config_dir=str(conf)):
         return compose("config", overrides=list(overrides), return_hydra_config=hydra)
 
@@ -48,7 +48,7 @@ def test_better_takes_longer_and_normal_is_the_default():
 
 
 def test_what_you_type_wins_over_a_study_over_a_preset_over_the_task(tmp_path):
-    shutil.copytree(ROOT / "conf", tmp_path / "conf")
+    shutil.copytree(SHIPPED, tmp_path / "conf")
     head = "# @package _global_\n# it\ndefaults:\n"
     toy = head + "  - override /optimizer: soap\n\nsteps: 7\n"
     (tmp_path / "conf" / "quality" / "toy.yaml").write_text(toy)

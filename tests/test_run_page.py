@@ -147,7 +147,7 @@ def test_a_page_shows_all_that_a_run_has_left_and_asks_nothing_of_any_other_plac
     html = (run / "report.html").read_text()
     for part in ("replay", "error", "curves", "strokes-section", "light", "settings"):
         assert f'<section id="{part}"' in html
-    for part in ("27.12", "python run.py steps=30", 'alt="style"', "PSNR by time", "Loss mse"):
+    for part in ("27.12", "brushexp steps=30", 'alt="style"', "PSNR by time", "Loss mse"):
         assert part in html
     assert (
         "content=\"default-src 'none'; img-src data:; base-uri 'none'; form-action 'none'; style-src 'sha256-" in html
@@ -220,7 +220,7 @@ def test_a_run_is_not_lost_with_its_page(tmp_path, caplog, monkeypatch):
 def test_settings_name_plugins_and_what_was_typed():
     renderer = "{_target_: brushexp.plugins.renderer.analytic.Analytic, soft: 2.0}"
     config = f"steps: 5\nseed: null\nrenderer: {renderer}\n1: {{2: 3}}\n"
-    html = run_page(replace(saved_with(5), config=config), name="x", command="python run.py steps=5 renderer=analytic")
+    html = run_page(replace(saved_with(5), config=config), name="x", command="brushexp steps=5 renderer=analytic")
     text = re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", html.partition("All settings")[2]))
     assert "steps 5 typed seed null renderer analytic typed renderer.soft 2.0 1.2 3" in text
     for other in ("{[1]: 2}", "a: !!python/name:os.system x", ""):  # from elsewhere, without settings

@@ -2,7 +2,6 @@
 
 import json
 from itertools import product
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -13,15 +12,14 @@ from hydra.core.plugins import Plugins
 from hydra.errors import ConfigCompositionException, HydraException
 from program import run
 
+from brushexp.app.configs import SHIPPED
 from brushexp.app.mistakes import explanation
 from brushexp.errors import UserError
-
-ROOT = Path(__file__).parents[1]
 
 
 def jobs(settings, arguments=(), batch=None):
     """The overrides of every job, in batches."""
-    with initialize_config_dir(version_base="1.3", config_dir=str(ROOT / "conf")):
+    with initialize_config_dir(version_base="1.3", config_dir=str(SHIPPED)):
         loader = GlobalHydra.instance().config_loader()
         found = Plugins.instance().class_name_to_class["hydra_plugins.brushexp_settings.SettingsSweeper"]
         sweeper = found(batch, None, settings)
@@ -66,7 +64,7 @@ def test_a_renderer_of_the_sweep_is_proposed_for_an_option_that_another_one_has(
     words = ["-m", "renderer=analytic,neural", "renderer.checkpoint=x"]
     with pytest.raises(HydraException) as caught:
         jobs([""], words[1:])
-    assert "'renderer=neural renderer.checkpoint=...'" in explanation(caught.value, ROOT / "conf", words)
+    assert "'renderer=neural renderer.checkpoint=...'" in explanation(caught.value, [SHIPPED], words)
 
 
 @pytest.mark.parametrize("launcher", ["basic", "joblib"])

@@ -118,7 +118,7 @@ def test_points_are_walked_with_the_keyboard_and_tell_their_command(page):
     page.locator("#points .point[tabindex='0']").focus()
     page.keyboard.press("Home")
     assert "steps=30 loss=mse: PSNR, dB 25" in page.evaluate("document.activeElement.getAttribute('aria-label')")
-    assert page.locator("#pointed-command").text_content() == "python run.py steps=30 loss=mse"
+    assert page.locator("#pointed-command").text_content() == "brushexp steps=30 loss=mse"
     page.keyboard.press("ArrowRight")
     assert label.text_content() == "steps=30 loss=ssim"
     assert page.locator("#curves .hot").count() == 1
@@ -133,7 +133,7 @@ def test_points_are_walked_with_the_keyboard_and_tell_their_command(page):
     page.get_by_role("button", name="Copy the command").click()
     page.get_by_role("button", name="Copied").wait_for()
     page.get_by_label("Search in runs").press("Control+V")
-    assert page.get_by_label("Search in runs").input_value() == "python run.py steps=1500 loss=mse"
+    assert page.get_by_label("Search in runs").input_value() == "brushexp steps=1500 loss=mse"
 
 
 def test_the_front_is_that_of_the_table_and_any_setting_can_be_plotted_against(sweep, page):
@@ -184,7 +184,7 @@ def test_what_users_typed_stays_text(sweep, opened):
     watched = opened(sweep)
     row = watched.page.locator("tr[data-row='6']")
     assert row.locator(".error").text_content() == f"{EVIL} is no colour"
-    assert row.locator("td.repeat code").text_content() == f"python run.py 'background={EVIL}'"
+    assert row.locator("td.repeat code").text_content() == f"brushexp 'background={EVIL}'"
     watched.page.locator("[popovertarget]", has_text="background").click()
     watched.page.locator(".choices .chip", has_text="script>").click()
     assert order(watched.page) == ["6"]

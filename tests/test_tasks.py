@@ -12,6 +12,7 @@ import torch
 from PIL import Image
 from program import ROOT, run
 
+from brushexp.app.configs import SHIPPED
 from brushexp.strokes.prior import clamp_to_prior
 from brushexp.strokes.storage import load_catalogue
 
@@ -20,9 +21,11 @@ SMALL = ["look=plain", "image=chelsea", "resolution=48", "steps=30", "threads=1"
 
 def typed(*overrides: str, cwd: Path, code: int = 0, **environment: str) -> subprocess.CompletedProcess:
     """The program as a user starts it, with all of its imports; the others are forks, and agree bit for bit."""
-    command = [sys.executable, "-W", "ignore::FutureWarning", str(ROOT / "run.py"), *overrides]
+    command = [sys.executable, "-W", "ignore::FutureWarning", "-m", "brushexp", *overrides]
     options = {"capture_output": True, "text": True, "cwd": cwd, "timeout": 280}
-    done = subprocess.run(command, check=False, env={**os.environ, **environment}, **options)
+    done = subprocess.run(
+        command, check=False, env={**os.environ, "BRUSHEXP_PLUGINS": str(ROOT / "plugins"), **environment}, **options
+    )
     assert done.returncode == code, done.stderr
     return done
 
@@ -160,7 +163,7 @@ def test_help_lists_every_plugin_and_preset_in_one_line(tmp_path):
     lines = [line.strip() for line in typed("--help", cwd=tmp_path).stdout.splitlines()]
     for name in ("slic", "analytic", "tiled", "topk", "accuracy", "perceptual", "adam", "lbfgs", "scatter", "edges"):
         assert any(line.startswith(f"{name} ") for line in lines), name
-    for path in (ROOT / "conf" / "quality").glob("*.yaml"):
+    for path in (SHIPPED / "quality").glob("*.yaml"):
         measured = path.read_text().splitlines()[1].removeprefix("# ")
         assert any(line.startswith(f"{path.stem} ") and line.endswith(measured) for line in lines), path.stem
 

@@ -2,7 +2,6 @@
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 import textwrap
@@ -11,11 +10,12 @@ from pathlib import Path
 
 import pytest
 from catalogues import catalogue
-from hydra import compose, initialize_config_dir
 from hydra.errors import ConfigCompositionException
 
+from brushexp.app import configs
 from brushexp.app.command_line import prepare
 from brushexp.app.composition import check, offer_presets
+from brushexp.app.configs import folders_of
 from brushexp.errors import UserError
 from brushexp.registry import MULTI_SELECT, build
 from brushexp.strokes.storage import save_catalogue
@@ -74,14 +74,12 @@ def presets(tmp_path, hydra_restore_singletons):
         path = tmp_path / "conf" / f"{name}.yaml"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
-    shutil.copytree(ROOT / "conf", tmp_path / "conf", dirs_exist_ok=True)
     prepare(tmp_path)
-    return tmp_path / "conf"
+    return folders_of(tmp_path)
 
 
-def composed(folder, *overrides):
-    with initialize_config_dir(version_base="1.3", config_dir=str(folder)):
-        cfg = compose("config", overrides=list(overrides))
+def composed(folders, *overrides):
+    cfg = configs.composed(overrides, folders)
     check(cfg)
     return cfg
 

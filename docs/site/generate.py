@@ -13,6 +13,7 @@ from mkdocs.structure.files import File, Files
 from omegaconf import MISSING
 
 from brushexp.app.command_line import prepare
+from brushexp.app.configs import SHIPPED
 from brushexp.app.keys import Key, groups_of, keys_of
 from brushexp.app.schema import TASKS, Task
 from brushexp.bounds import Bounds, Rule
@@ -43,10 +44,12 @@ def plugins_page() -> str:
         several = f" Several at once: `'{family}=[a,b]'`." if family in MULTI_SELECT else ""
         parts += [f"## {family}", f"*{_sentence(meaning)}*{several}"]
         parts += [_plugin(plugin) for plugin in plugins(family)]
-        presets = sorted((ROOT / "conf" / family).glob("*.yaml"))
+        presets = sorted((SHIPPED / family).glob("*.yaml"))
         if presets:
             rows = [f"| `{family}={path.stem}` | {_comment(path)} |" for path in presets]
-            parts.append("\n".join(["Presets, in `conf/`:", "", "| preset | what it is |", "|---|---|", *rows]))
+            parts.append(
+                "\n".join(["Presets, in `src/brushexp/conf/`:", "", "| preset | what it is |", "|---|---|", *rows])
+            )
     return "\n\n".join(parts) + "\n"
 
 
@@ -54,7 +57,7 @@ def tasks_page() -> str:
     """Every task: what it does, the plugins that it takes, and its keys with types, defaults and meaning."""
     parts = [
         "# Tasks",
-        "Made from `src/brushexp/app/schema.py` when this site is built. `python run.py task=name key=value ...`; "
+        "Made from `src/brushexp/app/schema.py` when this site is built. `brushexp task=name key=value ...`; "
         "`task=paint` is the default and need not be typed. Add `--help` for the same on the terminal.",
         "## Keys of every task",
         _keys(keys_of(Task)),

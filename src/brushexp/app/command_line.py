@@ -5,7 +5,7 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
 from functools import cache
@@ -13,7 +13,6 @@ from pathlib import Path
 from types import NoneType
 from typing import Any, get_args, get_origin
 
-from hydra import compose, initialize_config_dir
 from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import ChoiceSweep, Sweep
@@ -21,46 +20,41 @@ from hydra.errors import CompactHydraException, HydraException
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.app.composition import offer
+from brushexp.app.configs import GROUPS, composed, folders_of
 from brushexp.app.help import help_text
-from brushexp.app.keys import groups_of, keys_of
+from brushexp.app.keys import keys_of
 from brushexp.app.mistakes import explanation
 from brushexp.app.schema import TASKS
 from brushexp.errors import UserError
+from brushexp.pictures.load import samples
 from brushexp.registry import MULTI_SELECT, load_plugins, plugins
 from brushexp.system.runtime import end_on_signals, interrupted_code
 
-GROUPS = {name for schema in TASKS.values() for name in groups_of(schema)} - {"model"} | {"task", "experiment"}
-SUFFIXES = {"catalogue": (".h5", ".json"), "image": (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".gif")}
+CATALOGUES = (".h5", ".json")
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".gif")
+RESULTS = ("metrics.json", "report.html", "multirun.yaml")  # what a folder of a run or sweep has one of
 
 
-def prepare(root: Path, arguments: list[str] = []) -> None:  # noqa: B006
+def prepare(root: Path, arguments: Sequence[str] = ()) -> None:
     """Load the plugins of the program and of ``root/plugins``, and offer tasks and presets to Hydra."""
     load_plugins(root / "plugins")
     offer(folders_of(root, arguments))
 
 
-def folders_of(root: Path, arguments: list[str]) -> list[Path]:
-    """Where configs are: ``root/conf``, and the folder that ``--config-dir`` names."""
-    own = get_args_parser().parse_known_args(arguments)[0].config_dir
-    return [root / "conf"] if own is None else [root / "conf", Path(own)]
-
-
-def asks_for_help(root: Path, arguments: list[str]) -> bool:
+def asks_for_help(arguments: Sequence[str]) -> bool:
     """Print ``--help`` if the command line has it; Hydra's own takes seconds to list groups of configs."""
     typed, _ = get_args_parser().parse_known_args(arguments)
     if not typed.help:
         return False
-    folders = folders_of(root, arguments)
-    with initialize_config_dir(version_base="1.3", config_dir=str(root / "conf")):
-        search = [f"hydra.searchpath=[{folder.resolve()}]" for folder in folders[1:]]
-        cfg = compose("config", overrides=[*typed.overrides, *search])
-    print(help_text(cfg, typed.overrides, folders))
+    folders = folders_of(Path(), arguments)
+    print(help_text(composed(typed.overrides, folders), typed.overrides, folders))
     return True
 
 
 def in_full(arguments: list[str]) -> list[str]:
     """The command line with its short forms written out, and its texts as Hydra takes them.
 
+    A word alone is a task or a picture: ``train``, ``photo.jpg``, ``photos/``.
     ``style=painting.jpg`` is ``style.image=painting.jpg``; ``light=315,45`` is an azimuth and an elevation; and keys
     that take several values do without brackets: ``to=svg,json``, ``logger=csv,wandb``, ``ratios=0,0.5``. In a sweep
     commas separate the values of jobs, so ``data=a,b`` are two jobs with one data set each. A UserError says which word
@@ -68,6 +62,11 @@ def in_full(arguments: list[str]) -> list[str]:
     """
     typed, after_flags = get_args_parser().parse_known_args(arguments)
     overrides = {*typed.overrides, *after_flags}
+    pictures = [word for word in arguments if word in overrides and "=" not in word and word not in TASKS]
+    if len(pictures) > 1:
+        raise UserError(
+            f"{', '.join(pictures)} are several pictures; for a sweep over them: -m image={','.join(pictures)}"
+        )
     return [
         word if word.startswith("-") or word not in overrides else written_out(word, typed.multirun)
         for word in arguments
@@ -76,8 +75,7 @@ def in_full(arguments: list[str]) -> list[str]:
 
 def written_out(word: str, sweep: bool) -> str:
     """One word of `in_full`; in a ``sweep`` commas separate the values of jobs."""
-    check_word(word)
-    full = re.sub(r"^(\+{0,2}|~)style=(?!\{)", r"\1style.image=", word)
+    full = re.sub(r"^(\+{0,2}|~)style=(?!\{)", r"\1style.image=", meant(word))
     if lamp := re.fullmatch(r"light=\[?([^\[\]{]*)\]?", full):
         angles = lamp[1].split(",")
         if len(angles) != 2:
@@ -166,25 +164,22 @@ def check_choice(group: str, value: str) -> None:
         raise UserError(f"{group}={value} is no name; choose one of {choices}")
 
 
-def check_word(word: str) -> None:
-    """Refuse a word without ``=``; the UserError says what it may have been meant for and what to type instead."""
+def meant(word: str) -> str:
+    """A word as ``key=value``: one alone is a task, or a picture or folder of pictures; a UserError if it is none."""
     if "=" in word or word.startswith("~"):
-        return
+        return word
     path = Path(word)
-    key = next((key for key, suffixes in SUFFIXES.items() if path.suffix.lower() in suffixes), None)
-    if path.is_dir():
-        raise UserError(f"{word} is no key=value; to look at a run or sweep: task=view catalogue={word}")
     if word in TASKS:
-        raise UserError(f"{word} is no key=value; type task={word}")
-    if key == "catalogue":
-        raise UserError(f"{word} is no key=value; to look at a painting: task=view catalogue={word}")
-    if key == "image" or path.is_file():
-        raise UserError(f"{word} is no key=value; to paint a picture: image={word}")
+        return f"task={word}"
+    if path.suffix.lower() in CATALOGUES or any((path / name).exists() for name in RESULTS):
+        raise UserError(f"{word} is no key=value; to look at a painting, run or sweep: task=view catalogue={word}")
+    if path.suffix.lower() in PICTURES or path.exists() or word in samples():
+        return f"image={word}"
     raise UserError(f"{word} is no key=value, as image=photo.jpg is; --help lists the keys")
 
 
 @contextmanager
-def explained(root: Path) -> Iterator[None]:
+def explained() -> Iterator[None]:
     """Turn what a user can mend into one line on stderr and an exit code; let bugs through with their traceback."""
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # Hydra then leaves exceptions to us
     warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)  # Lightning calls a name that torch deprecates
@@ -200,5 +195,5 @@ def explained(root: Path) -> Iterator[None]:
     except (UserError, CompactHydraException, OmegaConfBaseException, OSError) as error:
         if isinstance(error, OSError) and error.errno is None and not isinstance(error, CompactHydraException):
             raise
-        print(f"brushexp: {explanation(error, root / 'conf', sys.argv[1:])}", file=sys.stderr)
+        print(f"brushexp: {explanation(error, folders_of(Path(), sys.argv[1:]), sys.argv[1:])}", file=sys.stderr)
         sys.exit(1)

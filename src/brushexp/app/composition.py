@@ -10,6 +10,7 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from brushexp.app.configs import files_of
 from brushexp.app.keys import groups_of, keys_of, publish
 from brushexp.app.looks import offer_looks
 from brushexp.app.mistakes import unknown_key, unknown_option
@@ -31,11 +32,6 @@ def offer(folders: Sequence[Path]) -> None:
             offer_presets(family, files_of(folder, family))
     looks = {name: path for folder in folders for name, path in files_of(folder, "look").items()}
     publish(TASKS, offer_looks(looks, TASKS["paint"]))
-
-
-def files_of(folder: Path, group: str) -> dict[str, Path]:
-    """The files of a group in a folder of configs, by name."""
-    return {path.stem: path for path in sorted((folder / group).glob("*.yaml"))}
 
 
 def offer_presets(family: str, paths: dict[str, Path]) -> None:

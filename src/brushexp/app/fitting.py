@@ -88,7 +88,7 @@ def conclude(module: Any, folder: Path, cfg: DictConfig, failure: BaseException 
     Raises KeyboardInterrupt if it was interrupted, a UserError if it diverged, or the ``failure``.
     """
     if module.stop == INTERRUPTED:
-        resume = f"python run.py {'' if cfg.task == 'paint' else f'task={cfg.task} '}resume={folder}"
+        resume = f"brushexp {'' if cfg.task == 'paint' else f'task={cfg.task} '}resume={folder}"
         log.warning("interrupted at step %d; continue with: %s", steps, resume)
         raise KeyboardInterrupt
     if failure is not None:

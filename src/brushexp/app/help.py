@@ -17,12 +17,12 @@ from brushexp.registry import FAMILIES, plugins
 GLOBAL = "# @package _global_\n"  # first line of a config whose keys belong to the task
 INTRODUCTION = """Paint pictures out of brush strokes by gradient descent, and study how well that works.
 
-  python run.py                                         paint the default picture
-  python run.py image=photo.jpg strokes=8000 steps=500  another picture: a path or a sample
-  python run.py image=photo.jpg style=painting.jpg      in the style of a painting: its colours and its strokes
-  python run.py -m loss=mse,perceptual init=grid,slic   a sweep: one table, one sheet of pictures
-  python run.py experiment=loss_by_init                 a named study
-  python run.py task=export catalogue=outputs/x/catalogue.h5 resolution=4096
+  brushexp photo.jpg                              paint a picture, in oil; without a word: a sample
+  brushexp photo.jpg look=watercolour             another look
+  brushexp photo.jpg style=painting.jpg           in the style of a painting: its colours and its strokes
+  brushexp -m loss=mse,perceptual init=grid,slic  a sweep: one table, one sheet of pictures
+  brushexp experiment=loss_by_init                a named study
+  brushexp task=export catalogue=outputs/x/catalogue.h5 resolution=4096
 """
 MORE = "More: README.md and docs/ (a plugin is one file). The whole config: --cfg job. Hydra's own flags: --hydra-help."
 WIDTH = 120  # letters of a line

@@ -9,11 +9,11 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin
 
-from hydra import compose, initialize_config_dir
 from hydra.errors import CompactHydraException
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from brushexp.app.configs import composed
 from brushexp.app.help import as_typed
 from brushexp.app.keys import groups_of, keys_of
 from brushexp.app.schema import TASKS
@@ -22,25 +22,25 @@ from brushexp.registry import MULTI_SELECT, Plugin, plugins
 KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", dict: "{name: value}"}
 
 
-def explanation(error: BaseException, conf: Path, arguments: list[str]) -> str:
-    """What is wrong by an error of Hydra, OmegaConf or the program, and what to type instead; ``conf``: the configs."""
+def explanation(error: BaseException, folders: Sequence[Path], arguments: Sequence[str]) -> str:
+    """What is wrong by an error of Hydra, OmegaConf or the program, and what to type instead."""
     if isinstance(error, OSError) and not isinstance(error, CompactHydraException):
         return f"cannot use {error.filename or 'the disk'}: {error.strerror}; choose another place with output=..."
     text = " ".join(str(error).partition("Config search path")[0].split())
     if isinstance(error, CompactHydraException) and isinstance(error.__cause__, OmegaConfBaseException):
         text += f": {' '.join(str(error.__cause__).split())}"
     if found := re.search(r"interpolation '\$\{look\}_\$\{(\w+)\}'", text):
-        return f"{found[1]} is not chosen; choose one of {', '.join(choices(found[1], conf))}"
-    return in_our_words(text, task_of(arguments, conf), conf, arguments) or text
+        return f"{found[1]} is not chosen; choose one of {', '.join(choices(found[1], folders))}"
+    return in_our_words(text, task_of(arguments, folders), folders, arguments) or text
 
 
-def in_our_words(text: str, task: str, conf: Path, arguments: Sequence[str] = ()) -> str | None:
+def in_our_words(text: str, task: str, folders: Sequence[Path], arguments: Sequence[str] = ()) -> str | None:
     """What a message of Hydra or OmegaConf means for a task; None for one that is not known."""
     if found := re.match(r"LexerNoViableAltException: (.*?) \^ See |Ambiguous value for argument '(.*?)' ", text):
         reason = "has letters that must stand in quotes" if found[1] else "are several values; add -m for a sweep"
         return f"{found[1] or found[2]} {reason}; one text is put into both kinds of quotes: 'catalogue=\"a, b.h5\"'"
     if found := re.search(r"Could not (?:find|load) '(\w+)/([^']+)'", text):
-        names = choices(found[1], conf)
+        names = choices(found[1], folders)
         return f"{found[1]}={found[2]} is not there; choose one of {nearest_first(found[2], names)}" if names else None
     if found := re.search(r"Could not override '([\w.@/]+)'.*No match in the defaults list", text):
         return f"task={task} has no {found[1]}; it takes {', '.join(groups_of(TASKS[task])) or 'no plugins'}"
@@ -52,20 +52,20 @@ def in_our_words(text: str, task: str, conf: Path, arguments: Sequence[str] = ()
     return wrong_type(text, task)
 
 
-def task_of(arguments: list[str], conf: Path) -> str:
+def task_of(arguments: Sequence[str], folders: Sequence[Path]) -> str:
     """The task that a command line is for; that of its experiment if it names one."""
     kept = [word for word in arguments if re.fullmatch(r"(task|experiment)=\w+", word)]
     try:
-        with initialize_config_dir(version_base="1.3", config_dir=str(conf.resolve())):
-            return str(compose("config", overrides=kept).task)
+        return str(composed(kept, folders).task)
     except (CompactHydraException, OmegaConfBaseException):
         return "paint"
 
 
-def choices(group: str, conf: Path) -> list[str]:
+def choices(group: str, folders: Sequence[Path]) -> list[str]:
     """What can be chosen of a group of configs."""
     names = [plugin.name for plugin in plugins() if plugin.family == group]
-    return names + [path.stem for path in (conf / group).glob("*.yaml")] + (list(TASKS) if group == "task" else [])
+    presets = [path.stem for folder in folders for path in (folder / group).glob("*.yaml")]
+    return names + presets + (list(TASKS) if group == "task" else [])
 
 
 def nearest_first(word: str, names: list[str]) -> str:

@@ -44,7 +44,7 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
             task = importlib.import_module(f"brushexp.app.tasks.{cfg.task}")
         logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware on every run
         gc.freeze()  # what is loaded now stays
-        gc.enable()  # run.py has disabled it
+        gc.enable()  # the program has disabled it
         torch.set_num_threads(cfg.threads or fair_share(hydra))
         result = perform(task, cfg, Path(hydra.runtime.output_dir).resolve(), start)
     except UserError as error:

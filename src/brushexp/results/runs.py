@@ -167,7 +167,7 @@ def command_of(folder: Path, overrides: Mapping[str, str] | None = None) -> str:
     if typed is None:
         typed = [f"~{key}" if value == REMOVED else f"{key}={value}" for key, value in (overrides or {}).items()]
     single = ["hydra.mode=RUN"] * any(word.startswith(("experiment=", "+experiment=")) for word in typed)
-    return shlex.join(["python", "run.py", *(word for word in typed if not word.startswith("output=")), *single])
+    return shlex.join(["brushexp", *(word for word in typed if not word.startswith("output=")), *single])
 
 
 def words_of(folder: Path) -> list[str] | None:

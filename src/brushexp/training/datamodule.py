@@ -184,7 +184,7 @@ class StoredData(StrokeData):
 def require_compatible(sets: Sequence[StrokeSet]) -> None:
     """Stop with a UserError unless the sets are of one engine and window, and none repeats another."""
     if not sets:
-        raise UserError("no set of strokes is given; give one, made with python run.py task=simulate")
+        raise UserError("no set of strokes is given; give one, made with brushexp task=simulate")
     for one, other in combinations(sets, 2):
         for name in ("engine", "window"):
             ours, theirs = getattr(one.origin, name), getattr(other.origin, name)

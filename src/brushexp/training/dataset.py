@@ -158,7 +158,7 @@ class StrokeSet:
         self.path = path
         paths = sorted(path.glob("[0-9]*.h5")) if path.is_dir() else [path]
         if not paths or not paths[0].is_file():
-            cure = f"make one with python run.py task=simulate path={path}"
+            cure = f"make one with brushexp task=simulate path={path}"
             raise UserError(f"there is no set of strokes at {path}; {cure}")
         self.shards = [Shard(file) for file in paths]
         self.origin, self.seed = self.shards[0].origin, self.shards[0].seed

@@ -87,7 +87,7 @@ class RendererJob:
         self.callbacks: list[L.Callback] = [HeldOutSheet(folder), *([FrechetDistance(cfg.fid)] if cfg.fid else [])]
         self.pictures = {"validation": folder / "validation.png"}
         self.weights = folder / f"{self.name}.safetensors"
-        self.use = f"python run.py renderer={self.name} renderer.checkpoint={self.weights}"
+        self.use = f"brushexp renderer={self.name} renderer.checkpoint={self.weights}"
 
     def finish(self) -> dict[str, object]:
         """Measure the network, write it with its recipe, and return its numbers."""
@@ -114,7 +114,7 @@ class DiscriminatorJob:
         self.callbacks: list[L.Callback] = []
         self.pictures: dict[str, Path] = {}
         self.weights = folder / f"{NAME}.safetensors"
-        self.use = f"python run.py 'loss=[mse,discriminator]' loss.discriminator.checkpoint={self.weights}"
+        self.use = f"brushexp 'loss=[mse,discriminator]' loss.discriminator.checkpoint={self.weights}"
 
     def finish(self) -> dict[str, object]:
         """Measure the network, write it with its recipe, and return its numbers."""

@@ -276,7 +276,7 @@ def line_of(config: Mapping[str, Any]) -> str:
         ):
             below = key.rpartition(".")[0].rpartition(".")[0]  # of an option that is a table: its keys are the user's
             keys.append(f"{'++' * (below in chosen)}{key}={text}")
-    return shlex.join(["python", "run.py", "look=plain", *words, *keys])
+    return shlex.join(["brushexp", "look=plain", *words, *keys])
 
 
 def _flat(config: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:

@@ -1,0 +1,42 @@
+"""Where configs are, those that ship and the user's own, and how Hydra composes them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from hydra import compose, initialize_config_module
+from hydra._internal.utils import get_args_parser
+from omegaconf import DictConfig
+
+from brushexp.app.keys import groups_of
+from brushexp.app.schema import TASKS
+from brushexp.errors import UserError
+
+SHIPPED = Path(__file__).parents[1] / "conf"
+GROUPS = {name for schema in TASKS.values() for name in groups_of(schema)} - {"model"} | {"task", "experiment"}
+
+
+def folders_of(root: Path, arguments: Sequence[str] = ()) -> list[Path]:
+    """The configs that ship, and then the user's: in the folder of ``--config-dir``, or else in ``root/conf``.
+
+    A UserError if a file of the user has the name of one that ships.
+    """
+    typed = get_args_parser().parse_known_args(arguments)[0].config_dir
+    own = root / "conf" if typed is None else Path(typed)
+    if typed is None and not any((own / group).is_dir() for group in GROUPS):
+        return [SHIPPED]
+    for path in sorted(own.glob("*/*.yaml")):
+        if (SHIPPED / path.relative_to(own)).exists():
+            raise UserError(f"{path} has the name of a preset that ships; give the file another name")
+    return [SHIPPED, own]
+
+
+def files_of(folder: Path, group: str) -> dict[str, Path]:
+    """The files of a group in a folder of configs, by name."""
+    return {path.stem: path for path in sorted((folder / group).glob("*.yaml"))}
+
+
+def composed(words: Sequence[str], folders: Sequence[Path] = (SHIPPED,)) -> DictConfig:
+    """The config that Hydra composes for words of a command line, of configs in folders, those that ship first."""
+    own = [f"hydra.searchpath=['file://{folder.resolve()}']" for folder in folders[1:]]
+    with initialize_config_module("brushexp.conf", version_base="1.3"):
+        return compose("config", overrides=[*words, *own])
