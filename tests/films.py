@@ -5,7 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
+
+from brushexp.pictures.video import filming
 
 
 def decoded(path: Path) -> tuple[list[np.ndarray], Fraction]:
@@ -25,3 +28,31 @@ def unrolled(path: Path) -> tuple[list[np.ndarray], list[int]]:
             pictures.append(np.asarray(gif.convert("RGB")))
             durations.append(gif.info["duration"])
     return pictures, durations
+
+
+def scene(n: int, side: int = 64, speed: int = 3) -> list[np.ndarray]:
+    """Pictures (H, W, 3) of a piece of one photograph that moves over a still one."""
+    from skimage import data, transform  # noqa: PLC0415
+
+    def small(picture: np.ndarray, size: int) -> np.ndarray:
+        return (255 * transform.resize(picture, (size, size), anti_aliasing=True)).astype(np.uint8)
+
+    still, piece = small(data.coffee()[:, 100:500], side), small(data.chelsea()[20:280, 110:370], side // 3)
+    pictures = []
+    for k in range(n):
+        picture, left = still.copy(), side // 8 + speed * k
+        picture[side // 3 : side // 3 + len(piece), left : left + len(piece)] = piece
+        pictures.append(picture)
+    return pictures
+
+
+def encoded(path: Path, pictures: list[np.ndarray], rate: int = 25) -> Path:
+    """Write pictures as a video, with the noise that a codec adds."""
+    with filming(path.with_suffix(""), "mp4", pictures[0].shape[:2], Fraction(rate)) as film:
+        for picture in pictures:
+            film.show(picture, 1)
+    return path
+
+
+def as_tensor(picture: np.ndarray) -> torch.Tensor:
+    return torch.from_numpy(np.moveaxis(picture, 2, 0) / np.float32(255)).contiguous()

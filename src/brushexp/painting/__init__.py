@@ -4,4 +4,5 @@ assembly (with init) -> components
 -> painter (with schedule, picture, canvas_memory, sampler, renderer, order, blend, loss, divergence, partial,
 optimizer, density, densification, curves, painter_state)
 -> goals -> wet -> timelapse -> metrics -> outputs
+-> reel (with changes, carrying)
 """

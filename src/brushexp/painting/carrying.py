@@ -1,0 +1,208 @@
+"""Strokes carried to the next picture of a film: those move where it changes, and all others stay as they are."""
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from brushexp.compositing.layers import EDGE, SPREAD
+from brushexp.painting.components import Components
+from brushexp.painting.densification import importance
+from brushexp.painting.picture import Picture
+from brushexp.pictures.region import Region
+from brushexp.plugins.density.adaptive import new_strokes
+from brushexp.plugins.density.base import DensificationState
+from brushexp.plugins.loss.base import weighted_sum
+from brushexp.plugins.renderer.base import Renderer
+from brushexp.plugins.sampler.base import View
+from brushexp.strokes.bezier import curve_of, half_width_of, point_at
+from brushexp.strokes.catalogue import Catalogue, Strokes
+
+log = logging.getLogger(__name__)
+ALONG, ACROSS = 12, (-0.6, 0.0, 0.6)  # points at which a stroke is asked whether its place has changed
+CHANGED_SHARE = 0.5  # of a stroke, from which it moves; with less, what it would change elsewhere is seen
+MOVED_SHARE = 0.05  # of the strokes that move which are laid elsewhere, besides those that do harm
+SIZE = 0.5  # of strokes that are laid anew, in pitches (mean distances between strokes)
+TOLERANCE = 0.03  # root mean square error, 0 to 1, of places that are good enough
+CHANNELS = 3
+SHAPE = ("start", "control", "end")
+
+
+@dataclass(frozen=True)
+class Cel:
+    """The strokes of one picture of a film. All of a scene have as many, and each its number and renderer's look."""
+
+    strokes: Strokes  # N
+    front_to_back: Tensor  # (N,) their numbers, the uppermost first
+    background: Tensor  # (3,) RGB of the bare canvas
+
+
+@dataclass(frozen=True)
+class Carrier:
+    """Carries the strokes of a picture to the next one in a few gradient steps.
+
+    Strokes that lie where the film changes go with its motion, and then move by the losses of the painting. Of these
+    strokes the ones that do harm now, or matter least, are taken away and laid anew, smaller and on top, where the
+    error is: a stroke keeps its number and so whatever its renderer gives it by that. All other strokes stay as they
+    are, bit for bit, and keep their depth, so that nothing pops up.
+    """
+
+    components: Components
+    renderer: Renderer
+    steps: int
+    generator: torch.Generator
+
+    def __call__(self, cel: Cel, painted: Tensor, target: Tensor, changed: Tensor, motion: Tensor) -> Cel:
+        """The strokes for a ``target`` (3, H, W) that is another where ``changed`` (H, W) is true.
+
+        ``painted`` (3, H, W) is the painting of the picture before, and ``motion`` (2, H, W) says where its pixels have
+        gone.
+        """
+        size = (target.shape[1], target.shape[2])
+        moves = shares_within(cel.strokes, changed) >= CHANGED_SHARE
+        cel = replace(cel, strokes=advected(cel.strokes, moves, motion * changed))
+        moves |= shares_within(cel.strokes, changed) >= CHANGED_SHARE
+        region = region_around(*(corner[moves] for corner in boxes_of(cel.strokes)), size)
+        if region is None:
+            return cel
+        cel = self._relaid(cel, target, changed, moves, region)
+        return replace(cel, strokes=self._optimised(cel, painted, target, moves, region))
+
+    def _relaid(self, cel: Cel, target: Tensor, changed: Tensor, moves: Tensor, region: Region) -> Cel:
+        """Take away the strokes that matter least, of those that move, and lay them where the error is largest."""
+        number = meeting(cel.strokes, region)
+        picture = self._picture(region.of(target).contiguous(), cel.background)
+        strokes = cel.strokes[number].moved(shift=(-region.left, -region.top))
+        order = ranks_of(cel.front_to_back)[number].argsort()
+        movable = moves[number]
+        with torch.no_grad():
+            layers = self.renderer(strokes, number)
+            image = self.components.blend(layers, order, picture.size, cel.background).image
+        matter = importance(strokes, order, picture, self.generator, number).where(movable, torch.inf)
+        harmful = int((matter <= CHANNELS * TOLERANCE**2).sum())
+        count = min(int(movable.sum()), harmful + round(MOVED_SHARE * int(movable.sum())))
+        budget = max(1, round(len(moves) * picture.target[0].numel() / target[0].numel()))  # as dense as the whole
+        seen = (image, picture.target, region.of(changed).to(image))
+        state = DensificationState(*seen, strokes, budget, 0, 0, lambda: matter)
+        new = new_strokes(state, count, SIZE, TOLERANCE).moved(shift=(region.left, region.top))
+        taken = number[matter.argsort(stable=True)[: len(new)]]
+        new = self.renderer.convert(in_manner_of(new, cel.strokes[taken], self.components.optimizer.units))
+        above = torch.zeros_like(moves)
+        above[taken] = True
+        front_to_back = torch.cat([taken, cel.front_to_back[~above[cel.front_to_back]]])
+        return replace(cel, strokes=put(cel.strokes, taken, new), front_to_back=front_to_back)
+
+    def _optimised(self, cel: Cel, painted: Tensor, target: Tensor, moves: Tensor, region: Region) -> Strokes:
+        """Gradient steps of the strokes that move; the others around them are drawn and stay."""
+        active, around = moves.nonzero()[:, 0], torch.zeros_like(moves)
+        around[meeting(cel.strokes, region)] = True
+        view = View(region, active, (around & ~moves).nonzero()[:, 0])
+        picture = self._picture(target, cel.background)
+        picture.memory = picture.remembered(painted.clone())
+        catalogue, chosen = Catalogue(cel.strokes[active], self.components.optimizer.units), self.components.optimizer
+        optimizer = chosen.over(value for value in catalogue.parameters() if value.requires_grad)
+        rates = [group["lr"] for group in optimizer.param_groups]
+        best = cel.strokes
+
+        def closure() -> Tensor:
+            optimizer.zero_grad()
+            catalogue.keep_in_range()
+            _, view_of = picture.see(catalogue(), cel.strokes, view, cel.front_to_back, coarse=False, accuracy=False)
+            total, _ = weighted_sum(self.components.losses, view_of)
+            if total.requires_grad:
+                total.backward()
+            return total
+
+        for step in range(self.steps):
+            for group, rate in zip(optimizer.param_groups, rates, strict=True):
+                group["lr"] = rate * chosen.share(step / self.steps)
+            if not torch.as_tensor(optimizer.step(closure)).isfinite() or not catalogue.is_finite():
+                log.warning("a step would have left no numbers; the strokes stay as they were before it")
+                break
+            catalogue.keep_in_range()
+            moved = catalogue()
+            clamped = self.renderer.clamp(moved)
+            if clamped is not moved:
+                catalogue.replace(clamped)
+            best = put(cel.strokes, active, clamped.map(Tensor.detach))
+        return best
+
+    def _picture(self, target: Tensor, background: Tensor) -> Picture:
+        picture = Picture(target, None, background, self.components.blend)
+        picture.renderer = self.renderer
+        return picture
+
+
+@torch.no_grad()
+def shares_within(strokes: Strokes, mask: Tensor) -> Tensor:
+    """Share (N,) of each stroke that lies in a mask (H, W) of the canvas; it is seen at some points."""
+    curve, half = curve_of(strokes), half_width_of(strokes)
+    chord = curve[:, 2] - curve[:, 0]
+    normal = torch.stack([-chord[:, 1], chord[:, 0]], 1) / chord.norm(dim=1, keepdim=True).clamp_min(1e-6)
+    aside = normal[:, None] * (half[:, None] * half.new_tensor(ACROSS))[..., None]  # (N, 3, 2)
+    points = (spine_of(strokes)[:, :, None] + aside[:, None]).flatten(1, 2)
+    inside = ((points >= 0) & (points < points.new_tensor([mask.shape[1], mask.shape[0]]))).all(2)
+    return (at(mask, points) & inside).float().mean(1)
+
+
+@torch.no_grad()
+def advected(strokes: Strokes, which: Tensor, motion: Tensor) -> Strokes:
+    """Strokes ``which`` (N,), bool, moved by the median of a motion (2, H, W) along their curve."""
+    median = at(motion, spine_of(strokes)).median(2).values.T
+    return replace(strokes, position=torch.where(which[:, None], strokes.position + median, strokes.position))
+
+
+def spine_of(strokes: Strokes) -> Tensor:
+    """Points (N, ALONG, 2) on the curve of each stroke."""
+    return point_at(curve_of(strokes)[:, None], torch.linspace(0, 1, ALONG, device=strokes.position.device))
+
+
+def at(picture: Tensor, points: Tensor) -> Tensor:
+    """Pixels (..., N, P) of a picture (..., H, W) in which points (N, P, 2) lie; the nearest ones for those outside."""
+    column, row = (points[..., k].clamp(0, picture.shape[-1 - k] - 1).long() for k in (0, 1))
+    return picture[..., row, column]
+
+
+@torch.no_grad()
+def boxes_of(strokes: Strokes) -> tuple[Tensor, Tensor]:
+    """Corners (N, 2) of a box around each stroke and all that it may cover."""
+    curve, reach = curve_of(strokes), SPREAD * half_width_of(strokes)[:, None] + EDGE
+    return curve.amin(1) - reach, curve.amax(1) + reach
+
+
+def region_around(low: Tensor, high: Tensor, size: tuple[int, int]) -> Region | None:
+    """The part of a canvas of ``size`` (H, W) that boxes, (N, 2) and (N, 2), touch; None if they touch none of it."""
+    if not len(low):
+        return None
+    left, top = (max(0, int(x)) for x in low.amin(0).floor().tolist())
+    right, bottom = (min(side, int(x)) for side, x in zip(size[::-1], high.amax(0).ceil().tolist(), strict=True))
+    return Region(top, left, bottom - top, right - left) if right > left and bottom > top else None
+
+
+def meeting(strokes: Strokes, region: Region) -> Tensor:
+    """Numbers (n,) of the strokes that may cover some of a region."""
+    low, high = boxes_of(strokes)
+    corner = low.new_tensor([region.left, region.top])
+    return ((high > corner) & (low < corner + low.new_tensor([region.width, region.height]))).all(1).nonzero()[:, 0]
+
+
+def ranks_of(front_to_back: Tensor) -> Tensor:
+    """How many strokes lie above each (N,)."""
+    ranks = torch.empty_like(front_to_back)
+    ranks[front_to_back] = torch.arange(len(ranks), device=ranks.device)
+    return ranks
+
+
+def put(strokes: Strokes, rows: Tensor, others: Strokes) -> Strokes:
+    """The strokes with ``others`` in place of those number ``rows``."""
+    return Strokes(**{name: value.index_copy(0, rows, getattr(others, name)) for name, value in strokes.items()})
+
+
+def in_manner_of(new: Strokes, old: Strokes, units: Mapping[str, float]) -> Strokes:
+    """New strokes, each with the opacity of an ``old`` one, and its colour and shape where these have no unit."""
+    kept = {"opacity"} | ({"color"} if not units.get("color") else set())
+    if not any(units.get(name) for name in SHAPE):
+        kept |= {"scale", "width", *SHAPE}
+    return replace(new, **{name: getattr(old, name) for name in kept})

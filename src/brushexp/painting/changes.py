@@ -1,0 +1,90 @@
+"""Where a film changes, above the noise of its codec; where it is cut; and how much a painted film flickers."""
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+BLUR = 1.5  # pixels over which differences are averaged: the noise of a codec is that of single pixels
+GROWN = 2  # pixels by which a change is larger than what was found: half-covered pixels belong to it
+CUT = 0.12  # mean difference of two small pictures, 0 to 1, from which there is a cut between them
+CUT_SIDE = 16  # pixels of the longer side of these: what moves, or a camera that turns, hardly changes them
+STILL = 0.02  # root mean square difference, 0 to 1, below which the target counts as unchanged in `Flicker`
+
+
+def difference(first: Tensor, second: Tensor) -> Tensor:
+    """Root mean square difference (H, W), over channels and ``BLUR`` pixels, of two pictures (3, H, W)."""
+    from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
+
+    squares = (first - second).square().mean(0).cpu().numpy()
+    return torch.from_numpy(np.sqrt(gaussian_filter(squares, BLUR).clip(0))).to(first.device)
+
+
+def is_cut(first: Tensor, second: Tensor) -> bool:
+    """Whether two successive pictures (3, H, W) show different scenes."""
+    zoom = CUT_SIDE / max(first.shape[1:])
+    size = [max(1, round(zoom * side)) for side in first.shape[1:]]
+    small = [functional.adaptive_avg_pool2d(picture, size) for picture in (first, second)]
+    return float((small[0] - small[1]).abs().mean()) > CUT
+
+
+class Changes:
+    """What of a film has changed since it was last painted, picture by picture.
+
+    Each pixel is compared with what it was when it last changed, and not with the picture before: so what fades slowly
+    is seen in the end, and noise never adds up.
+
+    >>> changes, still = Changes(threshold=0.04), torch.rand(3, 24, 32)
+    >>> bool(changes(still).all()), bool(changes(still + 0.01).any())  # the first picture is all new
+    (True, False)
+    """
+
+    def __init__(self, threshold: float) -> None:
+        self.threshold = threshold
+        self.held = torch.empty(0)  # (3, H, W) each pixel as it was when it last changed: what is to be painted
+        self.begins = True  # whether the last picture was the first one of a scene
+        self._last: Tensor | None = None
+
+    def __call__(self, picture: Tensor) -> Tensor:
+        """Where (H, W), bool, the next picture (3, H, W) differs; everywhere after a cut."""
+        self.begins = self._last is None or is_cut(self._last, picture)
+        self._last = picture
+        if self.begins:
+            self.held = picture
+            return torch.ones_like(picture[0], dtype=torch.bool)
+        found = (difference(picture, self.held) > self.threshold).float()
+        changed = functional.max_pool2d(found[None], 2 * GROWN + 1, 1, GROWN)[0] > 0
+        self.held = torch.where(changed, picture, self.held)
+        return changed
+
+
+class Flicker:
+    """Mean absolute change, 0 to 1, of a painted film from picture to picture where its target stays as it is.
+
+    Those are the pixels where two successive targets differ by less than ``still``, see `difference`.
+
+    >>> flicker, target = Flicker(), torch.zeros(3, 8, 8)
+    >>> for level in (0.5, 0.6, 0.5):
+    ...     flicker.add(torch.full((3, 8, 8), level), target)
+    >>> round(flicker.value, 6)
+    0.1
+    """
+
+    def __init__(self, still: float = STILL) -> None:
+        self.still = still
+        self._last: tuple[Tensor, Tensor] | None = None
+        self._total, self._count = 0.0, 0
+
+    def add(self, painting: Tensor, target: Tensor) -> None:
+        """The next picture of the painted film and of its target, (3, H, W) in [0, 1]."""
+        if self._last is not None:
+            still = difference(target, self._last[1]) < self.still
+            change = (painting - self._last[0]).abs().mean(0)
+            self._total += float(change[still].sum(dtype=torch.float64))
+            self._count += int(still.sum())
+        self._last = (painting, target)
+
+    @property
+    def value(self) -> float | None:
+        """None if there was nothing that stayed."""
+        return self._total / self._count if self._count else None

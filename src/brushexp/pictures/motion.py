@@ -1,0 +1,26 @@
+"""How the parts of a film move from one picture to the next."""
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+SIDE = 128  # pixels of the longer side at which motion is sought: strokes need no more, and it takes a few hundredths
+RADIUS = 5  # of the windows there, pixels
+
+
+def motion(first: Tensor, second: Tensor) -> Tensor:
+    """Where each pixel of the ``first`` picture goes, (2, H, W): x to the right and y down, in pixels.
+
+    By the iterative Lucas-Kanade method of scikit-image (Le Besnerais and Champagnat, 2005) on the brightness of
+    small copies of the pictures (3, H, W).
+    """
+    from skimage.registration import optical_flow_ilk  # noqa: PLC0415  (slow to import)
+
+    zoom = min(1.0, SIDE / max(first.shape[1:]))
+    size = [max(1, round(zoom * side)) for side in first.shape[1:]]
+    small = [functional.adaptive_avg_pool2d(picture, size).mean(0).cpu().numpy() for picture in (first, second)]
+    if min(size) < 2 * RADIUS:
+        return torch.zeros_like(first[:2])
+    down, across = optical_flow_ilk(*small, radius=RADIUS)
+    found = torch.stack([torch.from_numpy(across), torch.from_numpy(down)]).to(first) / zoom
+    return functional.interpolate(found[None], first.shape[1:], mode="bilinear", align_corners=False)[0]

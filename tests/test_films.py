@@ -1,0 +1,224 @@
+"""Films: they are read as they were written, changes are told from noise, and strokes are carried without flicker."""
+
+import logging
+import sys
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import torch
+from films import as_tensor, encoded, scene
+from painters import take
+
+from brushexp.errors import UserError
+from brushexp.painting.canvas_memory import touched
+from brushexp.painting.carrying import Carrier, Cel, meeting, shares_within
+from brushexp.painting.changes import Changes, Flicker, difference, is_cut
+from brushexp.painting.components import standard_components
+from brushexp.painting.painter import Painter
+from brushexp.painting.reel import Reel
+from brushexp.pictures.clips import decoded_pictures, open_clip
+from brushexp.pictures.motion import motion
+from brushexp.pictures.region import Region
+from brushexp.plugins.init.grid import Grid
+from brushexp.registry import build_named
+from brushexp.strokes.catalogue import FIELDS, Catalogue, check_strokes
+
+av = pytest.importorskip("av")
+
+
+@pytest.mark.parametrize("shape", [(64, 64), (33, 48), (32, 47)])
+def test_a_film_is_read_as_it_was_written(tmp_path, shape):
+    pictures = [picture[: shape[0], : shape[1]] for picture in scene(5)]
+    clip = open_clip(encoded(tmp_path / "film.mp4", pictures, rate=24))
+    even = tuple(side + side % 2 for side in shape)
+    assert (clip.size, clip.rate, clip.count) == (even, Fraction(24), 5)
+    found = list(decoded_pictures(clip))
+    assert [picture.shape for picture in found] == [(*even, 3)] * 5
+    for picture, original in zip(found, pictures, strict=True):
+        assert np.abs(picture[: shape[0], : shape[1]].astype(float) - original).mean() < 8
+
+
+def test_a_film_that_breaks_off_is_read_as_far_as_it_goes(tmp_path, caplog):
+    path = encoded(tmp_path / "film.mp4", 4 * scene(10))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
+    with caplog.at_level(logging.WARNING):
+        count = len(list(decoded_pictures(open_clip(path))))
+    assert 0 < count < 40
+    assert str(count) in caplog.text
+
+
+def sound(path):
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("aac", rate=44100)
+        frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
+        frame.rate = 44100
+        container.mux([*stream.encode(frame), *stream.encode()])
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda path: None, "no file"),
+        (lambda path: path.mkdir(), "folder"),
+        (lambda path: path.write_bytes(b""), "cannot be read as a film"),
+        (lambda path: path.write_text("not a film"), "cannot be read as a film"),
+        (sound, "no video"),
+    ],
+)
+def test_what_is_no_film_is_refused_in_one_line(tmp_path, make, message):
+    make(tmp_path / "clip.mp4")
+    with pytest.raises(UserError, match=message) as caught:
+        open_clip(tmp_path / "clip.mp4")
+    assert "\n" not in str(caught.value)
+
+
+def test_without_the_library_a_film_says_what_to_install(tmp_path, monkeypatch):
+    path = encoded(tmp_path / "clip.mp4", scene(1))
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(UserError, match=r"brushexp\[video\]"):
+        open_clip(path)
+
+
+def test_changes_are_told_from_noise_and_slow_ones_are_seen_in_the_end():
+    generator = torch.Generator().manual_seed(0)
+    still = as_tensor(scene(1)[0])
+    changes = Changes(0.04)
+    assert changes(still).all()
+    for _ in range(10):
+        assert not changes((still + 0.01 * torch.randn(still.shape, generator=generator)).clamp(0, 1)).any()
+    seen = [bool(changes(0.9 * still + 0.005 * k).any()) for k in range(20)]
+    assert sum(seen) > 1, "what fades by less than the threshold from picture to picture is seen now and then"
+    assert difference(changes.held, 0.9 * still + 0.095).max() <= 0.04 + 0.01
+
+
+def test_a_change_is_found_where_it_is_and_a_cut_is_told_from_a_pan():
+    first, second = (as_tensor(picture) for picture in scene(2, speed=8))
+    changes = Changes(0.04)
+    changes(first)
+    changed = changes(second)
+    assert not changes.begins
+    where = (first != second).any(0)
+    assert changed[where].float().mean() > 0.8
+    assert not changed[60:].any()
+    assert not is_cut(first, first.roll(6, 2))
+    assert is_cut(first, 1 - first)
+    changes(1 - first)
+    assert changes.begins
+
+
+def test_flicker_is_the_mean_change_where_the_target_stays():
+    generator = torch.Generator().manual_seed(0)
+    targets = [as_tensor(picture) for picture in scene(4)]
+    paintings = [torch.rand(target.shape, generator=generator) for target in targets]
+    flicker, total, count = Flicker(still=0.02), 0.0, 0
+    for painting, target in zip(paintings, targets, strict=True):
+        flicker.add(painting, target)
+    for k in range(1, 4):
+        still = (difference(targets[k], targets[k - 1]) < 0.02).numpy()
+        for row, column in zip(*still.nonzero(), strict=True):
+            total += float((paintings[k] - paintings[k - 1])[:, row, column].abs().mean())
+            count += 1
+    assert flicker.value == pytest.approx(total / count, rel=1e-5)
+    assert Flicker().value is None
+
+
+@pytest.mark.parametrize("shift", [(4, 0), (0, -3)])
+def test_motion_is_that_of_the_pictures(shift):
+    first = as_tensor(scene(1, side=96)[0])
+    found = motion(first, first.roll(shift, (2, 1)))[:, 16:-16, 16:-16]
+    assert found.flatten(1).median(1).values.tolist() == pytest.approx(shift, abs=0.5)
+    assert not motion(first[:, :8, :8], first[:, :8, :8]).any()
+
+
+def reel_of(renderer: str, n: int = 100, steps: int = 0) -> Reel:
+    parts = standard_components(build_named("renderer", renderer, {}), steps=steps)
+    carrier = Carrier(parts, parts.stages[-1].renderer.requires_grad_(False), 4, torch.Generator().manual_seed(0))
+
+    def begin(picture):
+        strokes = build_named("init", "slic", {})(picture, n, torch.Generator().manual_seed(0), None)
+        painter = Painter(Catalogue(strokes, parts.optimizer.units), parts, picture, torch.ones(3), seed=0)
+        take(painter, steps)
+        return Cel(painter.strokes(), painter.depth.front_to_back, torch.ones(3))
+
+    return Reel(begin, carrier, 0.04)
+
+
+@pytest.mark.parametrize("renderer", ["analytic", "textured"])
+def test_strokes_move_where_the_film_changes_and_all_others_stay_bit_for_bit(renderer):
+    reel = reel_of(renderer)
+    pictures = [as_tensor(picture) for picture in scene(4)]
+    reel.paint(pictures[0])
+    for picture in pictures[1:]:
+        before, image = reel.cel, reel.image
+        reel.paint(picture)
+        after = reel.cel
+        check_strokes(after.strokes)
+        moved = torch.stack(
+            [(getattr(after.strokes, name) != getattr(before.strokes, name)).reshape(100, -1).any(1) for name in FIELDS]
+        ).any(0)
+        assert 0 < int(moved.sum()) < 60
+        assert torch.equal(after.front_to_back.sort().values, torch.arange(100))
+        stay = [n for n in after.front_to_back.tolist() if not moved[n]]
+        assert stay == [n for n in before.front_to_back.tolist() if not moved[n]], "their depth stays as it was"
+        whole = Region.whole(picture)
+        away = ~(touched(before.strokes[moved], whole) | touched(after.strokes[moved], whole))
+        assert away.sum() > 500
+        assert torch.equal(reel.image[:, away], image[:, away])
+        error = [(shown - picture).square().mean() for shown in (reel.image, image)]
+        assert error[0] < error[1]
+
+
+def test_a_film_that_stands_still_is_one_painting_and_a_cut_begins_another():
+    reel, still = reel_of("analytic"), as_tensor(scene(1)[0])
+    reel.paint(still)
+    cel = reel.cel
+    reel.paint((still + 0.01).clamp(0, 1))
+    assert reel.cel is cel
+    reel.paint(1 - still)
+    assert (reel.cel is cel, reel.scenes) == (False, 2)
+
+
+def test_a_film_goes_on_from_the_strokes_of_a_picture_as_if_it_had_not_stopped():
+    pictures = [as_tensor(picture) for picture in scene(5)]
+    whole, second = reel_of("textured"), reel_of("textured")
+    cels = []
+    for picture in pictures:
+        whole.paint(picture)
+        cels.append(whole.cel)
+    for picture, cel in zip(pictures[:3], cels, strict=False):
+        second.follow(picture, cel)
+    for picture in pictures[3:]:
+        second.paint(picture)
+    assert torch.equal(second.image, whole.image)
+    assert torch.equal(second.cel.front_to_back, whole.cel.front_to_back)
+
+
+def test_painting_so_flickers_much_less_than_painting_each_picture_anew():
+    carried, anew, reel = Flicker(), Flicker(), reel_of("analytic", 900, 40)
+    for k, picture in enumerate(scene(4, side=96)):
+        noisy = as_tensor(picture) + 0.004 * torch.randn(3, 96, 96, generator=torch.Generator().manual_seed(k))
+        reel.paint(noisy)
+        carried.add(reel.image, noisy)
+        alone = reel_of("analytic", 900, 40)
+        alone.paint(noisy)
+        anew.add(alone.image, noisy)
+    assert carried.value < 0.2 * anew.value
+
+
+def test_shares_of_strokes_within_a_mask_and_strokes_that_meet_a_region_agree_with_their_pictures():
+    picture = as_tensor(scene(1)[0])
+    strokes = Grid()(picture, 60, torch.Generator(), None)
+    renderer, blend = build_named("renderer", "analytic", {}), build_named("blend", "dense", {})
+    half = torch.zeros(64, 64, dtype=torch.bool)
+    half[:, :32] = True
+    region = Region(8, 8, 20, 20)
+    near = meeting(strokes, region)
+    for n, share in enumerate(shares_within(strokes, half).tolist()):
+        one = strokes[n : n + 1]
+        black = replace(one, color=torch.ones(1, 3), opacity=torch.ones(1))
+        cover = blend(renderer(black), torch.tensor([0]), (64, 64), torch.zeros(3)).image[0]
+        assert share == pytest.approx(float(cover[:, :32].sum() / cover.sum()), abs=0.25)
+        if region.of(cover).any():
+            assert n in near
