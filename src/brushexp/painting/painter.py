@@ -155,7 +155,9 @@ class Painter(L.LightningModule):
     def training_step(self, batch: Any, batch_idx: int) -> Tensor:
         """The weighted sum of the losses of what the step looks at; L-BFGS asks several times in a step."""
         self.evaluations += 1
-        self._moving.keep_in_range()  # a line search may look anywhere
+        if self._searching:
+            self._moving.keep_in_range()  # a line search may look anywhere
+        self._searching = True
         canvas, painting = self.picture.see(
             self._moving(), self._strokes, self._view, self.depth.front_to_back,
             coarse=self.is_coarse, accuracy=self._measure,
@@ -238,6 +240,7 @@ class Painter(L.LightningModule):
     def look_at(self, view: View, strokes: Strokes, moving: Catalogue, *, accuracy: bool = False) -> None:
         """Choose what `training_step` draws and compares, see `Picture.see`."""
         self._view, self._strokes, self._moving, self._measure = view, strokes, moving, accuracy
+        self._searching = False  # whether strokes are elsewhere than at the beginning of the step
 
     def use_stage(self, stage: int) -> None:
         """Draw with the renderer of a stage from now on."""
