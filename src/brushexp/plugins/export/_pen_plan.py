@@ -45,8 +45,9 @@ def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
     grid = _Grid(frame, machine.pen_mm)
     tops = [grid.topmost(outlines, drawn & (opacity >= OPAQUE) & (layer == k)) for k in range(machine.layers)]
     above_all = np.maximum.reduce(tops)
+    hopeful = np.flatnonzero(drawn & ((machine.hidden == "draw") | grid.may_be_seen(above_all, outlines)))
     lines: list[list[Array]] = [[] for _ in widths]
-    for k in with_progress(np.flatnonzero(drawn).tolist(), int(drawn.sum()), "strokes filled"):
+    for k in with_progress(hopeful.tolist(), len(hopeful), "strokes filled"):
         filled = _filled(middles[k], widths[k], machine, frame, grid.cell / 2)
         if machine.hidden == "draw" or any(grid.seen(above_all, line, k).any() for line in filled):
             lines[k] = filled
@@ -118,11 +119,24 @@ def _filled(
     rings = shapely.normalize(shapely.boundary(shapely.buffer(middle, offsets, quad_segs=16)))
     parts = [*shapely.get_parts(rings)] + [middle] * (count % 2)
     parts = shapely.get_parts(shapely.segmentize(shapely.clip_by_rect(np.array(parts, dtype=object), *frame), step))
-    lines = load_vpype().LineCollection(shapely.get_coordinates(part) @ (1, 1j) for part in parts)
-    if len(lines) > 1:
-        with quiet_vpype():
-            lines.merge(JOINED_PENS * pen)
-    return list(lines)
+    return _joined([shapely.get_coordinates(part) @ (1, 1j) for part in parts], JOINED_PENS * pen)
+
+
+def _joined(lines: list[Array], reach: float) -> list[Array]:
+    """The same lines (M,), one with the next where that begins or ends within ``reach``; any two if some are left."""
+    joined: list[Array] = []
+    for line in lines:
+        gaps = np.abs(joined[-1][-1] - line[[0, -1]]) if joined else [np.inf]
+        if min(gaps) <= reach:
+            joined[-1] = np.concatenate([joined[-1], line if gaps[0] <= gaps[-1] else line[::-1]])
+        else:
+            joined.append(line)
+    if len(joined) < 2:
+        return joined
+    collection = load_vpype().LineCollection(joined)
+    with quiet_vpype():
+        collection.merge(reach)
+    return list(collection)
 
 
 class _Grid:
@@ -147,11 +161,23 @@ class _Grid:
                     draw.polygon(corners.ravel().tolist(), fill=int(k) + 1)
         return np.array(picture)
 
+    def may_be_seen(self, top: Array, outlines: Array) -> Array:
+        """Whether others leave bare any cell of the boxes around strokes (N,): what is quick to find out."""
+        corners = np.nan_to_num(shapely.bounds(outlines)).reshape(-1, 2, 2) @ (1, 1j)
+        (tops, lefts), (bottoms, rights) = (self._cells(corner) for corner in corners.T)
+        boxes = zip(tops, bottoms + 1, lefts, rights + 1, strict=True)
+        seen = ((top[first:last, left:right] <= k + 1).any() for k, (first, last, left, right) in enumerate(boxes))
+        return np.fromiter(seen, dtype=bool)
+
     def seen(self, top: Array, points: Array, k: int) -> Array:
         """Which points (M,) of stroke ``k`` no other stroke hides."""
+        return np.asarray(top[self._cells(points)] <= k + 1)
+
+    def _cells(self, points: Array) -> tuple[Array, Array]:
+        """Row and column of the cells in which points (M,) are."""
         row = np.clip((points.imag - self.corner[1]) / self.cell, 0, self.rows - 1).astype(int)
         column = np.clip((points.real - self.corner[0]) / self.cell, 0, self.columns - 1).astype(int)
-        return np.asarray(top[row, column] <= k + 1)
+        return row, column
 
     def pieces(self, top: Array, line: Array, k: int, shortest: float) -> list[Array]:
         """The parts of a line (M,) of stroke ``k`` that no other stroke hides; those ``shortest`` or longer."""
