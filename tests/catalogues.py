@@ -1,6 +1,7 @@
 """Catalogues for tests, and what is asked of them when they are read."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
@@ -11,6 +12,7 @@ import torch
 from brushexp.errors import UserError
 from brushexp.strokes.catalogue import FIELDS, Strokes
 from brushexp.strokes.storage import Saved, load_catalogue
+from brushexp.system.hdf5 import fixed
 
 CONFIG = "renderer: {_target_: brushexp.plugins.renderer.analytic.Analytic, soft: 1.5, taper: 0.0}\nimage: größe.png\n"
 
@@ -52,3 +54,20 @@ def refused_if_foreign(path: Path, refusal: Callable[[Path], str]) -> str:
     with h5py.File(path, "w") as file:
         file["params"] = np.zeros((3, 10))
     return refusal(path)
+
+
+def give_attribute(path: Path, name: str, value: object) -> None:
+    """Change an attribute of an HDF5 file; None takes it out."""
+    with h5py.File(path, "a") as file:
+        del file.attrs[name]
+        if value is not None:
+            file.attrs[name] = fixed(value) if isinstance(value, str) else value
+
+
+def spoil_every(path: Path, step: int, unchanged: Callable[[], None]) -> None:
+    """Spoil one byte of a file at a time, so many apart: it is refused, or what it holds is ``unchanged``."""
+    data = path.read_bytes()
+    for position in range(0, len(data), step):
+        path.write_bytes(data[:position] + bytes([data[position] ^ 0x55]) + data[position + 1 :])
+        with suppress(UserError):  # some bytes say nothing
+            unchanged()

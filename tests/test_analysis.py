@@ -258,19 +258,6 @@ def test_the_sheet_can_be_drawn(rows, tmp_path, monkeypatch):
         assert np.asarray(sheet).std() > 5
 
 
-def test_strokes_are_drawn_in_the_colours_of_their_directions_which_go_round():
-    picture = figures.stroke_map(analysis_of(saved(straight((10, 30), (80, 30), width=20)), "a", "a"))
-    assert picture.shape == (600, 900, 3)
-    colors = figures.direction_colors(np.array([0.0, math.pi - 1e-9, math.pi / 2, np.nan]))
-    assert picture[300, 450] == pytest.approx(colors[0], abs=0.01)
-    assert picture[20, 20] == pytest.approx(1)
-    assert colors[0] == pytest.approx(colors[1], abs=1e-6)
-    assert np.abs(colors[0] - colors[2]).max() > 0.2
-    assert np.ptp(colors[3]) < 0.01
-    light = figures.direction_colors(np.linspace(0, math.pi, 100))
-    assert ((light > 0) & (light < 1)).all()  # no colour was cut off
-
-
 def test_the_map_of_coherence_says_nothing_where_no_strokes_are():
     left = combed(100)
     left = replace(left, position=left.position * torch.tensor([0.3, 1.0]))

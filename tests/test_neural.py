@@ -97,17 +97,6 @@ def test_every_window_is_reached(upsampling, window, subpixel):
         assert renderer.draw(parameters(2)).shape == (2, 4, window, window)
 
 
-def test_coordinates_act_as_two_more_channels():
-    renderer = tiny(coordconv="window")
-    layer, planes = renderer.convolving[0], renderer._planes(parameters(2), 8)
-    x = torch.randn(2, layer.convolution.in_channels, 8, 8)
-    known = torch.cat([x, planes.expand(2, -1, -1, -1)], dim=1)
-    pointwise = torch.nn.functional.pad(layer.coordinates.weight, (1, 1, 1, 1))  # a 3 x 3 kernel of its middle alone
-    weights = torch.cat([layer.convolution.weight, pointwise], dim=1)
-    expected = torch.nn.functional.conv2d(known, weights, layer.convolution.bias, padding=1)
-    torch.testing.assert_close(layer(x, planes), expected, rtol=1e-4, atol=1e-5)
-
-
 def test_the_planes_of_a_straight_stroke_are_its_coordinates():
     strokes = strokes_of(torch.tensor([[-0.5, -0.2, 0.0, 0.1, 0.5, 0.4, 0.0, 0.0, 0.0, 0.0]]))
     planes = stroke_planes(parameters_of(strokes), 64)[0]

@@ -236,15 +236,6 @@ def test_the_picture_under_a_lamp_is_the_flat_one_shaded_by_the_slopes_of_its_pa
     np.testing.assert_allclose(np.concatenate(bands, axis=1), wanted, atol=2e-3)
 
 
-@pytest.mark.parametrize("size", [(1, 1), (3, 5)])
-def test_an_empty_canvas_is_written_as_it_is(tmp_path, size):
-    paths = Relief().write(export_job(Strokes.none(), size), tmp_path)
-    relief, height, normals = (np.asarray(Image.open(path)) for path in paths)
-    assert np.abs(relief.astype(int) - 127.5).max() < 1
-    assert (height == 0).all()
-    assert (normals == [128, 128, 255]).all()
-
-
 def test_a_lit_painting_is_its_flat_one_under_the_lamp_and_every_export_shows_the_same(run_task, tmp_path):
     small = ["image=chelsea", "resolution=48", "steps=5", "threads=1", "frames=3", "timelapse=gif"]
     metrics = run_task(paint, *small, "light=200,30", "light.depth=2")

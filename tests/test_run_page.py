@@ -169,14 +169,14 @@ def test_every_file_of_the_run_can_be_had(run):
     write_run_page(run)
     html = (run / "report.html").read_text()
     (run / "a b.txt").unlink()
-    for name in (
+    for name in [
         "painting.png",
         "catalogue.h5",
         "metrics.json",
         "curves/metrics.csv",
         ".hydra/overrides.yaml",
         "a%20b.txt",
-    ):
+    ]:
         assert f'href="{name}" download' in html
     assert 'href="report.html"' not in html
 

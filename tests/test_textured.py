@@ -8,7 +8,7 @@ import torch
 from kernels import BACKGROUND, DEGENERATE, DENSE, paint
 from scenes import leaves, random_strokes, straight
 
-from brushexp.compositing.textures import Loop, cells_of, sheets_of
+from brushexp.compositing.textures import Loop, sheets_of
 from brushexp.errors import UserError
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
@@ -157,21 +157,6 @@ def test_smaller_textures_are_the_means_of_larger_ones():
     torch.testing.assert_close(inner[..., 1], counted)
     assert sheets.size.tolist() == [[16, 32], [8, 16], [4, 8]] * 2
     assert sheets.loop[1].tolist() == [6, 6]
-
-
-def test_cells_hold_the_corners_of_each_texel():
-    size = torch.tensor([[2, 3], [1, 1]])
-    steps = torch.randint(0, 255, (4 * 5 + 3 * 3, 2))
-    texels = torch.stack([steps[:, 0] / 255, (steps[:, 1] - 127) / 127], dim=1)
-    words = cells_of(texels, size)
-    for first, rows, columns in ((0, 4, 5), (20, 3, 3)):
-        for y in range(rows - 1):
-            for x in range(columns - 1):
-                at = first + y * columns + x
-                corners = steps[[at, at + 1, at + columns, at + columns + 1]]
-                halves = [int(words[at]) & (2**32 - 1), int(words[at]) >> 32 & (2**32 - 1)]
-                for half, expected in zip(halves, (corners[:, 0], corners[:, 1] + 1), strict=True):
-                    assert [half >> 8 * k & 255 for k in range(4)] == expected.tolist()
 
 
 def test_distilled_strokes_look_like_those_of_the_engine():

@@ -69,8 +69,8 @@ STROKES = Rule(_is_set)
 
 
 def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """The losses, and strokes, mask and catalogue for a picture of this size."""
-    from brushexp.painting.assembly import budget_of, check_losses  # noqa: PLC0415
+    """The losses, strokes, mask and catalogue for a picture of this size, and that memory holds it."""
+    from brushexp.painting.assembly import budget_of, check_losses, check_size  # noqa: PLC0415
 
     names = [plugin.name for plugin in plugins("renderer")]
     if cfg.warm_up not in (AUTO, None, *names):
@@ -83,7 +83,9 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
     if cfg.catalogue is not None:
         there, canvas = canvas_of(cfg.catalogue, "catalogue")
         check_ratio(cfg.catalogue, canvas, size, "catalogue")
-    build(cfg.blend).check(budget_of(cfg, size, build(cfg.density), there), size)
+    strokes = budget_of(cfg, size, build(cfg.density), there)
+    build(cfg.blend).check(strokes, size)
+    check_size(cfg, strokes, size)
     if cfg.style.image is not None:
         build(cfg.style.loss).check(size)
     if cfg.lpips_weights is not None:

@@ -106,14 +106,13 @@ def paced(parts: Components, steps_per_stroke: float | None, strokes: Strokes, s
     return replace(parts, stages=[first, *(replace(stage, steps=stage.steps * each) for stage in others)])
 
 
-def check_size(cfg: DictConfig, parts: Components, size: tuple[int, int]) -> None:
+def check_size(cfg: DictConfig, strokes: int, size: tuple[int, int]) -> None:
     """Refuse (UserError) what memory cannot hold: pictures of a canvas of ``size``, and windows of its strokes."""
-    pixels = size[0] * size[1]
-    strokes = cfg.strokes or min(pixels / cfg.pixels_per_stroke, cfg.max_strokes or math.inf)
-    window = max(getattr(stage.renderer, "window", 0) for stage in parts.stages)
-    windows = strokes * window**2 * BYTES_PER_WINDOW_PIXEL if isinstance(parts.sampler, Whole) else 0
+    pixels = math.prod(size)
+    window = max(getattr(stage.renderer, "window", 0) for stage in stages_of(cfg))
+    windows = strokes * window**2 * BYTES_PER_WINDOW_PIXEL if isinstance(build(cfg.sampler), Whole) else 0
     smaller = "resolution=, fewer strokes= or sampler=patches" if windows else "resolution="
-    what = f"{strokes:.0f} strokes on {size[1]} x {size[0]} pixels"
+    what = f"{strokes} strokes on {size[1]} x {size[0]} pixels"
     check_memory(pixels * BYTES_PER_PIXEL + windows, what, f"choose a smaller {smaller}")
 
 

@@ -13,7 +13,7 @@ from brushexp.app.fitting import conclude, fit, interrupted_run, trainer_of
 from brushexp.app.tracking import trackers_of
 from brushexp.errors import UserError
 from brushexp.features.distance import Distance, open_distance
-from brushexp.painting.assembly import STYLE, check_size, components_of, first_strokes, focus_of, in_colors, paced
+from brushexp.painting.assembly import STYLE, components_of, first_strokes, focus_of, in_colors, paced
 from brushexp.painting.goals import goals_of
 from brushexp.painting.metrics import measure, picture_psnr
 from brushexp.painting.outputs import export_job, renderer_of, summary_line
@@ -47,7 +47,6 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     target = load_picture(cfg.image, cfg.resolution)
     focus = focus_of(cfg, target, folder)
     parts = components_of(cfg)
-    check_size(cfg, parts, (target.shape[1], target.shape[2]))
     if cfg.style.image is not None:
         target = in_colors(target, parts, folder)
     background = background_color(cfg.background, target)
