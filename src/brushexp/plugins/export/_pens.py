@@ -7,7 +7,7 @@ from abc import abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from types import ModuleType
 from typing import Annotated, Any
@@ -205,7 +205,6 @@ class PenExporter(Exporter):
         return paper, (np.array(paper) - scale * np.array(size[::-1])) / 2, scale
 
 
-@cache
 def load_vpype() -> ModuleType:
     """The library vpype, which is optional (a UserError says so) and slow to import."""
     try:

@@ -1,5 +1,4 @@
 // The painting laid down again, stroke by stroke, on a canvas: play, scrub, look at single strokes, leave out layers.
-//
 // What is shown is always the first `shown` strokes of those in the chosen layers. A dozen times on the way the canvas is
 // kept as it is (a key frame), so that going back costs no more than drawing from the last one; since a key frame is a
 // copy, the same place always looks the same. Work is done in slices, so that the page stays responsive.
@@ -37,7 +36,6 @@
   const thousands = (count) => count.toLocaleString("en");
 
   // ---- drawing ----
-
   function measure() {
     const ratio = Math.min(devicePixelRatio || 1, 3);
     const most = Math.sqrt(MOST_PIXELS / (strokes.width * strokes.height));
@@ -144,7 +142,6 @@
   }
 
   // ---- pointing at strokes ----
-
   function select(k, stay = false) {
     pinned = stay && k >= 0;
     if (k === selected) return;
@@ -196,7 +193,6 @@
   }
 
   // ---- what people do ----
-
   stage.addEventListener("pointermove", (event) => {
     if (event.pointerType !== "touch" && !pinned && !playing && shown === goal) select(under(event));
   });

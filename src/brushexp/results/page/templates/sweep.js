@@ -12,7 +12,6 @@
     parent.appendChild(Object.assign(document.createElement(tag), { textContent }));
 
   // ---- the charts, and what is told beside them ----
-
   let told = null; // row that is told of beside the charts
 
   const tell = (group, found, isFirst) => {
@@ -46,7 +45,6 @@
   on(["along", "up", "of-picture"], "change", drawCharts);
 
   // ---- the filter: all words, and of each setting one of the values that are ticked ----
-
   const filters = [...document.querySelectorAll(".choices")]; // in the order of data.axes
   const ticked = (filter) => [...filter.querySelectorAll("input:checked")].map((input) => Number(input.value));
   const texts = data.rows.map((run) => `run ${run.name} ${run.command} ${run.error}`.toLowerCase());
@@ -76,7 +74,6 @@
   });
 
   // ---- the order: a click on a head, the better end first; what has no value stands last ----
-
   const collator = new Intl.Collator("en", { numeric: true });
   const opposite = { ascending: "descending", descending: "ascending" };
   const valueOf = (row, column) => {
@@ -109,7 +106,6 @@
   for (const one of [narrow, ...document.querySelectorAll("[name=view]")]) one.addEventListener("change", view);
 
   // ---- two side by side ----
-
   let chosen = null; // row that waits for another one
   const choose = (k) => {
     if (chosen !== null && k !== chosen) open(`run ${chosen}`, `run ${k}`);
