@@ -1,0 +1,199 @@
+"""What the plugins of each family must do, but for engines."""
+
+import tempfile
+from functools import partial
+from pathlib import Path
+
+import torch
+
+from brushexp.plugins.density.base import DensificationState
+from brushexp.plugins.logger.base import Run
+from brushexp.plugins.loss.base import PaintedView
+from brushexp.plugins.order.base import front_to_back
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes, check_strokes
+from brushexp.testing import Check, Make
+
+SIZE = (24, 40)  # not square: catches a swap of height and width
+
+
+def some_strokes(
+    n: int,
+    size: tuple[int, int],
+    *,
+    seed: int = 0,
+    bend: float = 0.3,
+    width: tuple[float, float] = (0.02, 0.3),
+    dtype: torch.dtype = torch.float32,
+) -> Strokes:
+    """``n`` strokes on and around a canvas of ``size`` (H, W); ``bend`` is how far controls stray from the middle."""
+    generator = torch.Generator().manual_seed(seed)
+    uniform = partial(torch.rand, generator=generator)
+    start, end = uniform(n, 2) * 2 - 1, uniform(n, 2) * 2 - 1
+    strokes = Strokes(
+        position=(uniform(n, 2) * 1.4 - 0.2) * torch.tensor([size[1], size[0]]),
+        scale=5 + 25 * uniform(n),
+        start=start,
+        control=(start + end) / 2 + bend * torch.randn(n, 2, generator=generator),
+        end=end,
+        width=width[0] + (width[1] - width[0]) * uniform(n),
+        color=uniform(n, 3),
+        opacity=uniform(n),
+    )
+    return strokes.map(lambda value: value.to(dtype))
+
+
+def with_gradients(strokes: Strokes, dtype: torch.dtype = torch.float32) -> Strokes:
+    """Copies that collect gradients."""
+    return strokes.map(lambda value: value.detach().to(dtype).clone().requires_grad_())
+
+
+def makes_as_many_strokes_as_asked_in_range(make: Make) -> None:
+    """Of an initialiser: the number, the ranges of all fields, and that the seed alone decides."""
+    for n in (1, 7, 60):
+        target = torch.rand(3, *SIZE)
+        strokes, again = (make()(target, n, torch.Generator().manual_seed(1)) for _ in range(2))
+        assert len(strokes) == n
+        assert all(value.dtype == torch.float32 for _, value in strokes.items())
+        check_strokes(strokes)
+        assert all(torch.equal(getattr(strokes, field), getattr(again, field)) for field in FIELDS)
+
+
+def is_bounded_and_differentiable_in_every_field(make: Make) -> None:
+    """Of a renderer: alpha is 0 to 1, a gradient reaches every field, and nothing lies beyond a stroke's reach."""
+    strokes = with_gradients(some_strokes(5, SIZE, width=(0.1, 0.3)))
+    layers = make()(strokes)
+    points = torch.rand(1, 400, 2) * torch.tensor([40.0, 24.0])
+    alpha, color = layers.sample(torch.arange(5)[None], points)
+    assert alpha.shape == (1, 5, 400)
+    assert color.shape in ((1, 5, 1, 3), (1, 5, 400, 3))
+    assert alpha.min() >= -1e-6
+    assert alpha.max() <= 1 + 1e-6
+    (alpha[..., None] * color).sum().backward()
+    reached = {field for field, value in strokes.items() if value.grad is not None and value.grad.abs().sum() > 0}
+    assert reached == set(FIELDS)
+    fine = torch.linspace(0, 1, 200)
+    weights = torch.stack([(1 - fine) ** 2, 2 * fine * (1 - fine), fine**2], -1)  # (200, 3)
+    points = torch.rand(500, 2) * 80 - 20
+    distance = torch.cdist(points[None], weights @ layers.curve.detach())  # (5, 500, 200)
+    alpha, _ = layers.sample(torch.arange(5)[None], points[None])
+    beyond = distance.min(-1).values > layers.reach[:, None] + 0.1
+    assert (alpha[0][beyond] == 0).all()
+
+
+def paints_the_size_it_is_told(make: Make) -> None:
+    """Of a blend: size and range of the picture, and an accuracy of each stroke."""
+    layers = Analytic()(some_strokes(9, SIZE))
+    canvas = make()(layers, torch.arange(9), SIZE, torch.ones(3), torch.rand(3, *SIZE))
+    assert canvas.image.shape == (3, *SIZE)
+    assert canvas.image.min() >= 0
+    assert canvas.image.max() <= 1 + 1e-5
+    assert canvas.accuracy.shape == (9,)
+
+
+def gives_every_stroke_a_depth(make: Make) -> None:
+    """Of an order: each depth once, with and without an accuracy of the strokes."""
+    order = make()
+    assert order.every >= 1
+    for accuracy in (None, torch.rand(9)):
+        depth = order.depth(some_strokes(9, SIZE), accuracy)
+        assert sorted(front_to_back(depth).tolist()) == list(range(9))
+
+
+def is_finite_differentiable_and_zero_at_best(make: Make) -> None:
+    """Of a loss: one finite number, for no strokes too, with finite gradients; that of a perfect picture is zero."""
+    loss = make()
+    assert loss.weight > 0
+    image, strokes = torch.rand(3, *SIZE, requires_grad=True), with_gradients(some_strokes(6, SIZE, bend=0.05))
+    value = loss(PaintedView(image, torch.rand(3, *SIZE), strokes))
+    assert value.shape == ()
+    assert value.isfinite()
+    assert value >= 0
+    value.backward()
+    assert all(grad is None or grad.isfinite().all() for grad in [image.grad, *(x.grad for _, x in strokes.items())])
+    if image.grad is not None and image.grad.abs().sum() > 0:
+        assert loss(PaintedView(image.detach(), image.detach(), strokes)) < 1e-8
+    for n in (0, 1):
+        assert loss(PaintedView(image, torch.rand(3, *SIZE), some_strokes(n, SIZE))).isfinite()
+
+
+def revises_what_is_there(make: Make) -> None:
+    """Of a density policy: never more strokes than there may be, of none too, and a state that can be restored."""
+    for n in (0, 1, 40):
+        density, strokes = make(), some_strokes(n, SIZE)
+        assert 1 <= density.first(60, 60) <= 60
+        assert density.first(1, 60) == 1
+        for step in range(1, 61):
+            painted, target = torch.rand(3, *SIZE), torch.rand(3, *SIZE)
+            importance = partial(torch.rand, len(strokes))
+            update = density.revise(DensificationState(painted, target, None, strokes, 60, step, 60, importance))
+            if update is not None:
+                assert update.keep.shape == (len(strokes),)
+                strokes = Strokes.join(strokes[update.keep], update.new)
+                check_strokes(strokes)
+            assert len(strokes) <= 60
+        again = make()
+        again.load_state_dict(density.state_dict())
+        assert again.state_dict() == density.state_dict()
+
+
+def stays_on_the_canvas(make: Make) -> None:
+    """Of a sampler: views within the picture, of strokes that there are, each once."""
+    sampler = make()
+    for step in range(20):
+        view = sampler(some_strokes(9, SIZE), SIZE, step, torch.Generator().manual_seed(step))
+        region = view.region
+        known = [number for number in (view.active, view.ring) if number is not None]
+        assert len(torch.cat([torch.arange(0), *known]).unique()) == sum(map(len, known)) <= 9
+        assert 0 <= region.top <= region.top + region.height <= SIZE[0]
+        assert 0 <= region.left <= region.left + region.width <= SIZE[1]
+        assert min(region.height, region.width) > 0
+
+
+def lowers_a_loss(make: Make) -> None:
+    """Of an optimiser: ten steps at its rates, towards grey strokes."""
+    optimizer = make()
+    catalogue = Catalogue(some_strokes(6, SIZE), optimizer.units)
+    goal = torch.full((6, 3), 0.5)
+    torch_optimizer = optimizer.over(catalogue.parameters())
+
+    def closure() -> torch.Tensor:
+        torch_optimizer.zero_grad()
+        loss = (catalogue().color - goal).square().mean()
+        loss.backward()
+        return loss
+
+    before = float(closure().detach())
+    rates = [group["lr"] for group in torch_optimizer.param_groups]
+    for step in range(10):
+        share = optimizer.share(step / 10)
+        assert 0 <= share <= 1
+        for group, rate in zip(torch_optimizer.param_groups, rates, strict=True):
+            group["lr"] = share * rate
+        torch_optimizer.step(closure)
+    assert float(closure().detach()) < before
+
+
+def writes_into_the_folder_of_the_run(make: Make) -> None:
+    """Of a logger: what it was told is in a file."""
+    with tempfile.TemporaryDirectory() as name:
+        logger = make()
+        curves = logger.open(Run(Path(name)))
+        curves.log_metrics({"loss/mse": 0.5}, step=1)
+        curves.save()
+        logger.finish(Run(Path(name), status="completed", metrics={"psnr": 20.0}))
+        curves.finalize("success")
+        assert any(path.is_file() for path in Path(name).rglob("*"))
+
+
+CHECKS: dict[str, list[Check]] = {
+    "init": [makes_as_many_strokes_as_asked_in_range],
+    "renderer": [is_bounded_and_differentiable_in_every_field],
+    "blend": [paints_the_size_it_is_told],
+    "order": [gives_every_stroke_a_depth],
+    "loss": [is_finite_differentiable_and_zero_at_best],
+    "density": [revises_what_is_there],
+    "sampler": [stays_on_the_canvas],
+    "optimizer": [lowers_a_loss],
+    "logger": [writes_into_the_folder_of_the_run],
+}
