@@ -7,6 +7,7 @@ every fourth of its kills; all twenty of each, in some minutes: ``BRUSHEXP_KILLS
 import csv
 import json
 import os
+import re
 import signal
 from pathlib import Path
 
@@ -112,26 +113,43 @@ def test_a_simulation_that_is_killed_goes_on_to_the_same_bits(folder):
     assert not list((folder / "sim").rglob(TEMPORARY))
 
 
+def statuses(sweep: Path) -> list[str]:
+    """By the table of a sweep."""
+    with (sweep / "table.csv").open(newline="") as file:
+        return [row["status"] for row in csv.DictReader(file)]
+
+
+def written(folder: Path) -> dict[str, int]:
+    """When each file below a folder was written."""
+    return {str(path): path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
+
+
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGKILL, -9)])
-def test_a_sweep_that_is_ended_keeps_the_jobs_that_are_done(tmp_path, sent, code):
-    words = ["-m", *PAINT, "steps=5,7,9", "report=false", "output=s"]
+def test_a_sweep_that_is_ended_keeps_the_jobs_that_are_done_and_goes_on(tmp_path, sent, code):
+    words, sweep = ["-m", "look=plain", *PAINT, "steps=5,7,9", "report=false", "output=s"], tmp_path / "s"
     assert ended(tmp_path, *words, kill=("1/checkpoint.ckpt", 2, True), sent=sent)[0] == code
-    with (tmp_path / "s" / "table.csv").open(newline="") as file:
-        status = [row["status"] for row in csv.DictReader(file)]
-    assert status == ["completed", "interrupted"][: 2 if sent == signal.SIGTERM else 1]
-    assert not (tmp_path / "s" / "2").exists()
-    refused, said = ended(tmp_path, *words)
-    assert refused == 1
-    assert "output=s holds a run already" in said
-    assert "overwrite=true" in said
-    assert ended(tmp_path, "resume=s/1", "output=s/1")[0] == 0
-    assert json.loads((tmp_path / "s" / "1" / "metrics.json").read_text())["steps"] == 7
-    (tmp_path / "s" / "1" / "mine.txt").write_text("kept")
-    code, said = ended(tmp_path, *words, "overwrite=true")
+    assert statuses(sweep) == ["completed", "interrupted"][: 2 if sent == signal.SIGTERM else 1]
+    assert not (sweep / "2").exists()
+    done, whole = written(sweep / "0"), tmp_path / "whole"
+    for more, message in (
+        ([], "output=s holds a run already"),
+        (["resume=sweep", "seed=3"], "job 0 was '.*' and would be '.* seed=3'; type: .* -m .*=5,7,9.* resume=sweep"),
+        (["resume=sweep", "output=whole"], "output=whole holds no sweep"),
+    ):
+        refused, said = ended(tmp_path, *words, *more)
+        assert refused == 1
+        assert re.search(message, said), said
+        assert said.count("\n") == 1, said
+    code, said = ended(tmp_path, *words, "resume=sweep")
     assert code == 0, said
-    assert (tmp_path / "s" / "1" / "mine.txt").read_text() == "kept"
-    with (tmp_path / "s" / "table.csv").open(newline="") as file:
-        assert [row["status"] for row in csv.DictReader(file)] == 3 * ["completed"]
+    assert written(sweep / "0") == done
+    assert statuses(sweep) == 3 * ["completed"]
+    assert [steps_of(sweep / name)[-1] for name in "012"] == [4, 6, 8]
+    assert "resumed" not in (sweep / "2" / "run.log").read_text()
+    assert "resume" not in (sweep / "table.csv").read_text()
+    words[-1] = f"output={whole}"
+    assert ended(tmp_path, *words)[0] == 0
+    assert (sweep / "1" / "painting.png").read_bytes() == (whole / "1" / "painting.png").read_bytes()
 
 
 def test_a_sweep_leaves_no_half_file_wherever_it_is_killed(tmp_path):

@@ -6,7 +6,6 @@ It is here and not in brushexp because Hydra takes sweepers from the namespace p
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper, BasicSweeperConf
@@ -14,16 +13,17 @@ from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.config_store import ConfigStore
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
-from hydra.core.utils import JobReturn, JobStatus
+from hydra.core.utils import JobReturn
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 
 
 @dataclass
 class SettingsSweeperConf(BasicSweeperConf):
-    """Options of ``hydra/sweeper=settings``: those of Hydra's own sweeper, and ``settings``."""
+    """Options of ``hydra/sweeper=settings``: those of Hydra's own sweeper, ``settings``, and ``resume`` to go on."""
 
     _target_: str = "hydra_plugins.brushexp_settings.SettingsSweeper"
     settings: list[str] = field(default_factory=lambda: [""])
+    resume: bool = False
 
 
 ConfigStore.instance().store(group="hydra/sweeper", name="settings", node=SettingsSweeperConf, provider="brushexp")
@@ -36,26 +36,23 @@ class SettingsSweeper(BasicSweeper):
     They stand above those of the command line, which says what all settings have in common. ``params`` stand below it.
     """
 
-    def __init__(self, max_batch_size: int | None, params: dict[str, str] | None, settings: list[str]) -> None:
+    def __init__(
+        self, max_batch_size: int | None, params: dict[str, str] | None, settings: list[str], resume: bool
+    ) -> None:
         super().__init__(max_batch_size, params)
-        self.settings = settings
+        self.settings, self.resume = settings, resume
 
     def setup(self, **options: Any) -> None:
-        """As in Hydra; a batch with failed jobs ends in one line, and each of them has said why."""
+        """As in Hydra; jobs that a sweep has when it goes on are left out, and failed ones are told in one line."""
         super().setup(**options)
         assert self.launcher is not None
         launch = self.launcher.launch
 
         def launch_all(batch: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
-            from brushexp.errors import UserError  # noqa: PLC0415
+            from brushexp.app.sweep_jobs import launch_left  # noqa: PLC0415
 
-            results = launch(batch, initial_job_idx=initial_job_idx)
-            failed = [str(k) for k, one in enumerate(results, initial_job_idx) if one.status is not JobStatus.COMPLETED]
-            if failed:
-                assert self.config is not None
-                table = Path(self.config.hydra.sweep.dir, "table.md")
-                raise UserError(f"{len(failed)} of {len(results)} jobs failed: {', '.join(failed)}; {table} says why")
-            return results
+            assert self.config is not None
+            return launch_left(launch, self.config, batch, initial_job_idx, self.resume)
 
         self.launcher.launch = launch_all  # type: ignore[method-assign, assignment]
 
@@ -63,10 +60,8 @@ class SettingsSweeper(BasicSweeper):
         self, overrides: list[Override], max_batch_size: int | None
     ) -> list[list[list[str]]]:
         """The overrides of every job, in batches, each checked before anything of the sweep is written."""
-        from brushexp.app.command_line import written_out  # noqa: PLC0415
-        from brushexp.app.composition import check  # noqa: PLC0415  (Hydra imports this file for any program)
-        from brushexp.app.run_folder import take  # noqa: PLC0415
-        from brushexp.errors import UserError  # noqa: PLC0415
+        from brushexp.app.command_line import written_out  # noqa: PLC0415  (Hydra imports this file for any program)
+        from brushexp.app.sweep_jobs import begin_sweep, check_jobs  # noqa: PLC0415
 
         assert self.hydra_context is not None
         assert self.config is not None
@@ -76,12 +71,8 @@ class SettingsSweeper(BasicSweeper):
         for setting in self.settings:
             own = parser.parse_overrides([written_out(word, sweep=True) for word in shlex.split(setting)])
             jobs += BasicSweeper.split_arguments([*overrides, *own], None)[0]
-        for number, job in enumerate(jobs):
-            try:
-                check(loader.load_sweep_config(self.config, job), job)
-            except UserError as error:
-                raise UserError(f"job {number} of the sweep ({' '.join(job)}): {error}") from error
-        take(Path(self.config.hydra.sweep.dir), self.config)
+        check_jobs(loader, self.config, jobs)
+        begin_sweep(self.config, jobs, self.resume)
         return [list(batch) for batch in self.split_overrides_to_chunks(jobs, max_batch_size)]
 
     def validate_batch_is_legal(self, batch: Sequence[Sequence[str]]) -> None:

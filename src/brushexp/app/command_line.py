@@ -30,6 +30,7 @@ from brushexp.pictures.load import samples
 from brushexp.registry import MULTI_SELECT, load_plugins, plugins
 from brushexp.system.runtime import end_on_signals, interrupted_code
 
+RESUME_SWEEP = "resume=sweep"
 CATALOGUES = (".h5", ".json")
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".gif")
 RESULTS = ("metrics.json", "report.html", "multirun.yaml")  # what a folder of a run or sweep has one of
@@ -54,7 +55,8 @@ def asks_for_help(arguments: Sequence[str]) -> bool:
 def in_full(arguments: list[str]) -> list[str]:
     """The command line with its short forms written out, and its texts as Hydra takes them.
 
-    A word alone is a task or a picture: ``train``, ``photo.jpg``, ``photos/``.
+    A word alone is a task or a picture: ``train``, ``photo.jpg``, ``photos/``. ``resume=sweep`` is an option
+    of the sweeper.
     ``style=painting.jpg`` is ``style.image=painting.jpg``; ``light=315,45`` is an azimuth and an elevation; and keys
     that take several values do without brackets: ``to=svg,json``, ``logger=csv,wandb``, ``ratios=0,0.5``. In a sweep
     commas separate the values of jobs, so ``data=a,b`` are two jobs with one data set each. A UserError says which word
@@ -75,6 +77,8 @@ def in_full(arguments: list[str]) -> list[str]:
 
 def written_out(word: str, sweep: bool) -> str:
     """One word of `in_full`; in a ``sweep`` commas separate the values of jobs."""
+    if word == RESUME_SWEEP:
+        return "hydra.sweeper.resume=true"
     full = re.sub(r"^(\+{0,2}|~)style=(?!\{)", r"\1style.image=", meant(word))
     if lamp := re.fullmatch(r"light=\[?([^\[\]{]*)\]?", full):
         angles = lamp[1].split(",")

@@ -121,13 +121,13 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
     """
     path = folder / CHECKPOINT
     chosen = {override.lstrip("+~").partition("=")[0]: override for override in HydraConfig.get().overrides.task}
-    for key, override in chosen.items():
-        if key not in (*OVERRIDABLE, "task"):
-            raise UserError(f"resume continues a run with its own settings; drop {override}")
     try:
         record = read_pickled(path, "start anew")[RECORD]
         kept = plain_config(record["settings"])
         words = [str(word) for word in check_plain(record["words"])]
+        for key, override in chosen.items():
+            if key not in (*OVERRIDABLE, "task") and override not in words:
+                raise UserError(f"a run goes on with its own settings; drop {override}")
         paths = {key: (Path(name), digest) for key, (name, digest) in check_plain(record["files"]).items()}
         if not paths.keys() <= {key for key, value in leaves(record["settings"]) if isinstance(value, str)}:
             raise UserError(f"{path} names files that its settings do not name; start anew")
@@ -139,7 +139,8 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
                 raise UserError(f"{key}={file} is not the file that the run began with; put it back")
             if file.suffix:  # else it may be a name that means something else
                 OmegaConf.update(kept, key, str(file))  # this folder may be another
-        kept.merge_with({"output": cfg.output} | {key: cfg[key] for key in OVERRIDABLE if key in chosen})
+        kept.merge_with({key: cfg[key] for key in OVERRIDABLE if key in chosen})
+        kept.merge_with({"output": cfg.output, "resume": str(folder)})
         check(kept)
     except UserError as error:
         raise UserError(f"resume={folder}: {error}") from error

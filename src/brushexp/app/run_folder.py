@@ -1,12 +1,11 @@
 """The folder of a run: one run in it at a time, and none over what another has left there."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
 from hydra.experimental.callback import Callback
-from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -25,48 +24,46 @@ BELOW = (  # and below them
     *("tensorboard/*tfevents*", "tensorboard/hparams.yaml"),
     *("ratio_*/*.png", "ratio_*/*/epoch_*.png", "ratio_*/*/*.csv"),
 )
+OF_THIS_RUN = ("run.log", "config.yaml", "hydra.yaml", "overrides.yaml")  # that Hydra has begun before the task does
 WORTH = ("checkpoint.ckpt", "metrics.json", "result.json")  # with one of them a run can go on, or has a result
 OTHERS = ".hydra/others.txt"  # names of files that look like ours and were there before the first run
 _held: list[Any] = []  # locks, until this process ends
 
 
 class RunFolder(Callback):
-    """Hydra callback that takes a folder before anything is written into it; `SettingsSweeper` does it for a sweep."""
+    """Hydra callback that takes a folder before anything is written into it; `begin_sweep` does it for a sweep."""
 
     def on_run_start(self, config: DictConfig, **_: Any) -> None:
         try:
+            if config.hydra.sweeper.get("resume"):
+                raise UserError("resume=sweep is for a sweep; type all that it was begun with, also -m")
             check(config, list(config.hydra.overrides.task))
             take(Path(config.hydra.run.dir), config)
         except (UserError, OmegaConfBaseException, OSError) as error:  # of which Hydra would make warnings
             raise SystemExit(f"brushexp: {' '.join(str(error).split())}") from error
 
-    def on_job_start(self, config: DictConfig, **_: Any) -> None:
-        if config.hydra.mode is RunMode.MULTIRUN:
-            lock(Path(config.hydra.runtime.output_dir))
 
-
-def take(folder: Path, cfg: DictConfig) -> None:
+def take(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
     """Keep other processes away from a folder until this one ends, and remove what a run has left that came to nothing.
 
-    A UserError if another run is at work there, or the folder holds one that has finished or can go on, and ``cfg``
-    neither continues it (``resume``; a set of strokes goes on by itself) nor replaces it (``overwrite``).
+    A UserError if another run is at work there, or the folder holds one that has finished or can go on, and this one
+    neither ``goes_on`` with it (as with the key ``resume``; a set of strokes goes on by itself) nor replaces it
+    (``overwrite``).
     """
-    from brushexp.system.files import TEMPORARY  # noqa: PLC0415  (torch; --help should not wait for it)
-
     is_new = not (folder / ".hydra").is_dir() and not (folder / "multirun.yaml").is_file()
     lock(folder)
-    for path in [*folder.glob(TEMPORARY), *folder.glob(f"*/{TEMPORARY}")]:
-        path.unlink(missing_ok=True)
     if is_new:
-        (folder / OTHERS).write_text("\n".join(path.name for path in left_in(folder)), encoding="utf-8")
+        note_others(folder)
         return
     resumed = cfg.get("resume")
-    continues = resumed is not None and Path(resumed).resolve() == folder.resolve()
-    if continues or (cfg.task == "simulate" and cfg.path is None and (folder / "strokes").is_dir()):
+    goes_on = goes_on or (resumed is not None and Path(resumed).resolve() == folder.resolve())
+    if goes_on or grows(folder, cfg):
         return
     worth = next((path for path in left_in(folder) if path.name in WORTH), None)
     if worth and not cfg.overwrite:
         can_go_on = f"continue it with resume={folder}, or " if worth == folder / "checkpoint.ckpt" else ""
+        if (folder / "multirun.yaml").is_file():
+            can_go_on = "type the same and resume=sweep to continue a sweep, or "
         raise UserError(
             f"output={folder} holds a run already ({worth.relative_to(folder)}); {can_go_on}choose another folder, "
             "or replace the run with overwrite=true"
@@ -74,9 +71,41 @@ def take(folder: Path, cfg: DictConfig) -> None:
     clear(folder, cfg)
 
 
+def take_job(folder: Path, cfg: DictConfig) -> None:
+    """Do what `take` does, for a job of a sweep, in the process that runs it.
+
+    A job that was here before, killed or sent away by a cluster, goes on from its checkpoint (``cfg.resume`` is set) or
+    starts anew: one that has finished is never sent here again.
+    """
+    is_new = not (folder / OTHERS).exists()
+    lock(folder)
+    if is_new:
+        note_others(folder)
+    elif "resume" in cfg and (folder / "checkpoint.ckpt").is_file():
+        cfg.resume = str(folder)
+    elif not grows(folder, cfg):
+        clear(folder, cfg, OF_THIS_RUN)
+
+
+def note_others(folder: Path) -> None:
+    """Remember which files were there before the first run, though their names are like ours."""
+    names = [path.name for path in left_in(folder) if path.name not in OF_THIS_RUN]
+    (folder / OTHERS).write_text("\n".join(names), encoding="utf-8")
+
+
+def grows(folder: Path, cfg: DictConfig) -> bool:
+    """Whether a folder holds a set of strokes to which this run adds."""
+    return cfg.task == "simulate" and cfg.path is None and (folder / "strokes").is_dir()
+
+
 def lock(folder: Path) -> None:
-    """Keep other processes out of a folder until this one ends, or is killed; UserError if one is there."""
+    """Keep other processes out of a folder until this one ends, or is killed; UserError if one is there.
+
+    Files that a killed one was writing are removed.
+    """
     from filelock import FileLock, Timeout  # noqa: PLC0415
+
+    from brushexp.system.files import TEMPORARY  # noqa: PLC0415  (torch; --help should not wait for it)
 
     try:
         (folder / ".hydra").mkdir(parents=True, exist_ok=True)
@@ -86,6 +115,14 @@ def lock(folder: Path) -> None:
         raise UserError(f"another run is at work in output={folder}; wait for its end, or choose another one") from None
     except OSError as error:
         raise UserError(f"cannot write into output={folder}: {error.strerror}; choose another folder") from error
+    for path in [*folder.glob(TEMPORARY), *folder.glob(f"*/{TEMPORARY}")]:
+        path.unlink(missing_ok=True)
+
+
+def check_free(folder: Path) -> None:
+    """Refuse (UserError) a folder in which another process is at work."""
+    lock(folder)
+    _held.pop().release()
 
 
 def left_in(folder: Path) -> Iterator[Path]:
@@ -102,9 +139,9 @@ def left_in(folder: Path) -> Iterator[Path]:
         yield from folder.glob(pattern)
 
 
-def clear(folder: Path, cfg: DictConfig) -> None:
-    """Remove what runs have left in a folder; refuse (UserError) if this one reads some of it."""
-    files = [path.resolve() for path in left_in(folder)]
+def clear(folder: Path, cfg: DictConfig, besides: Collection[str] = ()) -> None:
+    """Remove what runs have left in a folder, ``besides`` these; refuse (UserError) if this one reads some of it."""
+    files = [path.resolve() for path in left_in(folder) if path.name not in besides]
     read = {*files, *(path.parent for path in files)}
     for key, value in leaves(OmegaConf.to_container(cfg)):
         is_path = isinstance(value, str) and ("." in value or key.partition(".")[0] in ("catalogue", "data", "runs"))

@@ -16,6 +16,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from brushexp.app.composition import check
+from brushexp.app.run_folder import take_job
 from brushexp.errors import UserError
 from brushexp.plugin_errors import plugins_named
 from brushexp.registry import plugins
@@ -40,6 +41,7 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
     try:
         if hydra.mode is RunMode.MULTIRUN:  # of another sweeper than ours; of a single run `RunFolder` has done it
             check(cfg, list(hydra.overrides.task))
+            take_job(Path(hydra.runtime.output_dir).resolve(), cfg)
         with hidden("scipy", "matplotlib"):
             task = importlib.import_module(f"brushexp.app.tasks.{cfg.task}")
         logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware on every run
@@ -55,6 +57,7 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
     except KeyboardInterrupt as error:
         if hydra.mode is RunMode.MULTIRUN:  # Hydra tells its callbacks nothing
             note_result(Path(hydra.runtime.output_dir), cfg, hydra.overrides.task, error)
+            log.warning("to go on with this sweep, type the same and: output=%s resume=sweep", hydra.sweep.dir)
         raise
     if hydra.mode is RunMode.MULTIRUN and was_signalled():  # in its last step: this job is done, and the sweep ends
         note_result(Path(hydra.runtime.output_dir), cfg, hydra.overrides.task, result)

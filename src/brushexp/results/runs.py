@@ -69,6 +69,12 @@ def _result_in(folder: Path) -> Result:
     return result
 
 
+def has_finished(folder: Path) -> bool:
+    """Whether a run has come to its end, and left all that it leaves."""
+    is_whole = (folder / "metrics.json").is_file() and not (folder / "checkpoint.ckpt").exists()
+    return is_whole and _result_in(folder)["status"] not in UNFINISHED
+
+
 def frame_of(folder: Path, results: Mapping[str, Result]) -> DataFrame:
     """The data frame (see the top of this module) of what runs have noted, by name; each lies in ``folder / name``."""
     import pandas as pd  # noqa: PLC0415

@@ -1,0 +1,111 @@
+"""The jobs of a sweep: checked before the first starts, noted in its folder, and left out when it goes on and has them.
+
+What sweepers of Hydra (``src/hydra_plugins``) share.
+"""
+
+import logging
+import shlex
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from hydra.core.utils import JobReturn, JobStatus
+from omegaconf import DictConfig
+
+from brushexp.app.composition import check
+from brushexp.app.run_folder import check_free, take
+from brushexp.errors import UserError
+
+JOBS = ".hydra/jobs.json"  # in the folder of a sweep: what was typed, and the words of each job
+ANY_TIME = ("output", "overwrite")  # keys that may be others when a sweep goes on
+SUBFOLDER = "hydra.sweep.subdir="  # of the sweep's folder, where a job is
+Words = Sequence[str]
+
+log = logging.getLogger(__name__)
+
+
+def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words]) -> None:
+    """Refuse (UserError) a sweep of which one job would be refused."""
+    for number, job in enumerate(jobs):
+        try:
+            check(loader.load_sweep_config(config, list(job)), job)
+        except UserError as error:
+            raise UserError(f"job {number} of the sweep ({' '.join(job)}): {error}") from error
+
+
+def begin_sweep(config: DictConfig, jobs: Sequence[Words], goes_on: bool) -> None:
+    """Take the folder of a sweep and note its jobs there; one that ``goes_on`` must have noted the same (UserError)."""
+    from brushexp.system.files import write_json  # noqa: PLC0415  (torch; --help should not wait for it)
+
+    folder = Path(config.hydra.sweep.dir)
+    noted = {"typed": command_words(config), "jobs": [kept(job) for job in jobs]}
+    if goes_on:
+        check_same(folder, noted["jobs"])
+    take(folder, config, goes_on)
+    write_json(folder / JOBS, noted)
+
+
+def command_words(config: DictConfig) -> list[str]:
+    """The command line of a sweep without its folder."""
+    words = [*config.hydra.overrides.hydra, *config.hydra.overrides.task]
+    return [word for word in kept(words) if word not in ("hydra.mode=MULTIRUN", "hydra.sweeper.resume=true")]
+
+
+def kept(words: Words) -> list[str]:
+    """The words by which a job is recognised."""
+    return [word for word in words if word.partition("=")[0] not in ANY_TIME]
+
+
+def check_same(folder: Path, jobs: Sequence[Words]) -> None:
+    """Refuse (UserError) to go on with a folder that is not of a sweep with just these jobs."""
+    from brushexp.system.reading import json_of, read_text  # noqa: PLC0415
+
+    try:
+        noted = json_of(read_text(folder / JOBS, ""))
+        before, words = [list(map(str, job)) for job in noted["jobs"]], list(map(str, noted["typed"]))
+    except (UserError, KeyError, TypeError, ValueError) as error:
+        raise UserError(f"resume=sweep: output={folder} holds no sweep; give the folder of one") from error
+    number = next((k for k in range(max(len(jobs), len(before))) if list(jobs[k : k + 1]) != before[k : k + 1]), None)
+    if number is not None:
+        was, now = (" ".join(some[number]) if number < len(some) else "not there" for some in (before, jobs))
+        command = shlex.join(["brushexp", "-m", *words, f"output={folder}", "resume=sweep"])
+        raise UserError(
+            f"resume=sweep goes on with the same settings, but job {number} was '{was}' and would be '{now}'; "
+            f"type: {command}, or choose another folder"
+        )
+
+
+def launch_left(
+    launch: Callable[..., Sequence[JobReturn]], config: DictConfig, batch: Sequence[Words], first: int, goes_on: bool
+) -> Sequence[JobReturn]:
+    """Launch the jobs of a batch, of which the ``first`` has this number; if it ``goes_on``, those that are left.
+
+    Failed ones are one UserError, after all of them have ended, and each has said why.
+    """
+    folder = Path(config.hydra.sweep.dir)
+    left = {number: list(job) for number, job in enumerate(batch, first)}
+    if goes_on:
+        left = {number: in_place(job, number) for number, job in left.items()}  # which no longer follow one another
+        left = {number: job for number, job in left.items() if not is_done(folder / job[-1].removeprefix(SUBFOLDER))}
+        log.info("%d of %d jobs have finished already", len(batch) - len(left), len(batch))
+    results = launch(list(left.values()), initial_job_idx=min(left)) if left else []
+    failed = [str(k) for k, one in zip(left, results, strict=True) if one.status is not JobStatus.COMPLETED]
+    if failed:
+        which, table = ", ".join(failed), folder / "table.md"
+        raise UserError(f"{len(failed)} of {len(batch)} jobs failed: {which}; {table} says why")
+    return results
+
+
+def in_place(job: Words, number: int) -> list[str]:
+    """The words of a job with the one that names its folder at the end: its number if it has none."""
+    named = [word for word in job if word.startswith(SUBFOLDER)] or [f"{SUBFOLDER}{number}"]
+    return [*(word for word in job if not word.startswith(SUBFOLDER)), named[-1]]
+
+
+def is_done(folder: Path) -> bool:
+    """Whether the job of this folder needs not be launched; UserError if it is at work."""
+    from brushexp.results.runs import has_finished  # noqa: PLC0415
+
+    if (folder / ".hydra").is_dir():
+        check_free(folder)
+    return has_finished(folder)
