@@ -29,6 +29,7 @@ from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Strokes
+from brushexp.system.files import write_picture
 
 SIZE = (53, 78)
 LOSSES = {"mse": MeanSquaredError, "l1": MeanAbsoluteError, "ssim": StructuralSimilarity, "lpips": Lpips}
@@ -276,11 +277,11 @@ def test_the_focused_psnr_weighs_the_errors_of_the_saved_pictures():
 
 def test_the_keys_make_weights_and_leave_the_map(config, run_task, tmp_path):
     target = load_picture("coffee", 64)
-    assert focus_of(config(), target, tmp_path) is None
-    assert not (tmp_path / "focus.png").exists()
-    weights = focus_of(config("focus=auto", "focus_strength=4"), target, tmp_path)
-    assert weights.shape == target.shape[1:]
-    again = focus_of(config(f"focus={tmp_path / 'focus.png'}", "focus_strength=4"), target, tmp_path)
+    assert focus_of(config(), target) == (None, None)
+    weights, attended = focus_of(config("focus=auto", "focus_strength=4"), target)
+    assert weights.shape == attended.shape == target.shape[1:]
+    write_picture(tmp_path / "mask.png", attended.expand(3, -1, -1))
+    again, _ = focus_of(config(f"focus={tmp_path / 'mask.png'}", "focus_strength=4"), target)
     assert_close(again, weights, rtol=0, atol=0.01)
     chosen = ["image=chelsea", "resolution=48", "steps=3", "frames=0", "report=false", "device=cpu", "focus=auto"]
     assert run_task(paint, *chosen)["psnr_focus"] > 5

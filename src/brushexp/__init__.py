@@ -1,6 +1,32 @@
 """Paint pictures out of brush strokes by gradient descent, and study how well that works."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from brushexp.system.runtime import keep_memory, let_threads_sleep
+
+if TYPE_CHECKING:
+    from brushexp.api.iteration import State, iterate
+    from brushexp.api.painting import Painting, paint
+    from brushexp.errors import UserError
+
+__all__ = ["Painting", "State", "UserError", "iterate", "paint"]
+HOMES = {  # modules are loaded when one of these names is used: torch takes seconds
+    "brushexp.api.iteration": ("State", "iterate"),
+    "brushexp.api.painting": ("Painting", "paint"),
+    "brushexp.errors": ("UserError",),
+}
 
 let_threads_sleep()
 keep_memory()
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in HOMES.items():
+        if name in names:
+            return getattr(import_module(module), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__

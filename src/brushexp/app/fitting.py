@@ -2,6 +2,7 @@
 
 import logging
 import os
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from brushexp.app.composition import check, leaves
 from brushexp.app.keys import typed
+from brushexp.app.run_folder import note_words
 from brushexp.app.schema import TASKS
 from brushexp.errors import UserError
 from brushexp.plugin_errors import SAID_ALREADY, mistake_of
@@ -21,7 +23,6 @@ from brushexp.registry import build, plain_config, plugins
 from brushexp.results.runs import words_of
 from brushexp.results.sweep import first_line
 from brushexp.system.callbacks import DIVERGED, FAILED, INTERRUPTED, ProgressBar, TimedCheckpoint
-from brushexp.system.files import write_text
 from brushexp.system.reading import check_plain, digest_of, in_short, read_pickled
 
 log = logging.getLogger(__name__)
@@ -34,18 +35,22 @@ OVERRIDABLE = ("output", "overwrite", "resume", "device", "threads", "checkpoint
 def trainer_of(
     cfg: DictConfig,
     device: torch.device,
-    folder: Path,
+    folder: Path | None,
     loggers: Sequence[Logger],
     callbacks: Sequence[L.Callback] = (),
     **options: Any,
 ) -> L.Trainer:
-    """A Trainer with a progress bar, checkpoints by time and a clean end at Ctrl-C.
+    """A Trainer with a progress bar and a clean end at Ctrl-C; where there is a ``folder``, with checkpoints by time.
 
     Of ``cfg`` it reads ``trainer`` (options of Lightning's Trainer, which win over ``options``; a UserError says which
-    it does not take), ``callbacks`` (beside those given) and ``checkpoint_every``.
+    it does not take), ``checkpoint_every`` and, if there is a folder that they may write into, ``callbacks`` (beside
+    those given).
     """
-    chosen = [build(node).open(folder) for node in cfg.callbacks.values()]
-    checkpoint = TimedCheckpoint(folder / CHECKPOINT, cfg.checkpoint_every)
+    chosen = [build(node).open(folder) for node in cfg.callbacks.values()] if folder else []
+    warnings.filterwarnings("ignore", ".*in eval mode at the start of training")  # networks are frozen on purpose
+    warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)  # Lightning calls a name that torch deprecates
+    record = RunRecord(cfg, folder)
+    checkpoint = TimedCheckpoint(None if folder is None else folder / CHECKPOINT, cfg.get("checkpoint_every"))
     cuda = device.type == "cuda"
     try:
         return L.Trainer(
@@ -53,7 +58,7 @@ def trainer_of(
             devices=[device.index or 0] if cuda else 1,
             default_root_dir=folder,
             logger=list(loggers),
-            callbacks=[*callbacks, *chosen, RunRecord(cfg, folder), ProgressBar(), checkpoint],
+            callbacks=[*callbacks, *chosen, record, ProgressBar(), checkpoint],
             **options | {str(key): value for key, value in cfg.trainer.items() if value is not None},
         )
     except Exception as error:  # a checkpoint's options may be anything
@@ -82,28 +87,30 @@ def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | No
     return None
 
 
-def conclude(module: Any, folder: Path, cfg: DictConfig, failure: BaseException | None, steps: int) -> None:
-    """End a fit of which all that it leaves is on disk; now its checkpoint goes, if the fit has come to its end.
+def conclude(module: Any, folder: Path | None, cfg: DictConfig, failure: BaseException | None, steps: int) -> None:
+    """End a fit of which all that it leaves is on disk, if anything; now its checkpoint goes, if it came to its end.
 
     Raises KeyboardInterrupt if it was interrupted, a UserError if it diverged, or the ``failure``.
     """
     if module.stop == INTERRUPTED:
-        resume = f"brushexp {'' if cfg.task == 'paint' else f'task={cfg.task} '}resume={folder}"
-        log.warning("interrupted at step %d; continue with: %s", steps, resume)
+        if folder is not None:
+            resume = f"brushexp {'' if cfg.task == 'paint' else f'task={cfg.task} '}resume={folder}"
+            log.warning("interrupted at step %d; continue with: %s", steps, resume)
         raise KeyboardInterrupt
     if failure is not None:
         raise failure
     if module.stop == DIVERGED:
-        raise UserError(f"{module.trouble}; {folder} has what was there before it; lower the rate, or choose others")
-    (folder / CHECKPOINT).unlink(missing_ok=True)
+        kept = "" if folder is None else f"{folder} has what was there before it; "
+        raise UserError(f"{module.trouble}; {kept}lower the rate, or choose others")
+    if folder is not None:
+        (folder / CHECKPOINT).unlink(missing_ok=True)
 
 
 class RunRecord(L.Callback):
     """Puts the settings of a run into its checkpoints, and the digests of the files that they name."""
 
-    def __init__(self, cfg: DictConfig, folder: Path) -> None:
-        settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)
-        self.record = {"settings": settings, "files": digests(settings), "words": words_of(folder) or []}
+    def __init__(self, cfg: DictConfig, folder: Path | None) -> None:
+        self.record = {} if folder is None else record_of(cfg, folder)  # without a folder there are no checkpoints
         self.begun = False
 
     def on_train_batch_end(self, *_: object) -> None:
@@ -149,10 +156,14 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
         raise UserError(f"resume={folder}: {path} is no checkpoint of this program ({reason}); start anew") from error
     if kept.threads:  # the command line of this run need not say so, and networks round otherwise on others
         torch.set_num_threads(kept.threads)
-    into = Path(HydraConfig.get().runtime.output_dir) / ".hydra"  # of the whole run, and not of what continues it
-    write_text(into / "config.yaml", OmegaConf.to_yaml(kept))
-    write_text(into / "overrides.yaml", OmegaConf.to_yaml(OmegaConf.create(words)))
+    note_words(Path(HydraConfig.get().runtime.output_dir), kept, words)  # of the whole run, not of what continues it
     return path, kept
+
+
+def record_of(cfg: DictConfig, folder: Path) -> dict[str, Any]:
+    """What a checkpoint tells of its run: its settings, files that they name, and the words that were typed."""
+    settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)
+    return {"settings": settings, "files": digests(settings), "words": words_of(folder) or []}
 
 
 def digests(settings: Any) -> dict[str, tuple[str, str]]:

@@ -1,7 +1,7 @@
 """The folder of a run: one run in it at a time, and none over what another has left there."""
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +96,23 @@ def note_others(folder: Path) -> None:
 def grows(folder: Path, cfg: DictConfig) -> bool:
     """Whether a folder holds a set of strokes to which this run adds."""
     return cfg.task == "simulate" and cfg.path is None and (folder / "strokes").is_dir()
+
+
+def note_words(folder: Path, cfg: DictConfig, words: Sequence[str]) -> None:
+    """Leave config and overrides of a run in its folder, as Hydra does."""
+    from brushexp.system.files import write_text  # noqa: PLC0415
+
+    (folder / ".hydra").mkdir(parents=True, exist_ok=True)
+    write_text(folder / ".hydra" / "config.yaml", OmegaConf.to_yaml(cfg))
+    write_text(folder / ".hydra" / "overrides.yaml", OmegaConf.to_yaml(OmegaConf.create([*words])))
+
+
+def release(folder: Path) -> None:
+    """Let others into a folder before this process ends."""
+    mine = [lock for lock in _held if Path(lock.lock_file).parents[1] == folder]
+    for found in mine:
+        found.release()
+        _held.remove(found)
 
 
 def lock(folder: Path) -> None:

@@ -5,7 +5,8 @@ import importlib
 import logging
 import os
 import time
-import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
@@ -37,7 +38,6 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
     if hydra.mode is RunMode.MULTIRUN:
         start = time.monotonic()  # each job counts from its own start
         forget_peak_memory()
-    warnings.filterwarnings("ignore", ".*in eval mode at the start of training")  # networks are frozen on purpose
     try:
         if hydra.mode is RunMode.MULTIRUN:  # of another sweeper than ours; of a single run `RunFolder` has done it
             check(cfg, list(hydra.overrides.task))
@@ -66,18 +66,22 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
 
 
 def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Run a task in its folder, and write its numbers as ``metrics.json``, unless it has done that itself.
-
-    What a user can mend is a UserError: no memory, a full disk, or a plugin.
-    """
-    try:
-        with plugins_named(plugins()):
-            result: dict[str, object] = task.run(cfg, folder, start)
+    """Run a task in its folder, and write its numbers as ``metrics.json``, unless it has done that itself."""
+    with explaining_to_users(cfg):
+        result: dict[str, object] = task.run(cfg, folder, start)
         if "status" not in result:
             spent = {"seconds_total": time.monotonic() - start, "peak_memory_mb": peak_memory()}
             result |= {**spent, "status": "completed"}
             write_json(folder / "metrics.json", result)
         return result
+
+
+@contextmanager
+def explaining_to_users(cfg: DictConfig) -> Iterator[None]:
+    """Make what a user can mend a UserError: no memory, a full disk, or a plugin."""
+    try:
+        with plugins_named(plugins()):
+            yield
     except BaseException as error:
         if (reason := in_users_words(error, cfg)) is error:
             raise

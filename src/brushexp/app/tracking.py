@@ -96,10 +96,10 @@ class Trackers(LightningLogger):
 def trackers_of(cfg: DictConfig, folder: Path) -> Trackers:
     """Those that a config chooses, not yet opened, for a run in ``folder`` or a part of it that has its own curves."""
     settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)
+    folder = folder.resolve()
     run = Run(folder, name=folder.name, settings=settings)
-    if HydraConfig.initialized():
-        hydra = HydraConfig.get()
-        whole = Path(hydra.runtime.output_dir)
+    hydra = HydraConfig.get() if HydraConfig.initialized() else None
+    if hydra is not None and folder.is_relative_to(whole := Path(hydra.runtime.output_dir).resolve()):  # of this run
         words = (word.lstrip("+~").partition("=") for word in hydra.overrides.task)
         run = replace(
             run,

@@ -24,7 +24,6 @@ from brushexp.registry import build, build_named, plugin_of
 from brushexp.strokes.brushwork import load_brushwork, with_brushwork
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import load_catalogue
-from brushexp.system.files import write_picture
 from brushexp.system.runtime import check_memory
 
 log = logging.getLogger(__name__)
@@ -63,23 +62,20 @@ def check_losses(cfg: DictConfig) -> None:
         raise UserError("loss=brushwork has nothing to compare with; set loss.brushwork.catalogue=catalogue.h5")
 
 
-def in_colors(target: Tensor, parts: Components, folder: Path) -> Tensor:
-    """The target in the colours of the style picture, or as it is if the style takes its colours; writes style.png."""
+def in_colors(target: Tensor, parts: Components) -> tuple[Tensor, Tensor]:
+    """The target in the colours of the style picture, or as it is if the style takes its colours; and that picture."""
     style = parts.losses[STYLE]
     assert isinstance(style, Style)
     picture = style.picture(target)
-    write_picture(folder / "style.png", picture)
-    return target if style.colors == "content" else recolored(target, like=picture)
+    return (target if style.colors == "content" else recolored(target, like=picture)), picture
 
 
-def focus_of(cfg: DictConfig, target: Tensor, folder: Path) -> Tensor | None:
-    """How much each pixel (H, W) of the target counts, of mean 1, if ``focus`` is set; writes focus.png."""
+def focus_of(cfg: DictConfig, target: Tensor) -> tuple[Tensor | None, Tensor | None]:
+    """How much each pixel (H, W) of the target counts, of mean 1, if ``focus`` is set; and what that was made from."""
     if cfg.focus is None:
-        return None
+        return None, None
     attended = focus_map(cfg.focus, target)
-    weights = focus_weights(attended, cfg.focus_strength)
-    write_picture(folder / "focus.png", attended.expand(3, -1, -1))
-    return weights
+    return focus_weights(attended, cfg.focus_strength), attended
 
 
 def stages_of(cfg: DictConfig) -> list[Stage]:

@@ -126,15 +126,20 @@ def _read(path: Path, backdrop: float) -> np.ndarray:
     with _opened(path) as picture:
         if picture is None or _needs_tifffile(picture):
             return _read_tiff(path, backdrop)
-        if picture.mode == "F" or picture.mode.startswith("I"):
-            samples, key = np.asarray(picture)[..., None], picture.info.get("transparency")
-            alpha = None if key is None else (samples != key).astype(np.float32)
-            bits = max(picture.tag_v2.get(BITS, (16,))) if isinstance(picture, TiffImageFile) else 16
-            rgb = _float_to_srgb(_unit_range(samples, bits), alpha, picture.info.get("icc_profile"), backdrop)
-        else:
-            rgb = _bytes_to_srgb(picture, backdrop)
-        # Pillow turns a TIFF itself as it loads, and nothing else.
-        return rgb if isinstance(picture, TiffImageFile) else _upright(rgb, _orientation(picture))
+        return unpacked(picture, backdrop)
+
+
+def unpacked(picture: Image.Image, backdrop: float = 1.0) -> np.ndarray:
+    """An image of Pillow as `read_picture` gives it; whatever its decoder raises."""
+    if picture.mode == "F" or picture.mode.startswith("I"):
+        samples, key = np.asarray(picture)[..., None], picture.info.get("transparency")
+        alpha = None if key is None else (samples != key).astype(np.float32)
+        bits = max(picture.tag_v2.get(BITS, (16,))) if isinstance(picture, TiffImageFile) else 16
+        rgb = _float_to_srgb(_unit_range(samples, bits), alpha, picture.info.get("icc_profile"), backdrop)
+    else:
+        rgb = _bytes_to_srgb(picture, backdrop)
+    # Pillow turns a TIFF itself as it loads, and nothing else.
+    return rgb if isinstance(picture, TiffImageFile) else _upright(rgb, _orientation(picture))
 
 
 def _check_size(width: int, height: int) -> None:

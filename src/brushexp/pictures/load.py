@@ -15,6 +15,7 @@ from torch import Tensor
 from brushexp.bounds import Rule
 from brushexp.errors import UserError
 from brushexp.pictures.decode import MAX_PIXELS, picture_size, read_picture
+from brushexp.pictures.held import pixels_of
 
 BRIGHTNESS = (0.299, 0.587, 0.114)  # of red, green and blue, Rec. 601
 SAMPLE_SUFFIXES = (".png", ".jpg")  # the GIF and TIFF files beside the samples are test data
@@ -23,11 +24,12 @@ SAMPLE_SUFFIXES = (".png", ".jpg")  # the GIF and TIFF files beside the samples 
 def load_picture(image: str, resolution: int | None, key: str = "image") -> Tensor:
     """Read a picture, upright, over white, and resample it: (3, H, W) float32, contiguous, sRGB in [0, 1].
 
-    ``image`` is the path of a file, or one of ``samples()``; a file wins over a sample of its name. ``resolution`` is
-    the longer side in pixels, None that of the file; ``key`` is what the user types before the path, for messages.
+    ``image`` is the path of a file, one of ``samples()``, or the name of a `HeldPicture`; a file wins over a sample of
+    its name. ``resolution`` is the longer side in pixels, None that of the file; ``key`` is what the user types before
+    the path, for messages.
     UserError if there is no such picture, it cannot be read, or it or the result has more than 100 megapixels.
     """
-    picture = read_picture(_path_of(image, key), key=key)
+    picture = _pixels_of(image, key)
     if resolution is not None:
         picture = _resample(picture, _size_at(resolution, *picture.shape[:2]))
     planes = np.ascontiguousarray(np.moveaxis(picture, 2, 0), dtype=np.float32)
@@ -38,9 +40,18 @@ def load_picture(image: str, resolution: int | None, key: str = "image") -> Tens
 
 def size_of_picture(image: str, key: str, resolution: int | None = None, also: str = "") -> tuple[int, int]:
     """Height and width of what `load_picture` makes, and its errors, without decoding a picture."""
-    path = _path_of(image, key, also)
-    height, width = _size_of_file(path, key, path.stat().st_mtime_ns)
+    if (held := pixels_of(image)) is not None:
+        height, width = held.shape[:2]
+    else:
+        path = _path_of(image, key, also)
+        height, width = _size_of_file(path, key, path.stat().st_mtime_ns)
     return (height, width) if resolution is None else _size_at(resolution, height, width)
+
+
+def _pixels_of(image: str, key: str, also: str = "", backdrop: float = 1.0) -> np.ndarray:
+    """(H, W, 3) uint8, or float32 in [0, 1]."""
+    held = pixels_of(image)
+    return read_picture(_path_of(image, key, also), key=key, backdrop=backdrop) if held is None else held
 
 
 @cache
@@ -58,7 +69,7 @@ def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Te
     ``key`` are as in `load_picture`, and ``also`` is what else the key takes, for messages: "auto, " for instance.
     UserError if there is no such picture, it cannot be read, or its sides have another ratio.
     """
-    picture = read_picture(_path_of(image, key, also), key=key, backdrop=0.0)
+    picture = _pixels_of(image, key, also, backdrop=0.0)
     check_ratio(image, picture.shape, size, key)
     scale = 255 if picture.dtype == np.uint8 else 1
     grey = np.asarray(_resample(picture, size) @ np.array(BRIGHTNESS) / scale, dtype=np.float32)

@@ -63,19 +63,19 @@ class ProgressBar(L.Callback):
 class TimedCheckpoint(Checkpoint):
     """Ctrl-C ends the fit after the present step; a file is kept from which an interrupted fit continues exactly.
 
-    Lightning calls callbacks of this kind after all others, so the file knows what those have done in the step. It is
-    written ``every`` so many seconds, first sooner; None: only when the fit is interrupted. Who has written all that a
-    finished fit leaves removes it.
+    Without a ``path`` there is no file. Lightning calls callbacks of this kind after all others, so the file knows what
+    those have done in the step. It is written ``every`` so many seconds, first sooner; None: only when the fit is
+    interrupted. Who has written all that a finished fit leaves removes it.
     """
 
-    def __init__(self, path: Path, every: float | None) -> None:
+    def __init__(self, path: Path | None, every: float | None) -> None:
         self.path = path
-        self.every = math.inf if every is None else every
+        self.every = math.inf if every is None or path is None else every
         self.due = time.monotonic() + min(self.every, FIRST_SECONDS)
         self.pressed, self.handler = Event(), ExitStack()
 
     def on_train_start(self, *_: object) -> None:
-        promise = "stopping after this step; what is done so far will be written"
+        promise = "stopping after this step" + "; what is done so far will be written" * (self.path is not None)
         self.handler.enter_context(interruptible(self.pressed.set, promise))
 
     def on_train_batch_end(self, trainer: L.Trainer, pl_module: Any, *_: object) -> None:
@@ -84,14 +84,19 @@ class TimedCheckpoint(Checkpoint):
         if self.pressed.is_set() and not pl_module.stop:
             pl_module.stop, trainer.should_stop = INTERRUPTED, True
         if pl_module.stop == INTERRUPTED or (time.monotonic() > self.due and not pl_module.stop):
-            try:
-                with replacing(self.path) as temporary:
-                    trainer.save_checkpoint(temporary)
-                for logger in trainer.loggers:
-                    logger.save()  # what comes later is written again by a run that goes on
-            except UserError as error:  # a disk may have room again before the end
-                log.warning("no checkpoint at step %d: %s", trainer.global_step, error)
+            self._write(trainer)
             self.due = time.monotonic() + self.every
+
+    def _write(self, trainer: L.Trainer) -> None:
+        if self.path is None:
+            return
+        try:
+            with replacing(self.path) as temporary:
+                trainer.save_checkpoint(temporary)
+            for logger in trainer.loggers:
+                logger.save()  # what comes later is written again by a run that goes on
+        except UserError as error:  # a disk may have room again before the end
+            log.warning("no checkpoint at step %d: %s", trainer.global_step, error)
 
     def on_train_end(self, *_: object) -> None:
         self.handler.close()

@@ -1,0 +1,182 @@
+"""``brushexp.iterate``: a painting, state after state, while it is optimised."""
+
+from __future__ import annotations
+
+import atexit
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any
+
+import lightning as L
+import numpy as np
+
+from brushexp.api.painting import Painting, carry_out, plan_of
+from brushexp.bounds import at_least
+from brushexp.painting.metrics import psnr_of
+from brushexp.strokes.catalogue import Strokes
+from brushexp.system.callbacks import INTERRUPTED
+from brushexp.system.files import to_bytes
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    from brushexp.api.painting import Picture
+    from brushexp.api.settings import Settings
+
+STOPPED = "stopped"  # status of a painting that `State.stop` has ended
+
+
+@dataclass(frozen=True)
+class State:
+    """Where a painting stands."""
+
+    step: int  # gradient steps that are done
+    steps: int  # planned; with ``seconds`` the plan changes on the way
+    seconds: float  # of optimisation until now
+    image: np.ndarray  # (H, W, 3) uint8, as the steps last saw it; of the last state the painting, under its lamp
+    strokes: Strokes  # N, as they are now
+    psnr: float  # dB, of what the steps last saw
+    painting: Painting | None = field(default=None, repr=False)  # of the last state
+    stop: Callable[[], None] = field(default=lambda: None, repr=False)  # end now: the next state is the last
+
+
+class Handover(L.Callback):
+    """Hands states of a painting over to another thread, at most one ahead of what that has taken.
+
+    While it waits, the painter's clock stands still.
+    """
+
+    def __init__(self, every: int, every_seconds: float) -> None:
+        self.every, self.every_seconds = every, every_seconds
+        self.found: SimpleQueue[State | None] = SimpleQueue()  # None: the painting is done
+        self.room = threading.Semaphore(1)
+        self.stopped, self.closed = threading.Event(), threading.Event()
+        self.last = -float("inf")
+
+    def on_train_start(self, trainer: L.Trainer, painter: Any) -> None:
+        self.on_train_batch_end(trainer, painter)
+
+    def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
+        if self.stopped.is_set() or self.closed.is_set():
+            painter.stop = painter.stop or (INTERRUPTED if self.closed.is_set() else STOPPED)
+            trainer.should_stop = True
+        elif not painter.is_done and self._is_due(painter.schedule.step):
+            self.last = time.monotonic()
+            painter.schedule.pause()
+            self.room.acquire()
+            self.found.put(self.state_of(painter))
+            painter.schedule.start()
+
+    def _is_due(self, step: int) -> bool:
+        return step % self.every == 0 and time.monotonic() - self.last >= self.every_seconds
+
+    def state_of(self, painter: Any) -> State:
+        """The state of a painter now."""
+        schedule, psnr = painter.schedule, psnr_of(painter.picture.error)
+        numbers = schedule.step, schedule.steps, schedule.seconds
+        return State(*numbers, to_bytes(painter.latest()), painter.strokes(), psnr, stop=self.stopped.set)
+
+    def take(self) -> State | None:
+        """The next state; None when the painting is done."""
+        state = self.found.get()
+        self.room.release()
+        return state
+
+    def close(self) -> None:
+        """Let the painting end after its present step, whoever waits for room."""
+        self.closed.set()
+        self.room.release()
+
+
+class Worker(threading.Thread):
+    """Paints in the background; what it comes to, or what went wrong, is there when it is done."""
+
+    def __init__(self, settings: Settings, handover: Handover) -> None:
+        super().__init__(name="brushexp", daemon=True)  # `atexit` ends it
+        self.settings, self.handover = settings, handover
+        self.painting: Painting | None = None
+        self.error: BaseException | None = None
+
+    def run(self) -> None:
+        try:
+            self.painting = carry_out(self.settings, [self.handover])
+        except BaseException as error:
+            self.error = error
+        finally:
+            self.handover.found.put(None)
+
+    def close(self) -> None:
+        """End soon, and wait for it."""
+        self.handover.close()
+        if threading.current_thread() is not self:  # where a generator that nobody wants any more may be found
+            self.join()
+
+
+def iterate(
+    image: Picture,
+    *,
+    every: int = 10,
+    every_seconds: float = 0,
+    look: str | None = None,
+    strokes: int | None = None,
+    seconds: float | None = None,
+    output: str | PathLike[str] | None = None,
+    **overrides: Any,
+) -> Iterator[State]:
+    """Paint as `paint` does, to the same bits, and give the state before the first step and after each ``every``.
+
+    The painting is made in a thread, which is at most one state ahead of what is taken from here; while it waits, its
+    ``seconds`` stand still. The last state has the finished ``painting``. ``state.stop()`` ends it with what there is;
+    closing the generator ends it without. PyTorch's generators are those of the painting as long as it lasts.
+
+    Args:
+        image: as in `paint`.
+        every: steps from one state to the next.
+        every_seconds: at least so much time between two states; with ``every=1``, as many states as can be looked at.
+        look: as in `paint`.
+        strokes: as in `paint`.
+        seconds: as in `paint`.
+        output: as in `paint`.
+        overrides: as in `paint`.
+
+    Raises:
+        UserError: from here, what is wrong with the settings; from the generator, what goes wrong while it paints.
+
+    >>> for state in iterate("astronaut", every=2, look="plain", resolution=32, strokes=20, steps=4):
+    ...     print(state.step, state.steps, state.image.shape, state.painting)
+    0 4 (32, 32, 3) None
+    2 4 (32, 32, 3) None
+    4 4 (32, 32, 3) Painting(20 strokes on 32 x 32 pixels, 18.44 dB)
+    """
+    at_least(1).check("every", every)
+    at_least(0).check("every_seconds", every_seconds)
+    settings = plan_of(image, output, {"look": look, "strokes": strokes, "seconds": seconds}, overrides)
+    return states_of(settings, Handover(every, every_seconds))
+
+
+def states_of(settings: Settings, handover: Handover) -> Iterator[State]:
+    """The states of a painting that begins with the first of them."""
+    worker = Worker(settings, handover)
+    atexit.register(worker.close)
+    worker.start()
+    try:
+        while (state := handover.take()) is not None:
+            if not handover.stopped.is_set():
+                yield state
+        if worker.error is not None:
+            raise worker.error
+        assert worker.painting is not None
+        yield last_state(worker.painting)
+    finally:
+        worker.close()
+        atexit.unregister(worker.close)
+
+
+def last_state(painting: Painting) -> State:
+    """The state of a finished painting."""
+    metrics = painting.metrics
+    numbers = metrics["steps"], metrics["steps"], metrics["seconds"]
+    return State(*numbers, painting.image, painting.strokes, metrics["psnr"], painting)

@@ -1,0 +1,185 @@
+"""``brushexp.paint``, and the `Painting` that it returns."""
+
+from __future__ import annotations
+
+import html
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from torch import Tensor
+
+from brushexp.api.settings import Settings, held_as_files, settings_of
+from brushexp.app.run_folder import note_words, release, take
+from brushexp.app.runner import explaining_to_users
+from brushexp.app.session import painted, painted_into, report
+from brushexp.errors import UserError
+from brushexp.painting.finished import Finished
+from brushexp.plugins.export.png import pixels
+from brushexp.registry import build_named
+from brushexp.results.page.run import run_page
+from brushexp.shading.light import UNLIT
+from brushexp.strokes.catalogue import Strokes
+from brushexp.system.files import write_picture
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import lightning as L
+    from PIL import Image
+
+    Picture = str | PathLike[str] | Image.Image | np.ndarray | Tensor
+
+FRAME_HEIGHT = 760  # pixels of a painting in a notebook
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Painting:
+    """A finished painting: its strokes, pictures and numbers. Nothing of it is on disk unless it is saved."""
+
+    finished: Finished
+    settings: Settings
+
+    @property
+    def strokes(self) -> Strokes:
+        """The N strokes, in pixels of the canvas; ``depth`` says which lies on which."""
+        return self.finished.saved.strokes
+
+    @property
+    def depth(self) -> Tensor:
+        """(N,) int32 ranks of the strokes; 0 is the bottom one."""
+        return self.finished.saved.depth
+
+    @property
+    def image(self) -> np.ndarray:
+        """(H, W, 3) uint8: the painting, under its lamp if it has one."""
+        return self.finished.picture
+
+    @property
+    def target(self) -> np.ndarray:
+        """(H, W, 3) uint8: the picture that was painted."""
+        return self.finished.target
+
+    @property
+    def metrics(self) -> Mapping[str, Any]:
+        """What metrics.json of a run holds: ``psnr`` (dB), ``ssim``, ``seconds``, ``status`` and others."""
+        return self.finished.metrics
+
+    def render(self, size: int | None = None, *, light: bool = True) -> np.ndarray:
+        """Draw it with ``size`` pixels on the longer side, crisp at any size: (H, W, 3) uint8.
+
+        Without ``size`` it is as large as it was painted; ``light=False`` leaves the lamp out.
+        """
+        job = self.finished.job if light else replace(self.finished.job, light=UNLIT)
+        return pixels(job if size is None else job.scaled(size / max(job.size)))
+
+    def export(
+        self, form: str, folder: str | PathLike[str] = ".", *, size: int | None = None, **options: Any
+    ) -> list[Path]:
+        """Write it in a form that other programs read (``to=`` of task=export): svg, json, csv, gcode, png and more.
+
+        Args:
+            form: name of the exporter.
+            folder: where to; it is made if it is not there.
+            size: pixels of the longer side; None for as it was painted.
+            options: of the exporter, such as ``digits=2`` for svg.
+
+        Returns:
+            The files, the main one first.
+        """
+        exporter = build_named("to", form, options)
+        job = self.finished.job if size is None else self.finished.job.scaled(size / max(self.finished.job.size))
+        exporter.check(len(job.strokes), job.size)
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        paths: list[Path] = exporter.write(job, Path(folder))
+        return paths
+
+    def save(self, folder: str | PathLike[str]) -> Path:
+        """Write what a run of the command line leaves (painting.png, catalogue.h5, report.html, ...); the page's path.
+
+        Files of these names are replaced. There is a timelapse only if ``frames`` were asked for, and no curves.
+        """
+        into = Path(folder)
+        into.mkdir(parents=True, exist_ok=True)
+        settings = held_as_files(self.settings, into)
+        note_words(into, settings.cfg, settings.words)
+        write_picture(into / "target.png", self.target)
+        saved = replace(self.finished.saved, config=settings.yaml)
+        replace(self.finished, saved=saved).write(into)
+        self.finished.timelapse.write(into)
+        report(into)
+        return into / "report.html"
+
+    def _repr_html_(self) -> str:
+        """The page of the painting, with its replay, for a notebook."""
+        name = Path(str(self.settings.cfg.image)).name
+        page = run_page(self.finished.saved, name=name, pictures={"painting": self.image}, metrics=self.metrics)
+        style = f"width: 100%; height: {FRAME_HEIGHT}px; border: 0"
+        return f'<iframe title="{html.escape(name)}" style="{style}" srcdoc="{html.escape(page)}"></iframe>'
+
+    def __repr__(self) -> str:
+        height, width = self.finished.saved.size
+        return f"Painting({len(self.strokes)} strokes on {width} x {height} pixels, {self.metrics['psnr']:.2f} dB)"
+
+
+def paint(
+    image: Picture,
+    *,
+    look: str | None = None,
+    strokes: int | None = None,
+    seconds: float | None = None,
+    output: str | PathLike[str] | None = None,
+    **overrides: Any,
+) -> Painting:
+    """Paint a picture out of brush strokes by gradient descent, as ``task=paint`` does.
+
+    Args:
+        image: a path, the name of a sample of scikit-image, a PIL image, an array (H, W, 3) or (H, W), or a tensor
+            (3, H, W); uint8, or floats in [0, 1].
+        look: how it is painted: oil (the default), watercolour, ...
+        strokes: how many; None for as many as the look has for a picture of this size.
+        seconds: of optimisation; None for the steps of the look.
+        output: folder of a run, with all its files; None writes nothing.
+        overrides: keys of the command line: ``loss=["mse", "kl"]``, ``light={"azimuth": 90}``,
+            ``**{"init.length": 3}``. ``style`` and ``focus`` may be pictures, too.
+
+    Raises:
+        UserError: what is wrong, in one line, as on the command line.
+
+    >>> painting = paint("astronaut", look="plain", resolution=32, strokes=20, steps=3)
+    >>> painting.image.shape, len(painting.strokes), painting.metrics["steps"]
+    ((32, 32, 3), 20, 3)
+    """
+    plan = plan_of(image, output, {"look": look, "strokes": strokes, "seconds": seconds}, overrides)
+    return carry_out(plan)
+
+
+def plan_of(
+    image: Picture, output: str | PathLike[str] | None, main: Mapping[str, Any], overrides: Mapping[str, Any]
+) -> Settings:
+    """The checked settings of a painting; of ``main`` keys None is what is not given."""
+    given = {key: value for key, value in main.items() if value is not None}
+    frames = {"frames": 0} if output is None else {}  # of a film that nobody has asked for
+    settings = settings_of("paint", {"image": image} | given | frames | overrides, output)
+    if output is None and settings.cfg.callbacks:
+        raise UserError(f"callbacks={','.join(settings.cfg.callbacks)} may write files; say where with output=")
+    return settings
+
+
+def carry_out(settings: Settings, callbacks: Sequence[L.Callback] = ()) -> Painting:
+    """Paint; in a folder if the settings have one. What a user can mend is a UserError."""
+    start, folder, cfg = time.monotonic(), settings.folder, settings.cfg
+    with explaining_to_users(cfg), settings.as_asked():
+        if folder is None:
+            return Painting(painted(cfg, callbacks), settings)
+        take(folder, cfg)
+        try:
+            settings = held_as_files(settings, folder)
+            note_words(folder, settings.cfg, settings.words)
+            return Painting(painted_into(folder, settings.cfg, start, callbacks=callbacks), settings)
+        finally:
+            release(folder)

@@ -1,0 +1,143 @@
+"""Keys of the command line given from Python: composed and checked as there, with the same messages."""
+
+import logging
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from threading import Lock
+from typing import Any, get_origin
+
+from hydra import compose, initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.singleton import Singleton
+from hydra.errors import CompactHydraException
+from hydra.version import VersionBase
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from brushexp.app.command_line import kinds_of_keys, prepare, quoted, unlike, written_out
+from brushexp.app.composition import check
+from brushexp.app.help import as_typed
+from brushexp.app.mistakes import explanation
+from brushexp.errors import UserError
+from brushexp.pictures.held import HeldPicture, is_picture
+
+ROOT = Path(__file__).parents[3]
+SHORT = {"style": "style.image"}  # keys that may be typed for others
+RESERVED = {"task": "call another function", "output": "set output=", "resume": "type brushexp resume=... in a shell"}
+_lock = Lock()  # Hydra is one for the whole process
+
+
+@contextmanager
+def hydra_apart() -> Iterator[None]:
+    """Hydra as if nobody else used it in this process; another program's, or the user's, is afterwards as it was."""
+    singletons = Singleton._instances
+    with _lock:
+        before = {kind: singletons.pop(kind) for kind in (GlobalHydra, VersionBase) if kind in singletons}
+        try:
+            yield
+        finally:
+            for kind in (GlobalHydra, VersionBase):
+                singletons.pop(kind, None)
+            singletons.update(before)
+
+
+@cache
+def load() -> None:
+    """Load plugins and configs, those of the current folder too, at the first call."""
+    prepare(ROOT)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The checked config of a task, the words that make it, and the pictures in memory that it names."""
+
+    cfg: DictConfig
+    words: list[str]
+    held: dict[str, HeldPicture]  # by key
+    folder: Path | None  # of the run; None if nothing is written
+
+    @property
+    def yaml(self) -> str:
+        """The resolved config, as catalogues have it."""
+        return OmegaConf.to_yaml(self.cfg, resolve=True)
+
+    @contextmanager
+    def as_asked(self) -> Iterator[None]:
+        """Use the threads that were asked for; afterwards they, random generators and Lightning are as they were."""
+        import torch  # noqa: PLC0415
+        from lightning.pytorch.utilities.seed import isolate_rng  # noqa: PLC0415
+
+        remarks, threads = logging.getLogger("lightning.pytorch"), torch.get_num_threads()
+        level = remarks.level
+        remarks.setLevel(max(level, logging.WARNING))  # else it reports its hardware
+        torch.set_num_threads(self.cfg.threads or threads)
+        try:
+            with isolate_rng():
+                yield
+        finally:
+            remarks.setLevel(level)
+            torch.set_num_threads(threads)
+
+
+def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike[str] | None = None) -> Settings:
+    """The checked settings of a task with keys as Python has them.
+
+    Values are numbers, texts, paths, None, lists and mappings of them; pictures may be in memory. What the command line
+    refuses is a UserError, in one line.
+    """
+    load()
+    held: dict[str, HeldPicture] = {}
+    folder = None if output is None else Path(output).resolve()
+    words = [f"task={task}", *words_from(options, held), *([] if folder is None else [f"output={folder}"])]
+    words = [written_out(word, sweep=False) for word in words]
+    with hydra_apart():
+        try:
+            with initialize_config_dir(version_base="1.3", config_dir=str(ROOT / "conf")):
+                cfg = compose("config", overrides=words)
+        except (CompactHydraException, OmegaConfBaseException) as error:
+            raise UserError(explanation(error, ROOT / "conf", words)) from error
+    check(cfg, words)
+    return Settings(cfg, words, held, folder)
+
+
+def held_as_files(settings: Settings, folder: Path) -> Settings:
+    """The same with the pictures in memory as files in a folder, so that the settings can be used again."""
+    cfg, words = settings.cfg.copy(), settings.words
+    for key, held in settings.held.items():
+        path = str(held.write(folder, key.replace(".", "_")))
+        OmegaConf.update(cfg, key, path)
+        words = [written_out(f"{key}={path}", sweep=False) if held.name in word else word for word in words]
+    return replace(settings, cfg=cfg, words=words)
+
+
+def words_from(options: Mapping[str, Any], held: dict[str, HeldPicture], above: str = "") -> Iterator[str]:
+    """``key=value`` for each option, those of a mapping below its key: ``light={"azimuth": 90}``, ``init={...}``."""
+    for key, value in options.items():
+        name = f"{above}{key}"
+        if name in RESERVED:
+            raise UserError(f"{name}={value} is no option here; {RESERVED[name]}")
+        if is_picture(value):
+            full = SHORT.get(name, name)
+            held[full] = HeldPicture(value, name)
+            value = held[full].name  # noqa: PLW2901
+        if isinstance(value, Mapping) and get_origin(kinds_of_keys().get(name, (None,))[0]) is not dict:
+            yield from words_from(value, held, f"{name}.")
+        else:
+            yield f"{name}={in_grammar(value)}"
+
+
+def in_grammar(value: Any, *, inside: bool = False) -> str:
+    """A value as it is typed; texts ``inside`` of lists and mappings are quoted where Hydra would misread them."""
+    value = value.item() if hasattr(value, "item") else value
+    if isinstance(value, Mapping):
+        return "{" + ",".join(f"{key}:{in_grammar(item, inside=True)}" for key, item in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ",".join(in_grammar(item, inside=True) for item in value) + "]"
+    if isinstance(value, str | os.PathLike):
+        text = os.fspath(value)
+        return quoted(text) if inside and unlike(text) else text
+    return as_typed(value)

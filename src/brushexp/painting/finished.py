@@ -1,0 +1,116 @@
+"""A finished painting in memory: its strokes, its pictures and its numbers, and the files that it makes."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from omegaconf import DictConfig, OmegaConf
+
+from brushexp.features.distance import Distance
+from brushexp.painting.assembly import STYLE
+from brushexp.painting.metrics import measure, picture_psnr
+from brushexp.painting.outputs import export_job, renderer_of
+from brushexp.painting.painter import Painter
+from brushexp.painting.timelapse import Timelapse
+from brushexp.painting.wet import wetted
+from brushexp.plugins.export.base import ExportJob
+from brushexp.plugins.export.png import pixels
+from brushexp.plugins.export.svg import Svg
+from brushexp.plugins.loss.style import Style
+from brushexp.registry import plugin_of
+from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.storage import Saved, save_catalogue
+from brushexp.system.files import to_bytes, write_json, write_picture
+from brushexp.system.runtime import peak_memory
+
+
+@dataclass(frozen=True)
+class Finished:
+    """What a painter leaves when it is done; pictures are (H, W, 3) in 8 bits."""
+
+    saved: Saved
+    job: ExportJob  # the same, to be drawn
+    picture: np.ndarray  # in its light
+    flat: np.ndarray  # its colours alone: the same array if there is no light
+    target: np.ndarray
+    metrics: dict[str, object]  # what metrics.json holds; ``seconds_total`` is filled in when it is written
+    timelapse: Timelapse  # the pictures on the way
+
+    def write(self, folder: Path, start: float | None = None) -> None:
+        """Write pictures, catalogue, SVG and, when they are there, ``metrics.json``.
+
+        ``start`` is `time.monotonic` when the program began; a run that went on has no one start.
+        """
+        (folder / "metrics.json").unlink(missing_ok=True)  # those of the painting that is being replaced
+        if self.flat is not self.picture:
+            write_picture(folder / "flat.png", self.flat)
+        write_picture(folder / "painting.png", self.picture)
+        save_catalogue(folder / "catalogue.h5", self.saved)
+        Svg().write(self.job, folder)
+        self.metrics["seconds_total"] = None if start is None else time.monotonic() - start
+        write_json(folder / "metrics.json", self.metrics)
+
+
+def finish(painter: Painter, cfg: DictConfig, timelapse: Timelapse, lpips: Distance | None = None) -> Finished:
+    """What a painter has come to; under a lamp, all but catalogue, colours and metrics show it."""
+    painter.schedule.pause()
+    painter.hand_over()
+    canvas = painter.picture
+    strokes, front_to_back = wetted(painter, cfg.wet)
+    saved = saved_of(painter, cfg, strokes, front_to_back)
+    flat, target = to_bytes(canvas.draw(strokes, front_to_back)), to_bytes(canvas.target)
+    job = export_job(saved, renderer_of(saved), painter.components.blend, saved.renderer, source=cfg.image)
+    measured = measure(flat, target, lpips, canvas.focus)
+    picture = flat
+    if job.light.depth:
+        picture = pixels(job)
+        measured["psnr_lit"] = picture_psnr(picture, target)
+        timelapse.add(torch.from_numpy(picture).permute(2, 0, 1) / 255, painter.schedule.step)
+    assert isinstance(measured["psnr"], float)
+    painter.anytime.add(painter.schedule.seconds, measured["psnr"])
+    metrics = {**measured, **style_of(painter, cfg), **effort_of(painter, len(strokes))}
+    return Finished(saved, job, picture, flat, target, metrics, timelapse)
+
+
+def effort_of(painter: Painter, n: int) -> dict[str, object]:
+    """The numbers of metrics.json that tell how a painting of ``n`` strokes came to be."""
+    schedule = painter.schedule
+    return {
+        "seconds": schedule.seconds,
+        "seconds_total": None,
+        "seconds_per_step": schedule.seconds / schedule.step if schedule.step else None,
+        "peak_memory_mb": peak_memory(),
+        "n_strokes": n,
+        "steps": schedule.step,
+        "device": str(painter.device),
+        "status": painter.stop or "completed",
+        "anytime": [[round(seconds, 3), round(psnr, 3)] for seconds, psnr in painter.anytime.pairs],
+    }
+
+
+def style_of(painter: Painter, cfg: DictConfig) -> dict[str, float]:
+    """How far the painting is from the style picture, by each kernel of the style loss."""
+    if cfg.style.image is None:
+        return {}
+    style = painter.losses[STYLE]
+    assert isinstance(style, Style)
+    return {f"style_{name}": value for name, value in style.measured(painter.drawn(), painter.picture.target).items()}
+
+
+def saved_of(painter: Painter, cfg: DictConfig, strokes: Strokes, front_to_back: torch.Tensor) -> Saved:
+    """The finished strokes as a catalogue."""
+    strokes = strokes.map(torch.Tensor.cpu)
+    depth = torch.empty(len(strokes), dtype=torch.int32)
+    depth[front_to_back.cpu()] = torch.arange(len(strokes) - 1, -1, -1, dtype=torch.int32)
+    return Saved(
+        strokes=strokes,
+        depth=depth,
+        size=painter.picture.size,
+        background=painter.picture.background.cpu(),
+        renderer=plugin_of(cfg.renderer).name,
+        renderer_hash=painter.renderer.weights_hash,
+        seed=cfg.seed,
+        config=OmegaConf.to_yaml(cfg, resolve=True),
+    )

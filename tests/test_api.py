@@ -1,0 +1,196 @@
+"""``import brushexp``: the tasks as functions, with the messages of the command line, and nothing on disk unasked."""
+
+import gc
+import json
+import subprocess
+import sys
+import threading
+from itertools import islice
+
+import numpy as np
+import pytest
+import torch
+from hydra import compose, initialize
+from hydra.core.global_hydra import GlobalHydra
+from PIL import Image
+from torch.testing import assert_close
+
+import brushexp
+from brushexp.app.run_folder import lock
+from brushexp.app.tasks import paint as task
+from brushexp.pictures.load import load_picture
+from brushexp.results.runs import command_of
+
+SMALL = {"look": "plain", "resolution": 32, "strokes": 20, "steps": 4}
+SAME = ("psnr", "ssim", "l1", "perceptual", "n_strokes", "steps", "status")  # numbers of two equal runs
+
+
+def painters() -> list[threading.Thread]:
+    return [thread for thread in threading.enumerate() if thread.name == "brushexp"]
+
+
+def test_importing_the_package_loads_nothing_slow():
+    code = "import sys, brushexp; dir(brushexp); assert not {'torch', 'hydra', 'numpy'} & {*sys.modules}"
+    subprocess.run([sys.executable, "-c", code], check=True)
+    assert {name for name in brushexp.__all__ if getattr(brushexp, name)} == {*dir(brushexp)}
+    with pytest.raises(AttributeError, match="no attribute 'pain'"):
+        brushexp.pain  # noqa: B018
+
+
+def test_a_painting_is_that_of_the_command_line_and_nothing_is_written(run_task, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    before = torch.get_rng_state()
+    painting = brushexp.paint("chelsea", **SMALL, loss=["mse", "kl"], optimizer={"units": {"color": 0.5}})
+    assert_close(torch.get_rng_state(), before, rtol=0, atol=0)
+    assert not [*tmp_path.iterdir()]
+    words = ["image=chelsea", "resolution=32", "strokes=20", "steps=4", "loss=[mse,kl]", "optimizer.units.color=0.5"]
+    found = run_task(task, *words, "frames=0")
+    assert {key: painting.metrics[key] for key in SAME} == {key: found[key] for key in SAME}
+    with Image.open(tmp_path / "painting.png") as image:
+        assert np.array_equal(painting.image, np.asarray(image))
+
+
+def kinds_of_picture() -> dict[str, object]:
+    pixels = load_picture("chelsea", 32)
+    eight_bit = (pixels * 255).round().byte()
+    return {
+        "tensor": eight_bit,
+        "array": eight_bit.permute(1, 2, 0).numpy(),
+        "pillow": Image.fromarray(eight_bit.permute(1, 2, 0).numpy()),
+        "floats": eight_bit.permute(1, 2, 0).numpy() / 255,
+        "float tensor": (eight_bit / 255).requires_grad_(),
+    }
+
+
+def test_a_picture_may_be_of_any_kind():
+    small = SMALL | {"resolution": None}
+    first, *others = (brushexp.paint(picture, **small) for picture in kinds_of_picture().values())
+    for other in others:
+        assert np.array_equal(other.target, first.target)
+        assert np.array_equal(other.image, first.image)
+    ramp = np.linspace(0, 1, 70 * 64).reshape(70, 64)
+    grey = brushexp.paint(ramp, **small, style=Image.fromarray(np.uint8(255 * ramp.T)))
+    assert grey.image.shape == (70, 64, 3)
+    assert "style_poly" in grey.metrics
+
+
+@pytest.mark.parametrize(
+    ("picture", "options", "words"),
+    [
+        ("astronaut", {"stepz": 3}, "stepz is no key of task=paint; nearest first: steps"),
+        ("astronaut", {"steps": "many"}, "steps=many is not a whole number; try steps=500"),
+        ("astronaut", {"steps": -1}, "steps=-1"),
+        ("astronaut", {"look": "oyl"}, "look=oyl is not there; choose one of oil"),
+        ("astronaut", {"init": {"lenth": 1}}, "init.lenth is no option of init="),
+        ("astronaut", {"resume": "x"}, "resume=x is no option here"),
+        ("astronaut", {"callbacks": ["timer"]}, "say where with output="),
+        ("nowhere.png", {}, "image=nowhere.png is not there"),
+        (np.zeros((4, 4, 2)), {}, r"image is an array of shape \(4, 4, 2\); give a path"),
+        (np.full((4, 4), 7.0), {}, "image is an array of float64 from 7 to 7; give"),
+        (np.full((4, 4), np.nan), {}, "image is an array of float64 from nan to nan; give"),
+        (torch.rand(4, 5, 3), {}, "image is a tensor of shape"),
+        ("astronaut", {"focus": np.ones((3, 9))}, "focus=.* has 9 x 3 pixels"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(picture, options, words):
+    for call in (brushexp.paint, brushexp.iterate):  # at once, and not with the first state
+        with pytest.raises(brushexp.UserError, match=words) as caught:
+            call(picture, **SMALL | options)
+        assert "\n" not in str(caught.value)
+
+
+def test_hydra_of_another_program_stays_as_it_is():
+    with initialize(config_path=None, version_base="1.2"):
+        mine = GlobalHydra.instance().hydra
+        assert brushexp.paint("chelsea", **SMALL).metrics["steps"] == 4
+        with pytest.raises(brushexp.UserError):
+            brushexp.paint("chelsea", nonsense=1)
+        assert GlobalHydra.instance().hydra is mine
+        assert compose(overrides=["+a=1"]) == {"a": 1}
+
+
+def test_a_run_with_a_folder_leaves_all_and_can_be_repeated(tmp_path):
+    picture = kinds_of_picture()["floats"]
+    run = tmp_path / "a run"
+    painting = brushexp.paint(picture, **SMALL | {"resolution": None}, output=run)
+    there = {path.name for path in run.iterdir()}
+    assert {"painting.png", "catalogue.h5", "report.html", "timelapse.mp4", "curves", "image.tif"} <= there
+    assert json.loads((run / "metrics.json").read_text())["psnr"] == painting.metrics["psnr"]
+    assert f"'image={run}/image.tif'" in command_of(run)
+    assert_close(load_picture(str(run / "image.tif"), None), torch.from_numpy(picture).permute(2, 0, 1).float())
+    with pytest.raises(brushexp.UserError, match="holds a run already"):
+        brushexp.paint(picture, **SMALL, output=run)
+    brushexp.paint(picture, **SMALL, output=run, overwrite=True)
+    lock(run)  # nobody keeps it
+
+
+def test_a_painting_is_drawn_exported_and_saved_later(tmp_path):
+    painting = brushexp.paint(kinds_of_picture()["tensor"], **SMALL, light={"depth": 1})
+    assert np.array_equal(painting.render(), painting.image)
+    assert not np.array_equal(painting.render(light=False), painting.image)
+    assert painting.render(100).shape == (round(100 * 21 / 32), 100, 3)
+    assert [path.name for path in painting.export("svg", tmp_path / "new", digits=1)] == ["strokes.svg"]
+    with pytest.raises(brushexp.UserError, match="to=sgv is not among the plugins here"):
+        painting.export("sgv", tmp_path)
+    page = painting.save(tmp_path / "kept")
+    there = {path.name for path in page.parent.iterdir()}
+    assert there >= {"painting.png", "flat.png", "target.png", "catalogue.h5", "report.html", "image.png"}
+    assert "timelapse.mp4" not in there
+    assert painting._repr_html_().startswith("<iframe")
+    assert "20 strokes on 32 x 21 pixels" in repr(painting)
+
+
+def test_states_come_in_order_and_the_last_is_what_paint_gives():
+    states = [*brushexp.iterate("chelsea", every=3, **SMALL | {"steps": 8})]
+    assert [state.step for state in states] == [0, 3, 6, 8]
+    assert [state.painting is None for state in states] == [True, True, True, False]
+    assert [state.seconds for state in states] == sorted(state.seconds for state in states)
+    assert states[2].psnr > states[0].psnr
+    assert not np.array_equal(states[0].image, states[2].image)
+    whole = brushexp.paint("chelsea", **SMALL | {"steps": 8})
+    assert np.array_equal(states[-1].image, whole.image)
+    assert not painters()
+
+
+def test_waiting_for_the_caller_is_no_time_of_the_painting():
+    states = brushexp.iterate("chelsea", every=1, **SMALL | {"steps": 30})
+    first = next(states)
+    threading.Event().wait(0.5)
+    assert [*islice(states, 3)][-1].seconds - first.seconds < 0.4
+    states.close()
+
+
+@pytest.mark.parametrize("end", ["close", "forget", "stop"])
+def test_a_painting_ends_when_nobody_wants_more(end):
+    states = brushexp.iterate("chelsea", every=1, **SMALL | {"steps": 100_000})
+    state = next(states)
+    if end == "stop":
+        state.stop()
+        last = next(states)
+        assert last.painting.metrics["status"] == "stopped"
+        assert last.step < 100
+        assert not [*states]
+    elif end == "close":
+        states.close()
+    else:
+        del states
+        gc.collect()
+    assert not painters()
+
+
+def test_what_goes_wrong_on_the_way_is_raised_in_the_caller(monkeypatch):
+    monkeypatch.setattr("brushexp.painting.finished.measure", lambda *_: 1 / 0)
+    states = brushexp.iterate("chelsea", every=2, **SMALL)
+    with pytest.raises(ZeroDivisionError):
+        list(states)
+    monkeypatch.setattr("brushexp.painting.preparation.components_of", lambda _: (_ for _ in ()).throw(MemoryError))
+    with pytest.raises(brushexp.UserError, match="not enough memory; take a smaller resolution="):
+        next(brushexp.iterate("chelsea", **SMALL))
+    assert not painters()
+
+
+def test_a_program_ends_though_a_painting_does_not():
+    code = (
+        "import brushexp; s = brushexp.iterate('chelsea', every=1, look='plain', resolution=32, strokes=9, steps=10**6)"
+    )
+    subprocess.run([sys.executable, "-W", "ignore", "-c", f"{code}; next(s); next(s)"], check=True, timeout=200)
