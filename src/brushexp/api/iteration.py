@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import lightning as L
 import numpy as np
 
-from brushexp.api.painting import Painting, carry_out, plan_of
+from brushexp.api.painting import Painting, painting_of, plan_of
 from brushexp.bounds import at_least
 from brushexp.painting.metrics import psnr_of
 from brushexp.strokes.catalogue import Strokes
@@ -102,7 +102,7 @@ class Worker(threading.Thread):
 
     def run(self) -> None:
         try:
-            self.painting = carry_out(self.settings, [self.handover])
+            self.painting = painting_of(self.settings, [self.handover])
         except BaseException as error:
             self.error = error
         finally:
@@ -146,10 +146,12 @@ def iterate(
         UserError: from here, what is wrong with the settings; from the generator, what goes wrong while it paints.
 
     >>> for state in iterate("astronaut", every=2, look="plain", resolution=32, strokes=20, steps=4):
-    ...     print(state.step, state.steps, state.image.shape, state.painting)
-    0 4 (32, 32, 3) None
-    2 4 (32, 32, 3) None
-    4 4 (32, 32, 3) Painting(20 strokes on 32 x 32 pixels, 18.44 dB)
+    ...     print(state.step, state.steps, state.image.shape)
+    0 4 (32, 32, 3)
+    2 4 (32, 32, 3)
+    4 4 (32, 32, 3)
+    >>> len(state.painting.strokes)
+    20
     """
     at_least(1).check("every", every)
     at_least(0).check("every_seconds", every_seconds)

@@ -155,7 +155,7 @@ def paint(
     ((32, 32, 3), 20, 3)
     """
     plan = plan_of(image, output, {"look": look, "strokes": strokes, "seconds": seconds}, overrides)
-    return carry_out(plan)
+    return painting_of(plan)
 
 
 def plan_of(
@@ -170,7 +170,7 @@ def plan_of(
     return settings
 
 
-def carry_out(settings: Settings, callbacks: Sequence[L.Callback] = ()) -> Painting:
+def painting_of(settings: Settings, callbacks: Sequence[L.Callback] = ()) -> Painting:
     """Paint; in a folder if the settings have one. What a user can mend is a UserError."""
     start, folder, cfg = time.monotonic(), settings.folder, settings.cfg
     with explaining_to_users(cfg), settings.as_asked():
