@@ -164,7 +164,7 @@ def plan_of(
     """The checked settings of a painting; of ``main`` keys None is what is not given."""
     given = {key: value for key, value in main.items() if value is not None}
     frames = {"frames": 0} if output is None else {}  # of a film that nobody has asked for
-    settings = settings_of("paint", {"image": image} | given | frames | overrides, output)
+    settings = settings_of("paint", {"image": image, **given, **frames, **overrides}, output)
     if output is None and settings.cfg.callbacks:
         raise UserError(f"callbacks={','.join(settings.cfg.callbacks)} may write files; say where with output=")
     return settings

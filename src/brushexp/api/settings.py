@@ -36,11 +36,12 @@ def hydra_apart() -> Iterator[None]:
     """Hydra as if nobody else used it in this process; another program's, or the user's, is afterwards as it was."""
     singletons = Singleton._instances
     with _lock:
-        before = {kind: singletons.pop(kind) for kind in (GlobalHydra, VersionBase) if kind in singletons}
+        kinds: tuple[type, ...] = (GlobalHydra, VersionBase)
+        before = {kind: singletons.pop(kind) for kind in kinds if kind in singletons}
         try:
             yield
         finally:
-            for kind in (GlobalHydra, VersionBase):
+            for kind in kinds:
                 singletons.pop(kind, None)
             singletons.update(before)
 

@@ -230,9 +230,7 @@ def _tangent(curve, t):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def paint_windows(
-    strokes, brush, first_pose, poses, reach, roots, stiffness, physics, counts, projection, images, heights
-):  # type: ignore[no-untyped-def]
+def draw(strokes, brush, first_pose, poses, reach, roots, stiffness, physics, counts, projection, images, heights):  # type: ignore[no-untyped-def]
     """Paint every stroke on a canvas of its own: ``images`` (n, 4, S, S) and ``heights`` (n, S, S) are written.
 
     ``strokes`` (n, 10) are start, control, end (x, y each, units), radius of the brush, red, green, blue; ``brush`` and

@@ -114,7 +114,7 @@ class Fluid(Engine):
         reach = np.array(self._reach, np.float32).reshape(-1, 2)
         brushes = (poses, reach, self._roots, self._stiffness)
         settings = (self.physics, self.counts, self.projection)
-        self._deposition.paint_windows(rows, brush, pose, *brushes, *settings, images, heights)
+        self._deposition.draw(rows, brush, pose, *brushes, *settings, images, heights)
         return Simulated(torch.from_numpy(images), torch.from_numpy(heights))
 
     def _take_brushes(self, seed: int) -> None:
