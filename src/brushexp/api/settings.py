@@ -7,49 +7,29 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from threading import Lock
 from typing import Any, get_origin
 
-from hydra import compose, initialize_config_dir
-from hydra.core.global_hydra import GlobalHydra
-from hydra.core.singleton import Singleton
 from hydra.errors import CompactHydraException
-from hydra.version import VersionBase
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.app.command_line import kinds_of_keys, prepare, quoted, unlike, written_out
 from brushexp.app.composition import check
+from brushexp.app.configs import composed, folders_of
 from brushexp.app.help import as_typed
 from brushexp.app.mistakes import explanation
 from brushexp.errors import UserError
 from brushexp.pictures.held import HeldPicture, is_picture
 
-ROOT = Path(__file__).parents[3]
 SHORT = {"style": "style.image"}  # keys that may be typed for others
 RESERVED = {"task": "call another function", "output": "set output=", "resume": "type brushexp resume=... in a shell"}
-_lock = Lock()  # Hydra is one for the whole process
-
-
-@contextmanager
-def hydra_apart() -> Iterator[None]:
-    """Hydra as if nobody else used it in this process; another program's, or the user's, is afterwards as it was."""
-    singletons = Singleton._instances
-    with _lock:
-        kinds: tuple[type, ...] = (GlobalHydra, VersionBase)
-        before = {kind: singletons.pop(kind) for kind in kinds if kind in singletons}
-        try:
-            yield
-        finally:
-            for kind in kinds:
-                singletons.pop(kind, None)
-            singletons.update(before)
 
 
 @cache
-def load() -> None:
-    """Load plugins and configs, those of the current folder too, at the first call."""
-    prepare(ROOT)
+def load() -> list[Path]:
+    """Load plugins, those of the current folder too, at the first call; the folders of configs."""
+    prepare(Path())
+    return folders_of(Path())
 
 
 @dataclass(frozen=True)
@@ -90,17 +70,15 @@ def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike
     Values are numbers, texts, paths, None, lists and mappings of them; pictures may be in memory. What the command line
     refuses is a UserError, in one line.
     """
-    load()
+    folders = load()
     held: dict[str, HeldPicture] = {}
     folder = None if output is None else Path(output).resolve()
     words = [f"task={task}", *words_from(options, held), *([] if folder is None else [f"output={folder}"])]
     words = [written_out(word, sweep=False) for word in words]
-    with hydra_apart():
-        try:
-            with initialize_config_dir(version_base="1.3", config_dir=str(ROOT / "conf")):
-                cfg = compose("config", overrides=words)
-        except (CompactHydraException, OmegaConfBaseException) as error:
-            raise UserError(explanation(error, ROOT / "conf", words)) from error
+    try:
+        cfg = composed(words, folders)
+    except (CompactHydraException, OmegaConfBaseException) as error:
+        raise UserError(explanation(error, folders, words)) from error
     check(cfg, words)
     return Settings(cfg, words, held, folder)
 

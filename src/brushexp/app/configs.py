@@ -1,10 +1,16 @@
 """Where configs are, those that ship and the user's own, and how Hydra composes them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Lock
+from typing import Any
 
 from hydra import compose, initialize_config_module
 from hydra._internal.utils import get_args_parser
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.singleton import Singleton
+from hydra.version import VersionBase
 from omegaconf import DictConfig
 
 from brushexp.app.keys import groups_of
@@ -13,6 +19,7 @@ from brushexp.errors import UserError
 
 SHIPPED = Path(__file__).parents[1] / "conf"
 GROUPS = {name for schema in TASKS.values() for name in groups_of(schema)} - {"model"} | {"task", "experiment"}
+_lock = Lock()  # Hydra is one for the whole process
 
 
 def folders_of(root: Path, arguments: Sequence[str] = ()) -> list[Path]:
@@ -36,7 +43,25 @@ def files_of(folder: Path, group: str) -> dict[str, Path]:
 
 
 def composed(words: Sequence[str], folders: Sequence[Path] = (SHIPPED,)) -> DictConfig:
-    """The config that Hydra composes for words of a command line, of configs in folders, those that ship first."""
+    """The config that Hydra composes for words of a command line, of configs in folders, those that ship first.
+
+    Any thread may call it, and what else in this process uses Hydra does not notice.
+    """
     own = [f"hydra.searchpath=['file://{folder.resolve()}']" for folder in folders[1:]]
-    with initialize_config_module("brushexp.conf", version_base="1.3"):
+    with _apart(), initialize_config_module("brushexp.conf", version_base="1.3"):
         return compose("config", overrides=[*words, *own])
+
+
+@contextmanager
+def _apart() -> Iterator[None]:
+    """Hydra as if it were not in use; another program's is afterwards as it was."""
+    singletons: dict[type, Any] = Singleton._instances  # type: ignore[assignment]
+    kinds = (GlobalHydra, VersionBase)
+    with _lock:
+        before = {kind: singletons.pop(kind) for kind in kinds if kind in singletons}
+        try:
+            yield
+        finally:
+            for kind in kinds:
+                singletons.pop(kind, None)
+            singletons.update(before)
