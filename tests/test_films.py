@@ -1,6 +1,8 @@
 """Films: they are read as they were written, changes are told from noise, and strokes are carried without flicker."""
 
+import json
 import logging
+import signal
 import sys
 from dataclasses import replace
 from fractions import Fraction
@@ -8,9 +10,11 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import torch
-from films import as_tensor, encoded, scene
+from films import as_tensor, decoded, encoded, scene
 from painters import take
+from program import ended
 
+from brushexp.app.tasks import export, paint
 from brushexp.errors import UserError
 from brushexp.painting.canvas_memory import touched
 from brushexp.painting.carrying import Carrier, Cel, meeting, shares_within
@@ -19,11 +23,13 @@ from brushexp.painting.components import standard_components
 from brushexp.painting.painter import Painter
 from brushexp.painting.reel import Reel
 from brushexp.pictures.clips import decoded_pictures, open_clip
+from brushexp.pictures.decode import read_picture
 from brushexp.pictures.motion import motion
 from brushexp.pictures.region import Region
 from brushexp.plugins.init.grid import Grid
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, Catalogue, check_strokes
+from brushexp.strokes.storage import load_catalogue
 
 av = pytest.importorskip("av")
 
@@ -134,7 +140,7 @@ def test_motion_is_that_of_the_pictures(shift):
 
 def reel_of(renderer: str, n: int = 100, steps: int = 0) -> Reel:
     parts = standard_components(build_named("renderer", renderer, {}), steps=steps)
-    carrier = Carrier(parts, parts.stages[-1].renderer.requires_grad_(False), 4, torch.Generator().manual_seed(0))
+    carrier = Carrier(parts, parts.stages[-1].renderer.requires_grad_(False), 4)
 
     def begin(picture):
         strokes = build_named("init", "slic", {})(picture, n, torch.Generator().manual_seed(0), None)
@@ -222,3 +228,61 @@ def test_shares_of_strokes_within_a_mask_and_strokes_that_meet_a_region_agree_wi
         assert share == pytest.approx(float(cover[:, :32].sum() / cover.sum()), abs=0.25)
         if region.of(cover).any():
             assert n in near
+
+
+@pytest.mark.parametrize("look", ["look=oil", "look=ink"])
+def test_a_painted_film_has_its_pictures_their_strokes_and_its_numbers(run_task, tmp_path, look):
+    clip = encoded(tmp_path / "clip.mp4", scene(7), rate=10)
+    words = (f"image={clip}", look, "resolution=47", "steps=3", "film.every=2", "film.start=0.1", "film.steps=2")
+    metrics = run_task(paint, *words)
+    frames, rate = decoded(tmp_path / "film.mp4")
+    assert (len(frames), rate, frames[0].shape) == (3, Fraction(5), (48, 48, 3))
+    assert (metrics["n_frames"], metrics["n_scenes"], metrics["status"]) == (3, 1, "completed")
+    assert metrics == json.loads((tmp_path / "metrics.json").read_text())
+    saved = [load_catalogue(tmp_path / "frames" / f"00000{k}.h5") for k in range(3)]
+    assert {len(one.strokes) for one in saved} == {metrics["n_strokes"]}
+    assert {one.size for one in saved} == {(47, 47)}
+    preview = read_picture(tmp_path / "preview.png")
+    assert preview.shape == (47, 3 * 47, 3)
+    last = preview[:, 2 * 47 :].astype(float)
+    run_task(export, "task=export", f"catalogue={tmp_path / 'frames' / '000002.h5'}", "overwrite=true")
+    same = np.abs(read_picture(tmp_path / "painting.png") - last).max() <= 1
+    assert same, "exporters see the same, in its light"
+    assert np.abs(frames[2][:47, :47] - last).mean() < 8
+    assert not (tmp_path / "checkpoint.ckpt").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["wet=0.5"], "wet=0.5 is for single pictures"),
+        (["style=coffee"], "style.image=coffee is for single pictures"),
+        (["film.start=2", "film.stop=1"], "film.stop=1 is not after"),
+        (["film.start=9", "steps=0"], "film.start=9 is behind the end"),
+    ],
+)
+def test_what_a_film_cannot_have_is_refused_in_one_line(run_task, tmp_path, words, message):
+    clip = encoded(tmp_path / "clip.mp4", scene(2))
+    with pytest.raises(UserError, match=message):
+        run_task(paint, f"image={clip}", "resolution=32", *words)
+
+
+def test_a_film_that_was_stopped_goes_on_to_the_same_strokes(tmp_path):
+    clip = encoded(tmp_path / "clip.mp4", scene(4))
+    words = (f"image={clip}", "resolution=32", "steps=3", "film.steps=2", "threads=1")
+    assert ended(tmp_path, *words, "output=whole")[0] == 0
+    for sent, expected in ((signal.SIGTERM, 128 + signal.SIGTERM), (signal.SIGKILL, -signal.SIGKILL)):
+        folder = tmp_path / sent.name
+        code, said = ended(tmp_path, *words, f"output={sent.name}", kill=("000001.h5", 1, True), sent=sent)
+        assert code == expected, said
+        if sent is signal.SIGTERM:
+            assert len(decoded(folder / "film.mp4")[0]) == 2
+            assert json.loads((folder / "metrics.json").read_text())["status"] == "interrupted"
+        code, said = ended(tmp_path, f"resume={sent.name}", f"output={sent.name}")
+        assert code == 0, said
+        assert len(decoded(folder / "film.mp4")[0]) == 4
+        for k in range(4):
+            one, other = (load_catalogue(run / "frames" / f"00000{k}.h5") for run in (tmp_path / "whole", folder))
+            assert torch.equal(one.depth, other.depth)
+            for name in FIELDS:
+                assert torch.equal(getattr(one.strokes, name), getattr(other.strokes, name)), (k, name)

@@ -7,10 +7,11 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from brushexp.bounds import Rule
 from brushexp.errors import UserError
+from brushexp.pictures.clips import is_film
 from brushexp.pictures.load import check_ratio, named_color, size_of_picture
 from brushexp.registry import build, plugins
 from brushexp.system.device import device_of
@@ -20,6 +21,7 @@ BYTES_PER_STROKE = 500  # that an export takes at least; a million were seen to 
 BYTES_PER_WINDOW_PIXEL = 16  # RGBA in 32 bits
 BYTES_PER_TRAINED_PIXEL = 48  # of a network's strokes: RGBA of the picture, of what it should be, and of its gradient
 AUTO = "auto"  # focus that is found in the picture, and a warm-up renderer that the chosen one names
+NOT_OF_FILMS = {"catalogue": None, "style.image": None, "wet": 0}  # keys, and what they are where nobody asks for them
 CURVES = {  # how the names of the curves begin that a callback may watch
     "paint": ("psnr", "seconds", "loss/", "lr-"),
     "train": ("validation/psnr_alpha", "validation/", "loss/", "lr-"),
@@ -77,6 +79,8 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
         raise UserError(f"warm_up={cfg.warm_up} is not a renderer; choose auto, null or one of {', '.join(names)}")
     check_losses(cfg)
     check_monitors(cfg)
+    if is_film(cfg.image):
+        check_film(cfg)
     size, there = size_of_picture(cfg.image, "image", cfg.resolution), None
     if cfg.focus not in (None, AUTO):
         check_ratio(cfg.focus, size_of_picture(cfg.focus, "focus"), size, "focus")
@@ -96,6 +100,15 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
         from brushexp.painting.timelapse import Timelapse  # noqa: PLC0415
 
         Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds)
+
+
+def check_film(cfg: DictConfig) -> None:
+    """That nothing is asked of a film that only single pictures have."""
+    for name, usual in NOT_OF_FILMS.items():
+        if (value := OmegaConf.select(cfg, name)) != usual:
+            raise UserError(f"{name}={value} is for single pictures, and {cfg.image} is a film; drop {name}")
+    if cfg.film.stop is not None and cfg.film.stop <= cfg.film.start:
+        raise UserError(f"film.stop={cfg.film.stop:g} is not after film.start={cfg.film.start:g}; give a later second")
 
 
 def check_train(cfg: DictConfig, overrides: Sequence[str]) -> None:

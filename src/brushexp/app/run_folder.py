@@ -17,10 +17,17 @@ from brushexp.system.reading import read_text
 OURS = re.compile(  # files that tasks write into their folders
     "(metrics|result|run|report|checkpoint|multirun|painting|target|focus|style|timelapse|catalogue|strokes|process|relief"
     "|height|normals|validation|outside|pruning|extremes|brushwork|brushwork_against|summary|table|sheet|effect|curves"
-    "|pareto|anytime)[.](png|svg|mp4|gif|h5|json|csv|md|tex|html|log|yaml|ckpt|hpgl|gcode)"
+    "|pareto|anytime|film|preview)[.](png|svg|mp4|gif|h5|json|csv|md|tex|html|log|yaml|ckpt|hpgl|gcode)"
 )
 BELOW = (  # and below them
-    *(".hydra/*.yaml", "curves/metrics.csv", "pictures/epoch_*.png", "strokes/[0-9]*.h5", "checkpoints/*.ckpt"),
+    *(
+        ".hydra/*.yaml",
+        "curves/metrics.csv",
+        "pictures/epoch_*.png",
+        "strokes/[0-9]*.h5",
+        "frames/[0-9]*.h5",
+        "checkpoints/*.ckpt",
+    ),
     *("tensorboard/*tfevents*", "tensorboard/hparams.yaml"),
     *("ratio_*/*.png", "ratio_*/*/epoch_*.png", "ratio_*/*/*.csv"),
 )

@@ -52,6 +52,17 @@ class StyleTransfer:
 
 
 @dataclass
+class FilmOptions:
+    """Keys below ``film`` of ``task=paint``, for image=clip.mp4."""
+
+    every: int = key(1, "of a film, image=clip.mp4: paint every so manieth picture", at_least(1))
+    start: float = key(0, "of a film: the second at which it begins", at_least(0))
+    stop: float | None = key(None, "of a film: the second at which it ends; null = at its end", above(0))
+    steps: int = key(8, "of a film: gradient steps of a picture that carries strokes on", at_least(0))
+    change: float = key(0.04, "of a film: difference from which a place has changed, 0 to 1", between(0.001, 1))
+
+
+@dataclass
 class Lamp:
     """Keys below ``light`` of ``task=paint``; light=315,45 is short for light.azimuth=315 light.elevation=45."""
 
@@ -113,7 +124,7 @@ class PaintTask(Task):
         }
     }
 
-    image: str = key("astronaut", "a picture file, or the name of a picture that scikit-image ships", PICTURE)
+    image: str = key("astronaut", "a picture or film file, or the name of a picture that scikit-image ships", PICTURE)
     resolution: int | None = key(None, "longer side in pixels; null = as is", between(1, 16384))
     strokes: int | None = key(None, "number of strokes; null = one per pixels_per_stroke", at_least(1))
     pixels_per_stroke: float = key(100, "pixels of the picture for each stroke", at_least(1))
@@ -142,6 +153,7 @@ class PaintTask(Task):
     focus_strength: float = key(8, "errors where it is brightest count so many times those elsewhere", between(1, 1000))
     lpips_backbone: str = key("alexnet", "network of lpips_weights", one_of("alexnet", "squeeze", "vgg16", "effl0"))
     lpips_weights: str | None = key(None, "file with its features: metrics then hold the official LPIPS too", FILE)
+    film: FilmOptions = field(default_factory=FilmOptions)
     light: Lamp = field(default_factory=Lamp)
     style: StyleTransfer = field(default_factory=StyleTransfer)
     trainer: TrainerOptions = field(default_factory=TrainerOptions)

@@ -1,6 +1,7 @@
 """Strokes carried to the next picture of a film: those move where it changes, and all others stay as they are."""
 
 import logging
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -52,7 +53,7 @@ class Carrier:
     components: Components
     renderer: Renderer
     steps: int
-    generator: torch.Generator
+    seed: int = 0  # of the importance of strokes, where it is estimated
 
     def __call__(self, cel: Cel, painted: Tensor, target: Tensor, changed: Tensor, motion: Tensor) -> Cel:
         """The strokes for a ``target`` (3, H, W) that is another where ``changed`` (H, W) is true.
@@ -64,7 +65,8 @@ class Carrier:
         moves = shares_within(cel.strokes, changed) >= CHANGED_SHARE
         cel = replace(cel, strokes=advected(cel.strokes, moves, motion * changed))
         moves |= shares_within(cel.strokes, changed) >= CHANGED_SHARE
-        region = region_around(*(corner[moves] for corner in boxes_of(cel.strokes)), size)
+        low, high = boxes_of(cel.strokes)
+        region = region_around(low[moves], high[moves], size)
         if region is None:
             return cel
         cel = self._relaid(cel, target, changed, moves, region)
@@ -80,7 +82,8 @@ class Carrier:
         with torch.no_grad():
             layers = self.renderer(strokes, number)
             image = self.components.blend(layers, order, picture.size, cel.background).image
-        matter = importance(strokes, order, picture, self.generator, number).where(movable, torch.inf)
+        generator = torch.Generator().manual_seed(self.seed)
+        matter = importance(strokes, order, picture, generator, number).where(movable, torch.inf)
         harmful = int((matter <= CHANNELS * TOLERANCE**2).sum())
         count = min(int(movable.sum()), harmful + round(MOVED_SHARE * int(movable.sum())))
         budget = max(1, round(len(moves) * picture.target[0].numel() / target[0].numel()))  # as dense as the whole
@@ -106,19 +109,19 @@ class Carrier:
         rates = [group["lr"] for group in optimizer.param_groups]
         best = cel.strokes
 
-        def closure() -> Tensor:
+        def closure() -> float:
             optimizer.zero_grad()
             catalogue.keep_in_range()
             _, view_of = picture.see(catalogue(), cel.strokes, view, cel.front_to_back, coarse=False, accuracy=False)
             total, _ = weighted_sum(self.components.losses, view_of)
             if total.requires_grad:
                 total.backward()
-            return total
+            return float(total.detach())
 
         for step in range(self.steps):
             for group, rate in zip(optimizer.param_groups, rates, strict=True):
                 group["lr"] = rate * chosen.share(step / self.steps)
-            if not torch.as_tensor(optimizer.step(closure)).isfinite() or not catalogue.is_finite():
+            if not math.isfinite(optimizer.step(closure)) or not catalogue.is_finite():
                 log.warning("a step would have left no numbers; the strokes stay as they were before it")
                 break
             catalogue.keep_in_range()

@@ -23,8 +23,8 @@ def difference(first: Tensor, second: Tensor) -> Tensor:
 def is_cut(first: Tensor, second: Tensor) -> bool:
     """Whether two successive pictures (3, H, W) show different scenes."""
     zoom = CUT_SIDE / max(first.shape[1:])
-    size = [max(1, round(zoom * side)) for side in first.shape[1:]]
-    small = [functional.adaptive_avg_pool2d(picture, size) for picture in (first, second)]
+    height, width = (max(1, round(zoom * side)) for side in first.shape[1:])
+    small = [functional.adaptive_avg_pool2d(picture, (height, width)) for picture in (first, second)]
     return float((small[0] - small[1]).abs().mean()) > CUT
 
 

@@ -31,22 +31,23 @@ class Reel:
         before = self.changes.held
         changed = self._see(picture)
         if self.changes.begins:
-            self._show(self.begin(picture))
+            self.show(self.begin(picture))
         elif changed.any():
             held = self.changes.held
-            self._show(self.carrier(self.cel, self.image, held, changed, motion(before, held)))
+            self.show(self.carrier(self.cel, self.image, held, changed, motion(before, held)))
 
     def follow(self, picture: Tensor, cel: Cel) -> None:
         """The next picture, which has been painted already."""
         self._see(picture)
-        self._show(cel)
+        self.show(cel)
 
     def _see(self, picture: Tensor) -> Tensor:
         changed = self.changes(picture)
         self.scenes += self.changes.begins
         return changed
 
-    def _show(self, cel: Cel) -> None:
+    def show(self, cel: Cel) -> None:
+        """Paint the strokes of a picture."""
         canvas = Picture(self.changes.held, None, cel.background, self.carrier.components.blend)
         canvas.renderer = self.carrier.renderer
         self.cel, self.image = cel, canvas.draw(cel.strokes, cel.front_to_back)

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from brushexp.bounds import Rule
 from brushexp.errors import UserError
+from brushexp.pictures.clips import is_film, open_clip
 from brushexp.pictures.decode import MAX_PIXELS, picture_size, read_picture
 from brushexp.pictures.held import pixels_of
 
@@ -29,7 +30,11 @@ def load_picture(image: str, resolution: int | None, key: str = "image") -> Tens
     the path, for messages.
     UserError if there is no such picture, it cannot be read, or it or the result has more than 100 megapixels.
     """
-    picture = _pixels_of(image, key)
+    return planes_of(_pixels_of(image, key), resolution)
+
+
+def planes_of(picture: np.ndarray, resolution: int | None) -> Tensor:
+    """A picture (H, W, 3), uint8 or in [0, 1], as `load_picture` gives one."""
     if resolution is not None:
         picture = _resample(picture, _size_at(resolution, *picture.shape[:2]))
     planes = np.ascontiguousarray(np.moveaxis(picture, 2, 0), dtype=np.float32)
@@ -39,7 +44,7 @@ def load_picture(image: str, resolution: int | None, key: str = "image") -> Tens
 
 
 def size_of_picture(image: str, key: str, resolution: int | None = None, also: str = "") -> tuple[int, int]:
-    """Height and width of what `load_picture` makes, and its errors, without decoding a picture."""
+    """Height and width of what `load_picture` makes, and its errors, without decoding a picture; of a film, too."""
     if (held := pixels_of(image)) is not None:
         height, width = held.shape[:2]
     else:
@@ -56,6 +61,8 @@ def _pixels_of(image: str, key: str, also: str = "", backdrop: float = 1.0) -> n
 
 @cache
 def _size_of_file(path: Path, key: str, changed: int) -> tuple[int, int]:
+    if is_film(path):
+        return open_clip(path, key).size
     return picture_size(path, key=key)  # of a PNG it may take as long as decoding
 
 

@@ -17,9 +17,11 @@ def motion(first: Tensor, second: Tensor) -> Tensor:
     from skimage.registration import optical_flow_ilk  # noqa: PLC0415  (slow to import)
 
     zoom = min(1.0, SIDE / max(first.shape[1:]))
-    size = [max(1, round(zoom * side)) for side in first.shape[1:]]
-    small = [functional.adaptive_avg_pool2d(picture, size).mean(0).cpu().numpy() for picture in (first, second)]
-    if min(size) < 2 * RADIUS:
+    height, width = (max(1, round(zoom * side)) for side in first.shape[1:])
+    small = [
+        functional.adaptive_avg_pool2d(picture, (height, width)).mean(0).cpu().numpy() for picture in (first, second)
+    ]
+    if min(height, width) < 2 * RADIUS:
         return torch.zeros_like(first[:2])
     down, across = optical_flow_ilk(*small, radius=RADIUS)
     found = torch.stack([torch.from_numpy(across), torch.from_numpy(down)]).to(first) / zoom

@@ -4,13 +4,17 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
+from brushexp.app.films import painted_film
 from brushexp.app.fitting import interrupted_run
 from brushexp.app.session import painted_into
+from brushexp.pictures.clips import is_film
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Paint one picture, write everything into the run's folder, and return the numbers of metrics.json."""
-    if cfg.get("resume") is None:
-        return painted_into(folder, cfg, start).metrics
-    checkpoint, cfg = interrupted_run(Path(cfg.resume), cfg)
-    return painted_into(folder, cfg, None, checkpoint).metrics
+    """Paint one picture, or a film, write everything into the run's folder, and return the numbers of metrics.json."""
+    checkpoint = None
+    if cfg.get("resume") is not None:
+        checkpoint, cfg = interrupted_run(Path(cfg.resume), cfg)
+    if is_film(cfg.image):
+        return painted_film(folder, cfg, None if checkpoint else start, checkpoint and checkpoint.parent)
+    return painted_into(folder, cfg, None if checkpoint else start, checkpoint).metrics

@@ -1,0 +1,211 @@
+"""``image=clip.mp4`` of ``task=paint``: a film, painted picture by picture and written on the way."""
+
+import logging
+import math
+import time
+from collections.abc import Iterator
+from fractions import Fraction
+from itertools import islice
+from pathlib import Path
+from threading import Event
+
+import lightning as L
+import numpy as np
+import torch
+from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
+
+from brushexp.app.fitting import CHECKPOINT, RECORD, fit, record_of, trainer_of
+from brushexp.errors import UserError
+from brushexp.painting.assembly import components_of
+from brushexp.painting.carrying import Carrier, Cel, ranks_of
+from brushexp.painting.changes import Flicker
+from brushexp.painting.goals import goals_of
+from brushexp.painting.metrics import psnr_of
+from brushexp.painting.preparation import prepared
+from brushexp.painting.reel import Reel
+from brushexp.pictures.clips import decoded_pictures, open_clip
+from brushexp.pictures.load import planes_of, size_of_picture
+from brushexp.pictures.video import filming
+from brushexp.plugins.export.base import ExportJob
+from brushexp.registry import plugin_of
+from brushexp.shading.light import Light, normals_of, shaded
+from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
+from brushexp.system.callbacks import INTERRUPTED
+from brushexp.system.device import device_of
+from brushexp.system.files import replacing, to_bytes, write_json, write_picture
+from brushexp.system.progress import showing
+from brushexp.system.runtime import interruptible, peak_memory
+
+log = logging.getLogger(__name__)
+FRAMES = "frames"  # folder of the catalogues, in a run's
+COMPLETED = "completed"
+MOST_TICKS = 65_535  # of a second, in which players count
+
+
+class PaintedFilm:
+    """A film that is being painted: what it is made of, and its numbers so far."""
+
+    def __init__(self, cfg: DictConfig, folder: Path) -> None:
+        self.cfg, self.folder, self.device = cfg, folder, device_of(cfg.device)
+        self.clip = open_clip(Path(cfg.image))
+        self.size = size_of_picture(cfg.image, "image", cfg.resolution)
+        self.rate = Fraction(self.clip.rate / cfg.film.every).limit_denominator(MOST_TICKS)
+        parts = components_of(cfg)
+        renderer = parts.stages[-1].renderer.to(self.device).requires_grad_(False)
+        self.reel = Reel(self.begin, Carrier(parts, renderer, cfg.film.steps, cfg.seed), cfg.film.change)
+        self.light = Light(**cfg.light)
+        self.name, self.settings = plugin_of(cfg.renderer).name, OmegaConf.to_yaml(cfg, resolve=True)
+        self.flicker, self.psnr, self.seconds = Flicker(), list[float](), list[float]()
+
+    @property
+    def planned(self) -> int:
+        """Pictures that are to be painted, as far as the film says how many it has; at least 1."""
+        first, last = self._span()
+        end = self.clip.count if last is None else min(last, self.clip.count)
+        return max(1, math.ceil((end - first) / self.cfg.film.every))
+
+    def targets(self) -> Iterator[Tensor]:
+        """The pictures (3, H, W) that are to be painted, one after another."""
+        first, last = self._span()
+        for picture in islice(decoded_pictures(self.clip), first, last, self.cfg.film.every):
+            yield planes_of(picture, self.cfg.resolution).to(self.device)
+
+    def _span(self) -> tuple[int, int | None]:
+        """Numbers of the first picture and of the one behind the last."""
+        film, rate = self.cfg.film, self.clip.rate
+        return math.ceil(film.start * rate), None if film.stop is None else max(1, math.ceil(film.stop * rate))
+
+    def begin(self, picture: Tensor) -> Cel:
+        """Paint the first picture of a scene as a single one is painted."""
+        cfg = self.cfg
+        L.seed_everything(cfg.seed, verbose=False)
+        painter = prepared(cfg, picture).painter.to(self.device)
+        if painter.schedule.steps or cfg.seconds:
+            goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
+            failure = fit(trainer_of(cfg, self.device, self.folder, [], goals), painter)
+            if painter.stop == INTERRUPTED:
+                raise KeyboardInterrupt
+            if failure is not None:
+                raise failure
+        painter.hand_over()
+        return Cel(painter.strokes(), painter.depth.front_to_back, painter.picture.background)
+
+    def take(self, number: int, target: Tensor, known: Path | None) -> np.ndarray:
+        """Paint a picture, or take over its strokes where they are ``known``, and return it (H, W, 3) in its light."""
+        since, scenes = time.monotonic(), self.reel.scenes
+        if known is None:
+            self.reel.paint(target)
+        else:
+            self.reel.follow(target, cel_of(load_catalogue(known), self.device))
+        picture = self.lit()
+        path = self.folder / FRAMES / f"{number:06d}.h5"
+        if known is None or known.resolve() != path.resolve():
+            save_catalogue(path, self.saved())
+        self.psnr.append(psnr_of(float((self.reel.image - target).square().mean())))
+        self.flicker.add(torch.from_numpy(np.moveaxis(picture, 2, 0) / np.float32(255)), target.cpu())
+        if known is None and self.reel.scenes == scenes:
+            self.seconds.append(time.monotonic() - since)
+        return picture
+
+    def lit(self) -> np.ndarray:
+        """The last picture as painted, (H, W, 3), in its light."""
+        if not self.light.depth:
+            return to_bytes(self.reel.image)
+        saved, carrier = self.saved(), self.reel.carrier
+        painting = (saved.strokes, saved.depth, saved.size, saved.background)
+        job = ExportJob(*painting, carrier.renderer, carrier.components.blend, self.name, self.cfg.image)
+        facing = normals_of(job.height(), self.light.depth)
+        return to_bytes(torch.from_numpy(shaded(self.reel.image.cpu().numpy(), facing, self.light)))
+
+    def saved(self) -> Saved:
+        """The strokes of the last picture as a catalogue."""
+        cel = self.reel.cel
+        return Saved(
+            strokes=cel.strokes.map(Tensor.cpu),
+            depth=(len(cel.strokes) - 1 - ranks_of(cel.front_to_back)).int().cpu(),
+            size=self.size,
+            background=cel.background.cpu(),
+            renderer=self.name,
+            renderer_hash=self.reel.carrier.renderer.weights_hash,
+            seed=self.cfg.seed,
+            config=self.settings,
+        )
+
+    def metrics(self, start: float | None, status: str) -> dict[str, object]:
+        """What metrics.json holds."""
+        count, carried = len(self.psnr), len(self.seconds)
+        return {
+            "psnr": float(np.mean(self.psnr)),
+            "psnr_lowest": min(self.psnr),
+            "flicker": self.flicker.value,
+            "n_frames": count,
+            "n_scenes": self.reel.scenes,
+            "n_strokes": len(self.reel.cel.strokes),
+            "seconds_per_frame": sum(self.seconds) / carried if carried else None,
+            "seconds_total": None if start is None else time.monotonic() - start,
+            "peak_memory_mb": peak_memory(),
+            "device": str(self.device),
+            "status": status,
+        }
+
+
+def cel_of(saved: Saved, device: torch.device) -> Cel:
+    """The strokes of a picture that was painted before."""
+    above = saved.depth.argsort(descending=True)
+    return Cel(saved.strokes.map(lambda value: value.to(device)), above.to(device), saved.background.to(device))
+
+
+def painted_film(folder: Path, cfg: DictConfig, start: float | None, before: Path | None = None) -> dict[str, object]:
+    """Paint the film that ``image`` names and write it, and the catalogues of its pictures, into the run's folder.
+
+    It goes on behind the pictures that are in the folder ``before``. Interrupted, it ends with the last picture that is
+    done: then a KeyboardInterrupt is raised.
+    """
+    film, stop = PaintedFilm(cfg, folder), Event()
+    (folder / FRAMES).mkdir(exist_ok=True)
+    (folder / "metrics.json").unlink(missing_ok=True)
+    known = [] if before is None else sorted((before / FRAMES).glob("[0-9]*.h5"))
+    with replacing(folder / CHECKPOINT) as temporary:  # its settings; what else there is to know are its pictures
+        torch.save({RECORD: record_of(cfg, folder)}, temporary)
+    with filming(folder / "film", "mp4", film.size, film.rate) as video, showing("painting the film") as show:
+        with interruptible(stop.set, "stopping after this picture; the film so far will be written"):
+            for number, target in enumerate(film.targets()):
+                try:
+                    picture = film.take(number, target, known[number] if number < len(known) else None)
+                except KeyboardInterrupt:
+                    stop.set()
+                    if not number:
+                        raise
+                    break
+                video.show(picture, 1)
+                show(min(1.0, (number + 1) / film.planned), f"picture {number + 1}, {film.psnr[-1]:.2f} dB")
+                if stop.is_set() and number + 1 < film.planned:
+                    break
+        if not film.psnr:
+            raise UserError(f"film.start={cfg.film.start:g} is behind the end of {cfg.image}; give an earlier second")
+    return concluded(film, start, INTERRUPTED if stop.is_set() and len(film.psnr) < film.planned else COMPLETED)
+
+
+def concluded(film: PaintedFilm, start: float | None, status: str) -> dict[str, object]:
+    """Write what is left to write of a film that has come to an end."""
+    folder = film.folder
+    frames = sorted((folder / FRAMES).glob("[0-9]*.h5"))[: len(film.psnr)]
+    chosen = sorted({0, len(frames) // 2, len(frames) - 1})
+    pictures = []
+    for path in (frames[k] for k in chosen):
+        film.reel.show(cel_of(load_catalogue(path), film.device))
+        pictures.append(film.lit())
+    write_picture(folder / "preview.png", np.concatenate(pictures, axis=1))
+    metrics = film.metrics(start, status)
+    write_json(folder / "metrics.json", metrics)
+    log.info(
+        "%s: %d pictures in %d scenes, %.2f dB, flicker %s, %s s a picture",
+        folder / "film.mp4", metrics["n_frames"], metrics["n_scenes"], metrics["psnr"],
+        *("-" if metrics[key] is None else f"{metrics[key]:.2g}" for key in ("flicker", "seconds_per_frame")),
+    )  # fmt: skip
+    if status == INTERRUPTED:
+        log.warning("interrupted at picture %d; continue with: brushexp resume=%s", metrics["n_frames"], folder)
+        raise KeyboardInterrupt
+    (folder / CHECKPOINT).unlink(missing_ok=True)
+    return metrics
