@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from brushexp.errors import UserError
+from brushexp.pictures.decode import MAX_PIXELS
 from brushexp.system.reading import check_file, in_short
 
 log = logging.getLogger(__name__)
@@ -88,13 +89,15 @@ def _decoding(path: Path, key: str) -> Iterator[tuple[Any, Any]]:
     check_file(path, f"give a film, {key}=clip.mp4")
     av = _library(path, key)
     try:
-        container = av.open(str(path))
+        container = av.open(str(path), options={"protocol_whitelist": "file"})  # a playlist may name addresses
     except _errors() as error:
         raise UserError(f"{key}={path} cannot be read as a film ({in_short(error)}); {CURE}") from error
     with container:
         if not container.streams.video:
             raise UserError(f"{key}={path} has no video in it; give a film that has")
         stream = container.streams.video[0]
+        if stream.width * stream.height > MAX_PIXELS:
+            raise UserError(f"{key}={path} has pictures of more than {MAX_PIXELS // 10**6} megapixels; make it smaller")
         stream.thread_type = "AUTO"
         yield container, stream
 

@@ -1,0 +1,90 @@
+"""A painted film against its pictures painted one by one with the same settings: flicker, PSNR, seconds a picture.
+
+    python benchmarks/film.py                          a piece of a photograph that moves over another one
+    python benchmarks/film.py clip.mp4 --count 12      the first pictures of a film
+    python benchmarks/film.py --look ink --side 256
+
+Flicker is the mean change (levels of 255) from picture to picture where the target stays as it is. Both are measured on
+pictures as they are shown, in their light; PSNR is of the colours.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from fractions import Fraction
+from itertools import islice
+from pathlib import Path
+
+import brushexp
+
+# isort: split
+import numpy as np
+import torch
+from skimage import data, transform
+
+from brushexp.painting.changes import Flicker
+from brushexp.pictures.clips import decoded_pictures, open_clip
+from brushexp.pictures.load import planes_of
+from brushexp.pictures.video import filming
+
+
+def scene(count: int, side: int) -> list[np.ndarray]:
+    """A round piece of one photograph on its way over a still one."""
+    still = transform.resize(data.coffee()[:, 100:500], (side, side), anti_aliasing=True)
+    piece = transform.resize(data.chelsea()[20:280, 110:370], (side // 3, side // 3), anti_aliasing=True)
+    row, column = np.mgrid[: side // 3, : side // 3] - (side // 3 - 1) / 2
+    inside = np.hypot(row, column)[..., None] < side / 6 - 1
+    pictures = []
+    for k in range(count):
+        picture, left, top = still.copy(), side // 10 + k * side // 100, round(side * (0.3 + 0.1 * np.sin(k / 6)))
+        place = picture[top : top + side // 3, left : left + side // 3]
+        place[:] = np.where(inside, piece, place)
+        pictures.append(np.rint(255 * picture).astype(np.uint8))
+    return pictures
+
+
+def main() -> None:
+    """Print a Markdown table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("clip", nargs="?", help="a film; without one it is made")
+    parser.add_argument("--look", default="oil")
+    parser.add_argument("--side", type=int, default=512, help="longer side, pixels")
+    parser.add_argument("--count", type=int, default=12, help="pictures")
+    parser.add_argument("--threads", type=int, default=None)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        path = Path(options.clip or Path(scratch) / "clip.mp4")
+        if not options.clip:
+            with filming(path.with_suffix(""), "mp4", (options.side, options.side), Fraction(25)) as film:
+                for picture in scene(options.count, options.side):
+                    film.show(picture, 1)
+        clip = open_clip(path)
+        words = [f"image={path}", f"look={options.look}", f"resolution={options.side}"]
+        words += [f"film.stop={options.count / float(clip.rate)}"]
+        words += [] if options.threads is None else [f"threads={options.threads}"]
+        folder = Path(scratch) / "run"
+        command = [sys.executable, "-m", "brushexp", *words, f"output={folder}"]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        carried = json.loads((folder / "metrics.json").read_text())
+        flicker, psnr, seconds = Flicker(), [], []
+        for picture in islice(decoded_pictures(clip), options.count):
+            since = time.monotonic()
+            painting = brushexp.paint(picture, look=options.look, resolution=options.side)
+            seconds.append(time.monotonic() - since)
+            psnr.append(painting.metrics["psnr"])
+            shown = torch.from_numpy(np.moveaxis(painting.image, 2, 0) / np.float32(255))
+            flicker.add(shown, planes_of(picture, options.side))
+    print(f"{carried['n_frames']} pictures, {options.side} px, look={options.look}, {carried['n_strokes']} strokes\n")
+    print("| | flicker | PSNR dB | seconds a picture |\n|---|---|---|---|")
+    print(
+        f"| carried | {255 * carried['flicker']:.3f} | {carried['psnr']:.2f} | {carried['seconds_per_frame']:.2f} |\n"
+        f"| one by one | {255 * flicker.value:.3f} | {np.mean(psnr):.2f} | {np.median(seconds):.2f} |\n\n"
+        f"{flicker.value / carried['flicker']:.1f} times less flicker"
+    )
+
+
+if __name__ == "__main__":
+    main()
