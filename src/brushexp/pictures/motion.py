@@ -6,6 +6,7 @@ from torch.nn import functional
 
 SIDE = 128  # pixels of the longer side at which motion is sought: strokes need no more, and it takes a few hundredths
 RADIUS = 5  # of the windows there, pixels
+WARPS = 3  # refinements of each level of the pyramid
 
 
 def motion(first: Tensor, second: Tensor) -> Tensor:
@@ -23,6 +24,6 @@ def motion(first: Tensor, second: Tensor) -> Tensor:
     ]
     if min(height, width) < 2 * RADIUS:
         return torch.zeros_like(first[:2])
-    down, across = optical_flow_ilk(*small, radius=RADIUS)
+    down, across = optical_flow_ilk(*small, radius=RADIUS, num_warp=WARPS)
     found = torch.stack([torch.from_numpy(across), torch.from_numpy(down)]).to(first) / zoom
     return functional.interpolate(found[None], first.shape[1:], mode="bilinear", align_corners=False)[0]
