@@ -58,6 +58,11 @@ def offer_looks(paths: Mapping[str, Path], schema: type[Any]) -> set[str]:
     return set(tuned)
 
 
+def look_names() -> list[str]:
+    """The looks that there are, once they are offered, in the order of the alphabet."""
+    return sorted(name.removesuffix(".yaml") for name in ConfigStore.instance().list("look"))
+
+
 def taken_out(look: DictConfig, groups: Mapping[str, Any]) -> list[tuple[str, str, DictConfig]]:
     """Family, plugin and options of all that a look sets below families; they are taken out of it.
 

@@ -271,6 +271,15 @@ class ViewTask(Task):
 
 
 @dataclass
+class StudioTask(Task):
+    """Paint your own photographs in the browser, and watch: a page on this machine, until Ctrl-C."""
+
+    keep: str | None = key(None, "folder where finished paintings stay; null = they go with the page")
+    port: int = key(0, "of this machine, 1 to 65535; 0 = any that is free", between(0, 65535))
+    open: bool = key(True, "in the browser, or only print the address")
+
+
+@dataclass
 class ExtremesTask(Task):
     """Draw and optimise extreme scenes with every renderer, blend and precision, and judge each as exact or broken."""
 

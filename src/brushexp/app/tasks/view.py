@@ -1,8 +1,6 @@
 """``task=view``: the page of a saved painting, of a run or of a sweep, in the browser."""
 
 import logging
-import time
-import webbrowser
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +11,7 @@ from brushexp.painting.outputs import export_job, with_renderer
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import build
 from brushexp.results.page.run import LARGEST_SIDE, PAGE_NAME, page_of_run, run_page
-from brushexp.results.page.serving import served
+from brushexp.results.page.serving import served, show_until_interrupted
 from brushexp.results.page.sweep_page import write_sweep_page
 from brushexp.results.runs import gather
 from brushexp.shading.light import UNLIT
@@ -26,15 +24,10 @@ log = logging.getLogger(__name__)
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Write the page into this run's folder, and serve it until Ctrl-C."""
     pages = pages_of(cfg, folder)
-    try:
-        with served(pages, cfg.port) as address:
-            log.info("%s is at %s until Ctrl-C; it is also in %s", cfg.catalogue, address, folder / PAGE_NAME)
-            if cfg.open and not webbrowser.open(address):
-                log.info("no browser could be started: open %s yourself", address)
-            while True:
-                time.sleep(3600)
-    except KeyboardInterrupt:
-        log.info("the page is no longer served; it stays in %s", folder / PAGE_NAME)
+    with served(pages, cfg.port) as address:
+        log.info("%s is at %s until Ctrl-C; it is also in %s", cfg.catalogue, address, folder / PAGE_NAME)
+        show_until_interrupted(address, in_browser=cfg.open)
+    log.info("the page is no longer served; it stays in %s", folder / PAGE_NAME)
     return {}
 
 

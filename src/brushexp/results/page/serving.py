@@ -1,6 +1,8 @@
 """Pages for a browser on this machine: these files, and nothing else."""
 
 import logging
+import time
+import webbrowser
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from http import HTTPStatus
@@ -34,8 +36,7 @@ def served(pages: Mapping[str, Path], port: int = 0) -> Iterator[str]:
     try:
         server = _Server((HOST, port), _Handler)
     except OSError as error:
-        reason = f"port={port} cannot be had ({error.strerror})"
-        raise UserError(f"{reason}; choose another one, or port=0 for any that is free") from error
+        raise refused(port, error) from error
     server.pages = pages
     thread = Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
     thread.start()
@@ -45,6 +46,23 @@ def served(pages: Mapping[str, Path], port: int = 0) -> Iterator[str]:
         server.shutdown()
         server.server_close()
         thread.join()
+
+
+def refused(port: int, error: OSError) -> UserError:
+    """What to tell when a port cannot be had."""
+    reason = f"port={port} cannot be had ({error.strerror})"
+    return UserError(f"{reason}; choose another one, or port=0 for any that is free")
+
+
+def show_until_interrupted(address: str, *, in_browser: bool) -> None:
+    """Open what is served in the browser, if it shall be, and wait for Ctrl-C."""
+    try:
+        if in_browser and not webbrowser.open(address):
+            log.info("no browser could be started: open %s yourself", address)
+        while True:
+            time.sleep(3600)
+    except KeyboardInterrupt:
+        return
 
 
 class _Server(ThreadingHTTPServer):

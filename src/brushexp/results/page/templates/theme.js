@@ -6,14 +6,12 @@
   const isDark = () => (dataset.theme ? dataset.theme === "dark" : system.matches);
   try { dataset.theme = localStorage.brushexpTheme ?? ""; } catch {} // a browser may refuse storage to files
 
-  addEventListener("DOMContentLoaded", () => {
-    const button = document.querySelector("[data-theme-toggle]");
-    const show = () => button.setAttribute("aria-pressed", isDark());
-    button.addEventListener("click", () => {
-      dataset.theme = isDark() ? "light" : "dark";
-      try { localStorage.brushexpTheme = dataset.theme; } catch {}
-      show();
-    });
+  const show = () => document.querySelector("[data-theme-toggle]")?.setAttribute("aria-pressed", isDark());
+  addEventListener("click", (event) => {
+    if (!event.target.closest("[data-theme-toggle]")) return;
+    dataset.theme = isDark() ? "light" : "dark";
+    try { localStorage.brushexpTheme = dataset.theme; } catch {}
     show();
   });
+  for (const moment of ["DOMContentLoaded", "load"]) addEventListener(moment, show);
 }

@@ -1,0 +1,84 @@
+"""The screenshots of docs/studio.md, of a studio that runs: ``python docs/site/studio_shots.py http://127.0.0.1:8080/``."""
+
+import io
+import shutil
+import sys
+from pathlib import Path
+
+from PIL import Image
+from playwright.sync_api import Page, sync_playwright
+
+IMAGES = Path(__file__).parents[1] / "images"
+WIDE, PHONE = {"width": 1280, "height": 880}, {"width": 390, "height": 844}
+MARK = [(0.36, 0.28), (0.5, 0.2), (0.52, 0.3), (0.4, 0.36)]  # over the face of the sample, in shares of its sides
+
+
+def choose(page: Page, group: str, name: str) -> None:
+    """Press a button of a group."""
+    page.get_by_role("group", name=group, exact=True).get_by_role("button", name=name, exact=True).click()
+
+
+def paint(page: Page, number: int, look: str) -> None:
+    """Begin, and wait for the first picture."""
+    choose(page, "Look", look)
+    page.get_by_role("button", name="Paint", exact=True).click()
+    page.locator(f".place .stage img[src^='/works/{number}/']").wait_for()
+    page.wait_for_timeout(1500)
+
+
+def finish(page: Page, number: int) -> None:
+    """Wait for the files."""
+    page.locator(f"a[href='/works/{number}.zip']").wait_for(timeout=300_000)
+
+
+def shot(page: Page) -> Image.Image:
+    """What is seen."""
+    page.wait_for_timeout(500)
+    return Image.open(io.BytesIO(page.screenshot()))
+
+
+def save(name: str, *pictures: Image.Image) -> None:
+    """Pictures beside each other, as JPEG."""
+    sheet = Image.new(
+        "RGB", (sum(one.width for one in pictures) + 24 * (len(pictures) - 1), pictures[0].height), "white"
+    )
+    for k, one in enumerate(pictures):
+        sheet.paste(one, (k * (one.width + 24), 0))
+    sheet.save(IMAGES / name, quality=82, optimize=True)
+
+
+def main(address: str) -> None:
+    """Two looks on a wide page, then a phone: mask, and comparison."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        page = browser.new_page(viewport=WIDE, color_scheme="light")
+        page.goto(address)
+        choose(page, "Picture", "chelsea")
+        paint(page, 1, "watercolour")
+        finish(page, 1)
+        paint(page, 2, "oil")
+        save("studio.jpg", shot(page))
+        finish(page, 2)
+        phone = browser.new_page(viewport=PHONE, color_scheme="dark", has_touch=True)
+        phone.goto(address)
+        choose(phone, "What is shown", "Compare")
+        choose(phone, "Compare with", "1 · watercolour")
+        compared = shot(phone)
+        choose(phone, "Picture", "astronaut")
+        choose(phone, "Focus", "Painted by hand")
+        phone.locator("canvas").scroll_into_view_if_needed()
+        phone.wait_for_timeout(1000)
+        box = phone.locator("canvas").bounding_box() or {}
+        places = [(box["x"] + x * box["width"], box["y"] + y * box["height"]) for x, y in MARK]
+        phone.mouse.move(*places[0])
+        phone.mouse.down()
+        for place in places:
+            phone.mouse.move(*place, steps=5)
+        phone.mouse.up()
+        phone.evaluate("scrollTo(0, 0)")
+        save("studio_phone.jpg", shot(phone), compared)
+        browser.close()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,27 @@
+"""Small paintings of one photograph, a look each, that the page shows; ``python -m brushexp.studio.look_samples``."""
+
+from pathlib import Path
+
+from PIL import Image
+
+import brushexp
+from brushexp.app.command_line import prepare
+from brushexp.app.looks import look_names
+
+FOLDER = Path(__file__).parent / "looks"
+PHOTO, RESOLUTION = "astronaut", 256  # pixels of the longer side: few, so that strokes are seen
+FACE = (52, 6, 172, 126)  # left, top, right and bottom of what is shown, in pixels
+SIDE, QUALITY = 176, 80  # pixels, and of WebP
+
+
+def paint_samples(looks: list[str], folder: Path = FOLDER) -> None:
+    """Write ``<look>.webp`` into a folder for each look."""
+    for look in looks:
+        painting = brushexp.paint(PHOTO, look=look, resolution=RESOLUTION)
+        picture = Image.fromarray(painting.image).crop(FACE).resize((SIDE, SIDE), Image.Resampling.LANCZOS)
+        picture.save(folder / f"{look}.webp", quality=QUALITY, method=6)
+
+
+if __name__ == "__main__":
+    prepare(Path())
+    paint_samples(look_names())

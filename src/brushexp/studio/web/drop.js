@@ -1,0 +1,30 @@
+// A place to drop a picture, or to choose one: it is sent to the studio, whose answer is the event "answer".
+export default {
+  template: `
+    <label class="drop" :data-over="over || null" @dragover.prevent="over = true" @dragleave="over = false"
+      @drop.prevent="take($event.dataTransfer.files[0])">
+      <input class="unseen" type="file" accept="image/*,.tif,.tiff" :aria-label="name" @change="chosen">
+      <span>{{ busy ? "Reading …" : text }}</span>
+    </label>`,
+  props: { name: String, text: String, address: String },
+  data: () => ({ over: false, busy: false }),
+  methods: {
+    chosen(event) {
+      this.take(event.target.files[0]);
+      event.target.value = ""; // the same file may be chosen again
+    },
+    async take(file) {
+      this.over = false;
+      if (!file) return;
+      this.busy = true;
+      const headers = { "Content-Type": "application/octet-stream", "X-Name": encodeURIComponent(file.name) };
+      try {
+        const answer = await fetch(this.address, { method: "POST", body: file, headers });
+        this.$emit("answer", await answer.json());
+      } catch {
+        this.$emit("answer", { error: "the studio does not answer; is it still running?" });
+      }
+      this.busy = false;
+    },
+  },
+};

@@ -1,0 +1,233 @@
+"""``task=studio``: one server for all tests, used as a visitor does, in a real browser, with a real photograph."""
+
+import http.client
+import io
+import re
+import signal
+import time
+import zipfile
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+import skimage.data
+from PIL import Image
+from program import Program
+
+pytest.importorskip("nicegui", reason="the studio is an extra")
+WIDE, PHONE = (1280, 860), (390, 844)
+CHELSEA = Path(skimage.data.__file__).parent / "chelsea.png"
+
+
+@pytest.fixture(scope="module")
+def studio(tmp_path_factory):
+    """Address of a studio, which is closed with Ctrl-C at the end."""
+    folder = tmp_path_factory.mktemp("studio")
+    process = Program("task=studio", "open=false", "threads=1", f"output={folder}/out", cwd=folder, TMPDIR=str(folder))
+    log, found = folder / "out" / "run.log", None
+    while not found and process.poll() is None:
+        time.sleep(0.05)
+        found = re.search(r"http://\S+", log.read_text()) if log.is_file() else None
+    assert found, process.communicate()
+    yield found[0]
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate()
+    assert process.returncode == 0, err
+    assert "the studio is closed" in out
+    assert not list(folder.glob("brushexp-studio-*")), "what the visitor gave is gone"
+
+
+@pytest.fixture
+def tab(studio, browser):
+    """Open the studio in a new tab; at its end nothing was asked of another machine, and nothing went wrong."""
+    contexts, asked, errors = [], [], []
+
+    def open_tab(size=WIDE, **options):
+        viewport = {"width": size[0], "height": size[1]}
+        context = browser.new_context(viewport=viewport, reduced_motion="reduce", **options)
+        contexts.append(context)
+        context.set_default_timeout(60_000)
+        context.route("**/*", lambda route: (asked.append(route.request.url), route.continue_()))
+        page = context.new_page()
+        page.on("websocket", lambda socket: asked.append(socket.url))
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
+        page.goto(studio)
+        page.get_by_role("button", name="Paint", exact=True).wait_for()
+        return page
+
+    yield open_tab
+    for context in contexts:
+        context.close()
+    here = urlsplit(studio).netloc
+    assert {urlsplit(url).netloc for url in asked if not url.startswith(("data:", "blob:"))} == {here}
+    assert not errors
+
+
+def choose(page, group, name):
+    page.get_by_role("group", name=group, exact=True).get_by_role("button", name=name, exact=True).click()
+
+
+def paint(page, number, look):
+    """Paint with few pixels and steps, and wait for the files."""
+    choose(page, "Canvas", "256")
+    choose(page, "Time", "Draft")
+    choose(page, "Look", look)
+    page.get_by_role("button", name="Paint", exact=True).click()
+    finish(page, number)
+
+
+def finish(page, number):
+    page.locator(f"a[href='/works/{number}.zip']").wait_for(timeout=120_000)
+
+
+def ask(address, path, method="GET", body=None, **headers):
+    connection = http.client.HTTPConnection(urlsplit(address).netloc, timeout=30)
+    connection.request(method, path, body, {name.replace("_", "-"): value for name, value in headers.items()})
+    answer = connection.getresponse()
+    found = answer.status, answer.read()
+    connection.close()
+    return found
+
+
+def fits(page):
+    """Nothing scrolls sideways, every control has a name, and no two of them lie over each other."""
+    assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
+    nameless = """[...document.querySelectorAll("button, a, input, canvas")].filter((one) => one.checkVisibility() &&
+      !(one.ariaLabel || one.labels?.length || one.innerText?.trim() || one.querySelector("img[alt]:not([alt=''])")))
+      .map((one) => one.outerHTML)"""
+    assert page.evaluate(nameless) == []
+    over = """[...document.querySelectorAll("button, a")].filter((one) => {
+      if (!one.checkVisibility() || one.closest(".doing, .bar")) return false;
+      one.scrollIntoView({ block: "center" });
+      const box = one.getBoundingClientRect();
+      const there = document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2);
+      return !one.contains(there);
+    }).map((one) => one.outerHTML)"""
+    assert page.evaluate(over) == []
+
+
+def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab):
+    page = tab(accept_downloads=True)
+    assert page.get_by_role("button", name="Paint", exact=True).is_disabled()
+    page.get_by_label("Your photograph").set_input_files(
+        {"name": "my cat.png", "mimeType": "", "buffer": CHELSEA.read_bytes()}
+    )
+    page.get_by_alt_text("the photograph my cat").wait_for()
+    choose(page, "Canvas", "256")
+    page.get_by_role("button", name="Paint", exact=True).click()
+    picture = page.locator(".place .stage img[src^='/works/']")
+    picture.wait_for()
+    first = picture.get_attribute("src")
+    page.locator(f".place .stage img[src^='/works/']:not([src='{first}'])").wait_for()  # another one, by itself
+    assert re.match(r"step \d+ of 60 · \d+\.\d dB · [\d,]+ strokes", page.locator(".caption").inner_text())
+    page.get_by_role("button", name="Stop").click()
+    finish(page, 1)
+    assert int(re.match(r"step (\d+)", page.locator(".caption").inner_text())[1]) < 60, "stopped, and kept"
+    with page.expect_download() as download:
+        page.get_by_role("link", name="Everything, zip").click()
+    with zipfile.ZipFile(download.value.path()) as archive:
+        names = {Path(name).name for name in archive.namelist()}
+    assert names >= {"painting.png", "strokes.svg", "catalogue.h5", "report.html", "target.png", "metrics.json"}
+    with page.expect_download() as download:
+        page.get_by_role("link", name="PNG").click()
+    with Image.open(download.value.path()) as painting:
+        assert painting.size == (256, 170)
+    assert download.value.suggested_filename == "my_cat-oil-1-painting.png"
+    with page.context.expect_page() as report:
+        page.get_by_role("link", name="Page", exact=True).click()
+    assert report.value.get_by_role("heading", name="Replay").is_visible()
+
+
+def test_two_paintings_are_compared_and_replayed(tab):
+    page = tab(PHONE, color_scheme="dark", has_touch=True)
+    choose(page, "Picture", "chelsea")
+    paint(page, 2, "gouache")
+    paint(page, 3, "ink")
+    choose(page, "What is shown", "Compare")
+    choose(page, "Compare with", "2 · gouache")
+    divider = page.get_by_role("slider", name="Divider between 2 · gouache and 3 · ink")
+    divider.focus()
+    page.keyboard.press("Home")
+    assert divider.get_attribute("aria-valuetext") == "0 % from the left"
+    choose(page, "What is shown", "Replay")
+    page.get_by_role("button", name="Play").wait_for()  # it has come to its end
+    moment = page.get_by_role("slider", name="Moment of the painting")
+    moment.press("Home")
+    assert "step 0 of" in moment.get_attribute("aria-valuetext")
+    fits(page)
+    other = tab()  # which shows the same paintings
+    other.get_by_role("button", name="painting 3 · ink").wait_for()
+    fits(other)
+
+
+def test_the_focus_is_painted_by_touch_and_by_keyboard(tab, studio):
+    page = tab(PHONE, has_touch=True)
+    choose(page, "Picture", "astronaut")
+    choose(page, "Focus", "Painted by hand")
+    canvas = page.get_by_role("img", name=re.compile("arrow keys move the brush"))
+    painted = """(canvas) => {
+      const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+      return data.filter((value, k) => k % 4 === 3 && value > 0).length / (canvas.width * canvas.height);
+    }"""
+    with page.expect_response("**/masks") as answer:
+        canvas.tap()
+    dab = canvas.evaluate(painted)
+    assert dab == pytest.approx(3.14159 * 0.09**2, rel=0.1)
+    canvas.press("ArrowLeft")
+    canvas.press("ArrowLeft")
+    with page.expect_response("**/masks") as answer:
+        canvas.press(" ")
+    assert dab < canvas.evaluate(painted) < 2.2 * dab
+    status, png = ask(studio, f"/masks/{answer.value.json()['mask']}.png")
+    mask = Image.open(io.BytesIO(png)).convert("L").resize((64, 64))
+    assert status == 200
+    assert mask.getpixel((32, 32)) == 255
+    assert mask.getpixel((32, 5)) == 0
+    fits(page)
+    page.get_by_role("button", name="Eraser").click()
+    canvas.tap()
+    assert canvas.evaluate(painted) < 1.5 * dab
+    page.get_by_role("button", name="Clear").click()
+    assert canvas.evaluate(painted) == 0
+
+
+def test_what_is_wrong_is_told_in_one_line(tab, tmp_path):
+    page = tab()
+    (tmp_path / "notes.jpg").write_text("no picture at all")
+    page.get_by_label("Your own picture").set_input_files(tmp_path / "notes.jpg")
+    alert = page.get_by_role("alert")
+    alert.get_by_text("notes.jpg is not a picture of a known format").wait_for()
+    assert str(tmp_path) not in alert.inner_text()
+    choose(page, "Picture", "chelsea")
+    page.get_by_alt_text("the photograph chelsea").wait_for()
+    assert page.get_by_role("button", name="Paint", exact=True).is_enabled()
+
+
+def test_only_pages_of_the_studio_on_this_machine_are_answered(studio):
+    port = urlsplit(studio).port
+    assert ask(studio, "/", Host=f"localhost:{port}")[0] == 200
+    assert ask(studio, "/", Host="evil.example")[0] == 400  # a name that may mean this machine
+    assert ask(studio, "/photos", "POST", b"x", Origin="http://evil.example")[0] == 403
+    assert ask(studio, "/photos", "POST", b"x", Origin="null")[0] == 403
+    socket = {
+        "Upgrade": "websocket",
+        "Connection": "Upgrade",
+        "Sec_WebSocket_Version": "13",
+        "Sec_WebSocket_Key": "x3JJHMbDL1EzLkh9GBhXDw==",
+    }
+    path = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+    assert ask(studio, path, Origin="http://evil.example", **socket)[0] == 403
+    for path in (
+        "/works/99.zip",
+        "/works/1/files/../../run.log",
+        "/photos/none/thumb.jpg",
+        "/masks/..%2Fx.png",
+        "/docs",
+    ):
+        assert ask(studio, path)[0] == 404, path
+
+
+def test_a_file_that_is_too_large_is_not_read_to_its_end(studio):
+    status, body = ask(studio, "/photos", "POST", bytes(2**26 + 2**20), Origin=studio.rstrip("/"))
+    assert (status, b"more than 64 MB" in body) == (200, True)
