@@ -27,13 +27,15 @@ WORDS = {int: "whole number", float: "number", bool: "true or false", str: "text
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages; mkdocs calls it."""
     prepare(ROOT)
-    for name, text in (("plugins.md", plugins_page()), ("tasks.md", tasks_page())):
+    pages = {"plugins.md": families_page(), "tasks.md": tasks_page()}
+    pages |= {f"plugins/{family}.md": family_page(family) for family in FAMILIES}
+    for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
     return files
 
 
-def plugins_page() -> str:
-    """Every plugin with its options, family by family."""
+def families_page() -> str:
+    """The families, with their plugins in one line each."""
     parts = [
         "# Plugins",
         "Made from the registry when this site is built. Choose one with `family=name`, set its options with "
@@ -41,15 +43,20 @@ def plugins_page() -> str:
         "Yours is one file in `plugins/`: [tutorial](tutorial.md).",
     ]
     for family, meaning in FAMILIES.items():
-        several = f" Several at once: `'{family}=[a,b]'`." if family in MULTI_SELECT else ""
-        parts += [f"## {family}", f"*{_sentence(meaning)}*{several}"]
-        parts += [_plugin(plugin) for plugin in plugins(family)]
-        presets = sorted((SHIPPED / family).glob("*.yaml"))
-        if presets:
-            rows = [f"| `{family}={path.stem}` | {_comment(path)} |" for path in presets]
-            parts.append(
-                "\n".join(["Presets, in `src/brushexp/conf/`:", "", "| preset | what it is |", "|---|---|", *rows])
-            )
+        rows = [f"| [`{plugin.name}`](plugins/{family}.md) | {_cell(plugin.summary)} |" for plugin in plugins(family)]
+        table = "\n".join([f"| `{family}=` | |", "|---|---|", *rows])
+        parts += [f"## [{family}](plugins/{family}.md)", _sentence(meaning), table]
+    return "\n\n".join(parts) + "\n"
+
+
+def family_page(family: str) -> str:
+    """Every plugin of a family with its options, and its presets."""
+    several = f" Several at once: `'{family}=[a,b]'`." if family in MULTI_SELECT else ""
+    parts = [f"# {family}", f"*{_sentence(FAMILIES[family])}*{several}", *map(_plugin, plugins(family))]
+    presets = sorted((SHIPPED / family).glob("*.yaml"))
+    if presets:
+        rows = [f"| `{family}={path.stem}` | {_comment(path)} |" for path in presets]
+        parts.append("\n".join(["## Presets", "", "| preset | what it is |", "|---|---|", *rows]))
     return "\n\n".join(parts) + "\n"
 
 
@@ -82,7 +89,7 @@ def _keys(keys: dict[str, Key]) -> str:
 def _plugin(plugin: Plugin) -> str:
     """Name, docstring and options of one plugin."""
     parts = [
-        f"### `{plugin.family}={plugin.name}`",
+        f"## `{plugin.family}={plugin.name}`",
         (inspect.getdoc(plugin.cls) or "").partition("\nArgs:\n")[0].strip(),
     ]
     if plugin.facts:

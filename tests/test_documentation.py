@@ -1,0 +1,31 @@
+"""Every command that the documentation shows can be typed: its task, plugins, keys and values are there."""
+
+import re
+import shlex
+
+import pytest
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from program import ROOT
+
+from brushexp.app.command_line import in_full
+from brushexp.app.configs import composed
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+SHOWN = {
+    command: f"{page.name}: {command}"
+    for page in PAGES
+    for command in re.findall(r"^ {4}brushexp (.*?)(?:  +#.*)?$", page.read_text(), re.MULTILINE)
+}
+
+
+@pytest.mark.parametrize("command", SHOWN, ids=SHOWN.values())
+def test_a_command_that_is_shown_composes(command):
+    words = [word for word in shlex.split(command, comments=True) if word not in ("-m", "--multirun", "--help")]
+    if words[:1] == ["studio"] or not words:
+        return
+    flags = ["-m"] * ("-m" in command.split())
+    overrides = OverridesParser.create().parse_overrides([word for word in in_full([*flags, *words]) if word != "-m"])
+    composed(
+        [f"{one.get_key_element()}={next(one.sweep_string_iterator())}" if one.is_sweep_override() else one.input_line
+         for one in overrides if not one.key_or_group.startswith("hydra.")]
+    )  # fmt: skip
