@@ -10,7 +10,6 @@ from typing import Any
 
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper, BasicSweeperConf
 from hydra.core.config_search_path import ConfigSearchPath
-from hydra.core.config_store import ConfigStore
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from hydra.core.utils import JobReturn
@@ -19,14 +18,11 @@ from hydra.plugins.search_path_plugin import SearchPathPlugin
 
 @dataclass
 class SettingsSweeperConf(BasicSweeperConf):
-    """Options of ``hydra/sweeper=settings``: those of Hydra's own sweeper, ``settings``, and ``resume`` to go on."""
+    """Options of ``hydra/sweeper=basic`` (`offer_sweepers`): Hydra's, ``settings``, and ``resume`` to go on."""
 
     _target_: str = "hydra_plugins.brushexp_settings.SettingsSweeper"
     settings: list[str] = field(default_factory=lambda: [""])
     resume: bool = False
-
-
-ConfigStore.instance().store(group="hydra/sweeper", name="settings", node=SettingsSweeperConf, provider="brushexp")
 
 
 class SettingsSweeper(BasicSweeper):

@@ -3,10 +3,13 @@
 import re
 from collections.abc import Iterator, Sequence
 from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
+from hydra.core.plugins import Plugins
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -32,6 +35,21 @@ def offer(folders: Sequence[Path]) -> None:
             offer_presets(family, files_of(folder, family))
     looks = {name: path for folder in folders for name, path in files_of(folder, "look").items()}
     publish(TASKS, offer_looks(looks, TASKS["paint"]))
+    offer_sweepers()
+
+
+def offer_sweepers() -> None:
+    """Put our sweepers in the place of Hydra's own and of Optuna's, under their names, in this program alone.
+
+    A default in config.yaml would win over a study that chooses another one, and Optuna's would minimise a PSNR.
+    """
+    Plugins.instance()  # they publish theirs when they are first looked for
+    ours = {"basic": ("settings", "SettingsSweeperConf"), "optuna": ("optuna", "StudySweeperConf")}
+    if not find_spec("hydra_plugins.hydra_optuna_sweeper"):
+        del ours["optuna"]
+    for name, (module, conf) in ours.items():
+        node = getattr(import_module(f"hydra_plugins.brushexp_{module}"), conf)
+        ConfigStore.instance().store(group="hydra/sweeper", name=name, node=node, provider="brushexp")
 
 
 def offer_presets(family: str, paths: dict[str, Path]) -> None:

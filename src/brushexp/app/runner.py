@@ -21,10 +21,11 @@ from brushexp.app.run_folder import take_job
 from brushexp.errors import UserError
 from brushexp.plugin_errors import plugins_named
 from brushexp.registry import plugins
+from brushexp.results.objective import objective_in
 from brushexp.results.sweep import note_result
 from brushexp.system.files import write_json
 from brushexp.system.hidden_packages import hidden
-from brushexp.system.runtime import forget_peak_memory, peak_memory, was_signalled
+from brushexp.system.runtime import forget_peak_memory, pass_signal_on, peak_memory, was_signalled
 
 NO_MEMORY = ("can't allocate memory", "not enough memory", "Unable to allocate")  # what torch and NumPy say
 SIZES = ("resolution", "strokes", "batch_size", "n")  # keys that less memory is needed with
@@ -32,8 +33,11 @@ SIZES = ("resolution", "strokes", "batch_size", "n")  # keys that less memory is
 log = logging.getLogger(__name__)
 
 
-def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
-    """Run ``cfg.task`` and return its numbers; ``start`` is `time.monotonic` when the program started."""
+def run_task(cfg: DictConfig, start: float) -> dict[str, object] | float:
+    """Run ``cfg.task`` and return its numbers, or the one that ``objective`` names.
+
+    ``start`` is `time.monotonic` when the program started.
+    """
     hydra = HydraConfig.get()
     if hydra.mode is RunMode.MULTIRUN:
         start = time.monotonic()  # each job counts from its own start
@@ -49,6 +53,7 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
         gc.enable()  # the program has disabled it
         torch.set_num_threads(cfg.threads or fair_share(hydra))
         result = perform(task, cfg, Path(hydra.runtime.output_dir).resolve(), start)
+        found = result if cfg.objective is None else objective_in(result, cfg.objective)
     except UserError as error:
         if hydra.mode is RunMode.MULTIRUN:
             raise  # the other jobs go on, and this one is marked in the table
@@ -58,11 +63,12 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object]:
         if hydra.mode is RunMode.MULTIRUN:  # Hydra tells its callbacks nothing
             note_result(Path(hydra.runtime.output_dir), cfg, hydra.overrides.task, error)
             log.warning("to go on with this sweep, type the same and: output=%s resume=sweep", hydra.sweep.dir)
+            pass_signal_on()
         raise
     if hydra.mode is RunMode.MULTIRUN and was_signalled():  # in its last step: this job is done, and the sweep ends
         note_result(Path(hydra.runtime.output_dir), cfg, hydra.overrides.task, result)
         raise KeyboardInterrupt
-    return result
+    return found
 
 
 def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
@@ -108,6 +114,8 @@ def in_users_words(error: BaseException, cfg: DictConfig) -> BaseException:
 def fair_share(hydra: HydraConf) -> int:
     """Cores for this job: all, or as many as a parallel launcher leaves each of its jobs."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if "cpus_per_task" in hydra.launcher:  # of submitit, where it is one by default, as for Slurm
+        return min(cores, hydra.launcher.cpus_per_task or 1)
     jobs = hydra.launcher.get("n_jobs", 1) or 1
-    jobs = cores + 1 + jobs if jobs < 0 else jobs  # joblib: -1 means all cores
+    jobs = cores + 1 + jobs if jobs < 0 else jobs  # joblib and Dask: -1 means all cores
     return max(1, cores // max(1, jobs))

@@ -37,6 +37,7 @@ class Task:
     threads: int | None = key(None, "processor cores; null = all, shared between the jobs of a sweep", at_least(1))
     output: str = key("outputs/${now:%Y-%m-%d_%H-%M-%S}", "folder of the run; of a sweep, the folder of its runs")
     overwrite: bool = key(False, "replace the run or sweep that output holds, with all that it has left there")
+    objective: str | None = key(None, "number of metrics.json that Optuna improves, as psnr; null = none")
 
 
 @dataclass

@@ -15,9 +15,11 @@ from omegaconf import DictConfig
 from brushexp.app.composition import check
 from brushexp.app.run_folder import check_free, take
 from brushexp.errors import UserError
+from brushexp.results.sweep import first_line
 
 JOBS = ".hydra/jobs.json"  # in the folder of a sweep: what was typed, and the words of each job
 ANY_TIME = ("output", "overwrite")  # keys that may be others when a sweep goes on
+ENGINES = ("joblib.", "submitit.", "distributed.")  # whose errors tell of jobs that were killed
 SUBFOLDER = "hydra.sweep.subdir="  # of the sweep's folder, where a job is
 Words = Sequence[str]
 
@@ -88,7 +90,12 @@ def launch_left(
         left = {number: in_place(job, number) for number, job in left.items()}  # which no longer follow one another
         left = {number: job for number, job in left.items() if not is_done(folder / job[-1].removeprefix(SUBFOLDER))}
         log.info("%d of %d jobs have finished already", len(batch) - len(left), len(batch))
-    results = launch(list(left.values()), initial_job_idx=min(left)) if left else []
+    try:
+        results = launch(list(left.values()), initial_job_idx=min(left)) if left else []
+    except Exception as error:
+        if not type(error).__module__.startswith(ENGINES):
+            raise
+        raise UserError(f"a job has ended without a result ({first_line(error)}); go on with resume=sweep") from error
     failed = [str(k) for k, one in zip(left, results, strict=True) if one.status is not JobStatus.COMPLETED]
     if failed:
         which, table = ", ".join(failed), folder / "table.md"

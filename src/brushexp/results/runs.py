@@ -52,11 +52,11 @@ def gather(folders: Iterable[Path], into: Path) -> DataFrame:
         if not paths:
             raise UserError(f"runs={folder}: there is no finished run in it; give the folder of a run or of a sweep")
         for path in paths:
-            found[os.path.relpath(path, into)] = _result_in(path)
+            found[os.path.relpath(path, into)] = result_in(path)
     return frame_of(into, found)
 
 
-def _result_in(folder: Path) -> Result:
+def result_in(folder: Path) -> Result:
     """What a run has noted last: a job of a sweep its result, unless it went on by itself later."""
     noted, measured = folder / "result.json", folder / "metrics.json"
     if not noted.is_file():
@@ -72,7 +72,7 @@ def _result_in(folder: Path) -> Result:
 def has_finished(folder: Path) -> bool:
     """Whether a run has come to its end, and left all that it leaves."""
     is_whole = (folder / "metrics.json").is_file() and not (folder / "checkpoint.ckpt").exists()
-    return is_whole and _result_in(folder)["status"] not in UNFINISHED
+    return is_whole and result_in(folder)["status"] not in UNFINISHED
 
 
 def frame_of(folder: Path, results: Mapping[str, Result]) -> DataFrame:

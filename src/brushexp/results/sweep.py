@@ -37,8 +37,11 @@ class SweepReport(Callback):
 def note_result(folder: Path, cfg: DictConfig, overrides: Sequence[str], result: Any) -> None:
     """Write the ``result.json`` of a job, of what its task returned or raised, and renew the report of its sweep."""
     from brushexp.system.files import write_json  # noqa: PLC0415
+    from brushexp.system.reading import json_of, read_text  # noqa: PLC0415
 
     try:  # Hydra would turn an exception into a warning
+        if isinstance(result, float):  # the one that was its objective
+            result = json_of(read_text(folder / "metrics.json", ""))
         write_json(folder / "result.json", result_of(folder.name, cfg, overrides, result))
         renew(folder.parent)
     except Exception as error:

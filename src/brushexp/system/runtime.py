@@ -17,6 +17,7 @@ from brushexp.errors import UserError
 log = logging.getLogger(__name__)
 
 ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+OF_CLUSTERS = [getattr(signal, name) for name in ("SIGUSR1", "SIGUSR2") if hasattr(signal, name)]  # soon time is up
 _received: list[int] = []  # signals so far
 _earlier_peak = [0.0]  # MB, of jobs before this one
 
@@ -73,9 +74,18 @@ def interrupted_code() -> int:
     return 128 + (_received[-1] if _received else signal.SIGINT)
 
 
+def pass_signal_on() -> None:
+    """Let the signal of a cluster by which this process was interrupted do what it did before: submitit tries again."""
+    if _received and _received[-1] in OF_CLUSTERS:
+        signal.raise_signal(_received[-1])
+
+
 @contextmanager
 def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
-    """Let a first Ctrl-C, SIGTERM or SIGHUP call ``stop`` and log the ``promise`` of an end; a second ends at once."""
+    """Let a first Ctrl-C, SIGTERM or SIGHUP call ``stop`` and log the ``promise`` of an end; a second ends at once.
+
+    So do the signals by which a cluster says that time is up, if whoever started us there listens to them.
+    """
 
     def finish(signum: int, frame: FrameType | None) -> None:
         _received.append(signum)
@@ -87,7 +97,8 @@ def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
         for number, handler in before.items():
             signal.signal(number, handler)
 
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, *ENDING)}
+    heard = [number for number in OF_CLUSTERS if callable(signal.getsignal(number))]
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, *ENDING, *heard)}
     if threading.current_thread() is not threading.main_thread():  # which alone gets signals
         yield
         return

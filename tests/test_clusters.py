@@ -1,0 +1,80 @@
+"""Sweeps by other engines than Hydra's own: searches with Optuna, jobs on Dask and submitit."""
+
+import json
+import os
+import re
+import signal
+
+import pytest
+from program import ROOT, run
+from sweeps import read_csv
+
+from brushexp.errors import UserError
+from brushexp.results.objective import better_direction, objective_in
+from brushexp.system.runtime import interruptible, pass_signal_on
+
+TINY = ["-m", "look=plain", "image=chelsea", "resolution=16", "steps=1", "report=false", "frames=0"]
+STUDY = ["hydra/sweeper=optuna", "objective=l1", "optimizer.lr=interval(0.01,0.1)", "init=choice(grid,slic)"]
+
+
+def test_the_tables_know_which_way_an_objective_is_better():
+    assert better_direction("psnr", None) == better_direction("psnr", "maximize") == "maximize"
+    assert better_direction("l1", None) == better_direction("steps", "minimize") == "minimize"
+    for objective, typed, message in (
+        (None, None, "try objective=psnr"), ("psnr", "minimize", "looks for the worst psnr; drop it"),
+        ("steps", None, "add hydra.sweeper.direction=minimize or maximize"), ("l1", "down", "not one of maximize"),
+    ):  # fmt: skip
+        with pytest.raises(UserError, match=message):
+            better_direction(objective, typed)
+    assert objective_in({"psnr": 3, "status": "completed"}, "psnr") == 3.0
+    with pytest.raises(UserError, match="objective=status is no number of this run; choose one of psnr"):
+        objective_in({"psnr": 3, "status": "completed", "on": True}, "status")
+
+
+@pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGUSR2])
+def test_a_signal_of_the_cluster_ends_a_fit_and_then_does_what_it_did(number):
+    heard = []
+    before = signal.signal(number, lambda *_: heard.append("requeued"))
+    try:
+        with interruptible(lambda: heard.append("stopped"), "stopping"):
+            os.kill(os.getpid(), number)
+        assert heard == ["stopped"]
+        pass_signal_on()
+        assert heard == ["stopped", "requeued"]
+    finally:
+        signal.signal(number, before)
+
+
+def test_a_search_marks_what_fails_and_goes_on(tmp_path):
+    pytest.importorskip("hydra_plugins.hydra_optuna_sweeper")
+    words, study = [*TINY, *STUDY, "output=s"], tmp_path / "s"
+    for more, message in (
+        (["hydra.sweeper.direction=maximize"], "looks for the worst l1; drop it"),
+        (["strokes=range(5,9999999)"], "job 3 of the sweep .*strokes=9999999.*set strokes to"),
+    ):
+        refused = run(*words, *more, cwd=tmp_path)
+        assert re.search(message, refused.stderr), refused.stderr
+        assert not study.exists()
+    done = run(*words, "hydra.sweeper.n_trials=2", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    values = [float(row["l1"]) for row in read_csv(study / "table.csv")]
+    assert f"best_value: {min(values)}" in (study / "optimization_results.yaml").read_text()
+    failed = json.loads((study / "1" / "result.json").read_text()) | {"status": "failed"}
+    (study / "1" / "result.json").write_text(json.dumps(failed))
+    done = run(*words, "hydra.sweeper.n_trials=3", "resume=sweep", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    rows = read_csv(study / "table.csv")
+    assert [row["status"] for row in rows] == ["completed", "failed", "completed"]
+    assert len({row["optimizer.lr"] for row in rows}) == 3
+    assert (study / "table.tex").exists()
+
+
+@pytest.mark.parametrize("launcher", ["dask", "submitit_local"])
+def test_jobs_of_other_launchers_meet_in_one_table(launcher, tmp_path):
+    pytest.importorskip({"dask": "distributed", "submitit_local": "submitit"}[launcher])
+    words = [*TINY, "seed=0,1", f"hydra/launcher={launcher}", "output=s"]
+    done = run(*words, cwd=tmp_path, PYTHONPATH=str(ROOT / "src"))
+    assert done.returncode == 0, done.stderr
+    sweep = tmp_path / "s"
+    assert [row["status"] for row in read_csv(sweep / "table.csv")] == 2 * ["completed"]
+    assert all((sweep / name).exists() for name in ("table.md", "table.tex", "report.html", "sheet.png"))
