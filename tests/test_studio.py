@@ -4,6 +4,7 @@ import http.client
 import io
 import re
 import signal
+import sys
 import time
 import zipfile
 from pathlib import Path
@@ -11,8 +12,12 @@ from urllib.parse import urlsplit
 
 import pytest
 import skimage.data
+from omegaconf import OmegaConf
 from PIL import Image
 from program import Program
+
+from brushexp.app.tasks import studio as studio_task
+from brushexp.errors import UserError
 
 pytest.importorskip("nicegui", reason="the studio is an extra")
 WIDE, PHONE = (1280, 860), (390, 844)
@@ -231,3 +236,10 @@ def test_only_pages_of_the_studio_on_this_machine_are_answered(studio):
 def test_a_file_that_is_too_large_is_not_read_to_its_end(studio):
     status, body = ask(studio, "/photos", "POST", bytes(2**26 + 2**20), Origin=studio.rstrip("/"))
     assert (status, b"more than 64 MB" in body) == (200, True)
+
+
+def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
+    for module in ("nicegui", "brushexp.studio.server"):
+        monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(UserError, match=r"pip install 'brushexp\[studio\]'"):
+        studio_task.run(OmegaConf.create(), tmp_path, 0.0)
