@@ -9,8 +9,8 @@ from brushexp.app.command_line import prepare
 from brushexp.app.looks import look_names
 
 FOLDER = Path(__file__).parent / "looks"
-PHOTO, RESOLUTION = "astronaut", 256  # pixels of the longer side: few, so that strokes are seen
-FACE = (52, 6, 172, 126)  # left, top, right and bottom of what is shown, in pixels
+PHOTO, RESOLUTION = "astronaut", 340  # pixels of the longer side: few, so that strokes are seen
+FACE = (69, 8, 229, 168)  # left, top, right and bottom of what is shown, in pixels
 SIDE, QUALITY = 176, 80  # pixels, and of WebP
 
 
