@@ -26,6 +26,7 @@ from brushexp.app.keys import keys_of
 from brushexp.app.mistakes import explanation
 from brushexp.app.schema import TASKS
 from brushexp.errors import UserError
+from brushexp.pictures.clips import is_film
 from brushexp.pictures.load import samples
 from brushexp.registry import MULTI_SELECT, load_plugins, plugins
 from brushexp.system.runtime import end_on_signals, interrupted_code
@@ -177,7 +178,7 @@ def meant(word: str) -> str:
         return f"task={word}"
     if path.suffix.lower() in CATALOGUES or any((path / name).exists() for name in RESULTS):
         raise UserError(f"{word} is no key=value; to look at a painting, run or sweep: task=view catalogue={word}")
-    if path.suffix.lower() in PICTURES or path.exists() or word in samples():
+    if path.suffix.lower() in PICTURES or is_film(path) or path.exists() or word in samples():
         return f"image={word}"
     raise UserError(f"{word} is no key=value, as image=photo.jpg is; --help lists the keys")
 
