@@ -6,14 +6,32 @@ from typing import TYPE_CHECKING, Any
 from brushexp.system.runtime import keep_memory, let_threads_sleep
 
 if TYPE_CHECKING:
+    from brushexp.api.choosing import create, list_plugins
+    from brushexp.api.drawing import render
     from brushexp.api.iteration import State, iterate
     from brushexp.api.painting import Painting, paint
+    from brushexp.api.studies import analyse, simulate, train_renderer
     from brushexp.errors import UserError
 
-__all__ = ["Painting", "State", "UserError", "iterate", "paint"]
+__all__ = [
+    "Painting",
+    "State",
+    "UserError",
+    "analyse",
+    "create",
+    "iterate",
+    "list_plugins",
+    "paint",
+    "render",
+    "simulate",
+    "train_renderer",
+]
 HOMES = {  # modules are loaded when one of these names is used: torch takes seconds
+    "brushexp.api.choosing": ("create", "list_plugins"),
+    "brushexp.api.drawing": ("render",),
     "brushexp.api.iteration": ("State", "iterate"),
     "brushexp.api.painting": ("Painting", "paint"),
+    "brushexp.api.studies": ("analyse", "simulate", "train_renderer"),
     "brushexp.errors": ("UserError",),
 }
 

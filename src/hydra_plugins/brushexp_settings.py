@@ -18,11 +18,15 @@ from hydra.plugins.search_path_plugin import SearchPathPlugin
 
 @dataclass
 class SettingsSweeperConf(BasicSweeperConf):
-    """Options of ``hydra/sweeper=basic`` (`offer_sweepers`): Hydra's, ``settings``, and ``resume`` to go on."""
+    """Options of ``hydra/sweeper=basic`` (`offer_sweepers`): Hydra's, ``settings``, and ``resume`` to go on.
+
+    A ``lenient`` sweep, that of a folder of pictures, runs though some jobs are refused, and may have more ones later.
+    """
 
     _target_: str = "hydra_plugins.brushexp_settings.SettingsSweeper"
     settings: list[str] = field(default_factory=lambda: [""])
     resume: bool = False
+    lenient: bool = False
 
 
 class SettingsSweeper(BasicSweeper):
@@ -33,10 +37,15 @@ class SettingsSweeper(BasicSweeper):
     """
 
     def __init__(
-        self, max_batch_size: int | None, params: dict[str, str] | None, settings: list[str], resume: bool
+        self,
+        max_batch_size: int | None,
+        params: dict[str, str] | None,
+        settings: list[str],
+        resume: bool,
+        lenient: bool,
     ) -> None:
         super().__init__(max_batch_size, params)
-        self.settings, self.resume = settings, resume
+        self.settings, self.resume, self.lenient = settings, resume, lenient
 
     def setup(self, **options: Any) -> None:
         """As in Hydra; jobs that a sweep has when it goes on are left out, and failed ones are told in one line."""
@@ -67,8 +76,8 @@ class SettingsSweeper(BasicSweeper):
         for setting in self.settings:
             own = parser.parse_overrides([written_out(word, sweep=True) for word in shlex.split(setting)])
             jobs += BasicSweeper.split_arguments([*overrides, *own], None)[0]
-        check_jobs(loader, self.config, jobs)
-        begin_sweep(self.config, jobs, self.resume)
+        check_jobs(loader, self.config, jobs, self.lenient)
+        begin_sweep(self.config, jobs, self.resume, self.lenient)
         return [list(batch) for batch in self.split_overrides_to_chunks(jobs, max_batch_size)]
 
     def validate_batch_is_legal(self, batch: Sequence[Sequence[str]]) -> None:

@@ -23,6 +23,7 @@ from brushexp.app.composition import offer
 from brushexp.app.configs import GROUPS, composed, folders_of
 from brushexp.app.help import help_text
 from brushexp.app.keys import keys_of
+from brushexp.app.many_pictures import PICTURES, as_sweep, in_processes
 from brushexp.app.mistakes import explanation
 from brushexp.app.schema import TASKS
 from brushexp.errors import UserError
@@ -33,7 +34,6 @@ from brushexp.system.runtime import end_on_signals, interrupted_code
 
 RESUME_SWEEP = "resume=sweep"
 CATALOGUES = (".h5", ".json")
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".gif")
 RESULTS = ("metrics.json", "report.html", "multirun.yaml")  # what a folder of a run or sweep has one of
 
 
@@ -70,10 +70,9 @@ def in_full(arguments: list[str]) -> list[str]:
         raise UserError(
             f"{', '.join(pictures)} are several pictures; for a sweep over them: -m image={','.join(pictures)}"
         )
-    return [
-        word if word.startswith("-") or word not in overrides else written_out(word, typed.multirun)
-        for word in arguments
-    ]
+    plain = as_sweep(in_processes([meant(word) if word in pictures else word for word in arguments]), typed.multirun)
+    kept = overrides | {meant(word) for word in pictures}
+    return [word if word.startswith("-") or word not in kept else written_out(word, typed.multirun) for word in plain]
 
 
 def written_out(word: str, sweep: bool) -> str:

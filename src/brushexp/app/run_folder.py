@@ -158,7 +158,7 @@ def left_in(folder: Path) -> Iterator[Path]:
         if OURS.fullmatch(path.name) or re.fullmatch(rf"({weights})(_[0-9.]+)?[.](safetensors|json)", path.name):
             if path.name not in others:
                 yield path
-        elif path.name.isdecimal() and (path / ".hydra").is_dir():
+        elif (path / ".hydra").is_dir() and (path.name.isdecimal() or (path / "result.json").is_file()):  # of a sweep
             yield from left_in(path)
     for pattern in BELOW:
         yield from folder.glob(pattern)

@@ -26,23 +26,31 @@ Words = Sequence[str]
 log = logging.getLogger(__name__)
 
 
-def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words]) -> None:
-    """Refuse (UserError) a sweep of which one job would be refused."""
+def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: bool = False) -> None:
+    """Refuse (UserError) a sweep of which one job would be refused; a ``lenient`` one, of which all would be."""
+    refused = []
     for number, job in enumerate(jobs):
         try:
             check(loader.load_sweep_config(config, list(job)), job)
         except UserError as error:
-            raise UserError(f"job {number} of the sweep ({' '.join(job)}): {error}") from error
+            refused.append(f"job {number} of the sweep ({' '.join(job)}): {error}")
+            if not lenient or len(refused) == len(jobs):
+                raise UserError(refused[0]) from error
+    for reason in refused:
+        log.warning("%s; it is skipped", reason)
 
 
-def begin_sweep(config: DictConfig, jobs: Sequence[Words], goes_on: bool) -> None:
-    """Take the folder of a sweep and note its jobs there; one that ``goes_on`` must have noted the same (UserError)."""
+def begin_sweep(config: DictConfig, jobs: Sequence[Words], goes_on: bool, lenient: bool = False) -> None:
+    """Take the folder of a sweep and note its jobs there; one that ``goes_on`` must have noted the same (UserError).
+
+    A ``lenient`` one may have others, but none in the folder of one that was noted.
+    """
     from brushexp.system.files import write_json  # noqa: PLC0415  (torch; --help should not wait for it)
 
     folder = Path(config.hydra.sweep.dir)
     noted = {"typed": command_words(config), "jobs": [kept(job) for job in jobs]}
     if goes_on:
-        check_same(folder, noted["jobs"])
+        check_same(folder, noted["jobs"], lenient)
     take(folder, config, goes_on)
     write_json(folder / JOBS, noted)
 
@@ -58,7 +66,7 @@ def kept(words: Words) -> list[str]:
     return [word for word in words if word.partition("=")[0] not in ANY_TIME]
 
 
-def check_same(folder: Path, jobs: Sequence[Words]) -> None:
+def check_same(folder: Path, jobs: Sequence[Words], lenient: bool = False) -> None:
     """Refuse (UserError) to go on with a folder that is not of a sweep with just these jobs."""
     from brushexp.system.reading import json_of, read_text  # noqa: PLC0415
 
@@ -67,6 +75,10 @@ def check_same(folder: Path, jobs: Sequence[Words]) -> None:
         before, words = [list(map(str, job)) for job in noted["jobs"]], list(map(str, noted["typed"]))
     except (UserError, KeyError, TypeError, ValueError) as error:
         raise UserError(f"resume=sweep: output={folder} holds no sweep; give the folder of one") from error
+    if lenient and all(job[-1].startswith(SUBFOLDER) for job in jobs):
+        places = {job[-1]: job for job in before if job}
+        jobs = [job for job in jobs if job[-1] in places]
+        before = [places[job[-1]] for job in jobs]
     number = next((k for k in range(max(len(jobs), len(before))) if list(jobs[k : k + 1]) != before[k : k + 1]), None)
     if number is not None:
         was, now = (" ".join(some[number]) if number < len(some) else "not there" for some in (before, jobs))

@@ -58,23 +58,34 @@ def renew(folder: Path) -> None:
 
     with FileLock(folder / ".hydra" / "report.lock"):
         frame = gather([folder], folder)
+        targets = frame["run", "target"]
+        if len(targets) > 1 and targets.is_unique:  # a folder of pictures: nothing to compare
+            write_tables_and_page(folder, frame)
+            write_contact_sheet(folder, frame)
+            return
         write_comparison(folder, frame)
         write_contact_sheet(folder, frame)
         write_effect(folder, frame)
 
 
-def write_comparison(folder: Path, frame: Any) -> Path | None:
-    """Write tables, front, curves, quality at equal time and the page of some runs; return the table of the front."""
-    from brushexp.results.anytime_curves import write_anytime, write_curves  # noqa: PLC0415
+def write_tables_and_page(folder: Path, frame: Any) -> None:
+    """Write tables and the page of some runs."""
     from brushexp.results.page.sweep_page import write_sweep_page  # noqa: PLC0415
-    from brushexp.results.pareto import write_front  # noqa: PLC0415
     from brushexp.results.tables import write_run_tables  # noqa: PLC0415
 
     write_run_tables(folder, frame)
+    write_sweep_page(folder, frame)
+
+
+def write_comparison(folder: Path, frame: Any) -> Path | None:
+    """Write tables, front, curves, quality at equal time and the page of some runs; return the table of the front."""
+    from brushexp.results.anytime_curves import write_anytime, write_curves  # noqa: PLC0415
+    from brushexp.results.pareto import write_front  # noqa: PLC0415
+
     front = write_front(folder, frame)
     write_anytime(folder, frame)
     write_curves(folder, frame)
-    write_sweep_page(folder, frame)
+    write_tables_and_page(folder, frame)
     return front
 
 

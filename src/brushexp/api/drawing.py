@@ -1,0 +1,57 @@
+"""``brushexp.render``: strokes as a picture, differentiable in PyTorch."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from brushexp.api.choosing import create
+from brushexp.compositing.mixing import mixing
+from brushexp.plugins.renderer.base import Renderer
+from brushexp.strokes.catalogue import Strokes, check_strokes
+
+
+def render(
+    strokes: Strokes,
+    size: tuple[int, int],
+    *,
+    depth: Tensor | None = None,
+    background: Tensor | None = None,
+    renderer: str | Renderer = "analytic",
+    blend: str = "tiled",
+    color: str = "rgb",
+    **options: Any,
+) -> Tensor:
+    """Draw strokes on a canvas; gradients flow back into their position, curve, width, color and opacity.
+
+    Args:
+        strokes: N, in pixels of the canvas; ``strokes.moved(zoom=2)`` are those of one twice as large.
+        size: height and width of the canvas in pixels.
+        depth: (N,) ranks, 0 for the bottom stroke; None lays them in their order.
+        background: (3,) RGB in [0, 1] of the bare canvas; None is white.
+        renderer: a name, or a renderer of `create`.
+        blend: name of what lays them over each other.
+        color: name of the space in which they mix.
+        options: of the renderer, such as ``soft=1.0``.
+
+    Returns:
+        (3, H, W) RGB in [0, 1].
+
+    >>> from brushexp.strokes.prior import sample_prior
+    >>> strokes = sample_prior(4).moved(shift=(16, 12)).map(lambda value: value.requires_grad_())
+    >>> picture = render(strokes, (24, 32))
+    >>> picture.mean().backward()
+    >>> picture.shape, strokes.position.grad.shape
+    (torch.Size([3, 24, 32]), torch.Size([4, 2]))
+    """
+    check_strokes(strokes)
+    order = torch.arange(len(strokes)) if depth is None else depth
+    chosen = create("renderer", renderer, **options) if isinstance(renderer, str) else renderer
+    paper = torch.ones(3) if background is None else background
+    like = strokes.position
+    layers = chosen.to(like.device)(strokes)
+    front_to_back = order.to(like.device).argsort(descending=True)
+    laid = mixing(create("blend", blend), create("color", color))
+    return laid(layers, front_to_back, size, paper.to(like)).image

@@ -1,0 +1,89 @@
+"""``brushexp.analyse``, ``brushexp.simulate`` and ``brushexp.train_renderer``: tasks about strokes."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from brushexp.api.choosing import create
+from brushexp.api.painting import Painting
+from brushexp.api.settings import settings_of
+from brushexp.app.run_folder import note_words, release, take
+from brushexp.app.runner import perform
+from brushexp.strokes.prior import parameters_of, sample_prior
+from brushexp.strokes.storage import load_catalogue
+
+if TYPE_CHECKING:
+    from brushexp.analysis.summary import Analysis
+    from brushexp.plugins.engine.base import Simulated
+    from brushexp.plugins.renderer.base import Renderer
+
+
+def analyse(painting: Painting | str | PathLike[str], *, radius: float | None = None, visible: float = 0) -> Analysis:
+    """Measure the brushwork of a painting, or of a catalogue.h5, as ``task=analyse`` does.
+
+    Args:
+        painting: what `paint` gave, or the path of a catalogue.
+        radius: pixels to neighbours; None for four pitches sqrt(pixels / strokes).
+        visible: share of a stroke that must be seen, or it is left out.
+
+    >>> from brushexp.api.painting import paint
+    >>> found = analyse(paint("astronaut", look="plain", resolution=32, strokes=20, steps=1))
+    >>> len(found.number)
+    20
+    """
+    from brushexp.analysis.summary import analysis_of  # noqa: PLC0415
+
+    saved = painting.finished.saved if isinstance(painting, Painting) else load_catalogue(Path(painting))
+    name = "painting" if isinstance(painting, Painting) else str(painting)
+    return analysis_of(saved, name, name, radius, visible, "catalogue")
+
+
+def simulate(n: int, *, engine: str = "fluid", seed: int = 0, **options: Any) -> tuple[Any, Simulated]:
+    """Simulate strokes of a brush on empty canvases, in memory: their parameters (n, 10) in [-1, 1], and pictures.
+
+    Sets for training, on disk, are those of ``task=simulate``.
+
+    Args:
+        n: strokes, drawn from the prior.
+        engine: name of the simulator.
+        seed: everything random follows from it.
+        options: of the engine, such as ``window=64``.
+
+    >>> parameters, found = simulate(2, engine="disc", window=32)
+    >>> parameters.shape, found.images.shape
+    (torch.Size([2, 10]), torch.Size([2, 4, 32, 32]))
+    """
+    parameters = parameters_of(sample_prior(n, seed))
+    simulated: Simulated = create("engine", engine, **options)(parameters, seed=seed)
+    return parameters, simulated
+
+
+def train_renderer(output: str | PathLike[str], *, renderer: str = "neural", **overrides: Any) -> Renderer:
+    """Train a renderer on simulated strokes, as ``task=train`` does, and return it with its weights.
+
+    Args:
+        output: folder of the run; weights and their recipe stay there, and ``paint(renderer=..., **{
+            "renderer.checkpoint": output / "neural.safetensors"})`` paints with them.
+        renderer: name of what is trained.
+        overrides: keys of the command line: ``data="strokes"``, ``minutes=30``, ``batch_size=32``, ``simulate=None``.
+
+    Raises:
+        UserError: what is wrong, in one line, as on the command line.
+    """
+    start, settings = time.monotonic(), settings_of("train", {"renderer": renderer, **overrides}, output)
+    folder, cfg = settings.folder, settings.cfg
+    assert folder is not None
+    task = importlib.import_module("brushexp.app.tasks.train")
+    with settings.as_asked():
+        take(folder, cfg)
+        try:
+            note_words(folder, cfg, settings.words)
+            perform(task, cfg, folder, start)
+        finally:
+            release(folder)
+    trained: Renderer = create("renderer", renderer, checkpoint=str(folder / f"{renderer}.safetensors"))
+    return trained

@@ -1,0 +1,74 @@
+"""A folder of pictures is a sweep: one process, one page, broken files skipped, and the same command goes on."""
+
+import json
+from pathlib import Path
+
+import pytest
+from PIL import Image
+from program import ended
+
+from brushexp.app.many_pictures import as_sweep, in_processes, names_of
+from brushexp.errors import UserError
+
+QUICK = ("look=plain", "steps=2", "frames=0", "report=false", "logger=[]")
+
+
+def photos(folder: Path) -> Path:
+    """Three pictures, of which one is none, and a file of another kind."""
+    folder.mkdir()
+    for k, name in enumerate(("a b,c.png", "second.jpg")):
+        Image.new("RGB", (24 + k, 16), (90 * k, 40, 200)).save(folder / name)
+    (folder / "broken.jpg").write_bytes(b"none")
+    (folder / "notes.txt").write_text("no picture")
+    return folder
+
+
+def test_all_pictures_are_painted_and_the_same_command_goes_on(tmp_path):
+    photos(tmp_path / "my photos")
+    code, said = ended(tmp_path, "image=my photos", *QUICK)
+    folder = tmp_path / "outputs" / "my photos"
+    assert code == 1
+    assert "broken.jpg is not a picture of a known format" in said
+    assert "1 of 3 jobs failed: 1" in said
+    status = {path.parent.name: json.loads(path.read_text())["status"] for path in folder.glob("*/result.json")}
+    assert status == {"a_b_c": "completed", "second": "completed", "broken": "failed"}
+    page = (folder / "report.html").read_text()
+    assert "a_b_c" in page
+    assert "is not a picture of a known format" in page
+    before = (folder / "second" / "painting.png").stat().st_mtime_ns
+    Image.new("RGB", (24, 16)).save(tmp_path / "my photos" / "broken.jpg")  # mended, and a new one beside it
+    Image.new("RGB", (9, 16)).save(tmp_path / "my photos" / "new.png")
+    code, said = ended(tmp_path, "image=my photos", *QUICK)
+    assert code == 0, said
+    assert "2 of 4 jobs have finished already" in said
+    assert (folder / "second" / "painting.png").stat().st_mtime_ns == before
+    assert (folder / "new" / "painting.png").is_file()
+    code, said = ended(tmp_path, "image=my photos", *QUICK, "strokes=3")
+    assert code == 1
+    assert "goes on with the same settings" in said
+
+
+def test_the_words_of_a_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    photos(tmp_path / "p")
+    flag, look, output, settings, *more = as_sweep(["image=p", "look=ink"], False)
+    assert (flag, look, output) == ("--multirun", "look=ink", "output=outputs/p")
+    assert settings.count("image=") == 3
+    assert "hydra.sweep.subdir=second" in settings
+    assert more == ["hydra.sweeper.lenient=true"]
+    assert "subdir" not in " ".join(as_sweep(["image=p/*.jpg", "look=ink,oil"], True))  # which has numbers
+    assert as_sweep(["image=astronaut"], False) == ["image=astronaut"]
+    with pytest.raises(UserError, match="no picture is there"):
+        as_sweep([f"image={tmp_path}"], False)
+
+
+def test_names_of_folders_are_plain_and_differ():
+    assert names_of(["x/a.jpg", "x/a.png", "x/ü 1.tif"]) == ["a_jpg", "a_png", "ü_1"]
+    assert names_of(["x/a.jpg", "y/a.jpg"]) == ["a_jpg", "a_jpg_2"]
+
+
+def test_jobs_are_processes():
+    assert in_processes(["jobs=2", "a=1"]) == ["a=1", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    assert in_processes(["jobs=1"]) == []
+    with pytest.raises(UserError, match="jobs=x is no number"):
+        in_processes(["jobs=x"])
