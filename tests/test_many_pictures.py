@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 from program import ended
 
-from brushexp.app.many_pictures import as_sweep, in_processes, names_of
+from brushexp.app.many_pictures import as_sweep, in_processes, subfolders_for
 from brushexp.errors import UserError
 
 QUICK = ("look=plain", "steps=2", "frames=0", "report=false", "logger=[]")
@@ -45,7 +45,7 @@ def test_all_pictures_are_painted_and_the_same_command_goes_on(tmp_path):
     assert (folder / "new" / "painting.png").is_file()
     code, said = ended(tmp_path, "image=my photos", *QUICK, "strokes=3")
     assert code == 1
-    assert "goes on with the same settings" in said
+    assert "has paintings with other settings" in said
 
 
 def test_the_words_of_a_folder(tmp_path, monkeypatch):
@@ -63,8 +63,8 @@ def test_the_words_of_a_folder(tmp_path, monkeypatch):
 
 
 def test_names_of_folders_are_plain_and_differ():
-    assert names_of(["x/a.jpg", "x/a.png", "x/ü 1.tif"]) == ["a_jpg", "a_png", "ü_1"]
-    assert names_of(["x/a.jpg", "y/a.jpg"]) == ["a_jpg", "a_jpg_2"]
+    assert subfolders_for(["x/a.jpg", "x/a.png", "x/ü 1.tif"]) == ["a_jpg", "a_png", "ü_1"]
+    assert subfolders_for(["x/a.jpg", "y/a.jpg"]) == ["a_jpg", "a_jpg_2"]
 
 
 def test_jobs_are_processes():

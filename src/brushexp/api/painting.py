@@ -19,6 +19,7 @@ from brushexp.app.runner import explaining_to_users
 from brushexp.app.session import painted, painted_into, report
 from brushexp.errors import UserError
 from brushexp.painting.finished import Finished
+from brushexp.pictures.clips import is_film
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import build_named
 from brushexp.results.page.run import run_page
@@ -165,6 +166,8 @@ def plan_of(
     given = {key: value for key, value in main.items() if value is not None}
     frames = {"frames": 0} if output is None else {}  # of a film that nobody has asked for
     settings = settings_of("paint", {"image": image, **given, **frames, **overrides}, output)
+    if is_film(settings.cfg.image):
+        raise UserError(f"image={settings.cfg.image} is a film; paint it with: brushexp {settings.cfg.image}")
     if output is None and settings.cfg.callbacks:
         raise UserError(f"callbacks={','.join(settings.cfg.callbacks)} may write files; say where with output=")
     return settings

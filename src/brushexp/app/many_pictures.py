@@ -37,7 +37,7 @@ def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
         return [*words]
     named = words[place].removeprefix("image=")
     paths = pictures_in(named)
-    places = [""] * len(paths) if is_sweep else [f" {SUBFOLDER}{name}" for name in names_of(paths)]
+    places = [""] * len(paths) if is_sweep else [f" {SUBFOLDER}{name}" for name in subfolders_for(paths)]
     settings = [shlex.quote(f"image={path}") + where for path, where in zip(paths, places, strict=True)]
     texts = ",".join('"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"' for text in settings)
     others = [*words[:place], *words[place + 1 :]]
@@ -76,7 +76,7 @@ def name_of(image: str) -> str:
     return Path(folder).expanduser().resolve().name or "pictures"
 
 
-def names_of(paths: Sequence[str]) -> list[str]:
+def subfolders_for(paths: Sequence[str]) -> list[str]:
     """A folder for each picture: its name without its ending, and with it where two would have one."""
     stems = ["".join(c if c.isalnum() or c in "-_." else "_" for c in Path(path).stem) for path in paths]
     endings = [Path(path).suffix.lower().replace(".", "_") for path in paths]

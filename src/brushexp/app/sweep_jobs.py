@@ -82,6 +82,9 @@ def check_same(folder: Path, jobs: Sequence[Words], lenient: bool = False) -> No
     number = next((k for k in range(max(len(jobs), len(before))) if list(jobs[k : k + 1]) != before[k : k + 1]), None)
     if number is not None:
         was, now = (" ".join(some[number]) if number < len(some) else "not there" for some in (before, jobs))
+        if lenient:
+            cure = "choose another one with output=..., or replace them with overwrite=true"
+            raise UserError(f"{folder} has paintings with other settings: '{was}', which would be '{now}'; {cure}")
         command = shlex.join(["brushexp", "-m", *words, f"output={folder}", "resume=sweep"])
         raise UserError(
             f"resume=sweep goes on with the same settings, but job {number} was '{was}' and would be '{now}'; "
