@@ -10,7 +10,7 @@ from torch import Tensor
 
 from brushexp.bounds import Rule, above, at_least, between
 from brushexp.pictures.load import named_color
-from brushexp.pictures.structure import along_edges, structure_tensor
+from brushexp.pictures.structure import FarStructure, along_edges
 from brushexp.plugins.init._cells import MIN_WINDOW_PIXELS, WINDOW_PITCHES
 from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.init.grid import lattice
@@ -62,6 +62,7 @@ class InLayers(Initializer):
         weight = np.ones(picture.shape[1:]) if focus is None else focus.numpy().astype(np.float64)
         counts = self._counts(n)
         pitch = math.sqrt(weight.size / counts[0])
+        structure = FarStructure(picture)
         parts, below = [], np.broadcast_to(picture.mean((1, 2), keepdims=True), picture.shape)
         for number, count in enumerate(counts):
             if count:
@@ -69,9 +70,7 @@ class InLayers(Initializer):
                 seen = _blurred(picture, BLUR * side)
                 wanted = weight * np.abs(seen - below).sum(0)
                 cells = min(weight.size, max(count, round(count / self.cover**number)))
-                flow = along_edges(
-                    np.sum([share * _structure(picture, reach * side) for reach, share in FAR_AWAY], axis=0)
-                )
+                flow = along_edges(structure([(reach * side, share) for reach, share in FAR_AWAY]))
                 parts.append(self._layer(seen, flow, _places(wanted, cells, count), side, generator))
                 below = seen
         return Strokes.join(*parts)
@@ -147,10 +146,6 @@ def _blurred(picture: Array, sigma: float) -> Array:
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
 
     return np.stack([gaussian_filter(channel, sigma, mode="nearest") for channel in picture])
-
-
-def _structure(picture: Array, sigma: float) -> Array:
-    return structure_tensor(picture, min(sigma, max(picture.shape)))
 
 
 def _at(values: Array, points: Array) -> Array:
