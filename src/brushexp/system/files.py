@@ -5,6 +5,7 @@ import json
 import math
 import os
 import secrets
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -18,6 +19,7 @@ from torch import Tensor
 from brushexp.errors import UserError
 
 TEMPORARY = ".brushexp-*"  # files that are being written
+PNG: dict[str, Any] = {"format": "PNG", "compress_type": zlib.Z_RLE}  # as small as by default, in a quarter of the time
 
 
 @contextmanager
@@ -64,7 +66,7 @@ def write_picture(path: Path, image: Tensor | np.ndarray) -> None:
     """Write a PNG of a tensor (3, H, W) in [0, 1], or of bytes (H, W, 3)."""
     pixels = to_bytes(image) if isinstance(image, Tensor) else image
     encoded = io.BytesIO()  # in memory: Pillow does not say why writing to a file failed
-    Image.fromarray(pixels).save(encoded, format="PNG")
+    Image.fromarray(pixels).save(encoded, **PNG)
     write_bytes(path, encoded.getvalue())
 
 

@@ -22,7 +22,7 @@ from brushexp.registry import register
 from brushexp.shading.light import UNLIT, overlay
 from brushexp.strokes.bezier import curve_of, half_width_of, point_at
 from brushexp.strokes.text import AT_ONCE
-from brushexp.system.files import write_text
+from brushexp.system.files import PNG, write_text
 
 CRISP = 1.0  # pixels: soft edge of strokes whose renderer is no profile
 PIXEL = 1 / 12  # square pixels: variance of an edge where a program fills pixels by the share that is covered
@@ -133,7 +133,7 @@ class Svg(Exporter):
 def _href(picture: Image.Image) -> str:
     """A picture as an attribute of the element that shows it."""
     encoded = io.BytesIO()
-    picture.save(encoded, format="PNG")
+    picture.save(encoded, **PNG)
     return f'href="data:image/png;base64,{base64.b64encode(encoded.getvalue()).decode()}"'
 
 

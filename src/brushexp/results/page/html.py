@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from PIL import Image
 
+from brushexp.system.files import PNG
+
 if TYPE_CHECKING:
     from jinja2 import Environment
 
@@ -56,13 +58,14 @@ def readable_number(value: object, digits: int = 0) -> str:
     return f"{value:,.{digits}f}" if math.isfinite(value) else "∞" if value > 0 else "−∞"
 
 
-def embedded(picture: Image.Image, largest: int, format: str = "PNG", **options: Any) -> dict[str, Any]:
+def embedded(picture: Image.Image, largest: int, **options: Any) -> dict[str, Any]:
     """A picture as templates take it, in the page itself: ``source``, ``width`` and ``height``.
 
-    It is shrunk in place to at most ``largest`` pixels on its longer side; ``options`` are for Pillow's encoder.
+    It is shrunk in place to at most ``largest`` pixels on its longer side; ``options`` are for Pillow, with a
+    ``format``; without any it is a PNG.
     """
     picture.thumbnail((largest, largest), Image.Resampling.LANCZOS, reducing_gap=3.0)
-    file = io.BytesIO()
-    picture.save(file, format=format, **options)
-    source = f"data:image/{format.lower()};base64,{base64.b64encode(file.getvalue()).decode()}"
+    file, options = io.BytesIO(), options or PNG
+    picture.save(file, **options)
+    source = f"data:image/{options['format'].lower()};base64,{base64.b64encode(file.getvalue()).decode()}"
     return {"source": source, "width": picture.width, "height": picture.height}
