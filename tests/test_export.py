@@ -237,7 +237,7 @@ def test_no_name_of_a_file_breaks_the_svg(source, tmp_path):
 
 @pytest.mark.parametrize(("zoom", "least"), [(1, 45), (3, 30)])
 def test_textured_strokes_in_the_light_are_in_the_svg_as_they_are(zoom, least, tmp_path, monkeypatch):
-    monkeypatch.setattr("brushexp.plugins.export.svg.MOST_PIXELS", 1e5)  # too few for strokes three times as large
+    monkeypatch.setattr("brushexp.plugins.export._sprites.MOST_PIXELS", 1e5)  # too few for strokes three times as large
     strokes = random_strokes(150, (96, 128), width=(0.1, 0.4), bend=0.3).moved(zoom=zoom)
     textured = build_named("renderer", "textured", {}).eval()
     what = replace(job_of(strokes, (96 * zoom, 128 * zoom)), renderer=textured, light=Light(depth=1.0))

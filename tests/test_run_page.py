@@ -212,7 +212,7 @@ def test_a_run_is_not_lost_with_its_page(tmp_path, caplog, monkeypatch):
     paint.report(tmp_path)
     assert "no report.html of this run" in caplog.text
     assert "Traceback" not in caplog.text
-    monkeypatch.setattr("brushexp.results.page.run.write_run_page", lambda folder: 1 / 0)
+    monkeypatch.setattr("brushexp.results.page.run.write_run_page", lambda *_: 1 / 0)
     paint.report(tmp_path)
     assert "ZeroDivisionError" in caplog.text
 
@@ -352,7 +352,7 @@ def test_the_scrubber_goes_forwards_and_back_to_the_same_pixels(shown):
 
 @pytest.mark.parametrize("most_pixels", [8e6, 2e5])
 def test_the_replay_of_textured_strokes_ends_as_the_painting_under_its_lamp(most_pixels, opened, tmp_path, monkeypatch):
-    monkeypatch.setattr("brushexp.results.page.run.MOST_PIXELS", most_pixels)
+    monkeypatch.setattr("brushexp.plugins.export._sprites.MOST_PIXELS", most_pixels)
     saved = saved_with(200, (300, 400), renderer="textured")
     strokes = replace(saved.strokes, scale=3 * saved.strokes.scale)
     flat, saved = (replace(saved, strokes=strokes, config=text) for text in ("", "light: {depth: 1.5}"))

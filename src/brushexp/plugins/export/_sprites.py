@@ -16,6 +16,7 @@ from brushexp.strokes.catalogue import Strokes
 
 SHEET_WIDTH = 4096  # pixels, and as many rows at most: what every browser can hold
 GAP = 1  # pixels between strokes
+MOST_PIXELS = 6e6  # of all: about 5 MB in an SVG, 3 MB in a page
 Array = np.ndarray
 
 
@@ -42,17 +43,17 @@ def has_sprites(job: ExportJob) -> bool:
 
 
 @torch.no_grad()
-def sprites_of(job: ExportJob, most_pixels: float = SHEET_WIDTH**2) -> Sprites:
+def sprites_of(job: ExportJob) -> Sprites:
     """Draw every stroke once, all in one pass of a blend, which leaves them as they are, for they do not touch.
 
     On black a blend shows what a stroke contributes, on white also what it lets through. Strokes are drawn smaller if
-    the sheet would have more than ``most_pixels``.
+    the sheet would have more than ``MOST_PIXELS``.
     """
     strokes, zoom = job.strokes, 1.0
     boxes = _boxes(job, strokes)
     needed = float(((boxes[:, 2] + GAP) * (boxes[:, 3] + GAP)).sum())
-    if needed > 0.8 * most_pixels:
-        zoom = math.sqrt(0.8 * most_pixels / needed)
+    if needed > 0.8 * MOST_PIXELS:
+        zoom = math.sqrt(0.8 * MOST_PIXELS / needed)
         strokes = strokes.moved(zoom=zoom)
         boxes = _boxes(job, strokes)
     corners, height = _on_shelves(boxes[:, 2:] + GAP)

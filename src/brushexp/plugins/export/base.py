@@ -1,9 +1,13 @@
 """What every exporter receives."""
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -16,6 +20,9 @@ from brushexp.shading.height import heights
 from brushexp.shading.light import UNLIT, Light, normals_of, shaded
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.progress import with_progress
+
+if TYPE_CHECKING:
+    from brushexp.plugins.export._sprites import Sprites
 
 LARGEST_SIDE_PIXELS = 65_536  # of the longer side of a picture that is written
 LARGE = 8 * BAND  # pixels from which painting takes so long that a bar is shown
@@ -42,11 +49,18 @@ class ExportJob:
         """Numbers (N,) of the strokes, the bottom one first."""
         return self.depth.argsort()
 
-    def at_most(self, side: int) -> "ExportJob":
+    @cached_property
+    def sprites(self) -> Sprites:
+        """Each stroke by itself, drawn when it is first asked for, see `sprites_of`."""
+        from brushexp.plugins.export._sprites import sprites_of  # noqa: PLC0415  (it draws jobs)
+
+        return sprites_of(self)
+
+    def at_most(self, side: int) -> ExportJob:
         """The same painting with at most ``side`` pixels on its longer side."""
         return self if side >= max(self.size) else self.scaled(side / max(self.size))
 
-    def scaled(self, zoom: float) -> "ExportJob":
+    def scaled(self, zoom: float) -> ExportJob:
         """The same painting ``zoom`` times as large."""
         size = (max(1, round(self.size[0] * zoom)), max(1, round(self.size[1] * zoom)))
         return replace(self, strokes=self.strokes.moved(zoom=zoom), size=size)

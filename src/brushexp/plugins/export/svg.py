@@ -15,7 +15,7 @@ from torch import Tensor
 
 from brushexp.bounds import between
 from brushexp.compositing.profile import Profile, smooth_rise
-from brushexp.plugins.export._sprites import has_sprites, sprites_of
+from brushexp.plugins.export._sprites import has_sprites
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import register
@@ -27,7 +27,6 @@ from brushexp.system.files import PNG, write_text
 CRISP = 1.0  # pixels: soft edge of strokes whose renderer is no profile
 PIXEL = 1 / 12  # square pixels: variance of an edge where a program fills pixels by the share that is covered
 BISECTIONS = 40
-MOST_PIXELS = 6e6  # of all bitmaps: about 5 MB
 LIGHT_SIDE = 2048  # pixels of the longer side of the light
 ALPHA = 3  # decimals of opacities
 SIDE_POINTS = 24  # of each long side of a tapered stroke
@@ -104,9 +103,8 @@ class Svg(Exporter):
         return job.light.depth > 0 and not self.paths
 
     def _bitmaps(self, job: ExportJob) -> Iterator[str]:
-        sprites = sprites_of(job, MOST_PIXELS)
-        for stroke, place, bitmap in sprites.bitmaps():
-            box = [f"{round(value / sprites.zoom, self.digits):.12g}" for value in (*place, *bitmap.size)]
+        for stroke, place, bitmap in job.sprites.bitmaps():
+            box = [f"{round(value / job.sprites.zoom, self.digits):.12g}" for value in (*place, *bitmap.size)]
             shape = " ".join(f'{key}="{value}"' for key, value in zip(("x", "y", "width", "height"), box, strict=True))
             yield f'<image id="stroke-{stroke}" {shape} preserveAspectRatio="none" {_href(bitmap)}/>\n'
 

@@ -16,7 +16,8 @@ from brushexp.analysis.columns import StrokeTable, measure_strokes
 from brushexp.errors import UserError
 from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.pictures.decode import opened_picture
-from brushexp.plugins.export._sprites import Sprites, has_sprites, sprites_of
+from brushexp.plugins.export._sprites import Sprites, has_sprites
+from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import build_named, plugins
 from brushexp.results.anytime_curves import curve_from
 from brushexp.results.page import drawings
@@ -45,7 +46,6 @@ LEFT_OUT = {PAGE_NAME, "checkpoint.ckpt", "lock", "others.txt"}  # the latter tw
 PICTURES = ("target", "painting", "flat", "style", "focus")  # flat: the painting without its light
 LARGEST_SIDE = 1600  # pixels of the longer side of a picture in a page
 LOSSLESS = 2**18  # pixels of a picture: a larger one goes into a page as a JPEG
-MOST_PIXELS = 8e6  # of the strokes with their textures: about 4 MB
 JPEG = {"format": "JPEG", "quality": 92, "subsampling": 0}
 METRICS_SHOWN = (  # of metrics.json: key, name, unit, digits, what it is
     ("psnr", "PSNR", "dB", 2, "peak signal-to-noise ratio, all pixels of the 8-bit pictures"),
@@ -60,13 +60,13 @@ METRICS_SHOWN = (  # of metrics.json: key, name, unit, digits, what it is
 )
 
 
-def write_run_page(folder: Path) -> Path:
-    """Write ``report.html`` into the folder of a run and return its path."""
-    write_text(folder / PAGE_NAME, page_of_run(folder))
+def write_run_page(folder: Path, job: ExportJob | None = None) -> Path:
+    """Write ``report.html`` into the folder of a run and return its path; see `run_page` for ``job``."""
+    write_text(folder / PAGE_NAME, page_of_run(folder, job))
     return folder / PAGE_NAME
 
 
-def page_of_run(folder: Path) -> str:
+def page_of_run(folder: Path, job: ExportJob | None = None) -> str:
     """The page of a run, from what it has left in its folder; a UserError without a whole catalogue."""
     saved = load_catalogue(folder / "catalogue.h5")
     metrics = read_result(folder / "metrics.json") if (folder / "metrics.json").is_file() else {}
@@ -79,6 +79,7 @@ def page_of_run(folder: Path) -> str:
         curves=read_curves(folder / "curves" / "metrics.csv"),
         command=command_of(folder) if metrics else None,
         files=files_in(folder),
+        job=job,
     )
 
 
@@ -123,13 +124,13 @@ def _float(text: str | None) -> float:
 def run_page(
     saved: Saved, *, name: str, pictures: Mapping[str, np.ndarray] | None = None,
     metrics: Mapping[str, Any] | None = None, curves: Mapping[str, Sequence[float]] | None = None,
-    command: str | None = None, files: Sequence[Mapping[str, str]] = (),
+    command: str | None = None, files: Sequence[Mapping[str, str]] = (), job: ExportJob | None = None,
 ) -> str:  # fmt: skip
     """The page of a painting, HTML that needs nothing else; a part of which nothing is known is left out.
 
     Pictures are (H, W, 3) uint8 by name: ``target``, ``painting`` (without it there are no error map and no light), and
     others; curves are columns by name: ``step``, ``psnr``, ``loss/...``; ``command`` repeats the run; ``files`` lie
-    beside the page, see `files_in`.
+    beside the page, see `files_in`; ``job`` is the same painting, if there is one that knows its sprites already.
     """
     metrics, pictures = metrics or {}, pictures or {}
     shown = {key: _shown(pixels) for key, pixels in pictures.items()}
@@ -146,7 +147,7 @@ def run_page(
         overlay=_overlay(pictures),
         others=shown,
         renderer=saved.renderer,
-        replay=None if measures is None else replay_of(saved, measures, _sprites(saved)),
+        replay=None if measures is None else replay_of(saved, measures, _sprites(saved, job)),
         error=_error(pictures.get("flat", pictures.get("painting")), pictures.get("target")),
         curves=_curves(curves or {}, metrics),
         strokes=None if measures is None else _strokes(saved, measures),
@@ -224,14 +225,14 @@ def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
     return {"lead": lead, "charts": [chart for chart in charts if chart], "swatches": swatches}
 
 
-def _sprites(saved: Saved) -> Sprites | None:
+def _sprites(saved: Saved, job: ExportJob | None) -> Sprites | None:
     """The strokes with their textures; None where they have none that a canvas could show."""
     try:
-        job = export_job(saved, renderer_of(saved), build_named("blend", "tiled", {}), saved.renderer)
+        job = job or export_job(saved, renderer_of(saved), build_named("blend", "tiled", {}), saved.renderer)
     except UserError as error:
         log.warning("the replay shows plain strokes: %s", error)
         return None
-    return sprites_of(job, MOST_PIXELS) if len(job.strokes) <= MAX_STROKES and has_sprites(job) else None
+    return job.sprites if len(job.strokes) <= MAX_STROKES and has_sprites(job) else None
 
 
 def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
