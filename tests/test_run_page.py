@@ -160,7 +160,7 @@ def test_a_page_shows_all_that_a_run_has_left_and_asks_nothing_of_any_other_plac
 def test_all_settings_in_one_line_are_the_same_settings(config):
     words = ["loss=[mse,width]", "loss.width.weight=0.5", "renderer=textured", "light=200,30", "optimizer=sgd"]
     resolved = OmegaConf.to_container(config(*words, "background='#102030'", "image=a b.png"), resolve=True)
-    again = OmegaConf.to_container(config(*shlex.split(line_of(resolved))[2:]), resolve=True)
+    again = OmegaConf.to_container(config(*shlex.split(line_of(resolved))[1:]), resolve=True)
     assert again | {"output": resolved["output"]} == resolved
 
 

@@ -152,7 +152,7 @@ def run_page(
         curves=_curves(curves or {}, metrics),
         strokes=None if measures is None else _strokes(saved, measures),
         light=_light(saved) if measures is not None and "painting" in pictures else None,
-        settings=_settings(recorded_config(saved), shlex.split(command or "")[2:]),
+        settings=_settings(recorded_config(saved), shlex.split(command or "")[1:]),
         line=line_of(recorded_config(saved)),
         command=command,
         files=files,
