@@ -51,6 +51,7 @@ class Painter(L.LightningModule):
 
     visits: Tensor  # (N,) steps that each stroke has taken
     stage: int  # number of the one whose renderer draws the strokes
+    _searching: bool  # whether strokes are elsewhere than at the beginning of the step
 
     def __init__(
         self,
@@ -240,7 +241,7 @@ class Painter(L.LightningModule):
     def look_at(self, view: View, strokes: Strokes, moving: Catalogue, *, accuracy: bool = False) -> None:
         """Choose what `training_step` draws and compares, see `Picture.see`."""
         self._view, self._strokes, self._moving, self._measure = view, strokes, moving, accuracy
-        self._searching = False  # whether strokes are elsewhere than at the beginning of the step
+        self._searching = False
 
     def use_stage(self, stage: int) -> None:
         """Draw with the renderer of a stage from now on."""
