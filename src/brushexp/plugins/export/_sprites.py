@@ -16,7 +16,7 @@ from brushexp.strokes.catalogue import Strokes
 
 SHEET_WIDTH = 4096  # pixels, and as many rows at most: what every browser can hold
 GAP = 1  # pixels between strokes
-MOST_PIXELS = 6e6  # of all: about 5 MB in an SVG, 3 MB in a page
+MOST_PIXELS = 6e6  # of all: about 5 MB in an SVG
 Array = np.ndarray
 
 
