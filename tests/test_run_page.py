@@ -19,7 +19,7 @@ from PIL import Image
 from scenes import random_strokes
 
 from brushexp.analysis.columns import measure_strokes
-from brushexp.app.tasks import paint
+from brushexp.app import session
 from brushexp.errors import UserError
 from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.plugins.export.png import pixels
@@ -209,11 +209,11 @@ def test_what_is_not_known_is_left_out():
 def test_a_run_is_not_lost_with_its_page(tmp_path, caplog, monkeypatch):
     with pytest.raises(UserError, match=r"give the catalogue\.h5"):
         write_run_page(tmp_path)
-    paint.report(tmp_path)
+    session.report(tmp_path)
     assert "no report.html of this run" in caplog.text
     assert "Traceback" not in caplog.text
     monkeypatch.setattr("brushexp.results.page.run.write_run_page", lambda *_: 1 / 0)
-    paint.report(tmp_path)
+    session.report(tmp_path)
     assert "ZeroDivisionError" in caplog.text
 
 
