@@ -3,7 +3,6 @@
 It takes the place of the original under its name, because that would minimise a PSNR without a word.
 """
 
-import logging
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -41,7 +40,6 @@ class StudySweeper(Sweeper):
 
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
         """As in Hydra; a UserError if the objective and the direction do not agree."""
-        logging.getLogger("alembic").setLevel(logging.WARNING)  # tells of 30 parts that it loads
         from hydra_plugins.hydra_optuna_sweeper._impl import OptunaSweeperImpl  # noqa: PLC0415  (optuna is slow to load)
 
         from brushexp.results.objective import better_direction  # noqa: PLC0415

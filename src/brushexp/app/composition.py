@@ -1,5 +1,6 @@
 """What Hydra composes: tasks and presets are offered to it, and a composed config is checked before anything runs."""
 
+import logging
 import re
 from collections.abc import Iterator, Sequence
 from functools import cache
@@ -43,6 +44,7 @@ def offer_sweepers() -> None:
 
     A default in config.yaml would win over a study that chooses another one, and Optuna's would minimise a PSNR.
     """
+    logging.getLogger("alembic").setLevel(logging.WARNING)  # which optuna imports: it tells of 30 parts that it loads
     Plugins.instance()  # they publish theirs when they are first looked for
     ours = {"basic": ("settings", "SettingsSweeperConf"), "optuna": ("optuna", "StudySweeperConf")}
     if not find_spec("hydra_plugins.hydra_optuna_sweeper"):
