@@ -22,7 +22,7 @@ def jobs(settings, arguments=(), batch=None):
     with initialize_config_dir(version_base="1.3", config_dir=str(SHIPPED)):
         loader = GlobalHydra.instance().config_loader()
         found = Plugins.instance().class_name_to_class["hydra_plugins.brushexp_settings.SettingsSweeper"]
-        sweeper = found(batch, None, settings, False)
+        sweeper = found(batch, None, settings, False, False)
         sweeper.hydra_context = SimpleNamespace(config_loader=loader)
         sweeper.config = compose("config", return_hydra_config=True)
         overrides = OverridesParser.create(config_loader=loader).parse_overrides(list(arguments))
