@@ -18,6 +18,11 @@ SHOWN = {
 }
 
 
+def first_of(override):
+    """The first value of a sweep, or the lower end of an interval."""
+    return override.value().start if override.is_interval_sweep() else next(override.sweep_string_iterator())
+
+
 @pytest.mark.parametrize("command", SHOWN, ids=SHOWN.values())
 def test_a_command_that_is_shown_composes(command):
     words = [word for word in shlex.split(command, comments=True) if word not in ("-m", "--multirun", "--help")]
@@ -26,6 +31,6 @@ def test_a_command_that_is_shown_composes(command):
     flags = ["-m"] * ("-m" in command.split())
     overrides = OverridesParser.create().parse_overrides([word for word in in_full([*flags, *words]) if word != "-m"])
     composed(
-        [f"{one.get_key_element()}={next(one.sweep_string_iterator())}" if one.is_sweep_override() else one.input_line
+        [f"{one.get_key_element()}={first_of(one)}" if one.is_sweep_override() else one.input_line
          for one in overrides if not one.key_or_group.startswith("hydra.")]
     )  # fmt: skip
