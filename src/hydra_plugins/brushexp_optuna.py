@@ -35,6 +35,8 @@ class StudySweeperConf:
 class StudySweeper(Sweeper):
     """Optuna's trials as jobs; a failed one is marked, and the study goes on."""
 
+    config: Any  # of Hydra, from `setup` on
+
     def __init__(self, resume: bool, direction: str | None, **options: Any) -> None:
         self.resume, self.direction, self.options = resume, direction, options
 

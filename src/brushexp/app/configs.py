@@ -55,7 +55,7 @@ def composed(words: Sequence[str], folders: Sequence[Path] = (SHIPPED,)) -> Dict
 @contextmanager
 def _apart() -> Iterator[None]:
     """Hydra as if it were not in use; another program's is afterwards as it was."""
-    singletons: dict[type, Any] = Singleton._instances  # type: ignore[assignment]
+    singletons: dict[Any, Any] = Singleton._instances
     kinds = (GlobalHydra, VersionBase)
     with _lock:
         before = {kind: singletons.pop(kind) for kind in kinds if kind in singletons}

@@ -16,8 +16,8 @@ _start = [time.monotonic()]  # of the program
 
 
 @hydra.main(version_base="1.3", config_path="pkg://brushexp.conf", config_name="config")
-def job(cfg: DictConfig) -> dict[str, object]:
-    """Run the task that a config names and return its numbers; a process of a parallel sweep begins here."""
+def job(cfg: DictConfig) -> dict[str, object] | float:
+    """Run the task of a config; its numbers, or that of its objective. A process of a parallel sweep begins here."""
     if os.getpid() not in _prepared:
         prepare(Path())
         _prepared.add(os.getpid())

@@ -48,11 +48,11 @@ def begin_sweep(config: DictConfig, jobs: Sequence[Words], goes_on: bool, lenien
     from brushexp.system.files import write_json  # noqa: PLC0415  (torch; --help should not wait for it)
 
     folder = Path(config.hydra.sweep.dir)
-    noted = {"typed": command_words(config), "jobs": [kept(job) for job in jobs]}
+    kept_jobs = [kept(job) for job in jobs]
     if goes_on:
-        check_same(folder, noted["jobs"], lenient)
+        check_same(folder, kept_jobs, lenient)
     take(folder, config, goes_on)
-    write_json(folder / JOBS, noted)
+    write_json(folder / JOBS, {"typed": command_words(config), "jobs": kept_jobs})
 
 
 def command_words(config: DictConfig) -> list[str]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from nicegui import run, ui
@@ -60,7 +61,7 @@ class Controls:
             with place:
                 if name == "style":
                     Button("None", lambda: self._take_style(None), pressed=chosen is None, classes="drop")
-                Drop(f"Your own {name}", "Your own", "/photos", lambda said, take=take: self.receive(said, take))
+                Drop(f"Your own {name}", "Your own", "/photos", partial(self.receive, take=take))
                 for key in SAMPLES if chosen is None or chosen.key in SAMPLES else (chosen.key, *SAMPLES):
                     self._thumb(key, chosen, take)
 
@@ -69,7 +70,9 @@ class Controls:
         name = chosen.name if chosen and pressed else key.replace("_", " ")
 
         async def choose() -> None:
-            take(await run.io_bound(lambda: self.visit.photos[key]))  # the first time it is read
+            photo = await run.io_bound(lambda: self.visit.photos[key])  # the first time it is read
+            if photo is not None:  # the studio is not about to end
+                take(photo)
 
         with Button("", choose, pressed=pressed, classes="thumb"):
             Tag("img", src=f"/photos/{key}/thumb.jpg", alt=name, title=name)

@@ -1,5 +1,6 @@
 """The right side of the page: photograph, painting as it comes, comparison, replay, files, and earlier paintings."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -41,9 +42,7 @@ class Easel:
         self.views.clear()
         with self.views:
             for view in there:
-                Button(
-                    VIEWS[view], lambda view=view: self._choose(view), pressed=view == self.visit.view, classes="choice"
-                )
+                Button(VIEWS[view], partial(self._choose, view), pressed=view == self.visit.view, classes="choice")
         self.live = None
         self.place.clear()
         with self.place:

@@ -44,6 +44,8 @@ def add_page(app: FastAPI, photos: Photos, works: Works) -> None:
 class Tab:
     """All of the page below its bar."""
 
+    controls: Controls
+
     def __init__(self, visit: Visit) -> None:
         self.visit, self.works = visit, visit.works
         self.seen = -1
