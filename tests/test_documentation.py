@@ -24,12 +24,15 @@ def first_of(override):
 
 
 @pytest.mark.parametrize("command", SHOWN, ids=SHOWN.values())
-def test_a_command_that_is_shown_composes(command):
+def test_a_command_that_is_shown_composes(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "a.jpg").touch()
     words = [word for word in shlex.split(command, comments=True) if word not in ("-m", "--multirun", "--help")]
-    if words[:1] == ["studio"] or not words:
-        return
     flags = ["-m"] * ("-m" in command.split())
-    overrides = OverridesParser.create().parse_overrides([word for word in in_full([*flags, *words]) if word != "-m"])
+    overrides = OverridesParser.create().parse_overrides(
+        [word for word in in_full([*flags, *words]) if not word.startswith("-")]
+    )
     composed(
         [f"{one.get_key_element()}={first_of(one)}" if one.is_sweep_override() else one.input_line
          for one in overrides if not one.key_or_group.startswith("hydra.")]

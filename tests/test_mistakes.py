@@ -123,7 +123,6 @@ def test_a_mistake_is_told_with_what_to_type_instead(config, overrides, monkeypa
     ("to=svg,json", "to=[svg,json]"),
     ("photo.jpg", "image=photo.jpg"),
     ("astronaut", "image=astronaut"),
-    ("tests", "image=tests"),
     ("train", "task=train"),
     ("logger=csv", "logger=[csv]"),
     ("ratios=0,0.5", "ratios=[0,0.5]"),

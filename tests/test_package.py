@@ -32,11 +32,11 @@ def command(tmp_path_factory) -> Path:
     )
     (site,) = (folder / "venv").glob("lib/python*/site-packages")
     (site / "libraries.pth").write_text(sysconfig.get_path("purelib"))
-    for kernel in (ROOT / "src").glob("brushexp/**/*.nb?"):  # compiled already: Numba asks for a source of this age
-        folder_there = site / kernel.parent.relative_to(ROOT / "src")
-        shutil.copy(kernel, folder_there)
-        name = f"{kernel.name.partition('.')[0]}.py"
-        shutil.copystat(kernel.parents[1] / name, folder_there.parent / name)
+    for source in (ROOT / "src").glob("brushexp/**/*.py"):
+        installed = site / source.relative_to(ROOT / "src")
+        for kernel in (source.parent / "__pycache__").glob(f"{source.stem}.*.nb?"):  # compiled for a source of this age
+            shutil.copy(kernel, installed.parent / "__pycache__")
+            shutil.copystat(source, installed)
     return folder / "venv" / "bin" / "brushexp"
 
 

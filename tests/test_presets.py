@@ -21,7 +21,9 @@ def composed(*overrides: str, conf=SHIPPED, hydra: bool = False):
         return compose("config", overrides=list(overrides), return_hydra_config=hydra)
 
 
-LISTS = {study: list(composed(f"experiment={study}", hydra=True).hydra.sweeper.settings) for study in STUDIES}
+LISTS = {
+    study: list(composed(f"experiment={study}", hydra=True).hydra.sweeper.get("settings", [])) for study in STUDIES
+}
 SETTINGS = [(study, setting) for study, listed in LISTS.items() if len(listed) > 1 for setting in listed]
 
 
