@@ -5,7 +5,7 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, get_origin
 
@@ -13,7 +13,7 @@ from hydra.errors import CompactHydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.app.command_line import kinds_of_keys, prepare, quoted, unlike, written_out
+from brushexp.app.command_line import kinds_of_keys, parsed, prepare, quoted, unlike, written_out
 from brushexp.app.composition import check
 from brushexp.app.configs import composed, folders_of
 from brushexp.app.help import as_typed
@@ -22,6 +22,7 @@ from brushexp.errors import UserError
 from brushexp.pictures.held import HeldPicture, is_picture
 
 SHORT = {"style": "style.image"}  # keys that may be typed for others
+PICTURE = "image="
 RESERVED = {"task": "call another function", "output": "set output=", "resume": "type brushexp resume=... in a shell"}
 
 
@@ -76,11 +77,20 @@ def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike
     words = [f"task={task}", *words_from(options, held), *([] if folder is None else [f"output={folder}"])]
     words = [written_out(word, sweep=False) for word in words]
     try:
-        cfg = composed(words, folders)
+        cfg = _composed(tuple(word for word in words if not word.startswith(PICTURE)), tuple(folders)).copy()
+        for word in words:
+            if word.startswith(PICTURE):
+                cfg.image = parsed(word.removeprefix(PICTURE))
     except (CompactHydraException, OmegaConfBaseException) as error:
         raise UserError(explanation(error, folders, words)) from error
     check(cfg, words)
     return Settings(cfg, words, held, folder)
+
+
+@lru_cache(maxsize=32)
+def _composed(words: tuple[str, ...], folders: tuple[Path, ...]) -> DictConfig:
+    """What Hydra composes, which takes it a while; the picture of a painting changes nothing else of it."""
+    return composed(words, folders)
 
 
 def held_as_files(settings: Settings, folder: Path) -> Settings:
