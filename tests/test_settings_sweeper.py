@@ -9,6 +9,7 @@ from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.plugins import Plugins
+from hydra.core.singleton import Singleton
 from hydra.errors import ConfigCompositionException, HydraException
 from program import run
 
@@ -34,6 +35,14 @@ def test_every_setting_is_one_job():
     assert jobs(settings) == [[[], ["steps=100"], ["init=grid", "loss=[mse,kl]"]]]
     with pytest.raises(UserError, match="steps is no key=value"):
         jobs(["steps"])
+
+
+@pytest.mark.usefixtures("hydra_restore_singletons")
+def test_a_process_of_a_parallel_sweep_knows_lists_of_settings():
+    Singleton.set_state(Singleton.get_state())  # what launchers do there: Hydra publishes its sweepers anew
+    with initialize_config_dir(version_base="1.3", config_dir=str(SHIPPED)):
+        cfg = compose("config", overrides=["experiment=speed_accuracy"], return_hydra_config=True)
+    assert len(cfg.hydra.sweeper.settings) > 2
 
 
 def test_settings_stand_above_the_command_line_and_are_combined_with_what_it_sweeps():

@@ -24,6 +24,7 @@ from brushexp.bounds import at_least
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, MULTI_SELECT, build, options_in, plugin_of, plugins
 
+PUBLISHER = "brushexp"  # who has published a config
 NOT_KEYS = {"task", "hydra", "experiment"}  # what stands beside keys and groups at the top of a config
 WEIGHT = at_least(0)  # of a loss
 STYLE_PARTS = {"style.loss": "style.image", "style.strokes": "style.brushwork"}  # losses, and keys that bring them
@@ -51,7 +52,17 @@ def offer_sweepers() -> None:
         del ours["optuna"]
     for name, (module, conf) in ours.items():
         node = getattr(import_module(f"hydra_plugins.brushexp_{module}"), conf)
-        ConfigStore.instance().store(group="hydra/sweeper", name=name, node=node, provider="brushexp")
+        ConfigStore.instance().store(group="hydra/sweeper", name=name, node=node, provider=PUBLISHER)
+    groups = ConfigStore.instance().repo["hydra"]
+    groups["sweeper"] = OursStay(groups["sweeper"])
+
+
+class OursStay(dict[str, Any]):
+    """A group of configs in which Hydra replaces nothing of ours: it publishes its own anew in each worker process."""
+
+    def __setitem__(self, name: str, node: Any) -> None:
+        if name not in self or self[name].provider != PUBLISHER:
+            super().__setitem__(name, node)
 
 
 def offer_presets(family: str, paths: dict[str, Path]) -> None:
