@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 from program import ended
 
+from brushexp.app.command_line import in_full
 from brushexp.app.many_pictures import as_sweep, in_processes, subfolders_for
 from brushexp.errors import UserError
 
@@ -57,6 +58,12 @@ def test_the_words_of_a_folder(tmp_path, monkeypatch):
     assert "hydra.sweep.subdir=second" in settings
     assert more == ["hydra.sweeper.lenient=true"]
     assert "subdir" not in " ".join(as_sweep(["image=p/*.jpg", "look=ink,oil"], True))  # which has numbers
+    assert "subdir" not in " ".join(as_sweep(["image=p", "experiment=looks"], False))
+    pictures = [str(Path("p", name)) for name in ("second.jpg", "a b,c.png")]
+    _, look, output, settings, _ = as_sweep([f"image={pictures[0]}", "look=ink", f"image={pictures[1]}"], False)
+    assert (look, output) == ("look=ink", "output=outputs/p")
+    assert settings.index("second.jpg") < settings.index("a b,c.png")
+    assert in_full([*pictures, "look=ink"]) == as_sweep([*(f"image={one}" for one in pictures), "look=ink"], False)
     assert as_sweep(["image=astronaut"], False) == ["image=astronaut"]
     with pytest.raises(UserError, match="no picture is there"):
         as_sweep([f"image={tmp_path}"], False)

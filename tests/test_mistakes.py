@@ -143,11 +143,6 @@ def test_short_forms_are_written_out(typed, meant):
     assert in_full(words[0]) == words[1]
 
 
-def test_several_pictures_are_told_how_they_are_painted():
-    with pytest.raises(UserError, match=r"^a\.jpg, b\.jpg are several pictures; .*-m image=a\.jpg,b\.jpg$"):
-        in_full(["a.jpg", "b.jpg", "steps=3"])
-
-
 @pytest.mark.parametrize(("bounds", "fine", "wrong", "message"), [
     (at_least(1), [1, 7], 0, "x=0 is not at least 1; try x=1"),
     (between(0, 1), [0, 0.5, 1.0, None], 1.5, "x=1.5 is not 0 to 1; try x=1"),

@@ -56,23 +56,19 @@ def asks_for_help(arguments: Sequence[str]) -> bool:
 def in_full(arguments: list[str]) -> list[str]:
     """The command line with its short forms written out, and its texts as Hydra takes them.
 
-    A word alone is a task or a picture: ``train``, ``photo.jpg``, ``photos/``. ``resume=sweep`` is an option
-    of the sweeper.
-    ``style=painting.jpg`` is ``style.image=painting.jpg``; ``light=315,45`` is an azimuth and an elevation; and keys
-    that take several values do without brackets: ``to=svg,json``, ``logger=csv,wandb``, ``ratios=0,0.5``. In a sweep
-    commas separate the values of jobs, so ``data=a,b`` are two jobs with one data set each. A UserError says which word
-    is no ``key=value``, or has no value that could be meant.
+    A word alone is a task or a picture: ``train``, ``photo.jpg``, ``photos/``; several pictures are a sweep.
+    ``resume=sweep`` is an option of the sweeper, ``style=painting.jpg`` is ``style.image=painting.jpg``,
+    ``light=315,45`` an azimuth and an elevation; and keys that take several values do without brackets:
+    ``to=svg,json``, ``logger=csv,wandb``, ``ratios=0,0.5``. In a sweep commas separate the values of jobs, so
+    ``data=a,b`` are two jobs with one data set each. A UserError says which word is no ``key=value``, or has no value
+    that could be meant.
     """
     typed, after_flags = get_args_parser().parse_known_args(arguments)
     overrides = {*typed.overrides, *after_flags}
-    pictures = [word for word in arguments if word in overrides and "=" not in word and word not in TASKS]
-    if len(pictures) > 1:
-        raise UserError(
-            f"{', '.join(pictures)} are several pictures; for a sweep over them: -m image={','.join(pictures)}"
-        )
-    plain = as_sweep(in_processes([meant(word) if word in pictures else word for word in arguments]), typed.multirun)
-    kept = overrides | {meant(word) for word in pictures}
-    return [word if word.startswith("-") or word not in kept else written_out(word, typed.multirun) for word in plain]
+    words = [meant(word) if word in overrides else word for word in arguments]
+    typed_words = {word for word, argument in zip(words, arguments, strict=True) if argument in overrides}
+    plain = as_sweep(in_processes(words), typed.multirun)
+    return [written_out(word, typed.multirun) if word in typed_words else word for word in plain]
 
 
 def written_out(word: str, sweep: bool) -> str:

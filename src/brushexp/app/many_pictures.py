@@ -11,6 +11,7 @@ from brushexp.app.sweep_jobs import JOBS, SUBFOLDER
 from brushexp.errors import UserError
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".gif")
+IMAGE = "image="
 PROCESSES = "jobs="  # of a sweep: how many at once
 
 
@@ -27,22 +28,23 @@ def in_processes(words: Sequence[str]) -> list[str]:
 
 
 def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
-    """The words of a command line with a folder of pictures written out as a sweep; others as they are.
+    """The words of a command line with a folder of pictures, or several, written out as a sweep; others as they are.
 
-    Each picture has the subfolder of its name, unless something else is swept, too. The same command again goes on:
-    finished pictures are kept.
+    Each picture has the subfolder of its name, unless something else is swept, too, or may be. The same command again
+    goes on: finished pictures are kept.
     """
-    place = next((k for k, word in enumerate(words) if word.startswith("image=") and is_several(word[6:])), None)
-    if place is None:
+    named = [word.removeprefix(IMAGE) for word in words if word.startswith(IMAGE)]
+    if len(named) < 2 and not any(map(is_several, named)):
         return [*words]
-    named = words[place].removeprefix("image=")
-    paths = pictures_in(named)
-    places = [""] * len(paths) if is_sweep else [f" {SUBFOLDER}{name}" for name in subfolders_for(paths)]
+    paths = [path for image in named for path in (pictures_in(image) if is_several(image) else [image])]
+    others = [word for word in words if not word.startswith(IMAGE)]
+    numbered = is_sweep or any(word.startswith("experiment=") for word in others)  # which may sweep
+    places = [""] * len(paths) if numbered else [f" {SUBFOLDER}{name}" for name in subfolders_for(paths)]
     settings = [shlex.quote(f"image={path}") + where for path, where in zip(paths, places, strict=True)]
     texts = ",".join('"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"' for text in settings)
-    others = [*words[:place], *words[place + 1 :]]
     typed = [word.removeprefix("output=") for word in others if word.startswith("output=")]
-    output = typed[-1] if typed else f"outputs/{name_of(named)}"
+    first = named[0] if len(named) == 1 else os.path.dirname(named[0])
+    output = typed[-1] if typed else f"outputs/{name_of(first or '.')}"
     goes_on = (Path(output) / JOBS).is_file() and "overwrite=true" not in others
     return [
         *([] if is_sweep else ["--multirun"]),
