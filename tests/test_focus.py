@@ -89,6 +89,9 @@ def test_a_face_is_found_and_a_cat_is_none():
     assert abs(y - 45) < 10
     assert abs(x - 88) < 10
     assert 30 < side < 60
+    ((dark_y, dark_x), _), *others = faces(portrait**3)  # as dark as a face in the shade, or one of dark skin
+    assert not others
+    assert max(abs(dark_y - y), abs(dark_x - x)) < 10
     assert faces(load_picture("chelsea", 200)) == []
 
 

@@ -14,6 +14,7 @@ BLUR = 0.045  # longer sides, of the maps: as Hou et al. smooth theirs
 CENTRE = 0.3  # sides, standard deviation: people look, and put what they show, near the middle
 SAME = 1e-3  # of a Lab unit: differences below it are rounding
 FACE_SIDE, FACE_LEAST = 256, 32  # pixels: longer side at which faces are sought, and the smallest face there
+FACE_SCALES = 1.1  # ratio of the sizes at which faces are sought
 FACE_REACH = 0.7  # sides of the square that a face was found in: how far from its middle attention halves or so
 BESIDE_FACES = 0.5  # of the attention that everything else keeps where there is a face
 
@@ -97,21 +98,24 @@ def faces(picture: Tensor) -> list[tuple[tuple[float, float], float]]:
     small = _shrunk(picture, FACE_SIDE)
     if min(small.shape[:2]) <= FACE_LEAST:
         return []
-    from skimage.data import lbp_frontal_face_cascade_filename  # noqa: PLC0415  (slow to import)
+    from skimage.color import rgb2gray  # noqa: PLC0415  (slow to import)
+    from skimage.data import lbp_frontal_face_cascade_filename  # noqa: PLC0415
+    from skimage.exposure import equalize_hist  # noqa: PLC0415
     from skimage.feature import Cascade  # noqa: PLC0415
 
     cascade, (short, _) = Cascade(lbp_frontal_face_cascade_filename()), sorted(small.shape[:2])
+    light = equalize_hist(rgb2gray(small))  # so that dark faces, and faces in the dark, are found like others
 
     def look(at: np.ndarray) -> list[tuple[float, float, float]]:
         pixels = np.ascontiguousarray(np.rint(255 * at).astype(np.uint8))
-        found = cascade.detect_multi_scale(pixels, 1.2, 1, (FACE_LEAST,) * 2, (short,) * 2)
+        found = cascade.detect_multi_scale(pixels, FACE_SCALES, 1, (FACE_LEAST,) * 2, (short,) * 2)
         return [(face["r"] + face["height"] / 2, face["c"] + face["width"] / 2, face["width"]) for face in found]
 
-    mirrored = [(y, small.shape[1] - x) for y, x, _ in look(small[:, ::-1])]
+    mirrored = [(y, light.shape[1] - x) for y, x, _ in look(light[:, ::-1])]
     zoom = max(picture.shape[1:]) / max(small.shape[:2])
     return [
         ((zoom * y, zoom * x), zoom * side)
-        for y, x, side in look(small)  # most of what it takes for a face by mistake is none in the mirror
+        for y, x, side in look(light)  # most of what it takes for a face by mistake is none in the mirror
         if any(max(abs(y - other_y), abs(x - other_x)) < side / 2 for other_y, other_x in mirrored)
     ]
 
