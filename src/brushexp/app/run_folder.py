@@ -17,7 +17,7 @@ from brushexp.system.reading import read_text
 OURS = re.compile(  # files that tasks write into their folders
     "(metrics|result|run|report|checkpoint|multirun|painting|target|focus|style|timelapse|catalogue|strokes|process|relief"
     "|height|normals|validation|outside|pruning|extremes|brushwork|brushwork_against|summary|table|sheet|effect|curves"
-    "|pareto|anytime|film|preview|optimization_results)"
+    "|pareto|anytime|leaderboard|film|preview|optimization_results)"
     "[.](png|svg|mp4|gif|h5|json|csv|md|tex|html|log|yaml|ckpt|hpgl|gcode)"
 )
 BELOW = (  # and below them
@@ -31,6 +31,7 @@ BELOW = (  # and below them
     ),
     *("tensorboard/*tfevents*", "tensorboard/hparams.yaml"),
     *("ratio_*/*.png", "ratio_*/*/epoch_*.png", "ratio_*/*/*.csv"),
+    *("added/*/*.png", "added/*/result.json"),
 )
 OF_THIS_RUN = ("run.log", "config.yaml", "hydra.yaml", "overrides.yaml")  # that Hydra has begun before the task does
 WORTH = ("checkpoint.ckpt", "metrics.json", "result.json")  # with one of them a run can go on, or has a result

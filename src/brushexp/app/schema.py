@@ -251,6 +251,21 @@ class CompareTask(Task):
 
 
 @dataclass
+class LeaderboardTask(Task):
+    """Put painters beside each other: finished runs, paintings by others, published figures; means and intervals."""
+
+    runs: list[str] = key([], "folder of a run, of a sweep, or above many of them; several with commas", FOLDER)
+    add: str | None = key(None, "a painting by others: a picture, a catalogue, or a folder of them; null = none")
+    target: str | None = key(None, "what it was painted after; of a folder, one with files of the same names")
+    name: str | None = key(None, "of the painter of add; null = as the file is called")
+    strokes: int | None = key(None, "that add took; null = those of a catalogue, else unknown", at_least(1))
+    seconds: float | None = key(None, "that add took; null = unknown", at_least(0))
+    published: str | None = key(None, "YAML file of published figures; null = those that ship", FILE)
+    lpips_backbone: str = key("alexnet", "network of lpips_weights", one_of("alexnet", "squeeze", "vgg16", "effl0"))
+    lpips_weights: str | None = key(None, "file with its features: add is then measured with LPIPS, too", FILE)
+
+
+@dataclass
 class AnalyseTask(Task):
     """Measure the brushwork of a saved painting, or of two side by side: table, summary, figures."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,10 +44,13 @@ def mean_curve(curves: Sequence[Curve]) -> Curve:
     return times, np.mean([np.interp(times, *curve) for curve in curves], axis=0)
 
 
-def quality_at(curve: Curve, seconds: float) -> float | None:
-    """The best PSNR in dB up to a time, between two points as on a line; None before the first and after the last."""
+def quality_at(curve: Curve, seconds: float, *, kept: bool = False) -> float | None:
+    """The best PSNR in dB up to a time, between two points as on a line; None before the first and after the last.
+
+    With ``kept``, what has ended keeps what it has.
+    """
     times, psnr = curve
-    if not times[0] <= seconds <= times[-1]:
+    if not times[0] <= seconds <= (math.inf if kept else times[-1]):
         return None
     return float(np.interp(seconds, times, np.maximum.accumulate(psnr)))
 

@@ -95,7 +95,7 @@ def frame_of(folder: Path, results: Mapping[str, Result]) -> DataFrame:
     images = frame[painted].groupby(frame["run", "target"], sort=False) if painted.any() else [("", frame[finished])]
     names: list[str] = []
     for target, alike in images:
-        names.append(_image_name(alike["run"].iloc[0]) if target else "")
+        names.append(image_name(alike["run"].iloc[0]) if target else "")
         same = f" ({names.count(names[-1])})" * (names.count(names[-1]) > 1)
         seedless = [{k: v for k, v in one.items() if k != "seed"} for one in alike["run", "overrides"]]
         frame.loc[alike.index, ("run", "image")] = names[-1] + same
@@ -184,16 +184,21 @@ def words_of(folder: Path) -> list[str] | None:
         return None
 
 
-def _image_name(run: Any) -> str:
+def image_name(run: Any) -> str:
     """Name and size of what a run painted, as far as they are known."""
-    name = run["overrides"].get("image")
-    if name is None:
-        with suppress(UserError):
-            name = yaml_of(read_text(run["folder"] / ".hydra" / "config.yaml", "")).get("image")
-    name = Path(str(name or "picture")).name
+    name = Path(str(setting_of(run, "image") or "picture")).name
     with suppress(UserError), opened_picture(run["folder"] / "target.png") as picture:
         return f"{name}, {picture.width} x {picture.height} pixels"
     return name
+
+
+def setting_of(run: Any, key: str) -> Any:
+    """The value of a key, as it was typed or as its config has it; None if neither is known."""
+    if key in run["overrides"]:
+        return run["overrides"][key]
+    with suppress(UserError):
+        return yaml_of(read_text(run["folder"] / ".hydra" / "config.yaml", "")).get(key)
+    return None
 
 
 def _runs_below(folder: Path) -> Iterator[Path]:

@@ -1,0 +1,38 @@
+"""``task=leaderboard``: painters beside each other, those of finished runs, others' paintings, and published figures."""
+
+import logging
+from pathlib import Path
+
+from omegaconf import DictConfig
+
+from brushexp.errors import UserError
+from brushexp.results.added import add_paintings
+from brushexp.results.leaderboard import entries_of, sections_of
+from brushexp.results.leaderboard_files import command_line, write_leaderboard_tables
+from brushexp.results.page.leaderboard_page import write_leaderboard_page
+from brushexp.results.published import SHIPPED_FIGURES, read_published
+from brushexp.results.runs import gather, words_of
+
+log = logging.getLogger(__name__)
+
+
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
+    """Write page and tables of the runs in ``cfg.runs`` and of what is added; it leaves no metrics.json: it is no run."""
+    published = read_published(Path(cfg.published)) if cfg.published else read_published(SHIPPED_FIGURES)
+    folders = [Path(path) for path in cfg.runs]
+    if cfg.add is not None:
+        name, numbers = cfg.name or Path(cfg.add).stem, {"n_strokes": cfg.strokes, "seconds": cfg.seconds}
+        add_paintings(folder / "added", Path(cfg.add), cfg.target, name, numbers, cfg.lpips_backbone, cfg.lpips_weights)
+        folders.append(folder / "added")
+    if not folders:
+        raise UserError("nothing is given; try runs=outputs, or add=painting.png target=photo.jpg name=theirs")
+    entries = entries_of(gather(folders, folder))
+    if not entries:
+        raise UserError(f"runs={','.join(cfg.runs)}: there is no finished painting; give folders of such with runs=")
+    sections = sections_of(entries, published)
+    beside = {id(one) for section in sections for one in section.published}
+    elsewhere = [one for one in published if id(one) not in beside]
+    write_leaderboard_page(folder, sections, elsewhere)
+    table = write_leaderboard_tables(folder, sections, elsewhere, command_line(words_of(folder) or []))
+    log.info("%s: %d paintings in %d sections", table, len(entries), len(sections))
+    return {"paintings": len(entries), "status": "completed"}

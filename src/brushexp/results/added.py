@@ -1,0 +1,86 @@
+"""Paintings by others become runs: measured by the code that measures ours, in folders that look like ours."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from brushexp.errors import UserError
+from brushexp.features.distance import open_distance
+from brushexp.painting.metrics import measure
+from brushexp.painting.outputs import export_job, renderer_of
+from brushexp.pictures.decode import FORMATS
+from brushexp.pictures.load import load_picture
+from brushexp.plugins.export.png import pixels
+from brushexp.registry import build_named
+from brushexp.shading.light import UNLIT
+from brushexp.strokes.storage import load_catalogue
+from brushexp.system.files import to_bytes, write_json, write_picture
+
+CATALOGUES = (".h5", ".json")
+PICTURES = tuple(f".{name.lower()}" for name in FORMATS) + (".jpg", ".tif")
+
+
+def add_paintings(
+    folder: Path, painting: Path, target: str | None, name: str, numbers: Mapping[str, Any],
+    lpips_backbone: str, lpips_weights: str | None,
+) -> None:  # fmt: skip
+    """Measure a painting, or a folder of them, and leave each in a folder of its own below ``folder``.
+
+    ``painting`` is a picture or a catalogue, ``target`` what it was painted after; of folders the files of one name
+    belong together. ``name`` is that of the painter, ``numbers`` are what else is known. UserError if they do not
+    match.
+    """
+    lpips = None if lpips_weights is None else open_distance(lpips_backbone, lpips_weights, "lpips_weights")
+    for path, image in _pairs(painting, target):
+        wanted = to_bytes(load_picture(image, None, "target"))
+        found, strokes = drawn(path, wanted.shape)
+        into = folder / Path(path.name).stem
+        into.mkdir(parents=True, exist_ok=True)
+        write_picture(into / "painting.png", found)
+        write_picture(into / "target.png", wanted)
+        known = {key: value for key, value in {**numbers, **strokes}.items() if value is not None}
+        result = {"status": "completed", "overrides": {"image": image}, "painter": name}
+        write_json(into / "result.json", result | measure(found, wanted, lpips) | known)
+
+
+def drawn(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, int]]:
+    """A painting (H, W, 3) in 8 bits at the size of its target, its colours alone, and how many strokes it has."""
+    strokes = {}
+    if path.suffix.lower() in CATALOGUES:
+        saved = load_catalogue(path, "add")
+        job = export_job(saved, renderer_of(saved), build_named("blend", "tiled", {}), saved.renderer, max(shape))
+        found, strokes = pixels(replace(job, light=UNLIT)), {"n_strokes": len(saved.strokes)}
+    else:
+        found = to_bytes(load_picture(str(path), None, "add"))
+    if found.shape != shape:
+        sizes = f"{found.shape[1]} x {found.shape[0]} pixels and its target {shape[1]} x {shape[0]}"
+        raise UserError(
+            f"add={path} has {sizes}; metrics compare pictures of one size: give the target it was painted in"
+        )
+    return found, strokes
+
+
+def _pairs(painting: Path, target: str | None) -> Iterator[tuple[Path, str]]:
+    """Paintings, and what each was painted after."""
+    if target is None:
+        raise UserError(f"add={painting} needs what was painted; give target=photo.jpg, or a folder of such")
+    if not painting.is_dir():
+        yield painting, target
+        return
+    if not Path(target).is_dir():
+        raise UserError(
+            f"add={painting} is a folder and target={target} is none; give a folder with files of the same names"
+        )
+    targets = {path.stem: path for path in sorted(Path(target).iterdir()) if path.suffix.lower() in PICTURES}
+    paths = [path for path in sorted(painting.iterdir()) if path.suffix.lower() in (*PICTURES, *CATALOGUES)]
+    if not paths:
+        raise UserError(f"add={painting}: there is no painting in it; give pictures or catalogues")
+    for path in paths:
+        if path.stem not in targets:
+            raise UserError(
+                f"target={target} has no picture {path.stem} for add={path}; add it, or take the other away"
+            )
+        yield path, str(targets[path.stem])

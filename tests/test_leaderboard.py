@@ -1,0 +1,143 @@
+"""Painters beside each other: means of the same pictures only, others' paintings, published figures that never mix."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from scipy import stats
+from sweeps import make_run, read_csv
+
+from brushexp.app.tasks import leaderboard as task
+from brushexp.app.tasks import paint
+from brushexp.errors import UserError
+from brushexp.results.leaderboard import entries_of, interval, sections_of
+from brushexp.results.leaderboard_files import at_equal_seconds, by_picture, cells_of
+from brushexp.results.published import read_published
+from brushexp.results.runs import gather
+from brushexp.system.files import write_picture, write_text
+
+PUBLISHED = """
+sets:
+  pair: {pictures: the pair, size: [30, 20], names: [a, b]}
+  larger: {pictures: the pair enlarged, size: [60, 40], names: [a, b]}
+  all: {pictures: all of them, size: [30, 20], names: [a, b, c]}
+figures:
+  - {set: pair, painter: Theirs, source: "Somebody, 2020, table 1", primitives: 9, what: blobs, psnr: 99}
+  - {set: larger, painter: Theirs, source: "Somebody, 2020, table 2", psnr: 98}
+  - {set: all, painter: Theirs, source: "Somebody, 2020, table 3", psnr: 97}
+"""
+
+
+def painted(folder, image, psnr, strokes, painter=None, **noted):
+    """A made-up run; pictures of one name have one target."""
+    chosen = {"image": f"{image}.png", "strokes": str(strokes), "frames": str(ord(image))}
+    numbers = {"psnr": psnr, "l1": 0.1, "seconds": 2.0, "cpu_seconds": 3.0, "n_strokes": strokes}
+    numbers |= {"anytime": [[1, psnr - 4], [2, psnr]]} | ({"painter": painter} if painter else {})
+    return make_run(folder, chosen | noted.pop("chosen", {}), target=ord(image), color=7, **(numbers | noted))
+
+
+@pytest.fixture
+def runs(tmp_path):
+    """Two painters of pictures a and b with 50 strokes, one of them with two seeds, and a alone with 90."""
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    write_text(tmp_path / "published.yaml", PUBLISHED)
+    for image, psnr in (("a", 20.0), ("b", 30.0)):
+        painted(folder, image, psnr, 50, chosen={"seed": "0"})
+        painted(folder, image, psnr + 2, 50, chosen={"seed": "1"})
+        painted(folder, image, psnr - 5 + (image == "a"), 50, "greedy", anytime=[[0.5, psnr - 9], [1, psnr - 4]])
+    painted(folder, "a", 25.0, 90)
+    make_run(folder, {"task": "train"}, psnr=1.0)
+    painted(folder, "a", 1.0, 50, status="failed")
+    return folder
+
+
+def test_means_are_of_the_same_pictures_and_differences_are_paired(runs, tmp_path):
+    published = read_published(tmp_path / "published.yaml")
+    both, alone = sections_of(entries_of(gather([runs], runs)), published)
+    assert [len(section.pictures) for section in (both, alone)] == [2, 1]
+    ours, greedy = both.rows
+    assert (ours.painter, greedy.painter) == ("gradient", "greedy")
+    assert ours.numbers["psnr"].tolist() == [21, 31]  # over seeds first
+    assert both.against_best(ours) is None
+    mean, half = both.against_best(greedy)
+    assert (mean, half) == pytest.approx((-5.5, stats.t.interval(0.95, 1, scale=0.5)[1]))
+    assert [(row.painter, row.strokes) for row in alone.rows] == [("gradient", 50), ("greedy", 50), ("gradient", 90)]
+    assert [one.source[-1] for one in both.published] == ["1", "3"]  # not those of another size
+    assert ours.psnr_at(0.5) is None
+    assert (ours.psnr_at(2), greedy.psnr_at(2)) == (26, 21)  # what is done stays
+
+
+def test_published_figures_stand_beside_and_say_what_they_are_of(runs, tmp_path):
+    both, *_ = sections_of(entries_of(gather([runs], runs)), read_published(tmp_path / "published.yaml"))
+    cells = cells_of(both)
+    assert [row["pictures"] for row in cells] == [
+        "these", "these", "the same pictures at 30 x 20", "all of them, of which 2 are here at 30 x 20",
+    ]  # fmt: skip
+    assert cells[0]["PSNR, dB"] == f"26.00 ± {interval(np.array([21.0, 31.0]))[1]:.2f}"
+    assert cells[2] | {"PSNR, dB": "99", "strokes": "9 blobs", "optimisation, s": "–"} == cells[2]
+    assert [row["a"] for row in by_picture(both)] == ["21.00", "16.00"]
+    assert [row["1 s"] for row in at_equal_seconds(both)] == ["22.00", "21.00"]
+
+
+def test_an_interval_is_students_and_unknown_of_one():
+    values = np.array([1.0, 4.0, 2.0, 5.0])
+    low, high = stats.t.interval(0.95, 3, loc=3, scale=stats.sem(values))
+    assert interval(values) == pytest.approx((3, (high - low) / 2))
+    assert math.isnan(interval(values[:1])[1])
+
+
+def test_what_ships_has_sources_and_is_refused_when_it_is_wrong(tmp_path):
+    found = read_published()
+    assert len({one.painter for one in found}) >= 8
+    assert all(re.search(r"\d{4}|docs/|issue", one.source) and one.figures for one in found)
+    for old, new, reason in (
+        ("source:", "sauce:", "entry 1 of figures has 'sauce'; its keys are set, painter, source"),
+        ("psnr: 99", "psnr: high", "entry 1 of figures: psnr is .*high.*, which is of another kind"),
+        (", psnr: 98", "", "entry 2 of figures has no figure; add one of psnr"),
+        ("set: pair", "set: par", "entry 1 of figures: set is .*par.*; choose one of pair, larger, all"),
+        ("sets:", "lists:", "the file has 'lists'; its keys are sets, figures"),
+    ):
+        write_text(tmp_path / "wrong.yaml", PUBLISHED.replace(old, new, 1))
+        with pytest.raises(UserError, match=reason):
+            read_published(tmp_path / "wrong.yaml")
+
+
+def test_paintings_by_others_are_measured_as_ours(run_task, tmp_path):
+    ours = run_task(paint, "image=coffee", "resolution=32", "strokes=12", "steps=2", "frames=0", "report=false")
+    assert ours["cpu_seconds"] > 0
+    run = tmp_path / "run"
+    run.mkdir()
+    for name in ("painting.png", "target.png", "metrics.json", "catalogue.h5"):
+        (tmp_path / name).rename(run / name)
+    theirs, photos = tmp_path / "theirs", tmp_path / "photos"
+    for folder in (theirs, photos):
+        folder.mkdir()
+    (run / "painting.png").rename(theirs / "x.png")
+    write_picture(run / "painting.png", np.zeros((21, 32, 3), np.uint8))
+    (photos / "x.png").write_bytes((run / "target.png").read_bytes())
+    words = (f"runs={run}", "name=Theirs", f"published={tmp_path}/published.yaml")
+    write_text(tmp_path / "published.yaml", PUBLISHED)
+    found = run_task(task, "task=leaderboard", *words, f"add={theirs}", f"target={photos}", "seconds=3")
+    assert found["paintings"] == 2
+    rows = read_csv(tmp_path / "leaderboard.csv")
+    assert {row["painter"] for row in rows} == {"Theirs", "gradient"}
+    assert [float(row["psnr"]) for row in rows] == pytest.approx([ours["psnr"]] * 2)
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("Theirs") > 2
+    assert '<tr class="published">' in page
+    assert "*Somebody, 2020, table 1*" in (tmp_path / "leaderboard.md").read_text()
+    assert r"\toprule" in (tmp_path / "leaderboard.tex").read_text()
+    run_task(task, "task=leaderboard", "name=Again", f"add={run}/catalogue.h5", f"target={photos}/x.png")
+    again = gather([tmp_path / "added" / "catalogue"], tmp_path)
+    assert again["metric", "psnr"].tolist() == [pytest.approx(ours["psnr"])]
+    assert again["metric", "n_strokes"].tolist() == [12]
+    for wrong, reason in (
+        ((), "nothing is given; try runs=outputs, or add=painting.png target=photo.jpg name=theirs"),
+        ((f"add={theirs}",), "needs what was painted; give target=photo.jpg"),
+        ((f"add={theirs}/x.png", "target=coffee"), "metrics compare pictures of one size"),
+        ((f"add={theirs}", f"target={run}"), "has no picture x for add="),
+    ):
+        with pytest.raises(UserError, match=re.escape(reason)):
+            run_task(task, "task=leaderboard", *wrong)
