@@ -11,10 +11,10 @@ from sweeps import make_run, read_csv
 from brushexp.app.tasks import leaderboard as task
 from brushexp.app.tasks import paint
 from brushexp.errors import UserError
-from brushexp.results.leaderboard import entries_of, interval, sections_of
-from brushexp.results.leaderboard_files import at_equal_seconds, by_picture, cells_of
 from brushexp.results.published import read_published
 from brushexp.results.runs import gather
+from brushexp.results.standings import entries_of, mean_interval, sections_of
+from brushexp.results.standings_tables import at_equal_seconds, by_picture, table_cells
 from brushexp.system.files import write_picture, write_text
 
 PUBLISHED = """
@@ -71,11 +71,11 @@ def test_means_are_of_the_same_pictures_and_differences_are_paired(runs, tmp_pat
 
 def test_published_figures_stand_beside_and_say_what_they_are_of(runs, tmp_path):
     both, *_ = sections_of(entries_of(gather([runs], runs)), read_published(tmp_path / "published.yaml"))
-    cells = cells_of(both)
+    cells = table_cells(both)
     assert [row["pictures"] for row in cells] == [
         "these", "these", "the same pictures at 30 x 20", "all of them, of which 2 are here at 30 x 20",
     ]  # fmt: skip
-    assert cells[0]["PSNR, dB"] == f"26.00 ± {interval(np.array([21.0, 31.0]))[1]:.2f}"
+    assert cells[0]["PSNR, dB"] == f"26.00 ± {mean_interval(np.array([21.0, 31.0]))[1]:.2f}"
     assert cells[2] | {"PSNR, dB": "99", "strokes": "9 blobs", "optimisation, s": "–"} == cells[2]
     assert [row["a"] for row in by_picture(both)] == ["21.00", "16.00"]
     assert [row["1 s"] for row in at_equal_seconds(both)] == ["22.00", "21.00"]
@@ -84,8 +84,8 @@ def test_published_figures_stand_beside_and_say_what_they_are_of(runs, tmp_path)
 def test_an_interval_is_students_and_unknown_of_one():
     values = np.array([1.0, 4.0, 2.0, 5.0])
     low, high = stats.t.interval(0.95, 3, loc=3, scale=stats.sem(values))
-    assert interval(values) == pytest.approx((3, (high - low) / 2))
-    assert math.isnan(interval(values[:1])[1])
+    assert mean_interval(values) == pytest.approx((3, (high - low) / 2))
+    assert math.isnan(mean_interval(values[:1])[1])
 
 
 def test_what_ships_has_sources_and_is_refused_when_it_is_wrong(tmp_path):

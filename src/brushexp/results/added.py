@@ -20,7 +20,7 @@ from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import to_bytes, write_json, write_picture
 
 CATALOGUES = (".h5", ".json")
-PICTURES = tuple(f".{name.lower()}" for name in FORMATS) + (".jpg", ".tif")
+PICTURES = (*(f".{name.lower()}" for name in FORMATS), ".jpg", ".tif")
 
 
 def add_paintings(

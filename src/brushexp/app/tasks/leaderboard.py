@@ -1,4 +1,4 @@
-"""``task=leaderboard``: painters beside each other, those of finished runs, others' paintings, and published figures."""
+"""``task=leaderboard``: painters beside each other, of finished runs, of others, and figures that were published."""
 
 import logging
 from pathlib import Path
@@ -7,17 +7,17 @@ from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.results.added import add_paintings
-from brushexp.results.leaderboard import entries_of, sections_of
-from brushexp.results.leaderboard_files import command_line, write_leaderboard_tables
 from brushexp.results.page.leaderboard_page import write_leaderboard_page
 from brushexp.results.published import SHIPPED_FIGURES, read_published
 from brushexp.results.runs import gather, words_of
+from brushexp.results.standings import entries_of, sections_of
+from brushexp.results.standings_tables import command_line, write_leaderboard_tables
 
 log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write page and tables of the runs in ``cfg.runs`` and of what is added; it leaves no metrics.json: it is no run."""
+    """Write page and tables of the runs in ``cfg.runs`` and of what is added; without a metrics.json: it is no run."""
     published = read_published(Path(cfg.published)) if cfg.published else read_published(SHIPPED_FIGURES)
     folders = [Path(path) for path in cfg.runs]
     if cfg.add is not None:

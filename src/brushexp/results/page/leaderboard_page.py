@@ -8,19 +8,19 @@ from pathlib import Path, PurePath
 from typing import Any
 from urllib.parse import quote
 
-from brushexp.results.leaderboard import COLUMNS, Row, Section
-from brushexp.results.leaderboard_files import (
-    ELSEWHERE,
-    EXPLAINED,
-    at_equal_seconds,
-    cells_of,
-    count_of,
-    published_cells,
-    without_empty,
-)
 from brushexp.results.page.html import page
 from brushexp.results.page.sweep_page import side_for, thumbnail
 from brushexp.results.published import PublishedFigures
+from brushexp.results.standings import COLUMNS, Row, Section
+from brushexp.results.standings_tables import (
+    ELSEWHERE,
+    EXPLAINED,
+    at_equal_seconds,
+    count_of,
+    published_cells,
+    table_cells,
+    without_empty,
+)
 from brushexp.system.files import write_text
 
 WORDS = ("painter", "settings", "pictures")  # columns that are no numbers
@@ -39,7 +39,7 @@ def write_leaderboard_page(folder: Path, sections: Sequence[Section], elsewhere:
             {
                 "title": section.title,
                 "short": section.title.partition(":")[0],
-                "cells": without_empty(cells_of(section)),
+                "cells": without_empty(table_cells(section)),
                 "seconds": at_equal_seconds(section),
                 "paintings": list(_paintings(folder, section, where, side_for(count))),
             }

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from brushexp.results.leaderboard import COLUMNS, CONFIDENCE, Row, Section, interval, stem_of
 from brushexp.results.published import PublishedFigures
+from brushexp.results.standings import COLUMNS, CONFIDENCE, Row, Section, mean_interval, stem_of
 from brushexp.results.tables import MISSING, csv_table, escaped, latex_table, markdown_table
 from brushexp.system.files import write_text
 
@@ -17,9 +17,9 @@ MOST_PICTURES = 24  # with a column each
 EXPLAINED = (
     f"Means over the pictures of a section ± half of the {CONFIDENCE:.0%} interval (Student's t); where there are seeds, "
     "over them first. *Behind* is the mean difference in PSNR, picture by picture, from the best row with as many "
-    "strokes; an interval that does not reach 0 is a difference. Seconds are of the optimisation, CPU seconds and memory "
-    "of the process, on the machine that painted. *Rows in italics are published figures*: they were not measured here, "
-    "enter no mean, and are of the pictures that their row names."
+    "strokes; an interval that does not reach 0 is a difference. Seconds are of the optimisation, CPU seconds and "
+    "memory of the process, on the machine that painted. *Rows in italics are published figures*: they were not "
+    "measured here, enter no mean, and are of the pictures that their row names."
 )
 ELSEWHERE = "Figures that others have published, of pictures that are not here: they compare with nothing above."
 
@@ -31,14 +31,14 @@ def write_leaderboard_tables(
     write_text(folder / "leaderboard.md", "\n".join(_markdown(sections, elsewhere, command)))
     lines = [line | {"in": section.title} for section in sections for line in _numbers_of(section)]
     write_text(folder / "leaderboard.csv", csv_table(lines))
-    tables = (latex_table(without_empty(cells_of(section))) for section in sections)
+    tables = (latex_table(without_empty(table_cells(section))) for section in sections)
     titles = ("% " + " ".join(section.title.split()) for section in sections)
     text = "\n".join(f"{title}\n{table}" for title, table in zip(titles, tables, strict=True))
     write_text(folder / "leaderboard.tex", text)
     return folder / "leaderboard.md"
 
 
-def cells_of(section: Section) -> list[dict[str, str]]:
+def table_cells(section: Section) -> list[dict[str, str]]:
     """The table of a section as it is shown: measured rows, then published ones, whose ``pictures`` are not "these"."""
     return [_measured(row, section) for row in section.rows] + [
         published_cells(one, section.columns, section.relation(one)) for one in section.published
@@ -50,7 +50,7 @@ def _measured(row: Row, section: Section) -> dict[str, str]:
     found = {"painter": row.painter, "settings": row.settings, "strokes": count_of(row.strokes)}
     for key, metric in section.columns.items():
         found[metric.name] = (
-            _with_interval(interval(row.numbers[key]), metric.digits) if key in row.numbers else MISSING
+            _with_interval(mean_interval(row.numbers[key]), metric.digits) if key in row.numbers else MISSING
         )
     found["behind, dB"] = MISSING if behind is None else _with_interval(behind, 2)
     return found | {"pictures": "these"}
@@ -104,7 +104,7 @@ def _numbers_of(section: Section) -> Iterator[dict[str, Any]]:
     for row in section.rows:
         found: dict[str, Any] = {"painter": row.painter, "settings": row.settings, "strokes": row.strokes}
         for key, values in row.numbers.items():
-            found[key], found[f"{key}_half_interval"] = interval(values)
+            found[key], found[f"{key}_half_interval"] = mean_interval(values)
         pictures = ", ".join(section.pictures.values())
         yield found | {"from": "measured", "pictures": pictures, "command": row.entries[0].command}
     for one in section.published:
@@ -115,7 +115,7 @@ def _numbers_of(section: Section) -> Iterator[dict[str, Any]]:
 def _markdown(sections: Sequence[Section], elsewhere: Sequence[PublishedFigures], command: str) -> Iterator[str]:
     yield from ("# Leaderboard", "", f"Made by `{command}`.", "", EXPLAINED, "")
     for section in sections:
-        yield from (f"## {escaped(section.title)}", "", _table(cells_of(section)), "")
+        yield from (f"## {escaped(section.title)}", "", _table(table_cells(section)), "")
         for words, found in (
             (
                 "PSNR in dB after so many seconds of optimisation; a painting that is done stays.",

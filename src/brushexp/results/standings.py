@@ -1,7 +1,7 @@
 """Painters beside each other on the same pictures: means with intervals, at equal strokes and at equal seconds.
 
-A row is a painter with its settings and number of strokes, a section a set of pictures: all rows that have painted every
-one of them, so that no two means are of different pictures. Published figures stand beside them and enter no mean.
+A row is a painter with its settings and number of strokes, a section a set of pictures with all rows that have painted
+every one of them, so that no two means are of different pictures. Published figures stand beside and enter no mean.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Row:
         return " ".join(filter(None, (self.painter, self.settings)))
 
     def psnr_at(self, seconds: float) -> float | None:
-        """Mean PSNR in dB of what it had after so many seconds; a painting that is done stays. None before the first."""
+        """Mean PSNR in dB of what it had after so many seconds; what is done stays. None before the first."""
         found = [quality_at(curve, seconds, kept=True) for curve in self.curves]
         return None if not found or None in found else float(np.mean(found))  # type: ignore[arg-type]
 
@@ -113,7 +113,7 @@ class Section:
         """Mean and half interval of the differences in PSNR from the best row with as many strokes; None for itself."""
         rivals = [one for one in self.rows if one.strokes == row.strokes and "psnr" in one.numbers]
         best = max(rivals, key=lambda one: one.numbers["psnr"].mean(), default=row)
-        return None if best is row or row not in rivals else interval(row.numbers["psnr"] - best.numbers["psnr"])
+        return None if best is row or row not in rivals else mean_interval(row.numbers["psnr"] - best.numbers["psnr"])
 
     def relation(self, figures: PublishedFigures) -> str:
         """How the pictures of published figures are related to those here."""
@@ -124,11 +124,11 @@ class Section:
 
 
 def stem_of(name: str) -> str:
-    """File of a picture without its ending, of a name with its size: ``kodim03`` of ``kodim03.png, 768 x 512 pixels``."""
+    """The file of a picture without its ending: ``kodim03`` of ``kodim03.png, 768 x 512 pixels``."""
     return PurePath(name.rpartition(", ")[0] or name).stem
 
 
-def interval(values: np.ndarray) -> tuple[float, float]:
+def mean_interval(values: np.ndarray) -> tuple[float, float]:
     """Mean, and half of its 95 % confidence interval (Student's t); the half is NaN of one value."""
     n = len(values)
     if n < 2:
