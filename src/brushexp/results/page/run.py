@@ -20,6 +20,7 @@ from brushexp.plugins.export._sprites import Sprites, has_sprites
 from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import build_named, plugins
 from brushexp.results.anytime_curves import curve_from
+from brushexp.results.followed import PROCEDURES, departures
 from brushexp.results.page import drawings
 from brushexp.results.page.html import embedded, page, readable_number
 from brushexp.results.page.replay import MAX_STROKES, WEBP, recorded_config, replay_of
@@ -152,7 +153,8 @@ def run_page(
         curves=_curves(curves or {}, metrics),
         strokes=None if measures is None else _strokes(saved, measures),
         light=_light(saved) if measures is not None and "painting" in pictures else None,
-        settings=_settings(recorded_config(saved), shlex.split(command or "")[1:]),
+        settings=(settings := _settings(recorded_config(saved), shlex.split(command or "")[1:])),
+        departures=_departures(settings),
         line=line_of(recorded_config(saved)),
         command=command,
         files=files,
@@ -257,6 +259,13 @@ def _settings(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple
     names = {plugin.target: plugin.name for plugin in plugins()}
     rows = ((key.removesuffix("._target_"), names.get(value, value)) for key, value in _flat(config))
     return [(key, value, key in typed) for key, value in rows]
+
+
+def _departures(settings: Sequence[tuple[str, str, bool]]) -> dict[str, Any] | None:
+    """Which procedure the run follows, and where it differs; None if it follows none."""
+    values = {key: value for key, value, _ in settings}
+    name = values.get("follows", "null")
+    return {"name": name, "rows": list(departures(name, values))} if name in PROCEDURES else None
 
 
 def line_of(config: Mapping[str, Any]) -> str:
