@@ -20,20 +20,24 @@ from hydra.plugins.search_path_plugin import SearchPathPlugin
 class SettingsSweeperConf(BasicSweeperConf):
     """Options of ``hydra/sweeper=basic`` (`offer_sweepers`): Hydra's, ``settings``, and ``resume`` to go on.
 
-    A ``lenient`` sweep, that of a folder of pictures, runs though some jobs are refused, and may have more ones later.
+    ``pictures`` are what ``pictures=`` takes. A ``lenient`` sweep, where they were typed, runs though some jobs are
+    refused, and may have more ones later.
     """
 
     _target_: str = "hydra_plugins.brushexp_settings.SettingsSweeper"
     settings: list[str] = field(default_factory=lambda: [""])
+    pictures: list[str] = field(default_factory=list)
     resume: bool = False
     lenient: bool = False
 
 
 class SettingsSweeper(BasicSweeper):
-    """One job for every setting, times all combinations of what else is swept.
+    """One job for every picture and setting, times all combinations of what else is swept.
 
     ``settings`` are overrides as the command line has them, such as ``"density=adaptive steps=200"``; ``""`` is none.
-    They stand above those of the command line, which says what all settings have in common. ``params`` stand below it.
+    They stand above those of the command line, which says what all settings have in common. ``params`` stand below it,
+    and so do ``pictures`` below an ``image=`` that was typed. A job has the subfolder of its picture's name, if it is
+    the only one of this picture.
     """
 
     def __init__(
@@ -41,11 +45,12 @@ class SettingsSweeper(BasicSweeper):
         max_batch_size: int | None,
         params: dict[str, str] | None,
         settings: list[str],
+        pictures: list[str],
         resume: bool,
         lenient: bool,
     ) -> None:
         super().__init__(max_batch_size, params)
-        self.settings, self.resume, self.lenient = settings, resume, lenient
+        self.settings, self.pictures, self.resume, self.lenient = settings, pictures, resume, lenient
 
     def setup(self, **options: Any) -> None:
         """As in Hydra; jobs that a sweep has when it goes on are left out, and failed ones are told in one line."""
@@ -66,16 +71,31 @@ class SettingsSweeper(BasicSweeper):
     ) -> list[list[list[str]]]:
         """The overrides of every job, in batches, each checked before anything of the sweep is written."""
         from brushexp.app.command_line import written_out  # noqa: PLC0415  (Hydra imports this file for any program)
-        from brushexp.app.sweep_jobs import begin_sweep, check_jobs  # noqa: PLC0415
+        from brushexp.app.configs import folders_in  # noqa: PLC0415
+        from brushexp.app.many_pictures import all_pictures, subfolders_for  # noqa: PLC0415
+        from brushexp.app.sweep_jobs import SUBFOLDER, begin_sweep, check_jobs  # noqa: PLC0415
 
         assert self.hydra_context is not None
         assert self.config is not None
         loader = self.hydra_context.config_loader
         parser = OverridesParser.create(config_loader=loader)
-        jobs: list[list[str]] = []
-        for setting in self.settings:
-            own = parser.parse_overrides([written_out(word, sweep=True) for word in shlex.split(setting)])
-            jobs += BasicSweeper.split_arguments([*overrides, *own], None)[0]
+
+
+        def combined(words: Sequence[str]) -> list[list[str]]:
+            own = parser.parse_overrides([written_out(word, sweep=True) for word in words])
+            return [list(job) for job in BasicSweeper.split_arguments([*overrides, *own], None)[0]]
+
+        typed = any(override.get_key_element() == "image" for override in overrides)
+        pictures = [] if typed else all_pictures(self.pictures, folders_in(self.config))
+        settings = [shlex.split(setting) for setting in self.settings]
+        jobs = [
+            job
+            for picture in [[f"image={one}"] for one in pictures] or [[]]
+            for words in settings
+            for job in combined([*picture, *words])
+        ]
+        if pictures and len(jobs) == len(pictures):
+            jobs = [[*job, SUBFOLDER + name] for job, name in zip(jobs, subfolders_for(pictures), strict=True)]
         check_jobs(loader, self.config, jobs, self.lenient)
         begin_sweep(self.config, jobs, self.resume, self.lenient)
         return [list(batch) for batch in self.split_overrides_to_chunks(jobs, max_batch_size)]

@@ -18,7 +18,7 @@ from brushexp.app.schema import TASKS
 from brushexp.errors import UserError
 
 SHIPPED = Path(__file__).parents[1] / "conf"
-GROUPS = {name for schema in TASKS.values() for name in groups_of(schema)} - {"model"} | {"task", "experiment"}
+GROUPS = {name for schema in TASKS.values() for name in groups_of(schema)} - {"model"} | {"task", "experiment", "pictures"}
 _lock = Lock()  # Hydra is one for the whole process
 
 
@@ -35,6 +35,12 @@ def folders_of(root: Path, arguments: Sequence[str] = ()) -> list[Path]:
         if (SHIPPED / path.relative_to(own)).exists():
             raise UserError(f"{path} has the name of a preset that ships; give the file another name")
     return [SHIPPED, own]
+
+
+def folders_in(cfg: DictConfig) -> list[Path]:
+    """The same, of a config that Hydra has composed."""
+    sources = [source for source in cfg.hydra.runtime.config_sources if source.schema == "file"]
+    return list(dict.fromkeys([SHIPPED, *(Path(source.path).resolve() for source in sources)]))
 
 
 def files_of(folder: Path, group: str) -> dict[str, Path]:

@@ -1,17 +1,19 @@
-"""Many pictures: ``image=photos/``, or a pattern as ``image='photos/*.jpg'``, is a sweep over files in one process."""
+"""Many pictures, ``image=photos/``, ``image='photos/*.jpg'`` or ``pictures=thesis12``, are a sweep in one process."""
 
 import glob
 import os
-import shlex
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from brushexp.app.sweep_jobs import JOBS, SUBFOLDER
+from brushexp.app.configs import files_of
+from brushexp.app.sweep_jobs import JOBS
 from brushexp.errors import UserError
+from brushexp.pictures.load import samples
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".gif")
-IMAGE = "image="
+IMAGE, SETS = "image=", "pictures="
+GROUP_OF_SETS, ENDING = "pictures", ".yaml"  # folder of configs with sets of pictures, and how their files end
 PROCESSES = "jobs="  # of a sweep: how many at once
 
 
@@ -28,32 +30,56 @@ def in_processes(words: Sequence[str]) -> list[str]:
 
 
 def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
-    """The words of a command line with a folder of pictures, or several, written out as a sweep; others as they are.
+    """The words of a command line with a set or folder of pictures, or several, as a sweep; others as they are.
 
-    Each picture has the subfolder of its name, unless something else is swept, too, or may be. The same command again
-    goes on: finished pictures are kept.
+    The same command again goes on: finished pictures are kept.
     """
     named = [word.removeprefix(IMAGE) for word in words if word.startswith(IMAGE)]
-    if len(named) < 2 and not any(map(is_several, named)):
+    sets = [word.removeprefix(SETS) for word in words if word.startswith(SETS)]
+    if not sets and len(named) < 2 and not any(map(is_several, named)):
         return [*words]
-    paths = [path for image in named for path in (pictures_in(image) if is_several(image) else [image])]
-    others = [word for word in words if not word.startswith(IMAGE)]
-    numbered = is_sweep or any(word.startswith("experiment=") for word in others)  # which may sweep
-    places = [""] * len(paths) if numbered else [f" {SUBFOLDER}{name}" for name in subfolders_for(paths)]
-    settings = [shlex.quote(f"image={path}") + where for path, where in zip(paths, places, strict=True)]
-    texts = ",".join('"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"' for text in settings)
+    others = [word for word in words if not word.startswith((IMAGE, SETS))]
+    wanted = [*named, *(part for text in sets for part in ([text] if os.path.exists(text) else text.split(",")))]
+    texts = ",".join('"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"' for text in wanted)
     typed = [word.removeprefix("output=") for word in others if word.startswith("output=")]
-    first = named[0] if len(named) == 1 else os.path.dirname(named[0])
+    first = wanted[0] if len(wanted) == 1 else sets[0].replace(",", "_") if sets else os.path.dirname(wanted[0])
     output = typed[-1] if typed else f"outputs/{name_of(first or '.')}"
     goes_on = (Path(output) / JOBS).is_file() and "overwrite=true" not in others
     return [
         *([] if is_sweep else ["--multirun"]),
         *others,
         *([] if typed else [f"output={output}"]),
-        f"hydra.sweeper.settings=[{texts}]",
+        f"hydra.sweeper.pictures=[{texts}]",
         "hydra.sweeper.lenient=true",
         *(["hydra.sweeper.resume=true"] if goes_on else []),
     ]
+
+
+def all_pictures(names: Sequence[str], folders: Sequence[Path]) -> list[str]:
+    """What several parts of ``pictures=`` stand for, each picture once."""
+    return list(dict.fromkeys(picture for name in names for picture in pictures_named(name, folders)))
+
+
+def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
+    """What one part of ``pictures=`` stands for, as ``image=`` takes it: a set, a folder or pattern, or one picture.
+
+    A set is a YAML file with a list, ``pictures/<name>.yaml`` in folders of configs or a path as it is typed, of names
+    of samples and of files, which lie beside it unless their paths are whole. A UserError names what is not there.
+    """
+    from brushexp.system.reading import read_text, yaml_of  # noqa: PLC0415  (torch; --help should not wait for it)
+
+    files = {key: path for folder in folders for key, path in files_of(folder, GROUP_OF_SETS).items()}
+    path = Path(os.path.expanduser(name)) if name.endswith(ENDING) else files.get(name)
+    if path is None or (os.path.exists(name) and not name.endswith(ENDING)):
+        return pictures_in(name) if is_several(name) else [name]
+    known = samples()
+    found = [str(one) for one in yaml_of(read_text(path, f"pictures={name}"), list)]
+    places = {one: path.parent / os.path.expanduser(one) for one in found}
+    missing = [one for one, place in places.items() if not place.is_file() and one not in known]
+    if missing or not found:
+        what = f"has no {', '.join(missing)}; put such files beside {path}" if missing else "is empty; list pictures"
+        raise UserError(f"pictures={name} {what}, or give names of samples: {', '.join(sorted(known))}")
+    return [str(place) if place.is_file() else one for one, place in places.items()]
 
 
 def is_several(image: str) -> bool:

@@ -15,7 +15,7 @@ from omegaconf import DictConfig
 from brushexp.app.composition import check
 from brushexp.app.run_folder import check_free, take
 from brushexp.errors import UserError
-from brushexp.results.sweep import first_line
+from brushexp.results.sweep import first_line, renew
 
 JOBS = ".hydra/jobs.json"  # in the folder of a sweep: what was typed, and the words of each job
 ANY_TIME = ("output", "overwrite")  # keys that may be others when a sweep goes on
@@ -111,6 +111,9 @@ def launch_left(
         if not type(error).__module__.startswith(ENGINES):
             raise
         raise UserError(f"a job has ended without a result ({first_line(error)}); go on with resume=sweep") from error
+    finally:
+        if any(folder.glob("*/result.json")):
+            renew(folder)
     failed = [str(k) for k, one in zip(left, results, strict=True) if one.status is not JobStatus.COMPLETED]
     if failed:
         which, table = ", ".join(failed), folder / "table.md"

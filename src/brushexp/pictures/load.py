@@ -5,6 +5,7 @@ import os
 import re
 from collections.abc import Sequence
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -112,11 +113,13 @@ def named_color(spec: str, key: str) -> bytes | None:
 
 
 def samples() -> dict[str, Path]:
-    """The pictures that scikit-image ships, by name; none of them needs a network."""
+    """The pictures that scikit-image ships, and a portrait of matplotlib's, by name; none of them needs a network."""
     import skimage.data  # noqa: PLC0415  (``--help`` does not need it)
 
     folder = Path(skimage.data.__file__).parent
-    return {path.stem: path for path in folder.iterdir() if path.suffix in SAMPLE_SUFFIXES}
+    found = {path.stem: path for path in folder.iterdir() if path.suffix in SAMPLE_SUFFIXES}
+    portrait = Path(str(getattr(find_spec("matplotlib"), "origin", ""))).parent / "mpl-data" / "sample_data" / "grace_hopper.jpg"
+    return found | ({portrait.stem: portrait} if portrait.is_file() else {})
 
 
 def _path_of(image: str, key: str, also: str = "") -> Path:

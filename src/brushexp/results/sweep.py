@@ -4,6 +4,7 @@ Loaded with the program: what it needs to write a report is imported when it doe
 """
 
 import logging
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,14 +16,17 @@ from omegaconf import DictConfig, OmegaConf
 
 from brushexp.errors import UserError
 
+SHARE = 0.1  # of a sweep's time that its report may take, which grows with the number of runs
+
 log = logging.getLogger(__name__)
+_next_report = 0.0  # of `time.monotonic`
 
 
 class SweepReport(Callback):
     """Write ``result.json`` into every run of a sweep and renew its ``report.html``, tables, ``sheet.png`` and plots.
 
-    Does it after every job and not once at the end, because Hydra 1.3 ends a sweep with a failed job without a word to
-    its callbacks. A single run has its metrics.json and needs none of this.
+    Does it after jobs and not once at the end, because Hydra 1.3 ends a sweep with a failed job without a word to its
+    callbacks. A single run has its metrics.json and needs none of this.
     """
 
     def on_job_end(self, config: DictConfig, job_return: JobReturn, **_: Any) -> None:
@@ -43,29 +47,40 @@ def note_result(folder: Path, cfg: DictConfig, overrides: Sequence[str], result:
         if isinstance(result, float):  # the one that was its objective
             result = json_of(read_text(folder / "metrics.json", ""))
         write_json(folder / "result.json", result_of(folder.name, cfg, overrides, result))
-        renew(folder.parent)
+        if time.monotonic() >= _next_report or isinstance(result, BaseException):
+            renew(folder.parent)
     except Exception as error:
         log.error("no report of this run: %s", error, exc_info=not isinstance(error, UserError))
 
 
 def renew(folder: Path) -> None:
-    """Write page, tables, sheet and plots of a sweep from the results of all its runs; one process at a time."""
+    """Write the report of a sweep from the results of all its runs; one process at a time.
+
+    After a job it is done if it then takes a tenth of the time at most, and in the end by the sweeper.
+    """
     from filelock import FileLock  # noqa: PLC0415
 
+    global _next_report  # noqa: PLW0603
+    start = time.monotonic()
+    with FileLock(folder / ".hydra" / "report.lock"):
+        write_report(folder)
+    _next_report = time.monotonic() + (time.monotonic() - start) / SHARE
+
+
+def write_report(folder: Path) -> None:
+    """Write page, tables, sheet and plots of a sweep."""
     from brushexp.results.contact_sheet import write_contact_sheet  # noqa: PLC0415
     from brushexp.results.effect import write_effect  # noqa: PLC0415
     from brushexp.results.runs import gather  # noqa: PLC0415
 
-    with FileLock(folder / ".hydra" / "report.lock"):
-        frame = gather([folder], folder)
-        targets = frame["run", "target"]
-        if len(targets) > 1 and targets.is_unique:  # a folder of pictures: nothing to compare
-            write_tables_and_page(folder, frame)
-            write_contact_sheet(folder, frame)
-            return
+    frame = gather([folder], folder)
+    targets = frame["run", "target"]
+    if len(targets) > 1 and targets.is_unique:  # a folder of pictures: nothing to compare
+        write_tables_and_page(folder, frame)
+    else:
         write_comparison(folder, frame)
-        write_contact_sheet(folder, frame)
         write_effect(folder, frame)
+    write_contact_sheet(folder, frame)
 
 
 def write_tables_and_page(folder: Path, frame: Any) -> None:
