@@ -8,8 +8,10 @@ from PIL import Image
 from program import ended
 
 from brushexp.app.command_line import in_full
-from brushexp.app.many_pictures import as_sweep, in_processes, subfolders_for
+from brushexp.app.configs import SHIPPED
+from brushexp.app.many_pictures import all_pictures, as_sweep, in_processes, pictures_named, subfolders_for
 from brushexp.errors import UserError
+from brushexp.pictures.load import samples
 
 QUICK = ("look=plain", "steps=2", "frames=0", "report=false", "logger=[]")
 
@@ -52,21 +54,45 @@ def test_all_pictures_are_painted_and_the_same_command_goes_on(tmp_path):
 def test_the_words_of_a_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     photos(tmp_path / "p")
-    flag, look, output, settings, *more = as_sweep(["image=p", "look=ink"], False)
+    flag, look, output, named, *more = as_sweep(["image=p", "look=ink"], False)
     assert (flag, look, output) == ("--multirun", "look=ink", "output=outputs/p")
-    assert settings.count("image=") == 3
-    assert "hydra.sweep.subdir=second" in settings
-    assert more == ["hydra.sweeper.lenient=true"]
-    assert "subdir" not in " ".join(as_sweep(["image=p/*.jpg", "look=ink,oil"], True))  # which has numbers
-    assert "subdir" not in " ".join(as_sweep(["image=p", "experiment=looks"], False))
+    assert (named, more) == ('hydra.sweeper.pictures=["p"]', ["hydra.sweeper.lenient=true"])
+    _, output, named, _ = as_sweep(["pictures=thesis12,p"], False)
+    assert (output, named) == ("output=outputs/thesis12_p", 'hydra.sweeper.pictures=["thesis12","p"]')
     pictures = [str(Path("p", name)) for name in ("second.jpg", "a b,c.png")]
     _, look, output, settings, _ = as_sweep([f"image={pictures[0]}", "look=ink", f"image={pictures[1]}"], False)
     assert (look, output) == ("look=ink", "output=outputs/p")
     assert settings.index("second.jpg") < settings.index("a b,c.png")
     assert in_full([*pictures, "look=ink"]) == as_sweep([*(f"image={one}" for one in pictures), "look=ink"], False)
     assert as_sweep(["image=astronaut"], False) == ["image=astronaut"]
+
+
+def test_sets_folders_and_single_pictures_stand_for_pictures(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    photos(tmp_path / "p")
+    own = tmp_path / "conf" / "pictures"
+    own.mkdir(parents=True)
+    (own / "mine.yaml").write_text("- camera  # a sample\n- red.png\n")
+    folders = [SHIPPED, tmp_path / "conf"]
+    with pytest.raises(UserError, match=r"pictures=mine has no red.png; put such files beside .*mine.yaml"):
+        pictures_named("mine", folders)
+    Image.new("RGB", (9, 16)).save(own / "red.png")
+    assert pictures_named("mine", folders) == ["camera", str(own / "red.png")]
+    assert pictures_named("conf/pictures/mine.yaml", [SHIPPED]) == ["camera", "conf/pictures/red.png"]
+    assert [Path(one).name for one in pictures_named("p", folders)] == ["a b,c.png", "broken.jpg", "second.jpg"]
+    assert all_pictures(["mine", "camera", "coffee"], folders) == ["camera", str(own / "red.png"), "coffee"]
+    (own / "empty.yaml").write_text("[]")
+    for wrong, message in (("empty", "is empty; list pictures"), ("nope.yaml", "nope.yaml")):
+        with pytest.raises(UserError, match=message):
+            pictures_named(wrong, folders)
     with pytest.raises(UserError, match="no picture is there"):
-        as_sweep([f"image={tmp_path}"], False)
+        pictures_named(str(tmp_path), folders)
+
+
+def test_the_set_that_ships_needs_no_file_of_yours():
+    named = pictures_named("thesis12", [SHIPPED])
+    assert len(set(named)) == 12
+    assert set(named) <= samples().keys()
 
 
 def test_names_of_folders_are_plain_and_differ():

@@ -18,12 +18,12 @@ from brushexp.app.mistakes import explanation
 from brushexp.errors import UserError
 
 
-def jobs(settings, arguments=(), batch=None):
+def jobs(settings, arguments=(), batch=None, pictures=()):
     """The overrides of every job, in batches."""
     with initialize_config_dir(version_base="1.3", config_dir=str(SHIPPED)):
         loader = GlobalHydra.instance().config_loader()
         found = Plugins.instance().class_name_to_class["hydra_plugins.brushexp_settings.SettingsSweeper"]
-        sweeper = found(batch, None, settings, False, False)
+        sweeper = found(batch, None, settings, list(pictures), False, False)
         sweeper.hydra_context = SimpleNamespace(config_loader=loader)
         sweeper.config = compose("config", return_hydra_config=True)
         overrides = OverridesParser.create(config_loader=loader).parse_overrides(list(arguments))
@@ -49,6 +49,20 @@ def test_settings_stand_above_the_command_line_and_are_combined_with_what_it_swe
     (found,) = jobs(["", "steps=9", "steps=1,2"], ["steps=50", "seed=0,1"])
     assert found == [[f"steps={steps}", f"seed={seed}"] for steps, seed in product((50, 9, 1, 2), (0, 1))]
     assert [len(batch) for batch in jobs(["", "steps=1", "steps=2"], ["seed=1,2"], batch=4)] == [4, 2]
+
+
+def test_every_setting_is_painted_of_every_picture_unless_another_one_is_typed():
+    (found,) = jobs(["", "steps=9"], ["seed=1"], pictures=["camera", "coffee"])
+    assert found == [
+        [*words, f"image={name}"] if not words[1:] else [words[0], f"image={name}", words[1]]
+        for words in (["seed=1"], ["seed=1", "steps=9"])
+        for name in ("camera", "coffee")
+    ]
+    (alone,) = jobs([""], pictures=["camera", "coffee"])
+    assert alone == [[f"image={name}", f"hydra.sweep.subdir={name}"] for name in ("camera", "coffee")]
+    assert jobs(["", "steps=9"], ["image=logo"], pictures=["camera", "coffee"]) == [
+        [["image=logo"], ["image=logo", "steps=9"]]
+    ]
 
 
 @pytest.mark.parametrize(("override", "message"), [

@@ -80,7 +80,6 @@ class SettingsSweeper(BasicSweeper):
         loader = self.hydra_context.config_loader
         parser = OverridesParser.create(config_loader=loader)
 
-
         def combined(words: Sequence[str]) -> list[list[str]]:
             own = parser.parse_overrides([written_out(word, sweep=True) for word in words])
             return [list(job) for job in BasicSweeper.split_arguments([*overrides, *own], None)[0]]
@@ -90,8 +89,8 @@ class SettingsSweeper(BasicSweeper):
         settings = [shlex.split(setting) for setting in self.settings]
         jobs = [
             job
+            for words in settings  # of a sweep that is stopped, some settings then have all pictures
             for picture in [[f"image={one}"] for one in pictures] or [[]]
-            for words in settings
             for job in combined([*picture, *words])
         ]
         if pictures and len(jobs) == len(pictures):

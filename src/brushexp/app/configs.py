@@ -18,7 +18,11 @@ from brushexp.app.schema import TASKS
 from brushexp.errors import UserError
 
 SHIPPED = Path(__file__).parents[1] / "conf"
-GROUPS = {name for schema in TASKS.values() for name in groups_of(schema)} - {"model"} | {"task", "experiment", "pictures"}
+GROUPS = {name for schema in TASKS.values() for name in groups_of(schema)} - {"model"} | {
+    "task",
+    "experiment",
+    "pictures",
+}
 _lock = Lock()  # Hydra is one for the whole process
 
 

@@ -118,7 +118,12 @@ def samples() -> dict[str, Path]:
 
     folder = Path(skimage.data.__file__).parent
     found = {path.stem: path for path in folder.iterdir() if path.suffix in SAMPLE_SUFFIXES}
-    portrait = Path(str(getattr(find_spec("matplotlib"), "origin", ""))).parent / "mpl-data" / "sample_data" / "grace_hopper.jpg"
+    portrait = (
+        Path(str(getattr(find_spec("matplotlib"), "origin", ""))).parent
+        / "mpl-data"
+        / "sample_data"
+        / "grace_hopper.jpg"
+    )
     return found | ({portrait.stem: portrait} if portrait.is_file() else {})
 
 

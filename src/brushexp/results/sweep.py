@@ -71,6 +71,7 @@ def write_report(folder: Path) -> None:
     """Write page, tables, sheet and plots of a sweep."""
     from brushexp.results.contact_sheet import write_contact_sheet  # noqa: PLC0415
     from brushexp.results.effect import write_effect  # noqa: PLC0415
+    from brushexp.results.paired import write_differences  # noqa: PLC0415
     from brushexp.results.runs import gather  # noqa: PLC0415
 
     frame = gather([folder], folder)
@@ -78,6 +79,7 @@ def write_report(folder: Path) -> None:
     if len(targets) > 1 and targets.is_unique:  # a folder of pictures: nothing to compare
         write_tables_and_page(folder, frame)
     else:
+        write_differences(folder, frame)  # which the page shows
         write_comparison(folder, frame)
         write_effect(folder, frame)
     write_contact_sheet(folder, frame)

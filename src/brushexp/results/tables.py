@@ -26,36 +26,41 @@ LONGEST_ERROR = 200  # letters of an error message in table.md
 
 @dataclass(frozen=True)
 class Metric:
-    """How a metric is shown: its name for people, digits after the point, and which is better ("" for neither)."""
+    """How a metric is shown: its name for people, digits after the point, and which is better ("" for neither).
+
+    Differences up to ``matters`` are none to speak of; those of a ``ratio`` are of its logarithm.
+    """
 
     name: str
     digits: int
     better: str
+    matters: float = 0.0
+    ratio: bool = False
 
 
 METRICS = {  # those that tables and plots show, in this order, if some run has them
-    "psnr": Metric("PSNR, dB", 2, "higher"),
-    "ssim": Metric("SSIM", 4, "higher"),
-    "l1": Metric("L1", 4, "lower"),
-    "edges": Metric("error of edges", 4, "lower"),
-    "perceptual": Metric("perceptual distance", 4, "lower"),
-    "lpips_alexnet": Metric("LPIPS (AlexNet)", 4, "lower"),
-    "lpips_squeeze": Metric("LPIPS (SqueezeNet)", 4, "lower"),
-    "lpips_vgg16": Metric("LPIPS (VGG16)", 4, "lower"),
+    "psnr": Metric("PSNR, dB", 2, "higher", 0.1),
+    "ssim": Metric("SSIM", 4, "higher", 0.003),
+    "l1": Metric("L1", 4, "lower", 0.0005),
+    "edges": Metric("error of edges", 4, "lower", 0.0005),
+    "perceptual": Metric("perceptual distance", 4, "lower", 0.005),
+    "lpips_alexnet": Metric("LPIPS (AlexNet)", 4, "lower", 0.005),
+    "lpips_squeeze": Metric("LPIPS (SqueezeNet)", 4, "lower", 0.005),
+    "lpips_vgg16": Metric("LPIPS (VGG16)", 4, "lower", 0.005),
     **{f"style_{kind}": Metric(f"style {kind}", 4, "lower") for kind in ("poly", "linear", "gaussian", "meanstd")},
     "accuracy": Metric("accuracy", 4, "higher"),
     "auc": Metric("AUC", 4, "higher"),
-    "l2": Metric("L2", 6, "lower"),
-    "psnr_alpha": Metric("PSNR of alpha, dB", 2, "higher"),
-    "psnr_color": Metric("PSNR of colour, dB", 2, "higher"),
-    "fid_effl0": Metric("FID (effl0)", 2, "lower"),
-    "kid_effl0": Metric("KID (effl0)", 2, "lower"),
-    "fid_inception": Metric("FID (Inception)", 2, "lower"),
-    "strokes_per_second": Metric("strokes per second", 0, "higher"),
-    "strokes_per_second_backward": Metric("strokes per second backward", 0, "higher"),
+    "l2": Metric("L2", 6, "lower", 0.05, ratio=True),
+    "psnr_alpha": Metric("PSNR of alpha, dB", 2, "higher", 0.1),
+    "psnr_color": Metric("PSNR of colour, dB", 2, "higher", 0.1),
+    "fid_effl0": Metric("FID (effl0)", 2, "lower", 0.05, ratio=True),
+    "kid_effl0": Metric("KID (effl0)", 2, "lower", 0.05, ratio=True),
+    "fid_inception": Metric("FID (Inception)", 2, "lower", 0.05, ratio=True),
+    "strokes_per_second": Metric("strokes per second", 0, "higher", 0.05, ratio=True),
+    "strokes_per_second_backward": Metric("strokes per second backward", 0, "higher", 0.05, ratio=True),
     "parameters": Metric("parameters", 0, ""),
     "file_mb": Metric("file, MB", 2, ""),
-    "seconds": Metric("optimisation, s", 1, "lower"),
+    "seconds": Metric("optimisation, s", 1, "lower", 0.1, ratio=True),
     "n_strokes": Metric("strokes painted", 0, ""),
 }
 DIGITS = {key: metric.digits for key, metric in METRICS.items()}

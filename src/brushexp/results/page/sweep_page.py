@@ -12,6 +12,7 @@ from brushexp.pictures.decode import opened_picture
 from brushexp.results import tables
 from brushexp.results.anytime_curves import ahead, curve_from, curves_by_image, mean_curves
 from brushexp.results.page.html import embedded, page
+from brushexp.results.paired import difference_rows, paired_differences, paired_table, rule_for
 from brushexp.results.runs import differences, shortened
 from brushexp.system.files import write_text
 
@@ -25,6 +26,7 @@ CURVE_DIGITS = 4  # after the point
 AREA = 16_000_000  # pixels: of all pictures of a page together
 SIDES = (640, 452, 320, 226, 160, 113, 80)  # pixels: each half the area of the one before
 QUALITY = 80  # of WebP
+PLOT_SIDE = 1400  # pixels: of the plot of differences
 KEPT = 4096  # pictures: more than a page holds at its smallest side, so memory stays below some pages
 
 
@@ -47,6 +49,7 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
         shown=shown,
         metrics=tables.METRICS,
         means=_means(frame),
+        paired=_paired(folder, frame),
         best=_best(shown),
         plotted=_plotted(shown),
         data=_script_data(shown),
@@ -143,6 +146,16 @@ def _means(frame: DataFrame) -> DataFrame | None:
     for key in keys:
         means[key] = means[key].map(shortened(list(means[key].unique())))
     return means
+
+
+def _paired(folder: Path, frame: DataFrame) -> dict[str, Any] | None:
+    """Differences to the first setting by picture or seed, and their plot; None if nothing is paired."""
+    table = paired_table(frame)
+    found = [] if table is None else paired_differences(table)
+    if not found:
+        return None
+    told = f"Against {found[0].reference}, paired by {found[0].unit}. {rule_for(found[0].unit)}".replace("*", "")
+    return {"told": told, "rows": difference_rows(found), "plot": thumbnail(folder / "differences.png", PLOT_SIDE)}
 
 
 def _best(shown: dict[str, Any]) -> dict[str, str]:

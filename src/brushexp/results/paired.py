@@ -1,0 +1,206 @@
+"""Paired differences: how much better a setting is than another one on the same pictures, or with the same seeds.
+
+What is paired is the unit: the picture if several were painted, else the seed. Of each unit the difference between the
+means of its runs counts once, so that what differs between units, and it differs most, does not blur the comparison.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from brushexp.results.runs import differences
+from brushexp.results.tables import METRICS, csv_table, markdown_table, numbers
+from brushexp.system.files import write_text
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+CONFIDENCE = 0.95
+LEAST_UNITS = 3  # for an interval that a verdict may rest on
+LEAST_ODD = 3  # pictures each way from which on an answer depends on the picture
+NOT_DECIDED = "not decided"
+PICTURE, SEED = "picture", "seed"
+RULE = (
+    "An interval is that of Student's t over the {units} at {confidence:.0%} for all comparisons of a study with its "
+    "reference together (Bonferroni). In this order: a difference *depends on the picture* if at least {odd} of them "
+    "differ by more than what matters in each direction; it is *better* or *worse* if the interval excludes zero; "
+    "there is *no difference larger than* what the interval allows, if that does not matter; else it is *not decided*, "
+    "as it is with fewer than {least} {units}."
+)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A setting against a reference in one metric, of the units that have both.
+
+    ``gains`` by unit, ``mean``, ``low`` and ``high`` are positive where the setting is better; for metrics that are
+    compared as ratios (`Metric.ratio`) they are natural logarithms of them. ``unit`` is "picture" or "seed".
+    """
+
+    option: str
+    reference: str
+    metric: str
+    unit: str
+    gains: dict[str, float]
+    mean: float
+    low: float
+    high: float
+
+    @property
+    def better(self) -> list[str]:
+        """The units on which the setting is better by more than what matters."""
+        return [unit for unit, gain in self.gains.items() if gain > METRICS[self.metric].matters]
+
+    @property
+    def worse(self) -> list[str]:
+        """Those on which it is worse by more."""
+        return [unit for unit, gain in self.gains.items() if gain < -METRICS[self.metric].matters]
+
+    @property
+    def verdict(self) -> str:
+        """One of ``depends``, ``better``, ``worse``, ``same`` and ``not decided``, by `RULE`."""
+        if len(self.gains) < LEAST_UNITS or not math.isfinite(self.low):
+            return NOT_DECIDED
+        if self.unit == PICTURE and min(len(self.better), len(self.worse)) >= LEAST_ODD:
+            return "depends"
+        if self.low > 0 or self.high < 0:
+            return "better" if self.low > 0 else "worse"
+        return "same" if max(-self.low, self.high) <= METRICS[self.metric].matters else NOT_DECIDED
+
+    @property
+    def bounds(self) -> str:
+        """The interval, in the metric's own direction."""
+        ends = (self.low, self.high) if METRICS[self.metric].better == "higher" else (self.high, self.low)
+        return f"[{', '.join(map(self.shown, ends))}]"
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words, with its numbers."""
+        found = f"{self.shown(self.mean)} {self.bounds}"
+        if self.verdict == "same":
+            metric, most = METRICS[self.metric], max(abs(self.low), abs(self.high))
+            largest = f"x {math.exp(most):.3g}" if metric.ratio else f"{most:.{metric.digits}f}"
+            return f"no difference larger than {largest}"
+        if self.verdict == "depends":
+            some = f"better on {', '.join(self.better)}; worse on {', '.join(self.worse)}"
+            return f"depends on the picture: {some}; {found} on average"
+        if self.verdict == NOT_DECIDED and len(self.gains) < LEAST_UNITS:
+            return f"{NOT_DECIDED}, {len(self.gains)} {self.unit}{'s' * (len(self.gains) != 1)}"
+        return f"{self.verdict}: {found}"
+
+    def shown(self, gain: float) -> str:
+        """A gain in the metric's own direction: ``+0.31``, or ``x 1.5`` for ratios."""
+        metric = METRICS[self.metric]
+        change = gain if metric.better == "higher" else -gain
+        return f"x {math.exp(change):.3g}" if metric.ratio else f"{change:+.{metric.digits}f}"
+
+
+def interval(values: Iterable[float], confidence: float = CONFIDENCE) -> tuple[float, float, float]:
+    """Mean of a sample and the bounds of its interval by Student's t; infinite ones for a single value."""
+    from scipy.stats import t  # noqa: PLC0415
+
+    found = np.array(list(values), float)
+    if len(found) < 2:
+        return float(found.mean()), -math.inf, math.inf
+    half = float(t.ppf((1 + confidence) / 2, len(found) - 1) * found.std(ddof=1) / math.sqrt(len(found)))
+    return float(found.mean()), float(found.mean()) - half, float(found.mean()) + half
+
+
+def paired_table(frame: DataFrame) -> DataFrame | None:
+    """The metrics of finished runs by setting and unit; None if there are no two settings, or no two units.
+
+    Columns are metrics; the index has levels "option", the overrides in which runs differ but for image and seed, in
+    the order of the sweep, and "picture" or "seed".
+    """
+    compared = frame[frame["run", "label"].notna()]
+    if compared.empty:
+        return None
+    unit = PICTURE if compared["run", "target"].nunique() > 1 and (compared["run", "image"] != "").all() else SEED
+    by_unit = compared["run", "image"].str.rpartition(", ")[0] if unit == PICTURE else compared["setting", SEED]
+    typed = [{k: v for k, v in one.items() if k not in ("image", "seed")} for one in compared["run", "overrides"]]
+    options = [" ".join(parts) or "default" for parts in differences(typed)]
+    units = by_unit.fillna("0").astype(str).to_numpy()
+    if len(set(options)) < 2 or len(set(units)) < 2:
+        return None
+    return (
+        numbers(compared).groupby([np.array(options, object), units], sort=False).mean().rename_axis(["option", unit])
+    )
+
+
+def paired_differences(table: DataFrame, reference: str | None = None, metrics: Sequence[str] = ()) -> list[Difference]:
+    """All settings of a `paired_table` against one, the first if none is named, in those metrics that have a better."""
+    options = list(dict.fromkeys(table.index.get_level_values(0)))
+    reference = options[0] if reference is None else reference
+    confidence = 1 - (1 - CONFIDENCE) / max(1, len(options) - 1)
+    wanted = metrics or [key for key in table if METRICS[key].better]
+    found = []
+    for metric in wanted:
+        by_unit = table[metric].unstack(level=0) if metric in table else None
+        for option in options:
+            if option != reference and by_unit is not None:
+                gains = gains_of(by_unit[option], by_unit[reference], metric)
+                if gains:
+                    low_high = interval(gains.values(), confidence)
+                    found.append(Difference(option, reference, metric, str(table.index.names[1]), gains, *low_high))
+    return found
+
+
+def gains_of(values: Any, others: Any, metric: str) -> dict[str, float]:
+    """By how much values are better than others, by unit, where both are known; see `Difference`."""
+    both = values.notna() & others.notna()
+    if METRICS[metric].ratio:
+        both &= (values > 0) & (others > 0)
+        values, others = np.log(values[both]), np.log(others[both])
+    sign = 1 if METRICS[metric].better == "higher" else -1
+    return {str(unit): float(gain) for unit, gain in (sign * (values[both] - others[both])).items()}
+
+
+def difference_rows(found: Sequence[Difference]) -> list[dict[str, Any]]:
+    """A row per setting and metric, in words."""
+    return [
+        {
+            "setting": one.option,
+            "against": one.reference,
+            "metric": METRICS[one.metric].name,
+            "difference": one.shown(one.mean),
+            "interval": one.bounds,
+            "better on": f"{sum(gain > 0 for gain in one.gains.values())} of {len(one.gains)}",
+            "verdict": one.sentence,
+        }
+        for one in found
+    ]
+
+
+def rule_for(unit: str) -> str:
+    """`RULE` in words for pictures or seeds."""
+    return RULE.format(units=f"{unit}s", confidence=CONFIDENCE, odd=LEAST_ODD, least=LEAST_UNITS)
+
+
+def write_differences(folder: Path, frame: DataFrame) -> list[Difference]:
+    """Write ``differences.md``, ``.csv`` and ``.png`` of runs with several settings on the same units; else nothing."""
+    from brushexp.results.paired_plot import write_paired_plot  # noqa: PLC0415
+
+    table = paired_table(frame)
+    found = [] if table is None else paired_differences(table)
+    if not found:
+        return []
+    unit = found[0].unit
+    text = markdown_table(
+        [{k: v for k, v in row.items() if k != "against"} for row in difference_rows(found)], align="llrlrl"
+    )
+    told = f"Against `{found[0].reference}`, paired by {unit}. {rule_for(unit)}"
+    write_text(folder / "differences.md", f"{told}\n\n{text}\n")
+    every = [
+        {"setting": one.option, "against": one.reference, "metric": one.metric, unit: name, "gain": gain}
+        for one in found
+        for name, gain in one.gains.items()
+    ]
+    write_text(folder / "differences.csv", csv_table(every))
+    write_paired_plot(folder / "differences.png", found, folder.resolve().name)
+    return found
