@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
@@ -182,10 +182,19 @@ def sections_of(entries: Iterable[Entry], published: Sequence[PublishedFigures] 
     for wanted in sorted({frozenset(one) for one in painted.values()}, key=lambda one: (-len(one), sorted(one))):
         targets = sorted(wanted, key=lambda target: names[target])
         rows = [_row(key, [one[t] for t in targets]) for key, one in painted.items() if wanted <= one.keys()]
+        rows = _without_common(rows)
         rows.sort(key=lambda row: (row.strokes or math.inf, -row.numbers.get("psnr", np.zeros(1)).mean()))
         pictures = {target: names[target] for target in targets}
         found.append(Section(pictures, rows, [one for one in published if _is_related(one, pictures.values())]))
     return found
+
+
+def _without_common(rows: Sequence[Row]) -> list[Row]:
+    """The rows without the settings that all of several have."""
+    words = [row.settings.split() for row in rows]
+    common = set(words[0]).intersection(*words[1:]) if len(words) > 1 else set()
+    texts = [" ".join(word for word in found if word not in common) for found in words]
+    return [replace(row, settings=text) for row, text in zip(rows, texts, strict=True)]
 
 
 def _row(key: tuple[str, str, int | None], alike: Sequence[Sequence[Entry]]) -> Row:

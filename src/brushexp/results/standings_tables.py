@@ -150,7 +150,7 @@ def _table(cells: Sequence[Mapping[str, str]]) -> str:
 
 def _commands(section: Section) -> Iterator[str]:
     """What repeats the first picture of each row."""
-    lines = [f"    {row.entries[0].command}  # {row.label}" for row in section.rows if row.entries[0].command]
+    lines = [f"    {row.entries[0].command}" for row in section.rows if row.entries[0].command]
     if lines:
         yield from ("The first picture of each row:", "", *lines, "")
 
