@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from program import ended
 from scipy import stats
 from sweeps import make_run, read_csv
 
@@ -141,3 +142,17 @@ def test_paintings_by_others_are_measured_as_ours(run_task, tmp_path):
     ):
         with pytest.raises(UserError, match=re.escape(reason)):
             run_task(task, "task=leaderboard", *wrong)
+
+
+def test_a_folder_is_painted_as_the_study_of_kodak_does_and_makes_one_row(tmp_path):
+    (tmp_path / "kodak").mkdir()
+    for k, name in enumerate(("one", "two")):
+        pixels = np.random.default_rng(k).integers(0, 255, (16, 24, 3), np.uint8)
+        write_picture(tmp_path / "kodak" / f"{name}.png", pixels)
+    words = ("experiment=kodak24", "image=kodak", "strokes=9", "steps=2", "report=false", "output=out")
+    code, said = ended(tmp_path, *words)
+    assert code == 0, said
+    (section,) = sections_of(entries_of(gather([tmp_path / "out"], tmp_path)))
+    assert section.title == "2 pictures: one, two; 24 x 16 pixels each"
+    assert [(row.painter, row.strokes, row.settings) for row in section.rows] == [("gradient", 9, "")]
+    assert (tmp_path / "out" / "report.html").is_file()
