@@ -261,6 +261,7 @@ class LeaderboardTask(Task):
     name: str | None = key(None, "of the painter of add; null = as the file is called")
     strokes: int | None = key(None, "that add took; null = those of a catalogue, else unknown", at_least(1))
     seconds: float | None = key(None, "that add took; null = unknown", at_least(0))
+    note: str | None = key(None, "what page and tables begin with: the machine, say, and what else it did; null = none")
     published: str | None = key(None, "YAML file of published figures; null = those that ship", FILE)
     lpips_backbone: str = key("alexnet", "network of lpips_weights", one_of("alexnet", "squeeze", "vgg16", "effl0"))
     lpips_weights: str | None = key(None, "file with its features: add is then measured with LPIPS, too", FILE)

@@ -25,10 +25,10 @@ ELSEWHERE = "Figures that others have published, of pictures that are not here: 
 
 
 def write_leaderboard_tables(
-    folder: Path, sections: Sequence[Section], elsewhere: Sequence[PublishedFigures], command: str
+    folder: Path, sections: Sequence[Section], elsewhere: Sequence[PublishedFigures], command: str, note: str = ""
 ) -> Path:
     """Write ``leaderboard.md``, ``.csv`` and ``.tex``, and return the first; ``command`` is what has made them."""
-    write_text(folder / "leaderboard.md", "\n".join(_markdown(sections, elsewhere, command)))
+    write_text(folder / "leaderboard.md", "\n".join(_markdown(sections, elsewhere, command, note)))
     lines = [line | {"in": section.title} for section in sections for line in _numbers_of(section)]
     write_text(folder / "leaderboard.csv", csv_table(lines))
     tables = (latex_table(without_empty(table_cells(section))) for section in sections)
@@ -112,8 +112,10 @@ def _numbers_of(section: Section) -> Iterator[dict[str, Any]]:
         yield found | {"from": "published", "pictures": section.relation(one)}
 
 
-def _markdown(sections: Sequence[Section], elsewhere: Sequence[PublishedFigures], command: str) -> Iterator[str]:
-    yield from ("# Leaderboard", "", f"Made by `{command}`.", "", EXPLAINED, "")
+def _markdown(
+    sections: Sequence[Section], elsewhere: Sequence[PublishedFigures], command: str, note: str
+) -> Iterator[str]:
+    yield from ("# Leaderboard", "", f"Made by `{command}`.", "", *([escaped(note), ""] if note else []), EXPLAINED, "")
     for section in sections:
         yield from (f"## {escaped(section.title)}", "", _table(table_cells(section)), "")
         for words, found in (

@@ -32,7 +32,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     sections = sections_of(entries, published)
     beside = {id(one) for section in sections for one in section.published}
     elsewhere = [one for one in published if id(one) not in beside]
-    write_leaderboard_page(folder, sections, elsewhere)
-    table = write_leaderboard_tables(folder, sections, elsewhere, command_line(words_of(folder) or []))
+    write_leaderboard_page(folder, sections, elsewhere, cfg.note or "")
+    table = write_leaderboard_tables(folder, sections, elsewhere, command_line(words_of(folder) or []), cfg.note or "")
     log.info("%s: %d paintings in %d sections", table, len(entries), len(sections))
     return {"paintings": len(entries), "status": "completed"}

@@ -26,7 +26,9 @@ from brushexp.system.files import write_text
 WORDS = ("painter", "settings", "pictures")  # columns that are no numbers
 
 
-def write_leaderboard_page(folder: Path, sections: Sequence[Section], elsewhere: Sequence[PublishedFigures]) -> Path:
+def write_leaderboard_page(
+    folder: Path, sections: Sequence[Section], elsewhere: Sequence[PublishedFigures], note: str = ""
+) -> Path:
     """Write ``report.html``; each picture is shown in the first section that has it."""
     where = {target: section for section in reversed(sections) for target in section.pictures}
     count = sum((1 + len(section.rows)) for section in where.values())
@@ -34,6 +36,7 @@ def write_leaderboard_page(folder: Path, sections: Sequence[Section], elsewhere:
     html = page(
         "leaderboard.html.j2",
         title="Leaderboard",
+        note=note,
         explained=EXPLAINED.replace("*", ""),
         sections=[
             {
