@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from brushexp.results.anytime_curves import TIMES, Curve, curve_from, mean_curve, quality_at
+from brushexp.results.paired import interval
 from brushexp.results.published import PublishedFigures
 from brushexp.results.runs import UNFINISHED, differences, image_name, setting_of, words_of
 from brushexp.results.tables import METRICS, Metric
@@ -34,7 +35,6 @@ OF_THE_FOLDER = (  # keys that change nothing of a painting
     *("output", "overwrite", "resume", "report", "frames", "frame_side", "timelapse", "timelapse_seconds", "logger"),
     *("checkpoint_every", "lpips_weights", "lpips_backbone"),
 )
-CONFIDENCE = 0.95
 FEW = 6  # pictures that a heading names
 MOST_TIMES = 7
 
@@ -109,11 +109,11 @@ class Section:
         start, end = min(c[0][0] for c in curves), max(c[0][-1] for c in curves)
         return [time for time in TIMES if start <= time <= end][-MOST_TIMES:]
 
-    def against_best(self, row: Row) -> tuple[float, float] | None:
-        """Mean and half interval of the differences in PSNR from the best row with as many strokes; None for itself."""
+    def against_best(self, row: Row) -> tuple[float, float, float] | None:
+        """Mean and bounds of the differences in PSNR from the best row with as many strokes; None for itself."""
         rivals = [one for one in self.rows if one.strokes == row.strokes and "psnr" in one.numbers]
         best = max(rivals, key=lambda one: one.numbers["psnr"].mean(), default=row)
-        return None if best is row or row not in rivals else mean_interval(row.numbers["psnr"] - best.numbers["psnr"])
+        return None if best is row or row not in rivals else interval(row.numbers["psnr"] - best.numbers["psnr"])
 
     def relation(self, figures: PublishedFigures) -> str:
         """How the pictures of published figures are related to those here."""
@@ -126,17 +126,6 @@ class Section:
 def stem_of(name: str) -> str:
     """The file of a picture without its ending: ``kodim03`` of ``kodim03.png, 768 x 512 pixels``."""
     return PurePath(name.rpartition(", ")[0] or name).stem
-
-
-def mean_interval(values: np.ndarray) -> tuple[float, float]:
-    """Mean, and half of its 95 % confidence interval (Student's t); the half is NaN of one value."""
-    n = len(values)
-    if n < 2:
-        return float(values.mean()), math.nan
-    from scipy.stats import t  # noqa: PLC0415  (slow to import)
-
-    half = t.ppf((1 + CONFIDENCE) / 2, n - 1) * values.std(ddof=1) / math.sqrt(n)
-    return float(values.mean()), float(half)
 
 
 def entries_of(frame: DataFrame) -> list[Entry]:

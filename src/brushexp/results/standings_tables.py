@@ -8,8 +8,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from brushexp.results.paired import CONFIDENCE, interval
 from brushexp.results.published import PublishedFigures
-from brushexp.results.standings import COLUMNS, CONFIDENCE, Row, Section, mean_interval, stem_of
+from brushexp.results.standings import COLUMNS, Row, Section, stem_of
 from brushexp.results.tables import MISSING, csv_table, escaped, latex_table, markdown_table
 from brushexp.system.files import write_text
 
@@ -50,7 +51,7 @@ def _measured(row: Row, section: Section) -> dict[str, str]:
     found = {"painter": row.painter, "settings": row.settings, "strokes": count_of(row.strokes)}
     for key, metric in section.columns.items():
         found[metric.name] = (
-            _with_interval(mean_interval(row.numbers[key]), metric.digits) if key in row.numbers else MISSING
+            _with_interval(interval(row.numbers[key]), metric.digits) if key in row.numbers else MISSING
         )
     found["behind, dB"] = MISSING if behind is None else _with_interval(behind, 2)
     return found | {"pictures": "these"}
@@ -72,9 +73,9 @@ def count_of(strokes: float | None) -> str:
     return MISSING if strokes is None else f"{strokes:,.0f}"
 
 
-def _with_interval(found: tuple[float, float], digits: int) -> str:
-    mean, half = found
-    return f"{mean:.{digits}f}" + (f" ± {half:.{digits}f}" if math.isfinite(half) else "")
+def _with_interval(found: tuple[float, float, float], digits: int) -> str:
+    mean, _, high = found
+    return f"{mean:.{digits}f}" + (f" ± {high - mean:.{digits}f}" if math.isfinite(high) else "")
 
 
 def at_equal_seconds(section: Section) -> list[dict[str, str]]:
@@ -104,7 +105,7 @@ def _numbers_of(section: Section) -> Iterator[dict[str, Any]]:
     for row in section.rows:
         found: dict[str, Any] = {"painter": row.painter, "settings": row.settings, "strokes": row.strokes}
         for key, values in row.numbers.items():
-            found[key], found[f"{key}_half_interval"] = mean_interval(values)
+            found[key], found[f"{key}_low"], found[f"{key}_high"] = interval(values)
         pictures = ", ".join(section.pictures.values())
         yield found | {"from": "measured", "pictures": pictures, "command": row.entries[0].command}
     for one in section.published:
