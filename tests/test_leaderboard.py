@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from browser import NARROW
 from program import ended
 from scipy import stats
 from sweeps import make_run, read_csv
@@ -11,6 +12,7 @@ from sweeps import make_run, read_csv
 from brushexp.app.tasks import leaderboard as task
 from brushexp.app.tasks import paint
 from brushexp.errors import UserError
+from brushexp.results.page.leaderboard_page import write_leaderboard_page
 from brushexp.results.published import read_published
 from brushexp.results.runs import gather
 from brushexp.results.standings import entries_of, sections_of
@@ -79,6 +81,22 @@ def test_published_figures_stand_beside_and_say_what_they_are_of(runs, tmp_path)
     assert cells[2] | {"PSNR, dB": "99", "strokes": "9 blobs", "optimisation, s": "–"} == cells[2]
     assert [row["a"] for row in by_picture(both)] == ["21.00", "16.00"]
     assert [row["1 s"] for row in at_equal_seconds(both)] == ["22.00", "21.00"]
+
+
+def test_the_page_fits_sorts_and_asks_nothing(runs, tmp_path, opened):
+    sections = sections_of(entries_of(gather([runs], runs)), read_published(tmp_path / "published.yaml"))
+    watched = opened(write_leaderboard_page(runs, sections, sections[0].published, "On <one> machine."), NARROW)
+    assert not watched.is_too_wide()
+    column = watched.page.locator("#section-1 table").first.locator("th", has_text="PSNR")
+    column.get_by_role("button").click()
+    names = "[...document.querySelector('#section-1 tbody').rows].map(row => row.cells[0].textContent)"
+    assert watched.evaluate(names) == ["Theirs", "Theirs", "gradient", "greedy"]
+    assert (
+        watched.page.locator(".published").first.evaluate("row => getComputedStyle(row.cells[0]).fontStyle") == "italic"
+    )
+    assert watched.page.get_by_text("On <one> machine.").is_visible()
+    assert not watched.errors
+    assert not watched.foreign
 
 
 def test_what_ships_has_sources_and_is_refused_when_it_is_wrong(tmp_path):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -156,8 +155,3 @@ def _commands(section: Section) -> Iterator[str]:
     lines = [f"    {row.entries[0].command}" for row in section.rows if row.entries[0].command]
     if lines:
         yield from ("The first picture of each row:", "", *lines, "")
-
-
-def command_line(words: Sequence[str]) -> str:
-    """A command of this program."""
-    return shlex.join(["brushexp", *words])

@@ -1,6 +1,7 @@
 """``task=leaderboard``: painters beside each other, of finished runs, of others, and figures that were published."""
 
 import logging
+import shlex
 from pathlib import Path
 
 from omegaconf import DictConfig
@@ -11,9 +12,10 @@ from brushexp.results.page.leaderboard_page import write_leaderboard_page
 from brushexp.results.published import SHIPPED_FIGURES, read_published
 from brushexp.results.runs import gather, words_of
 from brushexp.results.standings import entries_of, sections_of
-from brushexp.results.standings_tables import command_line, write_leaderboard_tables
+from brushexp.results.standings_tables import write_leaderboard_tables
 
 log = logging.getLogger(__name__)
+NOT_SHOWN = ("output", "overwrite", "note")  # words of the command
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
@@ -32,7 +34,9 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     sections = sections_of(entries, published)
     beside = {id(one) for section in sections for one in section.published}
     elsewhere = [one for one in published if id(one) not in beside]
+    words = [word for word in words_of(folder) or [] if word.partition("=")[0] not in NOT_SHOWN]
+    command = shlex.join(["brushexp", *words])
     write_leaderboard_page(folder, sections, elsewhere, cfg.note or "")
-    table = write_leaderboard_tables(folder, sections, elsewhere, command_line(words_of(folder) or []), cfg.note or "")
+    table = write_leaderboard_tables(folder, sections, elsewhere, command, cfg.note or "")
     log.info("%s: %d paintings in %d sections", table, len(entries), len(sections))
     return {"paintings": len(entries), "status": "completed"}
