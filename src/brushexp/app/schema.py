@@ -252,6 +252,15 @@ class CompareTask(Task):
 
 
 @dataclass
+class VerdictsTask(Task):
+    """Judge the claims of the thesis by finished studies: one page with verdicts, tables and plots."""
+
+    runs: list[str] = key(MISSING, "folder of studies, sweeps of experiment=; several with commas", FOLDER)
+    claims: str | None = key(None, "YAML file of claims; null = the thesis's, which ship", FILE)
+    page: str | None = key(None, "Markdown file to write, plots in a folder beside it; null = ablations.md in output")
+
+
+@dataclass
 class LeaderboardTask(Task):
     """Put painters beside each other: finished runs, paintings by others, published figures; means and intervals."""
 

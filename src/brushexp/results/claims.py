@@ -1,0 +1,61 @@
+"""What the thesis claims, and what the paired differences of a study make of it."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from brushexp.errors import UserError
+from brushexp.results.paired import NOT_DECIDED, Difference
+from brushexp.results.tables import METRICS
+from brushexp.system.reading import read_text, yaml_of
+
+SHIPPED_CLAIMS = Path(__file__).with_suffix(".yaml")
+BETTER, NO_WORSE, OPEN = "better", "no worse", "open"  # what can be expected of a setting
+NOT_RUN = "not run"
+KEYS = {"says", "section", "setting", "against", "metric", "expects"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claim:
+    """One sentence, and the comparison that decides it: see results/claims.yaml."""
+
+    study: str
+    says: str
+    section: str
+    setting: str
+    against: str
+    metric: str
+    expects: str
+    at_least: float = 1.0
+
+    def judged(self, found: Difference | None) -> str:
+        """``holds``, ``does not hold``, ``depends on the picture``, ``not decided``, ``not run``, or what was asked."""
+        if found is None:
+            return NOT_RUN
+        unclear = {NOT_DECIDED: NOT_DECIDED, "depends": "depends on the picture"}
+        if self.expects == OPEN or found.verdict in unclear:
+            return unclear.get(found.verdict, "no difference" if found.verdict == "same" else found.verdict)
+        if self.expects == NO_WORSE:
+            return "does not hold" if found.verdict == "worse" else "holds"
+        wanted = math.log(self.at_least)
+        if found.verdict != "better" or found.high < wanted:
+            return "does not hold"
+        return "holds" if found.low >= wanted else NOT_DECIDED
+
+
+def read_claims(path: Path = SHIPPED_CLAIMS) -> dict[str, list[Claim]]:
+    """The claims of a YAML file by study; a UserError says which is incomplete, or names no metric."""
+    found: Mapping[str, Any] = yaml_of(read_text(path, "give a file of claims"))
+    try:
+        claims = {
+            study: [Claim(study=study, **(given | {"section": str(given["section"])})) for given in listed]
+            for study, listed in found.items()
+        }
+    except (TypeError, KeyError, AttributeError) as error:
+        raise UserError(f"claims={path}: each claim has the keys {', '.join(sorted(KEYS))}: {error}") from error
+    for claim in (claim for listed in claims.values() for claim in listed):
+        if claim.metric not in METRICS or claim.expects not in (BETTER, NO_WORSE, OPEN):
+            raise UserError(f"claims={path}: '{claim.says}' has an unknown metric or expects; see the first lines")
+    return claims

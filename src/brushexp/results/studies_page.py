@@ -1,0 +1,175 @@
+"""A page of studies in Markdown: claims with verdicts, tables and plots, each number from finished runs."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from brushexp.errors import UserError
+from brushexp.results.claims import Claim
+from brushexp.results.paired import Difference, paired_differences, paired_table, rule_for
+from brushexp.results.paired_plot import PANELS, write_paired_plot
+from brushexp.results.runs import UNFINISHED, gather
+from brushexp.results.tables import METRICS, markdown_table
+from brushexp.system.files import write_text
+from brushexp.system.reading import json_of, read_text
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+JOBS_FILE = ".hydra/jobs.json"  # of a sweep: the words that were typed
+EXPERIMENT = "experiment="
+SHOWN = 4  # metrics in a table
+HOUR = 3600
+
+
+@dataclass(frozen=True)
+class Study:
+    """A finished sweep of a named experiment; ``words`` are its command line without the folder."""
+
+    name: str
+    words: tuple[str, ...]
+    frame: DataFrame
+    table: DataFrame | None
+
+    @property
+    def units(self) -> list[str]:
+        """Names of the pictures or seeds that have every setting."""
+        if self.table is None:
+            return []
+        whole = self.table.groupby(level=1, sort=False).size() == len(self.table.groupby(level=0))
+        return [str(unit) for unit in whole.index[whole]]
+
+    def difference(self, claim: Claim) -> Difference | None:
+        """What decides a claim; None if a setting of it was not run."""
+        options = set() if self.table is None else set(self.table.index.get_level_values(0))
+        if self.table is None or not {claim.setting, claim.against} <= options:
+            return None
+        found = paired_differences(self.table, claim.against, [claim.metric])
+        return next((one for one in found if one.option == claim.setting), None)
+
+
+def studies_in(folders: Sequence[Path], into: Path) -> dict[str, Study]:
+    """The sweeps of named experiments at or below some folders; of two of one experiment, that with most pictures."""
+    found: dict[str, Study] = {}
+    paths = sorted({path.parents[1] for folder in folders for path in folder.rglob(JOBS_FILE)})
+    for path in paths:
+        words = [str(word) for word in json_of(read_text(path / JOBS_FILE, "")).get("typed", [])]
+        name = next((word.removeprefix(EXPERIMENT) for word in words if word.startswith(EXPERIMENT)), None)
+        if name is None or not any(path.glob("*/result.json")):
+            continue
+        frame = gather([path], into)
+        one = Study(name, tuple(words), frame, paired_table(frame))
+        if name not in found or len(one.units) >= len(found[name].units):
+            found[name] = one
+    if not found:
+        raise UserError(f"runs={','.join(map(str, folders))}: there is no sweep of an experiment=; run one first")
+    return found
+
+
+def write_verdicts(
+    page: Path,
+    studies: Mapping[str, Study],
+    claims: Mapping[str, list[Claim]],
+    questions: Mapping[str, str],
+    command: str,
+) -> dict[str, int]:
+    """Write the page, with plots in a folder of its name beside it; how many claims have each verdict."""
+    judged = [(claim, studies[claim.study].difference(claim) if claim.study in studies else None)
+              for listed in claims.values() for claim in listed]  # fmt: skip
+    rows = [
+        {
+            "claim": claim.says,
+            "thesis": claim.section,
+            "study": f"[{claim.study}](#{claim.study})" if claim.study in studies else claim.study,
+            "compared": f"{claim.setting} against {claim.against}",
+            "metric": METRICS[claim.metric].name,
+            "verdict": claim.judged(found),
+            "measured": "" if found is None else found.sentence,
+        }
+        for claim, found in judged
+    ]
+    matters = ", ".join(f"{METRICS[key].name} {METRICS[key].matters:g}" for key in PANELS)
+    head = [
+        "# Ablations",
+        "",
+        f"Written by `{command}`, and no number in it by hand.",
+        f"What the thesis claims, or chose by trying, and what comes of it here. {rule_for('picture')}",
+        "Where seeds and not pictures are paired, the same holds of seeds.",
+        f"What matters: {matters} (of ratios: of their natural logarithm).",
+        "",
+        markdown_table(_quoted(rows), escape=False),
+        "",
+    ]
+    page.parent.mkdir(parents=True, exist_ok=True)
+    parts = [
+        _section(page, name, studies.get(name), questions.get(name, ""))
+        for name in [*claims, *(set(studies) - set(claims))]
+    ]
+    write_text(page, "\n".join([*head, *(line for part in parts for line in part)]))
+    verdicts = [str(row["verdict"]) for row in rows]
+    return {verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)}
+
+
+def _quoted(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    return [{key: str(value).replace("|", "\\|").replace("_", "\\_") for key, value in row.items()} for row in rows]
+
+
+def _section(page: Path, name: str, study: Study | None, question: str) -> list[str]:
+    """Question, command, table, plot and cost of one study."""
+    head = [f"## {name}", "", question, ""]
+    if study is None:
+        return [*head, f"Not run. `brushexp {EXPERIMENT}{name}`", ""]
+    lines = [*head, f"`{shlex.join(['brushexp', *map(_short, study.words)])}`", "", f"{_told(study)}", ""]
+    found = [] if study.table is None else paired_differences(study.table)
+    if found:
+        picture = page.with_suffix("") / f"{name}.png"
+        picture.parent.mkdir(parents=True, exist_ok=True)
+        write_paired_plot(picture, found, name)
+        lines += [_study_table(study, found), "", f"![Differences of {name}]({picture.parent.name}/{picture.name})", ""]
+    return lines
+
+
+def _short(word: str) -> str:
+    """A word without the folders of this machine."""
+    key, _, value = word.partition("=")
+    return word if "/" not in value else f"{key}={','.join(Path(part.strip('[]')).name for part in value.split(','))}"
+
+
+def _told(study: Study) -> str:
+    """Units, sizes, failures and cost, in words."""
+    run, metrics = study.frame["run"], study.frame["metric"]
+    finished = ~run["status"].isin(UNFINISHED)
+    kind = "" if study.table is None else str(study.table.index.names[1])
+    spent = metrics["cpu_seconds"][finished].astype(float) if "cpu_seconds" in metrics else None
+    wall = metrics["seconds_total"][finished].astype(float) if "seconds_total" in metrics else None
+    cost = f"{spent.sum() / HOUR:.2f} CPU hours" if spent is not None and spent.notna().all() else None
+    cost = cost or (f"{wall.sum() / HOUR:.2f} hours, CPU time not noted" if wall is not None else "cost not noted")
+    left_out = f", {len(run) - int(finished.sum())} not finished" * (not finished.all())
+    return f"{len(study.units)} {kind}s ({', '.join(study.units)}), {int(finished.sum())} runs{left_out}; {cost}."
+
+
+def _study_table(study: Study, found: Sequence[Difference]) -> str:
+    """A row per setting: the mean of the first metric, and differences to the first setting."""
+    metrics = [key for key in PANELS if any(one.metric == key for one in found)][: SHOWN - 1]
+    metrics += [key for key in ("seconds",) if key not in metrics and any(one.metric == key for one in found)]
+    assert study.table is not None
+    means = study.table.groupby(level=0, sort=False).mean()
+    rows = []
+    for option in means.index:
+        row = {
+            "setting": option,
+            METRICS[metrics[0]].name: f"{means.loc[option, metrics[0]]:.{METRICS[metrics[0]].digits}f}",
+        }
+        for key in metrics:
+            one = next((d for d in found if d.option == option and d.metric == key), None)
+            row[f"change of {METRICS[key].name}"] = (
+                "reference" if one is None else f"{one.shown(one.mean)} {one.bounds}"
+            )
+        first = next((d for d in found if d.option == option and d.metric == metrics[0]), None)
+        row["better on"] = "" if first is None else f"{sum(g > 0 for g in first.gains.values())} of {len(first.gains)}"
+        rows.append(row)
+    return markdown_table(_quoted(rows), escape=False)

@@ -1,0 +1,93 @@
+"""Claims are judged by paired differences; their settings are those of the studies; the page tells what was run."""
+
+import math
+import shlex
+
+import pytest
+from test_paired import A, C, gap, make_study
+
+from brushexp.app.configs import SHIPPED
+from brushexp.app.tasks import verdicts
+from brushexp.errors import UserError
+from brushexp.results.claims import Claim, read_claims
+from brushexp.system.files import write_json
+from brushexp.system.reading import read_text, yaml_of
+
+CLAIMS = """
+mine:
+  - {says: o1 is better, section: 6.3, setting: order=o1, against: order=o0, metric: psnr, expects: better}
+  - {says: and as fast, section: ours, setting: order=o1, against: order=o0, metric: seconds, expects: no worse}
+other:
+  - {says: something else, section: 9, setting: a=1, against: a=2, metric: psnr, expects: open}
+"""
+CLEAR, WORSE, SAME = (0.5, 0.6, 0.4, 0.5), (-0.5, -0.6, -0.4, -0.5), (0.01, -0.01, 0.02, -0.02)
+
+
+def claim(expects, metric="psnr", at_least=1.0):
+    return Claim(
+        study="s", says="", section="", setting="x", against="y", metric=metric, expects=expects, at_least=at_least
+    )
+
+
+@pytest.mark.parametrize(("expects", "gains", "verdict"), [
+    ("better", CLEAR, "holds"), ("better", WORSE, "does not hold"), ("better", SAME, "does not hold"),
+    ("no worse", CLEAR, "holds"), ("no worse", WORSE, "does not hold"), ("no worse", SAME, "holds"),
+    ("open", CLEAR, "better"), ("open", SAME, "no difference"),
+    ("better", (0.5,), "not decided"), ("no worse", (0.5, -0.4, 0.3, 0.1), "not decided"),
+    ("better", (1.0, 1.0, 1.0, -1.0, -1.0, -1.0), "depends on the picture"),
+])  # fmt: skip
+def test_a_claim_is_judged_by_its_difference(expects, gains, verdict):
+    assert claim(expects).judged(gap(*gains)) == verdict
+    assert claim(expects).judged(None) == "not run"
+
+
+@pytest.mark.parametrize(("ratio", "verdict"), [(3.0, "holds"), (1.5, "does not hold"), (2.0, "not decided")])
+def test_at_least_so_many_times(ratio, verdict):
+    gains = [math.log(ratio) + noise for noise in (0.01, -0.01, 0.02, -0.02)]
+    assert claim("better", "seconds", 2.0).judged(gap(*gains, metric="seconds")) == verdict
+
+
+def options_of(study):
+    """What a study lists; and what is said of its settings alone, whatever else it sweeps."""
+    sweeper = yaml_of(read_text(SHIPPED / "experiment" / f"{study}.yaml", ""))["hydra"]["sweeper"]
+    return {" ".join(shlex.split(setting)) for setting in sweeper["settings"]}
+
+
+@pytest.mark.parametrize("study", read_claims())
+def test_a_study_has_the_settings_of_its_claims(study):
+    for one in read_claims()[study]:
+        assert {one.setting, one.against} <= options_of(study), one.says
+
+
+def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_task):
+    folder = tmp_path / "studies" / "a"
+    (folder / ".hydra").mkdir(parents=True)
+    make_study(folder, psnr=(A, [a + gain for a, gain in zip(A, CLEAR, strict=True)], C), cpu_seconds=900.0)
+    write_json(folder / ".hydra" / "jobs.json", {"typed": ["experiment=mine", "image=/x/y/a.png"], "jobs": []})
+    (tmp_path / "claims.yaml").write_text(CLAIMS)
+    page = tmp_path / "docs" / "ablations.md"
+    result = run_task(
+        verdicts, "task=verdicts", f"runs={tmp_path}/studies", f"claims={tmp_path}/claims.yaml", f"page={page}"
+    )
+    text = page.read_text()
+    assert (result["holds"], result["does_not_hold"], result["not_run"]) == (1, 1, 1)
+    assert (
+        "| o1 is better | 6.3 | [mine](#mine) | order=o1 against order=o0 | PSNR, dB | holds | better: +0.50 [" in text
+    )
+    assert "`brushexp experiment=mine image=a.png`" in text
+    assert "4 pictures (a, b, c, d), 12 runs; 3.00 CPU hours." in text
+    assert "![Differences of mine](ablations/mine.png)" in text
+    assert (tmp_path / "docs" / "ablations" / "mine.png").is_file()
+    assert "Not run. `brushexp experiment=other`" in text
+    with pytest.raises(UserError, match="there is no sweep of an experiment=; run one first"):
+        run_task(verdicts, "task=verdicts", f"runs={tmp_path}/docs")
+
+
+def test_an_incomplete_claim_is_explained(tmp_path):
+    for wrong, message in (
+        ("s: [{says: x, section: 1}]", "each claim has the keys"),
+        (CLAIMS.replace("psnr", "nope"), "unknown metric"),
+    ):
+        (tmp_path / "claims.yaml").write_text(wrong)
+        with pytest.raises(UserError, match=message):
+            read_claims(tmp_path / "claims.yaml")
