@@ -24,13 +24,15 @@ from brushexp.training.benchmark import EXTREMES, draw_extremes, extreme_strokes
 from brushexp.training.datamodule import StrokeBatch
 from brushexp.training.evaluation import (
     FeatureDistance,
+    bristle_figures,
+    bristle_sums,
     inception_distance,
     over_white,
 )
 
 NAMES = [plugin.name for plugin in plugins("renderer")]
 CPU = torch.device("cpu")
-TINY = ("renderer=neural", "renderer.width=4", "renderer.widest=8", "renderer.dense=[16]")
+TINY = ("renderer=neural", "renderer.width=4", "renderer.dense=16", "renderer.code=2")
 
 
 def distance(count: int = 5) -> FeatureDistance:
@@ -72,6 +74,33 @@ def test_fid_and_kid_are_their_formulas():
         few = distance()
         few.add(sample_set(n), sample_set(n))
         assert all(math.isnan(value) for value in few.figures().values()), "a set of one has no distance"
+
+
+def test_distances_are_told_for_every_number_of_strokes_and_fall_with_it():
+    found = distance()
+    torch.manual_seed(0)
+    found.add(sample_set(300), sample_set(300))
+    rows = found.by_number()
+    assert [(row["n"], row["sets"]) for row in rows] == [(64, 4), (128, 2), (256, 1)]
+    assert rows[0]["fid_mine"] > rows[2]["fid_mine"] > 0
+    assert rows[0]["fid_mine_bias"] > rows[1]["fid_mine_bias"] > 0
+    assert rows[0]["fid_mine_sd"] > 0
+    assert math.isnan(rows[2]["fid_mine_sd"])
+
+
+def test_bristle_energy_is_the_share_of_fine_detail_that_is_drawn():
+    parameters = parameters_of(sample_prior(40))
+    truth = torch.rand(40, 4, 32, 32)
+    smooth = truth.clone()
+    smooth[:, 3] = 0.5
+    half = truth.clone()
+    half[:, 3] = 0.5 + 0.7 * (truth[:, 3] - 0.5)
+    wanted = {"bristles_thin": 1.0, "bristles_thick": 1.0, "light_thin": 1.0, "light_thick": 1.0}
+    for images, share in ((truth, 1.0), (smooth, 0.0), (half, 0.49)):
+        figures = bristle_figures(bristle_sums(images, truth, parameters))
+        assert figures == pytest.approx(wanted | {"bristles_thin": share, "bristles_thick": share}, abs=1e-6)
+    parts = [bristle_sums(half[k::2], truth[k::2], parameters[k::2]) for k in range(2)]
+    torch.testing.assert_close(sum(parts), bristle_sums(half, truth, parameters))
 
 
 class Bytes(torch.nn.Module):
@@ -150,7 +179,7 @@ def test_a_run_leaves_numbers_and_pictures(run, tmp_path):
     assert (metrics["n"], metrics["parameters"], metrics["file_mb"]) == (20, 0, None)
     assert metrics["finite_outside"]
     assert metrics["psnr_alpha"] > 15
-    for key in ("l2", "fid_effl0", "kid_effl0", "strokes_per_second", "strokes_per_second_backward"):
+    for key in ("l2", "fid_effl0", "kid_effl0", "strokes_per_second", "strokes_per_second_backward", "bristles_thin"):
         assert math.isfinite(metrics[key])
     for name in ("strokes.png", "outside.png"):
         with Image.open(tmp_path / name) as sheet:
@@ -160,11 +189,10 @@ def test_a_run_leaves_numbers_and_pictures(run, tmp_path):
 
 
 def test_the_size_of_a_trained_renderer_is_told_and_that_it_is_not_trained(run, tmp_path, caplog):
-    options = {"window": 64, "width": 4, "widest": 8, "dense": [16], "checkpoint": None}
+    options = {"width": 4, "dense": 16, "code": 2, "checkpoint": None}
     renderer = build_named("renderer", "neural", options)
     path = tmp_path / "mine.safetensors"
-    full = {"subpixel": 2, "coordconv": "stroke", "tint": True, "noise": False, "activation": "relu"}
-    recipe = {"options": {**options, **full, "normalisation": "none", "upsampling": "nearest"}}
+    recipe = {"options": {**options, "window": 64, "brushes": 8, "stages": 2}}
     recipe["data"] = {"engine": "disc", "engine_config": {"window": 64}, "window": 64}
     RENDERERS.save(path, "neural", renderer, recipe)
     chosen = [*TINY, f"renderer.checkpoint={path}"]

@@ -35,7 +35,7 @@ from brushexp.painting.assembly import components_of
 from brushexp.painting.outputs import painted_with, renderer_of
 from brushexp.pictures.load import load_picture
 from brushexp.plugins.renderer.base import RENDERERS
-from brushexp.plugins.renderer.neural import Neural
+from brushexp.plugins.renderer.inverse_vgg import InverseVGG
 from brushexp.registry import build_named, options_of
 from brushexp.results.page.run import write_run_page
 from brushexp.results.page.sweep_page import write_sweep_page
@@ -106,8 +106,8 @@ def read_set(path: Path) -> None:
 
 
 def write_weights(folder: Path) -> Path:
-    options = {name: default for name, _, default in options_of(Neural)} | TINY
-    RENDERERS.save(folder / "it", "neural", Neural(**TINY, checkpoint=None), {"options": options})
+    options = {name: default for name, _, default in options_of(InverseVGG)} | TINY
+    RENDERERS.save(folder / "it", "inverse_vgg", InverseVGG(**TINY, checkpoint=None), {"options": options})
     return folder / "it.safetensors"
 
 
@@ -116,7 +116,7 @@ def write_recipe(folder: Path) -> Path:
 
 
 def read_weights(path: Path) -> None:
-    network = build_named("renderer", "neural", TINY | {"checkpoint": str(path.with_suffix(".safetensors"))})
+    network = build_named("renderer", "inverse_vgg", TINY | {"checkpoint": str(path.with_suffix(".safetensors"))})
     assert all(bool(value.isfinite().all()) for value in network.state_dict().values())
 
 

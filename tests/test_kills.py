@@ -21,7 +21,7 @@ from brushexp.system.files import TEMPORARY
 
 PAINT = ["image=chelsea", "resolution=32", "strokes=12", "threads=1", "frames=3", "timelapse=gif", "checkpoint_every=0"]
 TRAIN = ["task=train", "data=set/strokes", "epochs=3", "minutes=null", "batch_size=8", "limit=64", "threads=1", "fid=0"]
-TRAIN += ["checkpoint_every=0", "renderer.width=4", "renderer.widest=8", "renderer.dense=[16]"]
+TRAIN += ["checkpoint_every=0", "renderer.width=4", "renderer.dense=16", "renderer.code=2"]
 SET = ["task=simulate", "engine=disc", "engine.window=64", "threads=1"]
 SHARDS = {"SHARD_STROKES": 32, "BATCH_STROKES": 16}
 CHECKPOINTS = [("checkpoint.ckpt", k, after) for k in (1, 2, 3) for after in (False, True)]

@@ -85,7 +85,7 @@ MISTAKES = {
     "style.brushwork=nope.h5": "give the catalogue.h5 of a finished run, style.brushwork=...",
     "resume=nope": "resume=nope: there is no checkpoint.ckpt; give the folder of an interrupted run",
     "renderer=neural renderer.checkpoint=nope": "renderer.checkpoint=nope does not come with the program (there are: ",
-    "renderer=neural renderer.channels=[3]": "renderer.channels=[3] are not ",
+    "renderer=inverse_vgg renderer.channels=[3]": "renderer.channels=[3] are not ",
     "task=view catalogue=nope": "there is no file nope",
     "task=compare runs=nope": "runs=nope: there is no such folder; give the folder of a run or of a sweep",
     "task=train data=nope": "there is no set of strokes at nope; make one with brushexp task=simulate path=nope",
@@ -104,7 +104,7 @@ MISTAKES = {
     "task=train model=discriminator simulate=300": "simulate=300 means nothing to model=discriminator",
     "task=train renderer.window=128": "renderer.window=128, but the strokes have 64 pixels; set renderer.window=64",
     "task=prune renderer.checkpoint=null": "there are no trained weights to prune",
-    "task=prune renderer=textured": "Textured has no option for the widths of its layers; use renderer=neural",
+    "task=prune renderer=textured": "Textured has no option for the widths of its layers; use renderer=inverse_vgg",
 }
 
 

@@ -12,7 +12,7 @@ from brushexp.app.tasks import prune as task
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import RENDERERS, window_pictures
-from brushexp.plugins.renderer.neural import Neural
+from brushexp.plugins.renderer.inverse_vgg import InverseVGG
 from brushexp.registry import build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.checkpoint import weights_hash
@@ -25,8 +25,8 @@ OPTIONS = {"window": 64, "width": 16, "widest": 32, "dense": [32, 16], "subpixel
 OPTIONS |= {"coordconv": "stroke", "tint": True, "noise": False, "normalisation": "none", "upsampling": "nearest"}
 
 
-def tiny(**options) -> Neural:
-    return build_named("renderer", "neural", {"checkpoint": None, **OPTIONS, **options})
+def tiny(**options) -> InverseVGG:
+    return build_named("renderer", "inverse_vgg", {"checkpoint": None, **OPTIONS, **options})
 
 
 def batch(n: int = 6) -> StrokeBatch:
@@ -36,7 +36,7 @@ def batch(n: int = 6) -> StrokeBatch:
 
 
 @torch.no_grad()
-def silence_every_other_channel(renderer: Neural) -> None:
+def silence_every_other_channel(renderer: InverseVGG) -> None:
     """Let every second channel of every layer but the last be 0, whatever comes in."""
     for layer in renderer.dense:
         layer.weight[::2], layer.bias[::2] = 0, 0
@@ -88,7 +88,7 @@ def test_widths_are_multiples_and_shrink_with_the_ratio():
 def test_a_pruned_checkpoint_loads_by_its_name_alone(tmp_path):
     pruned = prune(tiny(), 0.5, [batch(2)]).eval()
     path = tmp_path / "pruned.safetensors"
-    RENDERERS.save(path, "neural", pruned, {"options": {**OPTIONS, "channels": pruned.widths}})
+    RENDERERS.save(path, "inverse_vgg", pruned, {"options": {**OPTIONS, "channels": pruned.widths}})
     again = tiny(checkpoint=str(path))
     assert again.widths == pruned.widths != tiny().widths
     with torch.no_grad():
@@ -101,7 +101,7 @@ def test_a_pruned_checkpoint_loads_by_its_name_alone(tmp_path):
 @pytest.mark.parametrize("channels", [[8], [8] * 30, [0] * 9, [8] * 8 + ["x"]])
 def test_channels_of_a_file_that_do_not_fit_are_refused(channels, tmp_path):
     path = tmp_path / "pruned.safetensors"
-    RENDERERS.save(path, "neural", tiny(), {"options": {**OPTIONS, "channels": channels}})
+    RENDERERS.save(path, "inverse_vgg", tiny(), {"options": {**OPTIONS, "channels": channels}})
     with pytest.raises(UserError, match=r"renderer.channels=\[.*\] are not 9 widths"):
         tiny(checkpoint=str(path))
     assert tiny(channels=[8] * 9).widths == [8] * 9
@@ -115,7 +115,9 @@ def test_channels_of_a_file_that_do_not_fit_are_refused(channels, tmp_path):
 def test_networks_whose_channels_cannot_be_told_apart_are_refused(key, value, message, monkeypatch):
     with pytest.raises(UserError, match=f"renderer.{key}={message}"):
         prune(tiny(**{key: value}), 0.5, [batch(2)])
-    with pytest.raises(UserError, match="Analytic has no option for the widths of its layers; use renderer=neural"):
+    with pytest.raises(
+        UserError, match="Analytic has no option for the widths of its layers; use renderer=inverse_vgg"
+    ):
         check_prunable(Analytic())
     monkeypatch.setitem(sys.modules, "torch_pruning", None)
     with pytest.raises(UserError, match=r"task=prune needs torch-pruning; pip install 'brushexp\[prune\]'"):
@@ -128,7 +130,7 @@ def run(tmp_path, run_task):
     strokes, trained = tmp_path / "strokes", tmp_path / "trained.safetensors"
     simulate_set(strokes, build_named("engine", "disc", {}), Origin("disc", {"window": 64}, 64), 0, 350)
     origin = {"engine": "disc", "engine_config": {"window": 64}, "window": 64}
-    RENDERERS.save(trained, "neural", tiny(), {"options": OPTIONS, "data": origin})
+    RENDERERS.save(trained, "inverse_vgg", tiny(), {"options": OPTIONS, "data": origin})
     chosen = {"width": 16, "widest": 32, "dense": "[32,16]", "subpixel": 4, "checkpoint": trained}
     common = ["task=prune", "device=cpu", f"data={strokes}", "epochs=1", "limit=64", "n=8"]
     common += ["trainer.precision=32-true", *(f"renderer.{key}={value}" for key, value in chosen.items())]
@@ -148,7 +150,7 @@ def test_a_run_leaves_a_table_and_renderers_that_paint(run, tmp_path):
     assert rows[1]["parameters"] < 0.5 * rows[0]["parameters"]
     assert rows[1]["file_mb"] < rows[0]["file_mb"]
     assert rows[1]["l2"] < rows[1]["l2_before"]
-    path = tmp_path / "neural_50.safetensors"
+    path = tmp_path / "inverse_vgg_50.safetensors"
     again = tiny(checkpoint=str(path))
     assert sum(weight.numel() for weight in again.parameters()) == rows[1]["parameters"]
     recipe = json.loads(path.with_suffix(".json").read_text())

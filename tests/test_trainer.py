@@ -1,5 +1,6 @@
 """Training renderers: Lightning's Trainer does with it what its manual says; it learns, averages, resumes exactly."""
 
+import copy
 import csv
 import json
 import math
@@ -26,7 +27,7 @@ from brushexp.registry import build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.callbacks import DIVERGED, INTERRUPTED, MovingAverage, TimedCheckpoint
 from brushexp.system.checkpoint import weights_hash
-from brushexp.training import network_module
+from brushexp.training import fresh_start, network_module
 from brushexp.training.datamodule import StrokeBatch, StrokeLoader
 from brushexp.training.discriminator_module import DiscriminatorModule, ShapeData
 from brushexp.training.evaluation import (
@@ -39,7 +40,7 @@ from brushexp.training.evaluation import (
 from brushexp.training.renderer_module import Critic, RendererModule, RendererSettings, balanced, relativistic_loss
 
 SIDE = 16
-TINY = ("renderer.width=4", "renderer.widest=8", "renderer.dense=[16]")
+TINY = ("renderer.width=4", "renderer.dense=16", "renderer.code=2")
 QUIET = dict.fromkeys(("enable_progress_bar", "enable_model_summary"), False)
 CRITIC = RendererSettings(critic=True, critic_width=4)
 
@@ -234,6 +235,22 @@ def test_a_resumed_training_ends_with_the_same_weights(tmp_path, step, settings)
     assert resumed.figures == whole.figures
 
 
+def test_a_network_that_draws_nothing_is_begun_anew_and_one_that_draws_is_not(monkeypatch, caplog):
+    monkeypatch.setattr(fresh_start, "STEPS", 2)
+    for dead in (True, False):
+        module = module_of(RendererSettings())
+        alive = copy.deepcopy(module.renderer)
+        if dead:
+            for weight in module.renderer.parameters():
+                torch.nn.init.constant_(weight, 0.0)
+            torch.nn.init.constant_(list(module.renderer.parameters())[-1], -1e3)
+        caplog.clear()
+        restart = fresh_start.FreshStart(lambda: alive)  # noqa: B023
+        fit(module, None, restart, max_epochs=2)
+        assert (restart.restarts, restart.lives) == (int(dead), True)
+        assert ("begun anew with other weights, 1 of 3 times" in caplog.text) == dead
+
+
 def test_the_critic_pulls_as_hard_as_its_weight_says():
     push, pull = torch.randn(3, 4, 5, 7), 1e5 * torch.randn(3, 4, 5, 7)
     added = balanced(push, pull, 0.25) - push
@@ -335,7 +352,7 @@ def test_the_task_leaves_a_renderer_that_can_be_loaded(trained, stored, tmp_path
     assert kept["fid_effl0"] > 0
     assert (recipe["data"]["engine"], recipe["data"]["strokes"]) == ("spot", [96])
     assert (recipe["training"]["steps"], recipe["training"]["precision"]) == (4, "bf16-mixed")
-    loaded = build_named("renderer", "neural", {"width": 4, "widest": 8, "dense": [16], "checkpoint": str(path)})
+    loaded = build_named("renderer", "neural", {"width": 4, "dense": 16, "code": 2, "checkpoint": str(path)})
     assert weights_hash(loaded) == metrics["renderer_hash"]
 
 

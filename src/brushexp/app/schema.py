@@ -201,6 +201,10 @@ class TrainTask(Task):
     lr: float = key(5.0e-4, "highest learning rate; from 1e-3 on some starts end in blank pictures", above(0, 1))
     ema: float = key(0.999, EMA, between(0, 1))
     limit: int | None = key(None, LIMIT, at_least(1))
+    detail: float = key(
+        1.0, "how much errors of the finest detail count besides: bristles are learnt sooner", at_least(0)
+    )
+    light: float = key(4.0, "and errors of colour alone, where there is paint: the light on it is faint", at_least(0))
     critic: bool = key(False, "RaSGAN beside L2: a critic scores the pictures")
     critic_lr: float = key(2.0e-3, "its highest learning rate, four times lr: it is the faster one", above(0, 1))
     critic_weight: float = key(0.1, "how hard it pulls at the pictures, as a share of how hard L2 does", at_least(0))
@@ -228,7 +232,7 @@ class EvaluateTask(Task):
 class PruneTask(Task):
     """Remove channels of a trained renderer, train what is left a little further, and compare."""
 
-    groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "blend": "tiled", "engine": "fluid"} | NETWORK_FIT
+    groups: ClassVar[dict[str, Any]] = {"renderer": "inverse_vgg", "blend": "tiled", "engine": "fluid"} | NETWORK_FIT
     presets: ClassVar[dict[str, str]] = {"trainer": "network"}
 
     ratios: list[float] = key([0, 0.25, 0.5], "shares of every layer's channels that go; 0 = none", between(0, 0.99))

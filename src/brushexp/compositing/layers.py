@@ -94,6 +94,16 @@ class Layers(ABC):
         Both are in [0, 1], and differentiable in all fields; a colour that is constant has one pixel.
         """
 
+    def pictures(self, side: int) -> Tensor:
+        """Each stroke alone on a canvas of ``side`` x ``side`` pixels: (N, C + 1, side, side), straight alpha last."""
+        pixel = torch.arange(side).to(self.curve) + 0.5
+        points = torch.stack(torch.meshgrid(pixel, pixel, indexing="xy"), dim=-1).reshape(1, -1, 2)
+        n = len(self.curve)
+        index = torch.arange(n, device=points.device)[:, None]
+        alpha, color = self.sample(index, points.expand(n, -1, -1))  # (N, 1, P), (N, 1, P or 1, C)
+        parts = torch.cat([color.expand(*alpha.shape, color.shape[-1]), alpha[..., None]], dim=-1)
+        return parts.reshape(n, side, side, -1).movedim(-1, 1)
+
     def encoded(self, encode: Encode) -> "Layers":
         """The same strokes with colours of other channels; light in textures mixes them with white or black there."""
         return EncodedLayers(self, encode)

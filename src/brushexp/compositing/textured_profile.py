@@ -11,18 +11,21 @@ from typing import Self
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from brushexp.compositing.frame import LEAST_SQUARE, SHORTEST_SQUARED, SLOWEST, SLOWEST_PIXELS, stroke_frame
 from brushexp.compositing.layers import SPREAD, Encode, KernelInput, Layers, TileKernel
 from brushexp.compositing.passes import CHANNELS, PULL, PULL_ALPHA
+from brushexp.compositing.texture_places import PLACES, X, Y, curve_size, place_in_texture, places_in_windows
 from brushexp.compositing.textures import LONG, Sheets
-from brushexp.compositing.tile_lists import AREA, NEAREST, F
+from brushexp.compositing.tile_lists import AREA, NEAREST, TILE, F
 from brushexp.system.compiled import first_of, inline
+from brushexp.system.runtime import share_threads
 
 I = np.int32  # noqa: E741
 COLOR = 9  # column of the first channel; before it are control points, half width, opacity and texels per pixel
 # Rows of a stroke in a tile: its place in the texture's cell, alpha, shade, and the corners of the cell as words.
-X, Y, ALPHA, SHADE, OPACITIES, LIGHTS, ROWS = 2, 3, 4, 5, 6, 7, 8
+ALPHA, SHADE, OPACITIES, LIGHTS, ROWS = range(PLACES, PLACES + 5)
 
 
 @dataclass(frozen=True)
@@ -91,6 +94,26 @@ class TexturedProfile(Layers):
         below = torch.lerp(texels[first + stride], texels[first + stride + 1], right)
         return torch.lerp(above, below, down)
 
+    def pictures(self, side: int) -> Tensor:
+        """As others, but the compiled parts find the places in the textures: that is what training textures needs."""
+        size, free = self.sheets.size[self.look], not (self.curve.requires_grad or self.half_width.requires_grad)
+        if not free or side % TILE or self.curve.device.type != "cpu" or bool((size != size[:1]).any()):
+            return super().pictures(side)
+        frame = self.frame().float()
+        scale = 0.5 * frame[:, 0] / SPREAD / self.half_width
+        strokes = torch.zeros(len(frame), COLOR)
+        strokes[:, :6], strokes[:, 6], strokes[:, 8] = self.curve.flatten(1), self.half_width, scale
+        places = torch.empty(len(frame), side, side, 2)
+        share_threads()
+        places_in_windows(strokes.detach().numpy(), frame.numpy(), places.numpy())
+        height, width = (size[0] + 2).tolist() if len(size) else (2, 2)
+        here = self.sheets.first[self.look][:, None] + torch.arange(height * width)
+        texels = functional.embedding(here, self.sheets.texels[:, :2].float()).reshape(-1, height, width, 2)
+        seen = functional.grid_sample(texels.movedim(-1, 1), places, align_corners=True)
+        opacity, tone = seen.split(1, dim=1)
+        color = self.color[:, :, None, None] * (1 - tone.abs()) + tone.clamp_min(0)
+        return torch.cat([color, self.opacity[:, None, None, None] * opacity], dim=1)
+
     def compiled(self) -> KernelInput | None:
         if self.sheets.cells is None:
             return None
@@ -100,44 +123,6 @@ class TexturedProfile(Layers):
         strokes += [texels[:, None], self.color]
         data = (self.sheets.first[self.look], self.sheets.cells, frame)
         return KernelInput(KERNEL, torch.cat(strokes, dim=1), data)
-
-
-@inline
-def _size(bx, by, fx, fy):
-    """Squared size of a curve: of its velocity at both ends, halved."""
-    return fx * fx + fy * fy + (fx + bx) * (fx + bx) + (fy + by) * (fy + by)
-
-
-@inline
-def _place(p, i, ox, oy, frame, own):
-    """Write rows X and Y: where in its texture the pixels of a tile find stroke ``i``, in texels; see `frame`."""
-    sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
-    bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
-    still = F(SLOWEST * SLOWEST) * _size(bx, by, fx, fy) + F(SLOWEST_PIXELS * SLOWEST_PIXELS)
-    outer = F(-1) if fx * by - fy * bx > F(0) else F(1)
-    rows, columns, origin, body = frame[0], frame[1], frame[2], frame[3]
-    begin, loop, more, flip = frame[4], frame[5], frame[6], frame[7]
-    scale, middle, often = p[i, 8], F(0.5) * rows + F(0.5), F(1) / loop
-    for q in range(AREA):
-        t = own[NEAREST * AREA + q]
-        v = F(1) - t
-        b0, b1, b2 = v * v, F(2) * t * v, t * t
-        wx = F(q & 7) + F(0.5) - b0 * sx - b1 * cx - b2 * ex
-        wy = F(q >> 3) + F(0.5) - b0 * sy - b1 * cy - b2 * ey
-        dx, dy = fx + t * bx, fy + t * by
-        speed, square = dx * dx + dy * dy, wx * wx + wy * wy
-        moves = speed > still
-        length = speed if moves else max(square, F(1e-30))
-        tx, ty = (dx, dy) if moves else (outer * wy, -outer * wx)
-        one = F(1) / np.sqrt(length)
-        along = (tx * wx + ty * wy) * one
-        along = F(0) if (t > F(0)) & (t < F(1)) else along
-        across = (tx * wy - ty * wx) * one
-        x = origin + body * t + F(1 / LONG) * scale * along
-        back = min(np.floor((x - begin) * often), more)
-        x -= loop * back if x >= begin else F(0)
-        own[X * AREA + q] = min(max(x, F(0)), columns + F(1))
-        own[Y * AREA + q] = min(max(middle + flip * scale * across, F(0)), rows + F(1))
 
 
 @inline
@@ -180,7 +165,7 @@ def _cover(p, i, data, ox, oy, own, temporary):
     frame = frames[i]
     words = own.view(I)
     opacity, light = words[OPACITIES * AREA : (OPACITIES + 1) * AREA], words[LIGHTS * AREA : (LIGHTS + 1) * AREA]
-    _place(p, i, ox, oy, frame, own)
+    place_in_texture(p, i, ox, oy, frame, own)
     _fetch(cells, begin[i], I(frame[1]), I(frame[0]), own, temporary.view(I), opacity, light)
     op, total = F(1 / 255) * p[i, 7], F(0)
     for q in range(AREA):
@@ -246,7 +231,7 @@ def _move(p, i, ox, oy, body, flip, own, out):
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     half, scale = p[i, 6], p[i, 8]
-    size = _size(bx, by, fx, fy)
+    size = curve_size(bx, by, fx, fy)
     still = F(SLOWEST * SLOWEST) * size + F(SLOWEST_PIXELS * SLOWEST_PIXELS)
     least = F(1) / np.sqrt(F(LEAST_SQUARE) * size + F(1e-30))
     short = F(LEAST_SQUARE) * size + F(SHORTEST_SQUARED) * half * half

@@ -77,6 +77,7 @@ def sheets_of(textures: Tensor, levels: int, loop: Loop, *, rounded: bool) -> Sh
     if rounded:
         sheets = [_rounded(sheet) for sheet in sheets]
     size = torch.tensor([(rows >> level, columns >> level) for level in range(levels)] * variants)
+    size = size.reshape(-1, 2)  # of no texture, too
     counts, scale = (size + 2).prod(1), 0.5 ** torch.arange(levels)[:, None]
     size = size.to(textures.device)
     texels = torch.cat([sheet.flatten(2).movedim(1, 2) for sheet in sheets], dim=1).flatten(0, 1)
@@ -86,7 +87,7 @@ def sheets_of(textures: Tensor, levels: int, loop: Loop, *, rounded: bool) -> Sh
         size=size,
         loop=(torch.tensor([[loop.begin, loop.length]]) * scale).repeat(variants, 1).to(textures.device),
         extent=torch.stack([extent_of(sheet[:, 0].detach()) for sheet in sheets], dim=1).flatten(),
-        cells=cells_of(texels, size) if rounded else None,
+        cells=cells_of(texels, size) if rounded and variants else None,
     )
 
 
@@ -115,8 +116,8 @@ def _rounded(sheet: Tensor) -> Tensor:
 def extent_of(opacity: Tensor) -> Tensor:
     """Half widths (M,) from the curve, beyond which textures with this opacity (M, rows + 2, columns + 2) are empty."""
     distance = texel_distances(opacity.shape[1] - 2, opacity.shape[2] - 2).to(opacity)
-    felt = functional.max_pool2d((opacity > 0).to(opacity), 3, 1, 1)  # a texel is felt as far as the next one
-    return torch.where(felt > 0, distance, 0.0).amax((1, 2)) * (1 + 1e-5)
+    felt = functional.max_pool2d(distance[None], 3, 1, 1)  # a texel is felt as far as the next one
+    return torch.where(opacity > 0, felt, 0.0).amax((1, 2)) * (1 + 1e-5)
 
 
 def cells_of(texels: Tensor, size: Tensor) -> Tensor:
@@ -126,9 +127,12 @@ def cells_of(texels: Tensor, size: Tensor) -> Tensor:
     the lower half opacity, in the upper one tone + 128, of the corners above left, above right, below left and below
     right, the lowest byte first. A texel of the last row or column of a sheet begins no cell.
     """
-    stride = (size[:, 1] + 2).repeat_interleave((size + 2).prod(1))
-    whole = torch.stack([texels[:, 0] * BYTE, texels[:, 1] * HALF + 128]).round().long()
-    place, word = torch.arange(len(texels), device=texels.device), torch.zeros_like(whole)
-    for k, ahead in enumerate((torch.zeros_like(stride), torch.ones_like(stride), stride, stride + 1)):
-        word |= whole[:, (place + ahead).clamp_max(len(texels) - 1)] << (8 * k)
-    return word[0] | (word[1] << 32)
+    whole = torch.stack([texels[:, 0] * BYTE, texels[:, 1] * HALF + 128], dim=1).round().to(torch.uint8)
+    sides = (size.unique(dim=0).flip(0) + 2).tolist()  # of the sheets of one texture, the largest first
+    counts = [rows * columns for rows, columns in sides]
+    words = []
+    for part, (rows, columns) in zip(whole.reshape(-1, sum(counts), 2).split(counts, dim=1), sides, strict=True):
+        sheet = functional.pad(part.unflatten(1, (rows, columns)), (0, 0, 0, 1, 0, 1))
+        corners = [sheet[:, y : y + rows, x : x + columns] for y in (0, 1) for x in (0, 1)]
+        words.append(torch.stack(corners, dim=-1).flatten(3).view(torch.int64).flatten(1))
+    return torch.cat(words, dim=1).flatten()

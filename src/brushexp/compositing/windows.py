@@ -70,6 +70,10 @@ class Windows(Layers):
         color = painted / alpha.clamp_min(ALMOST_NOTHING)[..., None]
         return self.opacity[index][..., None] * alpha, color
 
+    def pictures(self, side: int) -> Tensor:
+        """Those that were drawn, if they have this size."""
+        return self.images if side == self.images.shape[-1] else super().pictures(side)
+
     def encoded(self, encode: Encode) -> Self:
         """Texel by texel."""
         color = encode(self.images[:, :3].movedim(1, -1)).movedim(-1, 1)

@@ -15,7 +15,14 @@ from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, sample_prior, strokes_of
 from brushexp.system.progress import with_progress
 from brushexp.training.datamodule import StrokeBatch
-from brushexp.training.evaluation import FeatureDistance, error_figures, error_sums, squared_error
+from brushexp.training.evaluation import (
+    FeatureDistance,
+    bristle_figures,
+    bristle_sums,
+    error_figures,
+    error_sums,
+    squared_error,
+)
 
 ACROSS, DOWN = 16, 8  # strokes that are painted at once when time is taken
 REPETITIONS, TIMING_SECONDS = 7, 6.0  # at most so many, and no further one after so many seconds
@@ -36,14 +43,15 @@ EXTREMES: dict[str, dict[str, object]] = {
 def evaluate(
     renderer: Renderer, batches: Iterable[StrokeBatch], n: int, window: int, distances: Sequence[FeatureDistance]
 ) -> dict[str, float]:
-    """`error_figures` of ``n`` strokes that a renderer has not seen, then the figures of the distances."""
-    sums = torch.zeros(5, dtype=torch.float64)
+    """`error_figures`, `bristle_figures` and those of the distances, of ``n`` strokes that a renderer has not seen."""
+    sums, bristles = torch.zeros(5, dtype=torch.float64), torch.zeros(2, 2, 2, dtype=torch.float64)
     for batch in with_progress(batches, n, "evaluating strokes", lambda batch: len(batch.number)):
         drawn, truth = drawn_and_true(renderer, batch, window)
         sums += error_sums(drawn, truth)
+        bristles += bristle_sums(drawn, truth, batch.parameters.to(drawn.device))
         for distance in distances:
             distance.add(drawn, truth)
-    figures = error_figures(sums)
+    figures = error_figures(sums) | bristle_figures(bristles)
     for distance in distances:
         figures |= distance.figures()
     return figures

@@ -7,6 +7,7 @@ import math
 import warnings
 from collections.abc import Callable
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from torchmetrics.image.kid import KernelInceptionDistance
 
 from brushexp.errors import UserError
 from brushexp.features import open_backbone
+from brushexp.strokes.prior import strokes_of
 from brushexp.system.files import write_picture
 
 TAP, TAP_CHANNELS = "b10", 112  # of effl0: with more features than pictures, an FID says little
@@ -27,6 +29,10 @@ SEEN_SIDE = 128  # pixels: smaller pictures are enlarged for effl0, whose tap is
 SHOWN_SIDE = 128  # pixels that a picture of a sheet is magnified to, as far as whole factors allow
 GAP_PIXELS, GAP_LEVEL = 4, 0.88  # between its pictures, and their grey
 KID_PICTURES = 5000  # pictures at most that are compared with each other; memory grows with the square
+INSIDE = 0.25  # of a stroke: where so much of what is around is covered
+THICK = 0.1  # windows: strokes from this thickness on are called thick
+SIZES = ("thin", "thick")
+SMALLEST_SET = 64  # strokes of which a distance is told, for how it depends on their number
 SHOWN_PAIRS, PAIR_COLUMNS = 24, 6  # held-out strokes on a sheet, and in a row of it
 
 _known = cache(open_backbone)
@@ -45,6 +51,11 @@ def premultiplied(images: Tensor) -> Tensor:
 def squared_error(images: Tensor, truth: Tensor) -> Tensor:
     """L2 of pictures (..., 4, H, W): mean squared difference of the four `premultiplied` channels; a number."""
     return (premultiplied(images) - premultiplied(truth)).square().mean()
+
+
+def fine_detail(planes: Tensor) -> Tensor:
+    """What planes (..., H, W) have beside the mean of the 5 x 5 pixels around: bristles, in windows of 64 pixels."""
+    return planes - functional.avg_pool2d(planes, 5, 1, 2, count_include_pad=False)
 
 
 @torch.no_grad()
@@ -72,6 +83,35 @@ def decibels(mean_squared_error: float) -> float:
     return -10 * math.log10(mean_squared_error) if mean_squared_error > 0 else math.inf
 
 
+@torch.no_grad()
+def bristle_sums(images: Tensor, truth: Tensor, parameters: Tensor) -> Tensor:
+    """Energies (2, 2, 2) of pictures (n, 4, S, S), which can be added: thin or thick, of alpha or light, drawn or true.
+
+    The energy is that of `fine_detail` inside of strokes, where a quarter of the 5 x 5 pixels around is truly covered.
+    Strokes (n, 10) are thick from `THICK` windows on. The light is how much brighter paint is than its colour, by true
+    alpha.
+    """
+    paint, plain = truth[:, 3:], 0.5 * (parameters[:, 7:, None, None] + 1)
+    inside = functional.avg_pool2d(paint, 5, 1, 2) > INSIDE
+    thick = strokes_of(parameters).width >= THICK
+    energies = torch.zeros(2, 2, 2, dtype=torch.float64)
+    for k, pictures in enumerate((images, truth)):
+        light = paint * (pictures[:, :3] - plain).mean(1, keepdim=True)
+        for j, plane in enumerate((pictures[:, 3:], light)):
+            energy = (inside * fine_detail(plane).double().square()).flatten(1).sum(1)
+            energies[0, j, k], energies[1, j, k] = energy[~thick].sum(), energy[thick].sum()
+    return energies
+
+
+def bristle_figures(energies: Tensor) -> dict[str, float]:
+    """Shares of the true energy of `bristle_sums` that are drawn: ``bristles_thin``, ``light_thick`` and so on."""
+    drawn, true = energies.unbind(-1)
+    share = (drawn / true).tolist()  # not a number where there is no such stroke
+    return {
+        f"{what}_{size}": share[i][j] for j, what in enumerate(("bristles", "light")) for i, size in enumerate(SIZES)
+    }
+
+
 class FeatureDistance:
     """How different two sample sets look, drawn strokes and the true ones: FID and KID over white.
 
@@ -93,8 +133,11 @@ class FeatureDistance:
 
     def add(self, images: Tensor, truth: Tensor) -> None:
         """Look at pictures (n, 4, S, S), RGBA in [0, 1], straight alpha."""
-        for pictures, real in ((images, False), (truth, True)):
-            found = self.features(over_white(pictures)).double().cpu()
+        self.compare(*(self.features(over_white(pictures)).double().cpu() for pictures in (images, truth)))
+
+    def compare(self, drawn: Tensor, true: Tensor) -> None:
+        """Take features (n, count) of as many strokes."""
+        for found, real in ((drawn, False), (true, True)):
             self.fid.update(found, real=real)
             self.kid.update(found, real=real)
 
@@ -104,6 +147,35 @@ class FeatureDistance:
         self.kid.subset_size = min(seen, KID_PICTURES)
         fid, kid = (float(self.fid.compute()), float(self.kid.compute()[0])) if seen > 1 else (math.nan, math.nan)
         return {f"fid_{self.name}": fid, f"kid_{self.name}": kid}
+
+    def by_number(self) -> list[dict[str, object]]:
+        """How both depend on the number of strokes: a row for 64, twice as many, ... of the strokes seen.
+
+        A row has ``n``, into how many disjoint ``sets`` of n the strokes were divided, mean and standard deviation of
+        the distances over them, and the mean FID of one set of true strokes to the next, which a perfect renderer of
+        other strokes would have: it is the bias.
+        """
+        drawn, true = torch.cat(self.kid.fake_features), torch.cat(self.kid.real_features)
+        rows: list[dict[str, object]] = []
+        n = SMALLEST_SET
+        while n <= len(drawn):
+            parts = [part for part in zip(drawn.split(n), true.split(n), strict=True) if len(part[0]) == n]
+            found = [self._of(*part) for part in parts]
+            bias = [self._of(a, b) for (_, a), (_, b) in pairwise(parts)]
+            row: dict[str, object] = {"n": n, "sets": len(parts)}
+            for key in found[0]:
+                values = torch.tensor([figures[key] for figures in found], dtype=torch.float64)
+                row |= {key: float(values.mean()), f"{key}_sd": float(values.std()) if len(values) > 1 else math.nan}
+            key = f"fid_{self.name}"
+            row[f"{key}_bias"] = sum(figures[key] for figures in bias) / len(bias) if bias else math.nan
+            rows.append(row)
+            n *= 2
+        return rows
+
+    def _of(self, drawn: Tensor, true: Tensor) -> dict[str, float]:
+        other = FeatureDistance(self.name, self.features, drawn.shape[1])
+        other.compare(drawn, true)
+        return other.figures()
 
 
 def effl0_distance(device: torch.device) -> FeatureDistance:

@@ -8,14 +8,14 @@ import torch
 from torch import Tensor, nn
 
 from brushexp.errors import UserError
-from brushexp.plugins.renderer.neural import COARSEST, Coarsest, Neural
+from brushexp.plugins.renderer.inverse_vgg import COARSEST, Coarsest, InverseVGG
 from brushexp.training.datamodule import StrokeBatch
 from brushexp.training.evaluation import squared_error
 
 MULTIPLE = 8  # widths stay multiples of this: processors compute so many channels at once
 
 
-def prune(renderer: Neural, ratio: float, batches: Iterable[StrokeBatch]) -> Neural:
+def prune(renderer: InverseVGG, ratio: float, batches: Iterable[StrokeBatch]) -> InverseVGG:
     """A copy of the network without those channels that its pictures depend on least.
 
     Of every layer but the last, the share ``ratio``, 0 to below 1, of its channels goes; what is left is rounded to
@@ -57,8 +57,10 @@ def prune(renderer: Neural, ratio: float, batches: Iterable[StrokeBatch]) -> Neu
 
 def check_prunable(renderer: nn.Module) -> None:
     """Stop with a UserError if single channels cannot be taken out, or options could not describe the rest."""
-    if not isinstance(renderer, Neural):
-        raise UserError(f"{type(renderer).__name__} has no option for the widths of its layers; use renderer=neural")
+    if not isinstance(renderer, InverseVGG):
+        raise UserError(
+            f"{type(renderer).__name__} has no option for the widths of its layers; use renderer=inverse_vgg"
+        )
     kinds = {type(module) for module in renderer.modules()}
     if nn.GroupNorm in kinds:
         cure = "prune a renderer that was trained with renderer.normalisation=none or batch"
@@ -68,7 +70,7 @@ def check_prunable(renderer: nn.Module) -> None:
         raise UserError(f"renderer.upsampling=pixel_shuffle ties channels to pixels; {cure}")
 
 
-def _ratios(renderer: Neural, ratio: float) -> dict[nn.Module, float]:
+def _ratios(renderer: InverseVGG, ratio: float) -> dict[nn.Module, float]:
     """For every layer but the last the exact share that goes."""
     layers: dict[nn.Module, int] = {layer: len(layer.weight) for layer in renderer.dense}  # type: ignore[arg-type]
     layers[renderer.first.convolution] = renderer.first.convolution.out_channels  # type: ignore[index, union-attr, assignment]

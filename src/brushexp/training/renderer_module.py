@@ -10,7 +10,7 @@ from torch.nn import functional
 
 from brushexp.plugins.renderer.base import Renderer, check_trainable, window_pictures
 from brushexp.training.datamodule import StrokeBatch
-from brushexp.training.evaluation import decibels, error_figures, error_sums, premultiplied
+from brushexp.training.evaluation import decibels, error_figures, error_sums, fine_detail, premultiplied
 from brushexp.training.network_module import NetworkModule
 
 BETAS = (0.9, 0.99)  # of Adam, for the renderer
@@ -26,6 +26,8 @@ class RendererSettings:
     """How a renderer is trained; for how long, and in which precision, says the Trainer."""
 
     lr: float = 5e-4  # highest learning rate
+    detail: float = 1.0  # how much errors of alpha's finest detail (`fine_detail`) count besides
+    light: float = 4.0  # and errors of the straight colour where there truly is paint: the light on ridges is faint
     critic: bool = False  # judges the pictures beside L2
     critic_lr: float = 2e-3  # on the faster of two time scales (Heusel et al., 2017, arXiv:1706.08500)
     critic_weight: float = 0.1  # how hard it pulls at the pictures, as a share of how hard L2 does (`balanced`)
@@ -116,16 +118,18 @@ class RendererModule(NetworkModule):
 
     def training_step(self, batch: StrokeBatch, batch_idx: int) -> Tensor:
         drawn = window_pictures(self.renderer, batch.parameters, self.window, batch.number).float()
+        lit = (batch.images[:, 3:] * (drawn[:, :3] - batch.images[:, :3])).square().mean()
         drawn, truth = premultiplied(drawn), premultiplied(batch.images)
-        loss = (drawn - truth).square().mean()
-        self.terms = {"loss/l2": loss.detach()}
+        error, fine = (drawn - truth).square().mean(), fine_detail(drawn[:, 3:] - truth[:, 3:]).square().mean()
+        self.terms = {"loss/l2": error.detach(), "loss/detail": fine.detach(), "loss/light": lit.detach()}
+        loss = error + self.settings.detail * fine
         if self.critic is not None:
             self._step_critic(self.critic, drawn.detach(), truth)
-            self.terms["loss/adversarial"], slope = self._ask_critic(self.critic, drawn, truth)
+            self.terms["loss/adversarial"], slope = self._ask_critic(self.critic, drawn, truth, loss)
             pulled = (drawn * slope).sum()  # its gradient in the pictures is the slope
-            loss = pulled + (loss - pulled).detach()  # and its value L2
+            loss = pulled + (loss - pulled).detach()  # and its value that of the error
         self._strokes = len(drawn)
-        return loss
+        return loss + self.settings.light * lit
 
     def on_validation_epoch_start(self) -> None:
         self._sums = torch.zeros(5, dtype=torch.float64)
@@ -176,12 +180,12 @@ class RendererModule(NetworkModule):
         if self.goes_well(nn.utils.clip_grad_norm_(critic.parameters(), self.clip_norm)):
             self.critic_optimizer.step()
 
-    def _ask_critic(self, critic: Critic, drawn: Tensor, truth: Tensor) -> tuple[Tensor, Tensor]:
-        """The renderer's side, drawn pictures above true ones: its loss, and where L2 and critic push the pictures."""
+    def _ask_critic(self, critic: Critic, drawn: Tensor, truth: Tensor, error: Tensor) -> tuple[Tensor, Tensor]:
+        """The renderer's side, drawn pictures above true ones: its loss, and where error and critic push them."""
         critic.requires_grad_(False)
         loss = relativistic_loss(critic(drawn), critic(truth))
         (pull,) = torch.autograd.grad(loss, drawn)
-        push = (2 / drawn.numel()) * (drawn.detach() - truth)
+        (push,) = torch.autograd.grad(error, drawn, retain_graph=True)
         return loss.detach(), balanced(push, pull, self.settings.critic_weight)
 
 

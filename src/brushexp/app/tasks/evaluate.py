@@ -45,6 +45,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         distances.append(inception_distance(Path(cfg.inception), device))
     n = data.count(split, cfg.n)
     figures = evaluate(renderer, data.first(split, n), n, window, distances)
+    write_text(folder / "distances.csv", csv_table(distances[0].by_number()))
     examples = data.first_batch(split, min(SHOWN_STROKES, n))
     write_picture(folder / "strokes.png", np.asarray(sheet_of_strokes({name: renderer}, examples, data.origin)))
     extremes = draw_extremes(renderer, engine)
@@ -67,8 +68,9 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         "picture": "strokes.png",
     }
     log.info(
-        "%s: L2 %.6f, alpha %.2f dB, FID (effl0, %d strokes) %.2f, %.0f strokes/s forward, %.0f with gradient; %s",
-        *(name, figures["l2"], figures["psnr_alpha"], n, figures["fid_effl0"]),
+        "%s: alpha %.2f dB, bristles of thick strokes %.0f %%, FID (effl0, %d strokes) %.2f, %.0f strokes/s forward, "
+        "%.0f with gradient; %s",
+        *(name, figures["psnr_alpha"], 100 * figures["bristles_thick"], n, figures["fid_effl0"]),
         *(costs["strokes_per_second"], costs["strokes_per_second_backward"], folder / "strokes.png"),
     )
     return metrics

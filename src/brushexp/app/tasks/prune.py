@@ -16,7 +16,7 @@ from brushexp.app.stroke_data import stroke_data
 from brushexp.app.stroke_sheets import COLUMNS, sheet_of_strokes
 from brushexp.app.tracking import trackers_of
 from brushexp.plugins.renderer.base import RENDERERS, Renderer
-from brushexp.plugins.renderer.neural import Neural
+from brushexp.plugins.renderer.inverse_vgg import InverseVGG
 from brushexp.registry import build, plugin_of
 from brushexp.results.tables import csv_table, markdown_table
 from brushexp.system.device import device_of
@@ -72,7 +72,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def carry_out(
-    cfg: DictConfig, whole: Path, data: StrokeData, n: int, trained: Neural, ratio: float
+    cfg: DictConfig, whole: Path, data: StrokeData, n: int, trained: InverseVGG, ratio: float
 ) -> tuple[Row, Renderer]:
     """Prune a copy by ``ratio``, fine-tune it, measure it on ``n`` strokes, and write the checkpoint."""
     name, path = f"{100 * ratio:g}", whole / f"{plugin_of(cfg.renderer).name}_{100 * ratio:g}.safetensors"

@@ -24,6 +24,7 @@ from brushexp.training.datamodule import StrokeData
 from brushexp.training.dataset import Split
 from brushexp.training.discriminator_module import DiscriminatorModule, ShapeData, save_discriminator
 from brushexp.training.evaluation import FrechetDistance, HeldOutSheet, effl0_distance
+from brushexp.training.fresh_start import FreshStart
 from brushexp.training.renderer_module import RendererModule
 
 DISTILLED = {"window": 1024, "supersample": 1}  # options of an engine whose strokes a renderer looks at
@@ -85,6 +86,8 @@ class RendererJob:
         self.data = stroke_data(cfg)
         self.module = RendererModule(first_renderer(cfg, self.data), self.data.origin.window, renderer_settings(cfg))
         self.callbacks: list[L.Callback] = [HeldOutSheet(folder), *([FrechetDistance(cfg.fid)] if cfg.fid else [])]
+        if cfg.renderer.get("checkpoint") is None:
+            self.callbacks.append(FreshStart(partial(build, cfg.renderer)))
         self.pictures = {"validation": folder / "validation.png"}
         self.weights = folder / f"{self.name}.safetensors"
         self.use = f"brushexp renderer={self.name} renderer.checkpoint={self.weights}"

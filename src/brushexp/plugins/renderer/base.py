@@ -69,7 +69,8 @@ class Renderer(nn.Module, ABC):
             known = signature(make).bind(self, *args, **given)
             known.apply_defaults()
             chosen = {key: value for key, value in list(known.arguments.items())[1:] if value is not None}
-            chosen.pop("precision", None)  # the weights do not depend on it
+            for option in ("precision", "project"):  # the weights do not depend on them
+                chosen.pop(option, None)
             name = next((plugin.name for plugin in plugins("renderer") if plugin.cls is cls), cls.__name__)
             self.weights_hash = RENDERERS.restore(self, name, chosen.pop("checkpoint", None), chosen)
 
@@ -123,6 +124,7 @@ class PatchRenderer(Renderer):
     warm_up = "textured"
     window: int
     precision: str = "float32"
+    project: bool = True  # bring strokes into the range of training
 
     @abstractmethod
     def draw(self, parameters: Tensor) -> Tensor:
@@ -132,8 +134,8 @@ class PatchRenderer(Renderer):
         """
 
     def forward(self, strokes: Strokes, number: Tensor | None = None) -> Windows:
-        """Layers of the windows; parameters outside the range of training are brought to its edge first."""
-        parameters = parameters_of(clamp_to_prior(strokes))
+        """Layers of the windows; with ``project`` strokes outside the range of training come to its edge first."""
+        parameters = parameters_of(self.clamp(strokes))
         draw: Callable[[Tensor], Tensor] = self.draw if self.training else self._clean
         if not self.training and torch.is_grad_enabled():  # pictures are kept, activations are computed again
             draw = partial(checkpoint, self._clean, use_reentrant=False)
@@ -154,14 +156,22 @@ class PatchRenderer(Renderer):
         return TEXELS // self.window**2
 
     def clamp(self, strokes: Strokes) -> Strokes:
-        return clamp_to_prior(strokes)
+        return clamp_to_prior(strokes) if self.project else strokes
 
     def convert(self, strokes: Strokes) -> Strokes:
-        return self.clamp(rewindow(strokes))
+        return clamp_to_prior(rewindow(strokes))
 
     def rows(self, strokes: Strokes) -> Tensor:
         reach = strokes.scale * (0.5 + 0.5 / self.window)
         return torch.stack([strokes.position[:, 1] - reach, strokes.position[:, 1] + reach], dim=1)
+
+
+def initialise(module: nn.Module) -> None:
+    """He et al. (2015), so that what distinguishes strokes reaches the last layer: PyTorch's own would lose it."""
+    if isinstance(module, nn.Conv2d | nn.Linear):
+        nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
+        if module.bias is not None:
+            nn.init.zeros_(module.bias)
 
 
 def check_trainable(renderer: Renderer, window: int) -> None:
@@ -180,12 +190,4 @@ def window_pictures(renderer: Renderer, parameters: Tensor, side: int, number: T
     """
     strokes = strokes_of(parameters)
     strokes = replace(strokes, position=strokes.position + 0.5 * side, scale=torch.full_like(strokes.scale, side))
-    layers = renderer(strokes, number)
-    if isinstance(layers, Windows) and layers.images.shape[-1] == side:
-        return layers.images
-    pixel = torch.arange(side).to(parameters) + 0.5
-    points = torch.stack(torch.meshgrid(pixel, pixel, indexing="xy"), dim=-1).reshape(1, -1, 2)
-    index = torch.arange(len(parameters), device=parameters.device)[:, None]
-    alpha, color = layers.sample(index, points.expand(len(parameters), -1, -1))  # (n, 1, P), (n, 1, P or 1, 3)
-    rgba = torch.cat([color.expand(*alpha.shape, 3), alpha[..., None]], dim=-1)
-    return rgba.reshape(len(parameters), side, side, 4).movedim(-1, 1)
+    return renderer(strokes, number).pictures(side)

@@ -1,7 +1,8 @@
-"""The thesis's neural renderer: ten numbers in, the picture of a stroke out."""
+"""Strokes that a network unrolls: out of ten numbers and a brush it draws a texture along and across the stroke."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
+from contextlib import nullcontext
 from itertools import pairwise
 from typing import Annotated
 
@@ -10,237 +11,163 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from brushexp.bounds import between, one_of
-from brushexp.errors import UserError
-from brushexp.plugins.renderer.base import PRECISIONS, RENDERERS, PatchRenderer
+from brushexp.compositing.layers import SPREAD
+from brushexp.compositing.textured_profile import TexturedProfile
+from brushexp.compositing.textures import Loop, sheets_of
+from brushexp.plugins.renderer.base import PRECISIONS, RENDERERS, TEXELS, Renderer, initialise
 from brushexp.registry import register
-from brushexp.strokes.prior import WIDTH
-from brushexp.system.reading import in_short
+from brushexp.strokes.bezier import curve_of, half_width_of
+from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.prior import WIDTH, clamp_to_prior, control_offset, parameters_of, rewindow
 
-COARSEST = 4  # pixels on the side of the picture that the dense layers make
-CONVOLUTIONS = 3  # at each size
-GROUPS = 8  # of group normalisation
-LAST_GAIN = 0.1  # of the last convolution at first, so that tanh is not saturated from the start
-EMPTY = -1.5  # where alpha starts: most of a window is empty, and a start at 1/2 overshoots into a tanh without slope
-NOISE_SEED = 2020  # of the noise that is the same for every stroke in painting
-WAVES = 4  # cosines and sines across the stroke, of 1/2, 1, 2, 4 periods per half width: what streaks are made of
-PLANES = 3 + 2 * WAVES
-LEAST_SQUARED_CHORD = 1e-4  # least squared length that is divided by, half-windows; valid strokes have 0.007
-THINNEST = 1e-3  # half width that is divided by, half-windows; valid strokes have 0.03
-LARGEST = 10**9  # weights, which take 4 GB
-FARTHEST = 3.0  # half widths from the axis
-
-
-COORDINATES = ("none", "window", "stroke")
-ACTIVATIONS = ("relu", "leaky_relu", "elu", "gelu", "silu")
-UPSAMPLING = ("nearest", "bilinear", "pixel_shuffle")
-NORMALISATIONS: dict[str, Callable[[int], nn.Module]] = {
-    "none": lambda channels: nn.Identity(),
-    "batch": nn.BatchNorm2d,
-    "group": lambda channels: nn.GroupNorm(min(GROUPS, channels), channels),
-    "instance": lambda channels: nn.GroupNorm(channels, channels),
-}
+REACH = 2.0  # half widths that paint reaches from the curve: farther lies a thousandth of the coverage of a thin stroke
+THIN = 0.25  # pixels: strokes do not get thinner than about twice this, but fainter
+COARSEST = (4, 8)  # rows and columns of what the dense layers make; each doubling has one stage of convolutions
+SIZES = 3  # of a texture at most: for windows as large as in training, half and a quarter as large
+EMPTY = -1.5  # where opacity starts, before the sigmoid
+LAST_GAIN = 0.1  # of the last convolution at first
+NUMBERS = 12  # that describe a stroke, see `numbers_of`
+SHORTEST = 0.01  # chord that is divided by, half-windows; valid strokes have 0.084
+CHUNK = 256  # strokes that go through the network at once
 
 
 @register("renderer", "neural")
-class Neural(PatchRenderer):
-    """Inverse VGG: dense layers, then upsampling and three convolutions at each size; trained on simulated strokes.
+class Neural(Renderer):
+    """Network that draws a texture for every stroke, along and across it, trained on simulated strokes.
 
-    Source: thesis 2020, 6.2; its own size is the preset `neural_thesis`. Differs from the source in the default size:
-    the last convolution draws squares of ``subpixel`` pixels (Shi et al., 2016, arXiv:1609.05158), because on a
-    processor most of the time would otherwise go to a few channels at full size; in being told where the stroke is
-    (``coordconv``); and in not drawing its colour (``tint``).
+    Streaks run along a stroke, and a brush turns with it. So the network does not draw a picture of the window, as the
+    thesis's does (`inverse_vgg`), but a texture in coordinates of the stroke, which is a smooth function of a few
+    numbers: length, bend, thickness, direction and colour (for the light), and which of the brushes of the data set
+    painted it, a code that is learnt, as is a map of each brush at every size of the texture. Kernels look the texture
+    up at the pixels of the canvas, so that a stroke is as sharp as its texture at any size of the picture. Colours of
+    texels are the stroke's, mixed with white or black. In painting the texture follows the stroke, but the gradient
+    takes it as given: it goes through the place, which matters far more.
 
     Args:
-        window: side of the picture in pixels: 64, 128 or 256.
-        width: channels at the finest size; twice as many at each coarser one.
-        widest: most channels of a size.
-        dense: widths of the dense layers before the one that makes the coarsest picture.
-        subpixel: side of the squares that the last convolution draws at once: 1 (the source), 2 or 4.
-        coordconv: coordinates that are told to the network. none; window: x and y, as two more channels of every
-            convolution (Liu et al., 2018, arXiv:1807.03247); stroke: along and across the stroke, at the first one of
-            each size (`stroke_planes`), so that the network only has to learn what paint looks like, not where it goes.
-        tint: add the stroke's colour to what the network draws, which then only has to learn the light on it.
-        noise: add noise to every convolution, of a strength learned per channel (Karras et al., 2019,
-            arXiv:1812.04948); fresh in training, in painting the same for every stroke.
-        activation: after every layer but the last: relu, leaky_relu, elu, gelu or silu.
-        normalisation: of every convolution but the last: none, or over batch, group (of channels) or instance.
-        upsampling: between the sizes: nearest, bilinear, or pixel_shuffle, which learns it.
-        channels: widths of all layers but the last, as task=prune leaves them: of the dense ones, of the coarsest
-            picture, and of every convolution. null: those of the checkpoint, else as width, widest and dense say.
-        precision: of the network in painting. bfloat16 is faster on processors that have it (AVX-512 BF16, AMX) and
-            on GPUs; training has its own.
+        window: side in pixels of the pictures that it is trained on; where strokes' windows are smaller, textures are
+            averaged.
+        brushes: of the data set (``engine.brushes``); a stroke's number decides which one paints it.
+        code: numbers that tell the network which brush it is.
+        dense: width of the two dense layers.
+        width: channels of the convolutions of a texture's last but one size; twice as many before.
+        stages: doublings of the texture before the last one: with 2 it has 32 texels across a stroke, and 64 along.
+        project: ask the network about the nearest stroke of its training; false shows what it makes of others.
+        precision: of the network in painting: float32, bfloat16, or auto, which is bfloat16 on processors that have it
+            (AVX-512 BF16, AMX) and are twice as fast with it; textures have 8 bits either way. Training has its own.
         checkpoint: trained weights: a .safetensors file, or the name of one that comes with the program; null for
             random weights, to be trained.
     """
 
+    weights = "trained (task=train)"
+    warm_up = "textured"
+
     def __init__(
         self,
         *,
-        window: Annotated[int, one_of(64, 128, 256)] = 64,
+        window: Annotated[int, between(8, 1024)] = 64,
+        brushes: Annotated[int, between(1, 1000)] = 8,
+        code: Annotated[int, between(1, 1024)] = 16,
+        dense: Annotated[int, between(1, 65536)] = 256,
         width: Annotated[int, between(1, 4096)] = 32,
-        widest: Annotated[int, between(1, 4096)] = 96,
-        dense: Annotated[list[int], between(1, 65536)] = [256, 256],  # noqa: B006
-        subpixel: Annotated[int, one_of(1, 2, 4)] = 2,
-        coordconv: Annotated[str, one_of(*COORDINATES)] = "stroke",
-        tint: bool = True,
-        noise: bool = False,
-        activation: Annotated[str, one_of(*ACTIVATIONS)] = "relu",
-        normalisation: Annotated[str, one_of(*NORMALISATIONS)] = "none",
-        upsampling: Annotated[str, one_of(*UPSAMPLING)] = "nearest",
-        channels: list[int] | None = None,
-        precision: Annotated[str, one_of(*PRECISIONS)] = "float32",
+        stages: Annotated[int, between(1, 4)] = 2,
+        project: bool = True,
+        precision: Annotated[str, one_of("auto", *PRECISIONS)] = "auto",
         checkpoint: str | None = RENDERERS.shipped_name("neural"),
     ) -> None:
         super().__init__()
-        if channels is None and checkpoint is not None:
-            channels = RENDERERS.read_recipe(RENDERERS.path_of(checkpoint))["options"].get("channels")
-        if not dense:
-            raise UserError("renderer.dense=[] has no width; try 'renderer.dense=[256,256]'")
-        self.window, self.subpixel, self.precision = window, subpixel, precision
-        self.coordconv, self.tint, self.activate = coordconv, tint, getattr(functional, activation)
-        sides = [COARSEST * 2**k for k in range((window // subpixel // COARSEST).bit_length())]
-        by_size = [min(width * sides[-1] // side, widest) for side in sides]
-        widths = [*dense, by_size[0], *(after for after in by_size[1:] for _ in range(CONVOLUTIONS))]
-        if channels is not None:
-            possible = isinstance(channels, list) and all(isinstance(n, int) and 1 <= n <= 65536 for n in channels)
-            if not possible or len(channels) != len(widths):
-                wrong = f"renderer.channels={in_short(channels)} are not {len(widths)} widths, all but the last"
-                raise UserError(f"{wrong}; leave it at null, or give those of task=prune")
-            widths = channels
-        numbers = 9 * sum(a * b for a, b in pairwise(widths))
-        if numbers > LARGEST:
-            raise UserError(f"renderer.width, widest, dense make {numbers:.0e} weights; take fewer than {LARGEST:.0e}")
-        known, seen = widths[: len(dense)], widths[len(dense) :]
-        self.dense = nn.ModuleList(nn.Linear(a, b) for a, b in zip([10, *known], known, strict=False))
-        self.first = Coarsest(known[-1], seen[0])
-        self.growing = nn.ModuleList(_enlarge(before, upsampling) for before in seen[:-1:CONVOLUTIONS])
-        self.convolving = nn.ModuleList()
-        for k, (before, after) in enumerate(pairwise(seen)):
-            side = sides[1 + k // CONVOLUTIONS]
-            planes = 2 if coordconv == "window" else 0
-            if coordconv == "stroke" and k % CONVOLUTIONS == 0:
-                planes = PLANES * (subpixel**2 if side == sides[-1] else 1)
-            self.convolving.append(_Layer(before, after, side, planes, noise, normalisation))
-        self.last = nn.Conv2d(seen[-1], 4 * subpixel**2, 3, padding=1)
-        self.apply(_initialise)
+        self.window, self.brushes, self.project, self.precision = window, brushes, project, precision
+        self.codes = nn.Parameter(0.5 * torch.randn(brushes, code))
+        self.dense = nn.ModuleList([nn.Linear(NUMBERS + code, dense), nn.Linear(dense, dense)])
+        channels = [2 * width] * stages + [width]
+        self.first = nn.Linear(dense, channels[0] * math.prod(COARSEST))
+        self.stages = nn.ModuleList(
+            _Stage(before, after, brushes, [side << k for side in COARSEST])
+            for k, (before, after) in enumerate(pairwise(channels), 1)
+        )
+        self.last = nn.Conv2d(width, 2 * 4, 3, padding=1)  # opacity and tone of four texels
+        self.apply(initialise)
         with torch.no_grad():
             self.last.weight.mul_(LAST_GAIN)
             assert self.last.bias is not None
-            self.last.bias[3 * subpixel**2 :] = EMPTY  # pixel_shuffle takes a channel's squares one after another
+            self.last.bias[:4] = EMPTY
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # a fifth faster on a processor
 
-    def draw(self, parameters: Tensor) -> Tensor:
-        x = parameters
-        for layer in (*self.dense, self.first):
-            x = self.activate(layer(x))
-        for k, layer in enumerate(self.convolving):
-            if k % CONVOLUTIONS == 0:
-                x = self.growing[k // CONVOLUTIONS](x)
-                planes = self._planes(parameters, x.shape[-1])
-            x = self.activate(layer(x, planes))
-        x = functional.pixel_shuffle(self.last(x), self.subpixel).to(parameters.dtype)  # 16-bit steps would be visible
-        drawn = 0.5 * (x.tanh() + 1)
-        if not self.tint:
-            return drawn
-        color = 0.5 * (parameters[:, 7:, None, None] + 1) + (2 * drawn[:, :3] - 1)
-        return torch.cat([color.clamp(0, 1), drawn[:, 3:]], dim=1)
+    def forward(self, strokes: Strokes, number: Tensor | None = None) -> TexturedProfile:
+        number = torch.arange(len(strokes), device=strokes.position.device) if number is None else number
+        half = half_width_of(strokes)
+        softened = (half.square() + THIN**2).sqrt()
+        valid = clamp_to_prior(rewindow(strokes)) if self.project and not self.training else strokes
+        with torch.set_grad_enabled(self.training and torch.is_grad_enabled()):
+            textures = self.textures(parameters_of(valid), number % self.brushes)
+        smaller = (self.window / valid.scale.detach().clamp_min(1)).log2().floor().clamp(0, SIZES - 1).long()
+        sizes = 1 + max(smaller.tolist(), default=0)
+        each = torch.arange(len(strokes), device=number.device)
+        return TexturedProfile(
+            curve_of(strokes),
+            softened * (REACH / SPREAD),
+            strokes.color,
+            strokes.opacity * half / softened,
+            look=each * sizes + smaller,
+            repeats=torch.ones_like(each),
+            flip=torch.ones_like(each),
+            sheets=sheets_of(textures, sizes, Loop(0, 0), rounded=not self.training),
+        )
+
+    def textures(self, parameters: Tensor, brush: Tensor) -> Tensor:
+        """Opacity in [0, 1] and tone in [-1, 1], (n, 2, rows, columns), of strokes (n, 10), each of its ``brush``."""
+        weight = self.last.weight
+        known = numbers_of(parameters).to(weight.dtype)
+        chunks = zip(known.split(CHUNK), brush.split(CHUNK), strict=True) if len(known) else ()
+        parts = [self._drawn(*chunk) for chunk in chunks]
+        rows, columns = (side << len(self.stages) + 1 for side in COARSEST)
+        drawn = torch.cat([weight.new_zeros(0, 2, rows, columns), *parts])
+        return torch.cat([drawn[:, :1].sigmoid(), drawn[:, 1:].tanh()], dim=1)
+
+    def _drawn(self, known: Tensor, brush: Tensor) -> Tensor:
+        able = known.device.type == "cpu" and torch.cpu._is_avx512_bf16_supported()
+        low = not self.training and (self.precision == "bfloat16" or (self.precision == "auto" and able))
+        with torch.autocast(known.device.type, torch.bfloat16) if low else nullcontext():
+            x = torch.cat([known, self.codes[brush]], dim=1)
+            for layer in self.dense:
+                x = functional.silu(layer(x))
+            x = functional.relu(self.first(x)).reshape(len(x), *COARSEST, -1).permute(0, 3, 1, 2)
+            for stage in self.stages:
+                x = stage(x, brush)
+            return functional.pixel_shuffle(self.last(x), 2).float()  # 16-bit steps would be visible
 
     @property
-    def widths(self) -> list[int]:
-        """Of all layers but the last, as the option ``channels`` takes them."""
-        dense = [len(layer.weight) for layer in self.dense]  # type: ignore[arg-type]
-        return [*dense, self.first.channels, *(len(layer.convolution.weight) for layer in self.convolving)]  # type: ignore[arg-type, union-attr]
+    def at_once(self) -> int:  # type: ignore[override]
+        return TEXELS // (math.prod(COARSEST) << 2 * len(self.stages) + 3)
 
-    def _planes(self, parameters: Tensor, side: int) -> Tensor | None:
-        """Coordinates of the pixels (n or 1, ., side, side); the finest are those of the picture, folded."""
-        if self.coordconv == "stroke":
-            zoom = self.subpixel if side * self.subpixel == self.window else 1
-            return functional.pixel_unshuffle(stroke_planes(parameters, side * zoom), zoom)
-        if self.coordconv == "window":
-            line = (torch.arange(side, device=parameters.device, dtype=parameters.dtype) + 0.5) * (2 / side) - 1
-            return torch.stack([line.expand(side, side), line[:, None].expand(side, side)])[None]
-        return None
+    def rows(self, strokes: Strokes) -> Tensor:
+        curve, reach = curve_of(strokes)[:, :, 1], 2 * REACH * half_width_of(strokes) + 1
+        return torch.stack([curve.amin(1) - reach, curve.amax(1) + reach], dim=1)
 
 
-class Coarsest(nn.Linear):
-    """(n, F) -> (n, C, 4, 4), channels last in memory."""
+class _Stage(nn.Module):
+    """Twice as many rows and columns, two convolutions, and a map of each brush between them."""
 
-    def __init__(self, before: int, channels: int) -> None:
-        super().__init__(before, channels * COARSEST**2)
-        self.channels = channels
-
-    def forward(self, x: Tensor) -> Tensor:
-        return super().forward(x).reshape(len(x), COARSEST, COARSEST, -1).permute(0, 3, 1, 2)
-
-
-def _enlarge(channels: int, upsampling: str) -> nn.Module:
-    """(n, C, h, w) -> (n, C, 2h, 2w)."""
-    if upsampling == "pixel_shuffle":
-        return nn.Sequential(nn.Conv2d(channels, 4 * channels, 1), nn.PixelShuffle(2))
-    return nn.Upsample(scale_factor=2, mode=upsampling)
-
-
-class _Layer(nn.Module):
-    """A convolution and what is added to it, without the activation."""
-
-    grain: Tensor
-
-    def __init__(self, before: int, after: int, side: int, planes: int, noise: bool, normalisation: str) -> None:
+    def __init__(self, before: int, after: int, brushes: int, sides: Sequence[int]) -> None:
         super().__init__()
-        self.convolution = nn.Conv2d(before, after, 3, padding=1)
-        self.coordinates = nn.Conv2d(planes, after, 1, bias=False) if planes else None
-        self.strength = nn.Parameter(torch.zeros(after)) if noise else None
-        self.normalise = NORMALISATIONS[normalisation](after)
-        grain = torch.randn(1, 1, side, side, generator=torch.Generator().manual_seed(NOISE_SEED + side))
-        self.register_buffer("grain", grain, persistent=False)
+        self.convolutions = nn.ModuleList([nn.Conv2d(n, after, 3, padding=1) for n in (before, after)])
+        self.maps = nn.Parameter(torch.zeros(brushes, after, *sides))
 
-    def forward(self, x: Tensor, planes: Tensor | None) -> Tensor:
-        x = self.convolution(x)
-        if self.coordinates is not None and planes is not None:  # the same sum as that of a convolution of both
-            x = x + self.coordinates(planes)
-        if self.strength is not None:
-            grain = torch.randn_like(x[:, :1]) if self.training else self.grain
-            x = x + self.strength[:, None, None] * grain
-        return self.normalise(x)
+    def forward(self, x: Tensor, brush: Tensor) -> Tensor:
+        first, second = self.convolutions
+        x = first(functional.interpolate(x, scale_factor=2))
+        x = functional.relu(x + self.maps.to(x.dtype)[brush])
+        return functional.relu(second(x))
 
 
-def _initialise(module: nn.Module) -> None:
-    """He et al. (2015), so that what distinguishes strokes reaches the last layer: PyTorch's own would lose it."""
-    if isinstance(module, nn.Conv2d | nn.Linear):
-        nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
-        if module.bias is not None:
-            nn.init.zeros_(module.bias)
+def numbers_of(parameters: Tensor) -> Tensor:
+    """What a texture depends on, (n, NUMBERS), about -2 to 2, of strokes (n, 10) as `parameters_of` writes them.
 
-
-def stroke_planes(parameters: Tensor, side: int) -> Tensor:
-    """Planes (n, PLANES, side, side) of strokes (n, 10) as `strokes.prior.parameters_of` writes them.
-
-    Along the chord from -1 (start) to 1 (end); across it in half widths; how far beyond an end, in half widths; and
-    waves across, which fade away from the stroke. The curve is taken as a parabola over its chord, whose lean is undone
-    to first order: valid strokes deviate little from that, a network corrects it, and nothing is searched for.
+    Length, absolutely and in half widths, bend, thickness, direction and colour.
     """
-    line = (torch.arange(side, device=parameters.device, dtype=parameters.dtype) + 0.5) * (2 / side) - 1
-    start, control, end, width, _ = parameters[:, :, None, None].split([2, 2, 2, 1, 3], dim=1)  # (n, ., 1, 1)
-    half = WIDTH[0] + 0.5 * (WIDTH[1] - WIDTH[0]) * (width + 1)  # a width in windows is a half width in half-windows
-    half = half.clamp_min(THINNEST)
-    chord, lift = end - start, control - start
-    square = chord.square().sum(1, keepdim=True).clamp_min(LEAST_SQUARED_CHORD)
-    length = square.sqrt()
-    dx, dy = chord[:, :1], chord[:, 1:]
-    x, y = line[None, None, None, :] - start[:, :1], line[None, None, :, None] - start[:, 1:]
-    along = (x * dx + y * dy) / square  # (n, 1, side, side)
-    lean = (lift * chord).sum(1, keepdim=True) / square - 0.5
-    bend = (dx * lift[:, 1:] - dy * lift[:, :1]) / length
-    t = along.clamp(0, 1)
-    t = (t - 2 * lean * t * (1 - t)).clamp(0, 1)
-    slope = 2 * bend / length * (1 - 2 * t)
-    across = ((dx * y - dy * x) / length - 2 * bend * t * (1 - t)) / half * torch.rsqrt(1 + slope.square())
-    beyond = ((along - 0.5).abs() - 0.5).clamp_min(0) * length / half
-    v = across.clamp(-FARTHEST, FARTHEST)
-    near = torch.exp(-0.25 * v.square())
-    planes = [2 * along.clamp(-0.5, 1.5) - 1, v, beyond.clamp_max(FARTHEST)]
-    cosine, sine = torch.cos(0.5 * math.pi * v), torch.sin(0.5 * math.pi * v)
-    for _ in range(WAVES):
-        cosine, sine = cosine.square() - sine.square(), 2 * sine * cosine  # of twice the angle
-        planes += [near * cosine, near * sine]
-    return torch.cat(planes, dim=1)
+    start, control, end, width, color = parameters.split([2, 2, 2, 1, 3], dim=1)
+    half = (WIDTH[0] + 0.5 * (WIDTH[1] - WIDTH[0]) * (width + 1)).clamp_min(1e-3)  # a width in windows, so half-windows
+    length = torch.linalg.vector_norm(end - start, dim=1, keepdim=True).clamp_min(SHORTEST)
+    along, across = control_offset(torch.stack([start, control, end], dim=1), SHORTEST).split(1, dim=1)
+    thick = 1.5 * (half.log() + 2.4)
+    sizes = [1.5 * (length - 0.8), (length / half).log() - 2, width, thick]
+    return torch.cat([*sizes, 4 * along, 2 * across, 0.25 * across * length / half, (end - start) / length, color], 1)

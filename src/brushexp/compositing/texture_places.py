@@ -1,0 +1,68 @@
+"""Where in its texture a stroke is seen, for the 64 pixels of a tile: parts of the kernel of textured strokes."""
+# mypy: allow-untyped-defs
+
+import numpy as np
+
+from brushexp.compositing.frame import SLOWEST, SLOWEST_PIXELS
+from brushexp.compositing.nearest import find_nearest
+from brushexp.compositing.textures import LONG
+from brushexp.compositing.tile_lists import AREA, NEAREST, TILE, F
+from brushexp.system.compiled import inline, kernel, prange
+
+X, Y = 2, 3  # rows of a stroke in a tile: its place in the texture, in texels
+PLACES = 4  # rows that are needed for it
+
+
+@inline
+def curve_size(bx, by, fx, fy):
+    """Squared size of a curve: of its velocity at both ends, halved."""
+    return fx * fx + fy * fy + (fx + bx) * (fx + bx) + (fy + by) * (fy + by)
+
+
+@inline
+def place_in_texture(p, i, ox, oy, frame, own):
+    """Write rows X and Y: where in its texture the pixels of a tile find stroke ``i``, in texels; see `frame`."""
+    sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
+    bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
+    still = F(SLOWEST * SLOWEST) * curve_size(bx, by, fx, fy) + F(SLOWEST_PIXELS * SLOWEST_PIXELS)
+    outer = F(-1) if fx * by - fy * bx > F(0) else F(1)
+    rows, columns, origin, body = frame[0], frame[1], frame[2], frame[3]
+    begin, loop, more, flip = frame[4], frame[5], frame[6], frame[7]
+    scale, middle, often = p[i, 8], F(0.5) * rows + F(0.5), F(1) / loop
+    for q in range(AREA):
+        t = own[NEAREST * AREA + q]
+        v = F(1) - t
+        b0, b1, b2 = v * v, F(2) * t * v, t * t
+        wx = F(q & 7) + F(0.5) - b0 * sx - b1 * cx - b2 * ex
+        wy = F(q >> 3) + F(0.5) - b0 * sy - b1 * cy - b2 * ey
+        dx, dy = fx + t * bx, fy + t * by
+        speed, square = dx * dx + dy * dy, wx * wx + wy * wy
+        moves = speed > still
+        length = speed if moves else max(square, F(1e-30))
+        tx, ty = (dx, dy) if moves else (outer * wy, -outer * wx)
+        one = F(1) / np.sqrt(length)
+        along = (tx * wx + ty * wy) * one
+        along = F(0) if (t > F(0)) & (t < F(1)) else along
+        across = (tx * wy - ty * wx) * one
+        x = origin + body * t + F(1 / LONG) * scale * along
+        back = min(np.floor((x - begin) * often), more)
+        x -= loop * back if x >= begin else F(0)
+        own[X * AREA + q] = min(max(x, F(0)), columns + F(1))
+        own[Y * AREA + q] = min(max(middle + flip * scale * across, F(0)), rows + F(1))
+
+
+@kernel
+def places_in_windows(p, frames, places):
+    """Write the places (n, S, S, 2) in its texture, from -1 to 1, where each pixel of a canvas sees each stroke."""
+    side = places.shape[1]
+    for i in prange(len(p)):
+        own, near = np.empty(PLACES * AREA, F), np.empty((1, AREA), np.uint16)
+        rows, columns = frames[i, 0], frames[i, 1]
+        for oy in range(0, side, TILE):
+            for ox in range(0, side, TILE):
+                find_nearest(p, i, F(ox), F(oy), own, near, 0, False)
+                place_in_texture(p, i, F(ox), F(oy), frames[i], own)
+                for q in range(AREA):
+                    place = places[i, oy + (q >> 3), ox + (q & 7)]
+                    place[0] = F(2) * own[X * AREA + q] / (columns + F(1)) - F(1)
+                    place[1] = F(2) * own[Y * AREA + q] / (rows + F(1)) - F(1)
