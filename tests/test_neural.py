@@ -8,7 +8,7 @@ import torch
 from brushexp.compositing.layers import Layers
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.base import window_pictures
-from brushexp.plugins.renderer.neural import NUMBERS, Neural, numbers_of
+from brushexp.plugins.renderer.neural import NUMBERS, Neural, shape_numbers
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, sample_prior, strokes_of
 
 
@@ -72,10 +72,10 @@ def test_a_stroke_in_a_larger_window_has_the_same_texture_enlarged():
 
 
 def test_what_the_network_is_told_is_finite_and_of_the_order_of_one():
-    assert numbers_of(parameters(2000)).abs().max() < 6
+    assert shape_numbers(parameters(2000)).abs().max() < 6
     for odd in (torch.zeros(1, 10), torch.full((1, 10), -1.0), 9 * torch.ones(1, 10)):
-        assert numbers_of(odd).shape == (1, NUMBERS)
-        assert bool(numbers_of(odd).isfinite().all())
+        assert shape_numbers(odd).shape == (1, NUMBERS)
+        assert bool(shape_numbers(odd).isfinite().all())
 
 
 def test_unprojected_strokes_are_what_the_network_makes_of_them():

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from brushexp.compositing.layers import EDGE, SPREAD, Layers
+from brushexp.compositing.layers import EDGE, REACH, Layers
 from brushexp.compositing.windows import Windows
 from brushexp.pictures.region import Region
 from brushexp.plugins.blend.base import Blend, Canvas
@@ -137,7 +137,7 @@ def squares(first: Tensor, second: Tensor) -> float:
 @torch.no_grad()
 def touched(strokes: Strokes, region: Region) -> Tensor:
     """Pixels (h, w), bool, of a region that lie in the box around any of the strokes (N)."""
-    curve, reach = curve_of(strokes), SPREAD * half_width_of(strokes)[:, None] + EDGE
+    curve, reach = curve_of(strokes), REACH * half_width_of(strokes)[:, None] + EDGE
     size = torch.tensor([region.width, region.height])
     shift = torch.tensor([region.left, region.top])
     low = ((curve.amin(1) - reach).cpu() - shift).floor().long().clamp_min(0)

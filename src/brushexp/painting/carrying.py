@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from brushexp.compositing.layers import EDGE, SPREAD
+from brushexp.compositing.layers import EDGE, REACH
 from brushexp.painting.components import Components
 from brushexp.painting.densification import importance
 from brushexp.painting.picture import Picture
@@ -171,7 +171,7 @@ def at(picture: Tensor, points: Tensor) -> Tensor:
 @torch.no_grad()
 def boxes_of(strokes: Strokes) -> tuple[Tensor, Tensor]:
     """Corners (N, 2) of a box around each stroke and all that it may cover."""
-    curve, reach = curve_of(strokes), SPREAD * half_width_of(strokes)[:, None] + EDGE
+    curve, reach = curve_of(strokes), REACH * half_width_of(strokes)[:, None] + EDGE
     return curve.amin(1) - reach, curve.amax(1) + reach
 
 

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from brushexp.bounds import between, one_of
-from brushexp.compositing.layers import SPREAD
+from brushexp.compositing.layers import EDGE, REACH, SPREAD
 from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.textures import Loop, sheets_of
 from brushexp.plugins.renderer.base import PRECISIONS, RENDERERS, TEXELS, Renderer, initialise
@@ -20,13 +20,12 @@ from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import WIDTH, clamp_to_prior, control_offset, parameters_of, rewindow
 
-REACH = 2.0  # half widths that paint reaches from the curve: farther lies a thousandth of the coverage of a thin stroke
 THIN = 0.25  # pixels: strokes do not get thinner than about twice this, but fainter
 COARSEST = (4, 8)  # rows and columns of what the dense layers make; each doubling has one stage of convolutions
 SIZES = 3  # of a texture at most: for windows as large as in training, half and a quarter as large
 EMPTY = -1.5  # where opacity starts, before the sigmoid
 LAST_GAIN = 0.1  # of the last convolution at first
-NUMBERS = 12  # that describe a stroke, see `numbers_of`
+NUMBERS = 12  # that describe a stroke, see `shape_numbers`
 SHORTEST = 0.01  # chord that is divided by, half-windows; valid strokes have 0.084
 CHUNK = 256  # strokes that go through the network at once
 
@@ -116,7 +115,7 @@ class Neural(Renderer):
     def textures(self, parameters: Tensor, brush: Tensor) -> Tensor:
         """Opacity in [0, 1] and tone in [-1, 1], (n, 2, rows, columns), of strokes (n, 10), each of its ``brush``."""
         weight = self.last.weight
-        known = numbers_of(parameters).to(weight.dtype)
+        known = shape_numbers(parameters).to(weight.dtype)
         chunks = zip(known.split(CHUNK), brush.split(CHUNK), strict=True) if len(known) else ()
         parts = [self._drawn(*chunk) for chunk in chunks]
         rows, columns = (side << len(self.stages) + 1 for side in COARSEST)
@@ -137,11 +136,11 @@ class Neural(Renderer):
 
     @property
     def at_once(self) -> int:  # type: ignore[override]
-        return TEXELS // (math.prod(COARSEST) << 2 * len(self.stages) + 3)
+        return TEXELS // (math.prod(COARSEST) << 2 * len(self.stages) + 5)
 
     def rows(self, strokes: Strokes) -> Tensor:
-        curve, reach = curve_of(strokes)[:, :, 1], 2 * REACH * half_width_of(strokes) + 1
-        return torch.stack([curve.amin(1) - reach, curve.amax(1) + reach], dim=1)
+        curve, reach = curve_of(strokes)[:, :, 1:], REACH * half_width_of(strokes)[:, None] + EDGE
+        return torch.cat([curve.amin(1) - reach, curve.amax(1) + reach], dim=1)
 
 
 class _Stage(nn.Module):
@@ -159,7 +158,7 @@ class _Stage(nn.Module):
         return functional.relu(second(x))
 
 
-def numbers_of(parameters: Tensor) -> Tensor:
+def shape_numbers(parameters: Tensor) -> Tensor:
     """What a texture depends on, (n, NUMBERS), about -2 to 2, of strokes (n, 10) as `parameters_of` writes them.
 
     Length, absolutely and in half widths, bend, thickness, direction and colour.
