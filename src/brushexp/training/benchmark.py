@@ -10,7 +10,7 @@ from torch import Tensor
 
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.engine.base import Engine
-from brushexp.plugins.renderer.base import PatchRenderer, Renderer, window_pictures
+from brushexp.plugins.renderer.base import Renderer, window_pictures
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, sample_prior, strokes_of
 from brushexp.system.progress import with_progress
@@ -93,8 +93,8 @@ def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backwar
 class ExtremeDrawings(NamedTuple):
     """What became of the strokes `EXTREMES`.
 
-    ``pictures`` are ``painted``, what a user gets, and of a patch renderer ``bare``, drawn by its network alone, whose
-    parameters are not brought into the range first.
+    ``pictures`` are ``painted``, what a user gets, and of a network ``bare``: without ``project``, its parameters are
+    not brought into the range first.
     """
 
     nearest: Tensor  # (n, 4, S, S) the engine's pictures of the nearest strokes of the range of training
@@ -110,8 +110,10 @@ def draw_extremes(renderer: Renderer, engine: Engine) -> ExtremeDrawings:
     nearest = engine(parameters_of(within), seed=0).images
     parameters = parameters_of(strokes).to(device_of_weights(renderer))
     pictures = {"painted": window_pictures(renderer, parameters, side).cpu()}
-    if isinstance(renderer, PatchRenderer) and renderer.window == side:
-        pictures["bare"] = renderer.draw(parameters).cpu()
+    if getattr(renderer, "project", False):
+        renderer.project = False  # type: ignore[assignment]
+        pictures["bare"] = window_pictures(renderer, parameters, side).cpu()
+        renderer.project = True  # type: ignore[assignment]
     rows = [
         {
             "stroke": name,
