@@ -31,6 +31,7 @@ from brushexp.plugin_errors import OURS, check_results
 from brushexp.system.reading import check_plain, in_short
 
 FAMILIES = {
+    "painter": "target picture -> strokes, state after state",
     "init": "target picture -> first strokes",
     "renderer": "stroke parameters -> what each stroke covers",
     "blend": "strokes in depth order -> picture",

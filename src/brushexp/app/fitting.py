@@ -38,9 +38,11 @@ def trainer_of(
     folder: Path | None,
     loggers: Sequence[Logger],
     callbacks: Sequence[L.Callback] = (),
+    *,
+    checkpoints: bool = True,
     **options: Any,
 ) -> L.Trainer:
-    """A Trainer with a progress bar and a clean end at Ctrl-C; where there is a ``folder``, with checkpoints by time.
+    """A Trainer with a progress bar and a clean end at Ctrl-C; where there is a ``folder``, with ``checkpoints`` by time.
 
     Of ``cfg`` it reads ``trainer`` (options of Lightning's Trainer, which win over ``options``; a UserError says which
     it does not take), ``checkpoint_every`` and, if there is a folder that they may write into, ``callbacks`` (beside
@@ -50,7 +52,8 @@ def trainer_of(
     warnings.filterwarnings("ignore", ".*in eval mode at the start of training")  # networks are frozen on purpose
     warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)  # Lightning calls a name that torch deprecates
     record = RunRecord(cfg, folder)
-    checkpoint = TimedCheckpoint(None if folder is None else folder / CHECKPOINT, cfg.get("checkpoint_every"))
+    kept = None if folder is None or not checkpoints else folder / CHECKPOINT
+    checkpoint = TimedCheckpoint(kept, cfg.get("checkpoint_every"))
     cuda = device.type == "cuda"
     try:
         return L.Trainer(
@@ -93,9 +96,11 @@ def conclude(module: Any, folder: Path | None, cfg: DictConfig, failure: BaseExc
     Raises KeyboardInterrupt if it was interrupted, a UserError if it diverged, or the ``failure``.
     """
     if module.stop == INTERRUPTED:
-        if folder is not None:
+        if folder is not None and (folder / CHECKPOINT).exists():
             resume = f"brushexp {'' if cfg.task == 'paint' else f'task={cfg.task} '}resume={folder}"
             log.warning("interrupted at step %d; continue with: %s", steps, resume)
+        elif folder is not None:
+            log.warning("interrupted at step %d; %s has what was done, and starts anew", steps, folder)
         raise KeyboardInterrupt
     if failure is not None:
         raise failure

@@ -113,7 +113,8 @@ class TrainerOptions:
 class PaintTask(Task):
     """Optimise a catalogue of strokes until it looks like the picture."""
 
-    groups: ClassVar[dict[str, Any]] = {"init": "slic", "renderer": "analytic", "blend": "tiled"}
+    groups: ClassVar[dict[str, Any]] = {"painter": "gradient"}
+    groups |= {"init": "slic", "renderer": "analytic", "blend": "tiled"}
     groups |= {"color": "rgb", "order": "area"}
     groups |= {"loss": ["mse"], "density": "fixed", "sampler": "whole", "optimizer": "adam", "callbacks": []}
     groups |= {"logger": ["csv"], "loss@style.loss": "style", "loss@style.strokes": "brushwork"}

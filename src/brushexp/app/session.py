@@ -42,7 +42,8 @@ class Session:
         start = prepared(cfg)
         self.pictures, self.painter = start.pictures, start.painter.to(self.device)
         self.timelapse = Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds, kind=cfg.timelapse)
-        goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
+        by_steps = self.painter.resumable
+        goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds, has_plan=by_steps)
         self.callbacks = [self.timelapse, *goals, *callbacks]
         self.failure: BaseException | None = None  # that has ended the fit
 
@@ -51,7 +52,8 @@ class Session:
         self.began = None if checkpoint else self.began
         if self.painter.schedule.steps or self.cfg.seconds:
             loggers = [trackers] if trackers else []
-            trainer = trainer_of(self.cfg, self.device, self.folder, loggers, self.callbacks)
+            around = (loggers, self.callbacks)
+            trainer = trainer_of(self.cfg, self.device, self.folder, *around, checkpoints=self.painter.resumable)
             self.failure = fit(trainer, self.painter, checkpoint=checkpoint)
 
     def finish(self) -> Finished:

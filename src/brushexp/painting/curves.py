@@ -14,7 +14,7 @@ from brushexp.painting.metrics import psnr_of
 from brushexp.system.callbacks import publish_values
 
 if TYPE_CHECKING:
-    from brushexp.painting.painter import Painter
+    from brushexp.painting.painting_module import PaintingModule
 
 LOG_SECONDS = 0.25  # at least between two points of the curves: writing one costs as much as half a step
 MAX_PAIRS = 200  # (seconds, PSNR) that a run keeps
@@ -75,13 +75,13 @@ class Curves:
         self.next_seconds = 0.0  # of the painter's time, when the next point is due
         self.values: dict[str, Tensor] = {}  # of the last step
 
-    def begin(self, painter: Painter) -> None:
+    def begin(self, painter: PaintingModule) -> None:
         """A fit begins."""
         self.next_seconds = 0.0
         if not painter.anytime.pairs:
             painter.anytime.add(0.0, psnr_of(painter.picture.error))
 
-    def step_taken(self, painter: Painter) -> None:
+    def step_taken(self, painter: PaintingModule) -> None:
         """Before callbacks hear of a step: let them see its values."""
         losses, error = painter.components.losses, painter.picture.error_now()
         psnr = torch.empty(()).as_subclass(Lazy)
@@ -90,7 +90,7 @@ class Curves:
         self.values |= {"psnr": psnr, "seconds": _number(painter.schedule.seconds)}
         publish_values(painter, self.values)
 
-    def write(self, painter: Painter, *, is_last: bool) -> None:
+    def write(self, painter: PaintingModule, *, is_last: bool) -> None:
         """After a step: give its values to the loggers if they are due."""
         trainer, seconds = painter.trainer, painter.schedule.seconds
         every = trainer.log_every_n_steps if self.next_seconds else 1  # type: ignore[attr-defined]

@@ -12,7 +12,7 @@ from brushexp.features.distance import Distance
 from brushexp.painting.assembly import STYLE
 from brushexp.painting.metrics import measure, picture_psnr
 from brushexp.painting.outputs import export_job, renderer_of
-from brushexp.painting.painter import Painter
+from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.timelapse import Timelapse
 from brushexp.painting.wet import wetted
 from brushexp.plugins.export.base import ExportJob
@@ -53,7 +53,7 @@ class Finished:
         write_json(folder / "metrics.json", self.metrics)
 
 
-def finish(painter: Painter, cfg: DictConfig, timelapse: Timelapse, lpips: Distance | None = None) -> Finished:
+def finish(painter: PaintingModule, cfg: DictConfig, timelapse: Timelapse, lpips: Distance | None = None) -> Finished:
     """What a painter has come to; under a lamp, all but catalogue, colours and metrics show it."""
     painter.schedule.pause()
     painter.hand_over()
@@ -70,11 +70,12 @@ def finish(painter: Painter, cfg: DictConfig, timelapse: Timelapse, lpips: Dista
         timelapse.add(torch.from_numpy(picture).permute(2, 0, 1) / 255, painter.schedule.step)
     assert isinstance(measured["psnr"], float)
     painter.anytime.add(painter.schedule.seconds, measured["psnr"])
-    metrics = {**measured, **style_of(painter, cfg), **effort_of(painter, len(strokes))}
+    effort = {"painter": plugin_of(cfg.painter).name, **effort_of(painter, len(strokes))}
+    metrics = {**measured, **style_of(painter, cfg), **effort}
     return Finished(saved, job, picture, flat, target, metrics, timelapse)
 
 
-def effort_of(painter: Painter, n: int) -> dict[str, object]:
+def effort_of(painter: PaintingModule, n: int) -> dict[str, object]:
     """The numbers of metrics.json that tell how a painting of ``n`` strokes came to be."""
     schedule = painter.schedule
     return {
@@ -90,7 +91,7 @@ def effort_of(painter: Painter, n: int) -> dict[str, object]:
     }
 
 
-def style_of(painter: Painter, cfg: DictConfig) -> dict[str, float]:
+def style_of(painter: PaintingModule, cfg: DictConfig) -> dict[str, float]:
     """How far the painting is from the style picture, by each kernel of the style loss."""
     if cfg.style.image is None:
         return {}
@@ -99,7 +100,7 @@ def style_of(painter: Painter, cfg: DictConfig) -> dict[str, float]:
     return {f"style_{name}": value for name, value in style.measured(painter.drawn(), painter.picture.target).items()}
 
 
-def saved_of(painter: Painter, cfg: DictConfig, strokes: Strokes, front_to_back: torch.Tensor) -> Saved:
+def saved_of(painter: PaintingModule, cfg: DictConfig, strokes: Strokes, front_to_back: torch.Tensor) -> Saved:
     """The finished strokes as a catalogue."""
     strokes = strokes.map(torch.Tensor.cpu)
     depth = torch.empty(len(strokes), dtype=torch.int32)

@@ -137,7 +137,22 @@ class TimeBudget(L.Callback):
         self.deadlines = state_dict["deadlines"]
 
 
-def goals_of(*, early_stop: float | None, psnr: float | None, seconds: float | None) -> list[L.Callback]:
-    """The goals of a run; None is no goal."""
-    goals = ((NoMoreGain, early_stop), (Quality, psnr), (TimeBudget, seconds))
+class TimeLimit(L.Callback):
+    """Ends the run when ``seconds`` are spent, whatever is left to do."""
+
+    def __init__(self, seconds: float) -> None:
+        self.seconds = seconds
+
+    def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
+        if painter.schedule.seconds >= self.seconds and not painter.is_done:
+            painter.stop = painter.stop or SECONDS_SPENT
+            log.info("seconds=%g are spent after step %d", self.seconds, painter.schedule.step)
+
+
+def goals_of(
+    *, early_stop: float | None, psnr: float | None, seconds: float | None, has_plan: bool = True
+) -> list[L.Callback]:
+    """The goals of a run; None is no goal. Without a plan of steps nothing can be fitted to the seconds."""
+    in_time = TimeBudget if has_plan else TimeLimit
+    goals = ((NoMoreGain, early_stop), (Quality, psnr), (in_time, seconds))
     return [goal(value) for goal, value in goals if value is not None]

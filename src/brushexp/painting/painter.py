@@ -3,23 +3,20 @@
 import logging
 from typing import Any
 
-import lightning as L
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.optim.lr_scheduler import LambdaLR
 
 from brushexp.painting.components import Components
-from brushexp.painting.curves import Anytime, Curves
 from brushexp.painting.densification import Densification
 from brushexp.painting.divergence import first_broken
-from brushexp.painting.metrics import psnr_of
 from brushexp.painting.painter_state import compile_kernels, load_painter_state, painter_state
+from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.partial import partial_update, unwrapped
-from brushexp.painting.picture import Depth, Picture
-from brushexp.painting.schedule import STEPS_PER_EPOCH, Epoch, Schedule
+from brushexp.painting.picture import Picture
+from brushexp.painting.schedule import Schedule
 from brushexp.pictures.region import Region
 from brushexp.plugins.loss.base import weighted_sum
-from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Catalogue, Strokes, check_strokes
@@ -29,7 +26,7 @@ log = logging.getLogger(__name__)
 CHANGE_PIXELS = 0.01  # by which a renderer may change a stroke without its being counted
 
 
-class Painter(L.LightningModule):
+class Painter(PaintingModule):
     """Moves strokes until the picture matches the target. Renderers stay frozen.
 
     The steps go through the stages one after another. When one begins, its renderer converts the strokes, and the
@@ -37,6 +34,7 @@ class Painter(L.LightningModule):
     stage, look at the whole picture at half its size; meanwhile no strokes come or go. An epoch is 100 steps, and a fit
     ends with the last step, in the midst of one.
 
+    >>> import lightning as L
     >>> from brushexp.plugins.init.random import Random
     >>> from brushexp.painting.components import standard_components
     >>> target, components = torch.rand(3, 24, 32), standard_components(steps=3)
@@ -49,6 +47,7 @@ class Painter(L.LightningModule):
     (3, torch.Size([3, 24, 32]))
     """
 
+    resumable = True
     visits: Tensor  # (N,) steps that each stroke has taken
     stage: int  # number of the one whose renderer draws the strokes
     _searching: bool  # whether strokes are elsewhere than at the beginning of the step
@@ -65,43 +64,16 @@ class Painter(L.LightningModule):
         budget: int | None = None,  # strokes that the density policy may come to; None for as many as there are
         coarse: float = 0.0,
     ) -> None:
-        super().__init__()
+        schedule = Schedule([stage.steps for stage in components.stages])
+        super().__init__(components, Picture(target, focus, background, components.blend), schedule)
         self.strict_loading = False  # frozen networks are not in the checkpoint
         self.catalogue = catalogue
-        self.components = components
-        self.renderers = nn.ModuleList(stage.renderer.requires_grad_(False) for stage in components.stages)
-        self.losses = nn.ModuleDict(components.losses)
         self.coarse = coarse
         self.generator = torch.Generator().manual_seed(seed)
-        self.schedule = Schedule([stage.steps for stage in components.stages])
-        self.picture = Picture(target, focus, background, components.blend)
-        self.depth = Depth(components.order)
         parts = self.picture, self.depth, self.schedule, self.generator
         self.densification = Densification(components.density, budget or len(catalogue), *parts)
         self.register_buffer("visits", torch.zeros(len(catalogue), dtype=torch.long), persistent=False)
-        self.evaluations = 0  # of the losses so far; an optimiser may need several for a step
-        self.stop = ""  # why the fit ends before its last step
-        self.trouble = ""  # where strokes would have become no numbers (`DIVERGED`); they stay as before that step
-        self.anytime = Anytime()  # how good the picture was after how many seconds
-        self.terms: dict[str, Tensor] = {}  # the losses of the last step, unweighted
-        self._curves = Curves()
         self._begin_stage()
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        """Lightning notes the hook that it is in forty times a step, and a module looks for parameters each time."""
-        if name == "_current_fx_name":
-            object.__setattr__(self, name, value)
-        else:
-            super().__setattr__(name, value)
-
-    @property
-    def renderer(self) -> Renderer:
-        return self.picture.renderer
-
-    @property
-    def is_done(self) -> bool:
-        """Whether all steps are taken."""
-        return self.schedule.step >= self.schedule.steps
 
     @property
     def is_coarse(self) -> bool:
@@ -111,32 +83,13 @@ class Painter(L.LightningModule):
 
     @property
     def title(self) -> str:
-        """What the progress bar says; each stage has its own: a step of one may take a hundred times as long."""
+        """Each stage has its own: a step of one may take a hundred times as long."""
         stages = self.components.stages
         return f"painting with {stages[self.schedule.stage].name}" if len(stages) > 1 else "painting"
-
-    @property
-    def progress(self) -> float:
-        """How much of the present stage is done, 0 to 1."""
-        done, steps = self.schedule.stage_progress
-        return done / steps if steps else 1.0
-
-    def state_line(self) -> str:
-        loss = sum(self.components.losses[name].weight * float(term) for name, term in self.terms.items())
-        psnr = psnr_of(self.picture.error)
-        return f"step {self.schedule.step} of {self.schedule.steps}, loss {loss:.5f}, {psnr:.2f} dB"
 
     @torch.no_grad()
     def strokes(self) -> Strokes:
         return self.catalogue()
-
-    def drawn(self) -> Tensor:
-        """The whole picture (3, H, W) now."""
-        return self.picture.draw(self.strokes(), self.depth.front_to_back)
-
-    def latest(self) -> Tensor:
-        """The whole picture as the steps last saw it; as it is now before the first one."""
-        return self.drawn() if (last := self.picture.last) is None else last
 
     def hand_over(self) -> None:
         """Give the strokes to the last renderer, whatever the steps: what a run leaves is always drawn by it."""
@@ -144,9 +97,6 @@ class Painter(L.LightningModule):
             pass
         if self.stage != self.schedule.stage:
             self._begin_stage()
-
-    def train_dataloader(self) -> Epoch:
-        return Epoch(range(STEPS_PER_EPOCH))
 
     def configure_optimizers(self) -> Any:
         optimizer = self.components.optimizer.over(p for p in self.catalogue.parameters() if p.requires_grad)
@@ -208,21 +158,9 @@ class Painter(L.LightningModule):
         self.stop, self.trouble = DIVERGED, f"step {self.schedule.step + 1}: {what}"
         return False
 
-    def on_fit_start(self) -> None:
+    def prepare(self) -> None:
         check_strokes(self.strokes())  # those of a checkpoint
         compile_kernels(self)
-        self.schedule.start()
-        self._curves.begin(self)
-
-    def on_train_start(self) -> None:
-        self.trainer.should_stop |= self.is_done
-
-    def on_train_batch_end(self, outputs: Any, batch: Any, batch_idx: int) -> None:
-        self._curves.write(self, is_last=self.is_done)
-        self.trainer.should_stop |= self.is_done or bool(self.stop)
-
-    def on_train_end(self) -> None:
-        self.schedule.pause()
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         state = checkpoint["state_dict"]

@@ -92,6 +92,10 @@ class Picture(nn.Module):
             self._small = PyramidLevel(target, focus, COARSE_ZOOM)
         return self._small
 
+    def show(self, picture: Tensor) -> None:
+        """Take a whole picture (3, H, W) for what steps last saw."""
+        self._last, self.memory = picture, None
+
     @torch.no_grad()
     def draw(self, strokes: Strokes, front_to_back: Tensor) -> Tensor:
         """The whole picture (3, H, W) of strokes, without gradient."""
@@ -121,7 +125,7 @@ class Picture(nn.Module):
         strokes = moving if level.zoom == 1 else moving.moved(zoom=level.zoom)
         target, size = level.target if accuracy else None, (level.target.shape[1], level.target.shape[2])
         canvas = self.blend(self.renderer(strokes), front_to_back, size, self.background, target)
-        self._last, self.memory = canvas.image.detach(), None
+        self.show(canvas.image.detach())
         return canvas, PaintedView(canvas.image, level.target, strokes, focus=level.focus)
 
     def moved(self, rows: Tensor | None) -> None:

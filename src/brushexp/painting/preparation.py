@@ -5,17 +5,21 @@ from dataclasses import dataclass
 from omegaconf import DictConfig
 from torch import Tensor
 
-from brushexp.painting.assembly import components_of, first_strokes, focus_of, in_colors, paced
+from brushexp.painting.assembly import budget_of, components_of, first_strokes, focus_of, in_colors, paced
 from brushexp.painting.painter import Painter
+from brushexp.painting.painting_module import PaintingModule
+from brushexp.painting.procedure import Procedure
 from brushexp.pictures.load import background_color, load_picture
+from brushexp.plugins.painter.base import PaintingMethod
+from brushexp.registry import build
 from brushexp.strokes.catalogue import Catalogue
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """A painter before its first step, and the pictures (3, H, W) that it paints from, by the names of their files."""
+    """A painting before its first step, and the pictures (3, H, W) that it paints from, by the names of their files."""
 
-    painter: Painter
+    painter: PaintingModule
     pictures: dict[str, Tensor]  # target, and style and focus where there are such
 
 
@@ -34,10 +38,15 @@ def prepared(cfg: DictConfig, target: Tensor | None = None) -> Prepared:
     if cfg.style.image is not None:
         target, pictures["style"] = in_colors(target, parts)
     background = background_color(cfg.background, target)
+    method: PaintingMethod = build(cfg.painter)
+    pictures = {"target": target} | pictures
+    if not method.by_steps:
+        n = budget_of(cfg, size, parts.density)
+        return Prepared(Procedure(method, parts, target, background, n=n, seed=cfg.seed), pictures)
     strokes, budget = first_strokes(cfg, target, parts.density, focus)
     parts = paced(parts, cfg.steps_per_stroke, strokes, size)
     catalogue = Catalogue(strokes, parts.optimizer.units)
     painter = Painter(
         catalogue, parts, target, background, seed=cfg.seed, focus=focus, budget=budget, coarse=cfg.coarse
     )
-    return Prepared(painter, {"target": target} | pictures)
+    return Prepared(painter, pictures)

@@ -38,13 +38,17 @@ class Timelapse(L.Callback):
             raise UserError(f"timelapse_seconds is {seconds:g}; choose {choices}")
         self.n_frames, self.side, self.seconds, self.kind = n_frames, side, seconds, kind
         self._frames: dict[int, bytes] = {}  # step -> JPEG
+        self._seen = -1  # the last step that was looked at
 
     def on_train_start(self, trainer: L.Trainer, painter: Any) -> None:
+        self._seen = painter.schedule.step - 1
         self.on_train_batch_end(trainer, painter)
 
     def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
-        schedule = painter.schedule
-        if self.n_frames and schedule.step in moments(self.n_frames, schedule.steps):
+        schedule, before = painter.schedule, self._seen
+        self._seen = schedule.step
+        passed = range(before + 1, schedule.step + 1)  # of gradient steps one, of what others do perhaps many
+        if self.n_frames and not moments(self.n_frames, schedule.steps).isdisjoint(passed):
             self.add(painter.latest(), schedule.step)
 
     def add(self, image: Tensor, step: int) -> None:

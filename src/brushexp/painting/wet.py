@@ -9,7 +9,7 @@ from brushexp.compositing.bands import cuts
 from brushexp.compositing.eager import padded_lists
 from brushexp.compositing.layers import Layers
 from brushexp.compositing.tile_lists import TILE
-from brushexp.painting.painter import Painter
+from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.picture import Picture
 from brushexp.plugins.blend.dense import over
 from brushexp.strokes.bezier import curve_of, unfinished
@@ -24,7 +24,7 @@ STARTS = 1024  # that are looked at together
 
 
 @torch.no_grad()
-def wetted(painter: Painter, wet: float) -> tuple[Strokes, Tensor]:
+def wetted(painter: PaintingModule, wet: float) -> tuple[Strokes, Tensor]:
     """The strokes of a painting, and which lies on which (front to back), after paint has been dragged along.
 
     A stroke has one colour. What it drags lies on it as thin films, strokes like itself from its start on, each shorter

@@ -13,6 +13,7 @@ TIE_ROUNDINGS = 16  # of a coordinate: where both legs of a fold are as near as 
 VALLEY_WIDTH = 0.01  # of the parameter: two minima nearer to each other than this are one
 MIN_SLOPE_PX2 = 1.25e-5  # square pixels: derivatives of t are limited as if no curve were shorter than 0.005 px
 PIECES = 4  # of a curve, each with a quadrature of its own, so that hairpins are measured to a thousandth
+MARGIN_PX = 2.0  # of a window around its stroke
 NODES, WEIGHTS = (np.polynomial.legendre.leggauss(5) + np.array([[1], [0]])) / (2 * PIECES)  # of the first one
 Cubic = tuple[Tensor, Tensor, Tensor, Tensor]  # coefficients, highest first
 
@@ -31,6 +32,20 @@ def shape_of(strokes: Strokes) -> Tensor:
 def half_width_of(strokes: Strokes) -> Tensor:
     """Half of the thickness (N,) in pixels."""
     return 0.5 * strokes.width * strokes.scale
+
+
+def strokes_along(curve: Tensor, thickness: Tensor, color: Tensor, opacity: Tensor) -> Strokes:
+    """Strokes along curves (N, 3, 2) in pixels, ``thickness`` (N,) pixels thick, each in the middle of its window.
+
+    >>> curve = torch.tensor([[[2.0, 3.0], [6.0, 3.0], [10.0, 5.0]]])
+    >>> strokes = strokes_along(curve, torch.tensor([4.0]), torch.rand(1, 3), torch.ones(1))
+    >>> curve_of(strokes).tolist(), half_width_of(strokes).tolist()
+    ([[[2.0, 3.0], [6.0, 3.0], [10.0, 5.0]]], [2.0])
+    """
+    low, high = curve.amin(1), curve.amax(1)
+    position, scale = (low + high) / 2, (high - low).amax(1) + thickness + MARGIN_PX
+    start, control, end = ((curve - position[:, None]) / (0.5 * scale)[:, None, None]).unbind(1)
+    return Strokes(position, scale, start, control, end, thickness / scale, color.clamp(0, 1), opacity)
 
 
 def unfinished(strokes: Strokes, share: Tensor) -> Strokes:

@@ -1,0 +1,1 @@
+"""Painters: a picture -> strokes, state after state. Pick one: ``painter=gradient``."""

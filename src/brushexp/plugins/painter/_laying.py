@@ -1,0 +1,40 @@
+"""What painters that decide stroke by stroke share."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import torch
+
+from brushexp.plugins.painter.base import PaintingState
+from brushexp.strokes.bezier import strokes_along
+from brushexp.strokes.catalogue import Strokes
+
+PORTIONS = 60  # states of a painting whose strokes are all known
+
+Array = np.ndarray
+
+
+def laid(strokes: Strokes) -> Iterator[PaintingState]:
+    """States of a painting whose strokes are known: so many are laid, then more; a step is a stroke."""
+    n = len(strokes)
+    for k in range(1, PORTIONS + 1):
+        if (done := n * k // PORTIONS) > n * (k - 1) // PORTIONS:
+            yield PaintingState(strokes[:done], done, n)
+
+
+def strokes_of(curves: Array, thickness: Array, color: Array, opacity: float) -> Strokes:
+    """Strokes along curves (N, 3, 2), so many (N,) pixels thick, in colours (N, 3)."""
+    parts = (torch.from_numpy(np.ascontiguousarray(part, np.float32)) for part in (curves, thickness, color))
+    return strokes_along(*parts, torch.full((len(curves),), opacity))
+
+
+def at(picture: Array, x: Array, y: Array) -> Array:
+    """Values (..., n) of a picture (..., H, W) in the pixels of places (n,), the nearest ones for those outside."""
+    height, width = picture.shape[-2:]
+    found: Array = picture[..., y.astype(int).clip(0, height - 1), x.astype(int).clip(0, width - 1)]
+    return found
+
+
+def numpy_generator(generator: torch.Generator) -> np.random.Generator:
+    """A generator of NumPy that follows from one of PyTorch."""
+    return np.random.default_rng(int(torch.randint(2**62, (), generator=generator)))
