@@ -42,7 +42,7 @@ def trainer_of(
     checkpoints: bool = True,
     **options: Any,
 ) -> L.Trainer:
-    """A Trainer with a progress bar and a clean end at Ctrl-C; where there is a ``folder``, with ``checkpoints`` by time.
+    """A Trainer with a progress bar and a clean end at Ctrl-C; where there is a ``folder``, with ``checkpoints``.
 
     Of ``cfg`` it reads ``trainer`` (options of Lightning's Trainer, which win over ``options``; a UserError says which
     it does not take), ``checkpoint_every`` and, if there is a folder that they may write into, ``callbacks`` (beside

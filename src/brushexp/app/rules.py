@@ -3,6 +3,7 @@
 Each rule asks what uses the value later. What is slow to import is imported where a key asks for it.
 """
 
+import logging
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -13,10 +14,17 @@ from brushexp.bounds import Rule
 from brushexp.errors import UserError
 from brushexp.pictures.clips import is_film
 from brushexp.pictures.load import check_ratio, named_color, size_of_picture
-from brushexp.registry import build, plugins
+from brushexp.registry import build, plugin_of, plugins
 from brushexp.system.device import device_of
 from brushexp.system.runtime import check_memory
 
+log = logging.getLogger(__name__)
+
+# What only gradient steps heed, of the keys of task=paint.
+OF_STEPS = {
+    *("init", "order", "loss", "density", "sampler", "optimizer", "style", "focus", "focus_strength", "catalogue"),
+    *("steps", "steps_per_stroke", "coarse", "warm_up", "finish_steps", "effort", "early_stop", "checkpoint_every"),
+}
 BYTES_PER_STROKE = 500  # that an export takes at least; a million were seen to take 850 each
 BYTES_PER_WINDOW_PIXEL = 16  # RGBA in 32 bits
 BYTES_PER_TRAINED_PIXEL = 48  # of a network's strokes: RGBA of the picture, of what it should be, and of its gradient
@@ -75,6 +83,7 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
     from brushexp.painting.assembly import budget_of, check_losses, check_size  # noqa: PLC0415
 
     names = [plugin.name for plugin in plugins("renderer")]
+    tell_unused(cfg, overrides)
     if cfg.warm_up not in (AUTO, None, *names):
         raise UserError(f"warm_up={cfg.warm_up} is not a renderer; choose auto, null or one of {', '.join(names)}")
     check_losses(cfg)
@@ -102,8 +111,19 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
         Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds)
 
 
+def tell_unused(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """Say in one line which typed keys a painter has no use for; in a sweep over painters they are for the others."""
+    keys = [override.lstrip("+~").partition("=")[0] for override in overrides]
+    unused = sorted({key for key in keys if key.partition(".")[0] in OF_STEPS})
+    if unused and not build(cfg.painter).by_steps:
+        log.warning("painter=%s has no use for %s", plugin_of(cfg.painter).name, ", ".join(unused))
+
+
 def check_film(cfg: DictConfig) -> None:
     """That nothing is asked of a film that only single pictures have."""
+    if not build(cfg.painter).by_steps:
+        name = plugin_of(cfg.painter).name
+        raise UserError(f"painter={name} paints single pictures, and {cfg.image} is a film; drop painter")
     for name, usual in NOT_OF_FILMS.items():
         if (value := OmegaConf.select(cfg, name)) != usual:
             raise UserError(f"{name}={value} is for single pictures, and {cfg.image} is a film; drop {name}")

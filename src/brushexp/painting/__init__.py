@@ -1,8 +1,9 @@
 """From a target picture to a painting, in the order of the data.
 
 assembly (with init) -> components -> preparation
--> painting_module (a procedure with painter, or) painter (with schedule, picture, canvas_memory, sampler, renderer, order, blend, loss, divergence, partial,
-optimizer, density, densification, curves, painter_state)
+-> painting_module (with schedule, picture, curves)
+-> procedure, painter (with canvas_memory, sampler, renderer, order, blend, loss, divergence, partial, optimizer,
+density, densification, painter_state)
 -> goals -> wet -> timelapse -> metrics -> outputs -> finished
 -> reel (with changes, carrying)
 """

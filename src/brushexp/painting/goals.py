@@ -137,7 +137,7 @@ class TimeBudget(L.Callback):
         self.deadlines = state_dict["deadlines"]
 
 
-class TimeLimit(L.Callback):
+class SecondsLimit(L.Callback):
     """Ends the run when ``seconds`` are spent, whatever is left to do."""
 
     def __init__(self, seconds: float) -> None:
@@ -153,6 +153,6 @@ def goals_of(
     *, early_stop: float | None, psnr: float | None, seconds: float | None, has_plan: bool = True
 ) -> list[L.Callback]:
     """The goals of a run; None is no goal. Without a plan of steps nothing can be fitted to the seconds."""
-    in_time = TimeBudget if has_plan else TimeLimit
+    in_time = TimeBudget if has_plan else SecondsLimit
     goals = ((NoMoreGain, early_stop), (Quality, psnr), (in_time, seconds))
     return [goal(value) for goal, value in goals if value is not None]

@@ -1,4 +1,4 @@
-"""Paintings that come to be by other ways than gradient steps: a method yields states, everything around is the same."""
+"""Paintings that come to be otherwise than by gradient steps: a method yields states, all around is the same."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Procedure(PaintingModule):
         return self._state.strokes
 
     def draw(self, strokes: Strokes) -> Tensor:
-        """The picture (3, H, W) of strokes, the lowest first; differentiable, and in bands where that is not asked for."""
+        """The picture (3, H, W) of strokes, the lowest first; differentiable in those that want a gradient."""
         order = torch.arange(len(strokes) - 1, -1, -1, device=self.device)
         if not (torch.is_grad_enabled() and any(value.requires_grad for _, value in strokes.items())):
             return self.picture.draw(strokes, order)

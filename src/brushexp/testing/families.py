@@ -6,10 +6,12 @@ from pathlib import Path
 
 import torch
 
+from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.logger.base import Run
 from brushexp.plugins.loss.base import PaintedView
 from brushexp.plugins.order.base import front_to_back
+from brushexp.plugins.painter.base import Commission
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes, check_strokes
 from brushexp.testing import Check, Make
@@ -186,7 +188,46 @@ def writes_into_the_folder_of_the_run(make: Make) -> None:
         assert any(path.is_file() for path in Path(name).rglob("*"))
 
 
+def paints_with_no_more_strokes_than_asked(make: Make) -> None:
+    """Of a painter: valid strokes within the budget, ever more steps, nearer to the picture than bare canvas is.
+
+    The seed alone decides, and pictures of few pixels are painted, too.
+    """
+    shades = torch.linspace(0, 1, SIZE[1]).expand(3, *SIZE).clone()
+    shades[0, :, : SIZE[1] // 2] = 0.9
+    for target, n in ((shades, 40), (shades, 1), (torch.rand(3, 3, 2), 6), (torch.full((3, *SIZE), 0.5), 8)):
+        background = target.mean((1, 2))
+        if make().by_steps:
+            continue
+        first, again = (list(make()(commission_of(target, n, background))) for _ in range(2))
+        assert first
+        assert all(len(state.strokes) <= n for state in first)
+        steps = [state.step for state in first]
+        assert steps == sorted(set(steps))
+        assert min(steps) > 0
+        assert all(state.step <= state.steps for state in first)
+        check_strokes(first[-1].strokes)
+        assert all(
+            torch.equal(a, b)
+            for (_, a), (_, b) in zip(*(states[-1].strokes.items() for states in (first, again)), strict=True)
+        )
+        if n == 40:
+            drawn = commission_of(target, n, background).draw(first[-1].strokes)
+            assert (drawn - target).square().mean() < (background[:, None, None] - target).square().mean()
+
+
+def commission_of(target: torch.Tensor, n: int, background: torch.Tensor) -> Commission:
+    """What a painter is asked for, drawn with plain strokes."""
+
+    def draw(strokes: Strokes) -> torch.Tensor:
+        order = torch.arange(len(strokes) - 1, -1, -1)
+        return Tiled()(Analytic()(strokes), order, (target.shape[1], target.shape[2]), background).image
+
+    return Commission(target, n, background, draw, torch.Generator().manual_seed(3))
+
+
 CHECKS: dict[str, list[Check]] = {
+    "painter": [paints_with_no_more_strokes_than_asked],
     "init": [makes_as_many_strokes_as_asked_in_range],
     "renderer": [is_bounded_and_differentiable_in_every_field],
     "blend": [paints_the_size_it_is_told],

@@ -22,13 +22,13 @@ def laid(strokes: Strokes) -> Iterator[PaintingState]:
             yield PaintingState(strokes[:done], done, n)
 
 
-def strokes_of(curves: Array, thickness: Array, color: Array, opacity: float) -> Strokes:
+def strokes_from_arrays(curves: Array, thickness: Array, color: Array, opacity: float) -> Strokes:
     """Strokes along curves (N, 3, 2), so many (N,) pixels thick, in colours (N, 3)."""
     parts = (torch.from_numpy(np.ascontiguousarray(part, np.float32)) for part in (curves, thickness, color))
     return strokes_along(*parts, torch.full((len(curves),), opacity))
 
 
-def at(picture: Array, x: Array, y: Array) -> Array:
+def sampled_at(picture: Array, x: Array, y: Array) -> Array:
     """Values (..., n) of a picture (..., H, W) in the pixels of places (n,), the nearest ones for those outside."""
     height, width = picture.shape[-2:]
     found: Array = picture[..., y.astype(int).clip(0, height - 1), x.astype(int).clip(0, width - 1)]

@@ -62,7 +62,9 @@ class PaintingMethod(ABC):
     """
 
     kind: ClassVar[str] = "not stated"  # how it decides, in two or three words
-    by_steps: ClassVar[bool] = False  # whether it leaves the painting to the program's gradient steps, and is not called
+    by_steps: ClassVar[bool] = (
+        False  # whether it leaves the painting to the program's gradient steps, and is not called
+    )
     differentiates: ClassVar[bool] = False  # whether it asks for gradients of pictures; what computes them is compiled
 
     @classmethod

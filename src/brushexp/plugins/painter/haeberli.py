@@ -9,7 +9,7 @@ import torch
 
 from brushexp.bounds import above, between, one_of
 from brushexp.pictures.structure import along_edges, structure_tensor
-from brushexp.plugins.painter._laying import at, laid, numpy_generator, strokes_of
+from brushexp.plugins.painter._laying import laid, numpy_generator, sampled_at, strokes_from_arrays
 from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
 from brushexp.registry import register
 
@@ -55,9 +55,9 @@ class Haeberli(PaintingMethod):
         x, y = (share * commission.size[::-1]).T
         thickness = commission.pitch * np.geomspace(self.largest, self.smallest, n)
         tensor = structure_tensor(picture, max(0.5, commission.pitch * self.smallest))
-        angle = along_edges(at(tensor, x, y)) + np.radians(self.stray) * random.standard_normal(n)
+        angle = along_edges(sampled_at(tensor, x, y)) + np.radians(self.stray) * random.standard_normal(n)
         reach = 0.5 * max(self.length - 1, 0) * thickness  # round ends add half a thickness each
         along = reach[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
         middle = np.stack([x, y], 1)
         curves = np.stack([middle - along, middle, middle + along], 1)
-        yield from laid(strokes_of(curves, thickness, at(picture, x, y).T, self.opacity))
+        yield from laid(strokes_from_arrays(curves, thickness, sampled_at(picture, x, y).T, self.opacity))

@@ -8,7 +8,7 @@ import numpy as np
 
 from brushexp.bounds import above, at_least, between
 from brushexp.errors import UserError
-from brushexp.plugins.painter._laying import Array, at, laid, numpy_generator, strokes_of
+from brushexp.plugins.painter._laying import Array, laid, numpy_generator, sampled_at, strokes_from_arrays
 from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
@@ -92,7 +92,14 @@ class Hertzmann(PaintingMethod):
         return float(cell / (self.grid * max(self.radii)))
 
     def _layer(
-        self, reference: Array, canvas: Array, radius: float, room: int, random: np.random.Generator, *, everywhere: bool
+        self,
+        reference: Array,
+        canvas: Array,
+        radius: float,
+        room: int,
+        random: np.random.Generator,
+        *,
+        everywhere: bool,
     ) -> Strokes:
         """The strokes of one brush, ``room`` at most, on a canvas (3, H, W)."""
         difference = LEVELS * np.linalg.norm(reference - canvas, axis=0)
@@ -101,15 +108,15 @@ class Hertzmann(PaintingMethod):
         if self.threshold is not None and not everywhere:
             chosen = chosen[error[chosen] > self.threshold]
         x, y = x[chosen] + 0.5, y[chosen] + 0.5
-        color = at(reference, x, y)
+        color = sampled_at(reference, x, y)
         points, steps = self._traced(reference, canvas, x, y, color, radius)
-        owner, curves = fitted(points, steps, self.tolerance * radius)
+        owner, curves = fitted_curves(points, steps, self.tolerance * radius)
         kept = np.cumsum(np.bincount(owner, minlength=len(x))) <= room  # the worst cells first
         place = random.permutation(len(x))
         order = np.argsort(place[owner], kind="stable")  # the curves of a stroke stay together
         order = order[kept[owner[order]]]
         color = self._jittered(color.T, random)[owner[order]]
-        return strokes_of(curves[order], np.full(len(order), 2 * radius), color, self.opacity)
+        return strokes_from_arrays(curves[order], np.full(len(order), 2 * radius), color, self.opacity)
 
     def _traced(
         self, reference: Array, canvas: Array, x: Array, y: Array, color: Array, radius: float
@@ -124,9 +131,9 @@ class Hertzmann(PaintingMethod):
         points, steps = [place], np.zeros(len(x), int)
         goes_on = np.ones(len(x), bool)
         for step in range(1, self.max_length + 1):
-            here = at(reference, *place.T)
-            nearer = np.linalg.norm(here - at(canvas, *place.T), axis=0) < np.linalg.norm(here - color, axis=0)
-            gx, gy = at(slope, *place.T)
+            here = sampled_at(reference, *place.T)
+            nearer = np.linalg.norm(here - sampled_at(canvas, *place.T), axis=0) < np.linalg.norm(here - color, axis=0)
+            gx, gy = sampled_at(slope, *place.T)
             steepness = np.hypot(gx, gy)
             goes_on &= ~((step > self.min_length) & nearer) & (steepness > FLAT)
             normal = np.stack([-gy, gx], 1) / np.maximum(steepness, FLAT)[:, None]
@@ -162,7 +169,7 @@ def worst_of_cells(difference: Array, side: int) -> tuple[Array, Array, Array]:
     return np.nanmean(cells, 1), left * side + column, top * side + row
 
 
-def fitted(points: Array, steps: Array, tolerance: float) -> tuple[Array, Array]:
+def fitted_curves(points: Array, steps: Array, tolerance: float) -> tuple[Array, Array]:
     """Quadratic Bezier curves (M, 3, 2) along polylines (S, L + 1, 2), and the number (M,) of the line of each.
 
     A line of so many ``steps`` (S,) that is farther than ``tolerance`` from its curve is cut in halves, which meet; the

@@ -1,0 +1,119 @@
+"""Painters that go stroke by stroke, and the driver that shows, ends and measures what they do."""
+
+import signal
+
+import lightning as L
+import numpy as np
+import pytest
+import torch
+from painters import QUIET
+from torch.testing import assert_close
+
+from brushexp.app.tasks import paint
+from brushexp.painting.components import standard_components
+from brushexp.painting.goals import goals_of
+from brushexp.painting.procedure import Procedure
+from brushexp.painting.timelapse import Timelapse
+from brushexp.plugins.painter.base import PaintingMethod, PaintingState
+from brushexp.plugins.painter.hertzmann import fitted_curves, worst_of_cells
+from brushexp.strokes.bezier import point_at
+from brushexp.strokes.prior import sample_prior
+from brushexp.system.callbacks import TimedCheckpoint
+
+TARGET = torch.rand(3, 24, 40, generator=torch.Generator().manual_seed(0))
+
+
+class Counting(PaintingMethod):
+    """So many states of one more stroke each; ``then`` is called after each."""
+
+    def __init__(self, states=10, then=lambda step: None):
+        self.states, self.then = states, then
+
+    def __call__(self, commission):
+        for step in range(1, self.states + 1):
+            yield PaintingState(sample_prior(step, seed=0).moved(zoom=20.0, shift=(10, 10)), 3 * step, 3 * self.states)
+            self.then(step)
+
+
+def fitted(method, *callbacks, **goals):
+    painter = Procedure(method, standard_components(), TARGET, torch.ones(3), n=50, seed=0)
+    goals = goals_of(**{"early_stop": None, "psnr": None, "seconds": None} | goals, has_plan=False)
+    trainer = L.Trainer(
+        **QUIET | {"enable_checkpointing": True}, callbacks=[*goals, *callbacks, TimedCheckpoint(None, None)]
+    )
+    trainer.fit(painter)
+    return painter
+
+
+def test_all_states_are_shown_filmed_and_counted():
+    film = Timelapse(5, 32)
+    painter = fitted(Counting(), film)
+    assert painter.schedule.step == painter.schedule.steps == 30
+    assert painter.trainer.global_step == 10
+    assert (len(painter.strokes()), painter.stop, painter.progress) == (10, "", 1.0)
+    assert_close(painter.latest(), painter.drawn())
+    assert painter.anytime.pairs[-1][1] > 0
+    assert set(film.state_dict()["steps"]) > {0, 30}
+
+
+@pytest.mark.parametrize(("goals", "status"), [({"seconds": 0.0}, "seconds spent"), ({"psnr": 0.5}, "psnr reached")])
+def test_a_goal_ends_it_after_a_state(goals, status):
+    painter = fitted(Counting(), **goals)
+    assert (painter.stop, len(painter.strokes())) == (status, 1)
+
+
+def test_ctrl_c_ends_it_with_what_there_is():
+    painter = fitted(Counting(then=lambda step: signal.raise_signal(signal.SIGINT) if step == 4 else None))
+    assert painter.stop == "interrupted"
+    assert len(painter.strokes()) == 5
+
+
+def test_fewer_strokes_than_were_promised_are_all_there_is():
+    class Lazy(Counting):
+        def __call__(self, commission):
+            yield from list(super().__call__(commission))[:4]
+
+    painter = fitted(Lazy())
+    assert (painter.schedule.step, painter.schedule.steps, painter.is_done) == (12, 12, True)
+
+
+@pytest.mark.parametrize("name", ["haeberli", "hertzmann"])
+def test_a_run_leaves_what_any_painting_leaves(run_task, tmp_path, caplog, name):
+    words = ("image=astronaut", "resolution=48", "strokes=60", "frames=4", "steps=3", "look=plain")
+    with caplog.at_level("WARNING"):
+        metrics = run_task(paint, f"painter={name}", *words)
+    assert f"painter={name} has no use for steps" in caplog.text
+    assert (metrics["painter"], metrics["status"]) == (name, "completed")
+    assert 0 < metrics["n_strokes"] <= 60
+    assert metrics["psnr"] > 8
+    for file in ("painting.png", "catalogue.h5", "strokes.svg", "report.html", "timelapse.mp4"):
+        assert (tmp_path / file).is_file(), file
+
+
+def test_curves_follow_their_lines_within_the_tolerance():
+    random = np.random.default_rng(0)
+    turn = np.cumsum(random.normal(0, 0.6, (40, 16)), 1)
+    points = np.cumsum(np.stack([np.cos(turn), np.sin(turn)], 2), 1)
+    steps = random.integers(0, 16, 40)
+    owner, curves = fitted_curves(points, steps, 0.3)
+    assert (np.diff(owner) >= 0).all()
+    for line in range(40):
+        own = curves[owner == line]
+        assert_close(own[0, 0], points[line, 0])
+        assert_close(own[-1, 2], points[line, steps[line]])
+        assert_close(own[1:, 0], own[:-1, 2])  # they meet
+        fine = point_at(torch.tensor(own)[:, None], torch.linspace(0, 1, 200)[None].double()).reshape(-1, 2).numpy()
+        away = np.linalg.norm(points[line, : steps[line] + 1, None] - fine, axis=2).min(1)
+        assert away.max() < 0.3 + 0.02
+    assert len(fitted_curves(points, steps, 100.0)[0]) == 40
+
+
+def test_the_worst_pixel_of_a_cell_is_found_as_by_a_loop():
+    difference = np.random.default_rng(1).random((10, 13))
+    error, x, y = worst_of_cells(difference, 4)
+    cells = [(top, left) for top in range(0, 10, 4) for left in range(0, 13, 4)]
+    for k, (top, left) in enumerate(cells):
+        cell = difference[top : top + 4, left : left + 4]
+        assert error[k] == pytest.approx(cell.mean())
+        assert difference[y[k], x[k]] == cell.max()
+    assert len(error) == len(cells)
