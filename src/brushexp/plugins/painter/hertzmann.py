@@ -33,7 +33,8 @@ class Hertzmann(PaintingMethod):
     Differs from the paper: its cubic B-splines are fitted by quadratic Bezier curves, one where that is within
     ``tolerance``, else several that meet: those are what ``strokes`` counts. As a threshold the number of strokes is
     given: each layer takes its worst cells (``threshold=100`` is the paper's, with at most so many). The bare canvas
-    ends strokes of the first layer as any paint does, or each would have the greatest length. No z-buffer is needed.
+    ends strokes of the first layer as any paint does, or each would have the greatest length. The defaults are for a few
+    thousand strokes; the styles of the paper, which take tens of thousands, are presets: `hertzmann_impressionist`.
 
     Args:
         radii: of the brushes, largest first, in units of ``scale``.
@@ -52,18 +53,18 @@ class Hertzmann(PaintingMethod):
 
     kind = "local rules, and the canvas"
 
-    radii: Annotated[tuple[float, ...], above(0, 1e4)] = (8.0, 4.0, 2.0)
+    radii: Annotated[tuple[float, ...], above(0, 1e4)] = (8.0, 4.0, 2.0, 1.0)
     scale: Annotated[float | None, above(0, 1e4)] = None
     threshold: Annotated[float | None, at_least(0)] = None
     blur: Annotated[float, between(0, 100)] = 0.5
     grid: Annotated[float, above(0, 100)] = 1.0
     curvature: Annotated[float, between(0, 1)] = 1.0
-    min_length: Annotated[int, between(0, 1000)] = 4
-    max_length: Annotated[int, between(0, 1000)] = 16
+    min_length: Annotated[int, between(0, 1000)] = 1
+    max_length: Annotated[int, between(0, 1000)] = 6
     opacity: Annotated[float, between(0, 1)] = 1.0
     jitter_rgb: Annotated[float, between(0, 2)] = 0.0
     jitter_hsv: Annotated[tuple[float, float, float], between(0, 2)] = (0.0, 0.0, 0.0)
-    tolerance: Annotated[float, above(0, 100)] = 0.5
+    tolerance: Annotated[float, above(0, 100)] = 1.5
 
     def __post_init__(self) -> None:
         if not self.radii:
