@@ -1,6 +1,7 @@
 """Painters that go stroke by stroke, and the driver that shows, ends and measures what they do."""
 
 import signal
+from dataclasses import replace
 
 import lightning as L
 import numpy as np
@@ -16,9 +17,11 @@ from brushexp.painting.procedure import Procedure
 from brushexp.painting.timelapse import Timelapse
 from brushexp.plugins.painter.base import PaintingMethod, PaintingState
 from brushexp.plugins.painter.hertzmann import fitted_curves, worst_of_cells
+from brushexp.registry import build_named, plugins
 from brushexp.strokes.bezier import point_at
 from brushexp.strokes.prior import sample_prior
 from brushexp.system.callbacks import TimedCheckpoint
+from brushexp.testing.families import commission_of
 
 TARGET = torch.rand(3, 24, 40, generator=torch.Generator().manual_seed(0))
 
@@ -75,6 +78,19 @@ def test_fewer_strokes_than_were_promised_are_all_there_is():
 
     painter = fitted(Lazy())
     assert (painter.schedule.step, painter.schedule.steps, painter.is_done) == (12, 12, True)
+
+
+@pytest.mark.parametrize("name", [plugin.name for plugin in plugins("painter") if not plugin.cls.by_steps])
+def test_a_painting_is_nearer_to_the_picture_than_bare_canvas_and_seeds_differ(name):
+    target = torch.nn.functional.interpolate(TARGET[None, :, ::6, ::8], TARGET.shape[1:], mode="bilinear")[0]
+    bare = target.mean((1, 2))
+    found = []
+    for seed in (1, 2):
+        commission = replace(commission_of(target, 80, bare), generator=torch.Generator().manual_seed(seed))
+        *_, last = build_named("painter", name, {})(commission)
+        found.append(commission.draw(last.strokes))
+        assert (found[-1] - target).square().mean() < 0.6 * (bare[:, None, None] - target).square().mean()
+    assert not torch.equal(*found)
 
 
 @pytest.mark.parametrize("name", ["haeberli", "hertzmann"])

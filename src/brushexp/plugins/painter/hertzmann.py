@@ -108,14 +108,15 @@ class Hertzmann(PaintingMethod):
         chosen = np.argsort(-error, kind="stable")
         if self.threshold is not None and not everywhere:
             chosen = chosen[error[chosen] > self.threshold]
+        chosen = chosen[: max(room, 0)]
+        if not len(chosen):
+            return Strokes.none()
         x, y = x[chosen] + 0.5, y[chosen] + 0.5
         color = sampled_at(reference, x, y)
         points, steps = self._traced(reference, canvas, x, y, color, radius)
         owner, curves = fitted_curves(points, steps, self.tolerance * radius)
-        kept = np.cumsum(np.bincount(owner, minlength=len(x))) <= room  # the worst cells first
         place = random.permutation(len(x))
-        order = np.argsort(place[owner], kind="stable")  # the curves of a stroke stay together
-        order = order[kept[owner[order]]]
+        order = np.argsort(place[owner[:room]], kind="stable")  # the curves of a stroke stay together
         color = self._jittered(color.T, random)[owner[order]]
         return strokes_from_arrays(curves[order], np.full(len(order), 2 * radius), color, self.opacity)
 
