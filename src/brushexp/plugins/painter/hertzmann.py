@@ -33,7 +33,7 @@ class Hertzmann(PaintingMethod):
     Differs from the paper: its cubic B-splines are fitted by quadratic Bezier curves, one where that is within
     ``tolerance``, else several that meet: those are what ``strokes`` counts. As a threshold the number of strokes is
     given: each layer takes its worst cells (``threshold=100`` is the paper's, with at most so many). The bare canvas
-    ends strokes of the first layer as any paint does, or each would have the greatest length. The defaults are for a few
+    ends strokes of the first layer as any paint does, or each would have the greatest length. The defaults are for few
     thousand strokes; the styles of the paper, which take tens of thousands, are presets: `hertzmann_impressionist`.
 
     Args:

@@ -27,7 +27,8 @@ class Litwinowicz(PaintingMethod):
 
     Differs from the paper: the spacing follows from ``strokes``, and lengths that were pixels at its spacing of 2
     are in spacings. The spline is the discrete one on the grid, of double angles, in which gradients of opposite signs
-    do not cancel. One picture only: strokes that optical flow carries through a film are what ``image=clip.mp4`` does.
+    do not cancel. An edge is passed where the magnitude has fallen by ``fall`` from its highest, not by anything, which
+    would be noise: its 8-bit values hid that. One picture only: strokes that optical flow carries through a film are what ``image=clip.mp4`` does.
 
     Args:
         length: of a stroke without edges, least and most, in spacings.
@@ -35,6 +36,7 @@ class Litwinowicz(PaintingMethod):
         smoothing: deviation of the Gaussian before gradients, in spacings.
         flat: gradient below which a direction is interpolated, 8-bit levels a pixel in x and in y.
         clip: end strokes at edges.
+        fall: of the Sobel magnitude beyond an edge, 8-bit levels a pixel; less is none.
         stray: greatest change of the direction, degrees.
         stray_color: of red, green and blue, 8-bit levels.
         stray_intensity: of all three together, as a share.
@@ -48,6 +50,7 @@ class Litwinowicz(PaintingMethod):
     smoothing: Annotated[float, at_least(0)] = 0.5
     flat: Annotated[float, at_least(0)] = 3.0
     clip: bool = True
+    fall: Annotated[float, at_least(0)] = 1.0
     stray: Annotated[float, between(0, 180)] = 15.0
     stray_color: Annotated[float, between(0, 255)] = 15.0
     stray_intensity: Annotated[float, between(0, 1)] = 0.15
@@ -91,7 +94,7 @@ class Litwinowicz(PaintingMethod):
         """How many pixels (n,) strokes grow from their middles (n, 2) in directions (n, 2), ``reach`` (n,) at most."""
         from scipy.ndimage import map_coordinates, sobel  # noqa: PLC0415
 
-        edges = np.hypot(sobel(smooth, 0), sobel(smooth, 1))
+        edges = 255 / 8 * np.hypot(sobel(smooth, 0), sobel(smooth, 1))  # levels a pixel
         grown, growing = np.zeros(len(reach)), np.ones(len(reach), bool)
         last = np.zeros(len(reach))
         for step in range(int(reach.max(initial=0)) + 1):
@@ -99,8 +102,8 @@ class Litwinowicz(PaintingMethod):
             here = map_coordinates(edges, (place - 0.5).T[::-1], order=1, mode="nearest")
             growing &= step <= reach
             if self.clip:
-                growing &= here >= last
-            grown, last = np.where(growing, step, grown), here
+                growing &= here >= last - self.fall
+            grown, last = np.where(growing, step, grown), np.maximum(here, last)
         return grown
 
 
