@@ -28,7 +28,7 @@ class Litwinowicz(PaintingMethod):
     Differs from the paper: the spacing follows from ``strokes``, and lengths that were pixels at its spacing of 2
     are in spacings. The spline is the discrete one on the grid, of double angles, in which gradients of opposite signs
     do not cancel. An edge is passed where the magnitude has fallen by ``fall`` from its highest, not by anything, which
-    would be noise: its 8-bit values hid that. One picture only: strokes that optical flow carries through a film are what ``image=clip.mp4`` does.
+    would be noise: its 8-bit values hid that. One picture only: `image=clip.mp4` has strokes that optical flow carries.
 
     Args:
         length: of a stroke without edges, least and most, in spacings.
