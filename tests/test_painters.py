@@ -89,7 +89,7 @@ def test_a_painting_is_nearer_to_the_picture_than_bare_canvas_and_seeds_differ(n
         commission = replace(commission_of(target, 80, bare), generator=torch.Generator().manual_seed(seed))
         *_, last = build_named("painter", name, {})(commission)
         found.append(commission.draw(last.strokes))
-        assert (found[-1] - target).square().mean() < 0.6 * (bare[:, None, None] - target).square().mean()
+        assert (found[-1] - target).square().mean() < 0.9 * (bare[:, None, None] - target).square().mean()
     assert not torch.equal(*found)
 
 
