@@ -113,7 +113,8 @@ class Section:
         """Mean and bounds of the differences in PSNR from the best row with as many strokes; None for itself."""
         rivals = [one for one in self.rows if one.strokes == row.strokes and "psnr" in one.numbers]
         best = max(rivals, key=lambda one: one.numbers["psnr"].mean(), default=row)
-        return None if best is row or row not in rivals else interval(row.numbers["psnr"] - best.numbers["psnr"])
+        is_known = "psnr" in row.numbers and best is not row
+        return interval(row.numbers["psnr"] - best.numbers["psnr"]) if is_known else None
 
     def relation(self, figures: PublishedFigures) -> str:
         """How the pictures of published figures are related to those here."""
