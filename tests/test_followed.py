@@ -31,7 +31,14 @@ def test_the_experiment_lists_what_is_left_and_other_runs_nothing(config):
     found = listed(config("experiment=thesis"))
     assert found["steps_per_stroke"] == "50.0"
     assert found["loss.perceptual.backbone"] == "effl0"
-    frozen = {"optimizer.units.position", "optimizer.units.opacity", "order.until", "order.every", "init.jitter"}
+    frozen = {
+        "optimizer.units.position",
+        "optimizer.units.opacity",
+        "order.until",
+        "order.every",
+        "init.jitter",
+        "renderer.project",
+    }
     assert not frozen & found.keys()
     assert "steps_per_stroke" not in listed(config("experiment=thesis_full"))
     assert listed(config("experiment=thesis", "order.until=0.5"))["order.until"] == "0.5"
