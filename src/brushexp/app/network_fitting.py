@@ -52,7 +52,7 @@ def fit_network(
 
 def renderer_settings(cfg: DictConfig) -> RendererSettings:
     """What the config says about the training of a renderer; fine-tuning has no critic."""
-    names = ("lr", "detail", "light", "critic", "critic_lr", "critic_weight", "critic_width")
+    names = ("lr", "detail", "tone", "critic", "critic_lr", "critic_weight", "critic_width")
     return RendererSettings(**{name: cfg[name] for name in names if name in cfg})
 
 
@@ -61,7 +61,7 @@ def training_recipe(module: NetworkModule, cfg: DictConfig) -> dict[str, object]
     recipe: dict[str, object] = {key: cfg[key] for key in ("batch_size", "lr", "epochs", "minutes", "ema", "seed")}
     recipe |= {"precision": cfg.trainer.precision, "steps": module.global_step, "seconds": module.seconds}
     if "detail" in cfg:
-        recipe |= {"detail": cfg.detail, "light": cfg.light}
+        recipe |= {"detail": cfg.detail, "tone": cfg.tone}
     if cfg.get("critic"):
         recipe |= {key: cfg[key] for key in ("critic_lr", "critic_weight", "critic_width")}
     return recipe

@@ -205,7 +205,7 @@ class TrainTask(Task):
     detail: float = key(
         1.0, "how much errors of the finest detail count besides: bristles are learnt sooner", at_least(0)
     )
-    light: float = key(4.0, "and errors of colour alone, where there is paint: the light on it is faint", at_least(0))
+    tone: float = key(4.0, "and errors of colour alone, where there is paint: the light on it is faint", at_least(0))
     critic: bool = key(False, "RaSGAN beside L2: a critic scores the pictures")
     critic_lr: float = key(2.0e-3, "its highest learning rate, four times lr: it is the faster one", above(0, 1))
     critic_weight: float = key(0.1, "how hard it pulls at the pictures, as a share of how hard L2 does", at_least(0))

@@ -27,7 +27,7 @@ class RendererSettings:
 
     lr: float = 5e-4  # highest learning rate
     detail: float = 1.0  # how much errors of alpha's finest detail (`fine_detail`) count besides
-    light: float = 4.0  # and errors of the straight colour where there truly is paint: the light on ridges is faint
+    tone: float = 4.0  # and errors of the straight colour where there truly is paint: the light on ridges is faint
     critic: bool = False  # judges the pictures beside L2
     critic_lr: float = 2e-3  # on the faster of two time scales (Heusel et al., 2017, arXiv:1706.08500)
     critic_weight: float = 0.1  # how hard it pulls at the pictures, as a share of how hard L2 does (`balanced`)
@@ -121,7 +121,7 @@ class RendererModule(NetworkModule):
         lit = (batch.images[:, 3:] * (drawn[:, :3] - batch.images[:, :3])).square().mean()
         drawn, truth = premultiplied(drawn), premultiplied(batch.images)
         error, fine = (drawn - truth).square().mean(), fine_detail(drawn[:, 3:] - truth[:, 3:]).square().mean()
-        self.terms = {"loss/l2": error.detach(), "loss/detail": fine.detach(), "loss/light": lit.detach()}
+        self.terms = {"loss/l2": error.detach(), "loss/detail": fine.detach(), "loss/tone": lit.detach()}
         loss = error + self.settings.detail * fine
         if self.critic is not None:
             self._step_critic(self.critic, drawn.detach(), truth)
@@ -129,7 +129,7 @@ class RendererModule(NetworkModule):
             pulled = (drawn * slope).sum()  # its gradient in the pictures is the slope
             loss = pulled + (loss - pulled).detach()  # and its value that of the error
         self._strokes = len(drawn)
-        return loss + self.settings.light * lit
+        return loss + self.settings.tone * lit
 
     def on_validation_epoch_start(self) -> None:
         self._sums = torch.zeros(5, dtype=torch.float64)
