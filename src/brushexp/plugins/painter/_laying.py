@@ -24,8 +24,10 @@ def laid(strokes: Strokes) -> Iterator[PaintingState]:
 
 def strokes_from_arrays(curves: Array, thickness: Array, color: Array, opacity: float) -> Strokes:
     """Strokes along curves (N, 3, 2), so many (N,) pixels thick, in colours (N, 3)."""
-    parts = (torch.from_numpy(np.ascontiguousarray(part, np.float32)) for part in (curves, thickness, color))
-    return strokes_along(*parts, torch.full((len(curves),), opacity))
+    line, thick, shade = (
+        torch.from_numpy(np.ascontiguousarray(part, np.float32)) for part in (curves, thickness, color)
+    )
+    return strokes_along(line, thick, shade, torch.full((len(curves),), opacity))
 
 
 def sampled_at(picture: Array, x: Array, y: Array) -> Array:
