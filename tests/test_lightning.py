@@ -43,7 +43,7 @@ ENDS = {
 
 @pytest.mark.parametrize("end", ENDS)
 def test_what_ends_a_fit_before_its_plan_is_told(end, tmp_path, monkeypatch):
-    monkeypatch.setattr("brushexp.painting.painter.STEPS_PER_EPOCH", 10)
+    monkeypatch.setattr("brushexp.painting.painting_module.STEPS_PER_EPOCH", 10)
     options, callbacks, status = ENDS[end]
     painter = painter_of(steps=26)
     trainer = fit(painter, [*callbacks, TimedCheckpoint(tmp_path / "it.ckpt", None)], **options)
@@ -123,14 +123,14 @@ PLANS = {
 @pytest.mark.parametrize("steps", [11, 14])
 @pytest.mark.parametrize("plan", PLANS)
 def test_a_resumed_fit_ends_as_an_uninterrupted_one(plan, steps, tmp_path, monkeypatch):
-    monkeypatch.setattr("brushexp.painting.painter.STEPS_PER_EPOCH", 7)
+    monkeypatch.setattr("brushexp.painting.painting_module.STEPS_PER_EPOCH", 7)
     assert_resumes(PLANS[plan], steps, tmp_path)
 
 
 @pytest.mark.filterwarnings("ignore:Checkpoint directory")
 @pytest.mark.parametrize("options", [{"every_n_train_steps": 7}, {"every_n_epochs": 1}], ids=["step", "epoch"])
 def test_a_fit_goes_on_from_the_end_of_an_epoch(options, tmp_path, monkeypatch):
-    monkeypatch.setattr("brushexp.painting.painter.STEPS_PER_EPOCH", 7)
+    monkeypatch.setattr("brushexp.painting.painting_module.STEPS_PER_EPOCH", 7)
     straight, again = (painter_of(steps=24) for _ in range(2))
     kept = [ModelCheckpoint(tmp_path, filename="{step}", save_top_k=-1, **options) for _ in range(2)]
     whole = fit(straight, kept[:1])
