@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from brushexp.results.paired import Difference
 
-PANELS = ("psnr", "psnr_alpha", "ssim", "edges", "perceptual", "fid_effl0", "seconds")  # of these as many as have room
+PANELS = ("psnr", "psnr_alpha", "ssim", "edges", "perceptual", "fid_effl0", "cpu_seconds")  # of these as many as have room
 MOST_PANELS = 4
 ROW, TALLEST = 0.16, 30.0  # inches: of a letter, of a figure
 LABEL = 28  # letters in a line of a label

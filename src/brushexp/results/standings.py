@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 QUALITY = {key: METRICS[key] for key in ("psnr", "ssim")} | {"ms_ssim": Metric("MS-SSIM", 4, "higher")}
 QUALITY |= {key: METRICS[key] for key in ("l1", "perceptual", "lpips_alexnet", "lpips_squeeze", "lpips_vgg16")}
-COSTS = {"seconds": METRICS["seconds"], "cpu_seconds": Metric("CPU, s", 1, "lower")}
+COSTS = {"seconds": METRICS["seconds"], "cpu_seconds": METRICS["cpu_seconds"]}
 COSTS |= {"peak_memory_mb": Metric("memory, MB", 0, "lower")}
 COLUMNS = QUALITY | COSTS
 DEFAULT_PAINTER = "gradient"  # of runs that do not say which

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -123,7 +124,7 @@ def _section(page: Path, name: str, study: Study | None, question: str) -> list[
     head = [f"## {name}", "", question, ""]
     if study is None:
         return [*head, f"Not run. `brushexp {EXPERIMENT}{name}`", ""]
-    lines = [*head, f"`{shlex.join(['brushexp', *map(_short, study.words)])}`", "", f"{_told(study)}", ""]
+    lines = [*head, f"`{shlex.join(['brushexp', *_short(study.words)])}`", "", f"{_told(study)}", ""]
     found = [] if study.table is None else paired_differences(study.table)
     if found:
         picture = page.with_suffix("") / f"{name}.png"
@@ -133,10 +134,13 @@ def _section(page: Path, name: str, study: Study | None, question: str) -> list[
     return lines
 
 
-def _short(word: str) -> str:
-    """A word without the folders of this machine."""
-    key, _, value = word.partition("=")
-    return word if "/" not in value else f"{key}={','.join(Path(part.strip('[]')).name for part in value.split(','))}"
+def _short(words: Sequence[str]) -> list[str]:
+    """A command line as it was typed, without the folders of this machine."""
+    plain = [re.sub(r"^hydra\.sweeper\.pictures=\[(.*)\]$", r"pictures=\1", word).replace('"', "") for word in words]
+    plain = [word for word in plain if word != "hydra.sweeper.lenient=true"]
+    return [
+        re.sub(r"[^=,]*/([^/,]+)", r"\1", word) for word in sorted(plain, key=lambda w: not w.startswith(EXPERIMENT))
+    ]
 
 
 def _told(study: Study) -> str:
@@ -153,11 +157,11 @@ def _told(study: Study) -> str:
 
 
 def _study_table(study: Study, found: Sequence[Difference]) -> str:
-    """A row per setting: the mean of the first metric, and differences to the first setting."""
+    """A row per setting: the mean of the first metric where all were run, and differences to the first setting."""
     metrics = [key for key in PANELS if any(one.metric == key for one in found)][: SHOWN - 1]
-    metrics += [key for key in ("seconds",) if key not in metrics and any(one.metric == key for one in found)]
+    metrics += [key for key in ("cpu_seconds",) if key not in metrics and any(one.metric == key for one in found)]
     assert study.table is not None
-    means = study.table.groupby(level=0, sort=False).mean()
+    means = study.table.loc[(slice(None), study.units), :].groupby(level=0, sort=False).mean()
     rows = []
     for option in means.index:
         row = {
@@ -166,9 +170,7 @@ def _study_table(study: Study, found: Sequence[Difference]) -> str:
         }
         for key in metrics:
             one = next((d for d in found if d.option == option and d.metric == key), None)
-            row[f"change of {METRICS[key].name}"] = (
-                "reference" if one is None else f"{one.shown(one.mean)} {one.bounds}"
-            )
+            row[f"{METRICS[key].name}, change"] = "reference" if one is None else f"{one.shown(one.mean)} {one.bounds}"
         first = next((d for d in found if d.option == option and d.metric == metrics[0]), None)
         row["better on"] = "" if first is None else f"{sum(g > 0 for g in first.gains.values())} of {len(first.gains)}"
         rows.append(row)

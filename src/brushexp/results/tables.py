@@ -64,6 +64,7 @@ METRICS = {  # those that tables and plots show, in this order, if some run has 
     "parameters": Metric("parameters", 0, ""),
     "file_mb": Metric("file, MB", 2, ""),
     "seconds": Metric("optimisation, s", 1, "lower", 0.1, ratio=True),
+    "cpu_seconds": Metric("CPU, s", 1, "lower", 0.1, ratio=True),
     "n_strokes": Metric("strokes painted", 0, ""),
 }
 DIGITS = {key: metric.digits for key, metric in METRICS.items()}
