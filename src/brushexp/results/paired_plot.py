@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from string import ascii_letters
+from string import ascii_lowercase, ascii_uppercase
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,9 +18,18 @@ if TYPE_CHECKING:
 
     from brushexp.results.paired import Difference
 
-PANELS = ("psnr", "psnr_alpha", "ssim", "edges", "perceptual", "fid_effl0", "cpu_seconds")  # of these as many as have room
+PANELS = (
+    "psnr",
+    "psnr_alpha",
+    "ssim",
+    "edges",
+    "perceptual",
+    "fid_effl0",
+    "cpu_seconds",
+)  # of these as many as have room
 MOST_PANELS = 4
 ROW, TALLEST = 0.16, 30.0  # inches: of a letter, of a figure
+LETTERS = ascii_uppercase + ascii_lowercase
 LABEL = 28  # letters in a line of a label
 
 
@@ -45,9 +54,7 @@ def write_paired_plot(path: Path, found: Sequence[Difference], title: str) -> Pa
     plotting.entitle(
         figure, path.parent / title, f"against {reference}; letters are {found[0].unit}s, bars their mean and interval"
     )
-    names = "   ".join(
-        f"{letter} {plotting.without_math(unit)}" for letter, unit in zip(ascii_letters, units, strict=False)
-    )
+    names = "   ".join(f"{letter} {plotting.without_math(unit)}" for letter, unit in zip(LETTERS, units, strict=False))
     figure.supxlabel(plotting.folded(names, 150, most=6), fontsize=9, color=INK)
     return plotting.save_figure(figure, path)
 
@@ -65,5 +72,7 @@ def _panel(axes: Axes, rows: dict[str, Difference], options: Sequence[str], unit
         axes.plot([one.mean, one.mean], [row - 0.42, row + 0.42], color=COLORS[0], linewidth=1.6)
         for k, unit in enumerate(units):
             if unit in one.gains:
-                letter = ascii_letters[k % len(ascii_letters)]
-                axes.plot(one.gains[unit], row + heights[k], marker=f"${letter}$", color=INK, markersize=5.5)
+                letter = LETTERS[k % len(LETTERS)]
+                axes.plot(
+                    one.gains[unit], row + heights[k], marker=rf"$\mathrm{{{letter}}}$", color=INK, markersize=5.5
+                )
