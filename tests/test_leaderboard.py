@@ -50,6 +50,7 @@ def runs(tmp_path):
         painted(folder, image, psnr + 2, 50, chosen={"seed": "1"})
         painted(folder, image, psnr - 5 + (image == "a"), 50, "greedy", anytime=[[0.5, psnr - 9], [1, psnr - 4]])
     painted(folder, "a", 25.0, 90)
+    painted(folder, "a", 24.0, 90, "greedy", chosen={"painter": "greedy_fast"})  # a preset
     make_run(folder, {"task": "train"}, psnr=1.0)
     painted(folder, "a", 1.0, 50, status="failed")
     return folder
@@ -65,7 +66,12 @@ def test_means_are_of_the_same_pictures_and_differences_are_paired(runs, tmp_pat
     assert both.against_best(ours) is None
     mean, low, high = both.against_best(greedy)
     assert (mean, low, high) == pytest.approx((-5.5, *stats.t.interval(0.95, 1, loc=-5.5, scale=0.5)))
-    assert [(row.painter, row.strokes) for row in alone.rows] == [("gradient", 50), ("greedy", 50), ("gradient", 90)]
+    assert [(row.painter, row.strokes) for row in alone.rows] == [
+        ("gradient", 50),
+        ("greedy", 50),
+        ("gradient", 90),
+        ("greedy_fast", 90),
+    ]
     assert [one.source[-1] for one in both.published] == ["1", "3"]  # not those of another size
     assert ours.psnr_at(0.5) is None
     assert (ours.psnr_at(2), greedy.psnr_at(2)) == (26, 21)  # what is done stays

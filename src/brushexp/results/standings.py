@@ -149,8 +149,9 @@ def entries_of(frame: DataFrame) -> list[Entry]:
 def _entry(run: Any, metrics: Mapping[str, Any], settings: str) -> Entry:
     asked = setting_of(run, "strokes")
     budget = int(asked) if str(asked).isdecimal() else None
+    painter = run["overrides"].get("painter") or metrics.get("painter", DEFAULT_PAINTER)  # a preset by its own name
     return Entry(
-        key=(str(metrics.get("painter", DEFAULT_PAINTER)), settings, budget),
+        key=(str(painter), settings, budget),
         target=run["target"],
         name=image_name(run),
         strokes=metrics.get("n_strokes"),
