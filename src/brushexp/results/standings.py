@@ -163,7 +163,7 @@ def _entry(run: Any, metrics: Mapping[str, Any], settings: str) -> Entry:
 
 
 def sections_of(entries: Iterable[Entry], published: Sequence[PublishedFigures] = ()) -> list[Section]:
-    """A section for every set of pictures that some painter has painted, the largest first."""
+    """A section for every set of pictures that some painter has painted, the largest and those published of first."""
     painted: dict[Any, dict[str, list[Entry]]] = {}
     names: dict[str, str] = {}
     for entry in entries:
@@ -177,7 +177,7 @@ def sections_of(entries: Iterable[Entry], published: Sequence[PublishedFigures] 
         rows.sort(key=lambda row: (row.strokes or math.inf, -row.numbers.get("psnr", np.zeros(1)).mean()))
         pictures = {target: names[target] for target in targets}
         found.append(Section(pictures, rows, [one for one in published if _is_related(one, pictures.values())]))
-    return found
+    return sorted(found, key=lambda section: (-len(section.pictures), not section.published))
 
 
 def _without_common(rows: Sequence[Row]) -> list[Row]:
