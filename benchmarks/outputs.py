@@ -2,13 +2,15 @@
 
     python benchmarks/outputs.py                      (about three minutes on two idle cores)
     python benchmarks/outputs.py --strokes 2621 --resolution 4096
+    python benchmarks/outputs.py --looks oil ink      (only how true SVG and replay of these looks are)
 
 Paints the default picture twice, as it is and at 1000 px with 10,000 strokes, then exports: each in a process of its
-own, imports included in seconds and memory. PSNR is of the SVG drawn by resvg against our own picture of the catalogue.
-Pages are opened in headless Chromium, if Playwright and Chromium are there.
+own, imports included in seconds and memory. Pages are opened in headless Chromium. PSNR is of the SVG, drawn by resvg
+and by Chromium, and of the last picture of the page's replay, all against painting.png.
 """
 
 import argparse
+import base64
 import io
 import math
 import shutil
@@ -16,7 +18,10 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pictures import ROOT
@@ -57,13 +62,55 @@ def exported(catalogue: Path, folder: Path, form: str, *overrides: str) -> Path:
     return folder / form
 
 
-def psnr(svg: Path, picture: Path) -> float:
-    """Of an SVG drawn by resvg against a PNG."""
+def psnr(drawn: bytes, painting: Path) -> float:
+    """Of a picture that another program has drawn, an encoded file, against a PNG; enlarged to its size."""
+    ours = Image.open(painting).convert("RGB")
+    theirs = Image.open(io.BytesIO(drawn)).convert("RGB").resize(ours.size)
+    return -10 * math.log10(((np.asarray(theirs, float) - np.asarray(ours, float)) ** 2).mean() / 255**2)
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """Headless, with the colours of the pages as they are."""
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415
+
+    with sync_playwright() as playwright:
+        options = ["--no-sandbox", "--disable-gpu", "--force-color-profile=srgb"]
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=options)
+        yield browser
+        browser.close()
+
+
+def replayed(browser: Any, run: Path) -> bytes:
+    """The last picture of the replay on a run's page."""
+    width, height = Image.open(run / "painting.png").size
+    tab = browser.new_page(viewport={"width": 1440, "height": round(1560 * height / width)}, reduced_motion="reduce")
+    tab.goto((run / "report.html").as_uri())
+    tab.evaluate("document.querySelector('#replay').scrollIntoView({behavior: 'instant'})")
+    tab.wait_for_selector("#replay-stage[data-live=yes][data-busy=false]", timeout=120_000)
+    address = tab.evaluate("document.querySelector('.replay-paint').toDataURL()")
+    return base64.b64decode(address.partition(",")[2])
+
+
+def vectors(looks: Sequence[str], folder: Path) -> None:
+    """Print how true the SVG and the replay of each look are."""
     import resvg_py  # noqa: PLC0415
 
-    drawn = Image.open(io.BytesIO(bytes(resvg_py.svg_to_bytes(svg_path=str(svg))))).convert("RGB")
-    ours = Image.open(picture).convert("RGB")
-    return -10 * math.log10(((np.asarray(drawn, float) - np.asarray(ours, float)) ** 2).mean() / 255**2)
+    print(
+        "| look | SVG in resvg, dB | SVG in Chromium, dB | replay, dB | SVG, MB | page, MB |\n|---|---|---|---|---|---|"
+    )
+    for look in looks:
+        run = folder / look
+        program(f"look={look}", "frames=0", f"output={run}")
+        painting, svg = run / "painting.png", run / "strokes.svg"
+        by_resvg = bytes(resvg_py.svg_to_bytes(svg_path=str(svg)))
+        with chromium() as browser:
+            width, height = Image.open(painting).size
+            tab = browser.new_page(viewport={"width": width, "height": height})
+            tab.goto(svg.as_uri())
+            found = [psnr(drawn, painting) for drawn in (by_resvg, tab.screenshot(), replayed(browser, run))]
+        sizes = [path.stat().st_size / 1e6 for path in (svg, run / "report.html")]
+        print(f"| `{look}` |", " | ".join(f"{value:.1f}" for value in [*found, *sizes]), "|", flush=True)
 
 
 def page(run: Path) -> None:
@@ -76,18 +123,11 @@ def page(run: Path) -> None:
     begin = time.perf_counter()
     path = write_run_page(run)
     print(f"\nreport.html: written in {time.perf_counter() - begin:.2f} s, {path.stat().st_size / 1e6:.2f} MB")
-    chromium = shutil.which("chromium")
-    try:
-        from playwright.sync_api import sync_playwright  # noqa: PLC0415
-    except ImportError:
-        return
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
+    with chromium() as browser:
         tab = browser.new_page(viewport={"width": 1440, "height": 900})
         begin = time.perf_counter()
         tab.goto(path.as_uri())
         print(f"opened in {time.perf_counter() - begin:.2f} s, replayed at {tab.evaluate(PLAY):.0f} frames/s")
-        browser.close()
 
 
 def main() -> None:
@@ -95,9 +135,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--strokes", type=int, default=10_000, help="of the larger painting")
     parser.add_argument("--resolution", type=int, default=8192, help="of the largest pictures")
+    parser.add_argument("--looks", nargs="+", help="only how true SVG and replay of these looks are")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
+        if options.looks:
+            vectors(options.looks, folder)
+            return
         program("look=plain", "report=false", f"output={folder / 'default'}")
         program(
             "look=plain",
@@ -109,14 +153,12 @@ def main() -> None:
         )
         catalogue = folder / "default" / "catalogue.h5"
         print("| export of the default painting | seconds | MB | memory MB |\n|---|---|---|---|")
-        svg = exported(catalogue, folder, "svg")
-        for form in ("json", "csv", "gcode", "hpgl", "process", "relief"):
+        for form in ("svg", "json", "csv", "gcode", "hpgl", "process", "relief"):
             exported(catalogue, folder, form)
         exported(catalogue, folder, "png", f"resolution={options.resolution}")
         exported(catalogue, folder / "large", "relief", f"resolution={options.resolution}")
         seconds, memory = program("task=analyse", f"catalogue={catalogue}", f"output={folder / 'analysis'}")
         print(f"| `task=analyse` | {seconds:.1f} | | {memory:.0f} |")
-        print(f"\nSVG by resvg: {psnr(svg / 'strokes.svg', folder / 'default' / 'painting.png'):.2f} dB")
         page(folder / "many")
 
 

@@ -26,7 +26,7 @@ from brushexp.stress.report import draw_matrix, matrix_csv, matrix_text, outcome
 from brushexp.stress.scenes import SCENES, random_strokes, random_target
 from brushexp.strokes.catalogue import FARTHEST, Catalogue, check_strokes, drawable
 
-SLOW_SCENES = ("50,000 on one pixel", "canvas 8192 x 64")  # the study alone has the time for them
+SLOW_SCENES = ("10,000 on one pixel", "canvas 8192 x 8")  # the study alone has the time for them
 RENDERERS = {plugin.name: frozen_renderer(plugin.name) for plugin in plugins("renderer")}
 FORMULAS = [name for name, renderer in RENDERERS.items() if renderer.warm_up is None]
 BLENDS = {plugin.name: build_named("blend", plugin.name, {}) for plugin in plugins("blend")}

@@ -319,7 +319,7 @@ class ExtremesTask(Task):
     blends: list[str] | None = key(None, "names; null = all")
     dtypes: list[str] | None = key(None, "names; null = float64, float32, bfloat16 and float16")
     scenes: list[str] | None = key(None, "names, as the tables have them; null = all")
-    patience: float = key(10, "seconds after which a cell takes no further of its up to 10,000 steps", at_least(0))
+    patience: float = key(5, "seconds after which a cell takes no further of its up to 1,000 steps", at_least(0))
 
 
 TASKS: dict[str, type[Task]] = {task.__name__.removesuffix("Task").lower(): task for task in Task.__subclasses__()}

@@ -1,6 +1,7 @@
 """A finished painting in memory: its strokes, its pictures and its numbers, and the files that it makes."""
 
 import time
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 from brushexp.features.distance import Distance
 from brushexp.painting.assembly import STYLE
 from brushexp.painting.metrics import measure, picture_psnr
-from brushexp.painting.outputs import export_job, renderer_of
+from brushexp.painting.outputs import export_job
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.timelapse import Timelapse
 from brushexp.painting.wet import wetted
@@ -61,7 +62,9 @@ def finish(painter: PaintingModule, cfg: DictConfig, timelapse: Timelapse, lpips
     strokes, front_to_back = wetted(painter, cfg.wet)
     saved = saved_of(painter, cfg, strokes, front_to_back)
     flat, target = to_bytes(canvas.draw(strokes, front_to_back)), to_bytes(canvas.target)
-    job = export_job(saved, renderer_of(saved), painter.components.blend, saved.renderer, source=cfg.image)
+    job = export_job(
+        saved, deepcopy(painter.renderer).cpu(), painter.components.blend, saved.renderer, source=cfg.image
+    )
     measured = measure(flat, target, lpips, canvas.focus)
     picture = flat
     if job.light.depth:

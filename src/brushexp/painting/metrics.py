@@ -7,8 +7,7 @@ import torch
 from torch import Tensor
 
 from brushexp.features.distance import Distance, perceptual_distance
-
-SSIM_WINDOW = 11  # pixels, side of the windows that SSIM compares
+from brushexp.plugins.loss.ssim import RADIUS, dissimilarity, statistics
 
 
 def picture_psnr(painting: np.ndarray, target: np.ndarray) -> float:
@@ -28,19 +27,15 @@ def measure(
     the metric of its label, lpips_alexnet for instance; with ``focus`` (H, W) psnr_focus, of the mean squared error
     weighted so.
     """
-    from torchmetrics.functional.image import (  # noqa: PLC0415  (takes seconds to import)
-        structural_similarity_index_measure,
-    )
-
     a, b = (torch.from_numpy(picture).permute(2, 0, 1).to(torch.float32) / 255 for picture in (painting, target))
     squares, slopes = (a - b).double().square(), [(a - b).diff(dim=axis).abs().flatten() for axis in (1, 2)]
     found: dict[str, float | str | None] = {"psnr": psnr_of(float(squares.mean()))}
     if focus is not None:
         weights = focus.cpu().double()
         found["psnr_focus"] = psnr_of(float((squares * weights / weights.mean()).mean()))
-    is_wide = min(painting.shape[:2]) >= SSIM_WINDOW
+    is_wide = min(painting.shape[:2]) >= 2 * RADIUS + 1
     found |= {
-        "ssim": float(structural_similarity_index_measure(a[None], b[None], data_range=1.0)) if is_wide else None,  # type: ignore[arg-type]
+        "ssim": 1 - float(dissimilarity(a, b, *statistics(b)).mean()) if is_wide else None,
         "l1": float((a - b).abs().mean()),
         "edges": float(torch.cat(slopes).mean()) if any(map(len, slopes)) else None,
         "perceptual": perceptual_distance(a, b),

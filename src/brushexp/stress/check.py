@@ -13,6 +13,7 @@ from lightning.pytorch.callbacks import Timer
 from torch import Tensor
 
 from brushexp.compositing.layers import Layers
+from brushexp.compositing.mixing import mixing
 from brushexp.errors import UserError
 from brushexp.painting.components import Stage, standard_components
 from brushexp.painting.painter import Painter
@@ -21,7 +22,15 @@ from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.optimizer.torch_optim import TorchOptim
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build_named
-from brushexp.stress.scenes import BACKGROUND, TARGETS, StressScene, one_bright_pixel, random_strokes, random_target
+from brushexp.stress.scenes import (
+    BACKGROUND,
+    SPACES,
+    TARGETS,
+    StressScene,
+    one_bright_pixel,
+    random_strokes,
+    random_target,
+)
 from brushexp.strokes.catalogue import FIELDS, PRECISE, Catalogue, Strokes, drawable
 
 DTYPES = {"float64": torch.float64, "float32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16}
@@ -32,7 +41,7 @@ GRADIENT_BOUNDS = {"float64": 1e-6, "float32": 1e-3, "bfloat16": 2**-8, "float16
 NEGLIGIBLE_SHARE = 1e-3  # of the sum of |dL/dI| over all pixels, below which a gradient moves nothing
 PROBED_STROKES, PROBED_PIXELS = 64, 2000  # at which alpha is looked at, at most
 CRASHES = (RuntimeError, TypeError, ValueError, LookupError, ArithmeticError, MemoryError, AssertionError)
-CANVAS, STROKES, FEW = (16, 25), 8, 3  # strokes; and of a renderer that is slow
+CANVAS, STROKES, FEW = (16, 25), 8, 2  # strokes; and of a renderer that is slow
 USUAL = 0.02  # learning rate
 
 
@@ -78,7 +87,7 @@ class Exercise:
     """What strokes are put through: a target (3, H, W), gradient steps, and the learning rate of Adam.
 
     ``parts`` are other components than usual: family -> name and options. The strokes may come to ``growth`` times as
-    many, and ``focus`` (H, W), of mean 1, weighs the pixels.
+    many, ``focus`` (H, W), of mean 1, weighs the pixels, and ``color`` is the space in which the strokes mix.
     """
 
     target: Tensor
@@ -87,11 +96,12 @@ class Exercise:
     parts: Mapping[str, tuple[str, dict[str, Any]]] = field(default_factory=dict)
     growth: int = 1
     focus: Tensor | None = None
+    color: str = "rgb"
 
 
 EXERCISES = {
     "learning rate x 100": Exercise(random_target(CANVAS), 60, 100 * USUAL),
-    "10,000 steps": Exercise(random_target(CANVAS), 10_000),
+    "1,000 steps": Exercise(random_target(CANVAS), 1000),
     "parts of the canvas": Exercise(
         random_target(CANVAS), parts={"sampler": ("patches", {"n_active": 2, "n_ring": 1, "patch": 9})}
     ),
@@ -99,6 +109,7 @@ EXERCISES = {
         random_target(CANVAS), parts={"density": ("adaptive", {"rounds": 3, "moved": 0.5})}, growth=4
     ),
     "focus on one pixel": Exercise(random_target(CANVAS), focus=one_bright_pixel(CANVAS)[0] * CANVAS[0] * CANVAS[1]),
+    **{f"mixing in {space}": Exercise(TARGETS["target 0"](CANVAS), color=space) for space in SPACES},
     **{name: Exercise(target(CANVAS)) for name, target in TARGETS.items()},
 }
 
@@ -108,13 +119,18 @@ def draw_scene(renderer: Renderer, blend: Blend, scene: StressScene, strokes: St
     strokes = strokes.map(lambda value: value.detach().clone().requires_grad_())
     layers = renderer(strokes)
     order = torch.arange(len(strokes)) if scene.order is None else scene.order
-    image = blend(layers, order, scene.size, torch.tensor(BACKGROUND)).image
+    image = in_space(blend, scene.color)(layers, order, scene.size, torch.tensor(BACKGROUND)).image
     error = image - scene.target.to(image)
     if image.requires_grad:
         error.square().mean().backward()
     gradient = {name: torch.zeros_like(v) if v.grad is None else v.grad for name, v in strokes.items()}
     pull = float(2 * error.detach().double().abs().mean())
     return DrawnScene(image.detach(), gradient, pull, _alpha_fault(layers, scene.size))
+
+
+def in_space(blend: Blend, color: str) -> Blend:
+    """The same blend in a colour space."""
+    return mixing(blend, build_named("color", color, {}))
 
 
 class Reference:
@@ -163,7 +179,8 @@ def check_painting(
     """
     precise, kind = deepcopy(renderer).double(), DTYPES[dtype]
     stage = Stage(name, precise if dtype == "float64" else renderer, exercise.steps)
-    components = standard_components(stages=[stage], blend=blend, optimizer=TorchOptim(lr=exercise.rate))
+    optimizer = TorchOptim(lr=exercise.rate)
+    components = standard_components(stages=[stage], blend=in_space(blend, exercise.color), optimizer=optimizer)
     components = replace(components, **{family: build_named(family, *part) for family, part in exercise.parts.items()})
     strokes = random_strokes(STROKES if renderer.warm_up is None else FEW, CANVAS).map(lambda value: value.to(kind))
     quiet: dict[str, Any] = dict.fromkeys(("logger", "enable_checkpointing", "enable_progress_bar"), False)
@@ -177,7 +194,8 @@ def check_painting(
         L.Trainer(accelerator="cpu", max_epochs=-1, callbacks=[timer], enable_model_summary=False, **quiet).fit(painter)
         picture = painter.drawn()
         strokes = painter.catalogue().map(Tensor.detach)
-        scene = StressScene(strokes, exercise.target, len(strokes), painter.depth.front_to_back)
+        order = painter.depth.front_to_back
+        scene = StressScene(strokes, exercise.target, len(strokes), order, exercise.color)
         exact = draw_scene(precise, blend, scene, strokes.map(Tensor.double))
     except (UserError, *CRASHES) as error:
         return check_of_error(error)

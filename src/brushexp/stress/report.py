@@ -13,7 +13,14 @@ from brushexp.stress.matrix import KINDS, MatrixCell
 # Of exact, degraded, refused and broken cells: told apart by the colour-blind too, by lightness as well as by hue.
 COLORS = ("#B7DFCB", "#F2C14E", "#C9CBD1", "#C0392B")
 ROW_INCHES, MARGIN_INCHES = 0.2, 2.5  # height of a row, and of what stands around the rows
-HEAD = """{counts}.
+HEAD = """# The matrix of extremes
+
+`brushexp experiment=extremes` has written this page; what the outcomes mean and why some cells are degraded is in \
+[numerics.md](numerics.md).
+
+![Outcomes](extremes.png)
+
+{counts}.
 
 The number is the largest difference of a pixel from float64, or, marked *g*, the relative difference of a gradient \
 where only that is out of bounds. float64 is compared with every stroke at every pixel (`blend=dense`): it shows what \

@@ -1,6 +1,7 @@
 """Extreme scenes: strokes, a canvas and a target each, from empty to absurd.
 
-Everything is random with a fixed seed, in float32, and within `strokes.catalogue.FIELDS`.
+Everything is random with a fixed seed, in float32, and within `strokes.catalogue.FIELDS`. To be imported when plugins
+are loaded: there is a scene for each colour space.
 """
 
 import math
@@ -12,6 +13,7 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from brushexp.compositing.layers import Size
+from brushexp.registry import plugins
 from brushexp.strokes.catalogue import FARTHEST, Strokes
 
 CANVAS = (24, 37)  # height and width, unless a scene is about them; not a multiple of a tile, and not square
@@ -26,13 +28,15 @@ class StressScene:
     """What is drawn and compared: strokes, against a target (3, H, W) in [0, 1] as large as the canvas.
 
     ``wanted`` are the strokes that the scene is about; ``strokes`` are fewer where so many would take too long.
-    ``order`` (N,) are their numbers, the uppermost first; None for as they come.
+    ``order`` (N,) are their numbers, the uppermost first; None for as they come. ``color`` is the space in which they
+    mix.
     """
 
     strokes: Strokes
     target: Tensor
     wanted: int
     order: Tensor | None = None
+    color: str = "rgb"
 
     @property
     def size(self) -> Size:
@@ -84,11 +88,13 @@ class Recipe:
     canvas: Size = CANVAS
     scale: tuple[float, float] = (8.0, 24.0)
     target: Callable[[Size], Tensor] = random_target
+    color: str = "rgb"  # space in which they mix
 
     def scene(self, most: int) -> StressScene:
         """The scene with at most so many strokes: a network draws a thousand times more slowly than a formula."""
         strokes = random_strokes(min(most, self.wanted), self.canvas, scale=self.scale)
-        return StressScene(replace(strokes, **self.change(strokes)), self.target(self.canvas), self.wanted)
+        changed, target = replace(strokes, **self.change(strokes)), self.target(self.canvas)
+        return StressScene(changed, target, self.wanted, color=self.color)
 
 
 def _on_one_pixel(strokes: Strokes) -> Changes:
@@ -124,6 +130,11 @@ def _thick(strokes: Strokes) -> Changes:
     }  # fmt: skip
 
 
+def _pure(strokes: Strokes) -> Changes:
+    """Channels of 0 and 1 alone, where colour spaces are steepest."""
+    return {"color": strokes.color.round()}
+
+
 def _far_windows(strokes: Strokes) -> Changes:
     """On the canvas, but with the middle of their windows 1e6 px away, where float32 has steps of 1/16 px."""
     near = 8 + 0.7 * strokes.position - FARTHEST
@@ -132,6 +143,7 @@ def _far_windows(strokes: Strokes) -> Changes:
     return points | {"position": place, "scale": side, "width": 16 / 2000 * strokes.width}
 
 
+SPACES = [plugin.name for plugin in plugins("color") if plugin.name != "rgb"]  # which all other scenes mix in
 TARGETS: dict[str, Callable[[Size], Tensor]] = {
     "target 0": lambda size: torch.zeros(3, *size),
     "target 1": lambda size: torch.ones(3, *size),
@@ -143,7 +155,7 @@ SCENES: dict[str, Recipe] = {
     "no strokes": Recipe(wanted=0),
     "one stroke": Recipe(lambda strokes: {"position": 0 * strokes.position + torch.tensor([18.0, 12.0])}, 1,
                          scale=(20.0, 24.0)),
-    "50,000 on one pixel": Recipe(_on_one_pixel, 50_000, (2, 3), (2.0, 6.0)),
+    "10,000 on one pixel": Recipe(_on_one_pixel, 10_000, (2, 3), (2.0, 6.0)),
     "200 coincident": Recipe(_coincident, 200),
     "all transparent": Recipe(lambda strokes: {"opacity": 0 * strokes.opacity}),
     "all opaque": Recipe(lambda strokes: {"opacity": torch.ones_like(strokes.opacity)}),
@@ -154,7 +166,8 @@ SCENES: dict[str, Recipe] = {
     "1e6 px off the canvas": Recipe(lambda strokes: {"position": torch.where(strokes.start > 0, FARTHEST, -FARTHEST)}),
     "windows 1e6 px away": Recipe(_far_windows),
     "canvas 1 x 1": Recipe(canvas=(1, 1)),
-    "canvas 8192 x 64": Recipe(wanted=2, canvas=(64, 8192), scale=(100.0, 4000.0)),
+    "canvas 8192 x 8": Recipe(wanted=2, canvas=(8, 8192), scale=(100.0, 4000.0)),
+    **{f"pure colours in {space}": Recipe(_pure, color=space) for space in SPACES},
     **{name: Recipe(target=target) for name, target in TARGETS.items()},
 }  # fmt: skip
 

@@ -50,7 +50,7 @@ class CellInitializer(Initializer):
         flat = self.cells(target, n, generator, focus).ravel()
         _, height, width = target.shape
         picture = target.numpy().astype(np.float64)
-        centre, covariance, area = _moments(flat, n, height, width)
+        centre, covariance, area = _moments(_coordinates(height, width), flat, n)
         color = cell_means(picture.reshape(3, -1), flat, n)
         pitch = math.sqrt(height * width / n)
         scale = max(WINDOW_PITCHES * pitch, MIN_WINDOW_PIXELS)
@@ -83,7 +83,7 @@ class CellInitializer(Initializer):
 def joined(labels: Array, n: int) -> Array:
     """Keep the ``n`` largest cells of a partition (H, W); every other one joins the nearest of them."""
     flat = labels.ravel()
-    centre, _, area = _moments(flat, int(flat.max()) + 1, *labels.shape)
+    centre, _, area = _moments(_coordinates(*labels.shape), flat, int(flat.max()) + 1)
     kept = np.sort(np.argsort(-area, kind="stable")[:n])
     heir = nearest(centre.T[kept], centre.T)
     heir[kept] = np.arange(n)
@@ -99,18 +99,17 @@ def nearest(points: Array, to: Array) -> Array:
 
 def cut(flat: Array, pieces: Array, height: int, width: int) -> Array:
     """Cut cells (H * W,) across their longer axis, again and again, until each is in its number of pieces (n,)."""
-    x, y = _coordinates(height, width)
+    points = _coordinates(height, width)
     flat, pieces = flat.copy(), pieces.copy()
     while (pieces > 1).any():
         n = len(pieces)
-        centre, covariance, _ = _moments(flat, n, height, width)
-        angle = along_edges(-covariance)  # the longer axis
         pixel = np.flatnonzero((pieces > 1)[flat])
         cell = flat[pixel]
-        along = (x[pixel] - centre[0, cell]) * np.cos(angle[cell]) + (y[pixel] - centre[1, cell]) * np.sin(angle[cell])
-        order = np.lexsort((along, cell))
+        centre, covariance, count = _moments(points[:, pixel], cell, n)
+        angle = along_edges(-covariance)  # the longer axis
+        across, down = points[:, pixel] - centre[:, cell]
+        order = np.lexsort((across * np.cos(angle)[cell] + down * np.sin(angle)[cell], cell))
         pixel, cell = pixel[order], cell[order]
-        count = np.bincount(cell, minlength=n)
         rank = np.arange(len(cell)) - (np.cumsum(count) - count)[cell]
         part = pieces // 2
         moves = rank < (count * part // pieces)[cell]
@@ -127,13 +126,12 @@ def _coordinates(height: int, width: int) -> Array:
 
 
 def cell_means(values: Array, flat: Array, n: int) -> Array:
-    """Mean (C, n) of values (C, H * W) over each cell."""
-    return np.stack([np.bincount(flat, value, n) for value in values]) / np.bincount(flat, minlength=n)
+    """Mean (C, n) of values (C, P) of pixels over each cell; 0 where a cell has none."""
+    return np.stack([np.bincount(flat, value, n) for value in values]) / np.bincount(flat, minlength=n).clip(1)
 
 
-def _moments(flat: Array, n: int, height: int, width: int) -> tuple[Array, Array, Array]:
-    """Centre (2, n), covariance (3, n: xx, xy, yy) and area (n,) of each cell, pixels."""
-    points = _coordinates(height, width)
+def _moments(points: Array, flat: Array, n: int) -> tuple[Array, Array, Array]:
+    """Centre (2, n), covariance (3, n: xx, xy, yy) and area (n,) of each cell of pixels at points (2, P)."""
     centre = cell_means(points, flat, n)
     dx, dy = points - centre[:, flat]
     return centre, cell_means(np.stack([dx * dx, dx * dy, dy * dy]), flat, n), np.bincount(flat, minlength=n)

@@ -70,10 +70,11 @@ def refined(labels: np.ndarray, n: int, picture: np.ndarray, focus: np.ndarray |
     if labels.max() >= n:
         return joined(labels, n)
     flat, channels = labels.ravel(), picture.reshape(3, -1).astype(np.float64)
+    squares = channels**2
     for left in range(REFINEMENT_ROUNDS, 0, -1):
         k = int(flat.max()) + 1
         area = np.bincount(flat, minlength=k)
-        variance = (cell_means(channels**2, flat, k) - cell_means(channels, flat, k) ** 2).sum(0).clip(0)
+        variance = (cell_means(squares, flat, k) - cell_means(channels, flat, k) ** 2).sum(0).clip(0)
         weight = area * np.sqrt(variance + GREY_LEVEL**2)
         if focus is not None:
             weight *= np.bincount(flat, focus.ravel(), minlength=k) / area
