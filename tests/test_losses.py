@@ -193,3 +193,5 @@ def test_metrics_hold_the_official_distance_if_there_is_a_file(tmp_path):
     shown = [torch.tensor(x).permute(2, 0, 1) / 255 for x in (a, b)]
     assert found["lpips_alexnet"] == pytest.approx(float(distance(*shown)))
     assert found == measure(a, b) | {"lpips_alexnet": found["lpips_alexnet"]}
+    similarity = structural_similarity_index_measure(*(picture[None].double() for picture in shown), data_range=1.0)
+    assert found["ssim"] == pytest.approx(float(similarity), abs=1e-6)

@@ -7,6 +7,7 @@ from painters import take
 from scenes import Windowed, random_strokes
 
 from brushexp.compositing import bands
+from brushexp.painting import painter_state
 from brushexp.painting.components import Stage
 from brushexp.painting.painter import Painter
 from brushexp.plugins.blend.tiled import Tiled
@@ -85,6 +86,18 @@ def test_bands_draw_only_the_strokes_that_touch_them_and_get_lower_where_those_a
     held.clear()
     painter.drawn()
     assert sum(held) < 2 * 60
+
+
+def test_kernels_are_gone_through_once_for_painters_of_the_same_parts(monkeypatch):
+    monkeypatch.setattr(painter_state, "_compiled", set())
+    monkeypatch.setattr(torch.Tensor, "backward", lambda self: gone.append(self))
+    gone, errors = [], []
+    for options in ({}, {}, {"renderer": Analytic(soft=3.0)}, {"blend": Tiled(opaque=0.1)}):
+        painter = some_painter(**options)
+        painter_state.compile_kernels(painter)
+        errors.append(painter.picture.error)
+    assert len(gone) == 3
+    assert errors[0] == errors[1] != errors[2], "each has looked at its picture"
 
 
 def test_a_line_search_may_look_anywhere():
