@@ -26,7 +26,8 @@ from brushexp.stress.report import draw_matrix, matrix_csv, matrix_text, outcome
 from brushexp.stress.scenes import SCENES, random_strokes, random_target
 from brushexp.strokes.catalogue import FARTHEST, Catalogue, check_strokes, drawable
 
-SLOW_SCENES = ("10,000 on one pixel", "canvas 8192 x 8")  # the study alone has the time for them
+# The study alone has the time for them, and for the kernels of seven channels.
+SLOW_SCENES = ("10,000 on one pixel", "canvas 8192 x 8", "pure colours in pigment", "mixing in pigment")
 RENDERERS = {plugin.name: frozen_renderer(plugin.name) for plugin in plugins("renderer")}
 FORMULAS = [name for name, renderer in RENDERERS.items() if renderer.warm_up is None]
 BLENDS = {plugin.name: build_named("blend", plugin.name, {}) for plugin in plugins("blend")}
@@ -68,7 +69,7 @@ def test_no_scene_breaks_a_network(scene):
             assert found.picture is None or found.picture <= LEAST_ALPHA, f"{name} {dtype}: {found}"
 
 
-@pytest.mark.parametrize("name", EXERCISES)
+@pytest.mark.parametrize("name", [name for name in EXERCISES if name not in SLOW_SCENES])
 @no_eval_warning
 def test_no_target_and_no_rate_spoils_the_strokes(name):
     short = replace(EXERCISES[name], steps=min(EXERCISES[name].steps, 40))
