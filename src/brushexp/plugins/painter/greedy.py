@@ -76,7 +76,7 @@ class Greedy(PaintingMethod):
         """Points and half of the thickness (7,) of the stroke that lowers the error most, and its colour (3,)."""
         k, opacity = self.candidates, np.float32(self.opacity)
         middle = places[random.integers(len(places), size=k)] + random.uniform(-0.5, 0.5, (k, 2))
-        reach = np.exp(random.uniform(*np.log(lengths), k))
+        reach = np.exp(random.uniform(np.log(lengths[0]), np.log(lengths[1]), k))
         angle = random.uniform(0, np.pi, k)
         along = reach[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
         bend = random.normal(0, 0.25, k)[:, None] * np.stack([-along[:, 1], along[:, 0]], 1)

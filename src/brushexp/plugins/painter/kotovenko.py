@@ -1,6 +1,6 @@
 """The parametrisation and the losses of the thesis's published successor."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -87,8 +87,8 @@ class Kotovenko(PaintingMethod):
         commission: Commission,
         catalogue: Catalogue,
         losses: dict[str, tuple[float, torch.nn.Module]],
-        shape: list[Tensor],
-        colors: list[Tensor],
+        shape: Sequence[Tensor],
+        colors: Sequence[Tensor],
     ) -> None:
         """Leave the gradients of all terms at the shapes, and that of the style at the colours."""
         strokes = catalogue()

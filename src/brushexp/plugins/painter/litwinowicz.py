@@ -71,11 +71,11 @@ class Litwinowicz(PaintingMethod):
         angle = self._directions(smooth, x, y, (rows, columns))
         angle = angle + np.radians(self.stray) * random.uniform(-1, 1, len(x))
         middle, ahead = np.stack([x, y], 1), np.stack([np.cos(angle), np.sin(angle)], 1)
-        reach = 0.5 * spacing * random.uniform(*sorted(self.length), len(x))
+        reach = 0.5 * spacing * random.uniform(min(self.length), max(self.length), len(x))
         ends = [middle + way * self._grown(smooth, middle, way * ahead, reach)[:, None] * ahead for way in (-1, 1)]
         color = sampled_at(picture, x, y).T + self.stray_color / 255 * random.uniform(-1, 1, (len(x), 3))
         color = color * (1 + self.stray_intensity * random.uniform(-1, 1, (len(x), 1)))
-        thickness = spacing * random.uniform(*sorted(self.thickness), len(x))
+        thickness = spacing * random.uniform(min(self.thickness), max(self.thickness), len(x))
         curves = np.stack([ends[0], (ends[0] + ends[1]) / 2, ends[1]], 1)
         order = random.permutation(len(x))
         yield from laid(strokes_from_arrays(curves[order], thickness[order], color[order], self.opacity))
