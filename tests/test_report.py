@@ -18,6 +18,7 @@ from brushexp.errors import UserError
 from brushexp.results import contact_sheet
 from brushexp.results.contact_sheet import LIMIT, SIDE, SheetCell, draw_sheet
 from brushexp.results.runs import parse_overrides
+from brushexp.results import sweep
 from brushexp.results.sweep import SweepReport, first_line, renew
 from brushexp.results.tables import csv_table, latex_table, markdown_table, write_run_tables
 from brushexp.system.files import write_picture
@@ -232,7 +233,8 @@ CONFIG = {"loss": {"mse": {}, "kl": {}}, "hydra": {"mode": "MULTIRUN", "override
 
 
 def end_job(folder: Path, number: int, outcome: object, mode: str = "MULTIRUN") -> Path:
-    """What Hydra does at the end of a job: the outcome is a dict of numbers, or an exception."""
+    """What Hydra does at the end of a job: the outcome is a dict of numbers, or an exception; the report is due."""
+    sweep._next_report = 0.0
     run = folder / str(number)
     run.mkdir(parents=True, exist_ok=True)
     config = OmegaConf.merge(CONFIG, {"hydra": {"runtime": {"output_dir": str(run)}, "sweep": {"dir": str(folder)}}})
