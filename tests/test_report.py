@@ -15,10 +15,9 @@ from PIL import Image
 from sweeps import collect, make_grid, make_run, note, read_csv
 
 from brushexp.errors import UserError
-from brushexp.results import contact_sheet
+from brushexp.results import contact_sheet, sweep
 from brushexp.results.contact_sheet import LIMIT, SIDE, SheetCell, draw_sheet
 from brushexp.results.runs import parse_overrides
-from brushexp.results import sweep
 from brushexp.results.sweep import SweepReport, first_line, renew
 from brushexp.results.tables import csv_table, latex_table, markdown_table, write_run_tables
 from brushexp.system.files import write_picture
