@@ -11,7 +11,14 @@ from brushexp.system.reading import in_short, read_text, yaml_of
 SHIPPED_FIGURES = Path(__file__).with_suffix(".yaml")
 FIGURES = ("psnr", "ssim", "ms_ssim", "l1", "lpips_alexnet", "lpips_squeeze", "lpips_vgg16", "seconds")  # there may be
 OF_SETS = {"pictures": str, "size": list, "names": list}
-OF_ENTRIES = {"set": str, "painter": str, "source": str, "primitives": int, "what": str, "machine": str}
+OF_ENTRIES: dict[str, type | tuple[type, ...]] = {
+    "set": str,
+    "painter": str,
+    "source": str,
+    "primitives": int,
+    "what": str,
+    "machine": str,
+}
 OF_ENTRIES |= dict.fromkeys(FIGURES, (int, float))
 
 
