@@ -194,3 +194,15 @@ def test_a_program_ends_though_a_painting_does_not():
         "import brushexp; s = brushexp.iterate('chelsea', every=1, look='plain', resolution=32, strokes=9, steps=10**6)"
     )
     subprocess.run([sys.executable, "-W", "ignore", "-c", f"{code}; next(s); next(s)"], check=True, timeout=200)
+
+
+def test_a_renderer_is_trained_and_paints(tmp_path):
+    tiny = {"renderer.width": 4, "renderer.dense": 16, "renderer.code": 2}
+    how = {"engine": "disc", "simulate": 100, "sets": str(tmp_path), "epochs": 1, "batch_size": 32, "fid": 0, **tiny}
+    trained = brushexp.train_renderer(tmp_path / "run", minutes=None, device="cpu", **how)
+    recipe = json.loads((tmp_path / "run" / "neural.json").read_text())
+    assert trained.weights_hash == recipe["hash"]
+    assert recipe["training"]["steps"] > 0
+    weights = {"renderer.checkpoint": str(tmp_path / "run" / "neural.safetensors"), **tiny}
+    painting = brushexp.paint("chelsea", **SMALL, renderer="neural", warm_up=None, **weights)
+    assert painting.metrics["n_strokes"] == SMALL["strokes"]

@@ -13,6 +13,7 @@ from brushexp.api.painting import Painting
 from brushexp.api.settings import settings_of
 from brushexp.app.run_folder import note_words, release, take
 from brushexp.app.runner import perform
+from brushexp.registry import build
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.strokes.storage import load_catalogue
 
@@ -85,5 +86,7 @@ def train_renderer(output: str | PathLike[str], *, renderer: str = "neural", **o
             perform(task, cfg, folder, start)
         finally:
             release(folder)
-    trained: Renderer = create("renderer", renderer, checkpoint=str(folder / f"{renderer}.safetensors"))
+    node = cfg.renderer.copy()
+    node.checkpoint = str(folder / f"{renderer}.safetensors")
+    trained: Renderer = build(node)
     return trained
