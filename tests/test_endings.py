@@ -78,12 +78,11 @@ class Breaking(Loss):
 
     def __init__(self, how: str) -> None:
         super().__init__()
-        self.how, self.calls, self.whole = how, 0, MeanSquaredError()
+        self.how, self.taken, self.whole = how, int, MeanSquaredError()
 
     def forward(self, painting):
-        self.calls += torch.is_grad_enabled()
         value = self.whole(painting)
-        if self.calls <= 3:  # one of them compiles the kernels
+        if self.taken() < 2:  # steps
             return value
         if self.how == "gradient":
             return value + 0 * (painting.image - painting.image.detach()).abs().sum().sqrt()  # 0 times infinity
@@ -95,7 +94,9 @@ class Breaking(Loss):
 def test_strokes_stay_as_they_were_before_a_step_that_gives_no_numbers(how, sampler):
     before = painter_of(losses={"broken": MeanSquaredError()}, steps=9, sampler=sampler())
     fit(before, max_steps=2)
-    broken = painter_of(losses={"broken": Breaking(how)}, steps=9, sampler=sampler())
+    breaking = Breaking(how)
+    broken = painter_of(losses={"broken": breaking}, steps=9, sampler=sampler())
+    breaking.taken = lambda: broken.schedule.step
     trainer = fit(broken)
     assert (broken.stop, trainer.global_step) == (DIVERGED, 3)
     said = "the gradient of loss=broken is not finite" if how == "gradient" else f"loss=broken is {how}"

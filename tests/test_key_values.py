@@ -5,6 +5,7 @@ import tempfile
 from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import fields
+from inspect import signature
 from pathlib import Path
 
 import pytest
@@ -23,12 +24,19 @@ from brushexp.app.keys import keys_of
 from brushexp.app.mistakes import in_our_words
 from brushexp.app.schema import TASKS
 from brushexp.errors import UserError
+from brushexp.plugins.renderer.base import RENDERERS
+from brushexp.plugins.renderer.inverse_vgg import InverseVGG
 from brushexp.registry import MULTI_SELECT, plugins
 from brushexp.strokes.storage import save_catalogue
 
 FILES = Path(tempfile.mkdtemp())
 save_catalogue(FILES / "a.h5", catalogue(60))
-NEEDED = {task: f"catalogue={FILES}/a.h5" for task in ("export", "analyse", "view")} | {"compare": f"runs={FILES}"}
+DEFAULTS = {name: one.default for name, one in signature(InverseVGG).parameters.items() if name != "checkpoint"}
+RENDERERS.save(FILES / "a.safetensors", "inverse_vgg", InverseVGG(), {"options": DEFAULTS})
+NEEDED = {task: f"catalogue={FILES}/a.h5" for task in ("export", "analyse", "view")} | dict.fromkeys(
+    ("compare", "verdicts"), f"runs={FILES}"
+)
+NEEDED["prune"] = f"renderer.checkpoint={FILES}/a.safetensors"
 TASK_OF = {"engine": "simulate", "to": "export"}  # families that task=paint does not have
 NEVER = ["nan", "-inf", "1e39", "9" * 23, "text", "''", "[1]", "[nan]", "[[mse]]", "{a: 1}", "true"]  # of a number
 VALUES = [*NEVER, "-1", "0", "0.5", "null"]

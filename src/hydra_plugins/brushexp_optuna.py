@@ -55,6 +55,7 @@ class StudySweeper(Sweeper):
         """Check the ends of the search space, then run the trials that are left."""
         from brushexp.app.sweep_jobs import begin_sweep, check_jobs  # noqa: PLC0415
         from brushexp.errors import UserError  # noqa: PLC0415
+        from brushexp.results.sweep import renew  # noqa: PLC0415
 
         words = [f"{key}={value}" for key, value in (self.options["params"] or {}).items()]
         overrides = OverridesParser.create(config_loader=self.loader).parse_overrides([*words, *arguments])
@@ -62,13 +63,16 @@ class StudySweeper(Sweeper):
         begin_sweep(self.config, [[*words, *arguments]], self.resume)
         if self.resume:
             self.go_on([*words, *arguments])
+        folder = Path(self.config.hydra.sweep.dir)
         try:
             self.study.sweep(arguments)
         except ValueError as error:
             if "No trials are completed" not in str(error):
                 raise
-            table = Path(self.config.hydra.sweep.dir, "table.md")
-            raise UserError(f"all trials of the study failed; {table} says why") from error
+            raise UserError(f"all trials of the study failed; {folder / 'table.md'} says why") from error
+        finally:
+            if any(folder.glob("*/result.json")):
+                renew(folder)
 
     def go_on(self, words: list[str]) -> None:
         """Tell Optuna of the trials that the folder holds; those that were killed are tried first, anew."""

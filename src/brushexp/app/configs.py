@@ -18,11 +18,8 @@ from brushexp.app.schema import TASKS
 from brushexp.errors import UserError
 
 SHIPPED = Path(__file__).parents[1] / "conf"
-GROUPS = {name for schema in TASKS.values() for name in groups_of(schema)} - {"model"} | {
-    "task",
-    "experiment",
-    "pictures",
-}
+GROUPS = {name for schema in TASKS.values() for name in groups_of(schema)} - {"model"} | {"task", "experiment"}
+PRESETS = (*GROUPS, "pictures")  # folders that configs may have
 _lock = Lock()  # Hydra is one for the whole process
 
 
@@ -33,7 +30,7 @@ def folders_of(root: Path, arguments: Sequence[str] = ()) -> list[Path]:
     """
     typed = get_args_parser().parse_known_args(arguments)[0].config_dir
     own = root / "conf" if typed is None else Path(typed)
-    if typed is None and not any((own / group).is_dir() for group in GROUPS):
+    if typed is None and not any((own / group).is_dir() for group in PRESETS):
         return [SHIPPED]
     for path in sorted(own.glob("*/*.yaml")):
         if (SHIPPED / path.relative_to(own)).exists():

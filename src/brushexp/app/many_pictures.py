@@ -38,6 +38,8 @@ def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
     sets = [word.removeprefix(SETS) for word in words if word.startswith(SETS)]
     if not sets and len(named) < 2 and not any(map(is_several, named)):
         return [*words]
+    for image in filter(is_several, named):
+        pictures_in(image)  # a folder or pattern without pictures is told before Hydra begins
     others = [word for word in words if not word.startswith((IMAGE, SETS))]
     wanted = [*named, *(part for text in sets for part in ([text] if os.path.exists(text) else text.split(",")))]
     texts = ",".join('"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"' for text in wanted)

@@ -146,5 +146,7 @@ def in_words(annotation: Any) -> str:
     if isinstance(annotation, EnumType):
         return f"one of {', '.join(annotation.__members__)}"
     return (
-        f"[{in_words(parts[0])},...]" if get_origin(annotation) is list else KINDS[get_origin(annotation) or annotation]
+        f"[{in_words(parts[0])},...]"
+        if get_origin(annotation) in (list, tuple)
+        else KINDS[get_origin(annotation) or annotation]
     )

@@ -76,7 +76,7 @@ def sheets_of(textures: Tensor, levels: int, loop: Loop, *, rounded: bool) -> Sh
     sheets = [_ringed(_halved(textures, level)) for level in range(levels)]
     if rounded:
         sheets = [_rounded(sheet) for sheet in sheets]
-    size = torch.tensor([(rows >> level, columns >> level) for level in range(levels)] * variants)
+    size = torch.tensor([(rows >> level, columns >> level) for level in range(levels)]).repeat(variants, 1)
     size = size.reshape(-1, 2)  # of no texture, too
     counts, scale = (size + 2).prod(1), 0.5 ** torch.arange(levels)[:, None]
     size = size.to(textures.device)
