@@ -205,6 +205,9 @@ def test_seeds_have_means(tmp_path, opened):
     assert page.locator(".point").count() == 2
     told = page.locator(".point").first.get_attribute("aria-label")
     assert "PSNR, dB 21, optimisation, s 1.5, mean of 2 runs" in told
+    assert page.locator("#paired tbody tr").count()
+    names = page.eval_on_selector_all("[id]", "found => found.map(one => one.id)")
+    assert len(names) == len(set(names))
 
 
 def test_pictures_of_two_targets_are_not_plotted_together(tmp_path, opened):
