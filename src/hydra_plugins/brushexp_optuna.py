@@ -71,8 +71,7 @@ class StudySweeper(Sweeper):
                 raise
             raise UserError(f"all trials of the study failed; {folder / 'table.md'} says why") from error
         finally:
-            if any(folder.glob("*/result.json")):
-                renew(folder)
+            renew(folder)
 
     def go_on(self, words: list[str]) -> None:
         """Tell Optuna of the trials that the folder holds; those that were killed are tried first, anew."""

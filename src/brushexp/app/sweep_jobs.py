@@ -112,8 +112,7 @@ def launch_left(
             raise
         raise UserError(f"a job has ended without a result ({first_line(error)}); go on with resume=sweep") from error
     finally:
-        if any(folder.glob("*/result.json")):
-            renew(folder)
+        renew(folder)
     failed = [str(k) for k, one in zip(left, results, strict=True) if one.status is not JobStatus.COMPLETED]
     if failed:
         which, table = ", ".join(failed), folder / "table.md"

@@ -133,8 +133,12 @@ def paired_table(frame: DataFrame) -> DataFrame | None:
     )
 
 
-def paired_differences(table: DataFrame, reference: str | None = None, metrics: Sequence[str] = ()) -> list[Difference]:
+def paired_differences(
+    table: DataFrame | None, reference: str | None = None, metrics: Sequence[str] = ()
+) -> list[Difference]:
     """All settings of a `paired_table` against one, the first if none is named, in those metrics that have a better."""
+    if table is None:
+        return []
     options = list(dict.fromkeys(table.index.get_level_values(0)))
     reference = options[0] if reference is None else reference
     confidence = 1 - (1 - CONFIDENCE) / max(1, len(options) - 1)
@@ -182,22 +186,24 @@ def rule_for(unit: str) -> str:
     return RULE.format(units=f"{unit}s", confidence=CONFIDENCE, odd=LEAST_ODD, least=LEAST_UNITS)
 
 
+def told_of(found: Sequence[Difference]) -> str:
+    """What differences are against, what is paired, and the rule of their verdicts; Markdown."""
+    return f"Against `{found[0].reference}`, paired by {found[0].unit}. {rule_for(found[0].unit)}"
+
+
 def write_differences(folder: Path, frame: DataFrame) -> list[Difference]:
     """Write ``differences.md``, ``.csv`` and ``.png`` of runs with several settings on the same units; else nothing."""
     from brushexp.results.paired_plot import write_paired_plot  # noqa: PLC0415
 
-    table = paired_table(frame)
-    found = [] if table is None else paired_differences(table)
+    found = paired_differences(paired_table(frame))
     if not found:
         return []
-    unit = found[0].unit
     text = markdown_table(
         [{k: v for k, v in row.items() if k != "against"} for row in difference_rows(found)], align="llrlrl"
     )
-    told = f"Against `{found[0].reference}`, paired by {unit}. {rule_for(unit)}"
-    write_text(folder / "differences.md", f"{told}\n\n{text}\n")
+    write_text(folder / "differences.md", f"{told_of(found)}\n\n{text}\n")
     every = [
-        {"setting": one.option, "against": one.reference, "metric": one.metric, unit: name, "gain": gain}
+        {"setting": one.option, "against": one.reference, "metric": one.metric, one.unit: name, "gain": gain}
         for one in found
         for name, gain in one.gains.items()
     ]

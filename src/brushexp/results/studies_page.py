@@ -125,7 +125,7 @@ def _section(page: Path, name: str, study: Study | None, question: str) -> list[
     if study is None:
         return [*head, f"Not run. `brushexp {EXPERIMENT}{name}`", ""]
     lines = [*head, f"`{shlex.join(['brushexp', *_short(study.words)])}`", "", f"{_told(study)}", ""]
-    found = [] if study.table is None else paired_differences(study.table)
+    found = paired_differences(study.table)
     if found:
         picture = page.with_suffix("") / f"{name}.png"
         picture.parent.mkdir(parents=True, exist_ok=True)

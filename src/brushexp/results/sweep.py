@@ -54,13 +54,15 @@ def note_result(folder: Path, cfg: DictConfig, overrides: Sequence[str], result:
 
 
 def renew(folder: Path) -> None:
-    """Write the report of a sweep from the results of all its runs; one process at a time.
+    """Write the report of a sweep from the results of all its runs, if there is one; one process at a time.
 
     After a job it is done if it then takes a tenth of the time at most, and in the end by the sweeper.
     """
     from filelock import FileLock  # noqa: PLC0415
 
     global _next_report  # noqa: PLW0603
+    if not any(folder.glob("*/result.json")):
+        return
     start = time.monotonic()
     with FileLock(folder / ".hydra" / "report.lock"):
         write_report(folder)

@@ -12,7 +12,7 @@ from brushexp.pictures.decode import opened_picture
 from brushexp.results import tables
 from brushexp.results.anytime_curves import ahead, curve_from, curves_by_image, mean_curves
 from brushexp.results.page.html import embedded, page
-from brushexp.results.paired import difference_rows, paired_differences, paired_table, rule_for
+from brushexp.results.paired import difference_rows, paired_differences, paired_table, told_of
 from brushexp.results.runs import differences, shortened
 from brushexp.system.files import write_text
 
@@ -150,11 +150,10 @@ def _means(frame: DataFrame) -> DataFrame | None:
 
 def _paired(folder: Path, frame: DataFrame) -> dict[str, Any] | None:
     """Differences to the first setting by picture or seed, and their plot; None if nothing is paired."""
-    table = paired_table(frame)
-    found = [] if table is None else paired_differences(table)
+    found = paired_differences(paired_table(frame))
     if not found:
         return None
-    told = f"Against {found[0].reference}, paired by {found[0].unit}. {rule_for(found[0].unit)}".replace("*", "")
+    told = told_of(found).replace("*", "").replace("`", "")
     return {"told": told, "rows": difference_rows(found), "plot": thumbnail(folder / "differences.png", PLOT_SIDE)}
 
 
