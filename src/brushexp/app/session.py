@@ -18,7 +18,6 @@ from brushexp.painting.goals import goals_of
 from brushexp.painting.outputs import summary_line
 from brushexp.painting.preparation import prepared
 from brushexp.painting.timelapse import Timelapse
-from brushexp.plugins.export.base import ExportJob
 from brushexp.system.device import device_of
 from brushexp.system.files import write_picture
 
@@ -100,7 +99,7 @@ def painted_into(
     with ThreadPoolExecutor(1) as beside:  # to encode a film leaves Python to others
         film = beside.submit(finished.timelapse.write, folder)
         if cfg.report:
-            report(folder, finished.job)
+            report(folder)
     film.result()
     log.info(summary_line(folder, finished.metrics))
     session.conclude()
@@ -116,11 +115,11 @@ def some_of(timelapse: Timelapse) -> dict[int, bytes]:
     return {step: frames[step].numpy().tobytes() for step in steps[::apart]}
 
 
-def report(folder: Path, job: ExportJob | None = None) -> None:
-    """Write the page of the run, of which ``job`` is the painting; whatever goes wrong with it, the run is not lost."""
+def report(folder: Path) -> None:
+    """Write the page of the run; whatever goes wrong with it, the run is not lost."""
     from brushexp.results.page.run import write_run_page  # noqa: PLC0415  (runs without a page start sooner)
 
     try:
-        write_run_page(folder, job)
+        write_run_page(folder)
     except Exception as error:
         log.error("no report.html of this run: %s", error, exc_info=not isinstance(error, UserError))

@@ -4,13 +4,13 @@ import base64
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from brushexp.analysis.columns import StrokeTable
+from brushexp.compositing.layers import SPREAD
+from brushexp.compositing.textured_profile import TexturedProfile
+from brushexp.compositing.textures import BYTE, HALF, LONG, Sheets
 from brushexp.errors import UserError
 from brushexp.painting.outputs import space_of
-from brushexp.plugins.export._sprites import SHEET_WIDTH, Sprites
-from brushexp.results.page.html import embedded
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.storage import Saved
 from brushexp.system.reading import yaml_of
@@ -19,20 +19,19 @@ MAX_STROKES = 200_000  # strokes: more make a page that browsers choke on
 STEPS = 65_535  # of 16 bits
 FARTHEST = 4.0  # canvas sides: control points farther out are moved to there, since 16 bits must do for all
 CANVAS_RENDERER = "analytic"  # whose strokes a canvas can draw
-WEBP: dict[str, Any] = {"format": "WEBP", "quality": 85, "alpha_quality": 80, "method": 0}  # of strokes with a texture
 EDGES = {"soft": 2.0, "taper": 0.0}  # soft edge in pixels and taper of strokes whose renderer has no such option
 
 
-def replay_of(saved: Saved, measures: StrokeTable, sprites: Sprites | None = None) -> dict[str, Any] | None:
+def replay_of(saved: Saved, measures: StrokeTable, textured: TexturedProfile | None = None) -> dict[str, Any] | None:
     """What ``strokes.js`` needs of a catalogue and the measures of its strokes; None for more than ``MAX_STROKES``.
 
     ``data`` holds, for the strokes from the bottom to the top, one array after the other, little-endian, in base64
     (34 bytes a stroke): the number in the catalogue (uint32), and then what ``columns`` lists as name, values a
     stroke, lowest and highest value, as shares of that range (uint16). ``points`` are x and y of the three control
     points, and ``half`` is half the width; both and ``length`` are in pixels of the canvas. ``direction`` is in
-    degrees, -1 for none; ``layer`` is 0, 1 or 2, a third of the strokes by their area each. Strokes with a texture are
-    on a ``sheet``, a picture; ``sprite`` is left, top, width and height there, and left and top on the canvas in pixels
-    of the sheet, of which ``zoom`` go to one of the canvas.
+    degrees, -1 for none; ``layer`` is 0, 1 or 2, a third of the strokes by their area each. Strokes that are
+    ``textured`` have besides their half width (``thick``) and opacity (``strength``) as their renderer gives them,
+    and in ``texture_of`` the number of the texture, repeats of its loop, and whether it is turned over.
     """
     count = len(saved.strokes)
     if count > MAX_STROKES:
@@ -52,10 +51,10 @@ def replay_of(saved: Saved, measures: StrokeTable, sprites: Sprites | None = Non
         "visible": (measures.visible, 0, 1),
         "layer": (np.searchsorted(thirds, measures.area), 0, STEPS),
     }
-    if sprites is not None:
-        found = np.zeros((count, 6))
-        found[sprites.number] = np.concatenate([sprites.boxes, sprites.places], axis=1)
-        values["sprite"] = (found, -(STEPS // 2), STEPS // 2 + 1)
+    if textured is not None:
+        thick, strength = textured.half_width.numpy().clip(0, far), textured.opacity.numpy()
+        chosen = np.stack([textured.look.numpy(), textured.repeats.numpy(), textured.flip.numpy() < 0], axis=1)
+        values |= {"thick": (thick, 0, thick.max()), "strength": (strength, 0, 1), "texture_of": (chosen, 0, STEPS)}
     order = saved.depth.argsort().numpy()
     columns, data = [], order.astype("<u4").tobytes()
     for name, (column, low, high) in values.items():
@@ -71,12 +70,30 @@ def replay_of(saved: Saved, measures: StrokeTable, sprites: Sprites | None = Non
         "height": height,
         "background": hex_of(saved.background.numpy()),
         **(EDGES | edges),
-        "exact": (saved.renderer == CANVAS_RENDERER or sprites is not None) and not mixed,
+        "exact": (saved.renderer == CANVAS_RENDERER or textured is not None) and not mixed,
         "mixed": mixed,
-        "sheet": None if sprites is None else embedded(Image.fromarray(sprites.sheet), SHEET_WIDTH, **WEBP)["source"],
-        "zoom": 1.0 if sprites is None else sprites.zoom,
+        "texture": None if textured is None else _textures(textured.sheets),
         "columns": columns,
         "data": base64.b64encode(data).decode(),
+    }
+
+
+def _textures(sheets: Sheets) -> dict[str, Any]:
+    """Textures as a page takes them.
+
+    Texels are in base64, a byte of opacity and one of tone each; of each texture there is where its texels begin, its
+    rows, columns, the column at which its loop begins, how many it has, and the half widths beyond which it is empty.
+    """
+    levels = np.stack([sheets.texels[:, 0].numpy() * BYTE, sheets.texels[:, 1].numpy() * HALF + 128], axis=1)
+    rows = zip(sheets.first, sheets.size, sheets.loop, sheets.extent, strict=True)
+    return {
+        "spread": SPREAD,
+        "long": LONG,
+        "texels": base64.b64encode(levels.round().astype("u1").tobytes()).decode(),
+        "sheets": [
+            [int(first), *size.tolist(), float(begin) + 0.5, float(length), float(extent)]
+            for first, size, (begin, length), extent in rows
+        ],
     }
 
 

@@ -10,20 +10,20 @@ from typing import Any
 from urllib.parse import quote
 
 import numpy as np
+import torch
 from PIL import Image
 
 from brushexp.analysis.columns import StrokeTable, measure_strokes
+from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.errors import UserError
-from brushexp.painting.outputs import export_job, renderer_of
+from brushexp.painting.outputs import renderer_of
 from brushexp.pictures.decode import opened_picture
-from brushexp.plugins.export._sprites import Sprites, has_sprites
-from brushexp.plugins.export.base import ExportJob
-from brushexp.registry import build_named, plugins
+from brushexp.registry import plugins
 from brushexp.results.anytime_curves import curve_from
 from brushexp.results.followed import PROCEDURES, departures
 from brushexp.results.page import drawings
 from brushexp.results.page.html import embedded, page, readable_number
-from brushexp.results.page.replay import MAX_STROKES, WEBP, recorded_config, replay_of
+from brushexp.results.page.replay import MAX_STROKES, recorded_config, replay_of
 from brushexp.results.runs import command_of, read_result
 from brushexp.shading.light import overlay
 from brushexp.strokes.storage import Saved, load_catalogue
@@ -48,6 +48,7 @@ PICTURES = ("target", "painting", "flat", "style", "focus")  # flat: the paintin
 LARGEST_SIDE = 1600  # pixels of the longer side of a picture in a page
 LOSSLESS = 2**18  # pixels of a picture: a larger one goes into a page as a JPEG
 JPEG = {"format": "JPEG", "quality": 92, "subsampling": 0}
+WEBP = {"format": "WEBP", "quality": 85, "alpha_quality": 100, "method": 0}  # of the light
 METRICS_SHOWN = (  # of metrics.json: key, name, unit, digits, what it is
     ("psnr", "PSNR", "dB", 2, "peak signal-to-noise ratio, all pixels of the 8-bit pictures"),
     ("psnr_lit", "PSNR in the light", "dB", 2, "of the painting under its lamp, which the target knows nothing of"),
@@ -61,13 +62,13 @@ METRICS_SHOWN = (  # of metrics.json: key, name, unit, digits, what it is
 )
 
 
-def write_run_page(folder: Path, job: ExportJob | None = None) -> Path:
-    """Write ``report.html`` into the folder of a run and return its path; see `run_page` for ``job``."""
-    write_text(folder / PAGE_NAME, page_of_run(folder, job))
+def write_run_page(folder: Path) -> Path:
+    """Write ``report.html`` into the folder of a run and return its path."""
+    write_text(folder / PAGE_NAME, page_of_run(folder))
     return folder / PAGE_NAME
 
 
-def page_of_run(folder: Path, job: ExportJob | None = None) -> str:
+def page_of_run(folder: Path) -> str:
     """The page of a run, from what it has left in its folder; a UserError without a whole catalogue."""
     saved = load_catalogue(folder / "catalogue.h5")
     metrics = read_result(folder / "metrics.json") if (folder / "metrics.json").is_file() else {}
@@ -80,7 +81,6 @@ def page_of_run(folder: Path, job: ExportJob | None = None) -> str:
         curves=read_curves(folder / "curves" / "metrics.csv"),
         command=command_of(folder) if metrics else None,
         files=files_in(folder),
-        job=job,
     )
 
 
@@ -125,13 +125,13 @@ def _float(text: str | None) -> float:
 def run_page(
     saved: Saved, *, name: str, pictures: Mapping[str, np.ndarray] | None = None,
     metrics: Mapping[str, Any] | None = None, curves: Mapping[str, Sequence[float]] | None = None,
-    command: str | None = None, files: Sequence[Mapping[str, str]] = (), job: ExportJob | None = None,
+    command: str | None = None, files: Sequence[Mapping[str, str]] = (),
 ) -> str:  # fmt: skip
     """The page of a painting, HTML that needs nothing else; a part of which nothing is known is left out.
 
     Pictures are (H, W, 3) uint8 by name: ``target``, ``painting`` (without it there are no error map and no light), and
     others; curves are columns by name: ``step``, ``psnr``, ``loss/...``; ``command`` repeats the run; ``files`` lie
-    beside the page, see `files_in`; ``job`` is the same painting, if there is one that knows its sprites already.
+    beside the page, see `files_in`.
     """
     metrics, pictures = metrics or {}, pictures or {}
     shown = {key: _shown(pixels) for key, pixels in pictures.items()}
@@ -148,7 +148,7 @@ def run_page(
         overlay=_overlay(pictures),
         others=shown,
         renderer=saved.renderer,
-        replay=None if measures is None else replay_of(saved, measures, _sprites(saved, job)),
+        replay=None if measures is None else replay_of(saved, measures, _textured(saved)),
         error=_error(pictures.get("flat", pictures.get("painting")), pictures.get("target")),
         curves=_curves(curves or {}, metrics),
         strokes=None if measures is None else _strokes(saved, measures),
@@ -227,14 +227,18 @@ def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
     return {"lead": lead, "charts": [chart for chart in charts if chart], "swatches": swatches}
 
 
-def _sprites(saved: Saved, job: ExportJob | None) -> Sprites | None:
-    """The strokes with their textures; None where they have none that a canvas could show."""
+@torch.no_grad()
+def _textured(saved: Saved) -> TexturedProfile | None:
+    """The strokes with their textures; None where they have none that a page could hold."""
     try:
-        job = job or export_job(saved, renderer_of(saved), build_named("blend", "tiled", {}), saved.renderer)
+        renderer = renderer_of(saved)
     except UserError as error:
         log.warning("the replay shows plain strokes: %s", error)
         return None
-    return job.sprites if len(job.strokes) <= MAX_STROKES and has_sprites(job) else None
+    if renderer.warm_up is not None or len(saved.strokes) > MAX_STROKES:
+        return None
+    layers = renderer(saved.strokes)
+    return layers if isinstance(layers, TexturedProfile) else None
 
 
 def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
@@ -242,7 +246,7 @@ def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
     if "flat" not in pictures or "painting" not in pictures:
         return None
     light = Image.fromarray(overlay(pictures["flat"], pictures["painting"]))
-    return str(embedded(light, LARGEST_SIDE, **(WEBP | {"alpha_quality": 100}))["source"])
+    return str(embedded(light, LARGEST_SIDE, **WEBP)["source"])
 
 
 def _light(saved: Saved) -> dict[str, Any] | None:

@@ -19,16 +19,18 @@
   const context = canvas.getContext("2d", { alpha: false });
   const strokes = unpacked(JSON.parse(byId("strokes").textContent));
   const every = Math.ceil(strokes.count / KEYS);
+  const [red, green, blue] = [1, 3, 5].map((at) => Number(`0x${strokes.background.slice(at, at + 2)}`));
+  const [bare] = new Uint32Array(Uint8Array.of(red, green, blue, 255).buffer);
 
   let scale = 0; // device pixels per pixel of the painting; 0 before anything is drawn
-  let shown = 0; // strokes that are on the canvas
+  let picture = null; // what is on the canvas, without the lamp
+  let shown = 0; // strokes in it
   let goal = strokes.count; // strokes that should be
-  let keys = new Map(); // number of strokes -> canvas
+  let keys = new Map(); // number of strokes -> the picture's bytes
   const chosen = [true, true, true]; // layers, small to large
   let playing = false;
   let played = 0; // strokes, and parts of them
   let last = 0; // when the last frame was
-  let lit = false; // by the lamp, which goes on when all is laid
   let waiting = false; // for a frame
   let selected = -1; // stroke, counted from the bottom
   let pinned = false; // stays selected when the pointer goes away
@@ -44,6 +46,7 @@
     const height = Math.max(1, Math.round((width * strokes.height) / strokes.width));
     if (!stage.clientWidth || (scale && width === canvas.width && height === canvas.height)) return;
     for (const one of [canvas, over]) [one.width, one.height] = [width, height];
+    picture = context.createImageData(width, height);
     scale = width / strokes.width;
     begin();
   }
@@ -55,15 +58,11 @@
     request();
   }
 
-  // Show a key frame; that of no strokes is the bare canvas.
+  // Go back to a key frame; that of no strokes is the bare canvas.
   function restore(count) {
-    context.resetTransform();
-    context.globalAlpha = 1;
-    context.fillStyle = strokes.background;
-    if (count) context.drawImage(keys.get(count), 0, 0);
-    else context.fillRect(0, 0, canvas.width, canvas.height);
+    if (count) picture.data.set(keys.get(count));
+    else new Uint32Array(picture.data.buffer).fill(bare);
     shown = count;
-    lit = false;
   }
 
   // Go towards the goal for some milliseconds; the rest is done in the next frames.
@@ -71,24 +70,15 @@
     let from = Math.floor(goal / every) * every;
     while (from && !keys.has(from)) from -= every;
     if (goal < shown || from > shown) restore(from);
-    context.setTransform(scale, 0, 0, scale, 0, 0);
-    context.lineCap = "round";
     const until = performance.now() + SLICE;
-    while (shown < goal) {
-      if (chosen[strokes.layer[shown]]) strokes.lay(context, shown);
+    while (shown < goal && performance.now() < until) {
+      if (chosen[strokes.layer[shown]]) strokes.lay(picture, shown, scale);
       shown++;
-      if (shown % every === 0 && !keys.has(shown)) {
-        const key = new OffscreenCanvas(canvas.width, canvas.height);
-        key.getContext("2d", { alpha: false }).drawImage(canvas, 0, 0);
-        keys.set(shown, key);
-      }
-      if (shown % 8 === 0 && performance.now() > until) break;
+      if (shown % every === 0 && !keys.has(shown)) keys.set(shown, picture.data.slice());
     }
-    if (lamp && shown === strokes.count && chosen.every(Boolean) && !lit) {
-      context.resetTransform();
-      context.globalAlpha = 1;
-      context.drawImage(lamp, 0, 0, canvas.width, canvas.height);
-      lit = true;
+    context.putImageData(picture, 0, 0);
+    if (lamp && shown === strokes.count && chosen.every(Boolean)) {
+      context.drawImage(lamp, 0, 0, canvas.width, canvas.height); // goes on when all is laid
     }
   }
 
@@ -234,5 +224,5 @@
   addEventListener("resize", () => { if (scale) measure(); });
   run(false);
   show();
-  Promise.all([strokes.ready, lamp?.decode()]).then(measure);
+  Promise.resolve(lamp?.decode()).then(measure);
 }

@@ -1,6 +1,5 @@
-// The strokes of a painting, as replay.py packs them: unpacked, drawn, and found under a pointer.
-// brushexp.strokes(packed) has arrays from the bottom stroke up, see there, and beside them lay, trace, reach, at
-// and ready, a promise, before which strokes are not drawn.
+// The strokes of a painting, as replay.py packs them: unpacked, drawn (brush.js), and found under a pointer.
+// brushexp.strokes(packed) has arrays from the bottom stroke up, see there, and beside them lay, trace, reach and at.
 "use strict";
 {
   const STEPS = 65535; // of 16 bits
@@ -76,30 +75,6 @@
     // Draw the shape of stroke k in the colour that the pen has, so wide to each side.
     const trace = (pen, k, wide) => pen[outline(pen, k, wide)]();
 
-    // The strokes with their textures, once they are decoded; where there are none, strokes are plain.
-    let sheet = null;
-    async function open(source) {
-      const image = Object.assign(new Image(), { src: source });
-      sheet = await image.decode().then(() => createImageBitmap(image), () => null);
-    }
-    const ready = strokes.sheet ? open(strokes.sheet) : Promise.resolve();
-
-    // Draw stroke k as it is.
-    function lay(pen, k) {
-      if (sheet) {
-        const [left, top, width, height, ...place] = strokes.sprite.subarray(6 * k, 6 * k + 6).map(Math.round);
-        const [x, y, w, h] = [...place, width, height].map((value) => value / strokes.zoom);
-        pen.globalAlpha = 1;
-        if (width) pen.drawImage(sheet, left, top, width, height, x, y, w, h);
-        return;
-      }
-      const strength = peak(strokes.half[k]);
-      if (!strength) return;
-      pen.globalAlpha = strokes.opacity[k] * strength;
-      pen.fillStyle = pen.strokeStyle = strokes.color[k];
-      trace(pen, k, reach(k));
-    }
-
     // The uppermost of the first `shown` strokes at (x, y), pixels of the painting, in the chosen layers; -1 for none.
     // Thinner ones than `least` pixels to either side can be pointed at as if they were so wide.
     function at(x, y, shown, chosen, least) {
@@ -114,6 +89,6 @@
       return -1;
     }
 
-    return Object.assign(strokes, { lay, trace, reach, at, ready });
+    return Object.assign(strokes, { lay: window.brushexp.brush(strokes), trace, reach, at });
   };
 }
