@@ -3,11 +3,12 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import interpolate
+from torch.nn.functional import interpolate, mse_loss
 
 from brushexp.compositing.bands import bands
 from brushexp.painting.canvas_memory import CanvasMemory
@@ -48,6 +49,7 @@ class Picture(nn.Module):
         self.renderer: Renderer  # draws the strokes; set before the first picture
         self.memory: CanvasMemory | None = None  # of the whole picture, while steps look at parts of it
         self._last: Tensor | None = None  # the picture, maybe a small one, if the last step looked at all of it
+        self._error_of_last: Callable[[], float]
         self._small: PyramidLevel | None = None
         self._error = math.inf  # before there was one, or of the last one
 
@@ -62,10 +64,9 @@ class Picture(nn.Module):
         return self.error_now()()
 
     def error_now(self) -> Callable[[], float]:
-        """A function that computes the present `error`, whenever it is called."""
+        """A function that computes the present `error` when it is first called, then or later."""
         if self._last is not None and self.memory is None:
-            last = self._last
-            return lambda: float((self._enlarged(last) - self.target).square().mean())
+            return self._error_of_last
         known = self._error if self.memory is None else self.memory.error
         return lambda: known
 
@@ -95,6 +96,7 @@ class Picture(nn.Module):
     def show(self, picture: Tensor) -> None:
         """Take a whole picture (3, H, W) for what steps last saw."""
         self._last, self.memory = picture, None
+        self._error_of_last = cache(lambda: float(mse_loss(self._enlarged(picture), self.target)))
 
     @torch.no_grad()
     def draw(self, strokes: Strokes, front_to_back: Tensor) -> Tensor:
