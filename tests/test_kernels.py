@@ -21,7 +21,7 @@ from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.renderer.textured import Textured
 from brushexp.strokes.catalogue import FIELDS, Strokes
-from brushexp.system.compiled import function, inline
+from brushexp.system.compiled import Compiled, function, inline, kernel, prange
 
 BLENDS = {
     "tiled": Tiled(opaque=0.0, kernel="numba"),
@@ -247,3 +247,27 @@ def test_parts_make_kernels_of_their_own():
         names.add(chosen.dispatcher.py_func.__qualname__)
     assert values.tolist() == [12.0] * 3
     assert len(names) == 2, "machine code is kept under a name for each choice of parts"
+
+
+@kernel
+def mix(values, sums):
+    for i in prange(len(sums)):
+        own, total = np.empty(64, np.float32), np.float32(0)
+        for k in range(64):
+            own[k] = values[i, k] * np.float32(0.37)
+        for k in range(64):
+            x = values[i, k]
+            total += ((x * np.float32(1.1) + np.float32(0.3)) * x + own[k]) * x / (np.float32(1) + abs(x))
+        sums[i] = total
+
+
+def test_the_process_that_compiles_runs_what_others_load(tmp_path, monkeypatch):
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
+    values = np.random.default_rng(0).standard_normal((99, 64)).astype(np.float32)
+    first, second = np.empty(99, np.float32), np.empty(99, np.float32)
+    for sums in (first, second):  # a second object knows nothing of the first, as another process
+        again = Compiled(mix.function, {}, **mix.options)
+        again(values, sums)
+        assert list(again.dispatcher.stats.cache_hits.values()) == [1]
+        assert not again.dispatcher.stats.cache_misses
+    assert first.tobytes() == second.tobytes()

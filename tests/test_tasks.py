@@ -46,12 +46,6 @@ def metrics_of(folder: Path) -> dict:
     return json.loads((folder / "metrics.json").read_text())
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _compiled(tmp_path_factory) -> None:
-    """Have the kernels compiled and cached: the run that compiles them rounds differently in the last bit."""
-    carried_out(*SMALL, "steps=2", "frames=0", output=tmp_path_factory.mktemp("compiled") / "run")
-
-
 @pytest.fixture(scope="module")
 def painted(tmp_path_factory) -> Path:
     """Folder of a small finished run."""

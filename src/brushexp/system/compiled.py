@@ -2,10 +2,12 @@
 
 A kernel may have **parts**: functions that it calls by name and that are chosen for it (`Compiled.having`), so that one
 loop serves many formulas. Machine code is kept on disk, under a name made from the code of the function and of
-everything that it calls: a change in any file is noticed, and no two choices of parts are mixed up.
+everything that it calls: a change in any file is noticed, and no two choices of parts are mixed up. Whoever compiles
+stores first and then loads, so that all processes run the same instructions, and a resumed run has the same bits.
 """
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cached_property
 from hashlib import sha256
 from types import CodeType, FunctionType
@@ -51,7 +53,9 @@ class Compiled:
 
         function, digest = self._linked(self.function, {})
         function.__qualname__ = f"{self.function.__qualname__}_{digest[:16]}"  # names the file of machine code
-        return numba.njit(cache=True, **self.options)(function)
+        dispatcher = numba.njit(cache=True, **self.options)(function)
+        dispatcher._cache = _stored(function, self.options)
+        return dispatcher
 
     def _linked(self, function: FunctionType, known: dict[str, Any]) -> tuple[FunctionType, str]:
         """A copy that calls Numba's versions of what it calls, and a digest of all the code in it."""
@@ -79,6 +83,40 @@ class Compiled:
         copy.__module__, copy.__qualname__ = function.__module__, function.__qualname__
         text = repr((code.co_code, code.co_names, code.co_varnames, list(map(repr, code.co_consts)), seen))
         return copy, sha256(text.encode()).hexdigest()
+
+
+@contextmanager
+def _own_engine(context: Any) -> Iterator[None]:
+    """Let Numba put the machine code that it makes or loads where no other code is; its compiler lock is held."""
+    engine = context._internal_codegen
+    context._internal_codegen = type(engine)("brushexp")
+    try:
+        yield
+    finally:
+        context._internal_codegen = engine
+
+
+def _stored(function: FunctionType, options: Mapping[str, Any]) -> Any:
+    """Numba's store of a function's machine code, which compiles what it lacks.
+
+    A parallel loop is optimised alone, and once more as a part of its function. Only the latter is stored, while the
+    process that compiles would run the former, which was there first: its last bits are others.
+    """
+    import numba  # noqa: PLC0415
+    from numba.core.caching import FunctionCache  # noqa: PLC0415
+
+    class Stored(FunctionCache):
+        def load_overload(self, sig: Any, target_context: Any) -> Any:
+            with _own_engine(target_context):
+                found = super().load_overload(sig, target_context)
+            if found is None:
+                with _own_engine(target_context):
+                    numba.njit(cache=True, **options)(function).compile(sig)
+                with _own_engine(target_context):
+                    found = super().load_overload(sig, target_context)
+            return found
+
+    return Stored(function)
 
 
 def _names(code: CodeType) -> Iterator[str]:
