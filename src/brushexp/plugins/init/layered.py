@@ -1,6 +1,7 @@
 """Strokes in layers, as painters lay them: large ones everywhere, smaller ones where they are missed."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -71,7 +72,10 @@ class InLayers(Initializer):
                 wanted = weight * np.abs(seen - below).sum(0)
                 cells = min(weight.size, max(count, round(count / self.cover**number)))
                 flow = along_edges(structure([(reach * side, share) for reach, share in FAR_AWAY]))
-                parts.append(self._layer(seen, flow, _places(wanted, cells, count), side, generator))
+                places = _places(wanted, cells, count)
+                if not parts:
+                    places = _to_the_edges(places, side, picture.shape[:0:-1])
+                parts.append(self._layer(seen, flow, places, side, generator))
                 below = seen
         return Strokes.join(*parts)
 
@@ -140,6 +144,12 @@ def _places(wanted: Array, cells: int, n: int) -> Array:
     best = np.sort(np.argsort(-np.bincount(flat, wanted.ravel(), cells) / area, kind="stable")[:n])
     y, x = np.divmod(np.arange(wanted.size), wanted.shape[1])
     return np.stack([np.bincount(flat, axis + 0.5, cells) / area for axis in (x, y)], 1)[best]
+
+
+def _to_the_edges(places: Array, side: float, size: Sequence[int]) -> Array:
+    """Places (n, 2: x, y) spread so that the outermost, half a ``side`` from the edges of the canvas, lie on them."""
+    middle = np.array(size) / 2
+    return middle + (places - middle) * (middle / np.maximum(middle - side / 2, 1))
 
 
 def _blurred(picture: Array, sigma: float) -> Array:
