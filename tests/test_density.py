@@ -1,6 +1,7 @@
 """Density policies: strokes come and go where the picture asks for it."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -15,6 +16,7 @@ from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.adaptive import Adaptive, new_strokes
 from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.density.fixed import Fixed
+from brushexp.plugins.density.strays import Strays
 from brushexp.plugins.init.slic import Slic
 from brushexp.plugins.optimizer.torch_optim import TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic
@@ -169,3 +171,25 @@ def test_all_strokes_that_were_asked_for_are_there_in_the_end(steps, options):
     painter = painted(Adaptive(), n=60, steps=steps, **options)
     assert len(painter.catalogue) == len(painter.visits) == 60
     check_strokes(painter.strokes())
+
+
+def test_hairlines_and_strokes_across_the_others_go_where_the_picture_hardly_misses_them():
+    strokes = Slic()(torch.rand(3, 60, 60), 49, torch.Generator().manual_seed(0))
+    y, x = torch.meshgrid(torch.arange(7.0), torch.arange(7.0), indexing="ij")
+    place, end = torch.stack([x, y], -1).reshape(-1, 2) * 8 + 6, torch.tensor([[0.5, 0.05]]).repeat(49, 1)
+    end[[10, 24, 31]] = torch.tensor([0.05, -0.5])  # square to the others
+    scale, width = torch.full((49,), 16.0), torch.full((49,), 0.2)  # 3.2 pixels
+    width[[17, 40]] = 0.05
+    lines = {"position": place, "start": -end, "control": 0 * end, "end": end, "scale": scale, "width": width}
+    scores, policy = torch.ones(49) * 1e-3, Strays(missed=0.04)
+    scores[[24, 40]] = 5.0  # what the picture would miss
+    state = state_of(strokes=replace(strokes, **lines), target=torch.rand(3, 60, 60), scores=scores)
+    assert (~policy.revise(state).keep).nonzero()[:, 0].tolist() == [10, 17, 31]
+    assert Strays(thin=0, askew=90).revise(state) is None
+    assert [step for step in range(1, 61) if policy.due(step, 60)] == [42]
+
+
+def test_a_painting_without_strays_is_about_as_good_and_has_fewer_strokes():
+    fixed, wiped = painted(Fixed(), n=150), painted(Strays(thin=2.5, missed=0.02), n=150)
+    assert 100 < len(wiped.strokes()) < 150
+    assert error_of(wiped) < 1.3 * error_of(fixed)
