@@ -2,6 +2,7 @@
 
 import signal
 from dataclasses import replace
+from itertools import pairwise
 
 import lightning as L
 import numpy as np
@@ -16,6 +17,7 @@ from brushexp.painting.goals import goals_of
 from brushexp.painting.procedure import Procedure
 from brushexp.painting.timelapse import Timelapse
 from brushexp.plugins.painter.base import PaintingMethod, PaintingState
+from brushexp.plugins.painter.gatys import lattice_dots
 from brushexp.plugins.painter.hertzmann import fitted_curves, worst_of_cells
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.bezier import point_at
@@ -24,6 +26,7 @@ from brushexp.system.callbacks import TimedCheckpoint
 from brushexp.testing.families import commission_of
 
 TARGET = torch.rand(3, 24, 40, generator=torch.Generator().manual_seed(0))
+QUICK = {"evolution": {"children": 20}, "gatys": {"steps": 3}}
 
 
 class Counting(PaintingMethod):
@@ -87,7 +90,7 @@ def test_a_painting_is_nearer_to_the_picture_than_bare_canvas_and_seeds_differ(n
     found = []
     for seed in (1, 2):
         commission = replace(commission_of(target, 80, bare), generator=torch.Generator().manual_seed(seed))
-        *_, last = build_named("painter", name, {})(commission)
+        *_, last = build_named("painter", name, QUICK.get(name, {}))(commission)
         found.append(commission.draw(last.strokes))
         assert (found[-1] - target).square().mean() < 0.9 * (bare[:, None, None] - target).square().mean()
     assert not torch.equal(*found)
@@ -133,3 +136,21 @@ def test_the_worst_pixel_of_a_cell_is_found_as_by_a_loop():
         assert error[k] == pytest.approx(cell.mean())
         assert difference[y[k], x[k]] == cell.max()
     assert len(error) == len(cells)
+
+
+def test_children_live_only_where_the_picture_gains():
+    commission = commission_of(TARGET, 40, TARGET.mean((1, 2)))
+    errors = [
+        float((commission.draw(state.strokes) - TARGET).square().mean())
+        for state in build_named("painter", "evolution", {"children": 20})(commission)
+    ]
+    assert errors[-1] < 0.95 * errors[0]
+    assert all(later <= earlier + 1e-6 for earlier, later in pairwise(errors))
+
+
+def test_a_dot_for_each_pixel_is_the_picture():
+    commission = commission_of(TARGET, TARGET[0].numel(), torch.zeros(3))
+    dots = lattice_dots(commission)
+    assert len(dots) == TARGET[0].numel()
+    assert_close(commission.draw(dots), TARGET, atol=1e-3, rtol=0)
+    assert len(lattice_dots(commission_of(TARGET, 7, torch.zeros(3)))) <= 7

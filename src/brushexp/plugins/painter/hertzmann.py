@@ -14,7 +14,7 @@ from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
 FIRST_LAYER = 0.2  # of the strokes, about: what the layer of the largest brush takes
-STROKES_PER_CELL = 1.4  # Bezier curves that a stroke takes, about
+STEPS_PER_CURVE = 16  # by which a stroke takes one Bezier curve more, about
 LUMINANCE = np.array([0.30, 0.59, 0.11])  # the paper's weights
 LEVELS = 255.0  # in which the threshold counts
 FLAT = 1e-9  # slope of the luminance that has no direction
@@ -33,8 +33,9 @@ class Hertzmann(PaintingMethod):
     Differs from the paper: its cubic B-splines are fitted by quadratic Bezier curves, one where that is within
     ``tolerance``, else several that meet: those are what ``strokes`` counts. As a threshold the number of strokes is
     given: each layer takes its worst cells (``threshold=100`` is the paper's, with at most so many). The bare canvas
-    ends strokes of the first layer as any paint does, or each would have the greatest length. The defaults are for few
-    thousand strokes; the styles of the paper, which take tens of thousands, are presets: `hertzmann_impressionist`.
+    ends strokes of the first layer as any paint does, or each would have the greatest length. The styles of the
+    paper are presets (`hertzmann_impressionist`) with its brushes relative to each other: in its pixels and with its
+    thresholds (``scale=1 threshold=100``) few thousand strokes leave most of a canvas bare.
 
     Args:
         radii: of the brushes, largest first, in units of ``scale``.
@@ -89,7 +90,7 @@ class Hertzmann(PaintingMethod):
 
     def _scale(self, commission: Commission) -> float:
         """Pixels of a unit with which the cells of the largest brush take `FIRST_LAYER` of the strokes."""
-        cell = commission.pitch * np.sqrt(STROKES_PER_CELL / FIRST_LAYER)
+        cell = commission.pitch * np.sqrt((1 + self.max_length / STEPS_PER_CURVE) / FIRST_LAYER)
         return float(cell / (self.grid * max(self.radii)))
 
     def _layer(

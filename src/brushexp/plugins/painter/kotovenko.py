@@ -28,21 +28,21 @@ class Kotovenko(PaintingMethod):
 
     Differs from the paper: strokes cover each other, the larger ones below, where a pixel of its canvas belongs to the
     nearest stroke; features are of the small network that ships; weights are such that the terms are as far apart as
-    there. Its second stage, which optimises pixels and not strokes, is left out. Without a style the colours follow
-    the content, too.
+    there. Its second stage, which optimises pixels and not strokes, is `painter=gatys`. Without a style, pixels are
+    compared and not features, and the colours follow them, too, as where such code is used to reconstruct pictures.
 
     Args:
-        style: a painting; null = the picture's own statistics.
+        style: a painting; null = none.
         steps: of Adam.
         lr: rate of the shape, pixels a step.
         lr_color: rate of the colours.
-        content: weight of the features of the picture.
+        content: weight of the features of the picture; without a style, of its pixels.
         style_weight: weight of the Gram matrices.
         curvature: weight of the bends.
         direction: weight of how neighbours differ in direction.
     """
 
-    kind = "gradients, of features"
+    kind = "gradients, of features and pixels"
     differentiates = True
 
     style: Annotated[str | None, PICTURE] = None
@@ -78,8 +78,11 @@ class Kotovenko(PaintingMethod):
     def _losses(self) -> dict[str, tuple[float, torch.nn.Module]]:
         """Each term with its weight."""
         options = {"style": {"image": self.style}}
-        weights = {"perceptual": self.content * 0.0015, "style": self.style_weight / 3}
-        weights |= {"curvature": self.curvature, "direction": self.direction}
+        weights = {"curvature": self.curvature, "direction": self.direction}
+        if self.style is None:
+            weights |= {"mse": self.content}
+        else:
+            weights |= {"perceptual": self.content * 0.0015, "style": self.style_weight / 3}
         return {name: (weight, build_named("loss", name, options.get(name, {}))) for name, weight in weights.items()}
 
     def _step(
