@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from browser import NARROW
+from PIL import Image
 from program import ended
 from scipy import stats
 from sweeps import make_run, read_csv
@@ -16,6 +17,7 @@ from brushexp.results.page.leaderboard_page import write_leaderboard_page
 from brushexp.results.published import read_published
 from brushexp.results.runs import gather
 from brushexp.results.standings import entries_of, sections_of
+from brushexp.results.standings_plot import write_standings_plot
 from brushexp.results.standings_tables import at_equal_seconds, by_picture, table_cells
 from brushexp.system.files import write_picture, write_text
 
@@ -73,8 +75,14 @@ def test_means_are_of_the_same_pictures_and_differences_are_paired(runs, tmp_pat
         ("greedy_fast", 90),
     ]
     assert [one.source[-1] for one in both.published] == ["1", "3"]  # not those of another size
-    assert ours.psnr_at(0.5) is None
-    assert (ours.psnr_at(2), greedy.psnr_at(2)) == (26, 21)  # what is done stays
+    assert ours.psnr_at(0.5) == []
+    assert (ours.psnr_at(2), greedy.psnr_at(2)) == ([21, 31], [17, 26])  # what is done stays
+
+
+def test_a_plot_shows_sections_whose_rows_have_curves(runs, tmp_path):
+    found = write_standings_plot(tmp_path, sections_of(entries_of(gather([runs], runs))))
+    with Image.open(found) as picture:
+        assert np.asarray(picture.convert("RGB")).std() > 1
 
 
 def test_published_figures_stand_beside_and_say_what_they_are_of(runs, tmp_path):
@@ -141,6 +149,7 @@ def test_paintings_by_others_are_measured_as_ours(run_task, tmp_path):
     rows = read_csv(tmp_path / "leaderboard.csv")
     assert {row["painter"] for row in rows} == {"Theirs", "gradient"}
     assert [float(row["psnr"]) for row in rows] == pytest.approx([ours["psnr"]] * 2)
+    assert not (tmp_path / "anytime.png").exists()  # there is one curve
     page = (tmp_path / "report.html").read_text()
     assert page.count("Theirs") > 2
     assert '<tr class="published">' in page

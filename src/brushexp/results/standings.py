@@ -69,10 +69,11 @@ class Row:
         """Painter and settings."""
         return " ".join(filter(None, (self.painter, self.settings)))
 
-    def psnr_at(self, seconds: float) -> float | None:
-        """Mean PSNR in dB of what it had after so many seconds; what is done stays. None before the first."""
+    def psnr_at(self, seconds: float) -> list[float]:
+        """PSNR in dB of each picture after so many seconds; what is done stays. None of them before all have begun."""
         found = [quality_at(curve, seconds, kept=True) for curve in self.curves]
-        return None if not found or None in found else float(np.mean(found))  # type: ignore[arg-type]
+        known = [psnr for psnr in found if psnr is not None]
+        return known if len(known) == len(found) else []
 
 
 @dataclass(frozen=True)

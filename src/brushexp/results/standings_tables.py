@@ -10,7 +10,7 @@ from typing import Any
 from brushexp.results.paired import CONFIDENCE, interval
 from brushexp.results.published import PublishedFigures
 from brushexp.results.standings import COLUMNS, Row, Section, stem_of
-from brushexp.results.tables import MISSING, csv_table, escaped, latex_table, markdown_table
+from brushexp.results.tables import METRICS, MISSING, csv_table, escaped, latex_table, markdown_table
 from brushexp.system.files import write_text
 
 MOST_PICTURES = 24  # with a column each
@@ -78,10 +78,15 @@ def _with_interval(found: tuple[float, float, float], digits: int) -> str:
 
 
 def at_equal_seconds(section: Section) -> list[dict[str, str]]:
-    """Mean PSNR of each row with curves after so many seconds; none if no two can be compared."""
+    """Mean PSNR of each row with curves after so many seconds, and its interval; none if no two can be compared."""
     return [
         {"painter": row.painter, "settings": row.settings, "strokes": count_of(row.strokes)}
-        | {f"{time:g} s": MISSING if (psnr := row.psnr_at(time)) is None else f"{psnr:.2f}" for time in section.times}
+        | {
+            f"{time:g} s": _with_interval(interval(psnr), METRICS["psnr"].digits)
+            if (psnr := row.psnr_at(time))
+            else MISSING
+            for time in section.times
+        }
         for row in section.rows
         if row.curves and section.times
     ]

@@ -12,6 +12,7 @@ from brushexp.results.page.leaderboard_page import write_leaderboard_page
 from brushexp.results.published import SHIPPED_FIGURES, read_published
 from brushexp.results.runs import gather, words_of
 from brushexp.results.standings import entries_of, sections_of
+from brushexp.results.standings_plot import write_standings_plot
 from brushexp.results.standings_tables import write_leaderboard_tables
 
 log = logging.getLogger(__name__)
@@ -36,6 +37,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     elsewhere = [one for one in published if id(one) not in beside]
     words = [word for word in words_of(folder) or [] if word.partition("=")[0] not in NOT_SHOWN]
     command = shlex.join(["brushexp", *words])
+    write_standings_plot(folder, sections)
     write_leaderboard_page(folder, sections, elsewhere, cfg.note or "")
     table = write_leaderboard_tables(folder, sections, elsewhere, command, cfg.note or "")
     log.info("%s: %d paintings in %d sections", table, len(entries), len(sections))

@@ -74,7 +74,7 @@ class Gatys(PaintingMethod):
 
 
 def lattice_dots(commission: Commission) -> Strokes:
-    """A dot in the mean colour of each cell of a lattice, as many as there may be."""
+    """A dot in the mean colour of each cell of a lattice, as many as there may be, in random order."""
     height, width = commission.size
     rows = min(height, max(1, round(height / commission.pitch)))
     columns = min(width, max(1, commission.n // rows))
@@ -86,4 +86,5 @@ def lattice_dots(commission: Commission) -> Strokes:
     color = torch.nn.functional.adaptive_avg_pool2d(commission.target.cpu(), (rows, columns)).flatten(1).T.numpy()
     thickness = 1.0 if rows * columns == height * width else np.hypot(cell_width, cell_height)
     strokes = strokes_from_arrays(curves, np.full(len(curves), thickness), color, 1.0)
-    return strokes.map(lambda value: value.to(commission.target))
+    order = torch.randperm(len(strokes), generator=commission.generator)
+    return strokes[order].map(lambda value: value.to(commission.target))

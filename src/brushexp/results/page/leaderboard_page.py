@@ -23,13 +23,14 @@ from brushexp.results.standings_tables import (
 )
 from brushexp.system.files import write_text
 
+PLOT_SIDE = 1400  # pixels
 WORDS = ("painter", "settings", "pictures")  # columns that are no numbers
 
 
 def write_leaderboard_page(
     folder: Path, sections: Sequence[Section], elsewhere: Sequence[PublishedFigures], note: str = ""
 ) -> Path:
-    """Write ``report.html``; each picture is shown in the first section that has it."""
+    """Write ``report.html``, with the plot beside it; each picture is shown in the first section that has it."""
     where = {target: section for section in reversed(sections) for target in section.pictures}
     count = sum((1 + len(section.rows)) for section in where.values())
     columns = {key: metric for key, metric in COLUMNS.items() if any(key in one.figures for one in elsewhere)}
@@ -37,6 +38,7 @@ def write_leaderboard_page(
         "leaderboard.html.j2",
         title="Leaderboard",
         note=note,
+        plot=thumbnail(folder / "anytime.png", PLOT_SIDE),
         explained=EXPLAINED.replace("*", ""),
         sections=[
             {
