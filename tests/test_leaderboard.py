@@ -76,7 +76,7 @@ def test_means_are_of_the_same_pictures_and_differences_are_paired(runs, tmp_pat
     ]
     assert [one.source[-1] for one in both.published] == ["1", "3"]  # not those of another size
     assert ours.psnr_at(0.5) == []
-    assert (ours.psnr_at(2), greedy.psnr_at(2)) == ([21, 31], [17, 26])  # what is done stays
+    assert (ours.psnr_at(2), greedy.psnr_at(2)) == ([21, 31], [16, 26])  # what is done stays
 
 
 def test_a_plot_shows_sections_whose_rows_have_curves(runs, tmp_path):
@@ -94,7 +94,7 @@ def test_published_figures_stand_beside_and_say_what_they_are_of(runs, tmp_path)
     assert cells[0]["PSNR, dB"] == f"26.00 ± {stats.t.interval(0.95, 1, scale=5)[1]:.2f}"
     assert cells[2] | {"PSNR, dB": "99", "strokes": "9 blobs", "optimisation, s": "–"} == cells[2]
     assert [row["a"] for row in by_picture(both)] == ["21.00", "16.00"]
-    assert [row["1 s"] for row in at_equal_seconds(both)] == ["22.00", "21.00"]
+    assert [row["1 s"].split(" ± ")[0] for row in at_equal_seconds(both)] == ["22.00", "21.00"]
 
 
 def test_the_page_fits_sorts_and_asks_nothing(runs, tmp_path, opened):

@@ -78,7 +78,9 @@ def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_tas
     assert "4 pictures (a, b, c, d), 12 runs; 3.00 CPU hours." in text
     assert "![Differences of mine](ablations/mine.png)" in text
     assert (tmp_path / "docs" / "ablations" / "mine.png").is_file()
-    assert "Not run. `brushexp experiment=other`" in text
+    assert "Verdicts on 3 claims: holds 2, not run 1." in text
+    assert "| something else | 9 | brushexp experiment=other |" in text
+    assert "## other" not in text
     with pytest.raises(UserError, match="there is no sweep of an experiment=; run one first"):
         run_task(verdicts, "task=verdicts", f"runs={tmp_path}/docs")
 

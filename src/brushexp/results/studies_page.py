@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 import shlex
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from brushexp.errors import UserError
-from brushexp.results.claims import Claim
+from brushexp.results.claims import NOT_RUN, Claim
 from brushexp.results.paired import Difference, paired_differences, paired_table, rule_for
 from brushexp.results.paired_plot import PANELS, write_paired_plot
 from brushexp.results.runs import UNFINISHED, gather
@@ -35,6 +36,7 @@ class Study:
     words: tuple[str, ...]
     frame: DataFrame
     table: DataFrame | None
+    n_jobs: int = 0  # that it has when it is whole
 
     @property
     def units(self) -> list[str]:
@@ -58,13 +60,14 @@ def studies_in(folders: Sequence[Path], into: Path) -> dict[str, Study]:
     found: dict[str, Study] = {}
     paths = sorted({path.parents[1] for folder in folders for path in folder.rglob(JOBS_FILE)})
     for path in paths:
-        words = [str(word) for word in json_of(read_text(path / JOBS_FILE, "")).get("typed", [])]
+        noted = json_of(read_text(path / JOBS_FILE, ""))
+        words = [str(word) for word in noted.get("typed", [])]
         name = next((word.removeprefix(EXPERIMENT) for word in words if word.startswith(EXPERIMENT)), None)
         if name is None or not any(path.glob("*/result.json")):
             continue
         frame = gather([path], into)
-        one = Study(name, tuple(words), frame, paired_table(frame))
-        if name not in found or len(one.units) >= len(found[name].units):
+        one = Study(name, tuple(words), frame, paired_table(frame), len(noted.get("jobs", [])))
+        if one.units and (name not in found or len(one.units) >= len(found[name].units)):
             found[name] = one
     if not found:
         raise UserError(f"runs={','.join(map(str, folders))}: there is no sweep of an experiment=; run one first")
@@ -85,7 +88,7 @@ def write_verdicts(
         {
             "claim": claim.says,
             "thesis": claim.section,
-            "study": f"[{claim.study}](#{claim.study})" if claim.study in studies else claim.study,
+            "study": f"[{claim.study}](#{claim.study})",
             "compared": f"{claim.setting} against {claim.against}",
             "metric": METRICS[claim.metric].name,
             "verdict": claim.judged(found),
@@ -93,6 +96,8 @@ def write_verdicts(
         }
         for claim, found in judged
     ]
+    verdicts = Counter(row["verdict"] for row in rows)
+    counts = ", ".join(f"{verdict} {count}" for verdict, count in verdicts.most_common())
     matters = ", ".join(f"{METRICS[key].name} {METRICS[key].matters:g}" for key in PANELS)
     head = [
         "# Ablations",
@@ -102,29 +107,45 @@ def write_verdicts(
         "Where seeds and not pictures are paired, the same holds of seeds.",
         f"What matters: {matters} (of ratios: of their natural logarithm).",
         "",
-        markdown_table(_quoted(rows), escape=False),
+        f"Verdicts on {len(rows)} claims: {counts}.",
         "",
+        *_table([row for row in rows if row["verdict"] != NOT_RUN]),
     ]
     page.parent.mkdir(parents=True, exist_ok=True)
-    parts = [
-        _section(page, name, studies.get(name), questions.get(name, ""))
-        for name in [*claims, *(set(studies) - set(claims))]
+    names = [name for name in [*claims, *sorted(set(studies) - set(claims))] if name in studies]
+    parts = [_section(page, studies[name], questions.get(name, "")) for name in names]
+    left = [
+        {"claim": row["claim"], "thesis": row["thesis"], "command": f"brushexp {EXPERIMENT}{claim.study}"}
+        for row, (claim, _) in zip(rows, judged, strict=True)
+        if row["verdict"] == NOT_RUN
     ]
+    if left:
+        parts.append(["## Not run", "", *_table(left)])
     write_text(page, "\n".join([*head, *(line for part in parts for line in part)]))
-    verdicts = [str(row["verdict"]) for row in rows]
-    return {verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)}
+    return dict(verdicts)
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    return [markdown_table(_quoted(rows), escape=False), ""] if rows else []
 
 
 def _quoted(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return [{key: str(value).replace("|", "\\|").replace("_", "\\_") for key, value in row.items()} for row in rows]
 
 
-def _section(page: Path, name: str, study: Study | None, question: str) -> list[str]:
+def _section(page: Path, study: Study, question: str) -> list[str]:
     """Question, command, table, plot and cost of one study."""
-    head = [f"## {name}", "", question, ""]
-    if study is None:
-        return [*head, f"Not run. `brushexp {EXPERIMENT}{name}`", ""]
-    lines = [*head, f"`{shlex.join(['brushexp', *_short(study.words)])}`", "", f"{_told(study)}", ""]
+    name = study.name
+    lines = [
+        f"## {name}",
+        "",
+        question,
+        "",
+        f"`{shlex.join(['brushexp', *_short(study.words)])}`",
+        "",
+        f"{_told(study)}",
+        "",
+    ]
     found = paired_differences(study.table)
     if found:
         picture = page.with_suffix("") / f"{name}.png"
@@ -153,7 +174,9 @@ def _told(study: Study) -> str:
     cost = f"{spent.sum() / HOUR:.2f} CPU hours" if spent is not None and spent.notna().all() else None
     cost = cost or (f"{wall.sum() / HOUR:.2f} hours, CPU time not noted" if wall is not None else "cost not noted")
     left_out = f", {len(run) - int(finished.sum())} not finished" * (not finished.all())
-    return f"{len(study.units)} {kind}s ({', '.join(study.units)}), {int(finished.sum())} runs{left_out}; {cost}."
+    count = int(finished.sum())
+    runs = f"{count} of {study.n_jobs} runs" if count < study.n_jobs else f"{count} runs"
+    return f"{len(study.units)} {kind}s ({', '.join(study.units)}), {runs}{left_out}; {cost}."
 
 
 def _study_table(study: Study, found: Sequence[Difference]) -> str:
