@@ -79,7 +79,7 @@ class Evolution(PaintingMethod):
 
     kind = "trial and error"
 
-    children: Annotated[int, at_least(1)] = 100
+    children: Annotated[int, at_least(1)] = 40
     crossover: Annotated[float, between(0, 1)] = 0.1
     renewal: Annotated[float, between(0, 1)] = 0.3
     opacity: Annotated[float, between(0.01, 1)] = 0.9
@@ -154,7 +154,8 @@ def begun_genes(commission: Commission, target: Array, random: np.random.Generat
     n, pitch = commission.n, commission.pitch
     middle = random.uniform(0, 1, (n, 2)) * commission.size[::-1]
     largest = max(LARGEST * min(commission.size), SMALLEST * pitch)
-    length = np.sort(np.exp(random.uniform(*np.log([SMALLEST * pitch, largest]), n)))[::-1]
+    low, high = np.log(SMALLEST * pitch), np.log(largest)
+    length = np.sort(np.exp(random.uniform(low, high, n)))[::-1]
     return random_genes(middle, length, target, np.arange(n, dtype=float), random)
 
 
