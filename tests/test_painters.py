@@ -26,7 +26,7 @@ from brushexp.system.callbacks import TimedCheckpoint
 from brushexp.testing.families import commission_of
 
 TARGET = torch.rand(3, 24, 40, generator=torch.Generator().manual_seed(0))
-QUICK = {"evolution": {"children": 20}, "gatys": {"steps": 3}}
+QUICK = {"evolution": {"children": 5}, "gatys": {"steps": 3}}
 
 
 class Counting(PaintingMethod):
