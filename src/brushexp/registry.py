@@ -184,10 +184,11 @@ def plugins(family: str | None = None) -> list[Plugin]:
 
 def plugin_of(node: DictConfig) -> Plugin:
     """The plugin that a config node describes; a UserError if its ``_target_`` is none that is registered."""
-    for plugin in plugins():
-        if plugin.target == node._target_:
+    target = node._target_
+    for plugin in _plugins.values():
+        if plugin.target == target:
             return plugin
-    raise UserError(f"{node._target_} is not a registered plugin; add the file that defines it to {SEARCH_PATH}")
+    raise UserError(f"{target} is not a registered plugin; add the file that defines it to {SEARCH_PATH}")
 
 
 def build(node: DictConfig, *runtime: object) -> Any:

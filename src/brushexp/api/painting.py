@@ -67,8 +67,12 @@ class Painting:
 
     @property
     def metrics(self) -> Mapping[str, Any]:
-        """What metrics.json of a run holds: ``psnr`` (dB), ``ssim``, ``seconds``, ``status`` and others."""
-        return self.finished.metrics
+        """What metrics.json of a run holds: ``psnr`` (dB), ``ssim``, ``seconds``, ``status`` and others.
+
+        The pictures are compared at the first look, which takes a while.
+        """
+        with self.settings.as_asked():
+            return self.finished.metrics
 
     def render(self, size: int | None = None, *, light: bool = True) -> np.ndarray:
         """Draw it with ``size`` pixels on the longer side, crisp at any size: (H, W, 3) uint8.

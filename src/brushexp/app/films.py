@@ -28,8 +28,9 @@ from brushexp.pictures.clips import decoded_pictures, open_clip
 from brushexp.pictures.load import planes_of, size_of_picture
 from brushexp.pictures.video import filming
 from brushexp.plugins.export.base import ExportJob
+from brushexp.plugins.export.png import pixels
 from brushexp.registry import plugin_of
-from brushexp.shading.light import Light, normals_of, shaded
+from brushexp.shading.light import Light
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.callbacks import INTERRUPTED
 from brushexp.system.device import device_of
@@ -114,9 +115,8 @@ class PaintedFilm:
             return to_bytes(self.reel.image)
         saved, carrier = self.saved(), self.reel.carrier
         painting = (saved.strokes, saved.depth, saved.size, saved.background)
-        job = ExportJob(*painting, carrier.renderer, carrier.components.blend, self.name, self.cfg.image)
-        facing = normals_of(job.height(), self.light.depth)
-        return to_bytes(torch.from_numpy(shaded(self.reel.image.cpu().numpy(), facing, self.light)))
+        made = (carrier.renderer, carrier.components.blend, self.name, self.cfg.image)
+        return pixels(ExportJob(*painting, *made, light=self.light), self.reel.image)
 
     def saved(self) -> Saved:
         """The strokes of the last picture as a catalogue."""

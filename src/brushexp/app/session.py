@@ -56,10 +56,8 @@ class Session:
             self.failure = fit(trainer, self.painter, checkpoint=checkpoint)
 
     def finish(self) -> Finished:
-        """What the painter has come to; ``cpu_seconds`` are of all threads, from the picture file to here."""
-        finished = finish(self.painter, self.cfg, self.timelapse, self.lpips)
-        finished.metrics["cpu_seconds"] = None if self.began is None else time.process_time() - self.began
-        return finished
+        """What the painter has come to."""
+        return finish(self.painter, self.cfg, self.timelapse, self.lpips, self.began)
 
     def conclude(self) -> None:
         """Raise what has kept the fit from its end, if anything has; else its checkpoint is removed."""

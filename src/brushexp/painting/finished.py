@@ -1,8 +1,10 @@
 """A finished painting in memory: its strokes, its pictures and its numbers, and the files that it makes."""
 
 import time
+from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,6 @@ from omegaconf import DictConfig, OmegaConf
 from brushexp.features.distance import Distance
 from brushexp.painting.assembly import STYLE
 from brushexp.painting.metrics import measure, picture_psnr
-from brushexp.painting.outputs import export_job
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.timelapse import Timelapse
 from brushexp.painting.wet import wetted
@@ -21,6 +22,7 @@ from brushexp.plugins.export.png import pixels
 from brushexp.plugins.export.svg import Svg
 from brushexp.plugins.loss.style import Style
 from brushexp.registry import plugin_of
+from brushexp.shading.light import Light
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, save_catalogue
 from brushexp.system.files import to_bytes, write_json, write_picture
@@ -36,8 +38,14 @@ class Finished:
     picture: np.ndarray  # in its light
     flat: np.ndarray  # its colours alone: the same array if there is no light
     target: np.ndarray
-    metrics: dict[str, object]  # what metrics.json holds; ``seconds_total`` is filled in when it is written
+    compare: Callable[[], dict[str, float | str | None]]  # picture and target: see `measure`
+    others: dict[str, object]  # numbers of the painting beside these
     timelapse: Timelapse  # the pictures on the way
+
+    @cached_property
+    def metrics(self) -> dict[str, object]:
+        """What metrics.json holds; computed when one looks, because it takes as long as steps."""
+        return self.compare() | self.others
 
     def write(self, folder: Path, start: float | None = None) -> None:
         """Write pictures, catalogue, SVG and, when they are there, ``metrics.json``.
@@ -50,36 +58,47 @@ class Finished:
         write_picture(folder / "painting.png", self.picture)
         save_catalogue(folder / "catalogue.h5", self.saved)
         Svg().write(self.job, folder)
+        self.metrics["peak_memory_mb"] = peak_memory()
         self.metrics["seconds_total"] = None if start is None else time.monotonic() - start
         write_json(folder / "metrics.json", self.metrics)
 
 
-def finish(painter: PaintingModule, cfg: DictConfig, timelapse: Timelapse, lpips: Distance | None = None) -> Finished:
-    """What a painter has come to; under a lamp, all but catalogue, colours and metrics show it."""
+def finish(
+    painter: PaintingModule, cfg: DictConfig, timelapse: Timelapse, lpips: Distance | None = None,
+    began: float | None = None,
+) -> Finished:  # fmt: skip
+    """What a painter has come to; under a lamp, all but catalogue, colours and metrics show it.
+
+    ``began`` is `time.process_time` when it began; None if that was in another process.
+    """
     painter.schedule.pause()
     painter.hand_over()
     canvas = painter.picture
     strokes, front_to_back = wetted(painter, cfg.wet)
-    saved = saved_of(painter, cfg, strokes, front_to_back)
-    flat, target = to_bytes(canvas.draw(strokes, front_to_back)), to_bytes(canvas.target)
-    job = export_job(
-        saved, deepcopy(painter.renderer).cpu(), painter.components.blend, saved.renderer, source=cfg.image
-    )
-    measured = measure(flat, target, lpips, canvas.focus)
-    picture = flat
+    saved, drawn = saved_of(painter, cfg, strokes, front_to_back), canvas.draw(strokes, front_to_back)
+    flat, target = to_bytes(drawn), to_bytes(canvas.target)
+    job = job_of(saved, painter, cfg)
+    picture, lit = flat, dict[str, object]()
     if job.light.depth:
-        picture = pixels(job)
-        measured["psnr_lit"] = picture_psnr(picture, target)
+        picture = pixels(job, drawn)
+        lit = {"psnr_lit": picture_psnr(picture, target)}
         timelapse.add(torch.from_numpy(picture).permute(2, 0, 1) / 255, painter.schedule.step)
-    assert isinstance(measured["psnr"], float)
-    painter.anytime.add(painter.schedule.seconds, measured["psnr"])
-    effort = {"painter": plugin_of(cfg.painter).name, **effort_of(painter, len(strokes))}
-    metrics = {**measured, **style_of(painter, cfg), **effort}
-    return Finished(saved, job, picture, flat, target, metrics, timelapse)
+    painter.anytime.add(painter.schedule.seconds, picture_psnr(flat, target))
+    others = lit | style_of(painter, cfg) | {"painter": plugin_of(cfg.painter).name}
+    others |= effort_of(painter, len(strokes), began)
+    compare = partial(measure, flat, target, lpips, canvas.focus)
+    return Finished(saved, job, picture, flat, target, compare, others, timelapse)
 
 
-def effort_of(painter: PaintingModule, n: int) -> dict[str, object]:
-    """The numbers of metrics.json that tell how a painting of ``n`` strokes came to be."""
+def job_of(saved: Saved, painter: PaintingModule, cfg: DictConfig) -> ExportJob:
+    """The finished painting as exporters take it, on the CPU."""
+    made = deepcopy(painter.renderer).cpu(), painter.components.blend
+    of_this_run = saved.renderer, cfg.image, saved.seed, saved.config, Light(**cfg.light)
+    return ExportJob(saved.strokes, saved.depth, saved.size, saved.background, *made, *of_this_run)
+
+
+def effort_of(painter: PaintingModule, n: int, began: float | None) -> dict[str, object]:
+    """The numbers of metrics.json that tell how a painting of ``n`` strokes came to be; ``began`` as in `finish`."""
     schedule = painter.schedule
     return {
         "seconds": schedule.seconds,
@@ -90,6 +109,7 @@ def effort_of(painter: PaintingModule, n: int) -> dict[str, object]:
         "steps": schedule.step,
         "device": str(painter.device),
         "status": painter.stop or "completed",
+        "cpu_seconds": None if began is None else time.process_time() - began,
         "anytime": [[round(seconds, 3), round(psnr, 3)] for seconds, psnr in painter.anytime.pairs],
     }
 

@@ -111,11 +111,12 @@ def faces(picture: Tensor) -> list[tuple[tuple[float, float], float]]:
         found = cascade.detect_multi_scale(pixels, FACE_SCALES, 1, (FACE_LEAST,) * 2, (short,) * 2)
         return [(face["r"] + face["height"] / 2, face["c"] + face["width"] / 2, face["width"]) for face in found]
 
-    mirrored = [(y, light.shape[1] - x) for y, x, _ in look(light[:, ::-1])]
+    found = look(light)
+    mirrored = [(y, light.shape[1] - x) for y, x, _ in look(light[:, ::-1])] if found else []
     zoom = max(picture.shape[1:]) / max(small.shape[:2])
     return [
         ((zoom * y, zoom * x), zoom * side)
-        for y, x, side in look(light)  # most of what it takes for a face by mistake is none in the mirror
+        for y, x, side in found  # most of what it takes for a face by mistake is none in the mirror
         if any(max(abs(y - other_y), abs(x - other_x)) < side / 2 for other_y, other_x in mirrored)
     ]
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 import numpy as np
+import torch
 
 Array = np.ndarray
 
@@ -31,7 +32,7 @@ class FarStructure:
     def __init__(self, picture: Array) -> None:
         from scipy.fft import dctn  # noqa: PLC0415  (--help does not need it)
 
-        self.spectrum = dctn(_products(picture), axes=(1, 2))
+        self.spectrum = dctn(_products(picture), axes=(1, 2), workers=torch.get_num_threads())
 
     def __call__(self, parts: Iterable[tuple[float, float]]) -> Array:
         """The sum (3, H, W) of those smoothed with Gaussians of so many pixels, times their weights."""
@@ -39,7 +40,7 @@ class FarStructure:
 
         squares = np.add.outer(*((np.pi * np.arange(n) / n) ** 2 for n in self.spectrum.shape[1:]))
         passed = sum(weight * np.exp(-0.5 * sigma**2 * squares) for sigma, weight in parts)
-        found: Array = idctn(self.spectrum * passed, axes=(1, 2))
+        found: Array = idctn(self.spectrum * passed, axes=(1, 2), workers=torch.get_num_threads())
         return found
 
 

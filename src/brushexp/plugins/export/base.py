@@ -65,12 +65,12 @@ class ExportJob:
         size = (max(1, round(self.size[0] * zoom)), max(1, round(self.size[1] * zoom)))
         return replace(self, strokes=self.strokes.moved(zoom=zoom), size=size)
 
-    def bands(self) -> Iterator[tuple[int, Tensor]]:
+    def bands(self, flat: Tensor | None = None) -> Iterator[tuple[int, Tensor]]:
         """The picture from top to bottom, under its light: first row of each band, and its pixels (3, h, W) in [0, 1].
 
-        ``replace(job, light=UNLIT)`` has the colours alone.
+        ``replace(job, light=UNLIT)`` has the colours alone; ``flat`` (3, H, W) are these if they are known.
         """
-        found = self._lit() if self.light.depth else self._flat()
+        found = self._lit(flat) if self.light.depth else self._flat()
         if self.size[0] * self.size[1] < LARGE:
             return found
         return with_progress(found, self.size[0], "painting", lambda item: item[1].shape[1])
@@ -89,11 +89,14 @@ class ExportJob:
         above = self.bottom_up.flip(0)
         return bands(self.strokes, above, self.size, self.background, self.renderer, self.blend)
 
-    def _lit(self) -> Iterator[tuple[int, Tensor]]:
+    def _lit(self, known: Tensor | None) -> Iterator[tuple[int, Tensor]]:
         place = self.bottom_up.flip(0).argsort()
         for top, rows, number, height in self._heights():
-            band = (top, rows, self.size[1])
-            flat = band_of(self.strokes, place, number, band, self.background, self.renderer, self.blend)
+            if known is None:
+                band = (top, rows, self.size[1])
+                flat = band_of(self.strokes, place, number, band, self.background, self.renderer, self.blend)
+            else:
+                flat = known[:, top : top + rows]
             facing = normals_of(height, self.light.depth, slice(int(top > 0), int(top > 0) + rows))
             yield top, torch.from_numpy(shaded(flat.float().cpu().numpy(), facing, self.light))
 

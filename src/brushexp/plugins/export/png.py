@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
+from torch import Tensor
 
 from brushexp.plugins.export._prints import CM, PrintExporter
 from brushexp.plugins.export.base import ExportJob
@@ -43,10 +44,13 @@ class Png(PrintExporter):
         return [path]
 
 
-def pixels(job: ExportJob) -> np.ndarray:
-    """The picture (H, W, 3) in 8 bits, painted in bands, so that it takes little more memory than its pixels."""
+def pixels(job: ExportJob, flat: Tensor | None = None) -> np.ndarray:
+    """The picture (H, W, 3) in 8 bits, painted in bands, so that it takes little more memory than its pixels.
+
+    ``flat`` (3, H, W) in [0, 1] are its colours without light, if they are known.
+    """
     picture = np.empty((*job.size, 3), dtype=np.uint8)
-    for top, band in job.bands():
+    for top, band in job.bands(flat):
         picture[top : top + band.shape[1]] = to_bytes(band)
     return picture
 

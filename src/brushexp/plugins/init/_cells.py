@@ -108,7 +108,8 @@ def cut(flat: Array, pieces: Array, height: int, width: int) -> Array:
         centre, covariance, count = _moments(points[:, pixel], cell, n)
         angle = along_edges(-covariance)  # the longer axis
         across, down = points[:, pixel] - centre[:, cell]
-        order = np.lexsort((across * np.cos(angle)[cell] + down * np.sin(angle)[cell], cell))
+        small = cell.astype(np.min_scalar_type(n))  # which is sorted several times as fast
+        order = np.lexsort((across * np.cos(angle)[cell] + down * np.sin(angle)[cell], small))
         pixel, cell = pixel[order], cell[order]
         rank = np.arange(len(cell)) - (np.cumsum(count) - count)[cell]
         part = pieces // 2

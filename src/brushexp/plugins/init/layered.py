@@ -2,7 +2,9 @@
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -155,7 +157,8 @@ def _to_the_edges(places: Array, side: float, size: Sequence[int]) -> Array:
 def _blurred(picture: Array, sigma: float) -> Array:
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
 
-    return np.stack([gaussian_filter(channel, sigma, mode="nearest") for channel in picture])
+    with ThreadPoolExecutor(torch.get_num_threads()) as pool:  # SciPy lets others work meanwhile
+        return np.stack([*pool.map(partial(gaussian_filter, sigma=sigma, mode="nearest"), picture)])
 
 
 def _at(values: Array, points: Array) -> Array:
