@@ -1,9 +1,11 @@
 """A folder of pictures is a sweep: one process, one page, broken files skipped, and the same command goes on."""
 
 import json
+import math
 from pathlib import Path
 
 import pytest
+import torch
 from PIL import Image
 from program import ended
 
@@ -12,6 +14,7 @@ from brushexp.app.configs import SHIPPED
 from brushexp.app.many_pictures import all_pictures, as_sweep, in_processes, pictures_named, subfolders_for
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
+from brushexp.system import device, runtime
 
 QUICK = ("look=plain", "steps=2", "frames=0", "report=false", "logger=[]")
 
@@ -100,8 +103,19 @@ def test_names_of_folders_are_plain_and_differ():
     assert subfolders_for(["x/a.jpg", "y/a.jpg"]) == ["a_jpg", "a_jpg_2"]
 
 
-def test_jobs_are_processes():
+def test_jobs_are_processes(monkeypatch):
     assert in_processes(["jobs=2", "a=1"]) == ["a=1", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
     assert in_processes(["jobs=1"]) == []
     with pytest.raises(UserError, match="jobs=x is no number"):
         in_processes(["jobs=x"])
+    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    monkeypatch.setattr(runtime, "cores", lambda: 5)
+    monkeypatch.setattr(device, "device_of", lambda _: torch.device("cpu"))
+    for memory, pictures, count in ((1e6, 40, 5), (7000, 40, 3), (500, 40, 1), (1e6, 10, 2), (1e6, 5, 1)):
+        monkeypatch.setattr(runtime, "free_memory", lambda memory=memory: memory)
+        expected = ["hydra/launcher=joblib", f"hydra.launcher.n_jobs={count}"] if count > 1 else []
+        assert in_processes(["jobs=auto"], pictures) == in_processes([], pictures) == expected
+    monkeypatch.setattr(runtime, "free_memory", lambda: math.inf)
+    assert in_processes(["jobs=auto"])[-1] == "hydra.launcher.n_jobs=5"
+    typed = ["hydra/launcher=dask"]
+    assert (in_processes([]), in_processes(typed, 40)) == ([], typed)

@@ -23,7 +23,7 @@ from brushexp.app.composition import offer
 from brushexp.app.configs import GROUPS, composed, folders_of
 from brushexp.app.help import help_text
 from brushexp.app.keys import keys_of
-from brushexp.app.many_pictures import PICTURES, as_sweep, in_processes
+from brushexp.app.many_pictures import PICTURES, as_sweep
 from brushexp.app.mistakes import explanation
 from brushexp.app.schema import TASKS
 from brushexp.errors import UserError
@@ -67,7 +67,7 @@ def in_full(arguments: list[str]) -> list[str]:
     overrides = {*typed.overrides, *after_flags}
     words = [meant(word) if word in overrides else word for word in arguments]
     typed_words = {word for word, argument in zip(words, arguments, strict=True) if argument in overrides}
-    plain = as_sweep(in_processes(words), typed.multirun)
+    plain = as_sweep(words, typed.multirun)
     return [written_out(word, typed.multirun) if word in typed_words else word for word in plain]
 
 

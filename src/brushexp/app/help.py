@@ -22,7 +22,7 @@ INTRODUCTION = """Paint pictures out of brush strokes by gradient descent, and s
   brushexp photo.jpg style=painting.jpg           in the style of a painting: its colours and its strokes
   brushexp -m loss=mse,perceptual init=grid,slic  a sweep: one table, one sheet of pictures
   brushexp experiment=loss_by_init                a named study
-  brushexp photos/ jobs=2                         every picture of a folder, two at a time: one page
+  brushexp photos/                                every picture of a folder, some at a time (jobs=2: two): one page
   brushexp pictures=thesis12 look=ink             a set of pictures, conf/pictures/thesis12.yaml: one page
   brushexp task=export catalogue=outputs/x/catalogue.h5 resolution=4096
 """

@@ -4,29 +4,48 @@ import glob
 import os
 from collections import Counter
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 from brushexp.app.configs import files_of
-from brushexp.app.sweep_jobs import JOBS
+from brushexp.app.sweep_jobs import JOBS, PICTURE
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".gif")
-IMAGE, SETS = "image=", "pictures="
+SETS = "pictures="
 GROUP_OF_SETS, ENDING = "pictures", ".yaml"  # folder of configs with sets of pictures, and how their files end
-PROCESSES = "jobs="  # of a sweep: how many at once
+PROCESSES, AUTO = "jobs=", "auto"  # of a sweep: how many at once
+WITH_LAUNCHER = ("hydra/launcher=", "experiment=")  # words that choose one, or may
+PICTURES_PER_PROCESS = 4  # at least: each process loads modules and kernels, as long as some pictures take
+MB_PER_PROCESS = 2048  # 450 of them modules, and about 800 bytes for each pixel of a picture
 
 
-def in_processes(words: Sequence[str]) -> list[str]:
-    """The words with ``jobs=2`` written out: a launcher that runs so many jobs of a sweep at once."""
-    found = [word for word in words if word.startswith(PROCESSES)]
-    if not found:
-        return [*words]
-    number = found[-1].removeprefix(PROCESSES)
+def in_processes(words: Sequence[str], pictures: int = 0) -> list[str]:
+    """The words with ``jobs=2`` written out: a launcher that runs so many jobs of a sweep at once.
+
+    ``jobs=auto``, which several ``pictures`` need not say, is as many as there are cores, and memory, and work for.
+    """
+    typed = [word for word in words if word.startswith(PROCESSES)]
+    kept = [word for word in words if word not in typed]
+    automatic = pictures and not any(word.startswith(WITH_LAUNCHER) for word in words)
+    number = (typed or [PROCESSES + (AUTO if automatic else "1")])[-1].removeprefix(PROCESSES)
+    if number == AUTO:
+        number = str(as_many_as_fit(pictures))
     if not number.isdecimal() or number == "0":
-        raise UserError(f"{found[-1]} is no number of processes; try jobs=2")
-    kept = [word for word in words if word not in found]
+        raise UserError(f"{typed[-1]} is no number of processes; try jobs=2, or jobs=auto")
     return kept if number == "1" else [*kept, "hydra/launcher=joblib", f"hydra.launcher.n_jobs={number}"]
+
+
+def as_many_as_fit(pictures: int) -> int:
+    """Processes that paint at once: one for each core, for so much memory and work (0: any); one on a GPU."""
+    from brushexp.system.device import device_of  # noqa: PLC0415  (torch; --help should not wait for it)
+    from brushexp.system.runtime import cores, free_memory  # noqa: PLC0415
+
+    if not find_spec("hydra_plugins.hydra_joblib_launcher") or device_of("auto").type != "cpu":
+        return 1
+    work = pictures // PICTURES_PER_PROCESS if pictures else cores()
+    return max(1, min(cores(), int(min(free_memory() / MB_PER_PROCESS, work))))
 
 
 def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
@@ -34,13 +53,13 @@ def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
 
     The same command again goes on: finished pictures are kept.
     """
-    named = [word.removeprefix(IMAGE) for word in words if word.startswith(IMAGE)]
+    named = [word.removeprefix(PICTURE) for word in words if word.startswith(PICTURE)]
     sets = [word.removeprefix(SETS) for word in words if word.startswith(SETS)]
     if not sets and len(named) < 2 and not any(map(is_several, named)):
-        return [*words]
-    for image in filter(is_several, named):
-        pictures_in(image)  # a folder or pattern without pictures is told before Hydra begins
-    others = [word for word in words if not word.startswith((IMAGE, SETS))]
+        return in_processes(words)
+    found = [pictures_in(image) if is_several(image) else [image] for image in named]  # or there are none: told now
+    pictures = 0 if sets or is_sweep else sum(map(len, found))
+    others = in_processes([word for word in words if not word.startswith((PICTURE, SETS))], pictures)
     wanted = [*named, *(part for text in sets for part in ([text] if os.path.exists(text) else text.split(",")))]
     texts = ",".join('"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"' for text in wanted)
     typed = [word.removeprefix("output=") for word in others if word.startswith("output=")]

@@ -3,7 +3,6 @@
 import gc
 import importlib
 import logging
-import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -25,7 +24,7 @@ from brushexp.results.objective import objective_in
 from brushexp.results.sweep import note_result
 from brushexp.system.files import write_json
 from brushexp.system.hidden_packages import hidden
-from brushexp.system.runtime import forget_peak_memory, pass_signal_on, peak_memory, was_signalled
+from brushexp.system.runtime import cores, forget_peak_memory, pass_signal_on, peak_memory, was_signalled
 
 NO_MEMORY = ("can't allocate memory", "not enough memory", "Unable to allocate")  # what torch and NumPy say
 SIZES = ("resolution", "strokes", "batch_size", "n")  # keys that less memory is needed with
@@ -113,9 +112,9 @@ def in_users_words(error: BaseException, cfg: DictConfig) -> BaseException:
 
 def fair_share(hydra: HydraConf) -> int:
     """Cores for this job: all, or as many as a parallel launcher leaves each of its jobs."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    all_of_them = cores()
     if "cpus_per_task" in hydra.launcher:  # of submitit, where it is one by default, as for Slurm
-        return min(cores, hydra.launcher.cpus_per_task or 1)
+        return min(all_of_them, hydra.launcher.cpus_per_task or 1)
     jobs = hydra.launcher.get("n_jobs", 1) or 1
-    jobs = cores + 1 + jobs if jobs < 0 else jobs  # joblib and Dask: -1 means all cores
-    return max(1, cores // max(1, jobs))
+    jobs = all_of_them + 1 + jobs if jobs < 0 else jobs  # joblib and Dask: -1 means all cores
+    return max(1, all_of_them // max(1, jobs))

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.utils import JobReturn, JobStatus
 from omegaconf import DictConfig
 
@@ -20,6 +21,7 @@ from brushexp.results.sweep import first_line, renew
 JOBS = ".hydra/jobs.json"  # in the folder of a sweep: what was typed, and the words of each job
 ANY_TIME = ("output", "overwrite")  # keys that may be others when a sweep goes on
 ENGINES = ("joblib.", "submitit.", "distributed.")  # whose errors tell of jobs that were killed
+PICTURE = "image="
 SUBFOLDER = "hydra.sweep.subdir="  # of the sweep's folder, where a job is
 Words = Sequence[str]
 
@@ -28,10 +30,17 @@ log = logging.getLogger(__name__)
 
 def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: bool = False) -> None:
     """Refuse (UserError) a sweep of which one job would be refused; a ``lenient`` one, of which all would be."""
-    refused = []
+    refused, known, parser = [], dict[tuple[str, ...], DictConfig](), OverridesParser.create()
     for number, job in enumerate(jobs):
         try:
-            check(loader.load_sweep_config(config, list(job)), job)
+            others = tuple(word for word in job if not word.startswith((PICTURE, SUBFOLDER)))
+            if others not in known:  # composing takes a while, and the picture changes nothing else
+                known[others] = loader.load_sweep_config(config, list(job))
+            cfg = known[others].copy()
+            for word in job:
+                if word.startswith(PICTURE):
+                    cfg.image = parser.parse_override(word).value()
+            check(cfg, job)
         except UserError as error:
             refused.append(f"job {number} of the sweep ({' '.join(job)}): {error}")
             if not lenient or len(refused) == len(jobs):

@@ -111,6 +111,11 @@ def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
         restore()
 
 
+def cores() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def free_memory() -> float:
     """Most memory in MB that this process may still get; infinite where the system does not say."""
     found = [resource.getrlimit(resource.RLIMIT_AS)[0] % 2**64 / 2**20]  # no limit is -1
