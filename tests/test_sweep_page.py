@@ -221,6 +221,18 @@ def test_pictures_of_two_targets_are_not_plotted_together(tmp_path, opened):
     assert watched.page.locator(".targets figure").count() == 2
 
 
+def test_of_an_album_paintings_come_first_and_a_click_puts_one_beside_its_target(tmp_path, opened):
+    for k, image in enumerate(("a.png", "b.png", "c.png")):
+        make_run(tmp_path, {"image": image, "look": "ink"}, target=ord(image[0]), color=50, psnr=20.0 + k, seconds=1.0)
+    watched = opened(page_of(tmp_path))
+    assert "as-cards" in watched.page.locator("#runs").get_attribute("class")
+    shown = watched.page.locator("img").evaluate_all("all => all.map(one => one.alt.split(' ')[0])")
+    assert [name for name in shown if name in ("run", "target:")] == ["run"] * 3 + ["target:"] * 3
+    watched.page.locator("button.picture").nth(1).click()
+    sides = [watched.page.locator(f"#{side}").input_value() for side in ("left", "right")]
+    assert (sides, watched.errors, watched.page.locator("#plots").count()) == (["target 1", "run 1"], [], 0)
+
+
 def test_sweeps_of_other_tasks_and_of_one_failed_run_have_a_page_without_pictures(tmp_path, opened):
     for k, width in enumerate(("16", "32", "64")):
         make_run(tmp_path, {"renderer.width": width}, l2=0.1 / (k + 1))

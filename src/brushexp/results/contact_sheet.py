@@ -16,7 +16,7 @@ from brushexp.errors import UserError
 from brushexp.pictures.decode import opened_picture
 from brushexp.results.plotting import folded
 from brushexp.results.runs import shortened
-from brushexp.results.tables import DIGITS, numbers, run_count, varying
+from brushexp.results.tables import DIGITS, is_album, numbers, run_count, varying
 from brushexp.system.files import write_picture
 
 if TYPE_CHECKING:
@@ -73,11 +73,11 @@ def _rows(frame: DataFrame) -> list[list[SheetCell]]:
 
 
 def _cells(frame: DataFrame, axes: dict[str, list[str]]) -> list[SheetCell]:
-    """These runs, and every target before the first that painted it."""
+    """These runs, and every target before the first that painted it, but in an album."""
     words = {key: shortened(values) for key, values in axes.items()}
     chosen, found = frame["setting"].fillna(""), numbers(frame)
     cells: list[SheetCell] = []
-    shown = set()
+    shown = {*frame["run", "target"]} if is_album(frame) else set()
     for name, run in frame["run"].iterrows():
         if run["target"] not in shown and (run["folder"] / "target.png").is_file():
             shown.add(run["target"])

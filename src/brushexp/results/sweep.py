@@ -75,10 +75,10 @@ def write_report(folder: Path) -> None:
     from brushexp.results.effect import write_effect  # noqa: PLC0415
     from brushexp.results.paired import write_differences  # noqa: PLC0415
     from brushexp.results.runs import gather  # noqa: PLC0415
+    from brushexp.results.tables import is_album  # noqa: PLC0415
 
     frame = gather([folder], folder)
-    targets = frame["run", "target"]
-    if len(targets) > 1 and targets.is_unique:  # a folder of pictures: nothing to compare
+    if is_album(frame):
         write_tables_and_page(folder, frame)
     else:
         write_differences(folder, frame)  # which the page shows

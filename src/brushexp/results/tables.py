@@ -118,6 +118,11 @@ def varying(frame: DataFrame) -> dict[str, list[str]]:
     return {key: list(settings[key].unique()) for key in settings if settings[key].nunique() > 1}
 
 
+def is_album(frame: DataFrame) -> bool:
+    """Whether each of several runs has painted a picture of its own by the same settings: nothing is to be compared."""
+    return bool(frame["run", "target"].is_unique) and list(varying(frame)) == ["image"]
+
+
 def numbers(frame: DataFrame) -> DataFrame:
     """The finite numbers among the metrics that are shown; ``psnr`` and ``seconds`` at least."""
     import pandas as pd  # noqa: PLC0415

@@ -57,7 +57,10 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
 
 
 def _page_data(frame: DataFrame) -> dict[str, Any]:
-    """All that the page shows; ``axes`` is what varies: key -> value as typed -> value as it is shown."""
+    """All that the page shows; ``axes`` is what varies: key -> value as typed -> value as it is shown.
+
+    Of an ``album`` paintings come first and targets last, and nothing is plotted.
+    """
     typed = tables.varying(frame)
     axes = {key: {v: name or NOT_SET for v, name in shortened(values).items()} for key, values in typed.items()}
     settings = frame["setting"].fillna("").iloc[0]
@@ -72,6 +75,7 @@ def _page_data(frame: DataFrame) -> dict[str, Any]:
         "axes": axes,
         "same": {key: value for key, value in settings.items() if key not in typed and value},
         "metrics": [{"key": key, **vars(tables.METRICS[key])} for key in tables.shown_metrics(frame)],
+        "album": tables.is_album(frame),
         "groups": groups,
         "pictures": pictures,
         "targets": [
@@ -173,7 +177,7 @@ def _plotted(shown: dict[str, Any]) -> dict[str, Any]:
 
     Both are "" if there are no two to compare; ``xs`` is all that can be chosen for ``x``, with names.
     """
-    rows = [row for row in shown["rows"] if row["group"] is not None]
+    rows = [row for row in shown["rows"] if row["group"] is not None and not shown["album"]]
     names = {
         metric["key"]: metric["name"]
         for metric in shown["metrics"]
@@ -188,7 +192,7 @@ def _plotted(shown: dict[str, Any]) -> dict[str, Any]:
         "y": y if x else "",
         "xs": names | {f"axis:{key}": key for key in axes},
         "front": front,
-        "curves": any(row["curve"] for row in shown["rows"]),
+        "curves": any(row["curve"] for row in rows),
     }
 
 
