@@ -26,7 +26,7 @@ from brushexp.painting.preparation import prepared
 from brushexp.painting.reel import Reel
 from brushexp.pictures.clips import decoded_pictures, open_clip
 from brushexp.pictures.load import planes_of, size_of_picture
-from brushexp.pictures.video import filming
+from brushexp.pictures.video import add_sound, filming
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import plugin_of
@@ -184,6 +184,8 @@ def painted_film(folder: Path, cfg: DictConfig, start: float | None, before: Pat
                     break
         if not film.psnr:
             raise UserError(f"film.start={cfg.film.start:g} is behind the end of {cfg.image}; give an earlier second")
+    for path in (path for path in video.paths if path.suffix == ".mp4"):
+        add_sound(path, film.clip.path, cfg.film.start)
     return concluded(film, start, INTERRUPTED if stop.is_set() and len(film.psnr) < film.planned else COMPLETED)
 
 
