@@ -51,6 +51,7 @@ class DaskLauncher(Launcher):
         setup_globals()
         configure_log(self.config.hydra.hydra_logging, self.config.hydra.verbose)
         logging.getLogger("distributed").setLevel(logging.WARNING)  # it tells of every worker that it starts
+        logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # at Ctrl-C it tells of what nobody waits for any more
         Path(self.config.hydra.sweep.dir).mkdir(parents=True, exist_ok=True)
         cores = os.cpu_count() or 1
         workers = min(len(job_overrides), self.n_jobs if self.n_jobs > 0 else cores + 1 + self.n_jobs)

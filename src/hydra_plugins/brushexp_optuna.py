@@ -4,6 +4,7 @@ It takes the place of the original under its name, because that would minimise a
 """
 
 from dataclasses import dataclass, field
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +45,12 @@ class StudySweeper(Sweeper):
         """As in Hydra; a UserError if the objective and the direction do not agree."""
         from hydra_plugins.hydra_optuna_sweeper._impl import OptunaSweeperImpl  # noqa: PLC0415  (optuna is slow to load)
 
+        from brushexp.errors import UserError  # noqa: PLC0415
         from brushexp.results.objective import better_direction  # noqa: PLC0415
 
+        if self.options["storage"] and int(version("sqlalchemy").partition(".")[0]) > 1:
+            cure = "type: pip install 'sqlalchemy<2', or leave it out, for the sweep's folder has all trials, too"
+            raise UserError(f"hydra.sweeper.storage={self.options['storage']} needs SQLAlchemy 1; {cure}")
         self.config, self.loader = config, hydra_context.config_loader
         self.direction = better_direction(config.objective, self.direction)
         self.study = OptunaSweeperImpl(direction=self.direction, search_space=None, **self.options)
@@ -74,7 +79,10 @@ class StudySweeper(Sweeper):
             renew(folder)
 
     def go_on(self, words: list[str]) -> None:
-        """Tell Optuna of the trials that the folder holds; those that were killed are tried first, anew."""
+        """Tell Optuna of the trials that the folder holds; those that were killed are tried first, anew.
+
+        A database knows of them already, and takes those that were killed for being at work.
+        """
         import optuna  # noqa: PLC0415
         from hydra_plugins.hydra_optuna_sweeper._impl import create_params_from_overrides  # noqa: PLC0415
 
@@ -85,6 +93,11 @@ class StudySweeper(Sweeper):
         name = self.study.study_name = self.options["study_name"]
         storage = self.study.storage = self.options["storage"] or optuna.storages.InMemoryStorage()
         known = optuna.create_study(storage=storage, study_name=name, direction=self.direction, load_if_exists=True)
+        told = [trial.params for trial in known.trials if trial.state.is_finished()]
+        for trial in known.trials:
+            if trial.state is optuna.trial.TrialState.RUNNING:
+                known.tell(trial.number, state=optuna.trial.TrialState.FAIL)
+                self.study.n_trials += 1
         folders = [path for path in Path(self.config.hydra.sweep.dir).iterdir() if path.name.isdecimal()]
         for folder in sorted(folders, key=lambda path: int(path.name)):
             typed = dict(word.split("=", 1) for word in words_of(folder) or [] if "=" in word)
@@ -92,6 +105,8 @@ class StudySweeper(Sweeper):
             noted = result_in(folder)
             if noted["status"] == "interrupted" or not (folder / "result.json").is_file():
                 known.enqueue_trial(values)
+                continue
+            if values in told:
                 continue
             failed = noted["status"] == "failed"
             state = optuna.trial.TrialState.FAIL if failed else optuna.trial.TrialState.COMPLETE
