@@ -147,6 +147,20 @@ def test_layers_go_from_large_strokes_everywhere_to_small_ones_where_the_picture
     assert 0.5 > right[2] > 0.2  # the lowest layer is everywhere: a third of it is there
 
 
+def test_an_underpainting_is_broad_reaches_the_edges_and_stops_at_none():
+    stripes = (torch.arange(90) // 6 % 2).float().expand(3, 60, -1).contiguous()
+    target = 0.5 * stripes + 0.5 * stripes[:, :, :60].transpose(1, 2).repeat(1, 1, 2)[:, :60, :90]
+    plain, under = (made(InLayers(ratio=0.5, jitter=0, underpainting=on), target, 140) for on in (False, True))
+    lowest = under.scale == under.scale.max()
+    assert_close(under.width[lowest], 1.5 * plain.width[lowest])
+    length, full = ((strokes.end - strokes.start).norm(dim=1) for strokes in (plain, under))
+    assert (full[lowest] >= length[lowest] - 1e-5).all()
+    assert full[lowest].mean() > 1.2 * length[lowest].mean()
+    for strokes in (plain, under):
+        assert strokes.position[lowest].amin(0).max() < 1
+    assert all(torch.equal(getattr(plain, name)[~lowest], getattr(under, name)[~lowest]) for name in FIELDS)
+
+
 def test_strokes_in_layers_end_where_the_picture_has_another_colour_and_bend_with_it():
     disc = torch.zeros(1, 80, 80)
     y, x = torch.meshgrid(torch.arange(80) - 39.5, torch.arange(80) - 39.5, indexing="ij")

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated
 
@@ -24,6 +24,7 @@ Array = np.ndarray
 BLUR = 0.35  # of the picture that a layer paints after, in pitches of the layer
 SUBSTEPS = 4  # points of a stroke on each side of its middle
 FAR_AWAY = ((1, 1.0), (4, 0.05), (16, 0.01))  # how far structure reaches (in pitches), and how much it counts there
+UNDER = 1.5  # width of the strokes of an underpainting, in that of the others
 SHORTEST = 0.5  # of a stroke that ends at an edge, in its full length
 INK = Rule(named_color)
 
@@ -45,6 +46,7 @@ class InLayers(Initializer):
         length: of a stroke, in pitches of its layer.
         width: of a stroke, in pitches of its layer.
         edges: a stroke ends where the picture differs by this from its colour, 0 to 1; smaller follows edges closer.
+        underpainting: the lowest layer hides the ground: its strokes are broader and do not stop at edges.
         opacity: 0 to 1.
         color: of all strokes, as '#rrggbb', for drawings in one ink; null = that of the picture, where they lie.
         jitter: random shift of each stroke in pitches of its layer (its deviation), so that seeds differ.
@@ -56,6 +58,7 @@ class InLayers(Initializer):
     length: Annotated[float, above(0, 10)] = 2.5
     width: Annotated[float, above(0, 10)] = 0.9
     edges: Annotated[float, above(0, 1)] = 0.15
+    underpainting: bool = False
     opacity: Annotated[float, between(0, 1)] = 0.95
     color: Annotated[str | None, INK] = None
     jitter: Annotated[float, at_least(0)] = 0.15
@@ -77,7 +80,9 @@ class InLayers(Initializer):
                 places = _places(wanted, cells, count)
                 if not parts:
                     places = _to_the_edges(places, side, picture.shape[:0:-1])
-                parts.append(self._layer(seen, flow, places, side, generator))
+                hides = self.underpainting and not parts
+                layer = replace(self, edges=1.0, width=UNDER * self.width) if hides else self
+                parts.append(layer._layer(seen, flow, places, side, generator))
                 below = seen
         return Strokes.join(*parts)
 
