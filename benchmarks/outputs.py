@@ -3,6 +3,7 @@
     python benchmarks/outputs.py                      (about three minutes on two idle cores)
     python benchmarks/outputs.py --strokes 2621 --resolution 4096
     python benchmarks/outputs.py --looks oil ink      (only how true SVG and replay of these looks are)
+    python benchmarks/outputs.py --runs outputs/a     (the same of paintings that there are)
 
 Paints the default picture twice, as it is and at 1000 px with 10,000 strokes, then exports: each in a process of its
 own, imports included in seconds and memory. Pages are opened in headless Chromium. PSNR is of the SVG, drawn by resvg
@@ -18,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -92,16 +93,20 @@ def replayed(browser: Any, run: Path) -> bytes:
     return base64.b64decode(address.partition(",")[2])
 
 
-def vectors(looks: Sequence[str], folder: Path) -> None:
-    """Print how true the SVG and the replay of each look are."""
+def painted(look: str, folder: Path) -> Path:
+    """The folder of a run of the default picture."""
+    program(f"look={look}", "frames=0", f"output={folder / look}")
+    return folder / look
+
+
+def vectors(runs: Iterable[Path]) -> None:
+    """Print how true the SVG and the replay of each run are."""
     import resvg_py  # noqa: PLC0415
 
     print(
-        "| look | SVG in resvg, dB | SVG in Chromium, dB | replay, dB | SVG, MB | page, MB |\n|---|---|---|---|---|---|"
+        "| run | SVG in resvg, dB | SVG in Chromium, dB | replay, dB | SVG, MB | page, MB |\n|---|---|---|---|---|---|"
     )
-    for look in looks:
-        run = folder / look
-        program(f"look={look}", "frames=0", f"output={run}")
+    for run in runs:
         painting, svg = run / "painting.png", run / "strokes.svg"
         by_resvg = bytes(resvg_py.svg_to_bytes(svg_path=str(svg)))
         with chromium() as browser:
@@ -110,7 +115,7 @@ def vectors(looks: Sequence[str], folder: Path) -> None:
             tab.goto(svg.as_uri())
             found = [psnr(drawn, painting) for drawn in (by_resvg, tab.screenshot(), replayed(browser, run))]
         sizes = [path.stat().st_size / 1e6 for path in (svg, run / "report.html")]
-        print(f"| `{look}` |", " | ".join(f"{value:.1f}" for value in [*found, *sizes]), "|", flush=True)
+        print(f"| `{run.name}` |", " | ".join(f"{value:.1f}" for value in [*found, *sizes]), "|", flush=True)
 
 
 def page(run: Path) -> None:
@@ -136,11 +141,12 @@ def main() -> None:
     parser.add_argument("--strokes", type=int, default=10_000, help="of the larger painting")
     parser.add_argument("--resolution", type=int, default=8192, help="of the largest pictures")
     parser.add_argument("--looks", nargs="+", help="only how true SVG and replay of these looks are")
+    parser.add_argument("--runs", nargs="+", type=Path, help="the same of these runs, which have a page")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        if options.looks:
-            vectors(options.looks, folder)
+        if options.looks or options.runs:
+            vectors([*(options.runs or ()), *(painted(look, folder) for look in options.looks or ())])
             return
         program("look=plain", "report=false", f"output={folder / 'default'}")
         program(
