@@ -18,7 +18,7 @@ from torch.testing import assert_close
 import brushexp
 from brushexp.app.run_folder import lock
 from brushexp.app.tasks import paint as task
-from brushexp.pictures.load import load_picture
+from brushexp.pictures.load import load_picture, samples
 from brushexp.results.runs import command_of
 
 SMALL = {"look": "plain", "resolution": 32, "strokes": 20, "steps": 4}
@@ -74,6 +74,11 @@ def test_a_picture_may_be_of_any_kind():
     assert "style_poly" in grey.metrics
 
 
+def closed_picture() -> Image.Image:
+    with Image.open(samples()["chelsea"]) as picture:
+        return picture
+
+
 @pytest.mark.parametrize(
     ("picture", "options", "words"),
     [
@@ -88,7 +93,15 @@ def test_a_picture_may_be_of_any_kind():
         (np.zeros((4, 4, 2)), {}, r"image is an array of shape \(4, 4, 2\); give a path"),
         (np.full((4, 4), 7.0), {}, "image is an array of float64 from 7 to 7; give"),
         (np.full((4, 4), np.nan), {}, "image is an array of float64 from nan to nan; give"),
+        (np.array([["a"]]), {}, "image is an array of <U1; give"),
+        (np.matrix(np.full((4, 4), 7.0)), {}, "image is an array of float64 from 7 to 7; give"),
         (torch.rand(4, 5, 3), {}, "image is a tensor of shape"),
+        (torch.rand(3, 4, 5).to_sparse(), {}, "image is a tensor that is sparse"),
+        (torch.rand(3, 4, 5, device="meta"), {}, "image is a tensor that is sparse or without numbers"),
+        (Image.new("RGB", (0, 0)), {}, "image is a picture without pixels; give"),
+        (Image.fromarray(np.full((4, 4), np.nan, np.float32)), {}, "image has pixels that are NaN or infinite"),
+        (closed_picture(), {}, "image is closed or damaged .*; give"),
+        ({}, {}, "image={} says nothing; leave it out"),
         ("astronaut", {"focus": np.ones((3, 9))}, "focus=.* has 9 x 3 pixels"),
     ],
 )
@@ -132,6 +145,12 @@ def test_a_painting_is_drawn_exported_and_saved_later(tmp_path):
     assert [path.name for path in painting.export("svg", tmp_path / "new", digits=1)] == ["strokes.svg"]
     with pytest.raises(brushexp.UserError, match="to=sgv is not among the plugins here"):
         painting.export("sgv", tmp_path)
+    for size in (0, float("nan"), 10**9):
+        with pytest.raises(brushexp.UserError, match=r"size=.* is not 1 to 65536; try size=32"):
+            painting.render(size)
+    for wrong in ({"size": (0, 9)}, {"depth": torch.arange(99)}, {"background": torch.zeros(4)}):
+        with pytest.raises(brushexp.UserError, match=r"no pixels|has shape"):
+            brushexp.render(**{"strokes": painting.strokes, "size": (9, 9)} | wrong)
     page = painting.save(tmp_path / "kept")
     there = {path.name for path in page.parent.iterdir()}
     assert there >= {"painting.png", "flat.png", "target.png", "catalogue.h5", "report.html", "image.png"}

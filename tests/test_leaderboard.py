@@ -120,6 +120,8 @@ def test_what_ships_has_sources_and_is_refused_when_it_is_wrong(tmp_path):
     for old, new, reason in (
         ("source:", "sauce:", "entry 1 of figures has 'sauce'; its keys are set, painter, source"),
         ("psnr: 99", "psnr: high", "entry 1 of figures: psnr is .*high.*, which is of another kind"),
+        ("psnr: 99", "psnr: .nan", "entry 1 of figures: psnr is .*nan.*, which is of another kind"),
+        ("names: [", "names: [[1], ", "set .*: names is .*, which is of another kind"),
         (", psnr: 98", "", "entry 2 of figures has no figure; add one of psnr"),
         ("set: pair", "set: par", "entry 1 of figures: set is .*par.*; choose one of pair, larger, all"),
         ("sets:", "lists:", "the file has 'lists'; its keys are sets, figures"),
@@ -129,7 +131,7 @@ def test_what_ships_has_sources_and_is_refused_when_it_is_wrong(tmp_path):
             read_published(tmp_path / "wrong.yaml")
 
 
-def test_paintings_by_others_are_measured_as_ours(run_task, tmp_path):
+def test_paintings_by_others_are_measured_as_ours(run_task, tmp_path, caplog):
     ours = run_task(paint, "image=coffee", "resolution=32", "strokes=12", "steps=2", "frames=0", "report=false")
     assert ours["cpu_seconds"] > 0
     run = tmp_path / "run"
@@ -142,10 +144,13 @@ def test_paintings_by_others_are_measured_as_ours(run_task, tmp_path):
     (run / "painting.png").rename(theirs / "x.png")
     write_picture(run / "painting.png", np.zeros((21, 32, 3), np.uint8))
     (photos / "x.png").write_bytes((run / "target.png").read_bytes())
-    words = (f"runs={run}", "name=Theirs", f"published={tmp_path}/published.yaml")
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "metrics.json").write_text("text")
+    words = (f"runs=[{run},{tmp_path}/broken]", "name=Theirs", f"published={tmp_path}/published.yaml")
     write_text(tmp_path / "published.yaml", PUBLISHED)
     found = run_task(task, "task=leaderboard", *words, f"add={theirs}", f"target={photos}", "seconds=3")
     assert found["paintings"] == 2
+    assert f"no finished paintings: {tmp_path}/broken" in caplog.text
     rows = read_csv(tmp_path / "leaderboard.csv")
     assert {row["painter"] for row in rows} == {"Theirs", "gradient"}
     assert [float(row["psnr"]) for row in rows] == pytest.approx([ours["psnr"]] * 2)

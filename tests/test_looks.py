@@ -6,7 +6,7 @@ from omegaconf import OmegaConf
 from brushexp.app import configs
 from brushexp.app.command_line import in_full
 from brushexp.app.composition import check, offer
-from brushexp.app.configs import SHIPPED
+from brushexp.app.configs import SHIPPED, folders_of
 from brushexp.app.help import presets_of
 from brushexp.app.looks import FACTORS
 from brushexp.app.schema import PaintTask
@@ -105,6 +105,25 @@ def test_a_look_that_does_not_fit_is_refused_with_its_file(tmp_path, text, messa
     with pytest.raises(UserError, match=rf"wrong\.yaml.*{message}"):
         offer([tmp_path])
     offer([SHIPPED])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("look", b"hello", r"is no config; it has lines like 'steps: 100'"),
+        ("look", b"steps: 100\n", "would set nothing; its first line must be: # @package _global_"),
+        ("experiment", b"", "would set nothing"),
+        ("renderer", b"\x82\xff", "is no YAML .*; correct it, or take it away"),
+        ("renderer", b"[" * 9999, "is no YAML"),
+        ("renderer", b"!!python/name:os.system", "is no YAML"),
+        ("pictures", b"a: 1", "is no config; it has lines like '- photo.jpg'"),
+    ],
+)
+def test_a_config_that_is_something_else_is_refused_with_its_file(tmp_path, name, content, message):
+    (tmp_path / "conf" / name).mkdir(parents=True)
+    (tmp_path / "conf" / name / "wrong.yaml").write_bytes(content)
+    with pytest.raises(UserError, match=rf"wrong\.yaml {message}"):
+        folders_of(tmp_path)
 
 
 @pytest.mark.parametrize("look", LOOKS)

@@ -1,5 +1,6 @@
 """The package as users install it: a wheel in an environment of its own, used in a folder that knows no checkout."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -13,7 +14,7 @@ import pytest
 from program import ROOT
 from skimage import data, io
 
-LOOK = "# a look of one's own\nsteps: 2\nresolution: 40\nframes: 0\n"
+LOOK = "# @package _global_\n# a look of one's own\nsteps: 4\nresolution: 40\nframes: 0\nrenderer:\n  taper: 0.5\n"
 
 
 @pytest.fixture(scope="module")
@@ -46,10 +47,13 @@ def test_a_wheel_paints_in_a_folder_with_a_photograph_and_things_of_the_users(co
     (tmp_path / "plugins").mkdir()
     shutil.copy(ROOT / "plugins" / "edges.py", tmp_path / "plugins" / "mine.py")
     io.imsave(tmp_path / "photo.jpg", data.chelsea()[::4, ::4])
-    words = ["photo.jpg", "look=mine", "loss=[edges]", "output=painted"]
+    words = ["photo.jpg", "look=mine", "loss=[edges]", "effort=0.5", "renderer=textured", "output=painted"]
     alone = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "BRUSHEXP_PLUGINS")}
     done = subprocess.run([command, *words], cwd=tmp_path, env=alone, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+    assert "Warning" not in done.stderr
+    metrics = json.loads((tmp_path / "painted" / "metrics.json").read_text())
+    assert metrics["steps"] == 2, "quality scales the user's looks, too; what they say of another renderer is left out"
     assert {"painting.png", "report.html", "catalogue.h5"} <= {path.name for path in (tmp_path / "painted").iterdir()}
     assert "photo.jpg" in (tmp_path / "painted" / ".hydra" / "overrides.yaml").read_text()
 

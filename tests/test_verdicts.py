@@ -89,6 +89,9 @@ def test_an_incomplete_claim_is_explained(tmp_path):
     for wrong, message in (
         ("s: [{says: x, section: 1}]", "each claim has the keys"),
         (CLAIMS.replace("psnr", "nope"), "unknown metric"),
+        (CLAIMS.replace("psnr", "[psnr]"), "unknown metric"),
+        ("hello", "claims=.*: not a YAML mapping"),
+        (CLAIMS.replace("expects: better", "expects: better, at_least: .nan"), "at_least=nan; give a ratio above 0"),
     ):
         (tmp_path / "claims.yaml").write_text(wrong)
         with pytest.raises(UserError, match=message):

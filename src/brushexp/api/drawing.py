@@ -9,6 +9,7 @@ from torch import Tensor
 
 from brushexp.api.choosing import create
 from brushexp.compositing.mixing import mixing
+from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.catalogue import Strokes, check_strokes
 
@@ -47,6 +48,12 @@ def render(
     (torch.Size([3, 24, 32]), torch.Size([4, 2]))
     """
     check_strokes(strokes)
+    if min(size) < 1:
+        raise UserError(f"size={size} has no pixels; give height and width of at least 1")
+    if depth is not None and depth.shape != (len(strokes),):
+        raise UserError(f"depth has shape {tuple(depth.shape)}; give a rank for each of the {len(strokes)} strokes")
+    if background is not None and background.shape != (3,):
+        raise UserError(f"background has shape {tuple(background.shape)}; give red, green and blue in [0, 1]")
     order = torch.arange(len(strokes)) if depth is None else depth
     chosen = create("renderer", renderer, **options) if isinstance(renderer, str) else renderer
     paper = torch.ones(3) if background is None else background

@@ -20,6 +20,7 @@ from brushexp.app.session import painted, painted_into, report
 from brushexp.errors import UserError
 from brushexp.painting.finished import Finished
 from brushexp.pictures.clips import is_film
+from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import build_named
 from brushexp.results.page.run import run_page
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
     Picture = str | PathLike[str] | Image.Image | np.ndarray | Tensor
 
+LONGEST_SIDE = 65536  # pixels, as of task=export
 FRAME_HEIGHT = 760  # pixels of a painting in a notebook
 
 
@@ -80,7 +82,7 @@ class Painting:
         Without ``size`` it is as large as it was painted; ``light=False`` leaves the lamp out.
         """
         job = self.finished.job if light else replace(self.finished.job, light=UNLIT)
-        return pixels(job if size is None else job.scaled(size / max(job.size)))
+        return pixels(_sized(job, size))
 
     def export(
         self, form: str, folder: str | PathLike[str] = ".", *, size: int | None = None, **options: Any
@@ -97,7 +99,7 @@ class Painting:
             The files, the main one first.
         """
         exporter = build_named("to", form, options)
-        job = self.finished.job if size is None else self.finished.job.scaled(size / max(self.finished.job.size))
+        job = _sized(self.finished.job, size)
         exporter.check(len(job.strokes), job.size)
         Path(folder).mkdir(parents=True, exist_ok=True)
         paths: list[Path] = exporter.write(job, Path(folder))
@@ -129,6 +131,15 @@ class Painting:
     def __repr__(self) -> str:
         height, width = self.finished.saved.size
         return f"Painting({len(self.strokes)} strokes on {width} x {height} pixels, {self.metrics['psnr']:.2f} dB)"
+
+
+def _sized(job: ExportJob, size: int | None) -> ExportJob:
+    """The painting with ``size`` pixels on the longer side; None for as it is."""
+    if size is None:
+        return job
+    if not 1 <= size <= LONGEST_SIDE:  # false of NaN
+        raise UserError(f"size={size} is not 1 to {LONGEST_SIDE}; try size={max(job.size)}")
+    return job.scaled(size / max(job.size))
 
 
 def paint(

@@ -114,6 +114,8 @@ def words_from(options: Mapping[str, Any], held: dict[str, HeldPicture], above: 
             held[full] = HeldPicture(value, name)
             value = held[full].name  # noqa: PLW2901
         if isinstance(value, Mapping) and get_origin(kinds_of_keys().get(name, (None,))[0]) is not dict:
+            if not value:
+                raise UserError(f"{name}={{}} says nothing; leave it out, or give a value")
             yield from words_from(value, held, f"{name}.")
         else:
             yield f"{name}={in_grammar(value)}"

@@ -1,11 +1,15 @@
 """Where configs are, those that ship and the user's own, and how Hydra composes them."""
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
+from textwrap import shorten
 from threading import Lock
 from typing import Any
 
+import yaml
 from hydra import compose, initialize_config_module
 from hydra._internal.utils import get_args_parser
 from hydra.core.global_hydra import GlobalHydra
@@ -20,13 +24,14 @@ from brushexp.errors import UserError
 SHIPPED = Path(__file__).parents[1] / "conf"
 GROUPS = {name for schema in TASKS.values() for name in groups_of(schema)} - {"model"} | {"task", "experiment"}
 PRESETS = (*GROUPS, "pictures")  # folders that configs may have
+OF_THE_TASK = ("look", "experiment", "quality")  # those whose files set keys of the whole task
 _lock = Lock()  # Hydra is one for the whole process
 
 
 def folders_of(root: Path, arguments: Sequence[str] = ()) -> list[Path]:
     """The configs that ship, and then the user's: in the folder of ``--config-dir``, or else in ``root/conf``.
 
-    A UserError if a file of the user has the name of one that ships.
+    A UserError if a file of the user has the name of one that ships, or is no YAML.
     """
     typed = get_args_parser().parse_known_args(arguments)[0].config_dir
     own = root / "conf" if typed is None else Path(typed)
@@ -35,13 +40,48 @@ def folders_of(root: Path, arguments: Sequence[str] = ()) -> list[Path]:
     for path in sorted(own.glob("*/*.yaml")):
         if (SHIPPED / path.relative_to(own)).exists():
             raise UserError(f"{path} has the name of a preset that ships; give the file another name")
+        if path.parent.name in PRESETS:
+            _check_file(path)
     return [SHIPPED, own]
+
+
+def _check_file(path: Path) -> None:
+    """Refuse a config that holds something else: Hydra would show a traceback, or take a word for a key of its own."""
+    kind, example = (list, "- photo.jpg") if path.parent.name == "pictures" else (dict, "steps: 100")
+    try:
+        text = path.read_text(encoding="utf-8")
+        found = yaml.safe_load(text)
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        raise UserError(f"{path} is no YAML ({shorten(str(error), 150)}); correct it, or take it away") from error
+    if found is not None and not isinstance(found, kind):
+        raise UserError(f"{path} is no config; it has lines like '{example}': correct it, or take it away")
+    if path.parent.name in OF_THE_TASK and not re.search("^# *@package _global_ *$", text, re.MULTILINE):
+        raise UserError(f"{path} would set nothing; its first line must be: # @package _global_")
 
 
 def folders_in(cfg: DictConfig) -> list[Path]:
     """The same, of a config that Hydra has composed."""
     sources = [source for source in cfg.hydra.runtime.config_sources if source.schema == "file"]
     return list(dict.fromkeys([SHIPPED, *(Path(source.path).resolve() for source in sources)]))
+
+
+def search_path(folders: Sequence[Path]) -> list[str]:
+    """The word that lets Hydra find the user's configs, behind what is registered: looks are, in parts.
+
+    What ``--config-dir`` names would come first.
+    """
+    places = ["'file://{}'".format(str(folder.resolve()).replace("'", r"\'")) for folder in folders[1:]]
+    return [f"hydra.searchpath=[{','.join(places)}]"] if places else []
+
+
+def without_folder(words: Sequence[str]) -> list[str]:
+    """The words of a command line but for ``--config-dir``."""
+    flags = ("--config-dir", "-cd")
+    return [
+        word
+        for before, word in pairwise(("", *words))
+        if before not in flags and word not in flags and not word.startswith("--config-dir=")
+    ]
 
 
 def files_of(folder: Path, group: str) -> dict[str, Path]:
@@ -54,9 +94,8 @@ def composed(words: Sequence[str], folders: Sequence[Path] = (SHIPPED,)) -> Dict
 
     Any thread may call it, and what else in this process uses Hydra does not notice.
     """
-    own = [f"hydra.searchpath=['file://{folder.resolve()}']" for folder in folders[1:]]
     with _apart(), initialize_config_module("brushexp.conf", version_base="1.3"):
-        return compose("config", overrides=[*words, *own])
+        return compose("config", overrides=[*words, *search_path(folders)])
 
 
 @contextmanager

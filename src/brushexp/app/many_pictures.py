@@ -94,7 +94,10 @@ def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
     if path is None or (os.path.exists(name) and not name.endswith(ENDING)):
         return pictures_in(name) if is_several(name) else [name]
     known = samples()
-    found = [str(one) for one in yaml_of(read_text(path, f"pictures={name}"), list)]
+    try:
+        found = [str(one) for one in yaml_of(read_text(path, "give a file with a list of pictures"), list)]
+    except UserError as error:
+        raise UserError(f"pictures={name}: {error}; give a list of pictures, a line '- photo.jpg' each") from error
     places = {one: path.parent / os.path.expanduser(one) for one in found}
     missing = [one for one, place in places.items() if not place.is_file() and one not in known]
     if missing or not found:

@@ -9,7 +9,7 @@ import hydra
 from omegaconf import DictConfig
 
 from brushexp.app.command_line import asks_for_help, explained, in_full, prepare
-from brushexp.app.configs import folders_of
+from brushexp.app.configs import folders_of, search_path, without_folder
 
 _prepared: set[int] = set()  # processes that have loaded the plugins
 _start = [time.monotonic()]  # of the program
@@ -32,7 +32,7 @@ def run(start: float) -> None:
     with explained():
         words = sys.argv[1:]
         prepare(Path(), words)  # before Hydra, which reads the choices when it composes
-        sys.argv[1:] = [f"--config-dir={folder}" for folder in folders_of(Path(), words)[1:]] + in_full(words)
         _prepared.add(os.getpid())
-        if not asks_for_help(sys.argv[1:]):
+        if not asks_for_help(in_full(words)):
+            sys.argv[1:] = without_folder(in_full(words)) + search_path(folders_of(Path(), words))
             job()

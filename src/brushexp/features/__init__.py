@@ -16,10 +16,10 @@ def open_backbone(name: str, weights: str | None = None, option: str = OPTION) -
     A UserError says what to install or to set if there is none; ``option`` is what sets the file.
     """
     if name == "effl0":
-        return EfficientNetLite0(read_tensors(Path(weights) if weights else packaged(PACKAGE, FILE)))
+        return EfficientNetLite0(read_tensors(Path(weights) if weights else packaged(PACKAGE, FILE), option))
     if weights is None:
         raise UserError(
             f"backbone {name} needs a file with torchvision's weights, .pth or .safetensors; set {option}=path, "
             f"or take another network: {option.replace('weights', 'backbone')}=effl0"
         )
-    return ClassicNetwork(name, read_tensors(Path(weights)))
+    return ClassicNetwork(name, read_tensors(Path(weights), option))

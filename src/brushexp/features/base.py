@@ -99,8 +99,8 @@ def packaged(package: str, file: str) -> Path:
     return Path(spec.submodule_search_locations[0]) / file
 
 
-def read_tensors(path: Path) -> dict[str, Tensor]:
-    """Tensors of a .pth or .safetensors file, by name; a UserError if there is none, or it holds something else."""
+def read_tensors(path: Path, option: str = "weights") -> dict[str, Tensor]:
+    """Tensors of a .pth or .safetensors file, by name; a UserError names the ``option`` if it is none of these."""
     cure = "name a .pth or .safetensors file that exists"
     try:
         if path.suffix == ".safetensors":
@@ -111,4 +111,4 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
                 raise UserError(f"no table of tensors; {cure}")
             return check_finite(dict(found))
     except UserError as error:
-        raise UserError(f"weights: {error}") from error
+        raise UserError(f"{option}: {error}") from error

@@ -61,8 +61,10 @@ def is_picture(value: Any) -> bool:
 
 def _pixels(picture: Any, key: str) -> np.ndarray:
     if isinstance(picture, Image.Image):
-        return np.ascontiguousarray(unpacked(picture))
+        return _pixels_of_pillow(picture, key)
     if isinstance(picture, torch.Tensor):
+        if picture.layout != torch.strided or picture.is_meta:
+            raise UserError(f"{key} is a tensor that is sparse or without numbers; give {KINDS}")
         if picture.ndim != 3 or len(picture) != 3:
             raise UserError(f"{key} is a tensor of shape {tuple(picture.shape)}; give {KINDS}")
         picture = picture.detach().movedim(0, 2).cpu().float().numpy() if picture.is_floating_point() else (
@@ -70,6 +72,7 @@ def _pixels(picture: Any, key: str) -> np.ndarray:
         )  # fmt: skip
     if not isinstance(picture, np.ndarray):
         raise UserError(f"{key} is a {type(picture).__name__}; give {KINDS}")
+    picture = np.asarray(picture)  # no subclass, whose methods may be others
     picture = np.stack([picture] * 3, 2) if picture.ndim == 2 else picture
     if picture.ndim != 3 or picture.shape[2] != 3 or not picture.size:
         raise UserError(f"{key} is an array of shape {picture.shape}; give {KINDS}")
@@ -77,7 +80,20 @@ def _pixels(picture: Any, key: str) -> np.ndarray:
         raise UserError(f"{key} has {picture.shape[1]} x {picture.shape[0]} pixels; give {MAX_PIXELS} or fewer")
     if picture.dtype == np.uint8:
         return picture.copy()
+    if picture.dtype.kind not in "biuf":
+        raise UserError(f"{key} is an array of {picture.dtype}; give {KINDS}")
     if picture.dtype.kind != "f" or not (picture.min() >= 0 and picture.max() <= 1):  # false of NaN
         reach = f"{picture.dtype} from {picture.min():g} to {picture.max():g}"
         raise UserError(f"{key} is an array of {reach}; give {KINDS}")
     return picture.astype(np.float32)
+
+
+def _pixels_of_pillow(picture: Image.Image, key: str) -> np.ndarray:
+    if not all(picture.size):
+        raise UserError(f"{key} is a picture without pixels; give {KINDS}")
+    try:
+        return np.ascontiguousarray(unpacked(picture))
+    except UserError as error:
+        raise UserError(f"{key} {error}") from error
+    except (ValueError, OSError, AssertionError) as error:  # of Pillow, also where a file is closed
+        raise UserError(f"{key} is closed or damaged ({error}); give {KINDS}") from error

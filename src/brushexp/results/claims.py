@@ -47,15 +47,22 @@ class Claim:
 
 def read_claims(path: Path = SHIPPED_CLAIMS) -> dict[str, list[Claim]]:
     """The claims of a YAML file by study; a UserError says which is incomplete, or names no metric."""
-    found: Mapping[str, Any] = yaml_of(read_text(path, "give a file of claims"))
     try:
+        found: Mapping[str, Any] = yaml_of(read_text(path, "give a file of claims"))
         claims = {
             study: [Claim(study=study, **(given | {"section": str(given["section"])})) for given in listed]
             for study, listed in found.items()
         }
+    except UserError as error:
+        raise UserError(f"claims={path}: {error}") from error
     except (TypeError, KeyError, AttributeError) as error:
         raise UserError(f"claims={path}: each claim has the keys {', '.join(sorted(KEYS))}: {error}") from error
     for claim in (claim for listed in claims.values() for claim in listed):
-        if claim.metric not in METRICS or claim.expects not in (BETTER, NO_WORSE, OPEN):
+        texts = (claim.says, claim.setting, claim.against)
+        if claim.metric not in tuple(METRICS) or claim.expects not in (BETTER, NO_WORSE, OPEN):
             raise UserError(f"claims={path}: '{claim.says}' has an unknown metric or expects; see the first lines")
+        if not all(isinstance(text, str) for text in texts):
+            raise UserError(f"claims={path}: '{claim.says}' has a setting or against that is no text; quote it")
+        if not isinstance(claim.at_least, int | float) or not 0 < claim.at_least < math.inf:
+            raise UserError(f"claims={path}: '{claim.says}' has at_least={claim.at_least}; give a ratio above 0")
     return claims

@@ -1,5 +1,6 @@
 """Figures that others have published, with their sources; a leaderboard shows them beside what was measured."""
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from brushexp.system.reading import in_short, read_text, yaml_of
 SHIPPED_FIGURES = Path(__file__).with_suffix(".yaml")
 FIGURES = ("psnr", "ssim", "ms_ssim", "l1", "lpips_alexnet", "lpips_squeeze", "lpips_vgg16", "seconds")  # there may be
 OF_SETS = {"pictures": str, "size": list, "names": list}
+OF_LISTS = {"size": int, "names": str, "figures": object}  # what each of their elements is
 OF_ENTRIES: dict[str, type | tuple[type, ...]] = {
     "set": str,
     "painter": str,
@@ -81,7 +83,13 @@ def _check(given: Any, kinds: Mapping[str, Any], needed: Collection[str], where:
     for key, value in given.items():
         if key not in kinds:
             raise UserError(f"{where} has {key!r}; its keys are {', '.join(kinds)}")
-        if not isinstance(value, kinds[key]) or isinstance(value, bool):
+        is_right = isinstance(value, kinds[key]) and not isinstance(value, bool)
+        is_right = isinstance(value, kinds[key]) and not isinstance(value, bool)
+        if isinstance(value, float):
+            is_right &= math.isfinite(value)
+        elif isinstance(value, list):
+            is_right &= all(isinstance(one, OF_LISTS[key]) for one in value)
+        if not is_right:
             raise UserError(
                 f"{where}: {key} is {in_short(value)}, which is of another kind; see results/published.yaml"
             )

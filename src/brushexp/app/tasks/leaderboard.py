@@ -3,6 +3,7 @@
 import logging
 import shlex
 from pathlib import Path
+from textwrap import shorten
 
 from omegaconf import DictConfig
 
@@ -29,7 +30,11 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         folders.append(folder / "added")
     if not folders:
         raise UserError("nothing is given; try runs=outputs, or add=painting.png target=photo.jpg name=theirs")
-    entries = entries_of(gather(folders, folder))
+    runs = gather(folders, folder)
+    entries = entries_of(runs)
+    others = sorted({str(path) for path in runs["run"]["folder"]} - {str(entry.folder) for entry in entries})
+    if others and entries:
+        log.warning("left out, for these are no finished paintings: %s", shorten(", ".join(others), 300))
     if not entries:
         raise UserError(f"runs={','.join(cfg.runs)}: there is no finished painting; give folders of such with runs=")
     sections = sections_of(entries, published)
