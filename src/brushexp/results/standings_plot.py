@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MOST_SECTIONS = 4
+FIRST = 0.05  # seconds: of an axis
 POINTS = 80  # of a line
 
 
@@ -37,7 +38,7 @@ def _draw_section(axes: Axes, section: Section) -> None:
     rows = [row for row in section.rows if row.curves][: len(COLORS) * len(DASHES)]
     end = max(curve[0][-1] for row in rows for curve in row.curves)
     for k, row in enumerate(rows):
-        begin = max(1e-3, *(curve[0][0] for curve in row.curves))
+        begin = max(FIRST, *(curve[0][0] for curve in row.curves))
         times = np.geomspace(begin, max(end, begin), POINTS)
         mean, low, high = np.array([interval(row.psnr_at(time)) for time in times]).T
         label = plotting.label_lines(f"{row.label}, {count_of(row.strokes)}", 40)

@@ -25,10 +25,10 @@ class Gatys(PaintingMethod):
     Source: Gatys et al., 2016 (Image Style Transfer Using Convolutional Neural Networks). The colour of each pixel
     descends on the difference in the features of the picture, and in the Gram matrices of a style's.
 
-    Differs from the paper: a pixel is a dot, so that canvas, catalogue and exports have it: with as many strokes as
-    pixels (`pixels_per_stroke=1`) dots and pixels are the same, with fewer the dots cover their cells. It starts at
-    the picture, not at noise, from which the small network that ships finds no colours (``backbone=vgg16
-    weights=...`` is nearer to the paper's). Adam, not L-BFGS. Without a style it has little to do.
+    Differs from the paper: a pixel is a dot that covers it, so that canvas, catalogue and exports have it, with the
+    soft edge of ``renderer``: as many as pixels with `pixels_per_stroke=1`, else larger ones, each on its cell. It
+    starts at the picture, not at noise, from which the small network that ships finds no colours (`backbone=vgg16
+    weights=...` is nearer to the paper's). Adam, not L-BFGS. Without a style it has little to do.
 
     Args:
         style: a painting; null = the picture's own statistics.
@@ -84,7 +84,6 @@ def lattice_dots(commission: Commission) -> Strokes:
     middle = np.stack([x.ravel(), y.ravel()], 1)
     curves = np.repeat(middle[:, None], 3, 1)
     color = torch.nn.functional.adaptive_avg_pool2d(commission.target.cpu(), (rows, columns)).flatten(1).T.numpy()
-    thickness = 1.0 if rows * columns == height * width else np.hypot(cell_width, cell_height)
-    strokes = strokes_from_arrays(curves, np.full(len(curves), thickness), color, 1.0)
+    strokes = strokes_from_arrays(curves, np.full(len(curves), np.hypot(cell_width, cell_height)), color, 1.0)
     order = torch.randperm(len(strokes), generator=commission.generator)
     return strokes[order].map(lambda value: value.to(commission.target))
