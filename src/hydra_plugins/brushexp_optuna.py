@@ -49,7 +49,7 @@ class StudySweeper(Sweeper):
         from brushexp.results.objective import better_direction  # noqa: PLC0415
 
         if self.options["storage"] and int(version("sqlalchemy").partition(".")[0]) > 1:
-            cure = "type: pip install 'sqlalchemy<2', or leave it out, for the sweep's folder has all trials, too"
+            cure = "type: pip install 'sqlalchemy<2' 'alembic<1.14', or leave it out: the sweep's folder has all trials"
             raise UserError(f"hydra.sweeper.storage={self.options['storage']} needs SQLAlchemy 1; {cure}")
         self.config, self.loader = config, hydra_context.config_loader
         self.direction = better_direction(config.objective, self.direction)
