@@ -93,8 +93,10 @@ def finish(
 def job_of(saved: Saved, painter: PaintingModule, cfg: DictConfig) -> ExportJob:
     """The finished painting as exporters take it, on the CPU."""
     made = deepcopy(painter.renderer).cpu(), painter.components.blend
-    of_this_run = saved.renderer, cfg.image, saved.seed, saved.config, Light(**cfg.light)
-    return ExportJob(saved.strokes, saved.depth, saved.size, saved.background, *made, *of_this_run)
+    return ExportJob(
+        saved.strokes, saved.depth, saved.size, saved.background, *made,
+        saved.renderer, str(cfg.image), saved.seed, saved.config, Light(**cfg.light),
+    )  # fmt: skip
 
 
 def effort_of(painter: PaintingModule, n: int, began: float | None) -> dict[str, object]:

@@ -69,7 +69,8 @@ class InLayers(Initializer):
         counts = self._counts(n)
         pitch = math.sqrt(weight.size / counts[0])
         structure = FarStructure(picture)
-        parts, below = [], np.broadcast_to(picture.mean((1, 2), keepdims=True), picture.shape)
+        parts: list[Strokes] = []
+        below = np.broadcast_to(picture.mean((1, 2), keepdims=True), picture.shape)
         for number, count in enumerate(counts):
             if count:
                 side = pitch * self.ratio**number
