@@ -1,6 +1,7 @@
 """Every key of every task and every option of every plugin takes what fits, and says in one line what does not."""
 
 import os
+import re
 import tempfile
 from contextlib import contextmanager
 from copy import deepcopy
@@ -121,9 +122,10 @@ def test_every_task_begins_with_what_it_needs_and_no_more(task):
     check(composed(task))
 
 
-def test_a_family_of_one_member_has_one():
-    with pytest.raises(UserError, match=r"init=\[\] is no name; choose one of grid, "):
-        composed("paint", "init=[]")
+@pytest.mark.parametrize("value", ["[]", "[grid]", "[grid,slic]"])
+def test_a_family_of_one_member_has_one(value):
+    with pytest.raises(UserError, match=rf"init={re.escape(value)} is no name; choose one of grid, "):
+        in_full([f"init={value}"])
 
 
 @pytest.mark.parametrize("key", ["image", "style", "focus", "output", "resume", "catalogue", "renderer.checkpoint"])

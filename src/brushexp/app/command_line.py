@@ -157,9 +157,9 @@ def check_choice(group: str, value: str) -> None:
     except HydraException:
         return  # the grammar says what is wrong
     found = found.list if isinstance(found, ChoiceSweep) else [found]
-    names = [name for one in found for name in (one if isinstance(one, list) else [one])]
     single = group not in MULTI_SELECT
-    if not all(isinstance(name, str | dict | Sweep) for name in names) or value == "''" or (single and not names):
+    names = found if single else [name for one in found for name in (one if isinstance(one, list) else [one])]
+    if not all(isinstance(name, str | dict | Sweep) for name in names) or value == "''":
         choices = ", ".join(plugin.name for plugin in plugins() if plugin.family == group) or "those that --help lists"
         raise UserError(f"{group}={value} is no name; choose one of {choices}")
 
