@@ -77,7 +77,8 @@ def test_the_past_of_a_stroke_is_remembered_from_visit_to_visit():
 FEATURES = {"perceptual": Perceptual(), "kl": KullbackLeibler(), "mse": MeanSquaredError()}
 
 
-OPTIMIZERS = {"SGD": {"lr": 3.0}, "RMSprop": {}, "LBFGS": {"lr": 0.5, "options": {"max_iter": 4}}}
+SEARCH = {"max_iter": 4, "line_search_fn": "strong_wolfe"}  # without one it is luck whether steps in parts help
+OPTIMIZERS = {"SGD": {"lr": 3.0}, "RMSprop": {}, "LBFGS": {"lr": 1.0, "options": SEARCH}}
 PARTS = {name: {"optimizer": TorchOptim(name=name, **options)} for name, options in OPTIMIZERS.items()}
 PARTS |= {"losses": {"losses": FEATURES, "order": Accuracy(every=1)}}
 
