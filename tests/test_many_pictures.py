@@ -111,7 +111,7 @@ def test_jobs_are_processes(monkeypatch):
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     monkeypatch.setattr(runtime, "cores", lambda: 5)
     monkeypatch.setattr(device, "device_of", lambda _: torch.device("cpu"))
-    for memory, pictures, count in ((1e6, 40, 5), (7000, 40, 3), (500, 40, 1), (1e6, 10, 2), (1e6, 5, 1)):
+    for memory, pictures, count in ((1e6, 40, 5), (7000, 40, 3), (500, 40, 1), (1e6, 4, 2), (1e6, 3, 1)):
         monkeypatch.setattr(runtime, "free_memory", lambda memory=memory: memory)
         expected = ["hydra/launcher=joblib", f"hydra.launcher.n_jobs={count}"] if count > 1 else []
         assert in_processes(["jobs=auto"], pictures) == in_processes([], pictures) == expected

@@ -17,7 +17,7 @@ SETS = "pictures="
 GROUP_OF_SETS, ENDING = "pictures", ".yaml"  # folder of configs with sets of pictures, and how their files end
 PROCESSES, AUTO = "jobs=", "auto"  # of a sweep: how many at once
 WITH_LAUNCHER = ("hydra/launcher=", "experiment=")  # words that choose one, or may
-PICTURES_PER_PROCESS = 4  # at least: each process loads modules and kernels, as long as some pictures take
+PICTURES_PER_PROCESS = 2  # at least: each process loads modules and kernels, which takes less than a picture
 MB_PER_PROCESS = 2048  # 450 of them modules, and about 800 bytes for each pixel of a picture
 
 
