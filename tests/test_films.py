@@ -1,7 +1,9 @@
 """Films: they are read as they were written, changes are told from noise, and strokes are carried without flicker."""
 
+import errno
 import json
 import logging
+import os
 import signal
 import sys
 from dataclasses import replace
@@ -27,9 +29,11 @@ from brushexp.pictures.decode import read_picture
 from brushexp.pictures.motion import motion
 from brushexp.pictures.region import Region
 from brushexp.plugins.init.grid import Grid
+from brushexp.plugins.loss.pixel import MeanSquaredError
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, Catalogue, check_strokes
 from brushexp.strokes.storage import load_catalogue
+from brushexp.system.files import TEMPORARY
 
 av = pytest.importorskip("av")
 
@@ -278,11 +282,44 @@ def test_a_film_that_was_stopped_goes_on_to_the_same_strokes(tmp_path):
         if sent is signal.SIGTERM:
             assert len(decoded(folder / "film.mp4")[0]) == 2
             assert json.loads((folder / "metrics.json").read_text())["status"] == "interrupted"
-        code, said = ended(tmp_path, f"resume={sent.name}", f"output={sent.name}")
+        else:  # what cannot be read is painted again, and so is what follows it
+            os.truncate(folder / "frames" / "000001.h5", 999)
+        goes_on = sent.name if sent is signal.SIGKILL else "elsewhere"
+        code, said = ended(tmp_path, f"resume={sent.name}", f"output={goes_on}")
         assert code == 0, said
-        assert len(decoded(folder / "film.mp4")[0]) == 4
+        assert ("000001.h5 is damaged" in said) == (sent is signal.SIGKILL)
+        assert len(decoded(tmp_path / goes_on / "film.mp4")[0]) == 4
         for k in range(4):
-            one, other = (load_catalogue(run / "frames" / f"00000{k}.h5") for run in (tmp_path / "whole", folder))
+            one, other = (load_catalogue(tmp_path / run / "frames" / f"00000{k}.h5") for run in ("whole", goes_on))
             assert torch.equal(one.depth, other.depth)
             for name in FIELDS:
                 assert torch.equal(getattr(one.strokes, name), getattr(other.strokes, name)), (k, name)
+
+
+@pytest.mark.parametrize("what", ["disk", "nan"])
+def test_what_ends_a_film_leaves_the_pictures_before_it(run_task, tmp_path, monkeypatch, caplog, what):
+    pictures = scene(2)
+    clip = encoded(tmp_path / "clip.mp4", [*pictures, *(255 - picture for picture in pictures)])
+    words = (f"image={clip}", "resolution=32", "steps=3", "film.steps=2", "threads=1")
+    fsync, forward, frames = os.fsync, MeanSquaredError.forward, tmp_path / "frames"
+
+    def full(descriptor):
+        if os.readlink(f"/proc/self/fd/{descriptor}").endswith(".h5") and (frames / "000001.h5").exists():
+            raise OSError(errno.ENOSPC, "No space left on device")
+        fsync(descriptor)
+
+    with monkeypatch.context() as patched:
+        if what == "disk":
+            patched.setattr("brushexp.system.files.os.fsync", full)
+        else:
+            wrong = lambda *given: forward(*given) * (torch.nan if (frames / "000000.h5").exists() else 1)  # noqa: E731
+            patched.setattr(MeanSquaredError, "forward", wrong)
+        message = r"000002.h5: No space left" if what == "disk" else "step 1: loss=mse is nan; lower the rate"
+        with pytest.raises(UserError, match=message):
+            run_task(paint, *words)
+    assert (what == "nan") == ("the strokes stay as they were" in caplog.text)  # of the picture that is carried
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    assert (metrics["n_frames"], metrics["status"]) == (2, "failed")
+    assert len(decoded(tmp_path / "film.mp4")[0]) == 2
+    assert (tmp_path / "checkpoint.ckpt").exists()
+    assert not list(tmp_path.rglob(TEMPORARY))

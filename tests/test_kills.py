@@ -22,6 +22,8 @@ from brushexp.system.files import TEMPORARY
 PAINT = ["image=chelsea", "resolution=32", "strokes=12", "threads=1", "frames=3", "timelapse=gif", "checkpoint_every=0"]
 TRAIN = ["task=train", "data=set/strokes", "epochs=3", "minutes=null", "batch_size=8", "limit=64", "threads=1", "fid=0"]
 TRAIN += ["checkpoint_every=0", "renderer.width=4", "renderer.dense=16", "renderer.code=2"]
+CRITIC = ["task=train", "model=discriminator", "trainer.max_steps=60", "epochs=null", "batch_size=8", "threads=1"]
+CRITIC += ["checkpoint_every=0"]
 SET = ["task=simulate", "engine=disc", "engine.window=64", "threads=1"]
 SHARDS = {"SHARD_STROKES": 32, "BATCH_STROKES": 16}
 CHECKPOINTS = [("checkpoint.ckpt", k, after) for k in (1, 2, 3) for after in (False, True)]
@@ -33,6 +35,10 @@ ENDS = {
     "train": [
         *((name, 1, after) for name in ("l.safetensors", "neural.json", "metrics.json") for after in (False, True)),
         *(("validation.png", 1, True), ("epoch_002.png", 1, False)),
+    ],
+    "critic": [
+        *((f"discriminator.{kind}", 1, after) for kind in ("safetensors", "json") for after in (False, True)),
+        *(("metrics.json", 1, after) for after in (False, True)),
     ],
 }
 
@@ -62,15 +68,21 @@ def steps_of(folder: Path) -> list[int]:
         return [int(row["step"]) for row in csv.DictReader(file)]
 
 
+def assert_same_painting(one: Path, other: Path) -> None:
+    """To the bit."""
+    assert (one / "painting.png").read_bytes() == (other / "painting.png").read_bytes()
+    theirs = load_catalogue(other / "catalogue.h5").strokes
+    for field, value in load_catalogue(one / "catalogue.h5").strokes.items():
+        assert torch.equal(value, getattr(theirs, field)), field
+
+
 @pytest.mark.parametrize(("words", "result", "kills"), [
     ([*PAINT, "steps=40"], "catalogue.h5", [*2 * CHECKPOINTS[:4], *CHECKPOINTS[4:], *ENDS["paint"]]),
     ([*TRAIN, "critic=true", "critic_width=4"], "neural.safetensors", [*2 * CHECKPOINTS, *ENDS["train"]]),
-    (["task=train", "model=discriminator", "trainer.max_steps=12", "batch_size=8", "threads=1"], "", CHECKPOINTS),
+    (CRITIC, "discriminator.safetensors", [*2 * CHECKPOINTS, *CHECKPOINTS[:2], *ENDS["critic"]]),
 ], ids=["painting", "training", "discriminator"])  # fmt: skip
 def test_a_run_that_is_killed_goes_on_to_the_same_bits(folder, tmp_path, words, result, kills, request):
     name = request.node.callspec.id
-    words = [*words, *(["checkpoint_every=0", "epochs=null"] if not result else [])]
-    result = result or "discriminator.safetensors"
     code, said = ended(folder, *words, f"output={name}-straight")
     assert code == 0, said
     task = [word for word in words if word.startswith("task=")]
@@ -93,10 +105,7 @@ def test_a_run_that_is_killed_goes_on_to_the_same_bits(folder, tmp_path, words, 
     if result != "catalogue.h5":
         assert (killed / result).read_bytes() == (straight / result).read_bytes()
         return
-    assert (killed / "painting.png").read_bytes() == (straight / "painting.png").read_bytes()
-    theirs = load_catalogue(straight / result).strokes
-    for field, value in load_catalogue(killed / result).strokes.items():
-        assert torch.equal(value, getattr(theirs, field)), field
+    assert_same_painting(killed, straight)
 
 
 def test_a_simulation_that_is_killed_goes_on_to_the_same_bits(folder):
@@ -124,17 +133,28 @@ def written(folder: Path) -> dict[str, int]:
     return {str(path): path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.parametrize(("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGKILL, -9)])
-def test_a_sweep_that_is_ended_keeps_the_jobs_that_are_done_and_goes_on(tmp_path, sent, code):
-    words, sweep = ["-m", "look=plain", *PAINT, "steps=5,7,9", "report=false", "output=s"], tmp_path / "s"
-    assert ended(tmp_path, *words, kill=("1/checkpoint.ckpt", 2, True), sent=sent)[0] == code
-    assert statuses(sweep) == ["completed", "interrupted"][: 2 if sent == signal.SIGTERM else 1]
-    assert not (sweep / "2").exists()
-    done, whole = written(sweep / "0"), tmp_path / "whole"
+def test_a_sweep_that_is_killed_keeps_the_jobs_that_are_done_and_goes_on_to_the_same_bits(tmp_path):
+    words, sweep, kept = ["-m", "look=plain", *PAINT, "steps=5,6,7", "report=false"], tmp_path / "s", {}
+    assert ended(tmp_path, *words, "output=whole")[0] == 0
+    words.append("output=s")
+    for number, kill in enumerate(some(SWEEP_KILLS)):
+        job = int(kill[0][0])
+        sent = (signal.SIGTERM, signal.SIGKILL)[(number + job) % 2]
+        code, said = ended(tmp_path, *words, *["resume=sweep"] * bool(number), kill=kill, sent=sent)
+        assert code == (143 if sent == signal.SIGTERM else -9), (kill, said)
+        assert sent == signal.SIGKILL or not list(sweep.rglob(TEMPORARY)), kill
+        noted = [json.loads(path.read_text())["status"] for path in sorted(sweep.glob("*/result.json"))]
+        assert noted[:job] == job * ["completed"], kill
+        assert noted[job:] in [["interrupted"], []][: 2 if sent == signal.SIGKILL else 1], kill
+        assert sent == signal.SIGKILL or statuses(sweep) == noted
+        for path in sweep.rglob("catalogue.h5"):
+            load_catalogue(path)
+        for done in range(job):
+            assert kept.setdefault(done, written(sweep / str(done))) == written(sweep / str(done)), kill
     for more, message in (
         ([], "output=s holds a run already"),
-        (["resume=sweep", "seed=3"], "job 0 was '.*' and would be '.* seed=3'; type: .* -m .*=5,7,9.* resume=sweep"),
-        (["resume=sweep", "output=whole"], "output=whole holds no sweep"),
+        (["resume=sweep", "seed=3"], "job 0 was '.*' and would be '.* seed=3'; type: .* -m .*=5,6,7.* resume=sweep"),
+        (["resume=sweep", "output=t"], "output=t holds no sweep"),
     ):
         refused, said = ended(tmp_path, *words, *more)
         assert refused == 1
@@ -142,32 +162,13 @@ def test_a_sweep_that_is_ended_keeps_the_jobs_that_are_done_and_goes_on(tmp_path
         assert said.count("\n") == 1, said
     code, said = ended(tmp_path, *words, "resume=sweep")
     assert code == 0, said
-    assert written(sweep / "0") == done
-    assert statuses(sweep) == 3 * ["completed"]
-    assert [steps_of(sweep / name)[-1] for name in "012"] == [4, 6, 8]
-    assert "resumed" not in (sweep / "2" / "run.log").read_text()
-    assert "resume" not in (sweep / "table.csv").read_text()
-    words[-1] = f"output={whole}"
-    assert ended(tmp_path, *words)[0] == 0
-    assert (sweep / "1" / "painting.png").read_bytes() == (whole / "1" / "painting.png").read_bytes()
-
-
-def test_a_sweep_leaves_no_half_file_wherever_it_is_killed(tmp_path):
-    words, sweep = ["-m", *PAINT, "steps=2,3", "report=false", "output=s"], tmp_path / "s"
-    for number, kill in enumerate(some(SWEEP_KILLS)):
-        sent = (signal.SIGTERM, signal.SIGKILL)[number % 2]
-        code, said = ended(tmp_path, *words, "overwrite=true", kill=kill, sent=sent)
-        assert code == (143 if sent == signal.SIGTERM else -9), (kill, said)
-        assert sent == signal.SIGKILL or not list(sweep.rglob(TEMPORARY)), kill
-        job = int(kill[0][0])
-        noted = [json.loads(path.read_text())["status"] for path in sorted(sweep.glob("[01]/result.json"))]
-        last = "completed" if kill[0] == "0/checkpoint.ckpt" else "interrupted"  # whose next step is the last one
-        assert noted == job * ["completed"] + [last] * (sent == signal.SIGTERM), kill
-        for path in sweep.rglob("catalogue.h5"):
-            load_catalogue(path)
-    code, said = ended(tmp_path, *words, "overwrite=true")
-    assert code == 0, said
     assert not list(sweep.rglob(TEMPORARY))
+    assert not list(sweep.rglob("checkpoint.ckpt"))
+    assert statuses(sweep) == 3 * ["completed"]
+    assert "resume" not in (sweep / "table.csv").read_text()
+    for job, steps in zip("012", (5, 6, 7), strict=True):
+        assert steps_of(sweep / job)[-1] == steps - 1
+        assert_same_painting(sweep / job, tmp_path / "whole" / job)
 
 
 def test_an_export_leaves_no_half_file_wherever_it_is_killed(tmp_path):

@@ -8,6 +8,7 @@ from fractions import Fraction
 from itertools import islice
 from pathlib import Path
 from threading import Event
+from typing import Any
 
 import lightning as L
 import numpy as np
@@ -15,7 +16,7 @@ import torch
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
-from brushexp.app.fitting import CHECKPOINT, RECORD, fit, record_of, trainer_of
+from brushexp.app.fitting import CHECKPOINT, RECORD, conclude, fit, record_of, trainer_of
 from brushexp.errors import UserError
 from brushexp.painting.assembly import components_of
 from brushexp.painting.carrying import Carrier, Cel, ranks_of
@@ -32,7 +33,7 @@ from brushexp.plugins.export.png import pixels
 from brushexp.registry import plugin_of
 from brushexp.shading.light import Light
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
-from brushexp.system.callbacks import INTERRUPTED
+from brushexp.system.callbacks import FAILED, INTERRUPTED
 from brushexp.system.device import device_of
 from brushexp.system.files import replacing, to_bytes, write_json, write_picture
 from brushexp.system.progress import showing
@@ -47,8 +48,9 @@ MOST_TICKS = 65_535  # of a second, in which players count
 class PaintedFilm:
     """A film that is being painted: what it is made of, and its numbers so far."""
 
-    def __init__(self, cfg: DictConfig, folder: Path) -> None:
+    def __init__(self, cfg: DictConfig, folder: Path, before: Path | None) -> None:
         self.cfg, self.folder, self.device = cfg, folder, device_of(cfg.device)
+        self.before = before  # a folder with pictures of this film that were painted before
         self.clip = open_clip(Path(cfg.image))
         self.size = size_of_picture(cfg.image, "image", cfg.resolution)
         self.rate = Fraction(self.clip.rate / cfg.film.every).limit_denominator(MOST_TICKS)
@@ -84,25 +86,37 @@ class PaintedFilm:
         painter = prepared(cfg, picture).painter.to(self.device)
         if painter.schedule.steps or cfg.seconds:
             goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
-            failure = fit(trainer_of(cfg, self.device, self.folder, [], goals), painter)
-            if painter.stop == INTERRUPTED:
-                raise KeyboardInterrupt
-            if failure is not None:
-                raise failure
+            failure = fit(trainer_of(cfg, self.device, self.folder, [], goals, checkpoints=False), painter)
+            conclude(painter, None, cfg, failure, painter.schedule.step)
         painter.hand_over()
         return Cel(painter.strokes(), painter.depth.front_to_back, painter.picture.background)
 
-    def take(self, number: int, target: Tensor, known: Path | None) -> np.ndarray:
-        """Paint a picture, or take over its strokes where they are ``known``, and return it (H, W, 3) in its light."""
-        since, scenes = time.monotonic(), self.reel.scenes
+    def known(self, number: int) -> Cel | None:
+        """The strokes of a picture that was painted before, and so were all before it."""
+        path, mine = frame_in(self.before or self.folder, number), self.saved_as
+        if self.before is None or not path.exists():
+            self.before = None
+            return None
+        try:
+            saved = load_catalogue(path)
+            if any(getattr(saved, name) != value for name, value in mine.items()):
+                raise UserError(f"{path} is of another film")
+        except UserError as error:
+            log.warning("%s; it and what follows it are painted anew", error)
+            self.before = None
+            return None
+        return cel_of(saved, self.device)
+
+    def take(self, number: int, target: Tensor) -> np.ndarray:
+        """Paint a picture, or take over its strokes where they are known, and return it (H, W, 3) in its light."""
+        since, scenes, known = time.monotonic(), self.reel.scenes, self.known(number)
         if known is None:
             self.reel.paint(target)
         else:
-            self.reel.follow(target, cel_of(load_catalogue(known), self.device))
+            self.reel.follow(target, known)
         picture = self.lit()
-        path = self.folder / FRAMES / f"{number:06d}.h5"
-        if known is None or known.resolve() != path.resolve():
-            save_catalogue(path, self.saved())
+        if self.before is None or self.before.resolve() != self.folder.resolve():
+            save_catalogue(frame_in(self.folder, number), self.saved())
         self.psnr.append(psnr_of(float((self.reel.image - target).square().mean())))
         self.flicker.add(torch.from_numpy(np.moveaxis(picture, 2, 0) / np.float32(255)), target.cpu())
         if known is None and self.reel.scenes == scenes:
@@ -118,18 +132,21 @@ class PaintedFilm:
         made = (carrier.renderer, carrier.components.blend, self.name, self.cfg.image)
         return pixels(ExportJob(*painting, *made, light=self.light), self.reel.image)
 
+    @property
+    def saved_as(self) -> dict[str, Any]:
+        """What the catalogues of all pictures have in common."""
+        weights = self.reel.carrier.renderer.weights_hash
+        return {"size": self.size, "renderer": self.name, "renderer_hash": weights, "seed": self.cfg.seed}
+
     def saved(self) -> Saved:
         """The strokes of the last picture as a catalogue."""
         cel = self.reel.cel
         return Saved(
             strokes=cel.strokes.map(Tensor.cpu),
             depth=(len(cel.strokes) - 1 - ranks_of(cel.front_to_back)).int().cpu(),
-            size=self.size,
             background=cel.background.cpu(),
-            renderer=self.name,
-            renderer_hash=self.reel.carrier.renderer.weights_hash,
-            seed=self.cfg.seed,
             config=self.settings,
+            **self.saved_as,
         )
 
     def metrics(self, start: float | None, status: str) -> dict[str, object]:
@@ -150,6 +167,11 @@ class PaintedFilm:
         }
 
 
+def frame_in(folder: Path, number: int) -> Path:
+    """Where a run keeps the strokes of a picture."""
+    return folder / FRAMES / f"{number:06d}.h5"
+
+
 def cel_of(saved: Saved, device: torch.device) -> Cel:
     """The strokes of a picture that was painted before."""
     above = saved.depth.argsort(descending=True)
@@ -159,45 +181,46 @@ def cel_of(saved: Saved, device: torch.device) -> Cel:
 def painted_film(folder: Path, cfg: DictConfig, start: float | None, before: Path | None = None) -> dict[str, object]:
     """Paint the film that ``image`` names and write it, and the catalogues of its pictures, into the run's folder.
 
-    It goes on behind the pictures that are in the folder ``before``. Interrupted, it ends with the last picture that is
-    done: then a KeyboardInterrupt is raised.
+    It goes on behind the pictures that are in the folder ``before``. Whatever ends it, it has all pictures that were
+    done, and what ended it is raised then.
     """
-    film, stop = PaintedFilm(cfg, folder), Event()
+    film, stop = PaintedFilm(cfg, folder, before), Event()
+    failure: BaseException | None = None
     (folder / FRAMES).mkdir(exist_ok=True)
     (folder / "metrics.json").unlink(missing_ok=True)
-    known = [] if before is None else sorted((before / FRAMES).glob("[0-9]*.h5"))
     with replacing(folder / CHECKPOINT) as temporary:  # its settings; what else there is to know are its pictures
         torch.save({RECORD: record_of(cfg, folder)}, temporary)
     with filming(folder / "film", "mp4", film.size, film.rate) as video, showing("painting the film") as show:
         with interruptible(stop.set, "stopping after this picture; the film so far will be written"):
             for number, target in enumerate(film.targets()):
                 try:
-                    picture = film.take(number, target, known[number] if number < len(known) else None)
-                except KeyboardInterrupt:
-                    stop.set()
+                    picture = film.take(number, target)
+                except (Exception, KeyboardInterrupt, SystemExit) as error:
                     if not number:
                         raise
+                    failure = error
                     break
                 video.show(picture, 1)
                 show(min(1.0, (number + 1) / film.planned), f"picture {number + 1}, {film.psnr[-1]:.2f} dB")
                 if stop.is_set() and number + 1 < film.planned:
+                    failure = KeyboardInterrupt()
                     break
         if not film.psnr:
             raise UserError(f"film.start={cfg.film.start:g} is behind the end of {cfg.image}; give an earlier second")
     for path in (path for path in video.paths if path.suffix == ".mp4"):
         add_sound(path, film.clip.path, cfg.film.start)
-    return concluded(film, start, INTERRUPTED if stop.is_set() and len(film.psnr) < film.planned else COMPLETED)
+    return concluded(film, start, failure)
 
 
-def concluded(film: PaintedFilm, start: float | None, status: str) -> dict[str, object]:
-    """Write what is left to write of a film that has come to an end."""
-    folder = film.folder
-    frames = sorted((folder / FRAMES).glob("[0-9]*.h5"))[: len(film.psnr)]
-    chosen = sorted({0, len(frames) // 2, len(frames) - 1})
+def concluded(film: PaintedFilm, start: float | None, failure: BaseException | None) -> dict[str, object]:
+    """Write what is left to write of a film that has come to an end, and raise the ``failure`` that it was, if any."""
+    folder, count = film.folder, len(film.psnr)
     pictures = []
-    for path in (frames[k] for k in chosen):
-        film.reel.show(cel_of(load_catalogue(path), film.device))
+    for number in sorted({0, count // 2, count - 1}):
+        film.reel.show(cel_of(load_catalogue(frame_in(folder, number)), film.device))
         pictures.append(film.lit())
+    ended = INTERRUPTED if isinstance(failure, KeyboardInterrupt) else FAILED
+    status = COMPLETED if failure is None else ended
     write_picture(folder / "preview.png", np.concatenate(pictures, axis=1))
     metrics = film.metrics(start, status)
     write_json(folder / "metrics.json", metrics)
@@ -206,8 +229,8 @@ def concluded(film: PaintedFilm, start: float | None, status: str) -> dict[str, 
         folder / "film.mp4", metrics["n_frames"], metrics["n_scenes"], metrics["psnr"],
         *("-" if metrics[key] is None else f"{metrics[key]:.2g}" for key in ("flicker", "seconds_per_frame")),
     )  # fmt: skip
-    if status == INTERRUPTED:
-        log.warning("interrupted at picture %d; continue with: brushexp resume=%s", metrics["n_frames"], folder)
-        raise KeyboardInterrupt
+    if failure is not None:
+        log.warning("%s at picture %d; continue with: brushexp resume=%s", status, count, folder)
+        raise failure
     (folder / CHECKPOINT).unlink(missing_ok=True)
     return metrics

@@ -84,7 +84,6 @@ def _check(given: Any, kinds: Mapping[str, Any], needed: Collection[str], where:
         if key not in kinds:
             raise UserError(f"{where} has {key!r}; its keys are {', '.join(kinds)}")
         is_right = isinstance(value, kinds[key]) and not isinstance(value, bool)
-        is_right = isinstance(value, kinds[key]) and not isinstance(value, bool)
         if isinstance(value, float):
             is_right &= math.isfinite(value)
         elif isinstance(value, list):

@@ -19,6 +19,7 @@ from fastapi.responses import FileResponse, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers
 from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from brushexp.errors import UserError
@@ -134,18 +135,22 @@ def _found() -> Iterator[None]:
 
 async def _kept(request: Request, use: Any) -> dict[str, Any]:
     """What ``use`` says to a file that the browser sends, as it comes and no longer than allowed; or the error."""
-    with NamedTemporaryFile() as file:
-        received = 0
-        async for piece in request.stream():
-            received += len(piece)
-            if received > LARGEST_UPLOAD:
-                return {"error": f"this file has more than {LARGEST_UPLOAD // 2**20} MB; make it smaller"}
-            file.write(piece)
-        file.flush()
-        try:
+    received = 0
+    try:
+        with NamedTemporaryFile() as file:
+            async for piece in request.stream():
+                received += len(piece)
+                if received > LARGEST_UPLOAD:
+                    return {"error": f"this file has more than {LARGEST_UPLOAD // 2**20} MB; make it smaller"}
+                file.write(piece)
+            file.flush()
             return await run_in_threadpool(use, Path(file.name))
-        except UserError as error:
-            return {"error": str(error)}
+    except (UserError, MemoryError) as error:
+        return {"error": str(error) or "there is not enough memory for this picture; make it smaller"}
+    except OSError as error:
+        return {"error": f"the studio cannot keep this file: {error.strerror}"}
+    except ClientDisconnect:  # in the middle of the file
+        return {}
 
 
 def zip_of(work: Work) -> bytes:
