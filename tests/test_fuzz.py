@@ -2,6 +2,7 @@
 
 import copy
 import json
+import math
 import os
 import random
 import sys
@@ -20,25 +21,37 @@ import numpy as np
 import pytest
 import torch
 from catalogues import catalogue
+from hydra.errors import CompactHydraException
 from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 from painters import QUIET, fit, painter_of
 from PIL import Image, ImageCms
 from safetensors.torch import save
 from test_dataset import read_all, write
+from test_leaderboard import PUBLISHED
+from test_verdicts import CLAIMS
 from tifffile import imwrite
 
 from brushexp.app import fitting
+from brushexp.app.composition import check
+from brushexp.app.configs import composed, folders_of
+from brushexp.app.films import PaintedFilm
 from brushexp.app.fitting import CHECKPOINT, RECORD, RunRecord, interrupted_run
+from brushexp.app.mistakes import explanation
+from brushexp.app.sweep_jobs import JOBS, check_same
 from brushexp.errors import UserError
 from brushexp.features.base import read_tensors
 from brushexp.painting.assembly import components_of
 from brushexp.painting.outputs import painted_with, renderer_of
 from brushexp.pictures.load import load_picture
-from brushexp.plugins.renderer.base import RENDERERS
+from brushexp.plugins.renderer.base import RENDERERS, Renderer
 from brushexp.plugins.renderer.inverse_vgg import InverseVGG
+from brushexp.plugins.renderer.neural import Neural
 from brushexp.registry import build_named, options_of
+from brushexp.results.claims import Claim, read_claims
 from brushexp.results.page.run import write_run_page
 from brushexp.results.page.sweep_page import write_sweep_page
+from brushexp.results.published import PublishedFigures, read_published
 from brushexp.results.runs import gather
 from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.storage import load_catalogue, save_catalogue
@@ -56,7 +69,19 @@ HOSTILE = (
     *(*NUMBERS, *WORDS, "", "x" * 5000, "../../x", "\0", "é\ud800", "${oc.env:HOME}", "${", "???", "2024-99-99"),
     *([], {}, [[]], {"": ""}, CODE, {"a": CODE}, [1] * 500, [[0.5] * 3] * 3),
 )
-TINY = {"width": 1, "widest": 2, "dense": [2], "coordconv": "none"}
+TINY: dict[type, tuple[str, dict[str, Any]]] = {
+    InverseVGG: ("inverse_vgg", {"width": 1, "widest": 2, "dense": [2], "coordconv": "none"}),
+    Neural: ("neural", {"brushes": 2, "code": 1, "dense": 2, "width": 1, "stages": 1}),
+}
+TWO = [["steps=1"], ["steps=2"]]  # words of two jobs
+LOOK = """# @package _global_
+# mine
+defaults: [{override /loss: [mse, width]}]
+steps: 5
+light: {depth: 0.5}
+optimizer: {lr: 0.01, units: {position: 0.4}}
+loss: {width: {weight: 0.1}}
+"""
 SETTINGS: dict[str, Any] = {}  # of a run, once they are composed
 FORBIDDEN = ("os.system", "os.exec", "os.posix_spawn", "os.fork", "subprocess.Popen", "socket.connect")
 happened: list[str] | None = None  # of what is forbidden while something is read
@@ -105,19 +130,20 @@ def read_set(path: Path) -> None:
     assert bool((np.abs(read_all(path)[2]) <= 1).all())
 
 
-def write_weights(folder: Path) -> Path:
-    options = {name: default for name, _, default in options_of(InverseVGG)} | TINY
-    RENDERERS.save(folder / "it", "inverse_vgg", InverseVGG(**TINY, checkpoint=None), {"options": options})
-    return folder / "it.safetensors"
+def weights(network: type[Renderer], suffix: str) -> tuple[Callable[[Path], Path], Callable[[Path], None]]:
+    """A network's weights, or their recipe."""
+    name, tiny = TINY[network]
 
+    def write_weights(folder: Path) -> Path:
+        options = {name: default for name, _, default in options_of(network)} | tiny
+        RENDERERS.save(folder / "it", name, network(**tiny, checkpoint=None), {"options": options})
+        return (folder / "it").with_suffix(suffix)
 
-def write_recipe(folder: Path) -> Path:
-    return write_weights(folder).with_suffix(".json")
+    def read_weights(path: Path) -> None:
+        made = build_named("renderer", name, tiny | {"checkpoint": str(path.with_suffix(".safetensors"))})
+        assert all(bool(value.isfinite().all()) for value in made.state_dict().values())
 
-
-def read_weights(path: Path) -> None:
-    network = build_named("renderer", "inverse_vgg", TINY | {"checkpoint": str(path.with_suffix(".safetensors"))})
-    assert all(bool(value.isfinite().all()) for value in network.state_dict().values())
+    return write_weights, read_weights
 
 
 def write_table(folder: Path) -> Path:
@@ -174,6 +200,50 @@ def read_sweep(path: Path) -> None:
     write_sweep_page(sweep, gather([sweep], sweep))
 
 
+def write_frame(folder: Path) -> Path:
+    """The strokes of a film's picture."""
+    (folder / "frames").mkdir()
+    return write_catalogue(folder / "frames").rename(folder / "frames" / "000000.h5")
+
+
+def read_frame(path: Path) -> None:
+    saved = catalogue()
+    same = {name: getattr(saved, name) for name in ("size", "renderer", "renderer_hash", "seed")}
+    folder = path.parents[1]
+    known = PaintedFilm.known(SimpleNamespace(before=folder, folder=folder, saved_as=same, device="cpu"), 0)
+    if known is not None:
+        check_strokes(known.strokes)
+        assert sorted(known.front_to_back.tolist()) == list(range(len(known.strokes)))
+
+
+def text(name: str, content: str) -> Callable[[Path], Path]:
+    def write_content(folder: Path) -> Path:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(content)
+        return folder / name
+
+    return write_content
+
+
+def check_figures(found: list[PublishedFigures]) -> None:
+    assert all(math.isfinite(value) for one in found for value in one.figures.values())
+
+
+def check_claims(found: dict[str, list[Claim]]) -> None:
+    assert all(one.at_least > 0 and one.metric for claims in found.values() for one in claims)
+
+
+def read_look(path: Path) -> None:
+    """A preset of the user's own, whose program this is: it may have anchors, of anchors too."""
+    if "&" in path.read_text(errors="replace"):
+        return
+    folders, words = folders_of(path.parents[2]), ["look=own"]
+    try:
+        check(composed(words, folders), words)
+    except (CompactHydraException, OmegaConfBaseException) as error:
+        raise UserError(explanation(error, folders, words)) from error
+
+
 def picture(suffix: str) -> Callable[[Path], Path]:
     def write_image(folder: Path) -> Path:
         path, pixels = folder / f"a.{suffix}", np.random.default_rng(0).integers(0, 255, (9, 13, 3), np.uint8)
@@ -202,8 +272,18 @@ KINDS: dict[str, tuple[Callable[[Path], Path], Callable[[Path], None]]] = {
     "catalogue": (write_catalogue, read_catalogue),
     "text": (write_text, read_catalogue),
     "set": (write_set, read_set),
-    "weights": (write_weights, read_weights),
-    "recipe": (write_recipe, read_weights),
+    "weights": weights(InverseVGG, ".safetensors"),
+    "recipe": weights(InverseVGG, ".json"),
+    "neural": weights(Neural, ".safetensors"),
+    "neural.json": weights(Neural, ".json"),
+    "frame": (write_frame, read_frame),
+    "figures": (text("figures.yaml", PUBLISHED), lambda path: check_figures(read_published(path))),
+    "claims": (text("claims.yaml", CLAIMS), lambda path: check_claims(read_claims(path))),
+    "jobs": (
+        text(JOBS, json.dumps({"typed": ["steps=1,2"], "jobs": TWO})),
+        lambda path: check_same(path.parents[1], TWO),
+    ),
+    "look": (text("conf/look/own.yaml", LOOK), read_look),
     "table": (write_table, read_table),
     "checkpoint": (write_checkpoint, read_checkpoint),
     **{name: (part(name), read_run) for name in OF_RUN},
@@ -382,7 +462,7 @@ def test_a_damaged_file_is_read_to_finite_content_or_refused_in_one_line(kind, w
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_no_file_is_not_waited_for(kind, good):
-    page = kind in OF_RUN + OF_SWEEP  # which does without
+    page = kind in (*OF_RUN, *OF_SWEEP, "frame")  # which are done without
     for make in (os.mkfifo, os.mkdir, lambda path: path.symlink_to("/dev/zero"), lambda path: path.symlink_to(path)):
         if not page or make is os.mkfifo:
             path = good(kind)

@@ -1,7 +1,8 @@
 """Runs that are killed go on to the same bits, wherever that was.
 
-Each chain of kills is one run that is killed, continued, killed again ... and at last finished. By default a chain has
-every fourth of its kills; all twenty of each, in some minutes: ``BRUSHEXP_KILLS=all pytest tests/test_kills.py``.
+Each chain of kills is one run that is killed, continued (every third time in a new folder), killed again ... and at
+last finished. By default a chain has every fifth of its kills; all twenty of each, in half an hour:
+``BRUSHEXP_KILLS=all pytest tests/test_kills.py``.
 """
 
 import csv
@@ -83,19 +84,23 @@ def assert_same_painting(one: Path, other: Path) -> None:
 ], ids=["painting", "training", "discriminator"])  # fmt: skip
 def test_a_run_that_is_killed_goes_on_to_the_same_bits(folder, tmp_path, words, result, kills, request):
     name = request.node.callspec.id
-    code, said = ended(folder, *words, f"output={name}-straight")
+    straight = folder / f"{name}-straight"
+    code, said = ended(folder, *words, f"output={straight}")
     assert code == 0, said
     task = [word for word in words if word.startswith("task=")]
     ctrl_c = (CHECKPOINTS[1], signal.SIGINT, 130)
-    for kill, sent, wanted in (ctrl_c, *((kill, signal.SIGKILL, -signal.SIGKILL) for kill in some(kills))):
-        code, said = ended(folder, *words, f"output={name}", kill=kill, sent=sent)
+    all_kills = [ctrl_c, *((kill, signal.SIGKILL, -signal.SIGKILL) for kill in some(kills))]
+    for number, (kill, sent, wanted) in enumerate(all_kills):
+        into = f"{name}-{number}" if number % 3 == 2 and words[-1].startswith("resume=") else name
+        code, said = ended(folder, *words, f"output={into}", kill=kill, sent=sent)
         assert code == wanted, (kill, said)
         assert sent == signal.SIGKILL or f"continue with: brushexp {' '.join([*task, ''])}resume=" in said
-        words = [*task, f"resume={name}"] if (folder / name / "checkpoint.ckpt").exists() else words
+        if (folder / into / "checkpoint.ckpt").exists():
+            name, words = into, [*task, f"resume={into}"]
     code, said = ended(folder, *words, f"output={name}")
     assert code == 0, said
     assert "not empty" not in said, "curves go on"
-    killed, straight = folder / name, folder / f"{name}-straight"
+    killed = folder / name
     assert not (killed / "checkpoint.ckpt").exists()
     assert not list(killed.rglob(TEMPORARY))
     assert json.loads((killed / "metrics.json").read_text())["status"] == "completed"

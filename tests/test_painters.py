@@ -12,6 +12,7 @@ from painters import QUIET
 from torch.testing import assert_close
 
 from brushexp.app.tasks import paint
+from brushexp.errors import UserError
 from brushexp.painting.components import standard_components
 from brushexp.painting.goals import goals_of
 from brushexp.painting.procedure import Procedure
@@ -21,6 +22,7 @@ from brushexp.plugins.painter.gatys import lattice_dots
 from brushexp.plugins.painter.hertzmann import fitted_curves, worst_of_cells
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.bezier import point_at
+from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.prior import sample_prior
 from brushexp.system.callbacks import TimedCheckpoint
 from brushexp.testing.families import commission_of
@@ -94,6 +96,41 @@ def test_a_painting_is_nearer_to_the_picture_than_bare_canvas_and_seeds_differ(n
         found.append(commission.draw(last.strokes))
         assert (found[-1] - target).square().mean() < 0.9 * (bare[:, None, None] - target).square().mean()
     assert not torch.equal(*found)
+
+
+@pytest.mark.parametrize("name", [plugin.name for plugin in plugins("painter") if not plugin.cls.by_steps])
+def test_a_picture_of_no_numbers_ends_it_with_the_state_before(name, monkeypatch):
+    whole, drawn = Procedure.draw, []
+
+    def draw(painter, strokes):
+        drawn.append(len(strokes))
+        return whole(painter, strokes) * (torch.nan if len(drawn) > 3 else 1)
+
+    monkeypatch.setattr(Procedure, "draw", draw)
+    kept = []
+    note = L.pytorch.callbacks.LambdaCallback(on_train_start=lambda _, painter: kept.append(painter))
+    with pytest.raises(UserError, match=r"picture that is not finite|: \w+ is nan"):
+        fitted(build_named("painter", name, QUICK.get(name, {})), note)
+    assert len(drawn) > 3
+    check_strokes(kept[0].strokes())
+    monkeypatch.undo()
+    assert kept[0].drawn().isfinite().all()
+
+
+@pytest.mark.parametrize(("broken", "said"), [
+    (lambda state: None, "yields NoneType, not a PaintingState"),
+    (lambda state: state.strokes, "yields Strokes, not a PaintingState"),
+    (lambda state: replace(state, strokes=state.strokes.map(lambda value: value * torch.nan)), "position is nan, nan"),
+    (lambda state: replace(state, strokes=sample_prior(51, seed=0)), "yields 51 strokes, not 50 at most"),
+])  # fmt: skip
+def test_what_a_painter_yields_that_is_no_state_is_told_with_its_name(broken, said):
+    class Broken(Counting):
+        def __call__(self, commission):
+            for k, state in enumerate(super().__call__(commission)):
+                yield broken(state) if k == 4 else state
+
+    with pytest.raises(UserError, match=f"painter=Broken .*{said}.*correct the painter"):
+        fitted(Broken())
 
 
 @pytest.mark.parametrize("name", ["haeberli", "hertzmann"])

@@ -32,6 +32,8 @@ METHODS = {  # family: contract, method that it wants, a call
     "density": ("Density", "revise", lambda it: it.revise(STATE)),
     "sampler": ("Sampler", "__call__", lambda it: it(STROKES, SIZE, 0, torch.Generator())),
     "engine": ("Engine", "__call__", lambda it: it(torch.zeros(2, 10), seed=0)),
+    "color": ("ColorSpace", "decode", lambda it: it.decode(TARGET)),
+    "painter": ("PaintingMethod", "__call__", lambda it: it(None)),
     "callbacks": ("Callback", "open", lambda it: it.open(None)),
     "to": ("Exporter", "write", lambda it: it.write(None, None)),
 }
@@ -51,6 +53,8 @@ CLASS = """
 class Bad{number}({contract}):
     def __init__(self, *, weight: float = 1.0):
         super().__init__()
+    def encode(self, color):  # without which a colour space is none
+        return color
     def {method}(self, *_, **__):
         {body}
 """

@@ -1,6 +1,6 @@
 """Runs that are started, killed, resumed, moved and damaged in any order: nothing is lost, and nothing lies.
 
-``BRUSHEXP_STATES=30 pytest tests/test_run_states.py`` tries so many histories; a default run tries one.
+``BRUSHEXP_STATES=30 pytest tests/test_run_states.py`` tries so many histories of each way to paint; a default run one.
 """
 
 import json
@@ -8,12 +8,14 @@ import os
 import shutil
 import signal
 import tempfile
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 import pytest
 import torch
+from films import decoded, encoded, scene
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
@@ -33,19 +35,34 @@ from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import TEMPORARY
 
 HISTORIES = int(os.environ.get("BRUSHEXP_STATES", "1"))
-STEPS = 8
-SETTINGS = ["image=photo.png", "resolution=24", "strokes=9", f"steps={STEPS}", "threads=1", "frames=2", "timelapse=gif"]
-SETTINGS += ["report=false", "checkpoint_every=0"]
+STEPS, FRAMES = 8, 3
+SETTINGS = ["resolution=24", "threads=1", "report=false", "checkpoint_every=0"]
+PICTURE = [*SETTINGS, "image=photo.png", "frames=2", "timelapse=gif", f"steps={STEPS}"]
+WAYS = {  # to paint: what is typed
+    "gradient": [*PICTURE, "strokes=9"],
+    "oil": [*PICTURE, "look=oil", "strokes=30"],
+    "hertzmann": [*PICTURE, "painter=hertzmann", "strokes=30"],  # which has no checkpoints
+    "film": [*SETTINGS, "image=clip.mp4", "strokes=30", "steps=3", "film.steps=2"],
+}
 NAMES = ["a", "b"]
 MOMENTS = [("checkpoint.ckpt", k, after) for k in (1, 2) for after in (False, True)]
 MOMENTS += [(name, 1, after) for name in ("painting.png", "catalogue.h5", "metrics.json") for after in (False, True)]
 MOMENTS += [("target.png", 1, True), ("timelapse.gif", 1, False)]
+OF_FILMS = [(name, 1, after) for name in ("checkpoint.ckpt", "000000.h5", "000001.h5") for after in (False, True)]
+OF_FILMS += [("film.mp4", 1, False), ("film.mp4", 1, True), ("preview.png", 1, True), ("metrics.json", 1, False)]
 
 
 class Runs(RuleBasedStateMachine):
     """Two folders for runs, a picture, and a note of the user's own in each folder; what is expected is kept beside."""
 
-    whole: ClassVar = {}  # target -> strokes that every run ends with, however often it was killed
+    whole: ClassVar = {}  # way and target (a film's first strokes) -> strokes that every run ends with, killed or not
+
+    def __init__(self, way: str) -> None:
+        super().__init__()
+        self.way, self.words, self.is_film = way, WAYS[way], way == "film"
+
+    def moment_of(self, data):
+        return data.draw(st.none() | st.sampled_from(OF_FILMS if self.is_film else MOMENTS))
 
     @initialize()
     def begin(self):
@@ -59,18 +76,20 @@ class Runs(RuleBasedStateMachine):
     def step_of(self, name):
         """The step that the checkpoint of a folder goes on from; None without a good one."""
         path = self.place / name / "checkpoint.ckpt"
-        return (
-            torch.load(path, weights_only=True)["global_step"] if path.exists() and name not in self.damaged else None
-        )
+        if not path.exists() or name in self.damaged:
+            return None
+        known = torch.load(path, weights_only=True)
+        return len(list((self.place / name / "frames").glob("*.h5"))) if self.is_film else known["global_step"]
 
     def has_result(self, name):
         path = self.place / name / "metrics.json"
         return path.exists() and json.loads(path.read_text())["status"] != "failed"
 
-    @rule(name=st.sampled_from(NAMES), kill=st.none() | st.sampled_from(MOMENTS), overwrite=st.booleans())
-    def start(self, name, kill, overwrite):
+    @rule(data=st.data(), name=st.sampled_from(NAMES), overwrite=st.booleans())
+    def start(self, data, name, overwrite):
+        kill = self.moment_of(data)
         holds = self.has_result(name) or (self.place / name / "checkpoint.ckpt").exists()
-        words = [*SETTINGS, f"output={name}", *["overwrite=true"] * overwrite]
+        words = [*self.words, f"output={name}", *["overwrite=true"] * overwrite]
         before = files_of(self.place / name)
         code, said = ended(self.place, *words, kill=kill)
         if holds and not overwrite:
@@ -82,8 +101,9 @@ class Runs(RuleBasedStateMachine):
             self.check_end(name, code, said, kill)
 
     @precondition(lambda self: any(self.step_of(name) is not None for name in NAMES))
-    @rule(data=st.data(), into=st.sampled_from([*NAMES, None]), kill=st.none() | st.sampled_from(MOMENTS))
-    def resume(self, data, into, kill):
+    @rule(data=st.data(), into=st.sampled_from([*NAMES, None]))
+    def resume(self, data, into):
+        kill = self.moment_of(data)
         name = data.draw(st.sampled_from([name for name in NAMES if self.step_of(name) is not None]))
         into = into or name
         holds = into != name and (self.has_result(into) or (self.place / into / "checkpoint.ckpt").exists())
@@ -97,18 +117,22 @@ class Runs(RuleBasedStateMachine):
         else:
             self.check_end(into, code, said, kill)
 
+    @precondition(lambda self: self.way != "hertzmann")
     @rule(name=st.sampled_from(NAMES))
     def interrupt(self, name):
         if self.has_result(name) or (self.place / name / "checkpoint.ckpt").exists():
             return
-        kill = ("checkpoint.ckpt", 2, True)
-        code, said = ended(self.place, *SETTINGS, f"output={name}", kill=kill, sent=signal.SIGTERM)
+        kill = ("000001.h5", 1, True) if self.is_film else ("checkpoint.ckpt", 2, True)
+        code, said = ended(self.place, *self.words, f"output={name}", kill=kill, sent=signal.SIGTERM)
         assert code == 128 + signal.SIGTERM, said
         assert json.loads((self.place / name / "metrics.json").read_text())["status"] == "interrupted"
 
     @rule()
     def change_picture(self):
         self.is_changed = not self.is_changed
+        if self.is_film:
+            encoded(self.place / "clip.mp4", [255 * self.is_changed ^ picture for picture in scene(FRAMES, side=32)])
+            return
         with Image.radial_gradient("L") if self.is_changed else Image.linear_gradient("L") as picture:
             picture.convert("RGB").resize((40, 30)).save(self.place / "photo.png")
 
@@ -145,7 +169,7 @@ class Runs(RuleBasedStateMachine):
         folder = self.place / name
         assert "Traceback" not in said, said
         if kill is not None and code == -signal.SIGKILL:
-            assert kill[0] != "checkpoint.ckpt" or kill[1:] == (1, False) or self.step_of(name), "nothing is lost"
+            assert kill[0] != "checkpoint.ckpt" or kill[1:] == (1, False) or self.step_of(name) is not None, "lost"
             return
         assert code == 0, said
         assert not (folder / "checkpoint.ckpt").exists()
@@ -160,17 +184,29 @@ class Runs(RuleBasedStateMachine):
             if not (folder / "metrics.json").exists():
                 continue
             metrics = json.loads((folder / "metrics.json").read_text())
-            assert (metrics["status"], metrics["steps"] == STEPS) in (("completed", True), ("interrupted", False))
-            saved = load_catalogue(folder / "catalogue.h5")
-            job = export_job(saved, renderer_of(saved), Tiled(), saved.renderer)
-            drawn = np.concatenate([band.permute(1, 2, 0).numpy() for _, band in job.bands()]) * 255
-            with Image.open(folder / "painting.png") as painting:
-                assert np.abs(drawn - np.asarray(painting)).max() < 1.01, "the painting is that of the catalogue"
-            if metrics["status"] == "completed":
-                whole = Runs.whole.setdefault((folder / "target.png").read_bytes(), saved.strokes)
-                assert all(torch.equal(value, getattr(whole, field)) for field, value in saved.strokes.items())
+            done, end = (metrics["n_frames"], FRAMES) if self.is_film else (metrics["steps"], STEPS)
+            whole = done == end or self.way == "hertzmann"  # whose steps are its own
+            assert (metrics["status"], whole) in (("completed", True), ("interrupted", False))
+            assert whole or name in self.damaged or self.step_of(name) >= done
+            if self.is_film:
+                assert len(decoded(folder / "film.mp4")[0]) == done
+                strokes = [load_catalogue(folder / "frames" / f"{k:06d}.h5").strokes for k in range(done)]
             else:
-                assert name in self.damaged or self.step_of(name) >= metrics["steps"]
+                strokes = [self.strokes_of(folder)]
+            if whole:
+                of = strokes[0].position.numpy().tobytes() if self.is_film else (folder / "target.png").read_bytes()
+                for one, other in zip(strokes, Runs.whole.setdefault((self.way, of), strokes), strict=True):
+                    assert all(torch.equal(value, getattr(other, field)) for field, value in one.items())
+
+    def strokes_of(self, folder):
+        """Of a painting, which is what they look like."""
+        saved = load_catalogue(folder / "catalogue.h5")
+        job = export_job(saved, renderer_of(saved), Tiled(), saved.renderer)
+        drawn = np.concatenate([band.permute(1, 2, 0).numpy() for _, band in job.bands()]) * 255
+        flat = folder / "flat.png"
+        with Image.open(flat if flat.exists() else folder / "painting.png") as painting:
+            assert np.abs(drawn - np.asarray(painting)).max() < 1.01, "the painting is that of the catalogue"
+        return saved.strokes
 
 
 def files_of(folder: Path) -> dict[str, bytes]:
@@ -178,6 +214,11 @@ def files_of(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.slow
-def test_nothing_is_lost_and_nothing_lies():
-    few = settings(max_examples=HISTORIES, stateful_step_count=12 if HISTORIES == 1 else 25, deadline=None)
-    run_state_machine_as_test(Runs, settings=settings(few, suppress_health_check=list(HealthCheck)))
+@pytest.mark.parametrize("way", WAYS)
+def test_nothing_is_lost_and_nothing_lies(way):
+    if way == "film":
+        pytest.importorskip("av")
+    steps = 25 if HISTORIES > 1 else 12 if way == "gradient" else 7
+    few = settings(max_examples=HISTORIES, stateful_step_count=steps, deadline=None)
+    checks = settings(few, suppress_health_check=list(HealthCheck))
+    run_state_machine_as_test(partial(Runs, way), settings=checks)

@@ -77,6 +77,11 @@ RULES: dict[tuple[str, str], tuple[str, Callable[..., bool]]] = {  # beside the 
     ),
     ("sampler", "__call__"): ("a region inside the canvas", is_view),
     ("optimizer", "share"): ("a finite number", lambda found, _: math.isfinite(found)),
+    ("color", "encode"): (
+        "channels (..., C)",
+        lambda found, color: is_real(found, (*color.shape[:-1], *found.shape[-1:])),
+    ),
+    ("color", "decode"): ("a picture (3, H, W)", lambda found, picture: is_real(found, (3, *picture.shape[1:]))),
     ("callbacks", "open"): ("a callback of Lightning", is_callback),
     ("to", "write"): ("paths of files that it has written", lambda found, *_: all(path.is_file() for path in found)),
 }

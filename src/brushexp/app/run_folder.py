@@ -17,7 +17,7 @@ from brushexp.system.reading import read_text
 OURS = re.compile(  # files that tasks write into their folders
     "(metrics|result|run|report|checkpoint|multirun|painting|target|focus|style|timelapse|catalogue|strokes|process|relief"
     "|height|normals|validation|outside|pruning|extremes|brushwork|brushwork_against|summary|table|sheet|effect|curves"
-    "|pareto|anytime|leaderboard|film|preview|optimization_results)"
+    "|pareto|anytime|leaderboard|film|preview|flat|differences|distances|ablations|optimization_results)"
     "[.](png|svg|mp4|gif|h5|json|csv|md|tex|html|log|yaml|ckpt|hpgl|gcode)"
 )
 BELOW = (  # and below them

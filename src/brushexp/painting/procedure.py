@@ -8,13 +8,17 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from brushexp.errors import UserError
 from brushexp.painting.components import Components
+from brushexp.painting.divergence import named
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.picture import Picture
 from brushexp.painting.schedule import Schedule
 from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.catalogue import Strokes, check_strokes
+
+END = object()  # instead of a state
 
 
 class Procedure(PaintingModule):
@@ -62,9 +66,9 @@ class Procedure(PaintingModule):
 
     def training_step(self, batch: Any, batch_idx: int) -> None:
         """Ask for the next state, and draw it."""
-        state = next(self._states, None)
+        state = next(self._states, END)
         self.schedule.pause()
-        if state is None:  # nothing more came of it than was said
+        if state is END:  # nothing more came of it than was said
             self.schedule.ends = [self.schedule.step]
         else:
             self._show(state)
@@ -73,12 +77,28 @@ class Procedure(PaintingModule):
 
     @torch.no_grad()
     def _show(self, state: PaintingState) -> None:
+        self._check(state)
         strokes = self.renderer.convert(state.strokes.map(Tensor.detach))
-        check_strokes(strokes)
+        shown = self.draw(strokes)
+        if not shown.isfinite().all():
+            who = f"{named('renderer', self.renderer)} with {named('blend', self.components.blend)}"
+            raise UserError(f"{who} makes a picture that is not finite; choose others")
         self._state = PaintingState(strokes, state.step, state.steps)
         self.depth.front_to_back = torch.arange(len(strokes) - 1, -1, -1, device=self.device)
         self.schedule.step, self.schedule.ends = state.step, [max(state.step, state.steps)]
-        self.picture.show(self.drawn())
+        self.picture.show(shown)
+
+    def _check(self, state: Any) -> None:
+        """Refuse (UserError) what is no state, or has strokes that are none or too many."""
+        who = named("painter", self.method)
+        if not isinstance(state, PaintingState):
+            raise UserError(f"{who} yields {type(state).__name__}, not a PaintingState; correct the painter")
+        try:
+            check_strokes(state.strokes)
+        except UserError as error:
+            raise UserError(f"{who} yields strokes of which one is none: {error}; correct the painter") from error
+        if len(state.strokes) > self.n:
+            raise UserError(f"{who} yields {len(state.strokes)} strokes, not {self.n} at most; correct the painter")
 
     def on_train_batch_end(self, outputs: Any, batch: Any, batch_idx: int) -> None:
         counted = self.trainer.fit_loop.epoch_loop.manual_optimization.optim_step_progress
