@@ -1,6 +1,7 @@
 """Runs that are started, killed, resumed, moved and damaged in any order: nothing is lost, and nothing lies.
 
-``BRUSHEXP_STATES=30 pytest tests/test_run_states.py`` tries so many histories of each way to paint; a default run one.
+``BRUSHEXP_STATES=30 pytest tests/test_run_states.py`` tries so many histories of each way to paint; a default run three,
+of which the first is empty.
 """
 
 import json
@@ -29,12 +30,13 @@ from hypothesis.stateful import (
 from PIL import Image
 from program import ended
 
+from brushexp.app.run_folder import left_in
 from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import TEMPORARY
 
-HISTORIES = int(os.environ.get("BRUSHEXP_STATES", "1"))
+HISTORIES = int(os.environ.get("BRUSHEXP_STATES", "3"))
 STEPS, FRAMES = 8, 3
 SETTINGS = ["resolution=24", "threads=1", "report=false", "checkpoint_every=0"]
 PICTURE = [*SETTINGS, "image=photo.png", "frames=2", "timelapse=gif", f"steps={STEPS}"]
@@ -57,9 +59,15 @@ class Runs(RuleBasedStateMachine):
 
     whole: ClassVar = {}  # way and target (a film's first strokes) -> strokes that every run ends with, killed or not
 
+    begun: ClassVar[list[str]] = []  # words of the runs, of all histories
+
     def __init__(self, way: str) -> None:
         super().__init__()
         self.way, self.words, self.is_film = way, WAYS[way], way == "film"
+
+    def ended(self, *words, **disturbed):
+        Runs.begun.append(words)
+        return ended(self.place, *words, **disturbed)
 
     def moment_of(self, data):
         return data.draw(st.none() | st.sampled_from(OF_FILMS if self.is_film else MOMENTS))
@@ -91,7 +99,7 @@ class Runs(RuleBasedStateMachine):
         holds = self.has_result(name) or (self.place / name / "checkpoint.ckpt").exists()
         words = [*self.words, f"output={name}", *["overwrite=true"] * overwrite]
         before = files_of(self.place / name)
-        code, said = ended(self.place, *words, kill=kill)
+        code, said = self.ended(*words, kill=kill)
         if holds and not overwrite:
             assert code == 1
             assert f"output={name} holds a run already" in said
@@ -107,7 +115,7 @@ class Runs(RuleBasedStateMachine):
         name = data.draw(st.sampled_from([name for name in NAMES if self.step_of(name) is not None]))
         into = into or name
         holds = into != name and (self.has_result(into) or (self.place / into / "checkpoint.ckpt").exists())
-        code, said = ended(self.place, f"resume={name}", f"output={into}", kill=kill)
+        code, said = self.ended(f"resume={name}", f"output={into}", kill=kill)
         if holds:
             assert code == 1
             assert f"output={into} holds a run already" in said
@@ -123,7 +131,7 @@ class Runs(RuleBasedStateMachine):
         if self.has_result(name) or (self.place / name / "checkpoint.ckpt").exists():
             return
         kill = ("000001.h5", 1, True) if self.is_film else ("checkpoint.ckpt", 2, True)
-        code, said = ended(self.place, *self.words, f"output={name}", kill=kill, sent=signal.SIGTERM)
+        code, said = self.ended(*self.words, f"output={name}", kill=kill, sent=signal.SIGTERM)
         assert code == 128 + signal.SIGTERM, said
         assert json.loads((self.place / name / "metrics.json").read_text())["status"] == "interrupted"
 
@@ -159,7 +167,7 @@ class Runs(RuleBasedStateMachine):
         path = self.place / name / "checkpoint.ckpt"
         path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
         self.damaged.add(name)
-        code, said = ended(self.place, f"resume={name}", f"output={name}")
+        code, said = self.ended(f"resume={name}", f"output={name}")
         assert code == 1
         assert "start anew" in said
         assert "Traceback" not in said
@@ -175,6 +183,8 @@ class Runs(RuleBasedStateMachine):
         assert not (folder / "checkpoint.ckpt").exists()
         assert not list(folder.rglob(TEMPORARY))
         assert self.has_result(name)
+        unknown = {path for path in folder.rglob("*") if path.is_file()} - set(left_in(folder))
+        assert {path.name for path in unknown} <= {"lock", "others.txt", "notes.txt"}, "overwrite=true would leave it"
 
     @invariant()
     def nothing_lies(self):
@@ -218,7 +228,9 @@ def files_of(folder: Path) -> dict[str, bytes]:
 def test_nothing_is_lost_and_nothing_lies(way):
     if way == "film":
         pytest.importorskip("av")
-    steps = 25 if HISTORIES > 1 else 12 if way == "gradient" else 7
+    steps = 25 if HISTORIES > 3 else 12 if way == "gradient" else 6
     few = settings(max_examples=HISTORIES, stateful_step_count=steps, deadline=None)
     checks = settings(few, suppress_health_check=list(HealthCheck))
+    Runs.begun.clear()
     run_state_machine_as_test(partial(Runs, way), settings=checks)
+    assert len(Runs.begun) > 2, "hypothesis has tried too little"

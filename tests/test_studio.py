@@ -335,6 +335,12 @@ def test_pictures_that_come_at_once_are_decoded_one_after_another(tmp_path, monk
     assert max(most) == 1
 
 
+@pytest.mark.parametrize("keep", ["/proc/x", __file__])
+def test_a_folder_that_cannot_keep_paintings_is_refused_before_there_are_any(tmp_path, keep):
+    with pytest.raises(UserError, match=f"cannot write into keep={re.escape(keep)}: .*; choose another folder"):
+        studio_task.run(OmegaConf.create({"keep": keep}), tmp_path, 0.0)
+
+
 def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
     for module in ("nicegui", "brushexp.studio.server"):
         monkeypatch.setitem(sys.modules, module, None)

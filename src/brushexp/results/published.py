@@ -86,8 +86,8 @@ def _check(given: Any, kinds: Mapping[str, Any], needed: Collection[str], where:
         is_right = isinstance(value, kinds[key]) and not isinstance(value, bool)
         if isinstance(value, float):
             is_right &= math.isfinite(value)
-        elif isinstance(value, list):
-            is_right &= all(isinstance(one, OF_LISTS[key]) for one in value)
+        elif is_right and isinstance(value, list):
+            is_right = all(isinstance(one, OF_LISTS[key]) for one in value)
         if not is_right:
             raise UserError(
                 f"{where}: {key} is {in_short(value)}, which is of another kind; see results/published.yaml"
