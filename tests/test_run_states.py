@@ -1,7 +1,7 @@
 """Runs that are started, killed, resumed, moved and damaged in any order: nothing is lost, and nothing lies.
 
-``BRUSHEXP_STATES=30 pytest tests/test_run_states.py`` tries so many histories of each way to paint; a default run three,
-of which the first is empty.
+``BRUSHEXP_STATES=30 pytest tests/test_run_states.py`` tries so many histories of each way to paint; a default run
+three, of which the first is empty.
 """
 
 import json
@@ -213,8 +213,7 @@ class Runs(RuleBasedStateMachine):
         saved = load_catalogue(folder / "catalogue.h5")
         job = export_job(saved, renderer_of(saved), Tiled(), saved.renderer)
         drawn = np.concatenate([band.permute(1, 2, 0).numpy() for _, band in job.bands()]) * 255
-        flat = folder / "flat.png"
-        with Image.open(flat if flat.exists() else folder / "painting.png") as painting:
+        with Image.open(folder / "painting.png") as painting:
             assert np.abs(drawn - np.asarray(painting)).max() < 1.01, "the painting is that of the catalogue"
         return saved.strokes
 
