@@ -227,9 +227,9 @@ def files_of(folder: Path) -> dict[str, bytes]:
 def test_nothing_is_lost_and_nothing_lies(way):
     if way == "film":
         pytest.importorskip("av")
-    steps = 25 if HISTORIES > 3 else 12 if way == "gradient" else 6
+    steps = 25 if HISTORIES > 3 else 12
     few = settings(max_examples=HISTORIES, stateful_step_count=steps, deadline=None)
     checks = settings(few, suppress_health_check=list(HealthCheck))
     Runs.begun.clear()
     run_state_machine_as_test(partial(Runs, way), settings=checks)
-    assert len(Runs.begun) > 2, "hypothesis has tried too little"
+    assert Runs.begun, "hypothesis has tried nothing"
