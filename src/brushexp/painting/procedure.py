@@ -76,7 +76,7 @@ class Procedure(PaintingModule):
         self._curves.step_taken(self)
 
     @torch.no_grad()
-    def _show(self, state: PaintingState) -> None:
+    def _show(self, state: Any) -> None:
         self._check(state)
         strokes = self.renderer.convert(state.strokes.map(Tensor.detach))
         shown = self.draw(strokes)
