@@ -77,11 +77,11 @@ def kept(words: Words) -> list[str]:
 
 def check_same(folder: Path, jobs: Sequence[Words], lenient: bool = False) -> None:
     """Refuse (UserError) to go on with a folder that is not of a sweep with just these jobs."""
-    from brushexp.system.reading import json_of, read_text  # noqa: PLC0415
+    from brushexp.system.reading import in_short, json_of, read_text  # noqa: PLC0415
 
     try:
         noted = json_of(read_text(folder / JOBS, ""))
-        before, words = [list(map(str, job)) for job in noted["jobs"]], list(map(str, noted["typed"]))
+        before, words = [list(map(str, job)) for job in noted["jobs"]], list(map(in_short, noted["typed"]))
     except (UserError, KeyError, TypeError, ValueError) as error:
         raise UserError(f"resume=sweep: output={folder} holds no sweep; give the folder of one") from error
     if lenient and all(job[-1].startswith(SUBFOLDER) for job in jobs):
@@ -90,7 +90,7 @@ def check_same(folder: Path, jobs: Sequence[Words], lenient: bool = False) -> No
         before = [places[job[-1]] for job in jobs]
     number = next((k for k in range(max(len(jobs), len(before))) if list(jobs[k : k + 1]) != before[k : k + 1]), None)
     if number is not None:
-        was, now = (" ".join(some[number]) if number < len(some) else "not there" for some in (before, jobs))
+        was, now = (in_short(" ".join(some[number])) if number < len(some) else "not there" for some in (before, jobs))
         if lenient:
             cure = "choose another one with output=..., or replace them with overwrite=true"
             raise UserError(f"{folder} has paintings with other settings: '{was}', which would be '{now}'; {cure}")
