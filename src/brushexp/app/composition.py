@@ -168,7 +168,7 @@ def check_chosen(cfg: DictConfig) -> None:
         if (
             isinstance(default, str)
             and "@" not in family
-            and "_target_" not in cfg.get(family, {})
+            and "_target_" not in (cfg.get(family) or {})
             and family in FAMILIES
         ):
             names = ", ".join(plugin.name for plugin in plugins(family))

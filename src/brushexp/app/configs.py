@@ -47,6 +47,8 @@ def folders_of(root: Path, arguments: Sequence[str] = ()) -> list[Path]:
 
 def _check_file(path: Path) -> None:
     """Refuse a config that holds something else: Hydra would show a traceback, or take a word for a key of its own."""
+    if not path.is_file():
+        raise UserError(f"{path} is a folder, a device or a pipe, not a file; take it away")
     kind, example = (list, "- photo.jpg") if path.parent.name == "pictures" else (dict, "steps: 100")
     try:
         text = path.read_text(encoding="utf-8")
