@@ -4,6 +4,7 @@
     python benchmarks/outputs.py --strokes 2621 --resolution 4096
     python benchmarks/outputs.py --looks oil ink      (only how true SVG and replay of these looks are)
     python benchmarks/outputs.py --runs outputs/a     (the same of paintings that there are)
+    python benchmarks/outputs.py --replay outputs/a   (only how smoothly the page of this one replays)
 
 Paints the default picture twice, as it is and at 1000 px with 10,000 strokes, then exports: each in a process of its
 own, imports included in seconds and memory. Pages are opened in headless Chromium. PSNR is of the SVG, drawn by resvg
@@ -29,14 +30,17 @@ from pictures import ROOT
 from PIL import Image
 
 PLAY = """async () => {
+    const stage = document.querySelector("#replay-stage");
     document.querySelector("#play").click();
-    const begin = performance.now();
-    let count = 0;
+    const begin = performance.now(), frames = [begin];
     await new Promise(done => {
-        const next = () => { count++; performance.now() - begin > 2000 ? done() : requestAnimationFrame(next); };
+        const next = (now) => { frames.push(now); stage.dataset.busy === "false" && stage.dataset.playing === "false"
+            && frames.length > 30 ? done() : requestAnimationFrame(next); };
         requestAnimationFrame(next);
     });
-    return 1000 * count / (performance.now() - begin);
+    const between = frames.slice(2).map((now, i) => now - frames[i + 1]).sort((a, b) => a - b);
+    const seconds = (frames.at(-1) - begin) / 1000;
+    return [between.length / seconds, between[Math.floor(0.95 * between.length)], between.at(-1), seconds];
 }"""
 
 
@@ -132,7 +136,12 @@ def page(run: Path) -> None:
         tab = browser.new_page(viewport={"width": 1440, "height": 900})
         begin = time.perf_counter()
         tab.goto(path.as_uri())
-        print(f"opened in {time.perf_counter() - begin:.2f} s, replayed at {tab.evaluate(PLAY):.0f} frames/s")
+        tab.wait_for_selector("#replay-stage[data-busy=false]", timeout=120_000)
+        opened, (rate, late, latest, seconds) = time.perf_counter() - begin, tab.evaluate(PLAY)
+    print(
+        f"opened and drawn in {opened:.2f} s, replayed in {seconds:.1f} s (planned: 20) at {rate:.0f} frames/s; between"
+    )
+    print(f"two of them at most {late:.0f} ms in 95 of 100, and {latest:.0f} ms")
 
 
 def main() -> None:
@@ -142,7 +151,11 @@ def main() -> None:
     parser.add_argument("--resolution", type=int, default=8192, help="of the largest pictures")
     parser.add_argument("--looks", nargs="+", help="only how true SVG and replay of these looks are")
     parser.add_argument("--runs", nargs="+", type=Path, help="the same of these runs, which have a page")
+    parser.add_argument("--replay", type=Path, help="only how smoothly the page of this run replays")
     options = parser.parse_args()
+    if options.replay:
+        page(options.replay)
+        return
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         if options.looks or options.runs:

@@ -92,5 +92,5 @@ KERNEL = TileKernel(rows=2, cover=cover, tint=tint, shade=shade, tone=tone, pull
 class DabRenderer(Renderer):
     """Soft discs as wide as strokes."""
 
-    def forward(self, strokes: Strokes, number: Tensor | None = None) -> Dabs:
+    def forward(self, strokes: Strokes) -> Dabs:
         return Dabs(strokes.position, half_width_of(strokes).clamp_min(0.5), strokes.color, strokes.opacity)

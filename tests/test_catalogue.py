@@ -78,6 +78,10 @@ def test_strokes_that_stay_keep_their_optimiser_state():
     torch.testing.assert_close(state["exp_avg"][:4], momentum[keep])
     assert (state["exp_avg"][4:] == 0).all()
     assert float(state["step"]) == 3
+    assert catalogue.brush.tolist() == [0, 2, 3, 5, 4, 5, 6], "and the look that renderers give them"
+    again = Catalogue(random_strokes(7, (30, 40)), UNITS)
+    again.load_state_dict(catalogue.state_dict())
+    assert torch.equal(again().map(torch.Tensor.double)[2:].brush, catalogue.brush[2:])
     optimizer.zero_grad()
     catalogue().start.sum().backward()
     optimizer.step()  # the optimiser moves the new parameters

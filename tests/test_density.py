@@ -11,7 +11,7 @@ from scenes import Windowed, random_strokes
 
 from brushexp.painting.densification import importance
 from brushexp.painting.metrics import psnr_of
-from brushexp.painting.picture import Picture
+from brushexp.painting.picture import Depth, Picture
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.adaptive import Adaptive, new_strokes
 from brushexp.plugins.density.base import DensificationState
@@ -19,6 +19,7 @@ from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.density.strays import Strays
 from brushexp.plugins.init.slic import Slic
 from brushexp.plugins.optimizer.torch_optim import TorchOptim
+from brushexp.plugins.order.orders import Accuracy
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
@@ -171,6 +172,14 @@ def test_all_strokes_that_were_asked_for_are_there_in_the_end(steps, options):
     painter = painted(Adaptive(), n=60, steps=steps, **options)
     assert len(painter.catalogue) == len(painter.visits) == 60
     check_strokes(painter.strokes())
+
+
+def test_strokes_lie_as_they_lay_when_others_go_and_come():
+    depth = Depth(Accuracy())
+    depth.front_to_back, depth.accuracy = torch.tensor([3, 0, 4, 1, 2]), torch.tensor([0.3, 0.1, 0.0, 0.9, 0.2])
+    depth.revise(torch.tensor([True, False, True, True, True]), new=2)
+    assert depth.front_to_back.tolist() == [5, 4, 2, 0, 3, 1]
+    assert depth.accuracy.tolist() == pytest.approx([0.3, 0.0, 0.9, 0.2, 1, 1])
 
 
 def test_hairlines_and_strokes_across_the_others_go_where_the_picture_hardly_misses_them():

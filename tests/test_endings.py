@@ -108,8 +108,8 @@ def test_strokes_stay_as_they_were_before_a_step_that_gives_no_numbers(how, samp
 class Spoilt(Renderer):
     """Plain strokes, which from number 2 on have no colour that is a number."""
 
-    def forward(self, strokes, number=None):
-        layers = Analytic()(strokes, number)
+    def forward(self, strokes):
+        layers = Analytic()(strokes)
         return replace(layers, color=torch.where(torch.arange(len(strokes))[:, None] >= 2, torch.nan, layers.color))
 
 

@@ -323,7 +323,7 @@ def edited(folder: Path) -> tuple[Path, dict[str, Any]]:
 def test_edited_strokes_are_painted(tmp_path):
     path, data = edited(tmp_path)
     assert list(data)[:4] == ["format", "format_version", "height", "width"]
-    assert set(data["units"]) == set(data["strokes"][0]) == {*FIELDS, "depth"}
+    assert set(data["units"]) == set(data["strokes"][0]) == {*FIELDS, "brush", "depth"}
     assert sum('"position": [' in line for line in path.read_text().splitlines()) == 7, "each on a line of its own"
     order = np.argsort([stroke.pop("depth") for stroke in data["strokes"]])
     data["strokes"] = [data["strokes"][i] for i in order][1:]
@@ -341,11 +341,12 @@ def test_edited_strokes_are_painted(tmp_path):
     kept = torch.tensor([k for k in range(7) if k != bottom])
     assert torch.equal(load_catalogue(path).strokes.position, catalogue().strokes.position[kept])
     assert torch.equal(load_catalogue(path).depth, catalogue().depth[kept] - 1), "the others keep their order"
+    assert torch.equal(load_catalogue(path).strokes.brush, kept), "and their brushes"
 
 
 @pytest.mark.parametrize(("change", "message"), [
     (lambda d: d.update(format="x"), "not a brushexp catalogue"),
-    (lambda d: d.update(format_version=2), "has format_version 2, and this brushexp reads 1; update brushexp"),
+    (lambda d: d.update(format_version=3), "has format_version 3, and this brushexp reads 2; update brushexp"),
     (lambda d: d.update(format_version=True), "format_version is True; a whole number is needed"),
     (lambda d: d.update(width=3.5), "width is 3.5; a whole number is needed"),
     (lambda d: d.update(background=[0.1, 0.2]), r"background is \[0.1, 0.2\]; a list of 3 numbers is needed"),
@@ -355,6 +356,8 @@ def test_edited_strokes_are_painted(tmp_path):
     (lambda d: d["strokes"].append(3), "stroke 7 is 3; {...} with its fields is needed"),
     (lambda d: d["strokes"][2].pop("depth"), "stroke 2: depth is None; a whole number is needed"),
     (lambda d: d["strokes"][2].update(colour=[]), "stroke 2 has a field 'colour'; it takes position"),
+    (lambda d: d["strokes"][2].update(brush=1.5), "stroke 2: brush is 1.5; a whole number is needed"),
+    (lambda d: d["strokes"][2].update(brush=10**400), "brush is not a whole number"),
     (lambda d: d["strokes"][2].update(width=True), "stroke 2: width is True; a number is needed"),
     (lambda d: d["strokes"][2].update(start=[1]), r"stroke 2: start is \[1\]; a list of 2 numbers is needed"),
     (lambda d: d["strokes"][2].update(opacity=1.5), r"stroke 2: opacity is 1.5; it must lie in \[0, 1\]"),

@@ -136,7 +136,7 @@ def test_outcomes_are_what_they_say():
 
 def test_a_crash_is_a_bug_and_a_message_is_none():
     class Crashing(Analytic):
-        def forward(self, strokes, number=None):
+        def forward(self, strokes):
             raise RuntimeError("expected scalar type Float\nbut found Half")
 
     reference = Reference(Analytic(), SCENES["one stroke"].scene(1))

@@ -32,15 +32,15 @@ TILED = BLENDS["tiled"]
 
 
 class Noise(Renderer):
-    """Windows of noise, as a network may draw them: a stroke's number decides which."""
+    """Windows of noise, as a network may draw them: a stroke's brush decides which."""
 
     def __init__(self, side: int = 16) -> None:
         super().__init__()
         images = torch.rand(40, 4, side, side, generator=torch.Generator().manual_seed(0))
         self.images = nn.Parameter(images, requires_grad=False)
 
-    def forward(self, strokes, number=None):
-        images = self.images[torch.arange(len(strokes)) % 40].to(strokes.position)
+    def forward(self, strokes):
+        images = self.images[strokes.brush % 40].to(strokes.position)
         return Windows(images, strokes.position, strokes.scale, strokes.opacity, strokes.color)
 
 

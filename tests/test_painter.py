@@ -71,9 +71,9 @@ def test_bands_draw_only_the_strokes_that_touch_them_and_get_lower_where_those_a
     class Few(Windowed):
         at_once = 10
 
-        def forward(self, strokes, number=None):
+        def forward(self, strokes):
             held.append(len(strokes))
-            return super().forward(strokes, number)
+            return super().forward(strokes)
 
     size, held = (1000, 33), []
     painter = some_painter(strokes=clamp_to_prior(random_strokes(60, size)), size=size, renderer=Few())

@@ -30,7 +30,7 @@ def painted_at_once(job: ExportJob, n: int) -> torch.Tensor:
     """The bottom ``n`` strokes, drawn directly."""
     number = job.bottom_up[:n]
     with torch.no_grad():
-        layers = job.renderer(job.strokes[number], number)
+        layers = job.renderer(job.strokes[number])
         return job.blend(layers, torch.arange(n).flip(0), job.size, job.background).image
 
 
@@ -89,7 +89,7 @@ def test_strokes_that_grow_lie_on_those_that_are_finished(blend):
     number = job.bottom_up
     strokes = unfinished(job.strokes[number[:18]], torch.from_numpy(share[:18]).float())
     with torch.no_grad():
-        layers = job.renderer(strokes, number[:18])
+        layers = job.renderer(strokes)
         expected = job.blend(layers, torch.arange(18).flip(0), job.size, job.background).image
     torch.testing.assert_close(picture, expected, rtol=0, atol=2e-4)
     torch.testing.assert_close(last, painted_at_once(job, 20), rtol=0, atol=2e-4)

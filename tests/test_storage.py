@@ -41,13 +41,22 @@ def test_parameters_and_other_types_are_stored_as_numbers(tmp_path):
 
 def test_the_file_says_what_it_holds(stored):
     with h5py.File(stored) as file:
-        assert set(file) == {*FIELDS, "depth"}
+        assert set(file) == {*FIELDS, "brush", "depth"}
         assert file.attrs["format"] == b"brushexp catalogue"
-        assert file.attrs["format_version"] == 1
+        assert file.attrs["format_version"] == 2
         for name, field in FIELDS.items():
             assert file[name].dtype == np.float32
             assert file[name].attrs["unit"].decode() == field.unit
-        assert file["depth"].dtype == np.int32
+        assert file["depth"].dtype == file["brush"].dtype == np.int32
+
+
+def test_strokes_keep_their_brushes_in_files_and_an_older_file_has_those_of_its_rows(tmp_path, stored):
+    saved, brushes = catalogue(3), [5, 0, 2**31 - 1]
+    save_catalogue(tmp_path / "a.h5", replace(saved, strokes=replace(saved.strokes, brush=torch.tensor(brushes))))
+    assert load_catalogue(tmp_path / "a.h5").strokes.brush.tolist() == brushes
+    with h5py.File(stored, "a") as file:
+        del file["brush"]
+    assert load_catalogue(stored).strokes.brush.tolist() == list(range(len(catalogue().strokes)))
 
 
 def test_the_config_is_text_and_runs_nothing(tmp_path):
@@ -97,7 +106,7 @@ def test_an_unreadable_file_is_explained(stored, monkeypatch):
 @pytest.mark.parametrize(("name", "value", "message"), [
     ("format", "brushexp strokes", "not a brushexp catalogue"),
     ("format", 3, "attribute format is"),
-    ("format_version", 2, "has format_version 2, and this brushexp reads 1; update brushexp"),
+    ("format_version", 3, "has format_version 3, and this brushexp reads 2; update brushexp"),
     ("format_version", "1", "attribute format_version is '1'; a whole number is needed"),
     ("height", 0, "the canvas is 0 x 50 pixels"),
     ("width", 2_000_000, "the canvas is 30 x 2000000 pixels"),

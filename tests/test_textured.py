@@ -7,13 +7,14 @@ import pytest
 import torch
 from kernels import BACKGROUND, DEGENERATE, DENSE, paint
 from scenes import leaves, random_strokes, straight
+from torch.nn import functional
 
 from brushexp.compositing.textures import Loop, sheets_of
 from brushexp.errors import UserError
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import window_pictures
-from brushexp.plugins.renderer.textured import STRETCH, Textured, looped, unrolled
+from brushexp.plugins.renderer.textured import STRETCH, Textured, looped, refined, unrolled
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import parameters_of, sample_prior
@@ -72,7 +73,7 @@ def test_thinner_strokes_fade_to_nothing():
     assert all(a < b for a, b in pairwise(sums))
 
 
-def test_a_number_has_one_look_in_any_batch_and_order():
+def test_a_brush_has_one_look_in_any_batch_and_order():
     parameters, shuffled = parameters_of(sample_prior(12)), torch.randperm(12)
     whole, parts = (window_pictures(PAINTER, parameters[n], 32, n) for n in (torch.arange(12), shuffled))
     torch.testing.assert_close(parts, whole[shuffled])
@@ -110,7 +111,7 @@ def test_painting_follows_the_weights_and_training_reaches_them():
 def line(length, width, number=0, zoom=1.0):
     """A level stroke (1,) in pixels, from x = 20 on, in the middle of 40 rows."""
     stroke = straight((20 * zoom, 20 * zoom), ((20 + length) * zoom, 20 * zoom), width=width * zoom)
-    return PAINTER(stroke, torch.tensor([number]))
+    return PAINTER(replace(stroke, brush=torch.tensor([number])))
 
 
 def test_a_longer_stroke_has_more_of_the_pattern_and_its_ends_stay():
@@ -157,6 +158,21 @@ def test_smaller_textures_are_the_means_of_larger_ones():
     torch.testing.assert_close(inner[..., 1], counted)
     assert sheets.size.tolist() == [[16, 32], [8, 16], [4, 8]] * 2
     assert sheets.loop[1].tolist() == [6, 6]
+
+
+def test_a_texture_in_twice_its_size_is_the_same_with_finer_detail_where_it_has_some():
+    rows = torch.sin(torch.arange(32.0) * 2.2)[:, None]
+    textures = (0.5 + 0.3 * rows * torch.ones(3, 32, 64))[None].clone()
+    textures[:, :, :, 48:] = 0.5  # smooth
+    large = refined(textures, Loop(16, 16))
+    assert large.shape == (1, 3, 64, 128)
+    smooth = functional.interpolate(textures, scale_factor=2, mode="bilinear")
+    means = functional.avg_pool2d(large - smooth, 8)
+    assert means.abs().max() < 0.08, "as light on the whole"
+    finest = (large - functional.interpolate(functional.avg_pool2d(large, 2), scale_factor=2, mode="bilinear")).square()
+    coarse = functional.interpolate(functional.avg_pool2d(smooth, 2), scale_factor=2, mode="bilinear")
+    assert finest[..., 8:88].mean() > 10 * (smooth - coarse)[..., 8:88].square().mean()
+    assert (large - smooth)[..., 108:].abs().max() < 1e-6
 
 
 def test_distilled_strokes_look_like_those_of_the_engine():

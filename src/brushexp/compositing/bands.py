@@ -34,7 +34,7 @@ def band_of(
 ) -> Tensor:  # fmt: skip
     """Strokes ``number`` (n,) in a band of the canvas (first row, rows, columns); ``place`` (N,) is 0 on the top."""
     top, *size = band
-    layers = renderer(strokes[number].moved(shift=(0, -top)), number)
+    layers = renderer(strokes[number].moved(shift=(0, -top)))
     return blend(layers, place[number].argsort(), (size[0], size[1]), background).image
 
 

@@ -1,6 +1,6 @@
 """Painting a part of the canvas, with the rest as it was last seen."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -59,7 +59,7 @@ class CanvasMemory:
         around = self._surroundings
         part, focus = (around.part, around.part_focus) if around else (self.target, self.focus)
         shift = (-region.left, -region.top)
-        layers = self.renderer(moving.moved(shift=shift), active)
+        layers = self.renderer(moving.moved(shift=shift))
         if ring is not None and len(ring):
             layers = layers.joined(self.cache.layers(strokes[ring].moved(shift=shift), ring))
         place = torch.empty_like(front_to_back)
@@ -70,7 +70,7 @@ class CanvasMemory:
         self._paste(image.detach(), region)
         every = {name: value.index_copy(0, active, getattr(moving, name)) for name, value in strokes.items()}
         judged = None if canvas.accuracy is None else canvas.accuracy[: len(active)]
-        return Canvas(image, judged), PaintedView(image, part, Strokes(**every), around, focus)
+        return Canvas(image, judged), PaintedView(image, part, replace(strokes, **every), around, focus)
 
     def _turn_to(self, region: Region, known: Tensor, strokes: Strokes) -> None:
         """Look elsewhere, or at other strokes; what belongs to the place stays the same object as long as it does."""
@@ -113,11 +113,11 @@ class PatchCache:
     def layers(self, strokes: Strokes, number: Tensor) -> Layers:
         """Layers of K strokes, number (K,) of the painting, without gradient."""
         if not isinstance(self.renderer, PatchRenderer):
-            return self.renderer(strokes, number)
+            return self.renderer(strokes)
         keys = number.tolist()
         new = torch.tensor([i for i, key in enumerate(keys) if key not in self._pictures], device=number.device)
         if len(new):
-            drawn = self.renderer(strokes[new], number[new])
+            drawn = self.renderer(strokes[new])
             assert isinstance(drawn, Windows)
             kept = drawn.images.to("cpu", torch.float16)
             self._pictures |= {keys[i]: picture.clone() for i, picture in zip(new.tolist(), kept, strict=True)}

@@ -33,7 +33,7 @@ SHAPE = ("start", "control", "end")
 
 @dataclass(frozen=True)
 class Cel:
-    """The strokes of one picture of a film. All of a scene have as many, and each its number and renderer's look."""
+    """The strokes of one picture of a film. All of a scene have as many, and each its row and its brush."""
 
     strokes: Strokes  # N
     front_to_back: Tensor  # (N,) their numbers, the uppermost first
@@ -46,7 +46,7 @@ class Carrier:
 
     Strokes that lie where the film changes go with its motion, and then move by the losses of the painting. Of these
     strokes the ones that do harm now, or matter least, are taken away and laid anew, smaller and on top, where the
-    error is: a stroke keeps its number and so whatever its renderer gives it by that. All other strokes stay as they
+    error is: a stroke takes the row and the brush of one that goes. All other strokes stay as they
     are, bit for bit, and keep their depth, so that nothing pops up.
     """
 
@@ -80,10 +80,10 @@ class Carrier:
         order = ranks_of(cel.front_to_back)[number].argsort()
         movable = moves[number]
         with torch.no_grad():
-            layers = self.renderer(strokes, number)
+            layers = self.renderer(strokes)
             image = self.components.blend(layers, order, picture.size, cel.background).image
         generator = torch.Generator().manual_seed(self.seed)
-        matter = importance(strokes, order, picture, generator, number).where(movable, torch.inf)
+        matter = importance(strokes, order, picture, generator).where(movable, torch.inf)
         harmful = int((matter <= CHANNELS * TOLERANCE**2).sum())
         count = min(int(movable.sum()), harmful + round(MOVED_SHARE * int(movable.sum())))
         budget = max(1, round(len(moves) * picture.target[0].numel() / target[0].numel()))  # as dense as the whole
@@ -200,7 +200,9 @@ def ranks_of(front_to_back: Tensor) -> Tensor:
 
 def put(strokes: Strokes, rows: Tensor, others: Strokes) -> Strokes:
     """The strokes with ``others`` in place of those number ``rows``."""
-    return Strokes(**{name: value.index_copy(0, rows, getattr(others, name)) for name, value in strokes.items()})
+    return replace(
+        strokes, **{name: value.index_copy(0, rows, getattr(others, name)) for name, value in strokes.items()}
+    )
 
 
 def in_manner_of(new: Strokes, old: Strokes, units: Mapping[str, float]) -> Strokes:

@@ -47,25 +47,16 @@ class Densification:
         if update is None:
             return visits
         catalogue.revise(update.keep, self.picture.renderer.convert(update.new), optimizer)
-        self.depth.accuracy = None
+        self.depth.revise(update.keep, len(update.new))
         self.picture.forget()
-        self.depth.renew(catalogue())
         # New strokes count as often moved as the oldest: the optimiser counts their steps together.
         new = visits.new_full((len(update.new),), int(visits.max()) if len(visits) else 0)
         return torch.cat([visits[update.keep], new])
 
 
 @torch.no_grad()
-def importance(
-    strokes: Strokes,
-    front_to_back: Tensor,
-    picture: Picture,
-    generator: torch.Generator,
-    known_as: Tensor | None = None,
-) -> Tensor:
+def importance(strokes: Strokes, front_to_back: Tensor, picture: Picture, generator: torch.Generator) -> Tensor:
     """By how much the squared error of the painting would grow without each of N strokes.
-
-    The renderer knows them as numbers ``known_as`` (N,), where they are some of others; None: as 0 to N - 1.
 
     The picture is linear in the opacity of each stroke (with color=rgb; nearly so in other spaces), so without one it
     changes by d = -opacity * dP/dopacity, and the squared error by sum(d^2) + 2 sum(error * d). A blend may know both
@@ -75,7 +66,6 @@ def importance(
     weighted by the focus; about 0 for a stroke that cannot be seen, negative for one that does harm.
     """
     renderer, blend, background = picture.renderer, picture.blend, picture.background
-    known_as = torch.arange(len(strokes), device=front_to_back.device) if known_as is None else known_as
     place = front_to_back.argsort()
     exact, probed = strokes.opacity.new_zeros(len(strokes)), strokes.opacity.new_zeros(PROBE_COUNT, len(strokes))
     for top, rows, number in cuts(strokes, picture.size, renderer):
@@ -83,13 +73,13 @@ def importance(
         size = (rows, picture.size[1])
         target = picture.target[:, top : top + rows].contiguous()
         weight = target.new_ones(size) if picture.focus is None else picture.focus[top : top + rows]
-        known = blend.importance(renderer(part, known_as[number]), order, size, background, target, weight)
+        known = blend.importance(renderer(part), order, size, background, target, weight)
         if known is not None:
             exact[number] += known
             continue
         opacity = part.opacity.clone().requires_grad_()
         with torch.enable_grad():
-            layers = renderer(replace(part, opacity=opacity), known_as[number])
+            layers = renderer(replace(part, opacity=opacity))
             image = blend(layers, order, size, background).image
         if not image.requires_grad:
             continue

@@ -157,6 +157,16 @@ class Depth:
     def renew(self, strokes: Strokes) -> None:
         self.front_to_back = front_to_back(self.order.depth(strokes, self.accuracy))
 
+    @torch.no_grad()
+    def revise(self, keep: Tensor, new: int) -> None:
+        """Strokes go where ``keep`` (N,) is false, and ``new`` ones come, on top; the others lie as they lay."""
+        stay = self.front_to_back[keep[self.front_to_back]]
+        kept = len(stay)
+        added = torch.arange(kept, kept + new, device=stay.device).flip(0)
+        self.front_to_back = torch.cat([added, (keep.cumsum(0) - 1)[stay]])
+        if self.accuracy is not None:
+            self.accuracy = torch.cat([self.accuracy[keep], self.accuracy.new_ones(new)])
+
     def needs_accuracy(self, schedule: Schedule, *, partial: bool) -> bool:
         """Whether this step has to measure accuracy: before a renewal, and for a part of the strokes always."""
         done, steps = schedule.stage_progress

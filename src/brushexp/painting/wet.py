@@ -55,7 +55,7 @@ def under_starts(strokes: Strokes, front_to_back: Tensor, picture: Picture) -> t
     space = picture.blend.space
     for top, rows, number in cuts(strokes, picture.size, picture.renderer):
         part, size = strokes[number].moved(shift=(0, -top)), (rows, picture.size[1])
-        layers = picture.renderer(part, number)
+        layers = picture.renderer(part)
         layers = layers if space is None else layers.encoded(space.encode)
         start = curve_of(part)[:, 0]
         inside = ((start >= 0) & (start < start.new_tensor([size[1], size[0]]))).all(1).nonzero()[:, 0]

@@ -26,6 +26,7 @@ from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
 
 FILM = 0.1  # how thick the paint is that a stroke leaves at most, in widths of a stroke as wide as is typical
+BROADER = 0.25  # power of a stroke's width to which its film grows: with more of it, relief is uneven
 CARRIED = 0.75  # share of the paint below that an opaque stroke carries away or levels
 THIN = 0.5  # pixels: a stroke thinner than about twice this is drawn so thick, and lower
 AT_ONCE = 256  # windows
@@ -53,9 +54,10 @@ def heights(
     float32, of these rows and of the one before and after them, where there are such: all that their slopes need.
 
     Strokes are laid from the bottom to the top: h <- h (1 - CARRIED a) + a t, with the opacity a of a stroke at a pixel
-    and the thickness t of its film there, at most ``FILM`` times the geometric mean of its width and the typical one:
-    a broader brush leaves thicker paint, but the first broad strokes do not outdo what is painted over them. A picture
-    twice as large has the same slopes. A blend makes all this of strokes of opacity CARRIED a and "colour" t / CARRIED.
+    and the thickness t of its film there, at most ``FILM`` times a geometric mean of its width (which counts BROADER)
+    and the typical one: a broader brush leaves thicker paint, but the first broad strokes do not outdo what is painted
+    over them. A picture twice as large has the same slopes. A blend makes all this of strokes of opacity CARRIED a and
+    "colour" t / CARRIED.
 
     Where renderers say how their strokes cover and shine, t is higher where their bristles left more paint; plain
     strokes get bristles, and ridges where a brush pushes paint aside, from textures drawn at random.
@@ -93,12 +95,11 @@ class Impasto(Renderer):
     def rows(self, strokes: Strokes) -> Tensor | None:
         return self.renderer.rows(strokes)
 
-    def forward(self, strokes: Strokes, number: Tensor | None = None) -> Layers:
-        number = torch.arange(len(strokes), device=strokes.position.device) if number is None else number
-        layers = self.renderer(strokes, number)
-        film = FILM * (self.typical * 2 * half_width_of(strokes)).sqrt()
+    def forward(self, strokes: Strokes) -> Layers:
+        layers = self.renderer(strokes)
+        film = FILM * self.typical ** (1 - BROADER) * (2 * half_width_of(strokes)) ** BROADER
         if isinstance(layers, Profile):
-            return _plain(layers, film, number)
+            return _plain(layers, film, strokes.brush)
         if isinstance(layers, TexturedProfile):
             return _textured(layers, film)
         if isinstance(layers, Windows):
@@ -130,12 +131,12 @@ def _as_layers(film: Tensor, opacity: Tensor) -> dict[str, Tensor]:
     return {"color": (film / CARRIED)[:, None].expand(-1, 3).contiguous(), "opacity": CARRIED * opacity}
 
 
-def _plain(layers: Profile, film: Tensor, number: Tensor) -> TexturedProfile:
+def _plain(layers: Profile, film: Tensor, brush: Tensor) -> TexturedProfile:
     """Strokes without a texture, with that of a brush."""
     sheets = _plain_brush(layers.taper, film.device)
     half = (layers.half_width.square() + THIN**2).sqrt()
     texel = half * (2 * SPREAD / ROWS)  # of the size whose texels are about as large as pixels
-    look = number % VARIANTS * LEVELS + texel.log2().neg().floor().clamp(0, LEVELS - 1).long()
+    look = brush % VARIANTS * LEVELS + texel.log2().neg().floor().clamp(0, LEVELS - 1).long()
     shown = _as_layers(film, layers.opacity * layers.half_width / half)
     once = torch.ones_like(look)
     return TexturedProfile(layers.curve, half, look=look, repeats=once, flip=once, sheets=sheets, **shown)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import accumulate
 
 import torch
 from torch import Tensor, nn, optim
@@ -27,6 +28,7 @@ class Field:
 
 PRECISE = (torch.float32, torch.float64)  # in which strokes can be optimised, and are drawn as they are
 FARTHEST = 1e6  # pixels: beyond this a float32 pixel coordinate is coarser than a tenth of a pixel
+MOST = 2**31  # brushes: files have them in 32 bits
 FIELDS = {
     "position": Field(2, -FARTHEST, FARTHEST, "pixels of the canvas, x to the right, y down; the window's centre"),
     "scale": Field(0, 1e-3, FARTHEST, "side of the stroke's window in pixels"),
@@ -43,6 +45,9 @@ SCALE_FIRST = sorted(FIELDS, key=lambda name: name != "scale")  # it is the unit
 @dataclass(frozen=True)
 class Strokes:
     """N strokes as tensors of one dtype on one device; units and ranges in ``FIELDS``. Pixel centres lie at +0.5.
+
+    Beside its numbers a stroke has a ``brush``: renderers with several textures choose by it. It stays with the stroke
+    when others come and go; brushes that are not given are 0 to N - 1.
 
     >>> import torch
     >>> level = Strokes(
@@ -64,19 +69,26 @@ class Strokes:
     width: Tensor  # (N,)
     color: Tensor  # (N, 3)
     opacity: Tensor  # (N,)
+    brush: Tensor = None  # type: ignore[assignment]  # (N,) int64, 0 or more
+
+    def __post_init__(self) -> None:
+        if self.brush is None:
+            object.__setattr__(self, "brush", torch.arange(len(self), device=self.position.device))
 
     def __len__(self) -> int:
         return self.position.shape[0]
 
     def __getitem__(self, index: Tensor | slice) -> Strokes:
-        return self.map(lambda value: value[index])
+        return replace(self, brush=self.brush[index], **{name: value[index] for name, value in self.items()})
 
     def items(self) -> Iterator[tuple[str, Tensor]]:
         """Names and tensors, in the order of ``FIELDS``."""
         return ((name, getattr(self, name)) for name in FIELDS)
 
     def map(self, function: Callable[[Tensor], Tensor]) -> Strokes:
-        return Strokes(**{name: function(value) for name, value in self.items()})
+        """The same strokes with a function of each field, which may change dtype and device, but not N."""
+        changed = {name: function(value) for name, value in self.items()}
+        return Strokes(**changed, brush=self.brush.to(changed["position"].device))
 
     def moved(self, zoom: float = 1.0, shift: tuple[float, float] = (0.0, 0.0)) -> Strokes:
         """The same strokes on a canvas ``zoom`` times as large, moved by ``shift`` (x, y) pixels of that canvas."""
@@ -85,7 +97,10 @@ class Strokes:
 
     @staticmethod
     def join(*parts: Strokes) -> Strokes:
-        return Strokes(**{name: torch.cat([getattr(part, name) for part in parts]) for name in FIELDS})
+        """All strokes of the parts; the brushes of a later part count on from the number of strokes before it."""
+        before = accumulate((len(part) for part in parts), initial=0)
+        brush = torch.cat([part.brush + count for part, count in zip(parts, before, strict=False)])
+        return Strokes(**{name: torch.cat([getattr(part, name) for part in parts]) for name in FIELDS}, brush=brush)
 
     @staticmethod
     def none(like: Tensor | None = None) -> Strokes:
@@ -106,6 +121,11 @@ def check_strokes(strokes: Strokes) -> None:
             number = value[index].detach().reshape(-1).tolist()
             cure = f"it must lie in [{field.low:g}, {field.high:g}] ({field.unit})"
             raise UserError(f"stroke {index}: {name} is {', '.join(f'{x:g}' for x in number)}; {cure}")
+    brush = strokes.brush
+    if brush.shape != (len(strokes),) or brush.dtype != torch.int64 or bool(((brush < 0) | (brush >= MOST)).any()):
+        raise UserError(
+            f"brush is not a whole number (int64) from 0 to {MOST - 1} of each stroke; mend it or leave it out"
+        )
 
 
 def drawable(strokes: Strokes) -> Strokes:
@@ -140,6 +160,7 @@ class Catalogue(nn.Module):
     """
 
     scale: Tensor
+    brush: Tensor
 
     def __init__(self, strokes: Strokes, units: Mapping[str, float]) -> None:
         super().__init__()
@@ -155,7 +176,7 @@ class Catalogue(nn.Module):
 
     def forward(self) -> Strokes:
         """The strokes now, differentiable in the parameters."""
-        return Strokes(**{name: getattr(self, name) * self._unit(name) for name in FIELDS})
+        return Strokes(**{name: getattr(self, name) * self._unit(name) for name in FIELDS}, brush=self.brush)
 
     def __len__(self) -> int:
         return len(self.scale)
@@ -225,6 +246,7 @@ class Catalogue(nn.Module):
     def _store(self, strokes: Strokes) -> None:
         """Take over strokes: fields that move become parameters, the others buffers."""
         check_strokes(strokes)
+        self.register_buffer("brush", strokes.brush.clone())
         for name in SCALE_FIRST:
             value = getattr(strokes, name).detach().clone()
             if hasattr(self, name):

@@ -115,7 +115,7 @@ def rewindow(strokes: Strokes) -> Strokes:
         name: torch.where(valid[:, None] if value.ndim > 1 else valid, value, getattr(new, name))
         for name, value in strokes.items()
     }
-    return Strokes(**kept)
+    return replace(strokes, **kept)
 
 
 def bend_of(strokes: Strokes) -> Tensor:

@@ -1,7 +1,7 @@
 """``catalogue.h5``: a finished catalogue on disk, with all that is needed to render it again.
 
 A ``.json`` file, which task=export writes, is read as well: see `strokes.text`. In the HDF5 file:
-one float32 dataset per field of `Strokes`, ``depth`` (int32, 0 = bottom), and attributes for the rest of `Saved`.
+one float32 dataset per field of `Strokes`, ``brush`` and ``depth`` (int32, 0 = bottom), and attributes for the rest.
 Everything in the file is covered by checksums of HDF5: it has them since format 1.10, but not for texts of variable
 length, in which one wrong byte can send the HDF5 library into an endless loop.
 """
@@ -17,7 +17,7 @@ from torch import Tensor
 
 from brushexp.errors import UserError
 from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
-from brushexp.strokes.text import DEPTH_UNIT, FORMAT, VERSION, check_version, parse
+from brushexp.strokes.text import BRUSH_UNIT, DEPTH_UNIT, FORMAT, VERSION, check_version, parse
 from brushexp.system.files import write_bytes
 from brushexp.system.hdf5 import HDF5, attribute_of, dataset_of, fixed, numbers_of, opened, text_of, whole_number_of
 from brushexp.system.reading import check_yaml, explaining, in_short, read_text
@@ -50,6 +50,7 @@ def save_catalogue(path: Path, saved: Saved) -> None:
     with h5py.File(memory, "w", libver=(HDF5, HDF5)) as file:
         for name, value in saved.strokes.items():
             _put(file, name, value.numpy(), FIELDS[name].unit)
+        _put(file, "brush", saved.strokes.brush.numpy().astype(np.int32), BRUSH_UNIT)
         _put(file, "depth", saved.depth.detach().cpu().numpy().astype(np.int32), DEPTH_UNIT)
         file.attrs.update(
             format=fixed(FORMAT),
@@ -98,8 +99,12 @@ def _read(file: h5py.File, cure: str) -> Saved:
     background = np.asarray(attribute_of(file, "background"))
     if background.dtype.kind not in "fiu":
         raise UserError(f"attribute background is {in_short(repr(background))}; numbers are needed")
+    fields = {name: torch.from_numpy(numbers_of(value)) for name, value in values.items()}
+    brush = None  # files of version 1 have none
+    if "brush" in file:
+        brush = torch.from_numpy(numbers_of(dataset_of(file, "brush", np.int32, (count,), MOST_STROKES))).long()
     return Saved(
-        strokes=Strokes(**{name: torch.from_numpy(numbers_of(value)) for name, value in values.items()}),
+        strokes=Strokes(**fields, brush=brush),
         depth=torch.from_numpy(numbers_of(depth)),
         size=(whole_number_of(file, "height"), whole_number_of(file, "width")),
         background=torch.from_numpy(background.astype(np.float32)),

@@ -1,8 +1,9 @@
 """A catalogue as JSON, which people read, edit and write with scripts.
 
 The attributes of ``catalogue.h5`` are its keys; ``strokes`` has one stroke a line, numbered from 0 in this order, with
-the fields of ``FIELDS`` in their units and to the last bit, and its ``depth``. If no stroke has a ``depth``, the first
-one is the bottom one; where strokes were deleted, the others keep their order.
+the fields of ``FIELDS`` in their units and to the last bit, its ``brush`` (its number, if that is left out) and its
+``depth``. If no stroke has a ``depth``, the first one is the bottom one; where strokes were deleted, the others keep
+their order.
 """
 
 import json
@@ -15,12 +16,13 @@ import torch
 from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.strokes.catalogue import FIELDS, Strokes
+from brushexp.strokes.catalogue import FIELDS, MOST, Strokes
 from brushexp.system.reading import json_of
 
 FORMAT = "brushexp catalogue"
-VERSION = 1  # raise it whenever a file of the new kind would mislead an older reader
+VERSION = 2  # raise it whenever a file of the new kind would mislead an older reader
 DEPTH_UNIT = "rank, 0 is the bottom stroke"
+BRUSH_UNIT = "0 or more; a renderer with several textures chooses by it"
 ATTRIBUTES = {"height": int, "width": int, "renderer": str, "renderer_hash": str, "seed": int}
 AT_ONCE = 4096  # strokes whose text is held in memory
 KINDS = {int: "a whole number", str: "text", list: "a list"}
@@ -33,17 +35,19 @@ def json_lines(
 
     Strokes and their ``depth`` (N,), ``background`` (3,) and the ``ATTRIBUTES`` are those of `storage.Saved`, float32.
     """
-    units = {name: field.unit for name, field in FIELDS.items()} | {"depth": DEPTH_UNIT}
+    units = {name: field.unit for name, field in FIELDS.items()} | {"brush": BRUSH_UNIT, "depth": DEPTH_UNIT}
     head = {"format": FORMAT, "format_version": VERSION, **attributes}
     head["background"] = [float(f"{level:.9g}") for level in background.tolist()]
     yield json.dumps(head | {"units": units, "config": config.split("\n")}, ensure_ascii=False, indent=2)[:-2]
     yield ',\n  "strokes": ['
     exact = "%.9g"  # as short as can be: nine digits tell any two float32 apart
     slots = {name: f"[{', '.join([exact] * field.size)}]" if field.size else exact for name, field in FIELDS.items()}
-    line = "{" + ", ".join(f'"{name}": {slot}' for name, slot in slots.items()) + ', "depth": %d}'
+    line = "{" + ", ".join(f'"{name}": {slot}' for name, slot in slots.items()) + ', "brush": %d, "depth": %d}'
     columns = [value.reshape(len(strokes), FIELDS[name].size or 1) for name, value in strokes.items()]
     separator = "\n    "
-    for *parts, ranks in zip(*(column.split(AT_ONCE) for column in (*columns, depth[:, None])), strict=True):
+    for *parts, ranks in zip(
+        *(column.split(AT_ONCE) for column in (*columns, strokes.brush[:, None], depth[:, None])), strict=True
+    ):
         rows = torch.cat([part.double() for part in (*parts, ranks)], dim=1).tolist()
         text = ",\n    ".join([line % tuple(row) for row in rows])
         yield separator * bool(rows) + text.replace("-0,", "-0.0,").replace("-0]", "-0.0]")  # -0 is a whole number
@@ -78,19 +82,24 @@ def _strokes(rows: list[Any]) -> tuple[Strokes, Tensor]:
     for index, row in enumerate(rows):
         if not isinstance(row, dict):
             raise UserError(f"stroke {index} is {shown(row)}; {{...}} with its fields is needed")
-        if unknown := sorted(row.keys() - {*FIELDS, "depth"}):
-            raise UserError(f"stroke {index} has a field {shown(unknown[0])}; it takes {', '.join(FIELDS)} and depth")
+        if unknown := sorted(row.keys() - {*FIELDS, "brush", "depth"}):
+            raise UserError(
+                f"stroke {index} has a field {shown(unknown[0])}; it takes {', '.join(FIELDS)}, brush and depth"
+            )
     values = {}
     for name, field in FIELDS.items():
         column = [_numbers(row, name, field.size, f"stroke {index}: ") for index, row in enumerate(rows)]
         values[name] = torch.tensor(column, dtype=torch.float64).reshape(field.shape(len(rows))).float()
+    brushes = [_typed({"brush": index, **row}, "brush", int, f"stroke {index}: ") for index, row in enumerate(rows)]
+    within = [min(max(brush, -1), MOST) for brush in brushes]  # which `check_strokes` refuses
+    strokes = Strokes(**values, brush=torch.tensor(within, dtype=torch.int64))
     if not any("depth" in row for row in rows):
-        return Strokes(**values), torch.arange(len(rows))
+        return strokes, torch.arange(len(rows))
     ranks = [_typed(row, "depth", int, f"stroke {index}: ") for index, row in enumerate(rows)]
     rank, times = Counter(ranks).most_common(1)[0]
     if times > 1:
         raise UserError(f"{times} strokes have depth {rank}; give each another one, or leave it out of all")
-    return Strokes(**values), torch.tensor(ranks).argsort().argsort()
+    return strokes, torch.tensor(ranks).argsort().argsort()
 
 
 def _numbers(data: dict[str, Any], name: str, size: int, where: str = "") -> Any:

@@ -129,7 +129,7 @@ def lay(canvas: Tensor, number: Tensor, job: ExportJob, share: Tensor | None = N
     if share is not None:
         strokes = unfinished(strokes, share.to(strokes.start))
     for top, rows, part in cuts(strokes, job.size, job.renderer):
-        layers = job.renderer(strokes[part].moved(shift=(0, -top)), number[part])
+        layers = job.renderer(strokes[part].moved(shift=(0, -top)))
         layers = layers if job.blend.space is None else layers.encoded(job.blend.space.encode)
         above, size = torch.arange(len(part), device=part.device).flip(0), (rows, job.size[1])
         painted = job.blend.plain(layers, above, size, black).image

@@ -2,8 +2,6 @@
 
 from typing import Annotated
 
-from torch import Tensor
-
 from brushexp.bounds import between
 from brushexp.compositing.profile import Profile
 from brushexp.plugins.renderer.base import Renderer
@@ -30,5 +28,5 @@ class Analytic(Renderer):
         self.soft = soft
         self.taper = taper
 
-    def forward(self, strokes: Strokes, number: Tensor | None = None) -> Profile:
+    def forward(self, strokes: Strokes) -> Profile:
         return Profile(curve_of(strokes), half_width_of(strokes), strokes.color, strokes.opacity, self.soft, self.taper)

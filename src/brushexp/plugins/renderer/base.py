@@ -80,16 +80,15 @@ class Renderer(nn.Module, ABC):
     def facts(cls) -> dict[str, str]:
         return {"cost": cls.cost, "gradient": "all fields", "weights": cls.weights, "strokes": cls.strokes}
 
-    def __call__(self, strokes: Strokes, number: Tensor | None = None) -> Layers:
+    def __call__(self, strokes: Strokes) -> Layers:
         """As `forward`; strokes of 16 bits are drawn in float32, see `drawable`."""
-        return super().__call__(drawable(strokes), number)
+        return super().__call__(drawable(strokes))
 
     @abstractmethod
-    def forward(self, strokes: Strokes, number: Tensor | None = None) -> Layers:
+    def forward(self, strokes: Strokes) -> Layers:
         """Layers of N strokes on the canvas that they are measured on; differentiable in every field.
 
-        ``number`` (N,) int64 is which stroke each one is, None for 0 to N - 1: a renderer with several looks chooses by
-        it, so that a stroke keeps its look wherever it stands in a batch.
+        A renderer with several looks chooses by ``strokes.brush``, so that a stroke keeps its look.
         """
 
     def clamp(self, strokes: Strokes) -> Strokes:
@@ -133,7 +132,7 @@ class PatchRenderer(Renderer):
         These are RGBA in [0, 1], straight alpha, opaque where there is paint: the opacity of a stroke is applied later.
         """
 
-    def forward(self, strokes: Strokes, number: Tensor | None = None) -> Windows:
+    def forward(self, strokes: Strokes) -> Windows:
         """Layers of the windows; with ``project`` strokes outside the range of training come to its edge first."""
         parameters = parameters_of(self.clamp(strokes))
         draw: Callable[[Tensor], Tensor] = self.draw if self.training else self._clean
@@ -183,11 +182,13 @@ def check_trainable(renderer: Renderer, window: int) -> None:
         raise UserError(f"{difference}; set renderer.window={window}")
 
 
-def window_pictures(renderer: Renderer, parameters: Tensor, side: int, number: Tensor | None = None) -> Tensor:
+def window_pictures(renderer: Renderer, parameters: Tensor, side: int, brush: Tensor | None = None) -> Tensor:
     """What any renderer makes of strokes alone in their windows: (n, 10) -> (n, 4, side, side), RGBA, straight alpha.
 
-    This is what renderers are trained on and compared by. Parameters are as `strokes.prior.parameters_of` writes them.
+    This is what renderers are trained on and compared by. Parameters are as `strokes.prior.parameters_of` writes them;
+    ``brush`` (n,) is that of `Strokes`.
     """
     strokes = strokes_of(parameters)
     strokes = replace(strokes, position=strokes.position + 0.5 * side, scale=torch.full_like(strokes.scale, side))
-    return renderer(strokes, number).pictures(side)
+    strokes = strokes if brush is None else replace(strokes, brush=brush)
+    return renderer(strokes).pictures(side)

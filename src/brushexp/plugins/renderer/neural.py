@@ -91,16 +91,15 @@ class Neural(Renderer):
             self.last.bias[:4] = EMPTY
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # a fifth faster on a processor
 
-    def forward(self, strokes: Strokes, number: Tensor | None = None) -> TexturedProfile:
-        number = torch.arange(len(strokes), device=strokes.position.device) if number is None else number
+    def forward(self, strokes: Strokes) -> TexturedProfile:
         half = half_width_of(strokes)
         softened = (half.square() + THIN**2).sqrt()
         valid = clamp_to_prior(rewindow(strokes)) if self.project and not self.training else strokes
         with torch.set_grad_enabled(self.training and torch.is_grad_enabled()):
-            textures = self.textures(parameters_of(valid), number % self.brushes)
+            textures = self.textures(parameters_of(valid), strokes.brush % self.brushes)
         smaller = (self.window / valid.scale.detach().clamp_min(1)).log2().floor().clamp(0, SIZES - 1).long()
         sizes = 1 + max(smaller.tolist(), default=0)
-        each = torch.arange(len(strokes), device=number.device)
+        each = torch.arange(len(strokes), device=half.device)
         return TexturedProfile(
             curve_of(strokes),
             softened * (REACH / SPREAD),

@@ -18,7 +18,7 @@ from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import WIDTH
 
-LEVELS = 6  # sizes of a texture, for texels down to a 64th of a pixel
+LEVELS = 7  # sizes of a texture, for texels down to a 64th of a pixel, with one twice as fine as it is known
 THIN = 0.5  # pixels: strokes do not get thinner than about twice this, but fainter
 FADED, LIT = 0.003, 0.95  # opacities and tones this near to their limits are kept off them, so that they can be trained
 SAMPLES = 4  # of a texel in each direction, when it is read off a picture
@@ -27,6 +27,8 @@ FULL = 0.98  # share of texels with paint that are no higher than a full film
 TONE = 0.2  # share of white in the palest bristle, of black in the darkest
 REACH = (1.15, 1.35)  # half widths between which hairs end that go astray: a stroke's reach is what it costs
 AROUND = 0.35  # half widths over which paint is compared with the paint around it
+AGAIN = 1.0  # how strong the finest detail of a texture is once more, at half its size
+NEAR = 9  # texels over which the strength of detail is measured
 NODES = ((0.112702, 5 / 18), (0.5, 4 / 9), (0.887298, 5 / 18))  # of Gauss and Legendre's rule
 
 
@@ -34,7 +36,7 @@ NODES = ((0.112702, 5 / 18), (0.5, 4 / 9), (0.887298, 5 / 18))  # of Gauss and L
 class Textured(Renderer):
     """Bezier stroke with the texture of a bristle brush, looked up along and across the curve.
 
-    There are several textures: a stroke's number decides which variant it has and whether it is turned over, always the
+    There are several textures: a stroke's brush decides which variant it has and whether it is turned over, always the
     same way. A texture does not stretch with the stroke: beginning and end are as long as the stroke is thick, and
     between them a longer stroke has more of the piece that repeats. One that would be finer than the pixels is looked
     up in a smaller size, so that small strokes neither flicker nor have wild gradients. A stroke thinner than a pixel
@@ -65,13 +67,12 @@ class Textured(Renderer):
         self.textures = nn.Parameter(bristles(variants, rows, columns))
         self._ready: tuple[object, Sheets] | None = None
 
-    def forward(self, strokes: Strokes, number: Tensor | None = None) -> TexturedProfile:
-        number = torch.arange(len(strokes), device=strokes.position.device) if number is None else number
+    def forward(self, strokes: Strokes) -> TexturedProfile:
         curve, half = curve_of(strokes), half_width_of(strokes)
         softened = (half.square() + THIN**2).sqrt()
-        per_half = self.textures.shape[2] / (2 * SPREAD)  # texels
+        per_half = self.textures.shape[2] / SPREAD  # texels of the finest size
         finer = (per_half / softened.detach()).clamp(1e-3, 1e9).log2().floor()
-        variant, flip = number % self.variants, 1 - 2 * (number // self.variants % 2)
+        variant, flip = strokes.brush % self.variants, 1 - 2 * (strokes.brush // self.variants % 2)
         return TexturedProfile(
             curve,
             softened,
@@ -86,7 +87,7 @@ class Textured(Renderer):
     @property
     def levels(self) -> int:
         """Sizes of a texture: each of its pieces is whole columns in all of them."""
-        return min(LEVELS, (self.loop.begin & -self.loop.begin).bit_length(), self.textures.shape[2].bit_length() - 1)
+        return min(LEVELS, 1 + (self.loop.begin & -self.loop.begin).bit_length(), self.textures.shape[2].bit_length())
 
     def _repeats(self, curve: Tensor, half: Tensor) -> Tensor:
         """How often each stroke (N,) has the piece that repeats, so that texels are about as long as they should be."""
@@ -124,7 +125,8 @@ class Textured(Renderer):
     def _made(self, *, rounded: bool) -> Sheets:
         opacity, tone, height = self.textures.unbind(1)
         textures = torch.stack([opacity.sigmoid(), tone.tanh(), height.sigmoid()], dim=1)
-        return sheets_of(textures, self.levels, self.loop, rounded=rounded)
+        finest = Loop(2 * self.loop.begin, 2 * self.loop.length)
+        return sheets_of(refined(textures, self.loop), self.levels, finest, rounded=rounded)
 
 
 def unrolled(seen: Tensor, width: float, rows: int, columns: int) -> Tensor:
@@ -188,6 +190,25 @@ def raw_of(texels: Tensor) -> Tensor:
     tone = TONE * torch.tanh(4 * (films - around / known.clamp_min(1e-3))) * (coverage > FADED)
     parts = (coverage.clamp(FADED, 1 - FADED).logit(), tone.clamp(-LIT, LIT).atanh())
     return torch.stack([*parts, films.clamp(FADED, 1 - FADED).logit()])
+
+
+def refined(textures: Tensor, loop: Loop) -> Tensor:
+    """Textures (V, 3, rows, columns) of opacity, tone and height in twice the size, with detail that is as fine again.
+
+    What is finest in the middle of a loop is repeated at half its size, as strong as it is at each place: a brush that
+    is looked at more closely has finer hairs. It is no detail of the stroke that was simulated.
+    """
+    larger, (rows, columns) = functional.interpolate(textures, scale_factor=2, mode="bilinear"), textures.shape[2:]
+    with torch.no_grad():
+        coarse = functional.interpolate(functional.avg_pool2d(textures, 2), scale_factor=2, mode="bilinear")
+        strength = functional.avg_pool2d((textures - coarse).square(), NEAR, 1, NEAR // 2).sqrt()
+        own = (textures - coarse) / strength.clamp_min(1e-3)
+        middle = own[:, :, rows // 4 : rows - rows // 4, loop.begin : loop.begin + loop.length]
+        times = [-(-2 * side // piece) for side, piece in zip((rows, columns), middle.shape[2:], strict=True)]
+        again = middle.tile(1, 1, *times)[:, :, : 2 * rows, : 2 * columns]
+        detail = AGAIN * again * functional.interpolate(strength, scale_factor=2, mode="bilinear")
+    low = textures.new_tensor([0.0, -1.0, 0.0]).view(3, 1, 1)
+    return (larger + detail).clamp(low, torch.ones_like(low))
 
 
 def bristles(variants: int, rows: int, columns: int) -> Tensor:

@@ -53,7 +53,8 @@ def replay_of(saved: Saved, measures: StrokeTable, textured: TexturedProfile | N
     }
     if textured is not None:
         thick, strength = textured.half_width.numpy().clip(0, far), textured.opacity.numpy()
-        chosen = np.stack([textured.look.numpy(), textured.repeats.numpy(), textured.flip.numpy() < 0], axis=1)
+        looks, look = np.unique(textured.look.numpy(), return_inverse=True)
+        chosen = np.stack([look, textured.repeats.numpy(), textured.flip.numpy() < 0], axis=1)
         values |= {"thick": (thick, 0, thick.max()), "strength": (strength, 0, 1), "texture_of": (chosen, 0, STEPS)}
     order = saved.depth.argsort().numpy()
     columns, data = [], order.astype("<u4").tobytes()
@@ -72,24 +73,28 @@ def replay_of(saved: Saved, measures: StrokeTable, textured: TexturedProfile | N
         **(EDGES | edges),
         "exact": (saved.renderer == CANVAS_RENDERER or textured is not None) and not mixed,
         "mixed": mixed,
-        "texture": None if textured is None else _textures(textured.sheets),
+        "texture": None if textured is None else _textures(textured.sheets, looks),
         "columns": columns,
         "data": base64.b64encode(data).decode(),
     }
 
 
-def _textures(sheets: Sheets) -> dict[str, Any]:
-    """Textures as a page takes them.
+def _textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
+    """Textures ``looks`` (M,) as a page takes them.
 
     Texels are in base64, a byte of opacity and one of tone each; of each texture there is where its texels begin, its
     rows, columns, the column at which its loop begins, how many it has, and the half widths beyond which it is empty.
     """
     levels = np.stack([sheets.texels[:, 0].numpy() * BYTE, sheets.texels[:, 1].numpy() * HALF + 128], axis=1)
-    rows = zip(sheets.first, sheets.size, sheets.loop, sheets.extent, strict=True)
+    size, loop, extent = (part[looks] for part in (sheets.size, sheets.loop, sheets.extent))
+    counts = (size + 2).prod(1).numpy()
+    taken = [levels[first : first + count] for first, count in zip(sheets.first[looks].tolist(), counts, strict=True)]
+    texels = np.concatenate([np.empty((0, 2)), *taken])
+    rows = zip(counts.cumsum() - counts, size, loop, extent, strict=True)
     return {
         "spread": SPREAD,
         "long": LONG,
-        "texels": base64.b64encode(levels.round().astype("u1").tobytes()).decode(),
+        "texels": base64.b64encode(texels.round().astype("u1").tobytes()).decode(),
         "sheets": [
             [int(first), *size.tolist(), float(begin) + 0.5, float(length), float(extent)]
             for first, size, (begin, length), extent in rows
