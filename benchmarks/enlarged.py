@@ -25,7 +25,7 @@ from brushexp.registry import build_named
 from brushexp.strokes.prior import WIDTH
 
 ASPECT, INSET = 7, 0.8  # length in widths; half-windows from the middle to the ends
-WIDE = (16, 32, 64, 96, 128)  # pixels at 4096: 2 to 16 of a painting of 512
+WIDE = (16, 32, 64, 96, 112)  # pixels at 4096: 2 to 14 of a painting of 512
 SEEDS = 3
 
 

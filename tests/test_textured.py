@@ -167,8 +167,7 @@ def test_a_texture_in_twice_its_size_is_the_same_with_finer_detail_where_it_has_
     large = refined(textures, Loop(16, 16))
     assert large.shape == (1, 3, 64, 128)
     smooth = functional.interpolate(textures, scale_factor=2, mode="bilinear")
-    means = functional.avg_pool2d(large - smooth, 8)
-    assert means.abs().max() < 0.08, "as light on the whole"
+    torch.testing.assert_close(functional.avg_pool2d(large, 2), textures, rtol=0, atol=0.1)
     finest = (large - functional.interpolate(functional.avg_pool2d(large, 2), scale_factor=2, mode="bilinear")).square()
     coarse = functional.interpolate(functional.avg_pool2d(smooth, 2), scale_factor=2, mode="bilinear")
     assert finest[..., 8:88].mean() > 10 * (smooth - coarse)[..., 8:88].square().mean()

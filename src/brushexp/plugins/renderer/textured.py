@@ -196,7 +196,8 @@ def refined(textures: Tensor, loop: Loop) -> Tensor:
     """Textures (V, 3, rows, columns) of opacity, tone and height in twice the size, with detail that is as fine again.
 
     What is finest in the middle of a loop is repeated at half its size, as strong as it is at each place: a brush that
-    is looked at more closely has finer hairs. It is no detail of the stroke that was simulated.
+    is looked at more closely has finer hairs. It is no detail of the stroke that was simulated. The mean of four of
+    the new texels is the old one, as far as the range of values allows.
     """
     larger, (rows, columns) = functional.interpolate(textures, scale_factor=2, mode="bilinear"), textures.shape[2:]
     with torch.no_grad():
@@ -207,8 +208,9 @@ def refined(textures: Tensor, loop: Loop) -> Tensor:
         times = [-(-2 * side // piece) for side, piece in zip((rows, columns), middle.shape[2:], strict=True)]
         again = middle.tile(1, 1, *times)[:, :, : 2 * rows, : 2 * columns]
         detail = AGAIN * again * functional.interpolate(strength, scale_factor=2, mode="bilinear")
-    low = textures.new_tensor([0.0, -1.0, 0.0]).view(3, 1, 1)
-    return (larger + detail).clamp(low, torch.ones_like(low))
+    finer, low = larger + detail, textures.new_tensor([0.0, -1.0, 0.0]).view(3, 1, 1)
+    finer = finer + functional.interpolate(textures - functional.avg_pool2d(finer, 2), scale_factor=2)
+    return finer.clamp(low, torch.ones_like(low))
 
 
 def bristles(variants: int, rows: int, columns: int) -> Tensor:
