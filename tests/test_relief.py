@@ -117,7 +117,7 @@ def test_a_stroke_on_top_leaves_some_of_the_paint_below():
 def test_where_bristles_are_large_enough_to_be_seen_slopes_do_not_depend_on_the_size(name):
     strokes = straight((30, 50), (70, 55), width=60)
     slopes = []
-    for zoom in (4, 8):
+    for zoom in (8, 16):
         size = (100 * zoom, 120 * zoom)
         height = export_job(strokes.moved(zoom=zoom), size, renderer=RENDERERS[name]).height()
         slopes.append(np.hypot(*np.gradient(height)).mean())

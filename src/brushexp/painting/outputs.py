@@ -102,7 +102,7 @@ def export_job(
 
 
 def summary_line(folder: Path, metrics: dict[str, object]) -> str:
-    """One line per result: where the painting is, how good, how long."""
+    """One line per result: where the painting is, of how many strokes, how long it took, how near it is."""
     psnr, ssim, seconds = metrics["psnr"], metrics["ssim"], metrics["seconds"]
     quality = f"{psnr:.2f} dB" if isinstance(psnr, float) and math.isfinite(psnr) else "identical to the target"
     if "psnr_lit" in metrics:
@@ -111,4 +111,4 @@ def summary_line(folder: Path, metrics: dict[str, object]) -> str:
         quality += f", SSIM {ssim:.3f}"
     strokes = f"{metrics['n_strokes']} strokes in {seconds:.1f} s"
     total = "" if metrics["seconds_total"] is None else f" ({metrics['seconds_total']:.1f} s in all)"
-    return f"{folder / 'painting.png'}: {quality}, {strokes}{total}"
+    return f"{folder / 'painting.png'}: {strokes}{total}, {quality}"

@@ -84,7 +84,7 @@ class Svg(Exporter):
         stroked = "" if profile.taper else ' fill="none" stroke-linecap="round" stroke-linejoin="round"'
         yield '<?xml version="1.0" encoding="UTF-8"?>\n<svg xmlns="http://www.w3.org/2000/svg" '
         yield f'width="{width}px" height="{height}px" viewBox="0 0 {width} {height}" '
-        yield 'style="max-width:100%;height:auto">\n'
+        yield 'style="max-width:100%;max-height:100vh;height:auto">\n'
         yield f"<title>{count} brush strokes</title>\n<desc>{escape(FORBIDDEN.sub('?', about), quote=False)}</desc>\n"
         yield f'<clipPath id="canvas">{canvas}/></clipPath>\n<g clip-path="url(#canvas)"{stroked}>\n'
         yield f'{canvas} fill="{hexadecimal(job.background[None])[0]}"/>\n'

@@ -1,6 +1,7 @@
 """Strokes with the look of a bristle brush: textures along and across the stroke, drawn by compiled kernels."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Annotated
 
 import torch
@@ -27,7 +28,7 @@ FULL = 0.98  # share of texels with paint that are no higher than a full film
 TONE = 0.2  # share of white in the palest bristle, of black in the darkest
 REACH = (1.15, 1.35)  # half widths between which hairs end that go astray: a stroke's reach is what it costs
 AROUND = 0.35  # half widths over which paint is compared with the paint around it
-AGAIN = 1.0  # how strong the finest detail of a texture is once more, at half its size
+AGAIN = 1.2  # how strong the finest detail of a texture is once more, at half its size
 NEAR = 9  # texels over which the strength of detail is measured
 NODES = ((0.112702, 5 / 18), (0.5, 4 / 9), (0.887298, 5 / 18))  # of Gauss and Legendre's rule
 
@@ -197,19 +198,20 @@ def refined(textures: Tensor, loop: Loop) -> Tensor:
 
     What is finest in the middle of a loop is repeated at half its size, as strong as it is at each place: a brush that
     is looked at more closely has finer hairs. It is no detail of the stroke that was simulated. The mean of four of
-    the new texels is the old one, as far as the range of values allows.
+    the new texels is about the old one. Heights stay smooth: the slopes of a painting do not depend on its size.
     """
-    larger, (rows, columns) = functional.interpolate(textures, scale_factor=2, mode="bilinear"), textures.shape[2:]
+    rows, columns = textures.shape[2:]
+    larger = partial(functional.interpolate, scale_factor=2, mode="bilinear")
     with torch.no_grad():
-        coarse = functional.interpolate(functional.avg_pool2d(textures, 2), scale_factor=2, mode="bilinear")
-        strength = functional.avg_pool2d((textures - coarse).square(), NEAR, 1, NEAR // 2).sqrt()
-        own = (textures - coarse) / strength.clamp_min(1e-3)
+        fine = textures - larger(functional.avg_pool2d(textures, 2))
+        strength = functional.avg_pool2d(fine.square(), NEAR, 1, NEAR // 2).sqrt()
+        own = fine / strength.clamp_min(1e-3)
         middle = own[:, :, rows // 4 : rows - rows // 4, loop.begin : loop.begin + loop.length]
         times = [-(-2 * side // piece) for side, piece in zip((rows, columns), middle.shape[2:], strict=True)]
         again = middle.tile(1, 1, *times)[:, :, : 2 * rows, : 2 * columns]
-        detail = AGAIN * again * functional.interpolate(strength, scale_factor=2, mode="bilinear")
-    finer, low = larger + detail, textures.new_tensor([0.0, -1.0, 0.0]).view(3, 1, 1)
-    finer = finer + functional.interpolate(textures - functional.avg_pool2d(finer, 2), scale_factor=2)
+        detail = textures.new_tensor([AGAIN, AGAIN, 0.0]).view(3, 1, 1) * again * larger(strength)
+    finer, low = larger(textures) + detail, textures.new_tensor([0.0, -1.0, 0.0]).view(3, 1, 1)
+    finer = finer + larger(textures - functional.avg_pool2d(finer, 2))
     return finer.clamp(low, torch.ones_like(low))
 
 

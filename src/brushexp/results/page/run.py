@@ -50,15 +50,15 @@ LOSSLESS = 2**18  # pixels of a picture: a larger one goes into a page as a JPEG
 JPEG = {"format": "JPEG", "quality": 92, "subsampling": 0}
 WEBP = {"format": "WEBP", "quality": 85, "alpha_quality": 100, "method": 0}  # of the light
 METRICS_SHOWN = (  # of metrics.json: key, name, unit, digits, what it is
+    ("n_strokes", "strokes", "", 0, "in the catalogue"),
+    ("steps", "steps", "", 0, "of gradient descent"),
+    ("seconds", "optimisation", "s", 1, "wall time of the steps"),
     ("psnr", "PSNR", "dB", 2, "peak signal-to-noise ratio, all pixels of the 8-bit pictures"),
     ("psnr_lit", "PSNR in the light", "dB", 2, "of the painting under its lamp, which the target knows nothing of"),
     ("ssim", "SSIM", "", 3, "structural similarity (Wang et al., 2004); 1 is identical"),
     ("l1", "L1", "", 4, "mean |difference|, 0 to 1"),
     ("perceptual", "perceptual", "", 3, "distance in the features of a small network; 0 is identical"),
     ("psnr_focus", "PSNR in focus", "dB", 2, "of the mean squared error, weighted by the focus"),
-    ("n_strokes", "strokes", "", 0, "in the catalogue"),
-    ("steps", "steps", "", 0, "of gradient descent"),
-    ("seconds", "optimisation", "s", 1, "wall time of the steps"),
 )
 
 
