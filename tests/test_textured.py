@@ -14,7 +14,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import window_pictures
-from brushexp.plugins.renderer.textured import STRETCH, Textured, looped, refined, unrolled
+from brushexp.plugins.renderer.textured import STRETCH, Textured, finer_textures, looped, unrolled
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import parameters_of, sample_prior
@@ -164,7 +164,7 @@ def test_a_texture_in_twice_its_size_is_the_same_with_finer_detail_where_it_has_
     rows = torch.sin(torch.arange(32.0) * 2.2)[:, None]
     textures = (0.5 + 0.3 * rows * torch.ones(3, 32, 64))[None].clone()
     textures[:, :, :, 48:] = 0.5  # smooth
-    large = refined(textures, Loop(16, 16))
+    large = finer_textures(textures, Loop(16, 16))
     assert large.shape == (1, 3, 64, 128)
     smooth = functional.interpolate(textures, scale_factor=2, mode="bilinear")
     large, smooth, textures = large[:, :2], smooth[:, :2], textures[:, :2]

@@ -100,9 +100,9 @@ def _read(file: h5py.File, cure: str) -> Saved:
     if background.dtype.kind not in "fiu":
         raise UserError(f"attribute background is {in_short(repr(background))}; numbers are needed")
     fields = {name: torch.from_numpy(numbers_of(value)) for name, value in values.items()}
-    brush = None  # files of version 1 have none
+    brush = torch.arange(count)  # of files of version 1
     if "brush" in file:
-        brush = torch.from_numpy(numbers_of(dataset_of(file, "brush", np.int32, (count,), MOST_STROKES))).long()
+        brush = torch.from_numpy(numbers_of(dataset_of(file, "brush", np.int32, (count,)))).long()
     return Saved(
         strokes=Strokes(**fields, brush=brush),
         depth=torch.from_numpy(numbers_of(depth)),

@@ -127,7 +127,7 @@ class Textured(Renderer):
         opacity, tone, height = self.textures.unbind(1)
         textures = torch.stack([opacity.sigmoid(), tone.tanh(), height.sigmoid()], dim=1)
         finest = Loop(2 * self.loop.begin, 2 * self.loop.length)
-        return sheets_of(refined(textures, self.loop), self.levels, finest, rounded=rounded)
+        return sheets_of(finer_textures(textures, self.loop), self.levels, finest, rounded=rounded)
 
 
 def unrolled(seen: Tensor, width: float, rows: int, columns: int) -> Tensor:
@@ -193,7 +193,7 @@ def raw_of(texels: Tensor) -> Tensor:
     return torch.stack([*parts, films.clamp(FADED, 1 - FADED).logit()])
 
 
-def refined(textures: Tensor, loop: Loop) -> Tensor:
+def finer_textures(textures: Tensor, loop: Loop) -> Tensor:
     """Textures (V, 3, rows, columns) of opacity, tone and height in twice the size, with detail that is as fine again.
 
     What is finest in the middle of a loop is repeated at half its size, as strong as it is at each place: a brush that
