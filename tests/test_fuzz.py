@@ -21,7 +21,9 @@ import numpy as np
 import pytest
 import torch
 from catalogues import catalogue
+from hydra.errors import CompactHydraException
 from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 from painters import QUIET, fit, painter_of
 from PIL import Image, ImageCms
 from safetensors.torch import save
@@ -31,8 +33,12 @@ from test_verdicts import CLAIMS
 from tifffile import imwrite
 
 from brushexp.app import fitting
+from brushexp.app.composition import check
+from brushexp.app.configs import composed, folders_of
 from brushexp.app.films import PaintedFilm
 from brushexp.app.fitting import CHECKPOINT, RECORD, RunRecord, interrupted_run
+from brushexp.app.mistakes import explanation
+from brushexp.app.sweep_jobs import JOBS, check_same
 from brushexp.errors import UserError
 from brushexp.features.base import read_tensors
 from brushexp.painting.assembly import components_of
@@ -67,6 +73,15 @@ TINY: dict[type, tuple[str, dict[str, Any]]] = {
     InverseVGG: ("inverse_vgg", {"width": 1, "widest": 2, "dense": [2], "coordconv": "none"}),
     Neural: ("neural", {"brushes": 2, "code": 1, "dense": 2, "width": 1, "stages": 1}),
 }
+TWO = [["steps=1"], ["steps=2"]]  # words of two jobs
+LOOK = """# @package _global_
+# mine
+defaults: [{override /loss: [mse, width]}]
+steps: 5
+light: {depth: 0.5}
+optimizer: {lr: 0.01, units: {position: 0.4}}
+loss: {width: {weight: 0.1}}
+"""
 SETTINGS: dict[str, Any] = {}  # of a run, once they are composed
 FORBIDDEN = ("os.system", "os.exec", "os.posix_spawn", "os.fork", "subprocess.Popen", "socket.connect")
 happened: list[str] | None = None  # of what is forbidden while something is read
@@ -218,6 +233,17 @@ def check_claims(found: dict[str, list[Claim]]) -> None:
     assert all(one.at_least > 0 and one.metric for claims in found.values() for one in claims)
 
 
+def read_look(path: Path) -> None:
+    """A preset of the user's own, whose program this is: it may have anchors, of anchors too."""
+    if path.is_file() and "&" in path.read_text(errors="replace"):
+        return
+    folders, words = folders_of(path.parents[2]), ["look=own"]
+    try:
+        check(composed(words, folders), words)
+    except (CompactHydraException, OmegaConfBaseException) as error:
+        raise UserError(explanation(error, folders, words)) from error
+
+
 def picture(suffix: str) -> Callable[[Path], Path]:
     def write_image(folder: Path) -> Path:
         path, pixels = folder / f"a.{suffix}", np.random.default_rng(0).integers(0, 255, (9, 13, 3), np.uint8)
@@ -253,6 +279,13 @@ KINDS: dict[str, tuple[Callable[[Path], Path], Callable[[Path], None]]] = {
     "frame": (write_frame, read_frame),
     "figures": (text("figures.yaml", PUBLISHED), lambda path: check_figures(read_published(path))),
     "claims": (text("claims.yaml", CLAIMS), lambda path: check_claims(read_claims(path))),
+    "jobs": (
+        text(JOBS, json.dumps({"typed": ["steps=1,2"], "jobs": TWO})),
+        lambda path: check_same(path.parents[1], TWO),
+    ),
+    "look": (text("conf/look/own.yaml", LOOK), read_look),
+    "table": (write_table, read_table),
+    "checkpoint": (write_checkpoint, read_checkpoint),
     **{name: (part(name), read_run) for name in OF_RUN},
     **{name: (part(name), read_sweep) for name in OF_SWEEP},
     **{
