@@ -5,7 +5,9 @@ import socket
 import time
 import warnings
 import zipfile
+from asyncio import get_running_loop
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -16,7 +18,6 @@ from urllib.parse import unquote
 import uvicorn
 from fastapi import FastAPI, HTTPException, Request
 from fastapi.responses import FileResponse, Response
-from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import ClientDisconnect
@@ -36,6 +37,7 @@ POLICY = (
 )
 INLINE = {".html"}  # files that are looked at and not saved; the page of a run has a stricter policy of its own
 FOREVER = {"Cache-Control": "private, max-age=3600, immutable"}  # what lies at an address of a picture never changes
+READER = ThreadPoolExecutor(1, "reader")  # of files from the browser: each thread would keep the memory of a large one
 SHUTDOWN_SECONDS = 1  # that open connections are waited for
 
 
@@ -144,7 +146,7 @@ async def _kept(request: Request, use: Any) -> dict[str, Any]:
                     return {"error": f"this file has more than {LARGEST_UPLOAD // 2**20} MB; make it smaller"}
                 file.write(piece)
             file.flush()
-            return await run_in_threadpool(use, Path(file.name))
+            return await get_running_loop().run_in_executor(READER, use, Path(file.name))
     except (UserError, MemoryError) as error:
         return {"error": str(error) or "there is not enough memory for this picture; make it smaller"}
     except OSError as error:
