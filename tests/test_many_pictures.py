@@ -16,7 +16,7 @@ from brushexp.errors import UserError
 from brushexp.pictures.load import samples
 from brushexp.system import device, runtime
 
-QUICK = ("look=plain", "steps=2", "frames=0", "report=false", "logger=[]")
+QUICK = ("jobs=1", "look=plain", "steps=2", "frames=0", "report=false", "logger=[]")
 
 
 def photos(folder: Path) -> Path:
