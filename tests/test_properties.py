@@ -179,10 +179,10 @@ def test_strokes_that_cannot_be_seen_change_nothing(blend, renderer, scene, plac
     else:
         other = degenerate(other, 0, kind)
     wanted = scene.paint(blend, renderer)
-    numbers = list(range(len(scene.strokes)))  # of a textured stroke its number is its look
-    numbers.insert(place, len(numbers))
-    layers = RENDERERS[renderer](inserted(scene.strokes, place, other), torch.tensor(numbers))
-    found = BLENDS[blend](layers, torch.arange(len(numbers)), scene.size, BACKGROUND).image
+    brushes = list(range(len(scene.strokes)))
+    brushes.insert(place, len(brushes))
+    strokes = replace(inserted(scene.strokes, place, other), brush=torch.tensor(brushes))
+    found = BLENDS[blend](RENDERERS[renderer](strokes), torch.arange(len(brushes)), scene.size, BACKGROUND).image
     assert_same(found, wanted, blend in COMPILED, ROUNDING)
 
 
