@@ -20,10 +20,11 @@ from omegaconf import OmegaConf
 from step import BACKGROUND, scene
 
 from brushexp.errors import UserError
+from brushexp.plugin_loading import load_plugins
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.registry import build, load_plugins, plugins
+from brushexp.registry import build, plugins
 
 SIDE = 512
 N = SIDE * SIDE // 100

@@ -16,8 +16,9 @@ from brushexp.app.fitting import RunRecord
 from brushexp.app.tasks import paint
 from brushexp.errors import UserError
 from brushexp.plugin_errors import plugins_named
+from brushexp.plugin_loading import load_plugins
 from brushexp.plugins.loss.base import PaintedView
-from brushexp.registry import PACKAGES, build_named, load_plugins, plugins
+from brushexp.registry import PACKAGES, build_named, plugins
 
 SIZE = (8, 12)
 TARGET = torch.rand(3, *SIZE, generator=torch.Generator().manual_seed(0))

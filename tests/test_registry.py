@@ -10,7 +10,8 @@ from omegaconf import OmegaConf
 
 from brushexp import registry
 from brushexp.errors import UserError
-from brushexp.registry import build, build_named, load_plugins, plugins, register, structured_config
+from brushexp.plugin_loading import load_plugins
+from brushexp.registry import build, build_named, plugins, register, structured_config
 
 ROOT = Path(__file__).parents[1]
 
@@ -115,7 +116,8 @@ def test_published_plugins_are_found_and_all_load_without_the_extras(tmp_path):
 import sys
 sys.modules.update(dict.fromkeys({extras!r}))
 from pathlib import Path
-from brushexp.registry import load_plugins, plugins
+from brushexp.plugin_loading import load_plugins
+from brushexp.registry import plugins
 load_plugins(Path({str(ROOT / "plugins")!r}))
 print([plugin.name for plugin in plugins("order")])"""
     environment = {"PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}

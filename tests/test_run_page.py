@@ -26,7 +26,8 @@ from brushexp.plugins.export.png import pixels
 from brushexp.registry import build_named
 from brushexp.results.page.drawings import error_map, histogram_chart, line_chart, rose_chart, swatches_of
 from brushexp.results.page.replay import FARTHEST, STEPS, replay_of
-from brushexp.results.page.run import LARGEST_SIDE, _shown, line_of, read_curves, run_page, write_run_page
+from brushexp.results.page.run import LARGEST_SIDE, _shown, line_of, run_page, write_run_page
+from brushexp.results.runs import read_curves
 from brushexp.shading.light import Light, normals_of, shaded
 from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, point_at
 from brushexp.strokes.catalogue import Strokes

@@ -29,7 +29,8 @@ from brushexp.app.schema import TASKS
 from brushexp.errors import UserError
 from brushexp.pictures.clips import is_film
 from brushexp.pictures.load import samples
-from brushexp.registry import MULTI_SELECT, load_plugins, plugins
+from brushexp.plugin_loading import load_plugins
+from brushexp.registry import MULTI_SELECT, plugins
 from brushexp.system.runtime import end_on_signals, interrupted_code
 
 RESUME_SWEEP = "resume=sweep"

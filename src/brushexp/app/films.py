@@ -93,13 +93,15 @@ class PaintedFilm:
 
     def known(self, number: int) -> Cel | None:
         """The strokes of a picture that was painted before, and so were all before it."""
-        path, mine = frame_in(self.before or self.folder, number), self.saved_as
-        if self.before is None or not path.exists():
+        if self.before is None:
+            return None
+        path = frame_in(self.before, number)
+        if not path.exists():
             self.before = None
             return None
         try:
             saved = load_catalogue(path)
-            if any(getattr(saved, name) != value for name, value in mine.items()):
+            if any(getattr(saved, name) != value for name, value in self.saved_as.items()):
                 raise UserError(f"{path} is of another film")
         except UserError as error:
             log.warning("%s; it and what follows it are painted anew", error)

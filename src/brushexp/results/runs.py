@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 from brushexp.errors import UserError
 from brushexp.pictures.decode import opened_picture
 from brushexp.results.tables import numbers
-from brushexp.system.reading import digest_of, json_of, read_text, yaml_of
+from brushexp.system.reading import digest_of, json_of, read_table, read_text, yaml_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -221,6 +221,19 @@ def read_result(path: Path) -> Result:
     typed = found.get("overrides")
     overrides = {key: str(value) for key, value in typed.items()} if isinstance(typed, dict) else {}
     return {"status": "completed", **plain, **words, "overrides": overrides, "anytime": found.get("anytime")}
+
+
+def read_curves(path: Path) -> dict[str, list[float]]:
+    """The columns of a table of curves, NaN where there is nothing; none if it is not there or no table."""
+    rows = read_table(path)
+    return {name: [_float(row[name]) for row in rows] for name in (rows[0] if rows else ())}
+
+
+def _float(text: str | None) -> float:
+    try:
+        return float(text or "nan")
+    except ValueError:
+        return math.nan
 
 
 def _measured(value: Any) -> Any:

@@ -24,11 +24,10 @@ from brushexp.results.followed import PROCEDURES, departures
 from brushexp.results.page import drawings
 from brushexp.results.page.html import embedded, page, readable_number
 from brushexp.results.page.replay import MAX_STROKES, recorded_config, replay_of
-from brushexp.results.runs import command_of, read_result
+from brushexp.results.runs import command_of, read_curves, read_result
 from brushexp.shading.light import overlay
 from brushexp.strokes.storage import Saved, load_catalogue
 from brushexp.system.files import write_text
-from brushexp.system.reading import read_table
 
 log = logging.getLogger(__name__)
 PAGE_NAME = "report.html"
@@ -107,19 +106,6 @@ def _pictures(folder: Path) -> dict[str, np.ndarray]:
         except UserError as error:
             log.warning("%s is left out: %s", path, error)
     return found
-
-
-def read_curves(path: Path) -> dict[str, list[float]]:
-    """The columns of a table of curves, NaN where there is nothing; none if it is not there or no table."""
-    rows = read_table(path)
-    return {name: [_float(row[name]) for row in rows] for name in (rows[0] if rows else ())}
-
-
-def _float(text: str | None) -> float:
-    try:
-        return float(text or "nan")
-    except ValueError:
-        return math.nan
 
 
 def run_page(
