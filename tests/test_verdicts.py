@@ -4,12 +4,13 @@ import math
 import shlex
 
 import pytest
-from test_paired import A, C, gap, make_study
+from test_paired import PICTURES, A, C, gap, make_study
 
 from brushexp.app.configs import SHIPPED
 from brushexp.app.tasks import verdicts
 from brushexp.errors import UserError
 from brushexp.results.claims import Claim, read_claims
+from brushexp.results.studies import studies_in
 from brushexp.system.files import write_json
 from brushexp.system.reading import read_text, yaml_of
 
@@ -96,3 +97,38 @@ def test_an_incomplete_claim_is_explained(tmp_path):
         (tmp_path / "claims.yaml").write_text(wrong)
         with pytest.raises(UserError, match=message):
             read_claims(tmp_path / "claims.yaml")
+
+
+def test_a_page_is_written_anew_from_its_records_and_a_larger_study_replaces_one(tmp_path, run_task):
+    for name, pictures in (("few", 3), ("more", 4)):
+        folder = tmp_path / name
+        (folder / ".hydra").mkdir(parents=True)
+        gained = [a + gain for a, gain in zip(A, CLEAR, strict=True)]
+        make_study(
+            folder, psnr=[values[:pictures] for values in (A, gained, C)], units=PICTURES[:pictures], cpu_seconds=900.0
+        )
+        write_json(folder / ".hydra" / "jobs.json", {"typed": ["experiment=mine"], "jobs": [0] * 12})
+    (tmp_path / "claims.yaml").write_text(CLAIMS)
+
+    def page_of(*runs):
+        page = tmp_path / "docs" / "ablations.md"
+        claims = f"claims={tmp_path}/claims.yaml"
+        run_task(verdicts, "task=verdicts", f"runs=[{','.join(runs)}]", claims, f"page={page}")
+        return [line for line in page.read_text().splitlines() if not line.startswith("Written by")]
+
+    few = page_of(f"{tmp_path}/few")
+    record = tmp_path / "docs" / "ablations"
+    assert (record / "mine.csv").read_text().splitlines()[1].startswith("option,picture,psnr")
+    assert page_of(str(record)) == few
+    more = page_of(str(record), f"{tmp_path}/more")
+    assert more != few
+    assert page_of(str(record)) == more == page_of(f"{tmp_path}/few", str(record), f"{tmp_path}/more")
+
+
+def test_a_file_that_only_looks_like_a_record_is_refused(tmp_path):
+    (tmp_path / "a.csv").write_text("# {}\n1,2\n")
+    with pytest.raises(UserError, match="is no record of a study"):
+        studies_in([tmp_path], tmp_path)
+    (tmp_path / "a.csv").write_text("option,picture\n")  # any other table is left alone
+    with pytest.raises(UserError, match="there is no sweep"):
+        studies_in([tmp_path], tmp_path)

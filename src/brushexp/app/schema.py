@@ -190,9 +190,11 @@ class CompareTask(Task):
 class VerdictsTask(Task):
     """Judge the claims of the thesis by finished studies: one page with verdicts, tables and plots."""
 
-    runs: list[str] = key(MISSING, "folder of studies, sweeps of experiment=; several with commas", FOLDER)
+    runs: list[str] = key(
+        MISSING, "folder of sweeps of experiment=, or of records of such; several with commas", FOLDER
+    )
     claims: str | None = key(None, "YAML file of claims; null = the thesis's, which ship", FILE)
-    page: str | None = key(None, "Markdown file to write, plots in a folder beside it; null = ablations.md in output")
+    page: str | None = key(None, "Markdown file to write, plots and records beside it; null = ablations.md in output")
 
 
 @dataclass

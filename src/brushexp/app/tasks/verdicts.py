@@ -10,7 +10,8 @@ from brushexp.app.configs import SHIPPED, files_of
 from brushexp.app.help import presets_of
 from brushexp.results.claims import SHIPPED_CLAIMS, read_claims
 from brushexp.results.runs import words_of
-from brushexp.results.studies_page import studies_in, write_verdicts
+from brushexp.results.studies import studies_in
+from brushexp.results.studies_page import write_verdicts
 
 log = logging.getLogger(__name__)
 
@@ -22,7 +23,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     summaries = presets_of(SHIPPED / "experiment")
     questions = {name: summaries[name].partition(" Run:")[0] for name in files_of(SHIPPED, "experiment")}
     page = Path(cfg.page) if cfg.page else folder / "ablations.md"
-    typed = [word for word in words_of(folder) or ["task=verdicts"] if not word.startswith("output=")]
+    typed = [word for word in words_of(folder) or ["task=verdicts"] if not word.startswith(("output=", "overwrite="))]
     counts = write_verdicts(page, studies, claims, questions, shlex.join(["brushexp", *typed]))
     log.info("%s: %s", page, ", ".join(f"{count} {verdict}" for verdict, count in counts.items()))
     return {"studies": len(studies), **{verdict.replace(" ", "_"): count for verdict, count in counts.items()}}
