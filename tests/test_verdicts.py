@@ -10,7 +10,7 @@ from brushexp.app.configs import SHIPPED
 from brushexp.app.tasks import verdicts
 from brushexp.errors import UserError
 from brushexp.results.claims import Claim, read_claims
-from brushexp.results.studies import studies_in
+from brushexp.results.study_records import studies_in
 from brushexp.system.files import write_json
 from brushexp.system.reading import read_text, yaml_of
 

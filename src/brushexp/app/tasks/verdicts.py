@@ -10,8 +10,8 @@ from brushexp.app.configs import SHIPPED, files_of
 from brushexp.app.help import presets_of
 from brushexp.results.claims import SHIPPED_CLAIMS, read_claims
 from brushexp.results.runs import words_of
-from brushexp.results.studies import studies_in
 from brushexp.results.studies_page import write_verdicts
+from brushexp.results.study_records import studies_in
 
 log = logging.getLogger(__name__)
 
