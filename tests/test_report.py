@@ -194,6 +194,23 @@ def test_every_target_stands_where_its_runs_are(tmp_path):
     assert greys(sheet(tmp_path)) == [[200, 20, 21, 100, 22, 23]]
 
 
+def test_a_sheet_of_looks_has_a_row_for_each_picture_as_high_as_it_needs(tmp_path):
+    """Also of more pictures than looks, and though looks bring losses of their own."""
+    painted(tmp_path, {"look": ["oil", "ink"], "image": ["/d/a.png", "/d/b.png", "/d/c.png"]})
+    for number in range(6):
+        note(tmp_path, number, loss="mse" if number < 3 else "mse+width")
+    for number in (1, 4):  # the second picture is high, and its target another one
+        write_picture(tmp_path / str(number) / "target.png", np.full((32, 16, 3), 100, np.uint8))
+        write_picture(tmp_path / str(number) / "painting.png", np.full((32, 16, 3), 20 + number, np.uint8))
+    for number in (2, 5):
+        write_picture(tmp_path / str(number) / "target.png", np.full((24, 32, 3), 60, np.uint8))
+    assert greys(sheet(tmp_path)) == [[200, 20, 23], [100, 21, 24], [60, 22, 25]]
+    with Image.open(tmp_path / "sheet.png") as picture:
+        levels = np.asarray(picture)[..., 0]
+    first, high, last = (np.flatnonzero((levels == level).sum(1) > SIDE // 3)[0] for level in (200, 100, 60))
+    assert last - high > high - first + SIDE // 5
+
+
 def test_renderers_have_their_metrics_and_their_pictures(tmp_path):
     metrics = {"l2": 0.0012345, "psnr_alpha": 24.318, "fid_effl0": 12.3456, "strokes_per_second": 512.4}
     for level, name in ((100, "analytic"), (101, "neural")):

@@ -46,7 +46,7 @@ def write_contact_sheet(folder: Path, frame: DataFrame) -> Path | None:
     """Write ``sheet.png`` of the runs of a sweep; None if none has left a picture.
 
     A picture of many strokes gets twice the room. Runs that differ in two settings and cover all combinations form a
-    matrix; others stand row by row.
+    matrix, with a row for each picture if they differ in those; others stand row by row.
     """
     pictures = frame["run", "picture"].dropna()
     if pictures.empty:
@@ -59,10 +59,12 @@ def write_contact_sheet(folder: Path, frame: DataFrame) -> Path | None:
 
 def _rows(frame: DataFrame) -> list[list[SheetCell]]:
     axes = varying(frame)
+    if not any("loss" in typed for typed in frame["run", "overrides"]):
+        axes.pop("loss", None)  # it follows from another setting
     settings = frame["setting"][list(axes)].fillna("")
     complete = not settings.duplicated().any() and len(frame) == math.prod(map(len, axes.values()))
     if len(axes) == 2 and complete:
-        down, across = sorted(axes, key=lambda key: len(axes[key]))
+        down, across = sorted(axes, key=lambda key: (key != "image", len(axes[key])))
         table = settings.reset_index(names="run").pivot(index=down, columns=across, values="run")
         rows = [_cells(frame.loc[list(row)], axes) for row in table.loc[axes[down], axes[across]].to_numpy()]
         return [sorted(row, key=lambda cell: cell.label != (TARGET,)) for row in rows]
@@ -104,15 +106,17 @@ def draw_sheet(rows: Sequence[Sequence[SheetCell]], title: str, side: int = SIDE
     letters = max(1, int(side / (LETTER_WIDTH * letter)))
     pictures = [[_picture(cell, side) or _box(cell.words, side, letters, font) for cell in row] for row in rows]
     labels = [["\n".join(folded(text, letters) for text in cell.label) for cell in row] for row in rows]
-    height = max(picture.height for row in pictures for picture in row)
-    step = height + GAP + line * max(1 + text.count("\n") for row in labels for text in row)
+    tops = [2 * (line + GAP)]
+    for row, texts in zip(pictures, labels, strict=True):
+        lines = max(1 + text.count("\n") for text in texts)
+        tops.append(tops[-1] + max(picture.height for picture in row) + GAP + line * lines)
     width = max(columns * (side + GAP), math.ceil(large.getlength(title)) + GAP) + GAP
-    sheet = Image.new("RGB", (width, len(rows) * step + 2 * (line + GAP)), PAPER)
+    sheet = Image.new("RGB", (width, tops[-1]), PAPER)
     draw = ImageDraw.Draw(sheet)
     draw.text((GAP, GAP), title, INK, large)
     for k, row in enumerate(pictures):
         for m, picture in enumerate(row):
-            left, top = GAP + m * (side + GAP), 2 * (line + GAP) + k * step
+            left, top = GAP + m * (side + GAP), tops[k]
             sheet.paste(picture, (left + (side - picture.width) // 2, top))
             place = left + side // 2, top + picture.height + line // 4
             draw.multiline_text(place, labels[k][m], INK, font, anchor="ma", align="center")
