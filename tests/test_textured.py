@@ -1,5 +1,6 @@
 """`renderer=textured`: the reference has the right gradient, and the compiled kernels agree with it."""
 
+from copy import deepcopy
 from dataclasses import replace
 from itertools import pairwise
 
@@ -106,6 +107,24 @@ def test_painting_follows_the_weights_and_training_reaches_them():
     after = image_of(TILED, stroke, size, renderer)
     assert not torch.equal(before, after)
     torch.testing.assert_close(after, BARE.expand(3, *size))
+
+
+def test_renderers_of_the_same_weights_share_their_textures_and_these_are_as_made_afresh():
+    first, other = (Textured(variants=3, checkpoint=None).requires_grad_(False) for _ in range(2))
+    stroke = straight((4, 8), (12, 9))
+    shared = first(stroke).sheets
+    assert other(stroke).sheets is shared
+    copied = deepcopy(first)
+    assert copied(stroke).sheets is shared
+    assert copied.double()(stroke).sheets.texels.dtype == torch.float64
+    parts = first.textures[:, 0].sigmoid(), first.textures[:, 1].tanh(), first.textures[:, 2].sigmoid()
+    finer = finer_textures(torch.stack(parts, dim=1), first.loop)
+    afresh = sheets_of(finer, first.levels, Loop(192, 192), rounded=True)
+    for name, value in vars(afresh).items():
+        torch.testing.assert_close(getattr(shared, name), value, rtol=0, atol=0)
+    other.textures[0, 0, 5] = 3.0
+    assert other(stroke).sheets is not shared
+    assert first(stroke).sheets is shared
 
 
 def line(length, width, number=0, zoom=1.0):

@@ -38,6 +38,9 @@ class Sheets:
     extent: Tensor  # (M,) half widths beyond which it is transparent
     cells: Tensor | None = None  # (T,) int64, see `cells_of`; None while textures are being trained
 
+    def __deepcopy__(self, known: dict[int, object]) -> "Sheets":
+        return self  # nothing changes them, and copies of a renderer share them
+
 
 def coordinates_of(rows: int, columns: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Where the texels of a texture with the ring around it lie; all but t in half widths.

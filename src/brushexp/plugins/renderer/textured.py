@@ -1,7 +1,7 @@
 """Strokes with the look of a bristle brush: textures along and across the stroke, drawn by compiled kernels."""
 
 from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial
 from typing import Annotated
 
 import torch
@@ -116,18 +116,31 @@ class Textured(Renderer):
 
     def _sheets(self) -> Sheets:
         if self.training or (self.textures.requires_grad and torch.is_grad_enabled()):
-            return self._made(rounded=False)
+            return _sheets_of(self.textures, self.loop, self.levels, rounded=False)
         key = (self.textures._version, self.textures.data_ptr(), self.textures.device)
         if self._ready is None or self._ready[0] != key:
-            with torch.inference_mode(False), torch.no_grad():
-                self._ready = (key, self._made(rounded=True))
+            kind = self.textures.shape, self.textures.dtype, self.textures.device
+            values = self.textures.detach().cpu().contiguous().view(torch.uint8).numpy().tobytes()
+            self._ready = (key, _rounded_sheets(values, *kind, self.loop, self.levels))
         return self._ready[1]
 
-    def _made(self, *, rounded: bool) -> Sheets:
-        opacity, tone, height = self.textures.unbind(1)
-        textures = torch.stack([opacity.sigmoid(), tone.tanh(), height.sigmoid()], dim=1)
-        finest = Loop(2 * self.loop.begin, 2 * self.loop.length)
-        return sheets_of(finer_textures(textures, self.loop), self.levels, finest, rounded=rounded)
+
+@lru_cache(maxsize=2)  # painting, bitmaps and page each build the renderer anew, and so does the next painting
+def _rounded_sheets(
+    values: bytes, shape: torch.Size, dtype: torch.dtype, device: torch.device, loop: Loop, levels: int
+) -> Sheets:
+    """Frozen textures in 8 bits; to make them takes as long as a step."""
+    with torch.inference_mode(False), torch.no_grad():
+        textures = torch.frombuffer(bytearray(values), dtype=dtype).view(shape).to(device)
+        return _sheets_of(textures, loop, levels, rounded=True)
+
+
+def _sheets_of(textures: Tensor, loop: Loop, levels: int, *, rounded: bool) -> Sheets:
+    """Textures (V, 3, rows, columns), before sigmoid, tanh and sigmoid, in all sizes, from twice their own down."""
+    opacity, tone, height = textures.unbind(1)
+    shown = torch.stack([opacity.sigmoid(), tone.tanh(), height.sigmoid()], dim=1)
+    finest = Loop(2 * loop.begin, 2 * loop.length)
+    return sheets_of(finer_textures(shown, loop), levels, finest, rounded=rounded)
 
 
 def unrolled(seen: Tensor, width: float, rows: int, columns: int) -> Tensor:
