@@ -29,6 +29,7 @@ from brushexp.painting.assembly import strokes_from
 from brushexp.painting.outputs import export_job, renderer_of, with_renderer
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.export._png import bitmap
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.plugins.export.csv import Csv
 from brushexp.plugins.export.json import Json
@@ -44,6 +45,7 @@ from brushexp.strokes.text import json_lines, parse
 from brushexp.system.files import to_bytes
 
 SIZE = (36, 52)
+LEVELS = 3 / 255  # by which faint paint differs where tiles lie elsewhere
 EXPORTERS = [plugin.name for plugin in plugins("to")]
 resvg = pytest.importorskip("resvg_py", reason="pip install resvg-py: it draws our SVG independently")
 
@@ -249,6 +251,41 @@ def test_textured_strokes_in_the_light_are_in_the_svg_as_they_are(zoom, least, t
     assert len(numbers) > 70
     (path,) = Svg(paths=True).write(what, tmp_path)
     assert "<image" not in path.read_text()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 7), (7, 1), (9, 5), (5, 9)])
+def test_a_small_bitmap_is_read_as_it_was(size):
+    pixels = np.random.default_rng(0).integers(0, 256, (9, 9, 4), np.uint8)[: size[0], : size[1]]
+    with Image.open(io.BytesIO(bitmap(pixels))) as image:
+        np.testing.assert_array_equal(np.asarray(image), pixels)
+        assert image.mode == "RGBA"
+
+
+def test_sprites_are_the_strokes_alone_without_colour_where_there_is_no_paint():
+    textured = build_named("renderer", "textured", {}).eval()
+    strokes = random_strokes(12, SIZE, width=(0.1, 0.4), bend=0.3)
+    what = replace(job_of(strokes), renderer=textured, light=Light(depth=1.0))
+    for number, (left, top), sprite in what.sprites.bitmaps():
+        moved, size = strokes[[number]].moved(shift=(-left, -top)), sprite.shape[:2]
+        black, white = (
+            Tiled()(textured(moved), torch.tensor([0]), size, torch.full((3,), shade)).image for shade in (0.0, 1.0)
+        )
+        alpha = 1 - (white - black).mean(0)
+        np.testing.assert_allclose(sprite[..., 3] / 255, alpha.detach(), atol=LEVELS)
+        assert not sprite[sprite[..., 3] == 0].any()
+        seen = sprite[..., 3] > 30
+        color = (black / alpha.clamp_min(1e-6)).permute(1, 2, 0).detach().numpy().clip(0, 1)
+        np.testing.assert_allclose(sprite[seen][:, :3] / 255, color[seen], atol=LEVELS)
+
+
+def test_a_job_draws_its_pictures_once_and_a_changed_one_draws_its_own():
+    what = replace(job_of(some()), light=Light(depth=1.0))
+    flat, lit = what.pictures
+    assert what.pictures[1] is lit
+    np.testing.assert_array_equal(flat, pixels(replace(what, light=Light())))
+    np.testing.assert_array_equal(lit, pixels(what))
+    assert what.at_most(26).pictures[0].shape == (18, 26, 3)
+    assert not np.array_equal(replace(what, light=Light(depth=3.0)).pictures[1], lit)
 
 
 @pytest.mark.parametrize("name", ["png", "pdf"])

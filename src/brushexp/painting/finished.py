@@ -81,6 +81,7 @@ def finish(
     picture, lit = flat, dict[str, object]()
     if job.light.depth:
         picture = pixels(job, drawn)
+        vars(job)["pictures"] = flat, picture  # else to export it draws both again
         lit = {"psnr_lit": picture_psnr(picture, target)}
         timelapse.add(torch.from_numpy(picture).permute(2, 0, 1) / 255, painter.schedule.step)
     painter.anytime.add(painter.schedule.seconds, picture_psnr(flat, target))

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from PIL import Image
 
 from brushexp.compositing.profile import Profile
 from brushexp.plugins.export.base import ExportJob
@@ -30,11 +29,12 @@ class Sprites:
     places: Array  # (N, 2) left and top on the canvas, in pixels of the sheet
     zoom: float  # pixels of the sheet for each of the canvas
 
-    def bitmaps(self) -> Iterator[tuple[int, tuple[int, int], Image.Image]]:
-        """Number, place and picture of each stroke."""
-        for number, (left, top, width, height), place in zip(self.number, self.boxes, self.places, strict=True):
-            pixels = np.ascontiguousarray(self.sheet[top : top + height, left : left + width])
-            yield int(number), (int(place[0]), int(place[1])), Image.fromarray(pixels)
+    def bitmaps(self) -> Iterator[tuple[int, tuple[int, int], Array]]:
+        """Number, place and pixels (h, w, 4) of each stroke."""
+        for number, (left, top, width, height), (x, y) in zip(
+            self.number.tolist(), self.boxes.tolist(), self.places.tolist(), strict=True
+        ):
+            yield number, (x, y), self.sheet[top : top + height, left : left + width]
 
 
 def has_sprites(job: ExportJob) -> bool:
@@ -65,11 +65,12 @@ def sprites_of(job: ExportJob) -> Sprites:
     dark, bright = (replace(laid, background=torch.full_like(job.background, shade)) for shade in (0.0, 1.0))
     for (top, black), (_, white) in zip(dark.bands(), bright.bands(), strict=True):
         alpha = 1 - (white - black).mean(0, keepdim=True)
-        pixels = torch.cat([black / alpha.clamp_min(1e-6), alpha]).clamp(0, 1)
-        sheet[top : top + black.shape[1]] = (pixels * 255 + 0.5).to(torch.uint8).permute(1, 2, 0).cpu().numpy()
-    sheet[sheet[..., 3] == 0] = 0
+        pixels = torch.cat([black / alpha.clamp_min(1e-6), alpha]).clamp_(0, 1).mul_(255).add_(0.5).to(torch.uint8)
+        pixels *= pixels[3:] > 0
+        sheet[top : top + black.shape[1]] = pixels.permute(1, 2, 0).cpu().numpy()
     found = np.concatenate([corners, boxes[:, 2:]], axis=1)
-    seen = np.array([sheet[y : y + h, x : x + w, 3].any() for x, y, w, h in found], dtype=bool)
+    paint = sheet[..., 3] > 0
+    seen = np.array([paint[y : y + h, x : x + w].any() for x, y, w, h in found.tolist()], dtype=bool)
     number = job.bottom_up.cpu().numpy()
     number = number[seen[number]]
     return Sprites(sheet, number, found[number], boxes[number, :2], zoom)

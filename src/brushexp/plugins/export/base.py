@@ -56,6 +56,13 @@ class ExportJob:
 
         return sprites_of(self)
 
+    @cached_property
+    def pictures(self) -> tuple[np.ndarray, np.ndarray]:
+        """The picture without its light and in it, (H, W, 3) uint8; drawn when they are first asked for."""
+        from brushexp.plugins.export.png import pixels  # noqa: PLC0415  (it draws jobs)
+
+        return pixels(replace(self, light=UNLIT)), pixels(self)
+
     def at_most(self, side: int) -> ExportJob:
         """The same painting with at most ``side`` pixels on its longer side."""
         return self if side >= max(self.size) else self.scaled(side / max(self.size))

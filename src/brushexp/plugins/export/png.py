@@ -1,21 +1,18 @@
 """The painting as a picture of any size."""
 
 import struct
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from torch import Tensor
 
+from brushexp.plugins.export._png import RGB, SIGNATURE, chunk, header
 from brushexp.plugins.export._prints import CM, PrintExporter
 from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import register
 from brushexp.system.files import replacing, to_bytes
 
-SIGNATURE = b"\x89PNG\r\n\x1a\n"
-DEPTH, RGB = 8, 2  # bits, and PNG's number for this kind of pixel
 PER_METRE = 1  # PNG's number for this unit of density
 
 
@@ -33,14 +30,12 @@ class Png(PrintExporter):
         path, (height, width) = folder / "painting.png", job.size
         # Pillow wants the whole picture, and packs it in four bytes a pixel.
         with replacing(path) as temporary, temporary.open("wb") as file:
-            file.write(SIGNATURE)
-            _chunk(file, b"IHDR", struct.pack(">IIBBBBB", width, height, DEPTH, RGB, 0, 0, 0))
+            file.write(SIGNATURE + header(width, height, RGB))
             if self.density:
                 metre = round(100 * self.density / CM)
-                _chunk(file, b"pHYs", struct.pack(">IIB", metre, metre, PER_METRE))
-            for piece in self.packed(job):
-                _chunk(file, b"IDAT", piece)
-            _chunk(file, b"IEND", b"")
+                file.write(chunk(b"pHYs", struct.pack(">IIB", metre, metre, PER_METRE)))
+            file.writelines(chunk(b"IDAT", piece) for piece in self.packed(job) if piece)
+            file.write(chunk(b"IEND", b""))
         return [path]
 
 
@@ -53,10 +48,3 @@ def pixels(job: ExportJob, flat: Tensor | None = None) -> np.ndarray:
     for top, band in job.bands(flat):
         picture[top : top + band.shape[1]] = to_bytes(band)
     return picture
-
-
-def _chunk(file: BinaryIO, name: bytes, data: bytes) -> None:
-    if data or name == b"IEND":
-        file.write(struct.pack(">I", len(data)) + name)
-        file.write(data)
-        file.write(struct.pack(">I", zlib.crc32(data, zlib.crc32(name))))

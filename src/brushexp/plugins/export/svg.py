@@ -1,28 +1,26 @@
 """The strokes as SVG (W3C, SVG 1.1): paths, outlines where the width tapers, and bitmaps of strokes with a texture."""
 
 import base64
-import io
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import torch
-from PIL import Image
 from torch import Tensor
 
 from brushexp.bounds import between
 from brushexp.compositing.profile import Profile, smooth_rise
+from brushexp.plugins.export._png import bitmap
 from brushexp.plugins.export._sprites import has_sprites
 from brushexp.plugins.export.base import Exporter, ExportJob
-from brushexp.plugins.export.png import pixels
 from brushexp.registry import register
-from brushexp.shading.light import UNLIT, overlay
+from brushexp.shading.light import overlay
 from brushexp.strokes.bezier import curve_of, half_width_of, point_at
 from brushexp.strokes.text import AT_ONCE
-from brushexp.system.files import PNG, write_text
+from brushexp.system.files import write_text
 
 CRISP = 1.0  # pixels: soft edge of strokes whose renderer is no profile
 PIXEL = 1 / 12  # square pixels: variance of an edge where a program fills pixels by the share that is covered
@@ -94,19 +92,19 @@ class Svg(Exporter):
             for number in job.bottom_up.cpu().split(AT_ONCE):
                 yield short("".join(self._paths(profile, number)))
         if self._is_lit(job):
-            small = job.at_most(LIGHT_SIDE)
-            light = Image.fromarray(overlay(pixels(replace(small, light=UNLIT)), pixels(small)))
-            yield f'<image id="light" width="{width}" height="{height}" preserveAspectRatio="none" {_href(light)}/>\n'
+            light = _href(overlay(*job.at_most(LIGHT_SIDE).pictures))
+            yield f'<image id="light" width="{width}" height="{height}" preserveAspectRatio="none" {light}/>\n'
         yield "</g>\n</svg>\n"
 
     def _is_lit(self, job: ExportJob) -> bool:
         return job.light.depth > 0 and not self.paths
 
     def _bitmaps(self, job: ExportJob) -> Iterator[str]:
-        for stroke, place, bitmap in job.sprites.bitmaps():
-            box = [f"{round(value / job.sprites.zoom, self.digits):.12g}" for value in (*place, *bitmap.size)]
-            shape = " ".join(f'{key}="{value}"' for key, value in zip(("x", "y", "width", "height"), box, strict=True))
-            yield f'<image id="stroke-{stroke}" {shape} preserveAspectRatio="none" {_href(bitmap)}/>\n'
+        for stroke, place, pixels in job.sprites.bitmaps():
+            numbers = (*place, pixels.shape[1], pixels.shape[0])
+            x, y, width, height = (f"{round(value / job.sprites.zoom, self.digits):.12g}" for value in numbers)
+            shape = f'x="{x}" y="{y}" width="{width}" height="{height}"'
+            yield f'<image id="stroke-{stroke}" {shape} preserveAspectRatio="none" {_href(pixels)}/>\n'
 
     def _paths(self, profile: Profile, number: Tensor) -> Iterator[str]:
         curve, half, color, opacity = (
@@ -128,11 +126,9 @@ class Svg(Exporter):
                     yield f'<path d="{d}" {kind}="{paint}"{more}/>\n'
 
 
-def _href(picture: Image.Image) -> str:
-    """A picture as an attribute of the element that shows it."""
-    encoded = io.BytesIO()
-    picture.save(encoded, **PNG)
-    return f'href="data:image/png;base64,{base64.b64encode(encoded.getvalue()).decode()}"'
+def _href(pixels: np.ndarray) -> str:
+    """A picture (H, W, 4) uint8 as an attribute of the element that shows it."""
+    return f'href="data:image/png;base64,{base64.b64encode(bitmap(pixels)).decode()}"'
 
 
 @torch.no_grad()
