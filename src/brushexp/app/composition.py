@@ -38,6 +38,8 @@ def offer(folders: Sequence[Path]) -> None:
     looks = {name: path for folder in folders for name, path in files_of(folder, "look").items()}
     publish(TASKS, offer_looks(looks, TASKS["paint"]))
     offer_sweepers()
+    store = ConfigStore.instance()
+    store.repo = Uncopied(store.repo)
 
 
 def offer_sweepers() -> None:
@@ -55,6 +57,13 @@ def offer_sweepers() -> None:
         ConfigStore.instance().store(group="hydra/sweeper", name=name, node=node, provider=PUBLISHER)
     groups = ConfigStore.instance().repo["hydra"]
     groups["sweeper"] = OursStay(groups["sweeper"])
+
+
+class Uncopied(dict[str, Any]):
+    """What is published: Hydra copies all of it for each config that it composes, and then each part that it takes."""
+
+    def __deepcopy__(self, known: dict[int, Any]) -> "Uncopied":
+        return self
 
 
 class OursStay(dict[str, Any]):
