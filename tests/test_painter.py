@@ -11,6 +11,7 @@ from brushexp.painting import painter_state
 from brushexp.painting.components import Stage
 from brushexp.painting.painter import Painter
 from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.density.strays import Strays
 from brushexp.plugins.order.orders import Area
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.bezier import curve_of
@@ -98,6 +99,20 @@ def test_kernels_are_gone_through_once_for_painters_of_the_same_parts(monkeypatc
         errors.append(painter.picture.error)
     assert len(gone) == 3
     assert errors[0] == errors[1] != errors[2], "each has looked at its picture"
+
+
+def test_the_kernels_of_importance_are_gone_through_with_one_stroke(monkeypatch):
+    monkeypatch.setattr(painter_state, "_compiled", set())
+    seen, found = [], painter_state.importance
+    monkeypatch.setattr(painter_state, "importance", lambda one, *rest: seen.append((len(one), found(one, *rest))))
+    painter = some_painter(density=Strays())
+    drawn = painter.generator.get_state(), torch.get_rng_state()
+    painter_state.compile_kernels(painter)
+    ((count, value),) = seen
+    assert count == 1
+    assert value.isfinite().all()
+    for before, now in zip(drawn, (painter.generator.get_state(), torch.get_rng_state()), strict=True):
+        assert torch.equal(before, now)
 
 
 def test_a_line_search_may_look_anywhere():

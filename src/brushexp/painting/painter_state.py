@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
+from brushexp.painting.densification import importance
 from brushexp.plugin_errors import OURS
 
 if TYPE_CHECKING:
@@ -73,7 +74,8 @@ def compile_kernels(painter: Painter) -> None:
         if is_new:
             loss.backward()
         if is_new and painter.components.density.uses_importance:
-            painter.densification.state(painter.strokes()).importance()
+            one = painter.strokes()[:1]  # enough for the kernels
+            importance(one, torch.arange(len(one), device=painter.device), picture, painter.generator)
     _compiled.add(made_of)
     painter.zero_grad()
     picture.memory = memory or picture.memory
