@@ -29,7 +29,7 @@ from brushexp.painting.assembly import strokes_from
 from brushexp.painting.outputs import export_job, renderer_of, with_renderer
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.export._png import bitmap
+from brushexp.plugins.export._packing import bitmap
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.plugins.export.csv import Csv
 from brushexp.plugins.export.json import Json

@@ -9,14 +9,15 @@ import torch
 from PIL import Image
 from program import ended
 
+from brushexp.app import many_pictures
 from brushexp.app.command_line import in_full
 from brushexp.app.configs import SHIPPED
-from brushexp.app.many_pictures import all_pictures, as_sweep, in_processes, pictures_named, subfolders_for
+from brushexp.app.many_pictures import LAUNCHER, all_pictures, as_sweep, in_processes, pictures_named, subfolders_for
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
 from brushexp.system import device, runtime
 
-QUICK = ("jobs=1", "look=plain", "steps=2", "frames=0", "report=false", "logger=[]")
+QUICK = ("look=plain", "steps=2", "frames=0", "report=false", "logger=[]")
 
 
 def photos(folder: Path) -> Path:
@@ -29,9 +30,10 @@ def photos(folder: Path) -> Path:
     return folder
 
 
-def test_all_pictures_are_painted_and_the_same_command_goes_on(tmp_path):
+@pytest.mark.parametrize("jobs", ["jobs=1", "jobs=2"])
+def test_all_pictures_are_painted_and_the_same_command_goes_on(tmp_path, jobs):
     photos(tmp_path / "my photos")
-    code, said = ended(tmp_path, "image=my photos", *QUICK)
+    code, said = ended(tmp_path, "image=my photos", jobs, *QUICK)
     folder = tmp_path / "outputs" / "my photos"
     assert code == 1
     assert "broken.jpg is not a picture of a known format" in said
@@ -44,14 +46,44 @@ def test_all_pictures_are_painted_and_the_same_command_goes_on(tmp_path):
     before = (folder / "second" / "painting.png").stat().st_mtime_ns
     Image.new("RGB", (24, 16)).save(tmp_path / "my photos" / "broken.jpg")  # mended, and a new one beside it
     Image.new("RGB", (9, 16)).save(tmp_path / "my photos" / "new.png")
-    code, said = ended(tmp_path, "image=my photos", *QUICK)
+    code, said = ended(tmp_path, "image=my photos", jobs, *QUICK)
     assert code == 0, said
     assert "2 of 4 jobs have finished already" in said
     assert (folder / "second" / "painting.png").stat().st_mtime_ns == before
     assert (folder / "new" / "painting.png").is_file()
-    code, said = ended(tmp_path, "image=my photos", *QUICK, "strokes=3")
+    code, said = ended(tmp_path, "image=my photos", jobs, *QUICK, "strokes=3")
     assert code == 1
     assert "has paintings with other settings" in said
+
+
+DEADLY = """
+import os, signal
+from brushexp.plugins.init.grid import Grid
+from brushexp.registry import register
+
+
+@register("init", "deadly")
+class Deadly(Grid):
+    def __call__(self, *given):
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif(LAUNCHER != "processes", reason="another launcher here")
+def test_a_process_that_is_killed_ends_its_sweep_which_goes_on_later(tmp_path):
+    (tmp_path / "plugins").mkdir()
+    (tmp_path / "plugins" / "deadly.py").write_text(DEADLY)
+    words = ("-m", "init=grid,deadly", "jobs=2", "output=s", "image=chelsea", "resolution=16", *QUICK)
+    code, said = ended(tmp_path, *words)
+    assert code == 1
+    assert "job 1 has ended without a result" in said
+    assert "resume=sweep" in said
+    (tmp_path / "plugins" / "deadly.py").write_text(
+        DEADLY.replace("os.kill(os.getpid(), signal.SIGKILL)", "return super().__call__(*given)")
+    )
+    code, said = ended(tmp_path, *words, "resume=sweep")
+    assert code == 0, said
+    assert {path.parent.name for path in (tmp_path / "s").glob("*/painting.png")} == {"0", "1"}
 
 
 def test_the_words_of_a_folder(tmp_path, monkeypatch):
@@ -104,16 +136,16 @@ def test_names_of_folders_are_plain_and_differ():
 
 
 def test_jobs_are_processes(monkeypatch):
-    assert in_processes(["jobs=2", "a=1"]) == ["a=1", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    assert in_processes(["jobs=2", "a=1"]) == ["a=1", f"hydra/launcher={LAUNCHER}", "hydra.launcher.n_jobs=2"]
     assert in_processes(["jobs=1"]) == []
     with pytest.raises(UserError, match="jobs=x is no number"):
         in_processes(["jobs=x"])
-    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    monkeypatch.setattr(many_pictures, "find_spec", lambda _: True)
     monkeypatch.setattr(runtime, "cores", lambda: 5)
     monkeypatch.setattr(device, "device_of", lambda _: torch.device("cpu"))
     for memory, pictures, count in ((1e6, 40, 5), (7000, 40, 3), (500, 40, 1), (1e6, 4, 2), (1e6, 3, 1)):
         monkeypatch.setattr(runtime, "free_memory", lambda memory=memory: memory)
-        expected = ["hydra/launcher=joblib", f"hydra.launcher.n_jobs={count}"] if count > 1 else []
+        expected = [f"hydra/launcher={LAUNCHER}", f"hydra.launcher.n_jobs={count}"] if count > 1 else []
         assert in_processes(["jobs=auto"], pictures) == in_processes([], pictures) == expected
     monkeypatch.setattr(runtime, "free_memory", lambda: math.inf)
     assert in_processes(["jobs=auto"])[-1] == "hydra.launcher.n_jobs=5"

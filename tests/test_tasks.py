@@ -136,15 +136,19 @@ class Shy(Random):
 """
 
 
-def test_a_sweep_on_several_cores_ends_in_one_table_and_one_sheet(tmp_path):
-    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+@pytest.mark.parametrize("launcher", ["joblib", "processes"])
+def test_a_sweep_on_several_cores_ends_in_one_table_and_one_sheet(launcher, tmp_path):
+    if launcher == "joblib":
+        pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    elif sys.platform != "linux":
+        pytest.skip("forks on Linux alone")
     (tmp_path / "plugins").mkdir()
     (tmp_path / "plugins" / "shy.py").write_text(SHY)
     swept = ["steps=5", "frames=0", "report=false", "init=grid,shy", "strokes=15,20"]
-    parallel = ["threads=null", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    parallel = ["threads=null", f"hydra/launcher={launcher}", "hydra.launcher.n_jobs=2"]
     plugins = str(tmp_path / "plugins")
     words = ["-m", *SMALL, *swept, *parallel, f"output={tmp_path}/s"]
-    typed(*words, cwd=tmp_path, code=1, BRUSHEXP_PLUGINS=plugins)  # no fork: workers are started by joblib
+    typed(*words, cwd=tmp_path, code=1, BRUSHEXP_PLUGINS=plugins)  # no fork: workers are started by joblib, or forked
     rows = (tmp_path / "s" / "table.csv").read_text().splitlines()
     assert len(rows) == 1 + 4
     assert ["failed" in row for row in rows[1:]] == [False, False, False, True]

@@ -16,10 +16,11 @@ from omegaconf import DictConfig, OmegaConf
 
 from brushexp.errors import UserError
 
+FIRST_REPORT = 30  # seconds from the start of the program, for what a report needs takes two to load
 SHARE = 0.1  # of a sweep's time that its report may take, which grows with the number of runs
 
 log = logging.getLogger(__name__)
-_next_report = 0.0  # of `time.monotonic`
+_next_report = time.monotonic() + FIRST_REPORT
 
 
 class SweepReport(Callback):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from torch import Tensor
 
-from brushexp.plugins.export._png import RGB, SIGNATURE, chunk, header
+from brushexp.plugins.export._packing import RGB, SIGNATURE, chunk, header
 from brushexp.plugins.export._prints import CM, PrintExporter
 from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import register

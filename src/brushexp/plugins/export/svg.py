@@ -13,7 +13,7 @@ from torch import Tensor
 
 from brushexp.bounds import between
 from brushexp.compositing.profile import Profile, smooth_rise
-from brushexp.plugins.export._png import bitmap
+from brushexp.plugins.export._packing import bitmap
 from brushexp.plugins.export._sprites import has_sprites
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
