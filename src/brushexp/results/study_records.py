@@ -124,7 +124,7 @@ def _cost(frame: DataFrame) -> str:
 def _short(words: Sequence[str]) -> list[str]:
     """A command line as it was typed, without the folders of this machine."""
     plain = [re.sub(r"^hydra\.sweeper\.pictures=\[(.*)\]$", r"pictures=\1", word).replace('"', "") for word in words]
-    plain = [word for word in plain if word != "hydra.sweeper.lenient=true"]
+    plain = [word for word in plain if not word.startswith(("hydra.sweeper.lenient=", "hydra.searchpath="))]
     return [
         re.sub(r"[^=,]*/([^/,]+)", r"\1", word) for word in sorted(plain, key=lambda w: not w.startswith(EXPERIMENT))
     ]
