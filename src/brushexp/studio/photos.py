@@ -59,7 +59,7 @@ class Photos:
         self.masks: dict[str, Path] = {}  # by their stems
         self._photos: dict[str, Photo] = {}
         self._numbers = itertools.count(1)
-        self._reading = RLock()  # readers keep the remarks of decoders from stderr, which is one for all threads
+        self._reading = RLock()  # one at a time: they may be large, and stderr, from which remarks are kept, is one
 
     def __getitem__(self, key: str) -> Photo:
         """A picture by its key; samples have their names. UserError if there is none."""
@@ -82,23 +82,24 @@ class Photos:
 
     def add_mask(self, received: Path, photo: Photo) -> str | None:
         """Keep a mask for a picture; its key, or None if nothing is painted on it. UserError if it does not fit."""
+        path = self.folder / f"mask{next(self._numbers)}.png"
         with self._reading:
             grey = read_picture(received, key="mask").max(2)
-        check_ratio("the mask", grey.shape, photo.size, "focus")
-        if not grey.any():
-            return None
-        path = self.folder / f"mask{next(self._numbers)}.png"
-        write_picture(path, np.repeat(grey[..., None], 3, 2))
+            check_ratio("the mask", grey.shape, photo.size, "focus")
+            if not grey.any():
+                return None
+            write_picture(path, np.repeat(grey[..., None], 3, 2))
         self.masks[path.stem] = path
         return path.stem
 
     def _kept(self, path: Path, key: str, name: str) -> Photo:
         with self._reading:
             pixels = read_picture(path, key="picture")
-        if pixels.dtype != np.uint8:
-            pixels = np.rint(pixels * 255).astype(np.uint8)
-        picture = Image.fromarray(pixels)
-        picture.thumbnail((KEPT_SIDE, KEPT_SIDE), Image.Resampling.LANCZOS)
+            if pixels.dtype != np.uint8:
+                pixels = np.rint(pixels * 255).astype(np.uint8)
+            picture = Image.fromarray(pixels)
+            picture.thumbnail((KEPT_SIDE, KEPT_SIDE), Image.Resampling.LANCZOS)
+            del pixels
         kept = self.folder / key / f"{in_plain_letters(name)}.png"  # its name is that of the painting's page
         kept.parent.mkdir(exist_ok=True)
         write_picture(kept, np.asarray(picture))
