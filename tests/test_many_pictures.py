@@ -12,7 +12,7 @@ from program import ended
 from brushexp.app import many_pictures
 from brushexp.app.command_line import in_full
 from brushexp.app.configs import SHIPPED
-from brushexp.app.many_pictures import LAUNCHER, all_pictures, as_sweep, in_processes, pictures_named, subfolders_for
+from brushexp.app.many_pictures import all_pictures, as_sweep, in_processes, launcher, pictures_named, subfolders_for
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
 from brushexp.system import device, runtime
@@ -69,7 +69,7 @@ class Deadly(Grid):
 """
 
 
-@pytest.mark.skipif(LAUNCHER != "processes", reason="another launcher here")
+@pytest.mark.skipif(launcher() != "processes", reason="another launcher here")
 def test_a_process_that_is_killed_ends_its_sweep_which_goes_on_later(tmp_path):
     (tmp_path / "plugins").mkdir()
     (tmp_path / "plugins" / "deadly.py").write_text(DEADLY)
@@ -136,7 +136,7 @@ def test_names_of_folders_are_plain_and_differ():
 
 
 def test_jobs_are_processes(monkeypatch):
-    assert in_processes(["jobs=2", "a=1"]) == ["a=1", f"hydra/launcher={LAUNCHER}", "hydra.launcher.n_jobs=2"]
+    assert in_processes(["jobs=2", "a=1"]) == ["a=1", f"hydra/launcher={launcher()}", "hydra.launcher.n_jobs=2"]
     assert in_processes(["jobs=1"]) == []
     with pytest.raises(UserError, match="jobs=x is no number"):
         in_processes(["jobs=x"])
@@ -145,9 +145,13 @@ def test_jobs_are_processes(monkeypatch):
     monkeypatch.setattr(device, "device_of", lambda _: torch.device("cpu"))
     for memory, pictures, count in ((1e6, 40, 5), (7000, 40, 3), (500, 40, 1), (1e6, 4, 2), (1e6, 3, 1)):
         monkeypatch.setattr(runtime, "free_memory", lambda memory=memory: memory)
-        expected = [f"hydra/launcher={LAUNCHER}", f"hydra.launcher.n_jobs={count}"] if count > 1 else []
+        expected = [f"hydra/launcher={launcher()}", f"hydra.launcher.n_jobs={count}"] if count > 1 else []
         assert in_processes(["jobs=auto"], pictures) == in_processes([], pictures) == expected
     monkeypatch.setattr(runtime, "free_memory", lambda: math.inf)
     assert in_processes(["jobs=auto"])[-1] == "hydra.launcher.n_jobs=5"
+    monkeypatch.setattr(device, "device_of", lambda _: torch.device("cuda"))
+    assert in_processes(["jobs=2"]) == ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"], (
+        "CUDA does not survive a fork"
+    )
     typed = ["hydra/launcher=dask"]
     assert (in_processes([]), in_processes(typed, 40)) == ([], typed)

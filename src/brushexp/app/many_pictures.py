@@ -19,7 +19,6 @@ GROUP_OF_SETS, ENDING = "pictures", ".yaml"  # folder of configs with sets of pi
 PROCESSES, AUTO = "jobs=", "auto"  # of a sweep: how many at once
 WITH_LAUNCHER = ("hydra/launcher=", "experiment=")  # words that choose one, or may
 PICTURES_PER_PROCESS = 2  # at least
-LAUNCHER = "processes" if sys.platform == "linux" else "joblib"  # the first one forks, which is quicker
 MB_PER_PROCESS = 2048  # 450 of them modules, and about 800 bytes for each pixel of a picture
 
 
@@ -36,7 +35,14 @@ def in_processes(words: Sequence[str], pictures: int = 0) -> list[str]:
         number = str(as_many_as_fit(pictures))
     if not number.isdecimal() or number == "0":
         raise UserError(f"{typed[-1]} is no number of processes; try jobs=2, or jobs=auto")
-    return kept if number == "1" else [*kept, f"hydra/launcher={LAUNCHER}", f"hydra.launcher.n_jobs={number}"]
+    return kept if number == "1" else [*kept, f"hydra/launcher={launcher()}", f"hydra.launcher.n_jobs={number}"]
+
+
+def launcher() -> str:
+    """Hydra's for several processes: forks, which are quick, or joblib where CUDA or another system forbids them."""
+    from brushexp.system.device import device_of  # noqa: PLC0415
+
+    return "processes" if sys.platform == "linux" and device_of("auto").type == "cpu" else "joblib"
 
 
 def as_many_as_fit(pictures: int) -> int:
@@ -44,7 +50,7 @@ def as_many_as_fit(pictures: int) -> int:
     from brushexp.system.device import device_of  # noqa: PLC0415  (torch; --help should not wait for it)
     from brushexp.system.runtime import cores, free_memory  # noqa: PLC0415
 
-    is_there = LAUNCHER != "joblib" or find_spec("hydra_plugins.hydra_joblib_launcher")
+    is_there = launcher() != "joblib" or find_spec("hydra_plugins.hydra_joblib_launcher")
     if not is_there or device_of("auto").type != "cpu":
         return 1
     work = pictures // PICTURES_PER_PROCESS if pictures else cores()
