@@ -16,6 +16,7 @@ from PIL import Image
 from torch.testing import assert_close
 
 import brushexp
+from brushexp.app.configs import SHIPPED
 from brushexp.app.run_folder import lock
 from brushexp.app.tasks import paint as task
 from brushexp.pictures.load import load_picture, samples
@@ -169,6 +170,15 @@ def test_states_come_in_order_and_the_last_is_what_paint_gives():
     whole = brushexp.paint("chelsea", **SMALL | {"steps": 8})
     assert np.array_equal(states[-1].image, whole.image)
     assert not painters()
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (SHIPPED / "optimizer").glob("*.yaml")))
+def test_every_optimizer_that_ships_paints(name):
+    if name == "soap":
+        pytest.importorskip("pytorch_optimizer")
+    options = {"look": "plain", "resolution": 32, "strokes": 12, "optimizer": name}
+    before, after = (brushexp.paint("chelsea", steps=steps, **options).metrics["psnr"] for steps in (0, 8))
+    assert after > before
 
 
 def test_waiting_for_the_caller_is_no_time_of_the_painting():

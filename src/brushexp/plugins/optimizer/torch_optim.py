@@ -80,12 +80,23 @@ class TorchOptim(Optimizer):
 
 
 class Lbfgs(optim.LBFGS):
-    """That of PyTorch, which holds on to its first parameters, for strokes that come and go."""
+    """That of PyTorch for strokes that come and go, and whose gradients are parts of one tensor.
+
+    It holds on to its first parameters, and wants each gradient in one piece.
+    """
 
     def step(self, closure: Any = None) -> Any:
         self._params = self.param_groups[0]["params"]
         self._numel_cache = None
-        return super().step(closure)
+
+        def in_one_piece() -> Any:
+            loss = closure()
+            for parameter in self._params:
+                if parameter.grad is not None:
+                    parameter.grad = parameter.grad.contiguous()
+            return loss
+
+        return super().step(in_one_piece)
 
 
 def class_of(library: str, name: str, options: dict[str, Any]) -> Callable[..., optim.Optimizer]:
