@@ -66,7 +66,10 @@ def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_tas
     make_study(folder, psnr=(A, [a + gain for a, gain in zip(A, CLEAR, strict=True)], C), cpu_seconds=900.0)
     write_json(
         folder / ".hydra" / "jobs.json",
-        {"typed": ["experiment=mine", "image=/x/y/a.png", "hydra.searchpath=[file:///x/conf]"], "jobs": []},
+        {
+            "typed": ["experiment=mine", "image=/x/y/a.png", "hydra/launcher=a", "hydra.searchpath=[file:///x/conf]"],
+            "jobs": [],
+        },
     )
     (tmp_path / "claims.yaml").write_text(CLAIMS)
     page = tmp_path / "docs" / "ablations.md"

@@ -29,6 +29,8 @@ EXPERIMENT = "experiment="
 RECORD = "# {"  # how a record begins
 DIGITS = 7  # of a recorded number
 HOUR = 3600
+# Words that say where and by how many processes, not what.
+UNTOLD = ("hydra.sweeper.lenient=", "hydra.searchpath=", "hydra/launcher=", "hydra.launcher.")
 
 
 @dataclass(frozen=True)
@@ -124,7 +126,7 @@ def _cost(frame: DataFrame) -> str:
 def _short(words: Sequence[str]) -> list[str]:
     """A command line as it was typed, without the folders of this machine."""
     plain = [re.sub(r"^hydra\.sweeper\.pictures=\[(.*)\]$", r"pictures=\1", word).replace('"', "") for word in words]
-    plain = [word for word in plain if not word.startswith(("hydra.sweeper.lenient=", "hydra.searchpath="))]
+    plain = [word for word in plain if not word.startswith(UNTOLD)]
     return [
         re.sub(r"[^=,]*/([^/,]+)", r"\1", word) for word in sorted(plain, key=lambda w: not w.startswith(EXPERIMENT))
     ]
