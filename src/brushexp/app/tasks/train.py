@@ -29,7 +29,7 @@ from brushexp.training.renderer_module import RendererModule
 
 DISTILLED = {"window": 1024, "supersample": 1}  # options of an engine whose strokes a renderer looks at
 MAIN_FIGURES = ("psnr_alpha", "psnr_color", "accuracy", "auc")  # in the log
-TEST_STROKES = 1000  # at most, for the figures at the end
+TEST_STROKES = 2500  # at most, for the figures at the end
 
 log = logging.getLogger(__name__)
 
