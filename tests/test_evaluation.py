@@ -13,6 +13,7 @@ import pytest
 import scipy.linalg
 import torch
 from PIL import Image
+from torch.nn import functional
 
 from brushexp.app.tasks import evaluate
 from brushexp.errors import UserError
@@ -26,6 +27,7 @@ from brushexp.training.evaluation import (
     FeatureDistance,
     bristle_figures,
     bristle_sums,
+    fine_detail,
     inception_distance,
     over_white,
 )
@@ -86,6 +88,15 @@ def test_distances_are_told_for_every_number_of_strokes_and_fall_with_it():
     assert rows[0]["fid_mine_bias"] > rows[1]["fid_mine_bias"] > 0
     assert rows[0]["fid_mine_sd"] > 0
     assert math.isnan(rows[2]["fid_mine_sd"])
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (2, 3), (3, 4, 7), (2, 1, 64, 64)])
+def test_fine_detail_is_what_the_mean_of_five_by_five_pixels_lacks(shape):
+    planes = torch.rand(shape, dtype=torch.float64)
+    mean = functional.avg_pool2d(planes.reshape(-1, 1, *shape[-2:]), 5, 1, 2, count_include_pad=False).reshape(shape)
+    torch.testing.assert_close(fine_detail(planes), planes - mean)
+    with torch.autocast("cpu", torch.bfloat16):
+        torch.testing.assert_close(fine_detail(planes.float()), (planes - mean).float(), atol=1e-6, rtol=0)
 
 
 def test_bristle_energy_is_the_share_of_fine_detail_that_is_drawn():

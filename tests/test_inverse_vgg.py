@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
+from torch.nn import functional
 
 from brushexp.compositing.windows import Windows
 from brushexp.errors import UserError
@@ -129,6 +130,12 @@ def test_the_planes_of_a_straight_stroke_are_its_coordinates():
     beyond = torch.maximum(-along, along - length).clamp_min(0) / strokes.width
     torch.testing.assert_close(planes[2], beyond.clamp_max(3.0))
     torch.testing.assert_close(planes[3], torch.exp(-(planes[1] ** 2) / 4) * torch.cos(torch.pi * planes[1]))
+
+
+@pytest.mark.parametrize("zoom", [2, 4])
+def test_folded_planes_are_planes_folded(zoom):
+    folded = functional.pixel_unshuffle(stroke_planes(parameters(), 16), zoom)
+    torch.testing.assert_close(stroke_planes(parameters(), 16, zoom), folded)
 
 
 @pytest.mark.parametrize("first", [0, 2, 4], ids=["start", "control", "end"])

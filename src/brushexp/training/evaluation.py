@@ -29,6 +29,7 @@ SEEN_SIDE = 128  # pixels: smaller pictures are enlarged for effl0, whose tap is
 SHOWN_SIDE = 128  # pixels that a picture of a sheet is magnified to, as far as whole factors allow
 GAP_PIXELS, GAP_LEVEL = 4, 0.88  # between its pictures, and their grey
 KID_PICTURES = 5000  # pictures at most that are compared with each other; memory grows with the square
+DETAIL_REACH = 2  # pixels to each side, whose mean is no detail
 INSIDE = 0.25  # of a stroke: where so much of what is around is covered
 THICK = 0.1  # windows: strokes from this thickness on are called thick
 SIZES = ("thin", "thick")
@@ -45,7 +46,8 @@ def premultiplied(images: Tensor) -> Tensor:
     A stroke adds alpha * colour - alpha * below to a picture, so errors in paintings come from those of these four
     channels. Hence renderers are trained on them, and a critic looks at them.
     """
-    return torch.cat([images[..., :3, :, :] * images[..., 3:, :, :], images[..., 3:, :, :]], dim=-3)
+    color, alpha = images.split([3, 1], dim=-3)
+    return torch.cat([color * alpha, alpha], dim=-3)
 
 
 def squared_error(images: Tensor, truth: Tensor) -> Tensor:
@@ -55,7 +57,19 @@ def squared_error(images: Tensor, truth: Tensor) -> Tensor:
 
 def fine_detail(planes: Tensor) -> Tensor:
     """What planes (..., H, W) have beside the mean of the 5 x 5 pixels around: bristles, in windows of 64 pixels."""
-    return planes - functional.avg_pool2d(planes, 5, 1, 2, count_include_pad=False)
+    with torch.autocast(planes.device.type, enabled=False):  # of 16 bits little would be left of a difference
+        rows, columns = (_mean_of_five(side, planes) for side in planes.shape[-2:])
+        return planes - rows @ planes @ columns.T
+
+
+def _mean_of_five(side: int, like: Tensor) -> Tensor:
+    """The matrix (side, side) that takes numbers in a row to the means of five of them, of fewer at the ends.
+
+    Two products with it take a tenth of the time of avg_pool2d, which counts for an eighth of a step of training.
+    """
+    line = torch.arange(side, device=like.device)
+    near = ((line[:, None] - line).abs() <= DETAIL_REACH).to(like.dtype)
+    return near / near.sum(1, keepdim=True)
 
 
 @torch.no_grad()

@@ -118,9 +118,11 @@ class RendererModule(NetworkModule):
 
     def training_step(self, batch: StrokeBatch, batch_idx: int) -> Tensor:
         drawn = window_pictures(self.renderer, batch.parameters, self.window, batch.number).float()
-        lit = (batch.images[:, 3:] * (drawn[:, :3] - batch.images[:, :3])).square().mean()
+        (color, _), (true_color, paint) = drawn.split([3, 1], dim=1), batch.images.split([3, 1], dim=1)
+        lit = (paint * (color - true_color)).square().mean()
         drawn, truth = premultiplied(drawn), premultiplied(batch.images)
-        error, fine = (drawn - truth).square().mean(), fine_detail(drawn[:, 3:] - truth[:, 3:]).square().mean()
+        wrong = drawn - truth
+        error, fine = wrong.square().mean(), fine_detail(wrong[:, 3:]).square().mean()
         self.terms = {"loss/l2": error.detach(), "loss/detail": fine.detach(), "loss/tone": lit.detach()}
         loss = error + self.settings.detail * fine
         if self.critic is not None:

@@ -143,8 +143,9 @@ class InverseVGG(PatchRenderer):
         drawn = 0.5 * (x.tanh() + 1)
         if not self.tint:
             return drawn
-        color = 0.5 * (parameters[:, 7:, None, None] + 1) + (2 * drawn[:, :3] - 1)
-        return torch.cat([color.clamp(0, 1), drawn[:, 3:]], dim=1)
+        light, alpha = drawn.split([3, 1], dim=1)
+        color = 0.5 * (parameters[:, 7:, None, None] + 1) + (2 * light - 1)
+        return torch.cat([color.clamp(0, 1), alpha], dim=1)
 
     @property
     def widths(self) -> list[int]:
@@ -156,7 +157,7 @@ class InverseVGG(PatchRenderer):
         """Coordinates of the pixels (n or 1, ., side, side); the finest are those of the picture, folded."""
         if self.coordconv == "stroke":
             zoom = self.subpixel if side * self.subpixel == self.window else 1
-            return functional.pixel_unshuffle(stroke_planes(parameters, side * zoom), zoom)
+            return stroke_planes(parameters, side * zoom, zoom)
         if self.coordconv == "window":
             line = (torch.arange(side, device=parameters.device, dtype=parameters.dtype) + 0.5) * (2 / side) - 1
             return torch.stack([line.expand(side, side), line[:, None].expand(side, side)])[None]
@@ -205,23 +206,26 @@ class _Layer(nn.Module):
         return self.normalise(x)
 
 
-def stroke_planes(parameters: Tensor, side: int) -> Tensor:
+def stroke_planes(parameters: Tensor, side: int, zoom: int = 1) -> Tensor:
     """Planes (n, PLANES, side, side) of strokes (n, 10) as `strokes.prior.parameters_of` writes them.
+
+    With a ``zoom`` z they are folded as pixel_unshuffle does it: (n, PLANES * z * z, side / z, side / z).
 
     Along the chord from -1 (start) to 1 (end); across it in half widths; how far beyond an end, in half widths; and
     waves across, which fade away from the stroke. The curve is taken as a parabola over its chord, whose lean is undone
     to first order: valid strokes deviate little from that, a network corrects it, and nothing is searched for.
     """
     line = (torch.arange(side, device=parameters.device, dtype=parameters.dtype) + 0.5) * (2 / side) - 1
-    start, control, end, width, _ = parameters[:, :, None, None].split([2, 2, 2, 1, 3], dim=1)  # (n, ., 1, 1)
+    line = line.reshape(-1, zoom).T  # (z, side / z)
+    start, control, end, width, _ = parameters[:, :, None, None, None].split([2, 2, 2, 1, 3], dim=1)
     half = WIDTH[0] + 0.5 * (WIDTH[1] - WIDTH[0]) * (width + 1)  # a width in windows is a half width in half-windows
     half = half.clamp_min(THINNEST)
     chord, lift = end - start, control - start
     square = chord.square().sum(1, keepdim=True).clamp_min(LEAST_SQUARED_CHORD)
     length = square.sqrt()
     dx, dy = chord[:, :1], chord[:, 1:]
-    x, y = line[None, None, None, :] - start[:, :1], line[None, None, :, None] - start[:, 1:]
-    along = (x * dx + y * dy) / square  # (n, 1, side, side)
+    x, y = line[:, None] - start[:, :1], line[:, None, :, None] - start[:, 1:]
+    along = (x * dx + y * dy) / square  # (n, z, z, side / z, side / z)
     lean = (lift * chord).sum(1, keepdim=True) / square - 0.5
     bend = (dx * lift[:, 1:] - dy * lift[:, :1]) / length
     t = along.clamp(0, 1)
@@ -236,4 +240,4 @@ def stroke_planes(parameters: Tensor, side: int) -> Tensor:
     for _ in range(WAVES):
         cosine, sine = cosine.square() - sine.square(), 2 * sine * cosine  # of twice the angle
         planes += [near * cosine, near * sine]
-    return torch.cat(planes, dim=1)
+    return torch.stack(planes, dim=1).flatten(1, 3)
