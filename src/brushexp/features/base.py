@@ -22,7 +22,7 @@ class Backbone(nn.Module, ABC):
     Its weights are constants that come from a file of their own: no parameters, and no part of a checkpoint.
 
     A part of a picture is looked at with ``context`` pixels around it. Activations see farther (up to twice as far),
-    but hardly: what a margin costs is measured in docs/performance.md.
+    but hardly.
     """
 
     taps: tuple[str, ...]  # names of all activations, shallow to deep
