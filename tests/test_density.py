@@ -195,7 +195,12 @@ def test_hairlines_and_strokes_across_the_others_go_where_the_picture_hardly_mis
     state = state_of(strokes=replace(strokes, **lines), target=torch.rand(3, 60, 60), scores=scores)
     assert (~policy.revise(state).keep).nonzero()[:, 0].tolist() == [10, 17, 31]
     assert Strays(thin=0, askew=90).revise(state) is None
-    assert [step for step in range(1, 61) if policy.due(step, 60)] == [42]
+    fresh = Strays(missed=0.04)
+    assert next(step for step in range(1, 61) if fresh.due(step, 60)) == 42
+    assert fresh.due(50, 60), "also where the number of steps has changed, so that 42 was passed by"
+    assert not policy.due(50, 60), "once"
+    fresh.load_state_dict(policy.state_dict())
+    assert not fresh.due(50, 60)
 
 
 def test_the_picture_is_asked_which_strays_it_would_miss():

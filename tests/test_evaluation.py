@@ -215,3 +215,10 @@ def test_the_size_of_a_trained_renderer_is_told_and_that_it_is_not_trained(run, 
     assert run(*chosen, "other_data=true")["n"] == 20
     run(*TINY, "renderer.checkpoint=null")
     assert "neural has random weights; give those of task=train" in caplog.text
+
+
+@pytest.mark.parametrize(("typed", "brushes", "seed"), [((), 8, 7), (("engine.brushes=3", "other_data=true"), 3, 0)])
+def test_strokes_are_simulated_with_the_brushes_of_the_training(typed, brushes, seed, config):
+    cfg = config("task=evaluate", *typed)
+    data, engine = evaluate.held_out_data(cfg)
+    assert (data.origin.engine_config["brushes"], engine.brushes, data.seed) == (brushes, brushes, seed)

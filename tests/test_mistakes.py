@@ -70,6 +70,7 @@ MISTAKES = {
     "loss=[perceptual] loss.perceptual.backbone=vgg": "try loss.perceptual.backbone=vgg16",
     "loss=[lpips] loss.lpips.weights=nope.pth": "loss.lpips.weights=nope.pth: there is no such file",
     "callbacks=early_stopping callbacks.early_stopping.monitor=foo": "monitor=foo is no curve of task=paint; try ",
+    "callbacks=model_checkpoint callbacks.model_checkpoint.save_top_k=3": "try callbacks.model_checkpoint.monitor=psnr",
     "loss=[perceptual] loss.perceptual.taps=[a]": "loss.perceptual.taps: 'a' names no activation",
     "loss.mse.weight=-1": "loss.mse.weight=-1 is not at least 0; try loss.mse.weight=0",
     "warm_up=nope": "warm_up=nope is not a renderer; choose auto, null or one of analytic",

@@ -140,6 +140,8 @@ def test_random_coverage_takes_the_nearest_strokes_to_a_point():
     assert set(view.ring.tolist()) == set(by_distance[12:18].tolist())
     again = sampler(strokes, SIZE, 1, generator)
     assert torch.equal(again.active, view.active), "the same place for five steps"
+    late = Patches(n_active=12, n_ring=6, patch=1000, coverage="random")  # as after coarse steps
+    assert torch.equal(late(strokes, SIZE, 3, generator.manual_seed(4)).active, view.active)
 
 
 @pytest.mark.parametrize("n", [1, 2, 33])

@@ -186,12 +186,15 @@ def check_export(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 
 def check_monitors(cfg: DictConfig) -> None:
-    """Stop with a UserError if a callback watches what is no curve of the task."""
+    """Stop with a UserError if a callback watches what is no curve of the task, or none to choose by."""
     for name, node in cfg.callbacks.items():
         curves = CURVES["paint" if cfg.task == "paint" else "train"]
         if not (node.get("monitor") or curves[0]).startswith(curves):
             option = f"callbacks.{name}.monitor"
             raise UserError(f"{option}={node.monitor} is no curve of task={cfg.task}; try {option}={curves[0]}")
+        if node.get("save_top_k", 1) > 1 and node.monitor is None:
+            some = f"callbacks.{name}.save_top_k={node.save_top_k}"
+            raise UserError(f"{some} needs a curve to choose by; try callbacks.{name}.monitor={curves[0]}")
 
 
 def check_used(overrides: Sequence[str]) -> None:

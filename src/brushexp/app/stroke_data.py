@@ -4,6 +4,7 @@ import hashlib
 import json
 import logging
 from pathlib import Path
+from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -74,11 +75,23 @@ def engine_node(cfg: DictConfig) -> DictConfig:
 
 def trained_on(cfg: DictConfig) -> Origin | None:
     """What made the strokes that a renderer was trained on; None if its file does not tell."""
-    checkpoint = cfg.renderer.get("checkpoint")
-    recipe = {} if checkpoint is None else RENDERERS.read_recipe(RENDERERS.path_of(checkpoint)).get("data", {})
-    if not isinstance(recipe, dict) or not isinstance(recipe.get("engine_config"), dict):
+    recipe = _data_of_training(cfg)
+    if not isinstance(recipe.get("engine_config"), dict):
         return None
     return Origin(str(recipe.get("engine")), recipe["engine_config"], recipe.get("window", 0))
+
+
+def seed_of_training(cfg: DictConfig) -> int:
+    """The seed of the strokes that a renderer was trained on, for its brushes are random; else the config's."""
+    seeds = _data_of_training(cfg).get("seed")
+    seed = seeds[0] if isinstance(seeds, list) and seeds else seeds
+    return seed if isinstance(seed, int) and seed >= 0 else cfg.seed
+
+
+def _data_of_training(cfg: DictConfig) -> dict[str, Any]:
+    checkpoint = cfg.renderer.get("checkpoint")
+    recipe = {} if checkpoint is None else RENDERERS.read_recipe(RENDERERS.path_of(checkpoint)).get("data")
+    return recipe if isinstance(recipe, dict) else {}
 
 
 def check_origin(cfg: DictConfig, found: Origin) -> None:

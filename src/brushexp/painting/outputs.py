@@ -55,8 +55,10 @@ def painted_with(saved: Saved) -> dict[str, Any]:
 
 def light_of(saved: Saved) -> Light:
     """The lamp that a catalogue was painted under; none where its settings do not name one."""
-    given = painted_with(saved).get("light", {})
-    known = {item.name: given[item.name] for item in fields(Light) if item.name in given} if given else {}
+    given = painted_with(saved).get("light") or {}
+    if not isinstance(given, dict):
+        raise UserError(f"light is {in_short(given)} in the config of the catalogue; write light: {{}} there for none")
+    known = {item.name: given[item.name] for item in fields(Light) if item.name in given}
     for name, value in known.items():
         if not isinstance(value, int | float) or not math.isfinite(value):
             raise UserError(f"light.{name} in the config of the catalogue is {in_short(value)}; a number is needed")

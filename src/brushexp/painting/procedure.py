@@ -78,7 +78,7 @@ class Procedure(PaintingModule):
     @torch.no_grad()
     def _show(self, state: Any) -> None:
         self._check(state)
-        strokes = self.renderer.convert(state.strokes.map(Tensor.detach))
+        strokes = self.renderer.convert(state.strokes.map(lambda value: value.detach().to(self.device)))
         shown = self.draw(strokes)
         if not shown.isfinite().all():
             who = f"{named('renderer', self.renderer)} with {named('blend', self.components.blend)}"

@@ -84,7 +84,7 @@ def read_text(path: Path, cure: str, largest: int = LARGEST_TEXT) -> str:
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
-    """The rows of a CSV file with a column ``step``; cells that a row lacks are None. None if it is no such table."""
+    """The rows of a CSV file with a column ``step``; cells that a row lacks are None. None of them in no such table."""
     try:
         rows = list(csv.DictReader(io.StringIO(read_text(path, ""), newline=""), restkey=""))
     except (UserError, csv.Error):

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from omegaconf import DictConfig
 
+from brushexp.app.stroke_data import engine_node, seed_of_training
 from brushexp.app.stroke_sheets import sheet_of_extremes, sheet_of_strokes
 from brushexp.plugins.engine.base import Engine
 from brushexp.plugins.renderer.base import RENDERERS
@@ -79,8 +80,10 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 def held_out_data(cfg: DictConfig) -> tuple[StrokeData, Engine]:
     """The strokes, and the engine that made them."""
     if cfg.data is None:
-        engine: Engine = build(cfg.engine)
+        node = engine_node(cfg)
+        engine: Engine = build(node)
         held_out = cfg.n or SIMULATED_STROKES
-        return SimulatedData(engine, origin_of(cfg.engine, engine), seed=cfg.seed, held_out=held_out), engine
+        seed = cfg.seed if node is cfg.engine else seed_of_training(cfg)
+        return SimulatedData(engine, origin_of(node, engine), seed=seed, held_out=held_out), engine
     data = StoredData([Path(path) for path in cfg.data])
     return data, build_named("engine", data.origin.engine, data.origin.engine_config)

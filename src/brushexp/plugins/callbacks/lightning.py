@@ -54,7 +54,7 @@ class BestCheckpoints(Callback):
     """Keep checkpoints of Lightning in the folder ``checkpoints`` of the run (ModelCheckpoint).
 
     Args:
-        monitor: the logged value by which the best are chosen; null keeps the last ones.
+        monitor: the logged value by which the best are chosen; null keeps the last one, or with save_top_k=-1 all.
         mode: max where more is better, min where less is.
         save_top_k: how many; -1 for all.
         every_n_train_steps: steps between two of them.

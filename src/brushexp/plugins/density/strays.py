@@ -1,8 +1,8 @@
 """Strokes that a painter would wipe out: hairlines, and those that cross everything around them."""
 
 import math
-from dataclasses import dataclass
-from typing import Annotated
+from dataclasses import dataclass, field
+from typing import Annotated, Any
 
 import torch
 
@@ -36,13 +36,14 @@ class Strays(Density):
     thin: Annotated[float, at_least(0)] = 1.5
     askew: Annotated[float, between(0, 90)] = 50
     missed: Annotated[float, between(0, 1)] = 0.04
+    _done: bool = field(default=False, init=False)
     uses_importance = True
 
     def due(self, step: int, steps: int) -> bool:
-        return step == max(1, round(self.after * steps))
+        return not self._done and step >= max(1, round(self.after * steps))
 
     def revise(self, state: DensificationState) -> DensificationUpdate | None:
-        strokes = state.strokes
+        self._done, strokes = True, state.strokes
         shape, width = shape_of(strokes), 2 * half_width_of(strokes)
         direction = direction_of(shape)
         around = mean_direction(direction, neighbours_of(strokes, shape))
@@ -55,4 +56,10 @@ class Strays(Density):
             return None
         allowed = CHANNELS * self.missed**2 * area_of(length_of(shape), width)
         stray &= state.importance() < allowed
-        return DensificationUpdate(~stray, Strokes.none()) if stray.any() and not stray.all() else None
+        return DensificationUpdate(~stray, Strokes.none(width)) if stray.any() and not stray.all() else None
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"done": self._done}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self._done = state["done"]

@@ -42,7 +42,7 @@ class Patches(Sampler):
     coverage: Annotated[str, one_of("fair", "random")] = "fair"
     _round: Tensor = field(default_factory=partial(torch.empty, 0, dtype=torch.long), init=False)  # (N,) places now
     _turn: int = field(default=0, init=False)  # place whose turn it is
-    _point: Tensor = field(default_factory=partial(torch.zeros, 2), init=False)
+    _point: Tensor | None = field(default=None, init=False)  # in the middle of the patch
     cost, moves = "that of one patch, however large the canvas is", "those of one place"
 
     def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> View:
@@ -55,7 +55,7 @@ class Patches(Sampler):
             low, high = position[active].aminmax(dim=0)
             region = self._patch_at(0.5 * (low + high), size)
         else:
-            if begins:
+            if begins or self._point is None:
                 point = torch.rand(2, generator=generator) * torch.tensor([size[1], size[0]])
                 if not inside(position, self._patch_at(point, size)).any():  # the next stroke is farther away
                     point = position[(position - point.to(position)).square().sum(1).argmin()].cpu()

@@ -1,0 +1,34 @@
+"""On a GPU: nothing stays behind on the processor, and the painting is the same."""
+
+import pytest
+import torch
+
+from brushexp.app.tasks import paint, train
+
+pytestmark = [pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")]
+
+
+@pytest.mark.parametrize(
+    "chosen",
+    [
+        "look=oil",  # strays, textures, light
+        "look=plain density=adaptive order=accuracy",
+        "look=plain sampler=patches sampler.n_active=40 sampler.patch=64",
+        "look=plain renderer=neural finish_steps=5",
+        "look=plain color=pigment loss=[mse,width,kl]",
+        "look=plain painter=haeberli",
+        "look=plain painter=greedy",
+    ],
+)
+def test_a_painting_is_that_of_the_processor(chosen, run_task, tmp_path):
+    words = ["image=astronaut", "resolution=96", "strokes=150", "steps=30", "report=false", *chosen.split()]
+    there, here = (run_task(paint, *words, f"device={name}", f"output={tmp_path / name}") for name in ("cuda", "cpu"))
+    assert (there["device"].partition(":")[0], here["device"]) == ("cuda", "cpu")
+    assert there["psnr"] == pytest.approx(here["psnr"], abs=0.3)
+
+
+def test_a_renderer_is_trained(run_task, tmp_path):
+    words = ["task=train", "renderer=inverse_vgg", "renderer.width=4", "engine=disc", "simulate=100", "epochs=2"]
+    metrics = run_task(train, *words, "critic=true", "device=cuda", f"sets={tmp_path / 'sets'}")
+    assert metrics["device"].startswith("cuda")
+    assert metrics["steps"] > 0
