@@ -54,6 +54,8 @@ def runs(tmp_path):
     painted(folder, "a", 25.0, 90)
     painted(folder, "a", 24.0, 90, "greedy", chosen={"painter": "greedy_fast"})  # a preset
     make_run(folder, {"task": "train"}, psnr=1.0)
+    spoilt = {"psnr": "much", "l1": 0.1, "seconds": 2.0}
+    make_run(folder, {"image": "a.png", "strokes": "90", "painter": "zou"}, target=ord("a"), color=7, **spoilt)
     painted(folder, "a", 1.0, 50, status="failed")
     return folder
 
@@ -164,11 +166,16 @@ def test_paintings_by_others_are_measured_as_ours(run_task, tmp_path, caplog):
     again = gather([tmp_path / "added" / "catalogue"], tmp_path)
     assert again["metric", "psnr"].tolist() == [pytest.approx(ours["psnr"])]
     assert again["metric", "n_strokes"].tolist() == [12]
+    twins = tmp_path / "twins"
+    twins.mkdir()
+    for name in ("x.jpg", "x.png"):
+        (twins / name).write_bytes((run / "target.png").read_bytes())
     for wrong, reason in (
         ((), "nothing is given; try runs=outputs, or add=painting.png target=photo.jpg name=theirs"),
         ((f"add={theirs}",), "needs what was painted; give target=photo.jpg"),
         ((f"add={theirs}/x.png", "target=coffee"), "metrics compare pictures of one size"),
         ((f"add={theirs}", f"target={run}"), "has no picture x for add="),
+        ((f"add={twins}", f"target={photos}"), "x.png and x.jpg are both of x; take one of them away"),
     ):
         with pytest.raises(UserError, match=re.escape(reason)):
             run_task(task, "task=leaderboard", *wrong)

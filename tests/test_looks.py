@@ -1,10 +1,12 @@
 """Looks: what they set stands below what is typed, whatever plugins that chooses, and quality scales them."""
 
+import shutil
 from copy import deepcopy
 
 import pytest
 from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
+from program import ended
 
 from brushexp.app import configs
 from brushexp.app.command_line import in_full
@@ -127,6 +129,19 @@ def test_a_config_that_is_something_else_is_refused_with_its_file(tmp_path, name
     (tmp_path / "conf" / name / "wrong.yaml").write_bytes(content)
     with pytest.raises(UserError, match=rf"wrong\.yaml {message}"):
         folders_of(tmp_path)
+
+
+def test_what_is_wrong_in_the_folder_is_told_in_a_line_and_presets_of_another_are_known(tmp_path):
+    for folder, text in (("conf", "hello"), ("mine", "# @package _global_\nsteps: 9\n")):
+        (tmp_path / folder / "look").mkdir(parents=True)
+        (tmp_path / folder / "look" / "smooth.yaml").write_text(text)
+    code, said = ended(tmp_path, "image=chelsea")
+    assert (code, said.count("\n")) == (1, 1)
+    assert "smooth.yaml is no config" in said
+    shutil.rmtree(tmp_path / "conf")
+    code, said = ended(tmp_path, "--config-dir", "mine", "look=smoth")
+    assert code == 1
+    assert "look=smoth is not there; choose one of smooth, " in said
 
 
 @pytest.mark.parametrize("look", LOOKS)

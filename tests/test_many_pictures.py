@@ -10,9 +10,10 @@ from PIL import Image
 from program import ended
 
 from brushexp.app import many_pictures
-from brushexp.app.command_line import in_full
+from brushexp.app.command_line import in_full, parsed
 from brushexp.app.configs import SHIPPED
 from brushexp.app.many_pictures import all_pictures, as_sweep, in_processes, launcher, pictures_named, subfolders_for
+from brushexp.app.sweep_jobs import JOBS
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
 from brushexp.system import device, runtime
@@ -98,8 +99,23 @@ def test_the_words_of_a_folder(tmp_path, monkeypatch):
     _, look, output, settings, _ = as_sweep([f"image={pictures[0]}", "look=ink", f"image={pictures[1]}"], False)
     assert (look, output) == ("look=ink", "output=outputs/p")
     assert settings.index("second.jpg") < settings.index("a b,c.png")
+    jobs = tmp_path / "outputs" / "p" / JOBS
+    jobs.parent.mkdir(parents=True)
+    jobs.touch()
+    assert "hydra.sweeper.resume=true" in as_sweep(["image=p"], False)
+    for word in ("overwrite=true", "overwrite=True", "overwrite=1"):
+        assert "hydra.sweeper.resume=true" not in as_sweep(["image=p", word], False)
+    jobs.unlink()
     assert in_full([*pictures, "look=ink"]) == as_sweep([*(f"image={one}" for one in pictures), "look=ink"], False)
     assert as_sweep(["image=astronaut"], False) == ["image=astronaut"]
+
+
+@pytest.mark.parametrize("name", [r"a\b", "a'b", 'a"b'])
+def test_folders_of_any_name_reach_the_program_as_they_are(name, tmp_path, monkeypatch):
+    photos(tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    (named,) = (word for word in as_sweep([f"image={name}"], False) if word.startswith("hydra.sweeper.pictures="))
+    assert parsed(named.partition("=")[2]) == [name]
 
 
 def test_sets_folders_and_single_pictures_stand_for_pictures(tmp_path, monkeypatch):

@@ -49,6 +49,14 @@ def test_ratios_are_of_logarithms_and_less_is_better(tmp_path):
     assert slower.sentence == "worse: x 2 [x 2, x 2]"
 
 
+def test_two_pictures_of_one_name_are_two(tmp_path):
+    for k, values in enumerate(((20.0, 21.0), (30.0, 33.0))):
+        for option, value in enumerate(values):
+            make_run(tmp_path, {"order": f"o{option}", "image": f"{k}/a.png"}, target=9 * k, psnr=value, seconds=2.0)
+    (found,) = paired_differences(paired_table(collect(tmp_path)), metrics=["psnr"])
+    assert found.gains == pytest.approx({"a.png": 1, "a.png (2)": 3})
+
+
 def test_a_picture_without_one_of_the_two_is_left_out(tmp_path):
     table = paired_table(collect(make_study(tmp_path, psnr=(A, (30.5, None, 29.1, 33.2)))))
     (found,) = paired_differences(table, metrics=["psnr"])

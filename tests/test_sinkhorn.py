@@ -5,10 +5,11 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
+from brushexp.pictures.load import downsampled
 from brushexp.pictures.region import Region
 from brushexp.plugins.loss.base import PaintedView, Surroundings
 from brushexp.plugins.loss.pixel import MeanSquaredError
-from brushexp.plugins.loss.sinkhorn import Sinkhorn, downsampled, masses
+from brushexp.plugins.loss.sinkhorn import Sinkhorn, masses
 from brushexp.strokes.catalogue import Strokes
 
 

@@ -5,6 +5,7 @@ import http.client
 import io
 import json
 import re
+import shlex
 import signal
 import socket
 import sys
@@ -28,6 +29,7 @@ from brushexp.errors import UserError
 pytest.importorskip("nicegui", reason="the studio is an extra")
 from brushexp.studio.photos import Photos
 from brushexp.studio.server import application, running
+from brushexp.studio.wishes import Wishes
 from brushexp.studio.works import Works
 
 WIDE, PHONE = (1280, 860), (390, 844)
@@ -300,6 +302,8 @@ def test_files_of_any_name_are_kept_below_the_folder_of_the_studio(tmp_path, nam
     assert kept.path.is_file()
     assert kept.path.parent == tmp_path / kept.key
     assert kept.name.isprintable()
+    words = shlex.split(Wishes(photo=kept).command())
+    assert words[:2] == ["brushexp", f"image={kept.name}"]
 
 
 def test_who_leaves_in_the_middle_of_a_file_leaves_no_trace(uploads, tmp_path):
@@ -331,7 +335,7 @@ def test_pictures_that_come_at_once_are_decoded_one_after_another(tmp_path, monk
     photos = Photos(tmp_path)
     with ThreadPoolExecutor(8) as threads:
         found = list(threads.map(lambda k: photos.add(tmp_path, f"{k}.png").name, range(8)))
-    assert found == [*"01234567"]
+    assert found == [f"{k}.png" for k in range(8)]
     assert max(most) == 1
 
 

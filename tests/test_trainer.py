@@ -20,6 +20,7 @@ from brushexp.app.network_fitting import fit_network, renderer_settings
 from brushexp.app.rules import check_ends
 from brushexp.app.tasks import train
 from brushexp.errors import UserError
+from brushexp.painting.metrics import psnr_of
 from brushexp.plugins.loss.discriminator import Discriminator
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import RENDERERS, PatchRenderer, window_pictures
@@ -31,7 +32,6 @@ from brushexp.training import fresh_start, network_module
 from brushexp.training.datamodule import StrokeBatch, StrokeLoader
 from brushexp.training.discriminator_module import DiscriminatorModule, ShapeData
 from brushexp.training.evaluation import (
-    decibels,
     error_figures,
     error_sums,
     premultiplied,
@@ -319,7 +319,7 @@ def test_a_colour_without_paint_counts_nothing():
     figures = error_figures(error_sums(images, truth))
     assert figures["psnr_alpha"] == figures["psnr_color"] == math.inf
     assert torch.equal(premultiplied(images)[:, 3], images[:, 3])
-    assert decibels(0.01) == pytest.approx(20)
+    assert psnr_of(0.01) == pytest.approx(20)
     truth[:, 3] = 0
     assert math.isnan(error_figures(error_sums(images, truth))["psnr_color"]), "there is no paint"
 

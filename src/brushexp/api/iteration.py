@@ -173,8 +173,9 @@ def states_of(settings: Settings, handover: Handover) -> Iterator[State]:
         assert worker.painting is not None
         yield last_state(worker.painting)
     finally:
-        worker.close()
-        atexit.unregister(worker.close)
+        if not handover.closed.is_set():  # else the program is at its end, and the modules that this needs are gone
+            worker.close()
+            atexit.unregister(worker.close)
 
 
 def last_state(painting: Painting) -> State:

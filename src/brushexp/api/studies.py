@@ -13,7 +13,7 @@ from brushexp.api.painting import Painting
 from brushexp.api.settings import settings_of
 from brushexp.app.run_folder import note_words, release, take
 from brushexp.app.runner import perform
-from brushexp.registry import build
+from brushexp.registry import build, plugin_of
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.strokes.storage import load_catalogue
 
@@ -87,6 +87,6 @@ def train_renderer(output: str | PathLike[str], *, renderer: str = "neural", **o
         finally:
             release(folder)
     node = cfg.renderer.copy()
-    node.checkpoint = str(folder / f"{renderer}.safetensors")
+    node.checkpoint = str(folder / f"{plugin_of(cfg.renderer).name}.safetensors")
     trained: Renderer = build(node)
     return trained

@@ -20,7 +20,7 @@ from hydra.errors import CompactHydraException, HydraException
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.app.composition import offer
-from brushexp.app.configs import GROUPS, composed, folders_of
+from brushexp.app.configs import GROUPS, composed, folders_of, quoted
 from brushexp.app.help import help_text
 from brushexp.app.keys import keys_of
 from brushexp.app.many_pictures import PICTURES, as_sweep
@@ -145,12 +145,6 @@ def unlike(value: str) -> bool:
         return True
 
 
-def quoted(value: str) -> str:
-    """A text as Hydra and OmegaConf take it, whatever its letters."""
-    escaped = re.sub(r'(\\*)("|$)', lambda found: 2 * found[1] + found[2].replace('"', '\\"'), value)
-    return '"' + escaped.replace("${", "\\${") + '"'
-
-
 def check_choice(group: str, value: str) -> None:
     """Refuse what can be no name of a plugin or preset, nor a list of names; the UserError names the plugins."""
     try:
@@ -180,8 +174,11 @@ def meant(word: str) -> str:
 
 
 @contextmanager
-def explained() -> Iterator[None]:
-    """Turn what a user can mend into one line on stderr and an exit code; let bugs through with their traceback."""
+def explained(words: Sequence[str]) -> Iterator[None]:
+    """Turn what a user can mend, of the ``words`` that were typed, into one line on stderr and an exit code.
+
+    Bugs go through with their traceback.
+    """
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # Hydra then leaves exceptions to us
     warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)  # Lightning calls a name that torch deprecates
     logging.raiseExceptions = False  # a log that cannot be written, on a full disk, is no reason for tracebacks
@@ -196,5 +193,9 @@ def explained() -> Iterator[None]:
     except (UserError, CompactHydraException, OmegaConfBaseException, OSError) as error:
         if isinstance(error, OSError) and error.errno is None and not isinstance(error, CompactHydraException):
             raise
-        print(f"brushexp: {explanation(error, folders_of(Path(), sys.argv[1:]), sys.argv[1:])}", file=sys.stderr)
+        try:
+            told = explanation(error, folders_of(Path(), words), sys.argv[1:])
+        except UserError as wrong:  # in the user's own folder of configs
+            told = str(wrong)
+        print(f"brushexp: {told}", file=sys.stderr)
         sys.exit(1)

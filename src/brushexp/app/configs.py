@@ -72,8 +72,14 @@ def search_path(folders: Sequence[Path]) -> list[str]:
 
     What ``--config-dir`` names would come first.
     """
-    places = ["'file://{}'".format(str(folder.resolve()).replace("'", r"\'")) for folder in folders[1:]]
+    places = [quoted(f"file://{folder.resolve()}") for folder in folders[1:]]
     return [f"hydra.searchpath=[{','.join(places)}]"] if places else []
+
+
+def quoted(value: str) -> str:
+    """A text as Hydra and OmegaConf take it, whatever its letters."""
+    escaped = re.sub(r'(\\*)("|$)', lambda found: 2 * found[1] + found[2].replace('"', '\\"'), value)
+    return '"' + escaped.replace("${", "\\${") + '"'
 
 
 def without_folder(words: Sequence[str]) -> list[str]:

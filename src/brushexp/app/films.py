@@ -19,7 +19,7 @@ from torch import Tensor
 from brushexp.app.fitting import CHECKPOINT, RECORD, conclude, fit, record_of, trainer_of
 from brushexp.errors import UserError
 from brushexp.painting.assembly import components_of
-from brushexp.painting.carrying import Carrier, Cel, ranks_of
+from brushexp.painting.carrying import Carrier, Cel
 from brushexp.painting.changes import Flicker
 from brushexp.painting.goals import goals_of
 from brushexp.painting.metrics import psnr_of
@@ -145,7 +145,7 @@ class PaintedFilm:
         cel = self.reel.cel
         return Saved(
             strokes=cel.strokes.map(Tensor.cpu),
-            depth=(len(cel.strokes) - 1 - ranks_of(cel.front_to_back)).int().cpu(),
+            depth=(len(cel.strokes) - 1 - cel.front_to_back.argsort()).int().cpu(),
             background=cel.background.cpu(),
             config=self.settings,
             **self.saved_as,

@@ -2,13 +2,14 @@
 
 import glob
 import os
+import re
 import sys
 from collections import Counter
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from brushexp.app.configs import files_of
+from brushexp.app.configs import files_of, quoted
 from brushexp.app.sweep_jobs import JOBS, PICTURE
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
@@ -70,11 +71,12 @@ def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
     pictures = 0 if sets or is_sweep else sum(map(len, found))
     others = in_processes([word for word in words if not word.startswith((PICTURE, SETS))], pictures)
     wanted = [*named, *(part for text in sets for part in ([text] if os.path.exists(text) else text.split(",")))]
-    texts = ",".join('"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"' for text in wanted)
+    texts = ",".join(map(quoted, wanted))
     typed = [word.removeprefix("output=") for word in others if word.startswith("output=")]
     first = wanted[0] if len(wanted) == 1 else sets[0].replace(",", "_") if sets else os.path.dirname(wanted[0])
     output = typed[-1] if typed else f"outputs/{name_of(first or '.')}"
-    goes_on = (Path(output) / JOBS).is_file() and "overwrite=true" not in others
+    replaced = any(re.fullmatch("overwrite=(true|yes|on|1)", word, re.IGNORECASE) for word in others)
+    goes_on = (Path(output) / JOBS).is_file() and not replaced
     return [
         *([] if is_sweep else ["--multirun"]),
         *others,

@@ -29,8 +29,7 @@ def job(cfg: DictConfig) -> dict[str, object] | float:
 def run(start: float) -> None:
     """Run the program with the words of its command line; ``start`` is `time.monotonic` when it began."""
     _start[0] = start
-    with explained():
-        words = sys.argv[1:]
+    with explained(words := sys.argv[1:]):
         prepare(Path(), words)  # before Hydra, which reads the choices when it composes
         _prepared.add(os.getpid())
         if not asks_for_help(in_full(words)):

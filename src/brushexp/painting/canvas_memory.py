@@ -1,6 +1,6 @@
 """Painting a part of the canvas, with the rest as it was last seen."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -68,9 +68,8 @@ class CanvasMemory:
         canvas = self.blend(layers, place[known].argsort(), size, self.background, part if accuracy else None)
         image = torch.where(self._fixed, region.of(self.picture).clone(), canvas.image)
         self._paste(image.detach(), region)
-        every = {name: value.index_copy(0, active, getattr(moving, name)) for name, value in strokes.items()}
         judged = None if canvas.accuracy is None else canvas.accuracy[: len(active)]
-        return Canvas(image, judged), PaintedView(image, part, replace(strokes, **every), around, focus)
+        return Canvas(image, judged), PaintedView(image, part, strokes.with_rows(active, moving), around, focus)
 
     def _turn_to(self, region: Region, known: Tensor, strokes: Strokes) -> None:
         """Look elsewhere, or at other strokes; what belongs to the place stays the same object as long as it does."""

@@ -77,7 +77,7 @@ class Carrier:
         number = meeting(cel.strokes, region)
         picture = self._picture(region.of(target).contiguous(), cel.background)
         strokes = cel.strokes[number].moved(shift=(-region.left, -region.top))
-        order = ranks_of(cel.front_to_back)[number].argsort()
+        order = cel.front_to_back.argsort()[number].argsort()
         movable = moves[number]
         with torch.no_grad():
             layers = self.renderer(strokes)
@@ -95,7 +95,7 @@ class Carrier:
         above = torch.zeros_like(moves)
         above[taken] = True
         front_to_back = torch.cat([taken, cel.front_to_back[~above[cel.front_to_back]]])
-        return replace(cel, strokes=put(cel.strokes, taken, new), front_to_back=front_to_back)
+        return replace(cel, strokes=cel.strokes.with_rows(taken, new), front_to_back=front_to_back)
 
     def _optimised(self, cel: Cel, painted: Tensor, target: Tensor, moves: Tensor, region: Region) -> Strokes:
         """Gradient steps of the strokes that move; the others around them are drawn and stay."""
@@ -129,7 +129,7 @@ class Carrier:
             clamped = self.renderer.clamp(moved)
             if clamped is not moved:
                 catalogue.replace(clamped)
-            best = put(cel.strokes, active, clamped.map(Tensor.detach))
+            best = cel.strokes.with_rows(active, clamped.map(Tensor.detach))
         return best
 
     def _picture(self, target: Tensor, background: Tensor) -> Picture:
@@ -189,20 +189,6 @@ def meeting(strokes: Strokes, region: Region) -> Tensor:
     low, high = boxes_of(strokes)
     corner = low.new_tensor([region.left, region.top])
     return ((high > corner) & (low < corner + low.new_tensor([region.width, region.height]))).all(1).nonzero()[:, 0]
-
-
-def ranks_of(front_to_back: Tensor) -> Tensor:
-    """How many strokes lie above each (N,)."""
-    ranks = torch.empty_like(front_to_back)
-    ranks[front_to_back] = torch.arange(len(ranks), device=ranks.device)
-    return ranks
-
-
-def put(strokes: Strokes, rows: Tensor, others: Strokes) -> Strokes:
-    """The strokes with ``others`` in place of those number ``rows``."""
-    return replace(
-        strokes, **{name: value.index_copy(0, rows, getattr(others, name)) for name, value in strokes.items()}
-    )
 
 
 def in_manner_of(new: Strokes, old: Strokes, units: Mapping[str, float]) -> Strokes:

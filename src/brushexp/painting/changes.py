@@ -5,6 +5,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from brushexp.pictures.load import downsampled
+
 BLUR = 1.5  # pixels over which differences are averaged: the noise of a codec is that of single pixels
 GROWN = 2  # pixels by which a change is larger than what was found: half-covered pixels belong to it
 CUT = 0.12  # mean difference of two small pictures, 0 to 1, from which there is a cut between them
@@ -22,10 +24,7 @@ def difference(first: Tensor, second: Tensor) -> Tensor:
 
 def is_cut(first: Tensor, second: Tensor) -> bool:
     """Whether two successive pictures (3, H, W) show different scenes."""
-    zoom = CUT_SIDE / max(first.shape[1:])
-    height, width = (max(1, round(zoom * side)) for side in first.shape[1:])
-    small = [functional.adaptive_avg_pool2d(picture, (height, width)) for picture in (first, second)]
-    return float((small[0] - small[1]).abs().mean()) > CUT
+    return float((downsampled(first, CUT_SIDE) - downsampled(second, CUT_SIDE)).abs().mean()) > CUT
 
 
 class Changes:

@@ -129,8 +129,7 @@ def style_of(painter: PaintingModule, cfg: DictConfig) -> dict[str, float]:
 def saved_of(painter: PaintingModule, cfg: DictConfig, strokes: Strokes, front_to_back: torch.Tensor) -> Saved:
     """The finished strokes as a catalogue."""
     strokes = strokes.map(torch.Tensor.cpu)
-    depth = torch.empty(len(strokes), dtype=torch.int32)
-    depth[front_to_back.cpu()] = torch.arange(len(strokes) - 1, -1, -1, dtype=torch.int32)
+    depth = (len(strokes) - 1 - front_to_back.argsort()).int().cpu()
     return Saved(
         strokes=strokes,
         depth=depth,

@@ -6,7 +6,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from brushexp.pictures.color import to_lab
-from brushexp.pictures.load import load_mask
+from brushexp.pictures.load import downsampled, load_mask
 
 AUTO = "auto"  # focus that is found in the picture
 SIDE = 64  # pixels of the longer side at which a picture is looked at as a whole
@@ -123,7 +123,4 @@ def faces(picture: Tensor) -> list[tuple[tuple[float, float], float]]:
 
 def _shrunk(picture: Tensor, side: int) -> np.ndarray:
     """A picture (3, H, W) with its longer side at most ``side`` (h, w, 3)."""
-    height, width = picture.shape[1:]
-    zoom = min(side / max(height, width), 1)
-    size = (max(1, round(zoom * height)), max(1, round(zoom * width)))
-    return functional.adaptive_avg_pool2d(picture, size).permute(1, 2, 0).clamp(0, 1).cpu().numpy()
+    return downsampled(picture, side).permute(1, 2, 0).clamp(0, 1).cpu().numpy()

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from PIL import Image
 from torch import Tensor
+from torch.nn import functional
 
 from brushexp.bounds import Rule
 from brushexp.errors import UserError
@@ -42,6 +43,13 @@ def planes_of(picture: np.ndarray, resolution: int | None) -> Tensor:
     if picture.dtype == np.uint8:
         planes /= 255
     return torch.from_numpy(planes)
+
+
+def downsampled(picture: Tensor, side: int) -> Tensor:
+    """A picture (3, H, W) of at most ``side`` pixels a side (3, h, w): means over areas."""
+    height, width = picture.shape[1:]
+    zoom = min(side / max(height, width), 1)
+    return functional.adaptive_avg_pool2d(picture, (max(round(zoom * height), 1), max(round(zoom * width), 1)))
 
 
 def size_of_picture(image: str, key: str, resolution: int | None = None, also: str = "") -> tuple[int, int]:

@@ -4,6 +4,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from brushexp.pictures.load import downsampled
+
 SIDE = 128  # pixels of the longer side at which motion is sought: strokes need no more, and it takes a few hundredths
 RADIUS = 5  # of the windows there, pixels
 WARPS = 3  # refinements of each level of the pyramid
@@ -17,13 +19,11 @@ def motion(first: Tensor, second: Tensor) -> Tensor:
     """
     from skimage.registration import optical_flow_ilk  # noqa: PLC0415  (slow to import)
 
-    zoom = min(1.0, SIDE / max(first.shape[1:]))
-    height, width = (max(1, round(zoom * side)) for side in first.shape[1:])
-    small = [
-        functional.adaptive_avg_pool2d(picture, (height, width)).mean(0).cpu().numpy() for picture in (first, second)
-    ]
-    if min(height, width) < 2 * RADIUS:
+    small = [downsampled(picture, SIDE).mean(0).cpu().numpy() for picture in (first, second)]
+    if min(small[0].shape) < 2 * RADIUS:
         return torch.zeros_like(first[:2])
     down, across = optical_flow_ilk(*small, radius=RADIUS, num_warp=WARPS)
-    found = torch.stack([torch.from_numpy(across), torch.from_numpy(down)]).to(first) / zoom
+    found = torch.stack([torch.from_numpy(across), torch.from_numpy(down)]).to(first) * max(
+        1.0, max(first.shape[1:]) / SIDE
+    )
     return functional.interpolate(found[None], first.shape[1:], mode="bilinear", align_corners=False)[0]

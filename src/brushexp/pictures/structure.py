@@ -54,3 +54,21 @@ def _products(picture: Array) -> Array:
 def along_edges(tensor: Array) -> Array:
     """Direction (...) in which a picture with this structure tensor (3, ...) changes least, radians from the x axis."""
     return 0.5 * np.arctan2(-2 * tensor[1], tensor[2] - tensor[0])
+
+
+def sampled_at(picture: Array, x: Array, y: Array) -> Array:
+    """Values (..., n) of a picture (..., H, W) in the pixels of places (n,), the nearest ones for those outside."""
+    height, width = picture.shape[-2:]
+    found: Array = picture[..., y.astype(int).clip(0, height - 1), x.astype(int).clip(0, width - 1)]
+    return found
+
+
+def worst_of_cells(difference: Array, side: int) -> tuple[Array, Array, Array]:
+    """Cells (n, side^2) of a map (H, W), NaN beyond it, and the places x, y (n,) of their worst pixels."""
+    height, width = difference.shape
+    rows, columns = -(-height // side), -(-width // side)
+    padded = np.pad(difference, ((0, rows * side - height), (0, columns * side - width)), constant_values=np.nan)
+    cells = padded.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(rows * columns, -1)
+    row, column = np.divmod(np.nanargmax(cells, 1), side)
+    top, left = np.divmod(np.arange(rows * columns), columns)
+    return cells, left * side + column, top * side + row

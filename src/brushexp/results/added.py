@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +79,9 @@ def _pairs(painting: Path, target: str | None) -> Iterator[tuple[Path, str]]:
     paths = [path for path in sorted(painting.iterdir()) if path.suffix.lower() in (*PICTURES, *CATALOGUES)]
     if not paths:
         raise UserError(f"add={painting}: there is no painting in it; give pictures or catalogues")
-    for path in paths:
+    for before, path in pairwise((Path(), *paths)):
+        if path.stem == before.stem:
+            raise UserError(f"add={path} and {before.name} are both of {path.stem}; take one of them away")
         if path.stem not in targets:
             raise UserError(
                 f"target={target} has no picture {path.stem} for add={path}; add it, or take the other away"

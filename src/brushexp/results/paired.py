@@ -122,7 +122,11 @@ def paired_table(frame: DataFrame) -> DataFrame | None:
     if compared.empty:
         return None
     unit = PICTURE if compared["run", "target"].nunique() > 1 and (compared["run", "image"] != "").all() else SEED
-    by_unit = compared["run", "image"].str.rpartition(", ")[0] if unit == PICTURE else compared["setting", SEED]
+    by_unit = (
+        compared["run", "image"].str.replace(r", \d+ x \d+ pixels", "", regex=True)
+        if unit == PICTURE
+        else compared["setting", SEED]
+    )
     typed = [{k: v for k, v in one.items() if k not in ("image", "seed")} for one in compared["run", "overrides"]]
     options = [" ".join(parts) or "default" for parts in differences(typed)]
     units = by_unit.fillna("0").astype(str).to_numpy()

@@ -16,6 +16,7 @@ import math
 import os
 import re
 import shlex
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -93,14 +94,22 @@ def frame_of(folder: Path, results: Mapping[str, Result]) -> DataFrame:
     finished = ~frame["run", "status"].isin(UNFINISHED)
     painted = finished & numbers(frame)[["psnr", "seconds"]].notna().all(axis=1)
     images = frame[painted].groupby(frame["run", "target"], sort=False) if painted.any() else [("", frame[finished])]
-    names: list[str] = []
-    for target, alike in images:
-        names.append(image_name(alike["run"].iloc[0]) if target else "")
-        same = f" ({names.count(names[-1])})" * (names.count(names[-1]) > 1)
+    names = told_apart(image_name(alike["run"].iloc[0]) if target else "" for target, alike in images)
+    for name, (_, alike) in zip(names, images, strict=True):
         seedless = [{k: v for k, v in one.items() if k != "seed"} for one in alike["run", "overrides"]]
-        frame.loc[alike.index, ("run", "image")] = names[-1] + same
+        frame.loc[alike.index, ("run", "image")] = name
         frame.loc[alike.index, ("run", "label")] = [" ".join(parts) or "default" for parts in differences(seedless)]
     return frame
+
+
+def told_apart(names: Iterable[str]) -> list[str]:
+    """The names, those that were there before with a number: ``a``, ``b``, ``a (2)``."""
+    before: Counter[str] = Counter()
+    found = []
+    for name in names:
+        before[name] += 1
+        found.append(name if before[name] == 1 else f"{name} ({before[name]})")
+    return found
 
 
 def differences(chosen: Sequence[Mapping[str, str]]) -> list[tuple[str, ...]]:

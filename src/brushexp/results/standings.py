@@ -137,7 +137,7 @@ def entries_of(frame: DataFrame) -> list[Entry]:
         for name, run in frame["run"].iterrows()
         if run["status"] not in UNFINISHED and run["picture"] and (run["folder"] / "target.png").is_file()
     ]
-    runs = [(run, metrics) for run, metrics in runs if "psnr" in metrics and "l1" in metrics]
+    runs = [(run, metrics) for run, metrics in runs if isinstance(metrics.get("psnr"), int | float) and "l1" in metrics]
     left_out = {*OF_THE_ROW, *OF_THE_FOLDER}
     chosen = [
         {key: value for key, value in run["overrides"].items() if key not in left_out and not key.startswith("hydra")}

@@ -9,6 +9,7 @@ from typing import Any
 
 from brushexp.results.paired import CONFIDENCE, interval
 from brushexp.results.published import PublishedFigures
+from brushexp.results.runs import told_apart
 from brushexp.results.standings import COLUMNS, Row, Section, stem_of
 from brushexp.results.tables import METRICS, MISSING, csv_table, escaped, latex_table, markdown_table
 from brushexp.system.files import write_text
@@ -94,7 +95,7 @@ def at_equal_seconds(section: Section) -> list[dict[str, str]]:
 
 def by_picture(section: Section) -> list[dict[str, str]]:
     """PSNR of each picture, means over seeds; nothing for one picture, or too many."""
-    names = list(map(stem_of, section.pictures.values()))
+    names = told_apart(map(stem_of, section.pictures.values()))
     if not 1 < len(names) <= MOST_PICTURES:
         return []
     return [

@@ -95,6 +95,10 @@ class Strokes:
         position = self.position * zoom + self.position.new_tensor(shift)
         return replace(self, position=position, scale=self.scale * zoom)
 
+    def with_rows(self, rows: Tensor, others: Strokes) -> Strokes:
+        """The same strokes with ``others`` in place of those number ``rows``; each row keeps its brush."""
+        return replace(self, **{name: value.index_copy(0, rows, getattr(others, name)) for name, value in self.items()})
+
     @staticmethod
     def join(*parts: Strokes) -> Strokes:
         """All strokes of the parts; the brushes of a later part count on from the number of strokes before it."""

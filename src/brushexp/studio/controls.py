@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
-from nicegui import run, ui
+from nicegui import background_tasks, run, ui
 
 from brushexp.errors import UserError
 from brushexp.studio.elements import Button, Drop, Slide, Tag, chips
@@ -57,6 +57,8 @@ class Controls:
             if self.shown.get(name, ()) is chosen:
                 continue
             self.shown[name] = chosen
+            if name == "picture" and chosen:
+                background_tasks.create(self._renew_strokes())
             place.clear()
             with place:
                 if name == "style":

@@ -28,7 +28,7 @@ class Photo:
     """A picture as a PNG in the session's folder."""
 
     key: str
-    name: str
+    name: str  # of the visitor's file, or of a sample
     path: Path
     size: tuple[int, int]  # height, width
 
@@ -73,9 +73,10 @@ class Photos:
     def add(self, received: Path, name: str) -> Photo:
         """Read a file that the browser has sent, under the name that it has there; UserError if it is no picture."""
         key = f"photo{next(self._numbers)}"
-        shown = "".join(letter for letter in name if letter.isprintable())[:LONGEST_NAME] or "picture"
+        path = Path("".join(letter for letter in name if letter.isprintable()) or "picture")
+        shown = path.stem[:LONGEST_NAME] + path.suffix
         try:
-            self._photos[key] = self._kept(received, key, Path(shown).stem or "picture")
+            self._photos[key] = self._kept(received, key, shown)
         except UserError as error:
             raise UserError(str(error).replace(f"picture={received}", shown)) from error
         return self._photos[key]
@@ -100,7 +101,7 @@ class Photos:
             picture = Image.fromarray(pixels)
             picture.thumbnail((KEPT_SIDE, KEPT_SIDE), Image.Resampling.LANCZOS)
             del pixels
-        kept = self.folder / key / f"{in_plain_letters(name)}.png"  # its name is that of the painting's page
+        kept = self.folder / key / f"{in_plain_letters(Path(name).stem)}.png"  # its name is that of the painting's page
         kept.parent.mkdir(exist_ok=True)
         write_picture(kept, np.asarray(picture))
         return Photo(key, name, kept, (picture.height, picture.width))

@@ -1,5 +1,6 @@
 """What the visitor has chosen, and what that is on the command line."""
 
+import shlex
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -70,7 +71,9 @@ class Wishes:
             words["focus"] = "mask.png"
         if self.style is not None:
             words["style.image"] = self.style.name
-        return " ".join(["brushexp", *(f"{key}={'null' if value is None else value}" for key, value in words.items())])
+        return shlex.join(
+            ["brushexp", *(f"{key}={'null' if value is None else value}" for key, value in words.items())]
+        )
 
 
 def planned_strokes(wishes: Wishes) -> int:

@@ -43,7 +43,7 @@ class Work:
     @property
     def name(self) -> str:
         """For files that are saved: letters that any system takes."""
-        return in_plain_letters(f"{self.wishes.painted.name}-{self.wishes.look}-{self.number}")
+        return in_plain_letters(f"{Path(self.wishes.painted.name).stem}-{self.wishes.look}-{self.number}")
 
     @property
     def ratio(self) -> float:

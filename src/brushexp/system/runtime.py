@@ -25,8 +25,13 @@ M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # names of malloc.h
 
 
 def let_threads_sleep() -> None:
-    """Make waiting threads of OpenMP sleep, not spin, which slows a busy machine; call it before torch is imported."""
+    """Make waiting threads of OpenMP sleep, not spin, which slows a busy machine; call it before torch is imported.
+
+    Numba shares loops by OpenMP, too, also where the system has TBB: on one core a program whose kernels ran in a
+    thread that is over would wait for TBB at its end for ever (Numba 0.68).
+    """
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp tbb workqueue")
 
 
 def keep_memory() -> None:

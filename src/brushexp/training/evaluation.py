@@ -20,6 +20,7 @@ from torchmetrics.image.kid import KernelInceptionDistance
 
 from brushexp.errors import UserError
 from brushexp.features import open_backbone
+from brushexp.painting.metrics import psnr_of
 from brushexp.strokes.prior import strokes_of
 from brushexp.system.files import write_picture
 
@@ -88,13 +89,8 @@ def error_sums(images: Tensor, truth: Tensor) -> Tensor:
 def error_figures(sums: Tensor) -> dict[str, float]:
     """``l2``, ``psnr_alpha`` (dB, over all pixels) and ``psnr_color`` (dB, weighted by true alpha) of `error_sums`."""
     pixels, squared, alpha, paint, color = sums.tolist()
-    psnr_color = decibels(color / paint) if paint else math.nan
-    return {"l2": squared / pixels, "psnr_alpha": decibels(alpha / pixels), "psnr_color": psnr_color}
-
-
-def decibels(mean_squared_error: float) -> float:
-    """Peak signal-to-noise ratio in dB of values in [0, 1]; infinite without error."""
-    return -10 * math.log10(mean_squared_error) if mean_squared_error > 0 else math.inf
+    psnr_color = psnr_of(color / paint) if paint else math.nan
+    return {"l2": squared / pixels, "psnr_alpha": psnr_of(alpha / pixels), "psnr_color": psnr_color}
 
 
 @torch.no_grad()

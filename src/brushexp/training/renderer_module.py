@@ -8,9 +8,10 @@ from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn, optim
 from torch.nn import functional
 
+from brushexp.painting.metrics import psnr_of
 from brushexp.plugins.renderer.base import Renderer, check_trainable, window_pictures
 from brushexp.training.datamodule import StrokeBatch
-from brushexp.training.evaluation import decibels, error_figures, error_sums, fine_detail, premultiplied
+from brushexp.training.evaluation import error_figures, error_sums, fine_detail, premultiplied
 from brushexp.training.network_module import NetworkModule
 
 BETAS = (0.9, 0.99)  # of Adam, for the renderer
@@ -170,7 +171,7 @@ class RendererModule(NetworkModule):
         quality = f"  held out {self.figures['psnr_alpha']:.2f} dB" if self.figures else ""
         speed = self.global_step * self._strokes / max(self.seconds, 1e-9)
         loss = float(self.terms["loss/l2"])
-        return f"L2 {loss:.5f} ({decibels(loss):.2f} dB){quality}  {speed:.0f} strokes/s"
+        return f"L2 {loss:.5f} ({psnr_of(loss):.2f} dB){quality}  {speed:.0f} strokes/s"
 
     def _step_critic(self, critic: Critic, drawn: Tensor, truth: Tensor) -> None:
         """One step of the critic, true pictures above drawn ones."""

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from brushexp.bounds import at_least, between
-from brushexp.pictures.structure import along_edges, structure_tensor
+from brushexp.pictures.structure import along_edges, structure_tensor, worst_of_cells
 from brushexp.plugins.density.base import DensificationState, DensificationUpdate, Density
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
@@ -113,7 +113,8 @@ def new_strokes(state: DensificationState, n: int, size: float, tolerance: float
     if state.focus is not None:
         error = error * state.focus
     blurred = gaussian_filter(error.cpu().numpy(), BLUR * pixels)
-    row, column, worst = _worst_of_cells(blurred, max(2, round(SPACING * pixels)))
+    _, column, row = worst_of_cells(blurred, max(2, round(SPACING * pixels)))
+    worst = blurred[row, column]
     order = np.argsort(-worst, kind="stable")[: min(n, int((worst > tolerance**2).sum()))]
     row, column = row[order], column[order]
     angle = like.new_tensor(along_edges(structure_tensor(target, STRUCTURE)[:, row, column]))
@@ -130,13 +131,3 @@ def new_strokes(state: DensificationState, n: int, size: float, tolerance: float
         color=like.new_tensor(target[:, row, column].T).clamp(0, 1),
         opacity=torch.full_like(scale, OPACITY),
     )
-
-
-def _worst_of_cells(error: np.ndarray, cell: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Row, column and error of the worst pixel in each square of ``cell`` pixels."""
-    height, width = error.shape
-    rows, columns = -(-height // cell), -(-width // cell)
-    padded = np.pad(error, ((0, rows * cell - height), (0, columns * cell - width)), constant_values=-1)
-    cells = padded.reshape(rows, cell, columns, cell).transpose(0, 2, 1, 3).reshape(rows * columns, -1)
-    at, number = cells.argmax(1), np.arange(rows * columns)
-    return number // columns * cell + at // cell, number % columns * cell + at % cell, cells.max(1)

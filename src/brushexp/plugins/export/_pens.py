@@ -136,11 +136,6 @@ class PenExporter(Exporter):
     def margin(self) -> float:
         return self.margin_mm
 
-    @property
-    def key(self) -> str:
-        """What the user types before an option."""
-        return f"to.{type(self).__name__.lower()}"
-
     def check(self, count: int, size: tuple[int, int]) -> None:
         self.frame(size)
         if count > MOST_STROKES:

@@ -11,6 +11,7 @@ import torch
 
 from brushexp.bounds import between
 from brushexp.errors import UserError
+from brushexp.plugins.export._packing import UP
 from brushexp.plugins.export.base import LARGEST_SIDE_PIXELS, Exporter, ExportJob
 from brushexp.shading.light import normals_of, shaded
 from brushexp.system.files import to_bytes
@@ -19,7 +20,6 @@ CM = 2.54  # in an inch
 DPI = 300.0  # of a size on paper, where nothing else is said
 THREADS_PER_CM = 14  # of painters' linen
 THREAD_PIXELS = 4.0  # from thread to thread where the picture has no size on paper
-UP = 2  # number of the filter that leaves the difference from the pixel above, in PNG and in PDF
 
 
 @dataclass(kw_only=True)
@@ -42,11 +42,6 @@ class PrintExporter(Exporter):
     def __post_init__(self) -> None:
         if self.size_cm is not None and not re.fullmatch(r"\d+(\.\d+)?x\d+(\.\d+)?", self.size_cm):
             raise UserError(f"{self.key}.size_cm={self.size_cm} is no width and height; try {self.key}.size_cm=60x40")
-
-    @property
-    def key(self) -> str:
-        """What the user types before an option."""
-        return f"to.{type(self).__name__.lower()}"
 
     @property
     def density(self) -> float | None:

@@ -129,6 +129,11 @@ class Exporter(ABC):
     [(0, (3, 24, 32))]
     """
 
+    @property
+    def key(self) -> str:
+        """What the user types before an option."""
+        return f"to.{type(self).__name__.lower()}"
+
     def check(self, count: int, size: tuple[int, int]) -> None:  # noqa: B027  (most hold anything)
         """Refuse (UserError) ``count`` strokes on a canvas of ``size`` (H, W) if it cannot hold them."""
 

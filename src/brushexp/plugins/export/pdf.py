@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from brushexp.plugins.export._prints import DPI, UP, PrintExporter
+from brushexp.plugins.export._packing import UP
+from brushexp.plugins.export._prints import DPI, PrintExporter
 from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import register
 from brushexp.system.files import replacing

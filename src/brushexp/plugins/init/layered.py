@@ -13,7 +13,7 @@ from torch import Tensor
 
 from brushexp.bounds import Rule, above, at_least, between
 from brushexp.pictures.load import named_color
-from brushexp.pictures.structure import FarStructure, along_edges
+from brushexp.pictures.structure import FarStructure, along_edges, sampled_at
 from brushexp.plugins.init._cells import MIN_WINDOW_PIXELS, WINDOW_PITCHES
 from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.init.grid import lattice
@@ -99,7 +99,7 @@ class InLayers(Initializer):
         n, limit = len(places), np.array([picture.shape[2], picture.shape[1]]) - 0.5
         shift = torch.randn(n, 2, generator=generator, dtype=torch.float64).numpy()
         places = (places + self.jitter * side * shift).clip(0.5, limit)
-        color = _at(picture, places)
+        color = sampled_at(picture, *places.T).T
         start, end = (self._traced(picture, flow, places, color, sign * 0.5 * self.length * side) for sign in (-1, 1))
         chord = (start + end) / 2
         middle = chord.clip(0.5, limit)
@@ -123,15 +123,15 @@ class InLayers(Initializer):
     def _traced(self, picture: Array, flow: Array, places: Array, color: Array, reach: float) -> Array:
         """Ends (n, 2) of strokes that go from their places along the flow (H, W), radians, to where colours differ."""
         point, step = places.copy(), abs(reach) / SUBSTEPS
-        angle = _at(flow[None], point)[:, 0]
+        angle = sampled_at(flow, *point.T)
         ahead = np.sign(reach) * np.stack([np.cos(angle), np.sin(angle)], 1)
         going = np.ones(len(places), bool)
         for number in range(1, SUBSTEPS + 1):
             there = point + step * ahead
-            differs = np.abs(_at(picture, there) - color).max(1) > self.edges
+            differs = np.abs(sampled_at(picture, *there.T).T - color).max(1) > self.edges
             going &= ~differs | (number <= SHORTEST * SUBSTEPS)
             point = np.where(going[:, None], there, point)
-            angle = _at(flow[None], point)[:, 0]
+            angle = sampled_at(flow, *point.T)
             turned = np.stack([np.cos(angle), np.sin(angle)], 1)
             turned *= np.where((turned * ahead).sum(1) < 0, -1, 1)[:, None]
             ahead = ahead + turned
@@ -165,9 +165,3 @@ def _blurred(picture: Array, sigma: float) -> Array:
 
     with ThreadPoolExecutor(torch.get_num_threads()) as pool:  # SciPy lets others work meanwhile
         return np.stack([*pool.map(partial(gaussian_filter, sigma=sigma, mode="nearest"), picture)])
-
-
-def _at(values: Array, points: Array) -> Array:
-    """Values (C, H, W) at the pixels of points (n, 2: x, y), those at the border beyond it: (n, C)."""
-    column, row = (points[:, axis].astype(int).clip(0, values.shape[2 - axis] - 1) for axis in (0, 1))
-    return values[:, row, column].T

@@ -9,6 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from brushexp.bounds import at_least
+from brushexp.pictures.load import downsampled
 from brushexp.plugins.loss.base import Loss, PaintedView, Surroundings, at_least_single
 from brushexp.registry import register
 
@@ -73,17 +74,17 @@ class Sinkhorn(Loss):
 
     def _look(self, target: Tensor) -> tuple[Tensor, Tensor]:
         """Masses b of the target, and the potential (C, h, w) of OT(b, b)."""
-        theirs = masses(downsampled(target, self.side), self.floor)
+        theirs = masses(downsampled(at_least_single(target), self.side), self.floor)
         return theirs, potentials(theirs.log()[None], [0], self.blurs)[0]
 
     def _downsampled(self, painting: PaintedView) -> Tensor:
         """The whole canvas (3, h, w), shrunk; differentiable in the part that the step looks at."""
         around = painting.surroundings
         if around is None:
-            return downsampled(painting.image, self.side)
+            return downsampled(at_least_single(painting.image), self.side)
         if around is not self._surroundings:
             self._surroundings = around
-            region, small = around.region, downsampled(around.picture, self.side)
+            region, small = around.region, downsampled(at_least_single(around.picture), self.side)
             self._shares = (
                 pooling_weights(region.top, region.height, around.picture.shape[1], small.shape[1]).to(small),
                 pooling_weights(region.left, region.width, around.picture.shape[2], small.shape[2]).to(small),
@@ -94,14 +95,6 @@ class Sinkhorn(Loss):
     def _downsampled_part(self, part: Tensor) -> Tensor:
         rows, columns = self._shares
         return rows.T @ at_least_single(part) @ columns
-
-
-def downsampled(picture: Tensor, side: int) -> Tensor:
-    """A picture (3, H, W) of at most ``side`` pixels a side (3, h, w)."""
-    height, width = picture.shape[1:]
-    zoom = min(side / max(height, width), 1)
-    small = (max(round(zoom * height), 1), max(round(zoom * width), 1))
-    return functional.adaptive_avg_pool2d(at_least_single(picture), small)
 
 
 def pooling_weights(first: int, count: int, side: int, small: int) -> Tensor:

@@ -11,6 +11,8 @@ from brushexp.strokes.catalogue import Strokes
 
 PORTIONS = 60  # states of a painting whose strokes are all known
 
+LUMINANCE = np.array([0.30, 0.59, 0.11])  # weights of red, green and blue in papers of the time
+
 Array = np.ndarray
 
 
@@ -28,13 +30,6 @@ def strokes_from_arrays(curves: Array, thickness: Array, color: Array, opacity: 
         torch.from_numpy(np.ascontiguousarray(part, np.float32)) for part in (curves, thickness, color)
     )
     return strokes_along(line, thick, shade, torch.full((len(curves),), opacity))
-
-
-def sampled_at(picture: Array, x: Array, y: Array) -> Array:
-    """Values (..., n) of a picture (..., H, W) in the pixels of places (n,), the nearest ones for those outside."""
-    height, width = picture.shape[-2:]
-    found: Array = picture[..., y.astype(int).clip(0, height - 1), x.astype(int).clip(0, width - 1)]
-    return found
 
 
 def numpy_generator(generator: torch.Generator) -> np.random.Generator:

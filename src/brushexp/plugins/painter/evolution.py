@@ -7,14 +7,13 @@ from typing import Annotated
 import numpy as np
 
 from brushexp.bounds import at_least, between
-from brushexp.plugins.painter._laying import PORTIONS, Array, numpy_generator, sampled_at, strokes_from_arrays
+from brushexp.pictures.structure import sampled_at
+from brushexp.plugins.painter._laying import PORTIONS, Array, numpy_generator, strokes_from_arrays
 from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
-from brushexp.plugins.painter.greedy import worst_places
+from brushexp.plugins.painter.greedy import LARGEST, SMALLEST, worst_places
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
-LARGEST = 0.25  # half-length of the first strokes, in shorter sides of the canvas
-SMALLEST = 0.4  # of any first stroke, in mean distances between strokes
 LEAST_HALF = 0.5  # of the thickness, pixels
 MARGIN = 1.5  # pixels around a stroke in which its soft edge ends
 SIDES = (2.5, 6.0)  # of cells, in reaches of some stroke

@@ -11,7 +11,6 @@ from brushexp.bounds import at_least, between
 from brushexp.plugins.painter._laying import PORTIONS, Array, numpy_generator, strokes_from_arrays
 from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
 from brushexp.registry import register
-from brushexp.strokes.catalogue import Strokes
 from brushexp.system.compiled import inline, kernel, prange
 
 SAMPLES = 400  # pixels of a candidate that are looked at, about
@@ -65,10 +64,8 @@ class Greedy(PaintingMethod):
             curves[k], thickness[k], colors[k] = stroke[:6].reshape(3, 2), 2 * stroke[6], color
             if k + 1 in due:
                 done = slice(k + 1)
-                yield PaintingState(self._strokes(curves[done], thickness[done], colors[done]), k + 1, n)
-
-    def _strokes(self, curves: Array, thickness: Array, colors: Array) -> Strokes:
-        return strokes_from_arrays(curves, thickness, colors, self.opacity)
+                strokes = strokes_from_arrays(curves[done], thickness[done], colors[done], self.opacity)
+                yield PaintingState(strokes, k + 1, n)
 
     def _best(
         self, target: Array, canvas: Array, places: Array, lengths: tuple[float, float], random: np.random.Generator

@@ -8,8 +8,8 @@ import numpy as np
 import torch
 
 from brushexp.bounds import above, between, one_of
-from brushexp.pictures.structure import along_edges, structure_tensor
-from brushexp.plugins.painter._laying import laid, numpy_generator, sampled_at, strokes_from_arrays
+from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor
+from brushexp.plugins.painter._laying import laid, numpy_generator, strokes_from_arrays
 from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
 from brushexp.registry import register
 

@@ -8,14 +8,14 @@ import numpy as np
 
 from brushexp.bounds import above, at_least, between
 from brushexp.errors import UserError
-from brushexp.plugins.painter._laying import Array, laid, numpy_generator, sampled_at, strokes_from_arrays
+from brushexp.pictures.structure import sampled_at, worst_of_cells
+from brushexp.plugins.painter._laying import LUMINANCE, Array, laid, numpy_generator, strokes_from_arrays
 from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
 FIRST_LAYER = 0.2  # of the strokes, about: what the layer of the largest brush takes
 STEPS_PER_CURVE = 16  # by which a stroke takes one Bezier curve more, about
-LUMINANCE = np.array([0.30, 0.59, 0.11])  # the paper's weights
 LEVELS = 255.0  # in which the threshold counts
 FLAT = 1e-9  # slope of the luminance that has no direction
 
@@ -105,7 +105,8 @@ class Hertzmann(PaintingMethod):
     ) -> Strokes:
         """The strokes of one brush, ``room`` at most, on a canvas (3, H, W)."""
         difference = LEVELS * np.linalg.norm(reference - canvas, axis=0)
-        error, x, y = worst_of_cells(difference, max(1, round(self.grid * radius)))
+        cells, x, y = worst_of_cells(difference, max(1, round(self.grid * radius)))
+        error = np.nanmean(cells, 1)
         chosen = np.argsort(-error, kind="stable")
         if self.threshold is not None and not everywhere:
             chosen = chosen[error[chosen] > self.threshold]
@@ -159,17 +160,6 @@ class Hertzmann(PaintingMethod):
             moved[:, 0] %= 1
             color = hsv2rgb(moved.clip(0, 1))
         return color + self.jitter_rgb * random.uniform(-0.5, 0.5, color.shape)
-
-
-def worst_of_cells(difference: Array, side: int) -> tuple[Array, Array, Array]:
-    """Mean difference of each cell of ``side`` pixels, and the place x, y of its worst pixel; each (cells,)."""
-    height, width = difference.shape
-    rows, columns = -(-height // side), -(-width // side)
-    padded = np.pad(difference, ((0, rows * side - height), (0, columns * side - width)), constant_values=np.nan)
-    cells = padded.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(rows * columns, -1)
-    row, column = np.divmod(np.nanargmax(cells, 1), side)
-    top, left = np.divmod(np.arange(rows * columns), columns)
-    return np.nanmean(cells, 1), left * side + column, top * side + row
 
 
 def fitted_curves(points: Array, steps: Array, tolerance: float) -> tuple[Array, Array]:

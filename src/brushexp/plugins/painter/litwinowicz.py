@@ -7,11 +7,11 @@ from typing import Annotated
 import numpy as np
 
 from brushexp.bounds import at_least, between
-from brushexp.plugins.painter._laying import Array, laid, numpy_generator, sampled_at, strokes_from_arrays
+from brushexp.pictures.structure import sampled_at
+from brushexp.plugins.painter._laying import LUMINANCE, Array, laid, numpy_generator, strokes_from_arrays
 from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
 from brushexp.registry import register
 
-LUMINANCE_WEIGHTS = np.array([0.30, 0.59, 0.11])  # the paper's
 FAITH = 1e3  # of directions that are known, beside the bending of the field
 
 
@@ -66,7 +66,7 @@ class Litwinowicz(PaintingMethod):
         spacing = np.sqrt(height * width / (rows * columns))
         top, left = np.divmod(np.arange(rows * columns), columns)
         x, y = (left + 0.5) * width / columns, (top + 0.5) * height / rows
-        luminance = np.tensordot(LUMINANCE_WEIGHTS, picture, 1)
+        luminance = np.tensordot(LUMINANCE, picture, 1)
         smooth = gaussian_filter(luminance, self.smoothing * spacing, mode="nearest")
         angle = self._directions(smooth, x, y, (rows, columns))
         angle = angle + np.radians(self.stray) * random.uniform(-1, 1, len(x))

@@ -9,8 +9,9 @@ import torch
 from torch import Tensor
 
 from brushexp.bounds import above, at_least, between
+from brushexp.pictures.structure import sampled_at
 from brushexp.plugins.loss.base import PaintedView
-from brushexp.plugins.painter._laying import numpy_generator, sampled_at, strokes_from_arrays
+from brushexp.plugins.painter._laying import numpy_generator, strokes_from_arrays
 from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
 from brushexp.registry import build_named, register
 from brushexp.strokes.catalogue import Catalogue, Strokes
