@@ -174,12 +174,7 @@ def leaves(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:
 def check_chosen(cfg: DictConfig) -> None:
     """Stop when nothing is chosen of a family that needs a member, or options are set of one that is not chosen."""
     for family, default in TASKS[cfg.task].groups.items():
-        if (
-            isinstance(default, str)
-            and "@" not in family
-            and "_target_" not in (cfg.get(family) or {})
-            and family in FAMILIES
-        ):
+        if isinstance(default, str) and family in FAMILIES and "_target_" not in (cfg.get(family) or {}):
             names = ", ".join(plugin.name for plugin in plugins(family))
             raise UserError(f"{family} is not chosen; choose one of {names}")
     for family in [family for family in MULTI_SELECT if family in cfg]:

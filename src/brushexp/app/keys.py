@@ -7,7 +7,7 @@ composed; `--help`, the error messages and the documentation read the same lines
 from collections.abc import Collection, Mapping
 from dataclasses import MISSING as NO_DEFAULT
 from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, get_type_hints
 
 from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, OmegaConf
@@ -35,11 +35,6 @@ class Key:
     default: Any
     meaning: str
     bounds: Bounds | Rule
-
-    @property
-    def is_list(self) -> bool:
-        """Whether it takes several values."""
-        return any(get_origin(part) is list for part in (self.annotation, *get_args(self.annotation)))
 
 
 def keys_of(schema: type[Any], above: str = "") -> dict[str, Key]:

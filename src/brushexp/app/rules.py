@@ -236,11 +236,9 @@ def check_prune(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 def check_extremes(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """The names on the axes."""
-    wanted = {axis: cfg[axis] for axis in ("renderers", "blends", "dtypes", "scenes") if cfg[axis] is not None}
-    if wanted:
-        from brushexp.stress.matrix import chosen_axes  # noqa: PLC0415
+    from brushexp.stress.matrix import chosen_axes  # noqa: PLC0415
 
-        chosen_axes(**wanted)
+    chosen_axes(**{axis: cfg[axis] for axis in ("renderers", "blends", "dtypes", "scenes")})
 
 
 OF_TASKS: dict[str, Callable[[DictConfig, Sequence[str]], None]] = {

@@ -1,20 +1,16 @@
 """One plot of what the settings of a sweep do to the main metrics: means over seeds, and the spread."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
 
 from brushexp.results import plotting
 from brushexp.results.plotting import COLORS, MARKERS, SIZE
 from brushexp.results.runs import differences, shortened
 from brushexp.results.tables import over_seeds, run_count, varying
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from pandas import DataFrame
 
 # One panel each: the first of these metrics that some run has.
 PANELS = (
@@ -27,14 +23,12 @@ SPARSE = 0.5  # share of all combinations below which a sweep is a list
 LABEL = 26  # letters in a line of a label
 
 
-def effects(frame: DataFrame) -> dict[str, DataFrame] | None:
+def effects(frame: pd.DataFrame) -> dict[str, pd.DataFrame] | None:
     """The main metrics by the setting with most values, a data frame for each combination of the others but the seed.
 
     It has a row per value, rising if all are numbers, and columns ("mean", metric) and ("std", metric). None if there
     is nothing to compare, or if hardly any combination was run: a list of settings has its front, see `pareto`.
     """
-    import pandas as pd  # noqa: PLC0415
-
     axes = {k: values for k, values in varying(frame[frame["run", "label"].notna()]).items() if k != "seed"}
     if not axes:
         return None
@@ -57,7 +51,7 @@ def effects(frame: DataFrame) -> dict[str, DataFrame] | None:
     return series if numeric else {name: one.reindex(axes[across]) for name, one in series.items()}
 
 
-def write_effect(folder: Path, frame: DataFrame) -> Path | None:
+def write_effect(folder: Path, frame: pd.DataFrame) -> Path | None:
     """Write ``effect.png`` of a sweep; None if nothing varies but the seed, or no two settings were finished.
 
     The setting with most values lies along an axis, across if it is a number; others are told apart by colour.
@@ -84,7 +78,7 @@ def write_effect(folder: Path, frame: DataFrame) -> Path | None:
     return plotting.save_figure(figure, folder / "effect.png")
 
 
-def _over_numbers(axes: Axes, series: dict[str, DataFrame], metric: str) -> None:
+def _over_numbers(axes: Axes, series: dict[str, pd.DataFrame], metric: str) -> None:
     for k, (name, one) in enumerate(series.items()):
         known = one.dropna(subset=[("mean", metric)])
         axes.errorbar(known.index, known["mean"][metric], yerr=known["std"][metric], **_look(k, name))
@@ -94,7 +88,7 @@ def _over_numbers(axes: Axes, series: dict[str, DataFrame], metric: str) -> None
     axes.set_ylabel(plotting.metric_label(metric), fontsize=10)
 
 
-def _in_rows(axes: Axes, series: dict[str, DataFrame], metric: str) -> None:
+def _in_rows(axes: Axes, series: dict[str, pd.DataFrame], metric: str) -> None:
     """A row for each word, in which the series lie above each other."""
     for k, (name, one) in enumerate(series.items()):
         places = np.arange(len(one)) + 0.7 * ((k + 0.5) / len(series) - 0.5)

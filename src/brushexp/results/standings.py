@@ -91,15 +91,9 @@ class Section:
         if len(names) == 1:
             return names[0]
         sizes = {name.rpartition(", ")[2] for name in names}
-        plain = [PurePath(name.rpartition(", ")[0] or name).stem for name in names]
+        plain = [*map(stem_of, names)]
         shown = ", ".join(plain if len(plain) <= FEW else [*plain[: FEW - 2], "...", plain[-1]])
         return f"{len(names)} pictures: {shown}" + (f"; {sizes.pop()} each" if len(sizes) == 1 else "")
-
-    @cached_property
-    def columns(self) -> dict[str, Metric]:
-        """The metrics that some row has."""
-        known = {key for row in self.rows for key in row.numbers} | {k for one in self.published for k in one.figures}
-        return {key: metric for key, metric in COLUMNS.items() if key in known}
 
     @cached_property
     def times(self) -> list[float]:

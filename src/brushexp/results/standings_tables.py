@@ -42,14 +42,14 @@ def write_leaderboard_tables(
 def table_cells(section: Section) -> list[dict[str, str]]:
     """The table of a section as it is shown: measured rows, then published ones, whose ``pictures`` are not "these"."""
     return [_measured(row, section) for row in section.rows] + [
-        published_cells(one, section.columns, section.relation(one)) for one in section.published
+        published_cells(one, section.relation(one)) for one in section.published
     ]
 
 
 def _measured(row: Row, section: Section) -> dict[str, str]:
     behind = section.against_best(row)
     found = {"painter": row.painter, "settings": row.settings, "strokes": count_of(row.strokes)}
-    for key, metric in section.columns.items():
+    for key, metric in COLUMNS.items():
         found[metric.name] = (
             _with_interval(interval(row.numbers[key]), metric.digits) if key in row.numbers else MISSING
         )
@@ -57,13 +57,13 @@ def _measured(row: Row, section: Section) -> dict[str, str]:
     return found | {"pictures": "these"}
 
 
-def published_cells(figures: PublishedFigures, columns: Mapping[str, Any], pictures: str) -> dict[str, str]:
+def published_cells(figures: PublishedFigures, pictures: str) -> dict[str, str]:
     """A row of published figures; its settings are the source."""
     size = " at {} x {}".format(*figures.size) if len(figures.size) == 2 else ""
     machine = f", on {figures.machine}" if figures.machine else ""
     strokes = f"{count_of(figures.primitives)} {figures.what}" if figures.primitives else MISSING
     found = {"painter": figures.painter, "settings": figures.source + machine, "strokes": strokes}
-    for key, metric in columns.items():
+    for key, metric in COLUMNS.items():
         found[metric.name] = f"{figures.figures[key]:g}" if key in figures.figures else MISSING
     return found | {"behind, dB": MISSING, "pictures": pictures + size}
 
@@ -135,8 +135,7 @@ def _markdown(
                 yield from (words, "", _table(found), "")
         yield from _commands(section)
     if elsewhere:
-        columns = {key: metric for key, metric in COLUMNS.items() if any(key in one.figures for one in elsewhere)}
-        cells = [published_cells(one, columns, one.pictures) for one in elsewhere]
+        cells = [published_cells(one, one.pictures) for one in elsewhere]
         yield from ("## Published elsewhere", "", ELSEWHERE, "", _table(cells), "")
 
 

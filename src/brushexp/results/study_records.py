@@ -4,14 +4,13 @@ A record is a CSV file: a first line of JSON behind ``# `` (command, numbers of 
 and picture (or seed) with the metrics. Folders of runs are large and go; a page is written anew from records.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import pandas as pd
 
 from brushexp.errors import UserError
 from brushexp.results.claims import Claim
@@ -20,9 +19,6 @@ from brushexp.results.runs import UNFINISHED, gather
 from brushexp.results.tables import METRICS
 from brushexp.system.files import write_text
 from brushexp.system.reading import json_of, read_text
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 JOBS_FILE = ".hydra/jobs.json"  # of a sweep: the words that were typed
 EXPERIMENT = "experiment="
@@ -43,7 +39,7 @@ class Study:
 
     name: str
     words: tuple[str, ...]
-    table: DataFrame | None
+    table: pd.DataFrame | None
     n_jobs: int
     n_runs: int
     n_finished: int
@@ -86,8 +82,6 @@ def studies_in(folders: Sequence[Path], into: Path) -> dict[str, Study]:
 
 def _recorded(folders: Sequence[Path]) -> Iterator[Study]:
     """Those of which a folder holds records."""
-    import pandas as pd  # noqa: PLC0415
-
     for path in sorted(path for folder in folders for path in folder.glob("*.csv")):
         with path.open(encoding="utf-8", errors="replace") as file:
             first = file.readline()
@@ -114,7 +108,7 @@ def _swept(folders: Sequence[Path], into: Path) -> Iterator[Study]:
             yield Study(name, tuple(_short(words)), paired_table(frame), *sizes, _cost(frame))
 
 
-def _cost(frame: DataFrame) -> str:
+def _cost(frame: pd.DataFrame) -> str:
     """What the finished runs took, in words."""
     metrics = frame["metric"][~frame["run", "status"].isin(UNFINISHED)]
     for key, told in (("cpu_seconds", "CPU hours"), ("seconds_total", "hours, CPU time not noted")):

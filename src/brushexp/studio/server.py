@@ -25,11 +25,11 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from brushexp.errors import UserError
 from brushexp.results.page.serving import HOST, refused
-from brushexp.studio.look_samples import FOLDER as LOOKS
 from brushexp.studio.photos import LARGEST_UPLOAD, Photos
 from brushexp.studio.tab import add_page
 from brushexp.studio.works import Work, Works
 
+LOOKS = Path(__file__).parent / "looks"  # samples, of docs/site/look_samples.py
 NAMES = [HOST, "localhost", "[::1]"]  # of this machine; another name that leads here is that of a page of others
 POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "

@@ -93,10 +93,7 @@ class Works:
 
     def __getitem__(self, number: int) -> Work:
         """A painting by its number; KeyError if there is none."""
-        for work in self.all:
-            if work.number == number:
-                return work
-        raise KeyError(number)
+        return {work.number: work for work in self.all}[number]
 
     def warm_up(self) -> None:
         """Import and compile in a thread what the first painting would wait for."""
@@ -114,10 +111,7 @@ class Works:
         work = Work(number, wishes, self.folder / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{number}_{wishes.look}")
         self.all.append(work)
         self._changed()
-        before, self._thread = (
-            self._thread,
-            Thread(target=lambda: self._run(work, before), name="painting", daemon=True),
-        )
+        self._thread = Thread(target=self._run, args=(work, self._thread), name="painting", daemon=True)
         self._thread.start()
         return work
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import lightning as L
 import numpy as np
 import torch
-from omegaconf import DictConfig, open_dict
+from omegaconf import DictConfig
 
 from brushexp.app.fitting import conclude
 from brushexp.app.network_fitting import fit_network, renderer_settings, save_renderer
@@ -46,8 +46,6 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     L.seed_everything(cfg.seed, verbose=False)
     trained = build(cfg.renderer).to(device)
     data = stroke_data(cfg)
-    with open_dict(cfg):
-        cfg.checkpoint_every = None  # what is interrupted is begun anew
     begun, n = time.monotonic(), data.count(Split.TEST, cfg.n)
     rows: list[Row] = []
     renderers: dict[str, Renderer] = {}

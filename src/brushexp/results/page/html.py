@@ -1,7 +1,5 @@
 """Templates to pages: everything a page needs is written into it, and its content security policy allows no more."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import io
@@ -9,14 +7,13 @@ import math
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 from PIL import Image
 
 from brushexp.system.files import PNG
-
-if TYPE_CHECKING:
-    from jinja2 import Environment
 
 TEMPLATES = Path(__file__).parent / "templates"
 
@@ -34,9 +31,6 @@ def page(template: str, **context: Any) -> str:
 @cache
 def _environment() -> Environment:
     """Jinja with what all templates need."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined  # noqa: PLC0415  (slow imports are not for --help)
-    from markupsafe import Markup  # noqa: PLC0415
-
     policy = ["default-src 'none'; img-src data:; base-uri 'none'; form-action 'none'"]
     assets: dict[str, Markup] = {}
     for tag, suffix in (("style", "css"), ("script", "js")):

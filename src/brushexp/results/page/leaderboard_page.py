@@ -33,7 +33,6 @@ def write_leaderboard_page(
     """Write ``report.html``, with the plot beside it; each picture is shown in the first section that has it."""
     where = {target: section for section in reversed(sections) for target in section.pictures}
     count = sum((1 + len(section.rows)) for section in where.values())
-    columns = {key: metric for key, metric in COLUMNS.items() if any(key in one.figures for one in elsewhere)}
     html = page(
         "leaderboard.html.j2",
         title="Leaderboard",
@@ -50,7 +49,7 @@ def write_leaderboard_page(
             }
             for section in sections
         ],
-        elsewhere=without_empty([published_cells(one, columns, one.pictures) for one in elsewhere]),
+        elsewhere=without_empty([published_cells(one, one.pictures) for one in elsewhere]),
         elsewhere_explained=ELSEWHERE,
         better={metric.name: metric.better for metric in COLUMNS.values()},
         words=WORDS,

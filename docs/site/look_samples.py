@@ -1,4 +1,4 @@
-"""Small paintings of one photograph, a look each, that the page shows; ``python -m brushexp.studio.look_samples``."""
+"""Small paintings of one photograph, a look each, that the page shows; ``python docs/site/look_samples.py``."""
 
 from pathlib import Path
 
@@ -8,18 +8,18 @@ import brushexp
 from brushexp.app.command_line import prepare
 from brushexp.app.looks import look_names
 
-FOLDER = Path(__file__).parent / "looks"
+FOLDER = Path(__file__).parents[2] / "src/brushexp/studio/looks"
 PHOTO, RESOLUTION = "astronaut", 340  # pixels of the longer side: few, so that strokes are seen
 FACE = (69, 8, 229, 168)  # left, top, right and bottom of what is shown, in pixels
 SIDE, QUALITY = 176, 80  # pixels, and of WebP
 
 
-def paint_samples(looks: list[str], folder: Path = FOLDER) -> None:
-    """Write ``<look>.webp`` into a folder for each look."""
+def paint_samples(looks: list[str]) -> None:
+    """Write ``<look>.webp`` for each look."""
     for look in looks:
         painting = brushexp.paint(PHOTO, look=look, resolution=RESOLUTION)
         picture = Image.fromarray(painting.image).crop(FACE).resize((SIDE, SIDE), Image.Resampling.LANCZOS)
-        picture.save(folder / f"{look}.webp", quality=QUALITY, method=6)
+        picture.save(FOLDER / f"{look}.webp", quality=QUALITY, method=6)
 
 
 if __name__ == "__main__":
