@@ -126,7 +126,7 @@ def _markdown(
         yield from (f"## {escaped(section.title)}", "", _table(table_cells(section)), "")
         for words, found in (
             (
-                "PSNR in dB after so many seconds of optimisation; a painting that is done stays.",
+                "The best PSNR in dB within so many seconds of optimisation; a painting that is done stays.",
                 at_equal_seconds(section),
             ),
             ("PSNR in dB by picture.", by_picture(section)),
