@@ -131,6 +131,7 @@ def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab)
         {"name": "my cat.png", "mimeType": "", "buffer": CHELSEA.read_bytes()}
     )
     page.get_by_alt_text("the photograph my cat").wait_for()
+    page.get_by_text(re.compile(r"as the look: [\d,]+")).wait_for()
     choose(page, "Canvas", "256")
     page.get_by_role("button", name="Paint", exact=True).click()
     picture = page.locator(".place .stage img[src^='/works/']")
