@@ -9,6 +9,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes import measures as ruler
 from brushexp.strokes.bezier import curve_of, half_width_of, length_of
 from brushexp.strokes.brushwork import pitch_of
@@ -111,9 +113,6 @@ def visible_share(strokes: Strokes, depth: Tensor, size: tuple[int, int]) -> Ten
 
 def _paint_of(strokes: Strokes, above: Tensor, size: tuple[int, int]) -> Tensor:
     """Sum (N,) over the canvas of what each stroke adds to the picture per unit of its colour."""
-    from brushexp.plugins.blend.tiled import Tiled  # noqa: PLC0415  (slow to import)
-    from brushexp.plugins.renderer.analytic import Analytic  # noqa: PLC0415
-
     color = torch.zeros_like(strokes.color).requires_grad_()
     with torch.enable_grad():
         layers = Analytic()(replace(strokes, color=color))

@@ -17,6 +17,8 @@ from brushexp.analysis.columns import MEASURES, Array
 from brushexp.analysis.samples import DIRECTION_BINS, direction_shares
 from brushexp.analysis.summary import OVERALL, Analysis, overall_of
 from brushexp.analysis.summary_text import relative_unit, strokes_in, three_digits, with_unit
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.results.plotting import COLORS, FAINT, INK, new_figure, save_figure, tidy, without_math
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.measures import NEIGHBOURS, centre_of, direction_of, mean_direction, nearest_strokes
@@ -172,9 +174,6 @@ def direction_colors(angle: Array) -> Array:
 @torch.no_grad()
 def stroke_map(found: Analysis) -> NDArray[np.float32]:
     """The strokes (H, W, 3) as they lie over each other, in the colours of their directions, on white."""
-    from brushexp.plugins.blend.tiled import Tiled  # noqa: PLC0415  (slow to import)
-    from brushexp.plugins.renderer.analytic import Analytic  # noqa: PLC0415
-
     zoom = STROKES_SIDE / max(found.size)
     size = (max(1, round(found.size[0] * zoom)), max(1, round(found.size[1] * zoom)))
     color = torch.from_numpy(direction_colors(found.measures.orientation)).float()

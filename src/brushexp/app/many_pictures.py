@@ -13,6 +13,7 @@ from brushexp.app.configs import files_of, quoted
 from brushexp.app.sweep_jobs import JOBS, PICTURE
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
+from brushexp.system.reading import read_text, yaml_of
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".gif")
 SETS = "pictures="
@@ -98,8 +99,6 @@ def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
     A set is a YAML file with a list, ``pictures/<name>.yaml`` in folders of configs or a path as it is typed, of names
     of samples and of files, which lie beside it unless their paths are whole. A UserError names what is not there.
     """
-    from brushexp.system.reading import read_text, yaml_of  # noqa: PLC0415  (torch; --help should not wait for it)
-
     files = {key: path for folder in folders for key, path in files_of(folder, GROUP_OF_SETS).items()}
     path = Path(os.path.expanduser(name)) if name.endswith(ENDING) else files.get(name)
     if path is None or (os.path.exists(name) and not name.endswith(ENDING)):

@@ -12,6 +12,7 @@ from omegaconf.errors import OmegaConfBaseException
 from brushexp.app.composition import check, leaves
 from brushexp.errors import UserError
 from brushexp.registry import plugins
+from brushexp.system.files import TEMPORARY, write_text
 from brushexp.system.reading import read_text
 
 OURS = re.compile(  # files that tasks write into their folders
@@ -109,8 +110,6 @@ def grows(folder: Path, cfg: DictConfig) -> bool:
 
 def note_words(folder: Path, cfg: DictConfig, words: Sequence[str]) -> None:
     """Leave config and overrides of a run in its folder, as Hydra does."""
-    from brushexp.system.files import write_text  # noqa: PLC0415
-
     (folder / ".hydra").mkdir(parents=True, exist_ok=True)
     write_text(folder / ".hydra" / "config.yaml", OmegaConf.to_yaml(cfg))
     write_text(folder / ".hydra" / "overrides.yaml", OmegaConf.to_yaml(OmegaConf.create([*words])))
@@ -130,8 +129,6 @@ def lock(folder: Path) -> None:
     Files that a killed one was writing are removed.
     """
     from filelock import FileLock, Timeout  # noqa: PLC0415
-
-    from brushexp.system.files import TEMPORARY  # noqa: PLC0415  (torch; --help should not wait for it)
 
     try:
         (folder / ".hydra").mkdir(parents=True, exist_ok=True)

@@ -91,7 +91,7 @@ def painted_into(
         trackers.report(
             finished.metrics,
             pictures={name: folder / f"{name}.png" for name in ("target", "painting")},
-            frames=some_of(finished.timelapse),
+            frames=some_of(finished.timelapse.frames),
             files={"catalogue": folder / "catalogue.h5"},
         )
     with ThreadPoolExecutor(1) as beside:  # to encode a film leaves Python to others
@@ -104,13 +104,10 @@ def painted_into(
     return finished
 
 
-def some_of(timelapse: Timelapse) -> dict[int, bytes]:
+def some_of(frames: dict[int, bytes]) -> dict[int, bytes]:
     """A few frames, step -> JPEG, without the last, which is the painting."""
-    state = timelapse.state_dict()
-    frames = dict(zip(state["steps"], state["frames"], strict=True))
     steps = sorted(frames)[:-1]
-    apart = max(1, -(-len(steps) // ON_THE_WAY))
-    return {step: frames[step].numpy().tobytes() for step in steps[::apart]}
+    return {step: frames[step] for step in steps[:: max(1, -(-len(steps) // ON_THE_WAY))]}
 
 
 def report(folder: Path) -> None:

@@ -16,7 +16,10 @@ from omegaconf import DictConfig
 from brushexp.app.composition import check
 from brushexp.app.run_folder import check_free, take
 from brushexp.errors import UserError
+from brushexp.results.runs import has_finished
 from brushexp.results.sweep import first_line, renew
+from brushexp.system.files import write_json
+from brushexp.system.reading import in_short, json_of, read_text
 
 JOBS = ".hydra/jobs.json"  # in the folder of a sweep: what was typed, and the words of each job
 ANY_TIME = ("output", "overwrite")  # keys that may be others when a sweep goes on
@@ -54,8 +57,6 @@ def begin_sweep(config: DictConfig, jobs: Sequence[Words], goes_on: bool, lenien
 
     A ``lenient`` one may have others, but none in the folder of one that was noted.
     """
-    from brushexp.system.files import write_json  # noqa: PLC0415  (torch; --help should not wait for it)
-
     folder = Path(config.hydra.sweep.dir)
     kept_jobs = [kept(job) for job in jobs]
     if goes_on:
@@ -77,8 +78,6 @@ def kept(words: Words) -> list[str]:
 
 def check_same(folder: Path, jobs: Sequence[Words], lenient: bool = False) -> None:
     """Refuse (UserError) to go on with a folder that is not of a sweep with just these jobs."""
-    from brushexp.system.reading import in_short, json_of, read_text  # noqa: PLC0415
-
     try:
         noted = json_of(read_text(folder / JOBS, ""))
         before, words = [list(map(str, job)) for job in noted["jobs"]], list(map(in_short, noted["typed"]))
@@ -137,8 +136,6 @@ def in_place(job: Words, number: int) -> list[str]:
 
 def is_done(folder: Path) -> bool:
     """Whether the job of this folder needs not be launched; UserError if it is at work."""
-    from brushexp.results.runs import has_finished  # noqa: PLC0415
-
     if (folder / ".hydra").is_dir():
         check_free(folder)
     return has_finished(folder)

@@ -37,7 +37,7 @@ class Timelapse(L.Callback):
             choices = f"{least:g} to {MOST_SECONDS} for {n_frames} frames"
             raise UserError(f"timelapse_seconds is {seconds:g}; choose {choices}")
         self.n_frames, self.side, self.seconds, self.kind = n_frames, side, seconds, kind
-        self._frames: dict[int, bytes] = {}  # step -> JPEG
+        self.frames: dict[int, bytes] = {}  # step -> JPEG
         self._seen = -1  # the last step that was looked at
 
     def on_train_start(self, trainer: L.Trainer, painter: Any) -> None:
@@ -56,14 +56,14 @@ class Timelapse(L.Callback):
         if self.n_frames:
             encoded = io.BytesIO()
             shrink(image, self.side).save(encoded, format="JPEG", quality=JPEG_QUALITY)
-            self._frames[step] = encoded.getvalue()
+            self.frames[step] = encoded.getvalue()
 
     def write(self, folder: Path) -> list[Path]:
         """Write ``timelapse.mp4`` (or ``.gif``, or both) and return the paths; none if there are no frames."""
-        if not self._frames:
+        if not self.frames:
             return []
-        *steps, last = sorted(self._frames)
-        rate, ticks = timing(len(self._frames), self.seconds)
+        *steps, last = sorted(self.frames)
+        rate, ticks = timing(len(self.frames), self.seconds)
         painting = self._frame(last)
         with filming(folder / "timelapse", self.kind, painting.shape[:2], rate) as film:
             for step in steps:
@@ -72,15 +72,15 @@ class Timelapse(L.Callback):
         return film.paths
 
     def _frame(self, step: int) -> np.ndarray:
-        return np.asarray(Image.open(io.BytesIO(self._frames[step])).convert("RGB"))
+        return np.asarray(Image.open(io.BytesIO(self.frames[step])).convert("RGB"))
 
     def state_dict(self) -> dict[str, Any]:
-        frames = [torch.frombuffer(bytearray(jpeg), dtype=torch.uint8) for jpeg in self._frames.values()]
-        return {"steps": list(self._frames), "frames": frames}
+        frames = [torch.frombuffer(bytearray(jpeg), dtype=torch.uint8) for jpeg in self.frames.values()]
+        return {"steps": list(self.frames), "frames": frames}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         jpegs = [frame.numpy().tobytes() for frame in state_dict["frames"]]
-        self._frames = dict(zip(state_dict["steps"], jpegs, strict=True))
+        self.frames = dict(zip(state_dict["steps"], jpegs, strict=True))
 
 
 @lru_cache

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from brushexp.results.claims import NOT_RUN, Claim
-from brushexp.results.paired import Difference, paired_differences, rule_for
-from brushexp.results.paired_plot import PANELS, write_paired_plot
+from brushexp.results.paired import PANELS, Difference, paired_differences, rule_for, write_paired_plot
 from brushexp.results.study_records import EXPERIMENT, Study
 from brushexp.results.tables import METRICS, markdown_table
 from brushexp.system.files import write_text

@@ -15,6 +15,10 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.errors import UserError
+from brushexp.results.runs import gather, parse_overrides
+from brushexp.results.tables import is_album, write_run_tables
+from brushexp.system.files import write_json
+from brushexp.system.reading import json_of, read_text
 
 FIRST_REPORT = 30  # seconds from the start of the program, for what a report needs takes two to load
 SHARE = 0.1  # of a sweep's time that its report may take, which grows with the number of runs
@@ -41,9 +45,6 @@ class SweepReport(Callback):
 
 def note_result(folder: Path, cfg: DictConfig, overrides: Sequence[str], result: Any) -> None:
     """Write the ``result.json`` of a job, of what its task returned or raised, and renew the report of its sweep."""
-    from brushexp.system.files import write_json  # noqa: PLC0415
-    from brushexp.system.reading import json_of, read_text  # noqa: PLC0415
-
     try:  # Hydra would turn an exception into a warning
         if isinstance(result, float):  # the one that was its objective
             result = json_of(read_text(folder / "metrics.json", ""))
@@ -75,8 +76,6 @@ def write_report(folder: Path) -> None:
     from brushexp.results.contact_sheet import write_contact_sheet  # noqa: PLC0415
     from brushexp.results.effect import write_effect  # noqa: PLC0415
     from brushexp.results.paired import write_differences  # noqa: PLC0415
-    from brushexp.results.runs import gather  # noqa: PLC0415
-    from brushexp.results.tables import is_album  # noqa: PLC0415
 
     frame = gather([folder], folder)
     if is_album(frame):
@@ -91,7 +90,6 @@ def write_report(folder: Path) -> None:
 def write_tables_and_page(folder: Path, frame: Any) -> None:
     """Write tables and the page of some runs."""
     from brushexp.results.page.sweep_page import write_sweep_page  # noqa: PLC0415
-    from brushexp.results.tables import write_run_tables  # noqa: PLC0415
 
     write_run_tables(folder, frame)
     write_sweep_page(folder, frame)
@@ -111,8 +109,6 @@ def write_comparison(folder: Path, frame: Any) -> Path | None:
 
 def result_of(run: str, cfg: DictConfig, overrides: Sequence[str], result: Any) -> dict[str, Any]:
     """What ``result.json`` of a run holds: its settings, how it ended, and the numbers that the task returned."""
-    from brushexp.results.runs import parse_overrides  # noqa: PLC0415
-
     found: dict[str, Any] = {"run": run, "status": "completed", "overrides": parse_overrides(overrides)}
     losses = OmegaConf.select(cfg, "loss")
     if losses is not None:
