@@ -28,6 +28,11 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # tests that run in th
 torch.set_num_threads(1)  # tiny tensors: threads cost more than they give, most of all on a busy machine
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Whole runs of the program come first, so that no worker is left alone with one at the end."""
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+
+
 @pytest.fixture(autouse=True)
 def _seeded() -> None:
     torch.manual_seed(0)

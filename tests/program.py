@@ -22,7 +22,8 @@ from subprocess import CompletedProcess, TimeoutExpired
 import brushexp.__main__
 
 ROOT = Path(__file__).parents[1]
-THEIRS = ["filelock", "hydra.main", "jinja2", "lightning.pytorch.callbacks", "torchmetrics.functional.image"]
+THEIRS = ["av", "filelock", "hydra.main", "jinja2", "lightning.pytorch.callbacks", "skimage.data"]
+THEIRS += ["skimage.segmentation.slic_superpixels", "torchmetrics.functional.image"]
 OURS = [module.name for module in pkgutil.walk_packages(brushexp.__path__, "brushexp.")]
 FORKS = multiprocessing.get_context("forkserver")
 FORKS.set_forkserver_preload([*THEIRS, *OURS])

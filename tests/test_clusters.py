@@ -13,6 +13,7 @@ from brushexp.errors import UserError
 from brushexp.results.objective import better_direction, objective_in
 from brushexp.system.runtime import interruptible, pass_signal_on
 
+pytestmark = pytest.mark.slow
 TINY = ["-m", "look=plain", "image=chelsea", "resolution=16", "steps=1", "report=false", "frames=0"]
 STUDY = ["hydra/sweeper=optuna", "objective=l1", "optimizer.lr=interval(0.01,0.1)", "init=choice(grid,slic)"]
 

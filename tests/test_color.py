@@ -128,13 +128,11 @@ def test_importance_is_estimated_in_the_picture(name):
 
 @pytest.mark.filterwarnings("ignore:.*in eval mode")
 def test_catalogues_remember_the_space_and_exports_mix_in_it(run_task, tmp_path):
-    folder = tmp_path / "painted"
-    folder.mkdir()
     run_task(painting, "image=coffee", "resolution=40", "steps=2", "color=pigment", "report=false", "frames=0")
     first = np.asarray(Image.open(tmp_path / "painting.png"))
     saved = load_catalogue(tmp_path / "catalogue.h5")
     assert type(space_of(saved)) is type(SPACES["pigment"])
-    run_task(export, "task=export", f"catalogue={tmp_path / 'catalogue.h5'}", f"output={folder}")
+    run_task(export, "task=export", f"catalogue={tmp_path / 'catalogue.h5'}")
     assert np.array_equal(np.asarray(Image.open(tmp_path / "painting.png")), first)
     job = export_job(saved, renderer_of(saved), TILED, saved.renderer)
     *_, last = states(job, iter([np.full(len(saved.strokes), share) for share in (0.0, 1.0)]))

@@ -22,7 +22,6 @@ from brushexp.plugins.renderer.base import RENDERERS, window_pictures
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.prior import INSET, WIDTH, parameters_of, sample_prior
 from brushexp.training.benchmark import EXTREMES, draw_extremes, extreme_strokes
-from brushexp.training.datamodule import StrokeBatch
 from brushexp.training.evaluation import (
     FeatureDistance,
     bristle_figures,
@@ -47,12 +46,6 @@ def sample_set(n: int, shift: float = 0.0) -> torch.Tensor:
     images = 0.3 + shift + 0.3 * torch.rand(n, 4, 3, 4)
     images[:, 3] = 1
     return images
-
-
-def strokes(n: int, side: int = 32, **options) -> StrokeBatch:
-    parameters = parameters_of(sample_prior(n))
-    with torch.no_grad():
-        return StrokeBatch(parameters, window_pictures(Analytic(**options), parameters, side), torch.arange(n))
 
 
 def test_fid_and_kid_are_their_formulas():

@@ -96,6 +96,7 @@ def declared():
                 yield (TASK_OF.get(plugin.family, "paint"), words), f"{plugin.path}.{item.name}", item.type
 
 
+@pytest.mark.slow
 def test_every_value_fits_or_is_refused_in_one_line_that_names_the_key():
     """A sixth of the values of each key, others for the next one; all of them with ``BRUSHEXP_VALUES=all``."""
     configs, wrong = {}, []

@@ -20,6 +20,7 @@ from brushexp.app.run_folder import left_in
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import TEMPORARY
 
+pytestmark = pytest.mark.slow
 PAINT = ["image=chelsea", "resolution=32", "strokes=12", "threads=1", "frames=3", "timelapse=gif", "checkpoint_every=0"]
 TRAIN = ["task=train", "data=set/strokes", "epochs=3", "minutes=null", "batch_size=8", "limit=64", "threads=1", "fid=0"]
 TRAIN += ["checkpoint_every=0", "renderer.width=4", "renderer.dense=16", "renderer.code=2"]

@@ -28,6 +28,7 @@ from brushexp.plugins.logger.base import Logger, Run
 from brushexp.plugins.logger.wandb import WeightsAndBiases, mode_of
 from brushexp.system.files import write_picture
 
+pytestmark = pytest.mark.slow
 PROXIES = ("http_proxy", "https_proxy", "all_proxy")
 
 

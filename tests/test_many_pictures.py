@@ -18,6 +18,7 @@ from brushexp.errors import UserError
 from brushexp.pictures.load import samples
 from brushexp.system import device, runtime
 
+pytestmark = pytest.mark.slow
 QUICK = ("look=plain", "steps=2", "frames=0", "report=false", "logger=[]")
 
 

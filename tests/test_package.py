@@ -14,6 +14,7 @@ import pytest
 from program import ROOT
 from skimage import data, io
 
+pytestmark = pytest.mark.slow
 LOOK = "# @package _global_\n# a look of one's own\nsteps: 4\nresolution: 40\nframes: 0\nrenderer:\n  taper: 0.5\n"
 
 

@@ -28,9 +28,9 @@ GRID = 0.025 / 2 * 2**0.5  # mm by which HPGL rounds at most
 MM = vpype.UNITS["mm"]
 
 
-def job_of(strokes: Strokes, depth=None, size=SIZE, background=(1.0, 1.0, 1.0)) -> ExportJob:
+def job_of(strokes: Strokes, depth=None, size=SIZE) -> ExportJob:
     depth = torch.arange(len(strokes)).int() if depth is None else depth
-    return ExportJob(strokes, depth, size, torch.tensor(background), Analytic(), Tiled(), "analytic", "a/catalogue.h5")
+    return ExportJob(strokes, depth, size, torch.ones(3), Analytic(), Tiled(), "analytic", "a/catalogue.h5")
 
 
 def inside(n: int, seed: int = 0) -> Strokes:

@@ -2,29 +2,30 @@
 
 import re
 import shlex
-import shutil
 
 import pytest
-from hydra import compose, initialize_config_dir
 
+from brushexp.app import configs
 from brushexp.app.composition import check
 from brushexp.app.configs import SHIPPED
 from brushexp.registry import build
+from brushexp.system.reading import read_text, yaml_of
 
 PRESETS = {path.stem: path for path in (SHIPPED / "quality").glob("*.yaml")}
 STUDIES = {path.stem: path for path in sorted((SHIPPED / "experiment").glob("*.yaml"))}
 LADDER = ("draft", "normal", "fine", "best")
 
 
-def composed(*overrides: str, conf=SHIPPED, hydra: bool = False):
-    with initialize_config_dir(version_base="1.3", config_dir=str(conf)):
-        return compose("config", overrides=list(overrides), return_hydra_config=hydra)
+def composed(*words: str, own=()):
+    return configs.composed(words, [SHIPPED, *own])
 
 
-LISTS = {
-    study: list(composed(f"experiment={study}", hydra=True).hydra.sweeper.get("settings", [])) for study in STUDIES
-}
-SETTINGS = [(study, setting) for study, listed in LISTS.items() if len(listed) > 1 for setting in listed]
+def listed(study: str) -> list[str]:
+    """Settings of a study, one a job."""
+    return yaml_of(read_text(STUDIES[study], "")).get("hydra", {}).get("sweeper", {}).get("settings", [])
+
+
+SETTINGS = [(study, setting) for study in STUDIES if len(listed(study)) > 1 for setting in listed(study)]
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -50,19 +51,20 @@ def test_better_takes_longer_and_normal_is_the_default():
 
 
 def test_what_you_type_wins_over_a_study_over_a_preset_over_the_task(tmp_path):
-    shutil.copytree(SHIPPED, tmp_path / "conf")
+    for group in ("quality", "experiment"):
+        (tmp_path / group).mkdir()
     head = "# @package _global_\n# it\ndefaults:\n"
     toy = head + "  - override /optimizer: soap\n\nsteps: 7\n"
-    (tmp_path / "conf" / "quality" / "toy.yaml").write_text(toy)
+    (tmp_path / "quality" / "toy.yaml").write_text(toy)
     study = head + "  - override /quality: toy\n  - override /optimizer: lbfgs\n\npixels_per_stroke: 33\n"
-    (tmp_path / "conf" / "experiment" / "toy.yaml").write_text(study)
+    (tmp_path / "experiment" / "toy.yaml").write_text(study)
     for typed, expected in {
         "quality=toy": (7, 100, "SOAP"),
         "experiment=toy": (7, 33, "LBFGS"),
         "experiment=toy steps=5 optimizer=sgd": (5, 33, "SGD"),
         "experiment=toy quality=best": (composed("look=plain", "quality=best").steps, 33, "LBFGS"),
     }.items():
-        cfg = composed("look=plain", *typed.split(), conf=tmp_path / "conf")
+        cfg = composed("look=plain", *typed.split(), own=[tmp_path])
         assert (cfg.steps, cfg.pixels_per_stroke, cfg.optimizer.name) == expected, typed
 
 
@@ -74,6 +76,8 @@ def test_a_study_composes_and_asks_a_question(study):
     assert f"experiment={study}" in head[1]
     for node in composed(f"experiment={study}").get("loss", {}).values():  # a task without paintings has none
         build(node)
+    settings = [tuple(sorted(shlex.split(setting))) for setting in listed(study)]
+    assert len(set(settings)) == len(settings), "each once"
 
 
 @pytest.mark.parametrize(("study", "setting"), SETTINGS)
@@ -83,8 +87,3 @@ def test_every_setting_of_a_list_composes(study, setting):
     groups = ("renderer", "blend", "sampler", "density", "order", "engine")
     for node in (*cfg.get("loss", {}).values(), *(cfg[group] for group in groups if group in cfg)):
         build(node)
-
-
-def test_no_setting_stands_in_a_list_twice():
-    for study, listed in LISTS.items():
-        assert len({tuple(sorted(shlex.split(setting))) for setting in listed}) == len(listed), study

@@ -36,6 +36,7 @@ from brushexp.plugins.blend.tiled import Tiled
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import TEMPORARY
 
+pytestmark = pytest.mark.slow
 HISTORIES = int(os.environ.get("BRUSHEXP_STATES", "3"))
 STEPS, FRAMES = 8, 3
 SETTINGS = ["resolution=24", "threads=1", "report=false", "checkpoint_every=0"]
@@ -222,7 +223,6 @@ def files_of(folder: Path) -> dict[str, bytes]:
     return {str(path): path.read_bytes() for path in folder.rglob("*") if path.is_file() and path.name != "lock"}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 def test_nothing_is_lost_and_nothing_lies(way):
     if way == "film":

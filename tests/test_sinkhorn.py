@@ -17,12 +17,6 @@ def judged(loss: Sinkhorn, image: Tensor, target: Tensor) -> Tensor:
     return loss(PaintedView(image, target, Strokes.none()))
 
 
-def pixel(height: int, width: int, row: int, column: int) -> Tensor:
-    picture = torch.zeros(3, height, width)
-    picture[:, row, column] = 1
-    return picture
-
-
 def dense(image: Tensor, target: Tensor, epsilon: float, iterations: int, floor: float) -> float:
     """The same divergence with a cost for each pair of pixels, in the log domain, one channel after another."""
     height, width = image.shape[1:]

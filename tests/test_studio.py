@@ -32,6 +32,7 @@ from brushexp.studio.server import application, running
 from brushexp.studio.wishes import Wishes
 from brushexp.studio.works import Works
 
+pytestmark = pytest.mark.slow
 WIDE, PHONE = (1280, 860), (390, 844)
 CHELSEA = Path(skimage.data.__file__).parent / "chelsea.png"
 

@@ -16,6 +16,7 @@ from brushexp.app.configs import SHIPPED
 from brushexp.strokes.prior import clamp_to_prior
 from brushexp.strokes.storage import load_catalogue
 
+pytestmark = pytest.mark.slow
 SMALL = ["look=plain", "image=chelsea", "resolution=48", "steps=30", "threads=1", "frames=5"]
 
 

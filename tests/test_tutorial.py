@@ -43,6 +43,7 @@ def installed(package: Path, folder: Path) -> str:
     return os.pathsep.join([str(folder), str(package / "src")])
 
 
+@pytest.mark.slow
 def test_the_plugins_of_the_tutorial_and_of_the_package_keep_their_contracts(tmp_path):
     assert {"calm", "raster", "marker", "glaze"} == NAMES
     for name in NAMES:
