@@ -1,6 +1,7 @@
 """No scene, however absurd, is painted wrongly in silence: the quick part of ``experiment=extremes``."""
 
 from dataclasses import replace
+from functools import cache
 
 import pytest
 import torch
@@ -8,7 +9,7 @@ import torch
 from brushexp.errors import UserError
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.plugins.renderer.base import LEAST_ALPHA
+from brushexp.plugins.renderer.base import LEAST_ALPHA, Renderer
 from brushexp.registry import build_named, plugins
 from brushexp.stress import check
 from brushexp.stress.check import (
@@ -28,8 +29,6 @@ from brushexp.strokes.catalogue import FARTHEST, Catalogue, check_strokes, drawa
 
 # The study alone has the time for them, and for the kernels of seven channels.
 SLOW_SCENES = ("10,000 on one pixel", "canvas 8192 x 8", "pure colours in pigment", "mixing in pigment")
-RENDERERS = {plugin.name: frozen_renderer(plugin.name) for plugin in plugins("renderer")}
-FORMULAS = [name for name, renderer in RENDERERS.items() if renderer.warm_up is None]
 BLENDS = {plugin.name: build_named("blend", plugin.name, {}) for plugin in plugins("blend")}
 CELLS = [("tiled", dtype) for dtype in DTYPES] + [(name, "float32") for name in BLENDS if name != "tiled"]
 BOUNDS = check.PICTURE_BOUNDS["float32"], check.GRADIENT_BOUNDS["float32"]
@@ -39,16 +38,23 @@ DEGRADED = {
     "length 10,000 px": (1e-4, 0.01),  # textured: texels are a thousand times longer than wide
     "width 0": (1e-4, 1.0),  # topk: rounding decides which strokes are empty, and those have no gradient
 }
+frozen = cache(frozen_renderer)  # once, and not when this file is imported
 no_eval_warning = pytest.mark.filterwarnings("ignore:.*in eval mode at the start of training")
+
+
+def renderers(formulas: bool) -> dict[str, Renderer]:
+    """Those that are formulas, or those that are networks."""
+    made = {plugin.name: frozen(plugin.name) for plugin in plugins("renderer")}
+    return {name: renderer for name, renderer in made.items() if (renderer.warm_up is None) == formulas}
 
 
 @pytest.mark.parametrize("scene", [name for name in SCENES if name not in SLOW_SCENES])
 def test_no_scene_breaks_a_formula(scene):
     drawn = SCENES[scene].scene(6)
-    for name in FORMULAS:
-        reference = Reference(RENDERERS[name], drawn)
+    for name, renderer in renderers(formulas=True).items():
+        reference = Reference(renderer, drawn)
         for blend, dtype in CELLS:
-            found = check_drawing(RENDERERS[name], reference, BLENDS[blend], dtype)
+            found = check_drawing(renderer, reference, BLENDS[blend], dtype)
             where = f"{name} {blend} {dtype}: {found}"
             assert found.outcome is not Outcome.broken, where
             if dtype == "float32":
@@ -61,21 +67,21 @@ def test_no_scene_breaks_a_formula(scene):
 
 @pytest.mark.parametrize("scene", ["no strokes", "length 0", "length 10,000 px", "width 0", "1e6 px off the canvas"])
 def test_no_scene_breaks_a_network(scene):
-    for name in set(RENDERERS) - set(FORMULAS):
-        reference = Reference(RENDERERS[name], SCENES[scene].scene(2))
+    for name, renderer in renderers(formulas=False).items():
+        reference = Reference(renderer, SCENES[scene].scene(2))
         for dtype in ("float32", "float16"):
-            found = check_drawing(RENDERERS[name], reference, BLENDS["tiled"], dtype)
+            found = check_drawing(renderer, reference, BLENDS["tiled"], dtype)
             assert found.outcome is not Outcome.broken, f"{name} {dtype}: {found}"
             assert found.picture is None or found.picture <= LEAST_ALPHA, f"{name} {dtype}: {found}"
 
 
-@pytest.mark.parametrize("name", [name for name in EXERCISES if name not in SLOW_SCENES])
+@pytest.mark.parametrize("exercise", [name for name in EXERCISES if name not in SLOW_SCENES])
 @no_eval_warning
-def test_no_target_and_no_rate_spoils_the_strokes(name):
-    short = replace(EXERCISES[name], steps=min(EXERCISES[name].steps, 40))
-    for renderer in FORMULAS:
-        found = check_painting(renderer, RENDERERS[renderer], short, 60.0, BLENDS["tiled"], "float32")
-        assert found.outcome is Outcome.exact, f"{renderer}: {found}"
+def test_no_target_and_no_rate_spoils_the_strokes(exercise):
+    short = replace(EXERCISES[exercise], steps=min(EXERCISES[exercise].steps, 40))
+    for name, renderer in renderers(formulas=True).items():
+        found = check_painting(name, renderer, short, 60.0, BLENDS["tiled"], "float32")
+        assert found.outcome is Outcome.exact, f"{name}: {found}"
 
 
 @pytest.mark.parametrize("dtype", ["bfloat16", "float16"])
@@ -151,9 +157,10 @@ def test_a_crash_is_a_bug_and_a_message_is_none():
 
 def test_the_matrix_goes_through_all_that_is_registered():
     axes = chosen_axes(dtypes=None)
-    assert axes["renderers"] == list(RENDERERS)
+    assert axes["renderers"] == [plugin.name for plugin in plugins("renderer")]
     assert axes["blends"] == list(BLENDS)
-    assert cells_in(axes) == len(RENDERERS) * len(BLENDS) * len(DTYPES) * (len(SCENES) + len(EXERCISES))
+    drawn = len(axes["renderers"]) * len(BLENDS) * len(DTYPES)
+    assert cells_in(axes) == drawn * (len(SCENES) + len(EXERCISES))
     with pytest.raises(UserError, match=r"blends has no 'tilde'.*tiled"):
         chosen_axes(blends=["tilde"])
 

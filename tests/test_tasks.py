@@ -13,6 +13,7 @@ from PIL import Image
 from program import ROOT, run
 
 from brushexp.app.configs import SHIPPED
+from brushexp.app.tasks import export, paint
 from brushexp.strokes.prior import clamp_to_prior
 from brushexp.strokes.storage import load_catalogue
 
@@ -76,21 +77,22 @@ def test_the_metrics_are_those_of_the_saved_pictures(painted):
     assert metrics["edges"] == pytest.approx(np.abs(slopes).mean(), rel=1e-4)
 
 
-def test_a_saved_catalogue_renders_to_the_painting_and_larger(painted, tmp_path):
-    export = ["task=export", f"catalogue={painted}/catalogue.h5"]
-    assert "painted with other weights" not in carried_out(*export, output=tmp_path / "same")
-    assert np.abs(picture(tmp_path / "same" / "painting.png") - picture(painted / "painting.png")).max() <= 1
-    carried_out(*export, "resolution=192", output=tmp_path / "large")
-    with Image.open(tmp_path / "large" / "painting.png") as large:
+def test_a_saved_catalogue_renders_to_the_painting_and_larger(painted, run_task, tmp_path, caplog):
+    words = ["task=export", f"catalogue={painted}/catalogue.h5"]
+    run_task(export, *words)
+    assert "painted with other weights" not in caplog.text
+    assert np.abs(picture(tmp_path / "painting.png") - picture(painted / "painting.png")).max() <= 1
+    run_task(export, *words, "resolution=192")
+    with Image.open(tmp_path / "painting.png") as large:
         assert large.size == (192, 128)
         shrunk = np.asarray(large.resize((48, 32), Image.Resampling.BOX)).astype(float)
     assert np.abs(shrunk - picture(painted / "painting.png")).mean() < 12
 
 
-def test_painting_goes_on_from_a_catalogue(painted, tmp_path):
-    carried_out(*SMALL, f"catalogue={painted}/catalogue.h5", "steps=0", "order=fixed", output=tmp_path / "a")
-    assert np.abs(picture(tmp_path / "a" / "painting.png") - picture(painted / "painting.png")).max() <= 1
-    assert metrics_of(tmp_path / "a")["steps"] == 0
+def test_painting_goes_on_from_a_catalogue(painted, run_task, tmp_path):
+    metrics = run_task(paint, *SMALL, f"catalogue={painted}/catalogue.h5", "steps=0", "order=fixed")
+    assert np.abs(picture(tmp_path / "painting.png") - picture(painted / "painting.png")).max() <= 1
+    assert metrics["steps"] == 0
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +151,10 @@ def test_a_sweep_on_several_cores_ends_in_one_table_and_one_sheet(launcher, tmp_
     parallel = ["threads=null", f"hydra/launcher={launcher}", "hydra.launcher.n_jobs=2"]
     plugins = str(tmp_path / "plugins")
     words = ["-m", *SMALL, *swept, *parallel, f"output={tmp_path}/s"]
-    typed(*words, cwd=tmp_path, code=1, BRUSHEXP_PLUGINS=plugins)  # no fork: workers are started by joblib, or forked
+    if launcher == "joblib":  # whose workers are no forks
+        typed(*words, cwd=tmp_path, code=1, BRUSHEXP_PLUGINS=plugins)
+    else:
+        assert run(*words, cwd=tmp_path, BRUSHEXP_PLUGINS=plugins).returncode == 1
     rows = (tmp_path / "s" / "table.csv").read_text().splitlines()
     assert len(rows) == 1 + 4
     assert ["failed" in row for row in rows[1:]] == [False, False, False, True]
@@ -159,7 +164,7 @@ def test_a_sweep_on_several_cores_ends_in_one_table_and_one_sheet(launcher, tmp_
 
 
 def test_help_lists_every_plugin_and_preset_in_one_line(tmp_path):
-    lines = [line.strip() for line in typed("--help", cwd=tmp_path).stdout.splitlines()]
+    lines = [line.strip() for line in run("--help", cwd=tmp_path).stdout.splitlines()]
     for name in ("slic", "analytic", "tiled", "topk", "accuracy", "perceptual", "adam", "lbfgs", "scatter", "edges"):
         assert any(line.startswith(f"{name} ") for line in lines), name
     for path in (SHIPPED / "quality").glob("*.yaml"):
@@ -188,8 +193,8 @@ def test_bad_input_ends_in_one_clear_line(overrides, tmp_path):
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3000, 4)])
-def test_strange_pictures_work(tmp_path, size):
+def test_strange_pictures_work(run_task, tmp_path, size):
     Image.new("RGB", size, (200, 30, 90)).save(tmp_path / "strange.png")
-    carried_out("image=strange.png", "steps=3", "threads=1", output=tmp_path / "a")
-    assert picture(tmp_path / "a" / "painting.png").shape == (size[1], size[0], 3)
-    assert metrics_of(tmp_path / "a")["ssim"] is None
+    run_task(paint, f"image={tmp_path}/strange.png", "steps=3", "threads=1")
+    assert picture(tmp_path / "painting.png").shape == (size[1], size[0], 3)
+    assert metrics_of(tmp_path)["ssim"] is None
