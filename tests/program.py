@@ -5,7 +5,6 @@ is: its own environment, folder, output, signals and exit code.
 """
 
 import importlib
-import json
 import multiprocessing
 import os
 import pkgutil
@@ -13,7 +12,6 @@ import shutil
 import signal
 import sys
 import tempfile
-import time
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -127,20 +125,6 @@ def _main(
         _kill_at(*disturbed)
     sys.argv = words
     brushexp.__main__.main()
-
-
-def stopped(number: int, *settings: str, output: Path, **environment: str) -> dict:
-    """Numbers of a run that gets a signal after a new checkpoint."""
-    checkpoint = output / "checkpoint.ckpt"
-    before = checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0
-    process = Program(*settings, "checkpoint_every=0", f"output={output}", cwd=output.parent, **environment)
-    while process.poll() is None and not (checkpoint.exists() and checkpoint.stat().st_mtime_ns > before):
-        time.sleep(0.02)
-    process.send_signal(number)
-    _, err = process.communicate(timeout=200)
-    assert process.returncode == 128 + number, err
-    assert checkpoint.exists()
-    return json.loads((output / "metrics.json").read_text())
 
 
 def _kill_at(name: str, number: int, after: bool, sent: int) -> None:

@@ -4,7 +4,6 @@ import errno
 import json
 import os
 import pickle
-import signal
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,7 +15,7 @@ from filelock import FileLock
 from omegaconf import OmegaConf
 from painters import fit, painter_of
 from PIL import Image
-from program import ended, run, stopped
+from program import ended
 from scenes import random_strokes
 
 from brushexp.app import fitting
@@ -41,36 +40,22 @@ from brushexp.system.files import TEMPORARY
 from brushexp.system.runtime import free_memory
 
 
-def test_a_run_goes_on_in_its_own_folder_whatever_signals_end_it(tmp_path):
-    settings = ["", "threads=1", "frames=3", "steps=900", "report=false"]
-    with Image.new("RGB", (40, 30), "navy") as picture:
-        picture.paste("gold", (5, 5, 25, 20))
-        picture.save(tmp_path / "photo (1).png")
-    settings[0] = f"image='{tmp_path}/photo (1).png'"
-    folder = tmp_path / "a"
-    steps = [stopped(signal.SIGTERM, *settings, output=folder)["steps"]]
-    steps += [stopped(number, f"resume={folder}", output=folder)["steps"] for number in (signal.SIGHUP, signal.SIGINT)]
-    assert 0 < steps[0] < steps[1] < steps[2] < 900
-
-    refused = run(f"resume={folder}", "steps=9", f"output={tmp_path}/b", cwd=tmp_path)
-    assert refused.returncode == 1
-    assert "drop steps=9" in refused.stdout + refused.stderr
-    picture = (tmp_path / "photo (1).png").read_bytes()
-    (tmp_path / "photo (1).png").write_bytes(picture[:-1])
-    refused = run(f"resume={folder}", f"output={tmp_path}/b", cwd=tmp_path)
-    assert refused.returncode == 1
-    assert "is not the file that the run began with" in refused.stdout + refused.stderr
-    (tmp_path / "photo (1).png").write_bytes(picture)
-
-    for words in ([f"resume={folder}", f"output={folder}"], [*settings, f"output={tmp_path}/whole"]):
-        done = run(*words, cwd=tmp_path)
-        assert done.returncode == 0, done.stderr
-    assert not (folder / CHECKPOINT).exists()
-    found, whole = (load_catalogue(path / "catalogue.h5").strokes for path in (folder, tmp_path / "whole"))
-    for name, value in whole.items():
-        assert torch.equal(getattr(found, name), value), name
-    metrics = json.loads((folder / "metrics.json").read_text())
-    assert (metrics["status"], metrics["steps"]) == ("completed", 900)
+def test_a_run_goes_on_with_its_own_settings_and_files_alone(config, tmp_path, monkeypatch):
+    photo = tmp_path / "photo (1).png"
+    Image.new("RGB", (40, 30), "navy").save(photo)
+    cfg = config(f"image='{photo}'", "steps=900")
+    torch.save({RECORD: fitting.record_of(cfg, tmp_path)}, tmp_path / CHECKPOINT)
+    hydra = OmegaConf.create({"overrides": {"task": []}, "runtime": {"output_dir": str(tmp_path)}})
+    monkeypatch.setattr(fitting, "HydraConfig", SimpleNamespace(get=lambda: hydra))
+    _, kept = interrupted_run(tmp_path, config())
+    assert (kept.image, kept.steps) == (str(photo), 900)
+    hydra.overrides.task = ["steps=9"]
+    with pytest.raises(UserError, match="drop steps=9"):
+        interrupted_run(tmp_path, config())
+    hydra.overrides.task = []
+    photo.write_bytes(photo.read_bytes()[:-1])
+    with pytest.raises(UserError, match="is not the file that the run began with"):
+        interrupted_run(tmp_path, config())
 
 
 class Breaking(Loss):
