@@ -1,5 +1,6 @@
-"""Reading films back."""
+"""Reading films and pictures back."""
 
+import io
 from fractions import Fraction
 from pathlib import Path
 
@@ -9,6 +10,12 @@ import torch
 from PIL import Image
 
 from brushexp.pictures.video import filming
+
+
+def pixels_of(path: Path | io.BytesIO) -> np.ndarray:
+    """A picture as Pillow reads it, in numbers that can be subtracted."""
+    with Image.open(path) as image:
+        return np.asarray(image).astype(int)
 
 
 def decoded(path: Path) -> tuple[list[np.ndarray], Fraction]:

@@ -4,6 +4,7 @@ Every process is a fork of one that has imported everything and done nothing; fr
 is: its own environment, folder, output, signals and exit code.
 """
 
+import http.client
 import importlib
 import multiprocessing
 import os
@@ -16,6 +17,7 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from subprocess import CompletedProcess, TimeoutExpired
+from urllib.parse import urlsplit
 
 import brushexp.__main__
 
@@ -103,6 +105,18 @@ def ended(
     program = Program(*words, cwd=cwd, kill=kill, sent=sent, patched=patched)
     said = "".join(program.communicate())
     return program.returncode, said
+
+
+def ask(
+    address: str, path: str, method: str = "GET", body: bytes | None = None, **headers: str
+) -> tuple[int, bytes, dict[str, str]]:
+    """Status, content and head of what a server answers."""
+    connection = http.client.HTTPConnection(urlsplit(address).netloc, timeout=30)
+    connection.request(method, path, body, {name.replace("_", "-"): value for name, value in headers.items()})
+    answer = connection.getresponse()
+    found = answer.status, answer.read(), dict(answer.getheaders())
+    connection.close()
+    return found
 
 
 def _main(

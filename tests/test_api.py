@@ -10,6 +10,7 @@ from itertools import islice
 import numpy as np
 import pytest
 import torch
+from films import pixels_of
 from hydra import compose, initialize
 from hydra.core.global_hydra import GlobalHydra
 from PIL import Image
@@ -47,8 +48,7 @@ def test_a_painting_is_that_of_the_command_line_and_nothing_is_written(run_task,
     words = ["image=chelsea", "resolution=32", "strokes=20", "steps=4", "loss=[mse,kl]", "optimizer.units.color=0.5"]
     found = run_task(task, *words, "frames=0")
     assert {key: painting.metrics[key] for key in SAME} == {key: found[key] for key in SAME}
-    with Image.open(tmp_path / "painting.png") as image:
-        assert np.array_equal(painting.image, np.asarray(image))
+    assert np.array_equal(painting.image, pixels_of(tmp_path / "painting.png"))
 
 
 def kinds_of_picture() -> dict[str, object]:

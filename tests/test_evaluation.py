@@ -1,6 +1,5 @@
 """Renderers measured: distances of sample sets, speed, strokes outside the range, and the task that does it all."""
 
-import csv
 import json
 import math
 import warnings
@@ -13,6 +12,7 @@ import pytest
 import scipy.linalg
 import torch
 from PIL import Image
+from sweeps import read_csv
 from torch.nn import functional
 
 from brushexp.app.tasks import evaluate
@@ -188,8 +188,7 @@ def test_a_run_leaves_numbers_and_pictures(run, tmp_path):
     for name in ("strokes.png", "outside.png"):
         with Image.open(tmp_path / name) as sheet:
             assert sheet.width > 8 * 64
-    with (tmp_path / "outside.csv").open(newline="") as file:
-        assert {row["stroke"] for row in csv.DictReader(file)} == set(EXTREMES)
+    assert {row["stroke"] for row in read_csv(tmp_path / "outside.csv")} == set(EXTREMES)
 
 
 def test_the_size_of_a_trained_renderer_is_told_and_that_it_is_not_trained(run, tmp_path, caplog):

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import torch
 from catalogues import CONFIG, assert_same, catalogue, refused
-from films import decoded
+from films import decoded, pixels_of
 from hypothesis import given
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
@@ -86,11 +86,6 @@ def drawn(svg: bytes) -> np.ndarray:
     """What an independent renderer makes of our SVG, (H, W, 3)."""
     data = bytes(resvg.svg_to_bytes(svg_string=svg.decode(), skip_system_fonts=True))
     return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
-
-
-def picture(path: Path) -> np.ndarray:
-    with Image.open(path) as image:
-        return np.asarray(image)
 
 
 def psnr(a: np.ndarray, b: np.ndarray) -> float:
@@ -469,7 +464,7 @@ def test_the_png_has_the_pixels_of_the_painting(compression, tmp_path, monkeypat
     monkeypatch.setattr("brushexp.compositing.bands.BAND", 52 * 7)
     monkeypatch.setattr("brushexp.plugins.export.base.LARGE", 1)  # as large pictures are painted, with a bar
     (path,) = Png(compression=compression).write(what, tmp_path)
-    assert np.array_equal(picture(path), expected)
+    assert np.array_equal(pixels_of(path), expected)
 
 
 def test_other_weights_are_told_and_a_chosen_renderer_becomes_that_of_the_catalogue(tmp_path, caplog):
@@ -492,4 +487,5 @@ def test_the_program_writes_all_of_them_at_once(tmp_path):
     assert_same(load_catalogue(tmp_path / "out" / "strokes.json"), catalogue())
     for name in ("strokes.svg", "strokes.json", "strokes.csv", "painting.png"):
         assert re.search(rf"{name}: [\d.e-]+ MB \([\d.]+ s\)", result.stdout), "each with its size and time"
-    assert psnr(drawn((tmp_path / "out" / "strokes.svg").read_bytes()), picture(tmp_path / "out" / "painting.png")) > 30
+    svg, png = (tmp_path / "out" / name for name in ("strokes.svg", "painting.png"))
+    assert psnr(drawn(svg.read_bytes()), pixels_of(png)) > 30

@@ -9,7 +9,7 @@ from dabs import DabRenderer
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernels import BACKGROUND, DEGENERATE, DENSE, assert_agree, paint, paint_with_gradient
-from scenes import leaves, random_strokes, straight
+from scenes import random_strokes, straight
 from torch import nn
 
 from brushexp.compositing.tile_lists import tile_lists
@@ -72,16 +72,6 @@ def test_blends_agree_on_random_scenes(kind, blend, n, size, seed, bend, thick):
     # Across a narrow stroke the texture itself is steep: a thousandth of a pixel is a few ten-thousandths of alpha.
     loose = {"slack": 3e-3, "exactness": 5e-4} if kind == "textured" else {}
     assert_agree(KINDS[kind], BLENDS[blend], strokes, size, fields, order=order, **loose)
-
-
-@pytest.mark.parametrize("taper", [0.0, 0.6])
-def test_the_reference_has_the_right_gradient(taper):
-    strokes = leaves(random_strokes(3, (5, 7), bend=0.1, dtype=torch.float64), torch.float64)
-
-    def image(*values):
-        return paint(Analytic(soft=1.5, taper=taper), DENSE, Strokes(*values), (5, 7)).image
-
-    assert torch.autograd.gradcheck(image, tuple(value for _, value in strokes.items()), atol=1e-5)
 
 
 @pytest.mark.parametrize(("kind", "blend"), PAIRS)

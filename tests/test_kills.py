@@ -5,7 +5,6 @@ last finished. By default a chain has every fifth of its kills; all twenty of ea
 ``BRUSHEXP_KILLS=all pytest tests/test_kills.py``.
 """
 
-import csv
 import json
 import os
 import re
@@ -15,6 +14,7 @@ from pathlib import Path
 import pytest
 import torch
 from program import ended
+from sweeps import read_csv
 
 from brushexp.app.run_folder import left_in
 from brushexp.strokes.storage import load_catalogue
@@ -66,8 +66,7 @@ def folder(tmp_path_factory) -> Path:
 
 def steps_of(folder: Path) -> list[int]:
     """At which the curves have values, as they stand."""
-    with (folder / "curves" / "metrics.csv").open(newline="") as file:
-        return [int(row["step"]) for row in csv.DictReader(file)]
+    return [int(row["step"]) for row in read_csv(folder / "curves" / "metrics.csv")]
 
 
 def assert_same_painting(one: Path, other: Path) -> None:
@@ -136,8 +135,7 @@ def test_a_simulation_that_is_killed_goes_on_to_the_same_bits(folder):
 
 def statuses(sweep: Path) -> list[str]:
     """By the table of a sweep."""
-    with (sweep / "table.csv").open(newline="") as file:
-        return [row["status"] for row in csv.DictReader(file)]
+    return [row["status"] for row in read_csv(sweep / "table.csv")]
 
 
 def written(folder: Path) -> dict[str, int]:

@@ -17,9 +17,9 @@ import numpy as np
 import program
 import pytest
 import yaml
+from films import pixels_of
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
-from PIL import Image
 
 from brushexp.app.tracking import Trackers, trackers_of
 from brushexp.errors import UserError
@@ -57,11 +57,6 @@ def tracked(tmp_path_factory) -> SimpleNamespace:
     run = folder / "my sweep" / "0"
     metrics = json.loads((run / "metrics.json").read_text())
     return SimpleNamespace(folder=folder, run=run, metrics=metrics, said=done.stdout + done.stderr)
-
-
-def picture(path: Path | io.BytesIO) -> np.ndarray:
-    with Image.open(path) as image:
-        return np.asarray(image.convert("RGB"))
 
 
 def records(path: Path) -> Iterator:
@@ -103,7 +98,7 @@ def test_tensorboard_has_all_pictures_and_tables(tracked):
     for name in ("target", "painting"):
         (image,) = found.Images(name)
         assert image.step == 20
-        assert np.array_equal(picture(io.BytesIO(image.encoded_image_string)), picture(tracked.run / f"{name}.png"))
+        assert np.array_equal(pixels_of(io.BytesIO(image.encoded_image_string)), pixels_of(tracked.run / f"{name}.png"))
     first, *steps = [image.step for image in found.Images("frames")]
     assert 3 <= len(steps) <= 7
     assert first == 0 < steps[0] <= steps[-1] < 20
@@ -145,7 +140,7 @@ def test_wandb_has_all_pictures_the_table_and_the_catalogue(tracked):
     assert all((kept / "files" / path).is_file() for path in frames)
     (last,) = [row for row in rows if "painting.path" in row]
     for name in ("target", "painting"):
-        assert np.array_equal(picture(kept / "files" / last[f"{name}.path"]), picture(tracked.run / f"{name}.png"))
+        assert np.array_equal(pixels_of(kept / "files" / last[f"{name}.path"]), pixels_of(tracked.run / f"{name}.png"))
     table = json.loads((kept / "files" / last["metrics.path"]).read_text())
     assert dict(zip(table["columns"], table["data"][0], strict=True))["psnr"] == pytest.approx(tracked.metrics["psnr"])
     (catalogue,) = [record.artifact.manifest for record in found if record.artifact.type == "catalogue"]

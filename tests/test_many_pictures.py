@@ -139,12 +139,9 @@ def test_sets_folders_and_single_pictures_stand_for_pictures(tmp_path, monkeypat
             pictures_named(wrong, folders)
     with pytest.raises(UserError, match="no picture is there"):
         pictures_named(str(tmp_path), folders)
-
-
-def test_the_set_that_ships_needs_no_file_of_yours():
-    named = pictures_named("thesis12", [SHIPPED])
-    assert len(set(named)) == 12
-    assert set(named) <= samples().keys()
+    shipped = pictures_named("thesis12", [SHIPPED])
+    assert len(set(shipped)) == 12
+    assert set(shipped) <= samples().keys(), "it needs no file of yours"
 
 
 def test_names_of_folders_are_plain_and_differ():

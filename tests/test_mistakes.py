@@ -78,6 +78,7 @@ MISTAKES = {
     "image=a'b.jpg strokes='": "must stand in quotes",
     # names and files
     "device=tpu": "device=tpu, but PyTorch finds ",
+    "device=cuda:7": "CUDA devices; use device=cpu",
     "optimizer.name=Adm": "set optimizer.name to one of ASGD, ",
     "background=notacolor": "background=notacolor is not a colour; use background=mean, white",
     "image=nope.jpg": "image=nope.jpg is not there; give the path of a picture or one of the samples astronaut, ",

@@ -7,6 +7,7 @@ import pytest
 import torch
 from painters import assert_resumes, error_of, painter_of, take
 from scenes import random_strokes
+from torch import Tensor
 
 from brushexp.app.configs import SHIPPED
 from brushexp.errors import UserError
@@ -16,6 +17,7 @@ from brushexp.plugins.loss.pixel import MeanSquaredError
 from brushexp.plugins.optimizer.base import Optimizer
 from brushexp.plugins.optimizer.torch_optim import LIBRARIES, TorchOptim
 from brushexp.registry import build, build_named
+from brushexp.strokes.catalogue import Catalogue
 
 SIZE = (24, 33)
 PRESETS = sorted(path.stem for path in (SHIPPED / "optimizer").glob("*.yaml"))
@@ -112,3 +114,31 @@ def test_the_rate_rises_holds_and_falls(schedule, end):
     optimizer, held = TorchOptim(schedule=schedule, hold=0.5, warmup=0.25), TorchOptim(schedule=schedule, hold=1.0)
     assert [optimizer.share(progress / 4) for progress in range(5)] == pytest.approx([0, 1, 1, *end], abs=1e-6)
     assert [held.share(progress / 4) for progress in range(5)] == [1] * 5, "it never falls"
+
+
+@pytest.mark.parametrize("missing", [False, True])
+@every_preset
+def test_steps_without_a_slope_move_nothing(preset, name, missing):
+    """AdamW's decay moves strokes without a slope, as its preset says; by so much a step and no more."""
+    chosen, steps = preset(name), 200
+    catalogue = Catalogue(random_strokes(9, SIZE), chosen.units)
+    optimizer = chosen.over(catalogue.parameters())
+    before = [parameter.detach().clone() for parameter in catalogue.parameters()]
+
+    def closure() -> Tensor:
+        optimizer.zero_grad(set_to_none=True)
+        if not missing:
+            for parameter in catalogue.parameters():
+                parameter.grad = torch.zeros_like(parameter)
+        return torch.zeros(())
+
+    for _ in range(steps):
+        optimizer.step(closure)
+    decay = 0.0 if missing else optimizer.param_groups[0].get("weight_decay", 0.0)
+    left = (1 - optimizer.param_groups[0]["lr"] * decay) ** steps
+    assert (left < 1) == (name == "adamw" and not missing)
+    for old, new in zip(before, catalogue.parameters(), strict=True):
+        assert new.isfinite().all()
+        assert torch.equal(old, new.detach()) if left == 1 else (old * left - new).abs().max() < 1e-3 * old.abs().max()
+    values = [value for state in optimizer.state.values() for value in state.values() if torch.is_tensor(value)]
+    assert all(value.isfinite().all() for value in values)

@@ -62,7 +62,7 @@ class Bad{number}({contract}):
 
 
 @pytest.fixture
-def loaded(tmp_path, monkeypatch):
+def loaded(tmp_path, monkeypatch, hydra_restore_singletons):
     """Write a plugin into a file and load it; forget it afterwards."""
     monkeypatch.setattr(registry, "_plugins", dict(registry._plugins))
     monkeypatch.setenv("BRUSHEXP_PLUGINS", str(tmp_path))
@@ -74,7 +74,6 @@ def loaded(tmp_path, monkeypatch):
     return load
 
 
-@pytest.mark.usefixtures("hydra_restore_singletons")
 @pytest.mark.parametrize("family", METHODS)
 def test_what_a_plugin_does_wrong_is_told_with_its_name_and_file(loaded, family):
     contract, method, call = METHODS[family]
@@ -92,7 +91,6 @@ def test_what_a_plugin_does_wrong_is_told_with_its_name_and_file(loaded, family)
         assert "\n" not in str(told.value)
 
 
-@pytest.mark.usefixtures("hydra_restore_singletons")
 @pytest.mark.parametrize(("text", "said"), [
     ("@register('loss', 'half')\nclass Half(Loss): ...", r"loss=half \(.*half\.py\): class Half lacks forward"),
     (
@@ -106,7 +104,6 @@ def test_half_a_plugin_is_refused_when_it_is_loaded(loaded, text, said):
         loaded(f"from brushexp.plugins.loss.base import Loss\nfrom brushexp.registry import register\n{text}\n", "half")
 
 
-@pytest.mark.usefixtures("hydra_restore_singletons")
 def test_a_plugin_that_fails_where_a_run_goes_on_is_no_fault_of_the_checkpoint(loaded, tmp_path):
     options = {"family": "loss", "contract": "Loss", "method": "forward", "name": "trips", "number": 0}
     loaded(HEAD.format("loss") + CLASS.format(body="_[0].picture", **options), "trips")
@@ -117,7 +114,6 @@ def test_a_plugin_that_fails_where_a_run_goes_on_is_no_fault_of_the_checkpoint(l
         fitting.fit(trainer, painter, checkpoint=tmp_path / "c.ckpt")
 
 
-@pytest.mark.usefixtures("hydra_restore_singletons")
 def test_a_painting_tells_of_the_plugin_and_its_log_has_the_traceback(loaded, run_task, tmp_path):
     options = {"family": "loss", "contract": "Loss", "method": "forward", "name": "falls", "number": 0}
     loaded(HEAD.format("loss") + CLASS.format(body="_[0].picture", **options), "falls")

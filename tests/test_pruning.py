@@ -1,12 +1,12 @@
 """Removing channels: what does nothing goes first, what is left loads as any other renderer, and it can be trained."""
 
-import csv
 import json
 import sys
 from pathlib import Path
 
 import pytest
 import torch
+from sweeps import read_csv
 
 from brushexp.app.tasks import prune as task
 from brushexp.errors import UserError
@@ -18,7 +18,7 @@ from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.checkpoint import weights_hash
 from brushexp.training.datamodule import StrokeBatch
 from brushexp.training.dataset import Origin
-from brushexp.training.pruning import MULTIPLE, check_prunable, prune
+from brushexp.training.pruning import MULTIPLE, prune
 from brushexp.training.writer import simulate_set
 
 OPTIONS = {"window": 64, "width": 16, "widest": 32, "dense": [32, 16], "subpixel": 4, "activation": "relu"}
@@ -115,10 +115,6 @@ def test_channels_of_a_file_that_do_not_fit_are_refused(channels, tmp_path):
 def test_networks_whose_channels_cannot_be_told_apart_are_refused(key, value, message, monkeypatch):
     with pytest.raises(UserError, match=f"renderer.{key}={message}"):
         prune(tiny(**{key: value}), 0.5, [batch(2)])
-    with pytest.raises(
-        UserError, match="Analytic has no option for the widths of its layers; use renderer=inverse_vgg"
-    ):
-        check_prunable(Analytic())
     monkeypatch.setitem(sys.modules, "torch_pruning", None)
     with pytest.raises(UserError, match=r"task=prune needs torch-pruning; pip install 'brushexp\[prune\]'"):
         prune(tiny(), 0.5, [])
@@ -142,8 +138,7 @@ def test_a_run_leaves_a_table_and_renderers_that_paint(run, tmp_path):
     assert metrics["status"] == "completed"
     assert metrics["n"] == 8
     rows = json.loads((tmp_path / "metrics.json").read_text())["pruned"]
-    with (tmp_path / "pruning.csv").open(newline="") as file:
-        assert [float(row["ratio"]) for row in csv.DictReader(file)] == [0, 0.5]
+    assert [float(row["ratio"]) for row in read_csv(tmp_path / "pruning.csv")] == [0, 0.5]
     assert len((tmp_path / "pruning.md").read_text().splitlines()) == 4
     assert (tmp_path / "strokes.png").is_file()
     assert not list(tmp_path.rglob("checkpoint.ckpt"))

@@ -64,11 +64,6 @@ def test_defaults_are_not_shared(config):
     assert config("optimizer=torch").optimizer.units["position"] != 99.0
 
 
-def test_loss_selects_one_several_or_none(config):
-    for override, chosen in {"loss=mse": ["mse"], "loss=[width,mse]": ["width", "mse"], "loss=[]": []}.items():
-        assert list(config(override).loss) == chosen
-
-
 def test_only_registered_classes_are_built_and_options_from_a_file_are_checked_like_those_typed():
     with pytest.raises(UserError, match=r"os\.system is not a registered plugin"):
         build(OmegaConf.create({"_target_": "os.system", "command": "true"}))

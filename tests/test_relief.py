@@ -9,6 +9,7 @@ import pytest
 import torch
 from catalogues import catalogue
 from dabs import DabRenderer
+from films import pixels_of
 from PIL import Image
 from scenes import Windowed, random_strokes, straight
 
@@ -206,8 +207,7 @@ def test_the_three_files_agree_with_the_heights(depth, thick_as, tmp_path, caplo
         normals = np.asarray(image) / 127.5 - 1
     np.testing.assert_allclose(normals.transpose(2, 0, 1), normals_of(height, thick_as), atol=0.006)
     picture = next(replace(job, light=Light()).bands())[1].numpy()
-    with Image.open(tmp_path / "relief.png") as image:
-        lit = np.asarray(image) / 255
+    lit = pixels_of(tmp_path / "relief.png") / 255
     expected = shaded(picture, normals_of(height, thick_as), Light(200, 30))
     np.testing.assert_allclose(lit.transpose(2, 0, 1), expected, atol=0.003)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from films import pixels_of
 from hydra.core.utils import JobReturn, JobStatus
 from hydra.types import RunMode
 from omegaconf import OmegaConf
@@ -66,10 +67,8 @@ def sheet(folder: Path) -> Path | None:
 
 def greys(path: Path) -> list[list[int]]:
     """The grey levels of the pictures on a sheet, row by row."""
-    with Image.open(path) as picture:
-        pixels = np.asarray(picture)[:, :, 0].astype(int)
     found: list[list[int]] = []
-    for line in pixels:
+    for line in pixels_of(path)[..., 0]:
         starts = np.flatnonzero(np.diff(line, prepend=-1))
         long = starts[np.diff(starts, append=len(line)) > 100]
         row = [int(level) for level in line[long] if level in (*range(20, 80), 100, 200)]
@@ -180,8 +179,7 @@ def test_an_incomplete_matrix_is_laid_out_row_by_row_and_a_failed_run_is_a_grey_
     (tmp_path / "5" / "result.json").unlink()
     fail(tmp_path, 1)
     assert greys(sheet(tmp_path)) == [[200, 20, 22, 23, 24]]
-    with Image.open(tmp_path / "sheet.png") as picture:
-        assert (np.asarray(picture) == 0xED).all(-1).sum() > 30_000
+    assert (pixels_of(tmp_path / "sheet.png") == 0xED).all(-1).sum() > 30_000
 
 
 def test_every_target_stands_where_its_runs_are(tmp_path):
@@ -205,8 +203,7 @@ def test_a_sheet_of_looks_has_a_row_for_each_picture_as_high_as_it_needs(tmp_pat
     for number in (2, 5):
         write_picture(tmp_path / str(number) / "target.png", np.full((24, 32, 3), 60, np.uint8))
     assert greys(sheet(tmp_path)) == [[200, 20, 23], [100, 21, 24], [60, 22, 25]]
-    with Image.open(tmp_path / "sheet.png") as picture:
-        levels = np.asarray(picture)[..., 0]
+    levels = pixels_of(tmp_path / "sheet.png")[..., 0]
     first, high, last = (np.flatnonzero((levels == level).sum(1) > SIDE // 3)[0] for level in (200, 100, 60))
     assert last - high > high - first + SIDE // 5
 
@@ -221,8 +218,7 @@ def test_renderers_have_their_metrics_and_their_pictures(tmp_path):
     assert lines[2] == r"| run | renderer | status | l2 | psnr\_alpha | fid\_effl0 | strokes\_per\_second |"
     assert lines[4] == "| 0 | analytic | completed | 0.001234 | 24.32 | 12.35 | 512 |"
     assert "picture" not in read_csv(tmp_path / "table.csv")[0]
-    with Image.open(sheet(tmp_path)) as picture:
-        pixels = np.asarray(picture)[..., 0]
+    pixels = pixels_of(sheet(tmp_path))[..., 0]
     assert all((pixels == level).any(0).sum() > 790 for level in (100, 101))  # twice the room of a painting
 
 

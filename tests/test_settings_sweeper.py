@@ -78,9 +78,6 @@ def test_every_setting_is_painted_of_every_picture_unless_another_one_is_typed()
 def test_a_mistake_in_any_job_is_found_before_the_first_starts(override, message):
     with pytest.raises((UserError, ConfigCompositionException, HydraException), match=message):
         jobs([""], [override])
-    key, _, values = override.partition("=")
-    with pytest.raises((UserError, ConfigCompositionException, HydraException), match=message.rpartition(".*")[2]):
-        jobs([f"{key}={value}" for value in values.split(",")])
 
 
 def test_a_renderer_of_the_sweep_is_proposed_for_an_option_that_another_one_has():

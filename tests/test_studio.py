@@ -1,7 +1,6 @@
 """``task=studio``: one server for all tests, used as a visitor does, in a real browser, with a real photograph."""
 
 import errno
-import http.client
 import io
 import json
 import re
@@ -21,7 +20,7 @@ import pytest
 import skimage.data
 from omegaconf import OmegaConf
 from PIL import Image
-from program import Program
+from program import Program, ask
 
 from brushexp.app.tasks import studio as studio_task
 from brushexp.errors import UserError
@@ -97,15 +96,6 @@ def paint(page, number, look):
 
 def finish(page, number):
     page.locator(f"a[href='/works/{number}.zip']").wait_for(timeout=120_000)
-
-
-def ask(address, path, method="GET", body=None, **headers):
-    connection = http.client.HTTPConnection(urlsplit(address).netloc, timeout=30)
-    connection.request(method, path, body, {name.replace("_", "-"): value for name, value in headers.items()})
-    answer = connection.getresponse()
-    found = answer.status, answer.read()
-    connection.close()
-    return found
 
 
 def fits(page):
@@ -198,7 +188,7 @@ def test_the_focus_is_painted_by_touch_and_by_keyboard(tab, studio):
     with page.expect_response("**/masks") as answer:
         canvas.press(" ")
     assert dab < canvas.evaluate(painted) < 2.2 * dab
-    status, png = ask(studio, f"/masks/{answer.value.json()['mask']}.png")
+    status, png, _ = ask(studio, f"/masks/{answer.value.json()['mask']}.png")
     mask = Image.open(io.BytesIO(png)).convert("L").resize((64, 64))
     assert status == 200
     assert mask.getpixel((32, 32)) == 255
@@ -252,7 +242,7 @@ def uploads(tmp_path, caplog):
     """Address of a studio without the page, in this process; nothing that is sent brings a traceback."""
     with running(application(Photos(tmp_path), Works(tmp_path, {})), 0) as address:
         yield address
-        status, body = ask(address, "/photos", "POST", CHELSEA.read_bytes(), X_Name="after all.png")
+        status, body, _ = ask(address, "/photos", "POST", CHELSEA.read_bytes(), X_Name="after all.png")
         assert (status, b"photo" in body) == (200, True)
     assert not [record for record in caplog.records if record.exc_info]
 
@@ -285,7 +275,7 @@ SENT = {
 
 def test_what_is_sent_is_a_picture_or_refused_in_one_line(uploads):
     for name, (data, message) in SENT.items():
-        status, body = ask(uploads, "/photos", "POST", data, X_Name=quote(name))
+        status, body, _ = ask(uploads, "/photos", "POST", data, X_Name=quote(name))
         assert status == 200, name
         said = json.loads(body)["error"]
         assert message in said, said

@@ -79,7 +79,6 @@ def test_the_style_picture_itself_costs_nothing(kernel, tmp_path):
     loss = Style(image=saved(tmp_path, style), kernel=kernel, taps=TAPS)
     assert float(loss(PaintedView(style, target, NONE))) < 1e-10
     assert float(loss(PaintedView(target, target, NONE))) > 1e-5
-    assert float(Style(kernel=kernel)(PaintedView(target.clone(), target, NONE))) < 1e-10
 
 
 @pytest.mark.parametrize(

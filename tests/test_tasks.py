@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from films import pixels_of
 from PIL import Image
 from program import ROOT, run
 
@@ -39,11 +40,6 @@ def carried_out(*overrides: str, output: Path, **environment: str) -> str:
     return done.stdout + done.stderr
 
 
-def picture(path: Path) -> np.ndarray:
-    with Image.open(path) as image:
-        return np.asarray(image).astype(int)
-
-
 def metrics_of(folder: Path) -> dict:
     return json.loads((folder / "metrics.json").read_text())
 
@@ -68,7 +64,7 @@ def test_a_run_leaves_all_its_results(painted):
 
 
 def test_the_metrics_are_those_of_the_saved_pictures(painted):
-    error = picture(painted / "painting.png") - picture(painted / "target.png")
+    error = pixels_of(painted / "painting.png") - pixels_of(painted / "target.png")
     psnr = 10 * np.log10(255**2 / (error**2).mean())
     slopes = np.concatenate([np.diff(error / 255, axis=axis).ravel() for axis in (0, 1)])
     metrics = metrics_of(painted)
@@ -81,17 +77,17 @@ def test_a_saved_catalogue_renders_to_the_painting_and_larger(painted, run_task,
     words = ["task=export", f"catalogue={painted}/catalogue.h5"]
     run_task(export, *words)
     assert "painted with other weights" not in caplog.text
-    assert np.abs(picture(tmp_path / "painting.png") - picture(painted / "painting.png")).max() <= 1
+    assert np.abs(pixels_of(tmp_path / "painting.png") - pixels_of(painted / "painting.png")).max() <= 1
     run_task(export, *words, "resolution=192")
     with Image.open(tmp_path / "painting.png") as large:
         assert large.size == (192, 128)
         shrunk = np.asarray(large.resize((48, 32), Image.Resampling.BOX)).astype(float)
-    assert np.abs(shrunk - picture(painted / "painting.png")).mean() < 12
+    assert np.abs(shrunk - pixels_of(painted / "painting.png")).mean() < 12
 
 
 def test_painting_goes_on_from_a_catalogue(painted, run_task, tmp_path):
     metrics = run_task(paint, *SMALL, f"catalogue={painted}/catalogue.h5", "steps=0", "order=fixed")
-    assert np.abs(picture(tmp_path / "painting.png") - picture(painted / "painting.png")).max() <= 1
+    assert np.abs(pixels_of(tmp_path / "painting.png") - pixels_of(painted / "painting.png")).max() <= 1
     assert metrics["steps"] == 0
 
 
@@ -119,8 +115,8 @@ def test_a_slow_renderer_takes_over_from_a_fast_one(windowed, tmp_path):
     for name, value in saved.strokes.items():
         torch.testing.assert_close(getattr(valid, name), value, atol=1e-6, rtol=0)
     carried_out("task=export", f"catalogue={tmp_path}/a/catalogue.h5", output=tmp_path / "b", **windowed)
-    same = picture(tmp_path / "b" / "painting.png")
-    assert np.abs(same - picture(tmp_path / "a" / "painting.png")).max() <= 1
+    same = pixels_of(tmp_path / "b" / "painting.png")
+    assert np.abs(same - pixels_of(tmp_path / "a" / "painting.png")).max() <= 1
 
 
 SHY = """
@@ -160,7 +156,7 @@ def test_a_sweep_on_several_cores_ends_in_one_table_and_one_sheet(launcher, tmp_
     assert ["failed" in row for row in rows[1:]] == [False, False, False, True]
     assert "too many for me" in rows[4]
     assert (tmp_path / "s" / "table.md").exists()
-    assert picture(tmp_path / "s" / "sheet.png").shape[1] > 400
+    assert pixels_of(tmp_path / "s" / "sheet.png").shape[1] > 400
 
 
 def test_help_lists_every_plugin_and_preset_in_one_line(tmp_path):
@@ -172,11 +168,8 @@ def test_help_lists_every_plugin_and_preset_in_one_line(tmp_path):
         assert any(line.startswith(f"{path.stem} ") and line.endswith(measured) for line in lines), path.stem
 
 
-REFUSED = {  # by each part of the program in turn; tests/test_mistakes.py has the others
+REFUSED = {  # by a run and by a sweep; tests/test_mistakes.py has the others
     "nothing.png": "image=nothing.png",
-    "image=chelsea strokes=999999": "picture has pixels",
-    "image=chelsea device=cuda:7": "CUDA devices; use device=cpu",
-    "resume=nowhere": "give the folder of an interrupted run",
     "-m image=chelsea steps=5,-3": "job 1 of the sweep",
 }
 
@@ -196,5 +189,5 @@ def test_bad_input_ends_in_one_clear_line(overrides, tmp_path):
 def test_strange_pictures_work(run_task, tmp_path, size):
     Image.new("RGB", size, (200, 30, 90)).save(tmp_path / "strange.png")
     run_task(paint, f"image={tmp_path}/strange.png", "steps=3", "threads=1")
-    assert picture(tmp_path / "painting.png").shape == (size[1], size[0], 3)
+    assert pixels_of(tmp_path / "painting.png").shape == (size[1], size[0], 3)
     assert metrics_of(tmp_path)["ssim"] is None

@@ -1,7 +1,6 @@
 """Training renderers: Lightning's Trainer does with it what its manual says; it learns, averages, resumes exactly."""
 
 import copy
-import csv
 import json
 import math
 from functools import partial
@@ -11,6 +10,7 @@ import lightning as L
 import pytest
 import torch
 from lightning.pytorch.callbacks import Checkpoint
+from sweeps import read_csv
 from test_dataset import write
 from torch import nn
 from torch.utils.data import DataLoader
@@ -342,8 +342,7 @@ def test_the_task_leaves_a_renderer_that_can_be_loaded(trained, stored, tmp_path
     pictures = {"pictures/epoch_000.png", "pictures/epoch_001.png", "validation.png"}
     assert names == {"neural.safetensors", "neural.json", "metrics.json", "curves/metrics.csv"} | pictures
     assert (metrics["status"], metrics["steps"], metrics["strokes_seen"]) == ("completed", 4, 128)
-    with (tmp_path / "curves" / "metrics.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_csv(tmp_path / "curves" / "metrics.csv")
     assert all(row["validation/psnr_alpha"] and row["validation/fid_effl0"] for row in rows if not row["loss/l2"])
     path = tmp_path / "neural.safetensors"
     recipe = RENDERERS.read_recipe(path)

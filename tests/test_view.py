@@ -1,6 +1,5 @@
 """``task=view``: the page of a catalogue, a run or a sweep, served on this machine alone."""
 
-import http.client
 import os
 import re
 import signal
@@ -12,12 +11,12 @@ import numpy as np
 import pytest
 import torch
 from omegaconf import OmegaConf
-from program import Program
+from program import Program, ask
 from scenes import random_strokes
 
 from brushexp.app.tasks.view import pages_of
 from brushexp.errors import UserError
-from brushexp.results.page.serving import HOST, served
+from brushexp.results.page.serving import served
 from brushexp.strokes.storage import Saved, save_catalogue
 from brushexp.system.files import write_json, write_picture
 
@@ -44,15 +43,6 @@ def pages(config, catalogue, into, *overrides):
     return pages_of(config("task=view", f"catalogue='{catalogue}'", *overrides), into)
 
 
-def ask(address, path, host=None, method="GET"):
-    connection = http.client.HTTPConnection(HOST, urlsplit(address).port, timeout=20)
-    connection.request(method, path, headers={"Host": host} if host else {})
-    answer = connection.getresponse()
-    found = answer.status, answer.read(), dict(answer.getheaders())
-    connection.close()
-    return found
-
-
 def test_a_page_is_served_to_this_machine_and_nothing_else(tmp_path):
     (tmp_path / "report.html").write_text("<p>é", encoding="utf-8")
     (tmp_path / "secret.txt").write_text("secret")
@@ -70,8 +60,8 @@ def test_a_page_is_served_to_this_machine_and_nothing_else(tmp_path):
             assert ask(address, path)[0] == 404, path
         assert [ask(address, path)[0] for path in ("/link.html", "/folder")] == [404, 404], "a link may lead anywhere"
         assert ask(address, "/", method="POST")[0] == 501
-        assert ask(address, "/", host="evil.example")[0] == 403  # its name may mean this machine
-        assert ask(address, "/", host=f"localhost:{port}")[0] == 200
+        assert ask(address, "/", Host="evil.example")[0] == 403  # its name may mean this machine
+        assert ask(address, "/", Host=f"localhost:{port}")[0] == 200
         with socket.socket() as other, pytest.raises(OSError, match="refused"):
             other.connect(("127.0.0.2", port))  # another address of this machine
         with pytest.raises(UserError, match=rf"port={port} cannot be had .*port=0"), served({}, port):
