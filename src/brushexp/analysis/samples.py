@@ -41,10 +41,11 @@ def degrees_of(mean: complex) -> float:
     return math.degrees(0.5 * math.atan2(mean.imag, mean.real)) % 180 % 180
 
 
-def direction_shares(angle: Array) -> Array:
-    """Shares (DIRECTION_BINS,) of directions in degrees; the first bin is about 0, along the lower edge."""
+def direction_shares(angle: Array, weight: Array | None = None) -> Array:
+    """Shares (DIRECTION_BINS,) of directions (n,) in degrees, by number or ``weight``; the first bin is about 0."""
     number = np.floor(angle * DIRECTION_BINS / 180 + 0.5).astype(np.intp) % DIRECTION_BINS
-    return np.bincount(number, minlength=DIRECTION_BINS) / max(len(angle), 1)
+    shares = np.bincount(number, weight, DIRECTION_BINS)
+    return shares / (shares.sum() or 1)
 
 
 def entropy_of(angle: Array) -> float:

@@ -93,11 +93,8 @@ class PaintedFilm:
 
     def known(self, number: int) -> Cel | None:
         """The strokes of a picture that was painted before, and so were all before it."""
-        if self.before is None:
-            return None
-        path = frame_in(self.before, number)
-        if not path.exists():
-            self.before = None
+        before, self.before = self.before, None  # from the first one that is missing on, all are painted anew
+        if before is None or not (path := frame_in(before, number)).exists():
             return None
         try:
             saved = load_catalogue(path)
@@ -105,8 +102,8 @@ class PaintedFilm:
                 raise UserError(f"{path} is of another film")
         except UserError as error:
             log.warning("%s; it and what follows it are painted anew", error)
-            self.before = None
             return None
+        self.before = before
         return cel_of(saved, self.device)
 
     def take(self, number: int, target: Tensor) -> np.ndarray:

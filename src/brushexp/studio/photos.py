@@ -1,12 +1,12 @@
 """Pictures that the visitor brings, and samples: read once by our own readers, and kept as plain files of ours."""
 
-import io
 import itertools
 import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from threading import RLock
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -14,11 +14,13 @@ from PIL import Image
 from brushexp.errors import UserError
 from brushexp.pictures.decode import read_picture
 from brushexp.pictures.load import check_ratio, samples
+from brushexp.results.page.html import encoded
 from brushexp.system.files import write_picture
 
 LARGEST_UPLOAD = 2**26  # bytes of a file from the browser
 LONGEST_NAME = 60  # letters
 KEPT_SIDE = 2048  # pixels of the longer side: nothing larger is painted here
+JPEG: dict[str, Any] = {"format": "JPEG", "quality": 90}  # of what the page shows
 SHOWN_SIDE, THUMB_SIDE = 1280, 240  # pixels, of what the page shows
 SAMPLES = ("astronaut", "chelsea", "coffee", "rocket", "motorcycle_left", "hubble_deep_field", "retina")  # skimage's
 
@@ -48,7 +50,7 @@ class Photo:
 
     def _jpeg(self, side: int) -> bytes:
         with Image.open(self.path) as picture:
-            return jpeg_of(picture, side)
+            return encoded(picture.convert("RGB"), side, **JPEG)
 
 
 class Photos:
@@ -110,12 +112,3 @@ class Photos:
 def in_plain_letters(name: str) -> str:
     """A name for a file that any system takes."""
     return re.sub(r"[^\w-]+", "_", name)
-
-
-def jpeg_of(picture: Image.Image, side: int, quality: int = 90) -> bytes:
-    """A picture at no more than ``side`` pixels on its longer side, as JPEG."""
-    small = picture.convert("RGB")
-    small.thumbnail((side, side), Image.Resampling.LANCZOS)
-    file = io.BytesIO()
-    small.save(file, format="JPEG", quality=quality)
-    return file.getvalue()

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from brushexp.api.settings import settings_of
+from brushexp.painting.assembly import budget_of
+from brushexp.registry import build
 from brushexp.studio.photos import Photo
 
 QUALITIES = ("draft", "normal", "fine", "best")
@@ -78,11 +80,8 @@ class Wishes:
 
 def planned_strokes(wishes: Wishes) -> int:
     """How many strokes the painting will have, at most."""
-    if wishes.strokes is not None:
-        return wishes.strokes
     cfg = _settings(wishes.look, wishes.quality)
-    n = max(1, round(wishes.canvas[0] * wishes.canvas[1] / cfg.pixels_per_stroke))
-    return n if cfg.max_strokes is None else min(n, cfg.max_strokes)
+    return wishes.strokes or budget_of(cfg, wishes.canvas, build(cfg.density))
 
 
 def own_size(look: str) -> dict[str, float]:

@@ -12,7 +12,8 @@ from PIL import Image
 
 import brushexp
 from brushexp.errors import UserError
-from brushexp.studio.photos import in_plain_letters, jpeg_of
+from brushexp.results.page.html import encoded
+from brushexp.studio.photos import JPEG, in_plain_letters
 from brushexp.studio.wishes import Wishes
 
 log = logging.getLogger(__name__)
@@ -65,7 +66,7 @@ class Work:
         """Add a picture (H, W, 3) of bytes."""
         number = self.last + 1
         self.captions[number] = caption
-        self.frames[number] = jpeg_of(Image.fromarray(image), SHOWN_SIDE)
+        self.frames[number] = encoded(Image.fromarray(image), SHOWN_SIDE, **JPEG)
         if len(self.frames) > MOST_FRAMES:
             for other in list(self.frames)[1:-1:2]:
                 del self.frames[other], self.captions[other]

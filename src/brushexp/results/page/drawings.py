@@ -3,7 +3,6 @@
 A chart has a ``kind``, a ``title``, a ``summary`` (a sentence for those who cannot see it), and what the kind needs.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from brushexp.analysis.samples import DIRECTION_BINS, direction_shares
 from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.pictures.color import nearest_ink, palette, to_lab
 from brushexp.registry import build_named
@@ -21,7 +21,6 @@ from brushexp.strokes.storage import Saved
 MAX_POINTS = 400  # of a line: more cannot be seen
 BINS = 28
 TAIL_QUANTILE = 0.99  # the largest values beyond it share the last bar
-SECTORS = 18  # of half a turn
 SWATCHES = 12
 SMALLEST_SHARE = 0.002  # of a colour that is shown
 COARSE_LEVELS = 31  # of a channel, in which swatches are searched for: so a hundred thousand strokes are soon done
@@ -90,15 +89,13 @@ def rose_chart(title: str, angles: np.ndarray, lengths: np.ndarray) -> dict | No
     kept = np.isfinite(angles) & (lengths > 0)
     if not kept.any():
         return None
-    step = math.pi / SECTORS
-    sector = ((angles[kept] + step / 2) / step).astype(int) % SECTORS  # the first one is centred on 0
-    shares = np.bincount(sector, lengths[kept], SECTORS)
-    peak = math.degrees(int(shares.argmax()) * step)
+    shares = direction_shares(np.degrees(angles[kept]), lengths[kept])
+    peak = 180 * int(shares.argmax()) / DIRECTION_BINS
     return {
         "kind": "rose",
         "title": title,
         "summary": f"Directions: most of the length lies near {peak:.0f} degrees",
-        "shares": _rounded(shares / shares.sum()),
+        "shares": _rounded(shares),
         "note": "Share of the strokes' length by direction; 45° falls to the right.",
     }
 

@@ -52,14 +52,21 @@ def readable_number(value: object, digits: int = 0) -> str:
     return f"{value:,.{digits}f}" if math.isfinite(value) else "∞" if value > 0 else "−∞"
 
 
+def encoded(picture: Image.Image, largest: int, **options: Any) -> bytes:
+    """A picture as Pillow encodes it, shrunk in place to at most ``largest`` pixels on its longer side."""
+    picture.thumbnail((largest, largest), Image.Resampling.LANCZOS, reducing_gap=3.0)
+    file = io.BytesIO()
+    picture.save(file, **options)
+    return file.getvalue()
+
+
 def embedded(picture: Image.Image, largest: int, **options: Any) -> dict[str, Any]:
     """A picture as templates take it, in the page itself: ``source``, ``width`` and ``height``.
 
     It is shrunk in place to at most ``largest`` pixels on its longer side; ``options`` are for Pillow, with a
     ``format``; without any it is a PNG.
     """
-    picture.thumbnail((largest, largest), Image.Resampling.LANCZOS, reducing_gap=3.0)
-    file, options = io.BytesIO(), options or PNG
-    picture.save(file, **options)
-    source = f"data:image/{options['format'].lower()};base64,{base64.b64encode(file.getvalue()).decode()}"
+    options = options or PNG
+    letters = base64.b64encode(encoded(picture, largest, **options)).decode()
+    source = f"data:image/{options['format'].lower()};base64,{letters}"
     return {"source": source, "width": picture.width, "height": picture.height}
