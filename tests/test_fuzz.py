@@ -38,7 +38,7 @@ from brushexp.app.configs import composed, folders_of
 from brushexp.app.films import PaintedFilm
 from brushexp.app.fitting import CHECKPOINT, RECORD, RunRecord, interrupted_run
 from brushexp.app.mistakes import explanation
-from brushexp.app.sweep_jobs import JOBS, check_same
+from brushexp.app.sweep_jobs import check_same
 from brushexp.errors import UserError
 from brushexp.features.base import read_tensors
 from brushexp.painting.assembly import components_of
@@ -52,7 +52,7 @@ from brushexp.results.claims import Claim, read_claims
 from brushexp.results.page.run import write_run_page
 from brushexp.results.page.sweep_page import write_sweep_page
 from brushexp.results.published import PublishedFigures, read_published
-from brushexp.results.runs import gather
+from brushexp.results.runs import JOBS, gather
 from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.storage import load_catalogue, save_catalogue
 from brushexp.system.files import write_json, write_picture

@@ -13,9 +13,9 @@ from brushexp.app import many_pictures
 from brushexp.app.command_line import in_full, parsed
 from brushexp.app.configs import SHIPPED
 from brushexp.app.many_pictures import all_pictures, as_sweep, in_processes, launcher, pictures_named, subfolders_for
-from brushexp.app.sweep_jobs import JOBS
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
+from brushexp.results.runs import JOBS
 from brushexp.system import device, runtime
 
 pytestmark = pytest.mark.slow

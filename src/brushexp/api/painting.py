@@ -20,7 +20,7 @@ from brushexp.app.session import painted, painted_into, report
 from brushexp.errors import UserError
 from brushexp.painting.finished import Finished
 from brushexp.pictures.clips import is_film
-from brushexp.plugins.export.base import ExportJob
+from brushexp.plugins.export.base import LARGEST_SIDE_PIXELS, ExportJob
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import build_named
 from brushexp.results.page.run import run_page
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
     Picture = str | PathLike[str] | Image.Image | np.ndarray | Tensor
 
-LONGEST_SIDE = 65536  # pixels, as of task=export
 FRAME_HEIGHT = 760  # pixels of a painting in a notebook
 
 
@@ -137,8 +136,8 @@ def _sized(job: ExportJob, size: int | None) -> ExportJob:
     """The painting with ``size`` pixels on the longer side; None for as it is."""
     if size is None:
         return job
-    if not 1 <= size <= LONGEST_SIDE:  # false of NaN
-        raise UserError(f"size={size} is not 1 to {LONGEST_SIDE}; try size={max(job.size)}")
+    if not 1 <= size <= LARGEST_SIDE_PIXELS:  # false of NaN
+        raise UserError(f"size={size} is not 1 to {LARGEST_SIDE_PIXELS}; try size={max(job.size)}")
     return job.scaled(size / max(job.size))
 
 

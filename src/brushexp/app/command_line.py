@@ -155,7 +155,7 @@ def check_choice(group: str, value: str) -> None:
     single = group not in MULTI_SELECT
     names = found if single else [name for one in found for name in (one if isinstance(one, list) else [one])]
     if not all(isinstance(name, str | dict | Sweep) for name in names) or value == "''":
-        choices = ", ".join(plugin.name for plugin in plugins() if plugin.family == group) or "those that --help lists"
+        choices = ", ".join(plugin.name for plugin in plugins(group)) or "those that --help lists"
         raise UserError(f"{group}={value} is no name; choose one of {choices}")
 
 

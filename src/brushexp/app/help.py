@@ -55,11 +55,11 @@ def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]
 
 def group_lines(group: str, cfg: DictConfig, folders: Sequence[Path], with_options: bool) -> list[str]:
     """A family of plugins or group of presets: its members, one line each, and the options of those chosen."""
-    rows = {plugin.name: plugin.summary for plugin in plugins() if plugin.family == group}
+    rows = {plugin.name: plugin.summary for plugin in plugins(group)}
     for folder in folders:
         rows |= presets_of(folder / group)
     lines = [f"{group}: {FAMILIES.get(group, 'presets of the keys above')}"]
-    facts = {plugin.name: plugin.facts for plugin in plugins() if with_options and plugin.family == group}
+    facts = {plugin.name: plugin.facts for plugin in plugins(group) if with_options}
     for name, summary in sorted(rows.items()):
         lines += two_columns(name, summary)
         if facts.get(name):

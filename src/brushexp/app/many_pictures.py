@@ -10,9 +10,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from brushexp.app.configs import files_of, quoted
-from brushexp.app.sweep_jobs import JOBS, PICTURE
+from brushexp.app.sweep_jobs import PICTURE
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
+from brushexp.results.runs import JOBS
 from brushexp.system.reading import read_text, yaml_of
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".gif")

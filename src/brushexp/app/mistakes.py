@@ -63,7 +63,7 @@ def task_of(arguments: Sequence[str], folders: Sequence[Path]) -> str:
 
 def choices(group: str, folders: Sequence[Path]) -> list[str]:
     """What can be chosen of a group of configs."""
-    names = [plugin.name for plugin in plugins() if plugin.family == group]
+    names = [plugin.name for plugin in plugins(group)]
     presets = [path.stem for folder in folders for path in (folder / group).glob("*.yaml")]
     return names + presets + (list(TASKS) if group == "task" else [])
 

@@ -16,12 +16,11 @@ from omegaconf import DictConfig
 from brushexp.app.composition import check
 from brushexp.app.run_folder import check_free, take
 from brushexp.errors import UserError
-from brushexp.results.runs import has_finished
+from brushexp.results.runs import JOBS, has_finished
 from brushexp.results.sweep import first_line, renew
 from brushexp.system.files import write_json
 from brushexp.system.reading import in_short, json_of, read_text
 
-JOBS = ".hydra/jobs.json"  # in the folder of a sweep: what was typed, and the words of each job
 ANY_TIME = ("output", "overwrite")  # keys that may be others when a sweep goes on
 ENGINES = ("joblib.", "submitit.", "distributed.")  # whose errors tell of jobs that were killed
 PICTURE = "image="

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 Result = dict[str, Any]
+JOBS = ".hydra/jobs.json"  # in the folder of a sweep: what was typed, and the words of each job
 UNFINISHED = ("failed", "interrupted")  # states of runs that are not compared
 REMOVED = "(removed)"  # value of an override "~key"
 TEXTS = ("status", "error", "loss", "picture")  # keys of a result that are words

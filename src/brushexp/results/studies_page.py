@@ -115,6 +115,7 @@ def _study_table(study: Study, found: Sequence[Difference]) -> str:
     metrics += [key for key in ("cpu_seconds",) if key not in metrics and any(one.metric == key for one in found)]
     assert study.table is not None
     means = study.table.loc[(slice(None), study.units), :].groupby(level=0, sort=False).mean()
+    known = {(one.option, one.metric): one for one in found}
     rows = []
     for option in means.index:
         row = {
@@ -122,9 +123,9 @@ def _study_table(study: Study, found: Sequence[Difference]) -> str:
             METRICS[metrics[0]].name: f"{means.loc[option, metrics[0]]:.{METRICS[metrics[0]].digits}f}",
         }
         for key in metrics:
-            one = next((d for d in found if d.option == option and d.metric == key), None)
+            one = known.get((option, key))
             row[f"{METRICS[key].name}, change"] = "reference" if one is None else f"{one.shown(one.mean)} {one.bounds}"
-        first = next((d for d in found if d.option == option and d.metric == metrics[0]), None)
+        first = known.get((option, metrics[0]))
         row["better on"] = "" if first is None else f"{sum(g > 0 for g in first.gains.values())} of {len(first.gains)}"
         rows.append(row)
     return markdown_table(_quoted(rows), escape=False)

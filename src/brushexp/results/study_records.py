@@ -15,12 +15,11 @@ import pandas as pd
 from brushexp.errors import UserError
 from brushexp.results.claims import Claim
 from brushexp.results.paired import Difference, paired_differences, paired_table
-from brushexp.results.runs import UNFINISHED, gather
+from brushexp.results.runs import JOBS, UNFINISHED, gather
 from brushexp.results.tables import METRICS
 from brushexp.system.files import write_text
 from brushexp.system.reading import json_of, read_text
 
-JOBS_FILE = ".hydra/jobs.json"  # of a sweep: the words that were typed
 EXPERIMENT = "experiment="
 RECORD = "# {"  # how a record begins
 DIGITS = 7  # of a recorded number
@@ -97,8 +96,8 @@ def _recorded(folders: Sequence[Path]) -> Iterator[Study]:
 
 def _swept(folders: Sequence[Path], into: Path) -> Iterator[Study]:
     """Those whose sweeps are at or below a folder."""
-    for path in sorted({path.parents[1] for folder in folders for path in folder.rglob(JOBS_FILE)}):
-        noted = json_of(read_text(path / JOBS_FILE, ""))
+    for path in sorted({path.parents[1] for folder in folders for path in folder.rglob(JOBS)}):
+        noted = json_of(read_text(path / JOBS, ""))
         words = [str(word) for word in noted.get("typed", [])]
         name = next((word.removeprefix(EXPERIMENT) for word in words if word.startswith(EXPERIMENT)), None)
         if name is not None and any(path.glob("*/result.json")):

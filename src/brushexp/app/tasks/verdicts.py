@@ -6,7 +6,7 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from brushexp.app.configs import SHIPPED, files_of
+from brushexp.app.configs import SHIPPED
 from brushexp.app.help import presets_of
 from brushexp.results.claims import SHIPPED_CLAIMS, read_claims
 from brushexp.results.runs import words_of
@@ -20,8 +20,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Write the page of the studies in ``cfg.runs`` to ``cfg.page``, or into this run's folder."""
     claims = read_claims(Path(cfg.claims) if cfg.claims else SHIPPED_CLAIMS)
     studies = studies_in([Path(path) for path in cfg.runs], folder)
-    summaries = presets_of(SHIPPED / "experiment")
-    questions = {name: summaries[name].partition(" Run:")[0] for name in files_of(SHIPPED, "experiment")}
+    questions = {name: text.partition(" Run:")[0] for name, text in presets_of(SHIPPED / "experiment").items()}
     page = Path(cfg.page) if cfg.page else folder / "ablations.md"
     typed = [word for word in words_of(folder) or ["task=verdicts"] if not word.startswith(("output=", "overwrite="))]
     counts = write_verdicts(page, studies, claims, questions, shlex.join(["brushexp", *typed]))
