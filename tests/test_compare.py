@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from sweeps import collect, make_run
 
-from brushexp.app.tasks import compare
 from brushexp.errors import UserError
 from brushexp.results.anytime_curves import ahead, curve_from, mean_curve, quality_at, time_to, write_anytime
 from brushexp.results.runs import gather
@@ -91,26 +90,39 @@ def test_a_folder_without_runs_is_explained(tmp_path, name, reason):
         gather([tmp_path / name], tmp_path)
 
 
-def test_everything_is_written(tmp_path, run_task):
+@pytest.fixture
+def compare(tmp_path, config):
+    """The task in this process; it returns the folder and the numbers."""
+    from brushexp.app.tasks import compare as task  # noqa: PLC0415
+
+    folder = tmp_path / "compared"
+
+    def run(*overrides: str):
+        folder.mkdir(exist_ok=True)
+        return folder, task.run(config("task=compare", *overrides), folder, 0.0)
+
+    return run
+
+
+def test_everything_is_written(tmp_path, compare):
     sweep(tmp_path / "a", "steps=1", "steps=2")
     single_run(tmp_path / "b", "steps=3", "loss=[mse,kl]", seconds=5.0, psnr=31.0)
-    numbers = run_task(compare, "task=compare", f"runs=[{tmp_path}/a,{tmp_path}/b]")
+    folder, numbers = compare(f"runs=[{tmp_path}/a,{tmp_path}/b]")
     assert numbers["runs"] == 3
     names = {"table.csv", "table.md", "table.tex", "pareto.md", "pareto.csv", "pareto.png", "anytime.md", "curves.png"}
-    names |= {"report.html", "metrics.json"}
-    assert {path.name for path in tmp_path.iterdir() if path.is_file()} == names
-    assert "brushexp steps=3 'loss=[mse,kl]'" in (tmp_path / "pareto.csv").read_text()
-    assert "| b | 3 |" in (tmp_path / "table.md").read_text()
+    assert {path.name for path in folder.iterdir()} == names | {"report.html"}
+    assert "brushexp steps=3 'loss=[mse,kl]'" in (folder / "pareto.csv").read_text()
+    assert "| ../b | 3 |" in (folder / "table.md").read_text()
 
 
-def test_other_and_unfinished_runs_are_left_out_and_nothing_to_compare_is_explained(tmp_path, run_task, caplog):
+def test_other_and_unfinished_runs_are_left_out_and_nothing_to_compare_is_explained(tmp_path, compare, caplog):
     sweep(tmp_path / "a", "steps=1", "steps=2", anytime=None)
     single_run(tmp_path / "b", "task=train", psnr=None)
     single_run(tmp_path / "c", "steps=3", status="interrupted")
     with caplog.at_level("INFO"):
-        numbers = run_task(compare, "task=compare", f"runs={tmp_path}")
+        folder, numbers = compare(f"runs={tmp_path}")
     assert numbers["runs"] == 2
     assert "2 of 4 runs are left out" in caplog.text
-    assert not {"anytime.md", "curves.png"} & {path.name for path in tmp_path.iterdir()}
+    assert not {"anytime.md", "curves.png"} & {path.name for path in folder.iterdir()}
     with pytest.raises(UserError, match=r"1 of 2 runs are finished paintings, and no two .*'runs=\[\.\.\.\]'"):
-        run_task(compare, "task=compare", f"runs=[{tmp_path}/a/0,{tmp_path}/b]")
+        compare(f"runs=[{tmp_path}/a/0,{tmp_path}/b]")

@@ -89,7 +89,20 @@ def test_bands_draw_only_the_strokes_that_touch_them_and_get_lower_where_those_a
     assert sum(held) < 2 * 60
 
 
+def test_kernels_are_gone_through_once_for_painters_of_the_same_parts(monkeypatch):
+    monkeypatch.setattr(painter_state, "_compiled", set())
+    monkeypatch.setattr(torch.Tensor, "backward", lambda self: gone.append(1))
+    gone, errors = [], []
+    for options in ({}, {}, {"renderer": Analytic(soft=3.0)}, {"blend": Tiled(opaque=0.1)}):
+        painter = some_painter(**options)
+        painter_state.compile_kernels(painter)
+        errors.append(painter.picture.error)
+    assert len(gone) == 3
+    assert errors[0] == errors[1] != errors[2], "each has looked at its picture"
+
+
 def test_the_kernels_of_importance_are_gone_through_with_one_stroke(monkeypatch):
+    monkeypatch.setattr(painter_state, "_compiled", set())
     seen, found = [], painter_state.importance
     monkeypatch.setattr(painter_state, "importance", lambda one, *rest: seen.append((len(one), found(one, *rest))))
     painter = some_painter(density=Strays())

@@ -175,6 +175,7 @@ def test_the_worst_pixel_of_a_cell_is_found_as_by_a_loop():
         assert error[k] == pytest.approx(cell.mean())
         assert difference[y[k], x[k]] == cell.max()
     assert len(error) == len(cells)
+    assert [place[0] for place in worst_of_cells(np.full((3, 3), np.nan), 4)[1:]] == [0, 0]
 
 
 def test_children_live_only_where_the_picture_gains():

@@ -23,7 +23,6 @@ def motion(first: Tensor, second: Tensor) -> Tensor:
     if min(small[0].shape) < 2 * RADIUS:
         return torch.zeros_like(first[:2])
     down, across = optical_flow_ilk(*small, radius=RADIUS, num_warp=WARPS)
-    found = torch.stack([torch.from_numpy(across), torch.from_numpy(down)]).to(first) * max(
-        1.0, max(first.shape[1:]) / SIDE
-    )
+    zoom = max(1.0, max(first.shape[1:]) / SIDE)
+    found = torch.stack([torch.from_numpy(across), torch.from_numpy(down)]).to(first) * zoom
     return functional.interpolate(found[None], first.shape[1:], mode="bilinear", align_corners=False)[0]

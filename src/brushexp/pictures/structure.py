@@ -69,6 +69,6 @@ def worst_of_cells(difference: Array, side: int) -> tuple[Array, Array, Array]:
     rows, columns = -(-height // side), -(-width // side)
     padded = np.pad(difference, ((0, rows * side - height), (0, columns * side - width)), constant_values=np.nan)
     cells = padded.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(rows * columns, -1)
-    row, column = np.divmod(np.nanargmax(cells, 1), side)
+    row, column = np.divmod(np.where(np.isnan(cells), -np.inf, cells).argmax(1), side)
     top, left = np.divmod(np.arange(rows * columns), columns)
     return cells, left * side + column, top * side + row

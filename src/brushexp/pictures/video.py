@@ -20,7 +20,8 @@ log = logging.getLogger(__name__)
 MOST_FPS = 50  # players show GIFs that are faster than this slowly
 MOST_SECONDS = 300  # of a film; its last picture may stay as long again
 LARGEST_SIDE = 4096  # pixels: what players of H.264 take
-X264 = {"crf": "18", "preset": "veryfast"}  # on canvases of this size slower presets save little
+# On canvases of this size slower presets save little; with mbtree small films differ from one encoding to the next.
+X264 = {"crf": "19", "preset": "veryfast", "x264-params": "mbtree=0"}
 FAST_START = {"movflags": "faststart"}
 BT709 = 1  # FFmpeg's number for the usual colour space of video, and for its usual range of values
 GIF_SIDE = 480  # pixels: larger GIFs take many megabytes

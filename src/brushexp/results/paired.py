@@ -38,15 +38,8 @@ RULE = (
     "as it is with fewer than {least} {units}."
 )
 
-PANELS = (  # of the plot
-    "psnr",
-    "psnr_alpha",
-    "ssim",
-    "edges",
-    "perceptual",
-    "fid_effl0",
-    "cpu_seconds",
-)  # as many of these as have room
+# Panels of the plot: as many of these as have room.
+PANELS = ("psnr", "psnr_alpha", "ssim", "edges", "perceptual", "fid_effl0", "cpu_seconds")
 MOST_PANELS = 4
 ROW, TALLEST = 0.16, 30.0  # inches: of a letter, of a figure
 LETTERS = ascii_uppercase + ascii_lowercase

@@ -76,7 +76,7 @@ class Photos:
         """Read a file that the browser has sent, under the name that it has there; UserError if it is no picture."""
         key = f"photo{next(self._numbers)}"
         path = Path("".join(letter for letter in name if letter.isprintable()) or "picture")
-        shown = path.stem[:LONGEST_NAME] + path.suffix
+        shown = path.stem[:LONGEST_NAME] + path.suffix[:LONGEST_NAME] or "picture"
         try:
             self._photos[key] = self._kept(received, key, shown)
         except UserError as error:

@@ -73,9 +73,8 @@ class Wishes:
             words["focus"] = "mask.png"
         if self.style is not None:
             words["style.image"] = self.style.name
-        return shlex.join(
-            ["brushexp", *(f"{key}={'null' if value is None else value}" for key, value in words.items())]
-        )
+        typed = [f"{key}={'null' if value is None else value}" for key, value in words.items()]
+        return shlex.join(["brushexp", *typed])
 
 
 def planned_strokes(wishes: Wishes) -> int:
