@@ -2,6 +2,7 @@
 
 import gc
 import json
+import math
 import subprocess
 import sys
 import threading
@@ -17,6 +18,7 @@ from PIL import Image
 from torch.testing import assert_close
 
 import brushexp
+from brushexp.app import run_folder
 from brushexp.app.configs import SHIPPED
 from brushexp.app.run_folder import lock
 from brushexp.app.tasks import paint as task
@@ -128,12 +130,15 @@ def test_a_run_with_a_folder_leaves_all_and_can_be_repeated(tmp_path):
     run = tmp_path / "a run"
     painting = brushexp.paint(picture, **SMALL | {"resolution": None}, output=run)
     there = {path.name for path in run.iterdir()}
-    assert {"painting.png", "catalogue.h5", "report.html", "timelapse.mp4", "curves", "image.tif"} <= there
+    assert {"painting.png", "catalogue.h5", "report.html", "timelapse.mp4", "curves"} <= there
     assert json.loads((run / "metrics.json").read_text())["psnr"] == painting.metrics["psnr"]
-    assert f"'image={run}/image.tif'" in command_of(run)
-    assert_close(load_picture(str(run / "image.tif"), None), torch.from_numpy(picture).permute(2, 0, 1).float())
+    assert f"'image={run}/.hydra/image.tif'" in command_of(run)
+    assert_close(
+        load_picture(str(run / ".hydra" / "image.tif"), None), torch.from_numpy(picture).permute(2, 0, 1).float()
+    )
     with pytest.raises(brushexp.UserError, match="holds a run already"):
         brushexp.paint(picture, **SMALL, output=run)
+    assert not run_folder._held, "a refusal keeps no other program out"
     brushexp.paint(picture, **SMALL, output=run, overwrite=True)
     lock(run)  # nobody keeps it
 
@@ -154,10 +159,28 @@ def test_a_painting_is_drawn_exported_and_saved_later(tmp_path):
             brushexp.render(**{"strokes": painting.strokes, "size": (9, 9)} | wrong)
     page = painting.save(tmp_path / "kept")
     there = {path.name for path in page.parent.iterdir()}
-    assert there >= {"painting.png", "flat.png", "target.png", "catalogue.h5", "report.html", "image.png"}
+    assert there >= {"painting.png", "flat.png", "target.png", "catalogue.h5", "report.html"}
     assert "timelapse.mp4" not in there
     assert painting._repr_html_().startswith("<iframe")
     assert "20 strokes on 32 x 21 pixels" in repr(painting)
+
+
+def test_a_painting_is_saved_beside_what_is_the_users_and_in_place_of_another(tmp_path):
+    lit, unlit = (brushexp.paint("chelsea", **SMALL, light={"depth": depth}, frames=2 * depth) for depth in (1, 0))
+    for name in ("table.csv", "image.png"):
+        (tmp_path / name).write_text("mine")
+    lit.save(tmp_path)
+    assert (tmp_path / "timelapse.mp4").is_file()
+    unlit.save(tmp_path)
+    assert not {"flat.png", "timelapse.mp4"} & {path.name for path in tmp_path.iterdir()}
+    brushexp.paint(kinds_of_picture()["tensor"], **SMALL, output=tmp_path, overwrite=True)
+    assert {(tmp_path / name).read_text() for name in ("table.csv", "image.png")} == {"mine"}
+
+
+def test_states_of_another_painter_come_all_along_though_each_may_be_many_steps():
+    states = [*brushexp.iterate("chelsea", every=10, painter="haeberli", **SMALL | {"strokes": 97})]
+    assert len(states) > 8
+    assert all(math.isfinite(state.psnr) for state in states)
 
 
 def test_states_come_in_order_and_the_last_is_what_paint_gives():

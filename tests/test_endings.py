@@ -278,7 +278,7 @@ def test_a_run_replaces_no_other_and_removes_nothing_but_what_runs_leave(tmp_pat
         take(folder, config())
     assert there() == mine | run_leaves | {CHECKPOINT}, "but for what writing that was killed has left"
     take(folder, config(f"resume={folder}"))
-    with pytest.raises(UserError, match=r"a run in output=.* would remove focus=.*target.png; choose another folder"):
+    with pytest.raises(UserError, match=r"a run in output=.* would replace focus=.*target.png; choose another folder"):
         take(folder, config("overwrite=true", f"focus={folder}/target.png"))
     (folder / CHECKPOINT).rename(folder / "metrics.json")
     with pytest.raises(UserError, match=r"holds a run already \(metrics.json\); choose another folder, or replace"):
@@ -290,6 +290,40 @@ def test_a_run_replaces_no_other_and_removes_nothing_but_what_runs_leave(tmp_pat
     (folder / "target.png").touch()  # of a run that came to nothing
     take(folder, config())
     assert there() == mine
+
+
+def test_a_run_never_replaces_what_it_is_made_from(tmp_path, config, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (folder := tmp_path / "a").mkdir()
+    for name in ("target.png", "style.png", "photo.jpg"):
+        (folder / name).write_text("mine")
+    before = {path.name for path in folder.iterdir()}
+
+    def refused(*words, pictures=()):
+        cfg = config(*words)
+        OmegaConf.set_struct(cfg, False)
+        cfg.hydra = {"sweeper": {"pictures": [*pictures]}}
+        with pytest.raises(UserError, match=r"a run in output=.*a would replace .*[.]png; choose another folder"):
+            take(folder, cfg)
+        assert before <= {path.name for path in folder.iterdir()}
+
+    refused(f"image={folder}/target.png")
+    refused("style=~/a/style.png")
+    refused("overwrite=true", pictures=[f"{folder}/*.png"])
+    take(folder, config(f"image={folder}/photo.jpg"))
+    (folder / "painting.png").write_text("a run's")
+    before.add("painting.png")
+    refused("image=~/a/painting.png", "overwrite=true")
+    refused("overwrite=true", pictures=["~/a/painting.png"])
+
+
+def test_runs_in_numbered_folders_of_a_run_are_others(tmp_path, config):
+    for folder in (tmp_path / "1", tmp_path):
+        take(folder, config())
+        (folder / "metrics.json").write_text("{}")
+    take(tmp_path, config("overwrite=true"))
+    assert (tmp_path / "1" / "metrics.json").is_file()
+    assert not (tmp_path / "metrics.json").exists()
 
 
 def test_one_run_at_a_time_is_in_a_folder(tmp_path):

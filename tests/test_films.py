@@ -3,11 +3,14 @@
 import errno
 import json
 import logging
+import math
 import os
 import signal
 import sys
+from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +19,7 @@ from films import as_tensor, decoded, encoded, scene
 from painters import take
 from program import ended
 
+from brushexp.app.films import PaintedFilm
 from brushexp.app.tasks import export, paint
 from brushexp.errors import UserError
 from brushexp.painting.canvas_memory import touched
@@ -269,6 +273,28 @@ def test_what_a_film_cannot_have_is_refused_in_one_line(run_task, tmp_path, word
     clip = encoded(tmp_path / "clip.mp4", scene(2))
     with pytest.raises(UserError, match=message):
         run_task(paint, f"image={clip}", "resolution=32", *words)
+    assert not (tmp_path / "checkpoint.ckpt").exists(), "nothing to go on with"
+
+
+def test_a_film_that_does_not_say_how_long_it_is_can_be_stopped(run_task, tmp_path, monkeypatch):
+    @contextmanager
+    def at_once(stop, message):
+        stop()
+        yield
+
+    monkeypatch.setattr(PaintedFilm, "planned", 1)
+    monkeypatch.setattr("brushexp.app.films.interruptible", at_once)
+    with pytest.raises(KeyboardInterrupt):
+        run_task(paint, f"image={encoded(tmp_path / 'clip.mp4', scene(3))}", "resolution=32", "steps=1", "film.steps=1")
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    assert (metrics["n_frames"], metrics["status"]) == (1, "interrupted")
+
+
+def test_a_picture_without_error_does_not_hide_the_others_of_a_film():
+    others = {"flicker": SimpleNamespace(value=0), "reel": SimpleNamespace(scenes=1, cel=SimpleNamespace(strokes=()))}
+    for found, expected in (([math.inf, 20.0, 30.0], 25.0), ([math.inf], math.inf)):
+        film = SimpleNamespace(psnr=found, seconds=[], device="cpu", **others)
+        assert PaintedFilm.metrics(film, None, "completed")["psnr"] == expected
 
 
 def test_a_film_that_was_stopped_goes_on_to_the_same_strokes(tmp_path):

@@ -58,6 +58,35 @@ def test_all_pictures_are_painted_and_the_same_command_goes_on(tmp_path, jobs):
     assert "has paintings with other settings" in said
 
 
+WATCHFUL = """
+import gc, os
+from pathlib import Path
+from brushexp.plugins.init.grid import Grid
+from brushexp.registry import register
+
+
+@register("init", "watchful")
+class Watchful(Grid):
+    def __call__(self, *given):
+        files = Path("/proc/self/fd").iterdir()
+        locks = sum(os.path.realpath(file).endswith("lock") for file in files)
+        with open("seen.txt", "a") as seen:
+            print(locks, gc.get_freeze_count(), file=seen)
+        return super().__call__(*given)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="another system")
+def test_a_finished_job_leaves_no_open_file_and_nothing_that_is_never_freed(tmp_path):
+    (tmp_path / "plugins").mkdir()
+    (tmp_path / "plugins" / "watchful.py").write_text(WATCHFUL)
+    code, said = ended(tmp_path, "-m", "image=chelsea", "resolution=16", "init=watchful", "seed=0,1,2", *QUICK)
+    assert code == 0, said
+    seen = [[*map(int, line.split())] for line in (tmp_path / "seen.txt").read_text().splitlines()]
+    assert len(seen) == 3
+    assert all(later <= first for after in seen[1:] for first, later in zip(seen[0], after, strict=True))
+
+
 DEADLY = """
 import os, signal
 from brushexp.plugins.init.grid import Grid
@@ -147,6 +176,7 @@ def test_sets_folders_and_single_pictures_stand_for_pictures(tmp_path, monkeypat
 def test_names_of_folders_are_plain_and_differ():
     assert subfolders_for(["x/a.jpg", "x/a.png", "x/ü 1.tif"]) == ["a_jpg", "a_png", "ü_1"]
     assert subfolders_for(["x/a.jpg", "y/a.jpg"]) == ["a_jpg", "a_jpg_2"]
+    assert len(set(subfolders_for(["a/x.png", "b/x.png", "c/x_png_2.png"]))) == 3
 
 
 def test_jobs_are_processes(monkeypatch):

@@ -11,10 +11,12 @@ import torch
 from painters import QUIET
 from torch.testing import assert_close
 
+from brushexp.app.composition import check
 from brushexp.app.tasks import paint
 from brushexp.errors import UserError
 from brushexp.painting.components import standard_components
 from brushexp.painting.goals import goals_of
+from brushexp.painting.preparation import prepared
 from brushexp.painting.procedure import Procedure
 from brushexp.painting.timelapse import Timelapse
 from brushexp.pictures.structure import worst_of_cells
@@ -135,11 +137,19 @@ def test_what_a_painter_yields_that_is_no_state_is_told_with_its_name(broken, sa
 
 
 @pytest.mark.parametrize("name", ["haeberli", "hertzmann"])
-def test_a_run_leaves_what_any_painting_leaves(run_task, tmp_path, caplog, name):
+def test_a_run_leaves_what_any_painting_leaves(run_task, config, tmp_path, caplog, name):
     words = ("image=astronaut", "resolution=48", "strokes=60", "frames=4", "steps=3", "look=plain")
     with caplog.at_level("WARNING"):
         metrics = run_task(paint, f"painter={name}", *words)
     assert f"painter={name} has no use for steps" in caplog.text
+    plain, styled = (
+        prepared(config(f"painter={name}", *words, *more)) for more in ((), ("style=coffee", "focus=auto"))
+    )
+    assert styled.pictures.keys() == {"target"}
+    assert torch.equal(styled.pictures["target"], plain.pictures["target"])
+    said = (f"catalogue={tmp_path}/catalogue.h5", "init.length=5")
+    check(config(*said), said)
+    assert "catalogue.h5 says where strokes start: it has no use for init.length" in caplog.text
     assert (metrics["painter"], metrics["status"]) == (name, "completed")
     assert 0 < metrics["n_strokes"] <= 60
     assert metrics["psnr"] > 8

@@ -1,10 +1,13 @@
 """Pictures of every kind become one tensor, or one line that says what is wrong."""
 
 import io
+import logging
 import os
 import struct
+import warnings
 import zlib
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +17,7 @@ import torch
 from PIL import Image, ImageCms
 
 from brushexp.errors import UserError
-from brushexp.pictures.decode import MAX_PIXELS
+from brushexp.pictures.decode import MAX_PIXELS, read_picture
 from brushexp.pictures.load import background_color, load_picture, samples
 
 HEIGHT, WIDTH = 5, 7
@@ -374,6 +377,22 @@ def test_a_file_wins_over_a_sample_of_its_name_a_folder_does_not_and_a_tilde_is_
 
 
 TARGET = torch.from_numpy(FLOATS).permute(2, 0, 1)
+
+
+def test_pictures_read_at_once_leave_stderr_warnings_and_logging_as_they_were(tmp_path):
+    Image.new("RGB", (300, 300)).save(tmp_path / "a.png")
+
+    def settings():
+        return os.fstat(2).st_ino, [*warnings.filters], logging.root.manager.disable
+
+    logging.disable(logging.INFO)
+    try:
+        before = settings()
+        with ThreadPoolExecutor(4) as threads:
+            assert len([*threads.map(read_picture, [tmp_path / "a.png"] * 100)]) == 100
+        assert settings() == before
+    finally:
+        logging.disable(logging.NOTSET)
 
 
 def test_a_background_is_a_name_or_a_number_or_the_mean_of_the_target():

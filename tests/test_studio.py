@@ -286,7 +286,21 @@ def test_what_is_sent_is_a_picture_or_refused_in_one_line(uploads):
 
 
 @pytest.mark.parametrize(
-    "name", ["..", "../../x.png", "/etc/passwd", "a\0\nb", "x" * 999, "🙂" * 99, "\u202egnp", "", "-rf", "${x}", "/", "a." + "b" * 999]
+    "name",
+    [
+        "..",
+        "../../x.png",
+        "/etc/passwd",
+        "a\0\nb",
+        "x" * 999,
+        "🙂" * 99,
+        "\u202egnp",
+        "",
+        "-rf",
+        "${x}",
+        "/",
+        "a." + "b" * 99,
+    ],
 )
 def test_files_of_any_name_are_kept_below_the_folder_of_the_studio(tmp_path, name):
     Image.new("RGB", (9, 7)).save(tmp_path / "received", "PNG")

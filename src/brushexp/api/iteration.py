@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -54,7 +55,7 @@ class Handover(L.Callback):
         self.found: SimpleQueue[State | None] = SimpleQueue()  # None: the painting is done
         self.room = threading.Semaphore(1)
         self.stopped, self.closed = threading.Event(), threading.Event()
-        self.last = -float("inf")
+        self.last, self.seen = -float("inf"), -1  # when a state was handed over, and the step that was last looked at
 
     def on_train_start(self, trainer: L.Trainer, painter: Any) -> None:
         self.on_train_batch_end(trainer, painter)
@@ -64,6 +65,7 @@ class Handover(L.Callback):
             painter.stop = painter.stop or (INTERRUPTED if self.closed.is_set() else STOPPED)
             trainer.should_stop = True
         elif not painter.is_done and self._is_due(painter.schedule.step):
+            self.seen = painter.schedule.step
             self.last = time.monotonic()
             painter.schedule.pause()
             self.room.acquire()
@@ -71,13 +73,17 @@ class Handover(L.Callback):
             painter.schedule.start()
 
     def _is_due(self, step: int) -> bool:
-        return step % self.every == 0 and time.monotonic() - self.last >= self.every_seconds
+        """Whether a multiple of ``every`` was reached or passed: a state of another painter may be many steps."""
+        is_next = step // self.every > self.seen // self.every
+        return is_next and time.monotonic() - self.last >= self.every_seconds
 
     def state_of(self, painter: Any) -> State:
         """The state of a painter now."""
-        schedule, psnr = painter.schedule, psnr_of(painter.picture.error)
+        schedule, image, error = painter.schedule, painter.latest(), painter.picture.error
+        if math.isinf(error):  # nothing has been looked at
+            error = float((image - painter.picture.target).square().mean())
         numbers = schedule.step, schedule.steps, schedule.seconds
-        return State(*numbers, to_bytes(painter.latest()), painter.strokes(), psnr, stop=self.stopped.set)
+        return State(*numbers, to_bytes(image), painter.strokes(), psnr_of(error), stop=self.stopped.set)
 
     def take(self) -> State | None:
         """The next state; None when the painting is done."""

@@ -14,7 +14,7 @@ import numpy as np
 from torch import Tensor
 
 from brushexp.api.settings import Settings, held_as_files, settings_of
-from brushexp.app.run_folder import note_words, release, take
+from brushexp.app.run_folder import check_inputs, clear, note_others, note_words, release, take
 from brushexp.app.runner import explaining_to_users
 from brushexp.app.session import painted, painted_into, report
 from brushexp.errors import UserError
@@ -107,10 +107,17 @@ class Painting:
     def save(self, folder: str | PathLike[str]) -> Path:
         """Write what a run of the command line leaves (painting.png, catalogue.h5, report.html, ...); the page's path.
 
-        Files of these names are replaced. There is a timelapse only if ``frames`` were asked for, and no curves.
+        What another painting has left there is removed. There is a timelapse only if ``frames`` were asked for, and no
+        curves.
         """
         into = Path(folder)
-        into.mkdir(parents=True, exist_ok=True)
+        is_new = not (into / ".hydra").is_dir()
+        (into / ".hydra").mkdir(parents=True, exist_ok=True)
+        check_inputs(into, self.settings.cfg)
+        if is_new:
+            note_others(into)
+        elif into.resolve() != self.settings.folder:
+            clear(into, self.settings.cfg)
         settings = held_as_files(self.settings, into)
         note_words(into, settings.cfg, settings.words)
         write_picture(into / "target.png", self.target)
@@ -193,8 +200,8 @@ def painting_of(settings: Settings, callbacks: Sequence[L.Callback] = ()) -> Pai
     with explaining_to_users(cfg), settings.as_asked():
         if folder is None:
             return Painting(painted(cfg, callbacks), settings)
-        take(folder, cfg)
         try:
+            take(folder, cfg)
             settings = held_as_files(settings, folder)
             note_words(folder, settings.cfg, settings.words)
             return Painting(painted_into(folder, settings.cfg, start, callbacks=callbacks), settings)

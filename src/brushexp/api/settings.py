@@ -30,7 +30,7 @@ RESERVED = {"task": "call another function", "output": "set output=", "resume": 
 def load() -> list[Path]:
     """Load plugins, those of the current folder too, at the first call; the folders of configs."""
     prepare(Path())
-    return folders_of(Path())
+    return folders_of(Path().resolve())  # the program may go elsewhere
 
 
 @dataclass(frozen=True)
@@ -94,10 +94,10 @@ def _composed(words: tuple[str, ...], folders: tuple[Path, ...]) -> DictConfig:
 
 
 def held_as_files(settings: Settings, folder: Path) -> Settings:
-    """The same with the pictures in memory as files in a folder, so that the settings can be used again."""
+    """The same with the pictures in memory as files of a run, beside its settings, so that these can be used again."""
     cfg, words = settings.cfg.copy(), settings.words
     for key, held in settings.held.items():
-        path = str(held.write(folder, key.replace(".", "_")))
+        path = str(held.write(folder / ".hydra", key.replace(".", "_")))
         OmegaConf.update(cfg, key, path)
         words = [written_out(f"{key}={path}", sweep=False) if held.name in word else word for word in words]
     return replace(settings, cfg=cfg, words=words)

@@ -80,8 +80,8 @@ def train_renderer(output: str | PathLike[str], *, renderer: str = "neural", **o
     assert folder is not None
     task = importlib.import_module("brushexp.app.tasks.train")
     with settings.as_asked():
-        take(folder, cfg)
         try:
+            take(folder, cfg)
             note_words(folder, cfg, settings.words)
             perform(task, cfg, folder, start)
         finally:

@@ -151,8 +151,9 @@ class PaintedFilm:
     def metrics(self, start: float | None, status: str) -> dict[str, object]:
         """What metrics.json holds."""
         count, carried = len(self.psnr), len(self.seconds)
+        finite = [psnr for psnr in self.psnr if math.isfinite(psnr)]  # of black pictures it is inf
         return {
-            "psnr": float(np.mean(self.psnr)),
+            "psnr": float(np.mean(finite or [math.inf])),
             "psnr_lowest": min(self.psnr),
             "flicker": self.flicker.value,
             "n_frames": count,
@@ -192,6 +193,9 @@ def painted_film(folder: Path, cfg: DictConfig, start: float | None, before: Pat
     with filming(folder / "film", "mp4", film.size, film.rate) as video, showing("painting the film") as show:
         with interruptible(stop.set, "stopping after this picture; the film so far will be written"):
             for number, target in enumerate(film.targets()):
+                if number and stop.is_set():  # there is a next picture, whatever the film says of its length
+                    failure = KeyboardInterrupt()
+                    break
                 try:
                     picture = film.take(number, target)
                 except (Exception, KeyboardInterrupt, SystemExit) as error:
@@ -201,10 +205,8 @@ def painted_film(folder: Path, cfg: DictConfig, start: float | None, before: Pat
                     break
                 video.show(picture, 1)
                 show(min(1.0, (number + 1) / film.planned), f"picture {number + 1}, {film.psnr[-1]:.2f} dB")
-                if stop.is_set() and number + 1 < film.planned:
-                    failure = KeyboardInterrupt()
-                    break
         if not film.psnr:
+            (folder / CHECKPOINT).unlink()
             raise UserError(f"film.start={cfg.film.start:g} is behind the end of {cfg.image}; give an earlier second")
     for path in (path for path in video.paths if path.suffix == ".mp4"):
         add_sound(path, film.clip.path, cfg.film.start)

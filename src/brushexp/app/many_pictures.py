@@ -7,6 +7,7 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from importlib.util import find_spec
+from itertools import chain, count
 from pathlib import Path
 
 from brushexp.app.configs import files_of, quoted
@@ -145,4 +146,8 @@ def subfolders_for(paths: Sequence[str]) -> list[str]:
     endings = [Path(path).suffix.lower().replace(".", "_") for path in paths]
     often = Counter(stems)
     names = [stem if often[stem] == 1 else stem + ending for stem, ending in zip(stems, endings, strict=True)]
-    return [f"{name}_{names[:k].count(name) + 1}" if names[:k].count(name) else name for k, name in enumerate(names)]
+    taken: list[str] = []
+    for name in names:
+        numbered = (f"{name}_{k}" for k in count(2))
+        taken.append(next(one for one in chain([name], numbered) if one not in taken))
+    return taken

@@ -112,11 +112,14 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 
 def tell_unused(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Say in one line which typed keys a painter has no use for; in a sweep over painters they are for the others."""
+    """Say in a line which typed keys a painter, or a catalogue, has no use for; in a sweep they may be for others."""
     keys = [override.lstrip("+~").partition("=")[0] for override in overrides]
     unused = sorted({key for key in keys if key.partition(".")[0] in OF_STEPS})
     if unused and not build(cfg.painter).by_steps:
         log.warning("painter=%s has no use for %s", plugin_of(cfg.painter).name, ", ".join(unused))
+    starts = sorted({key for key in keys if key.partition(".")[0] == "init"})
+    if starts and cfg.catalogue is not None:
+        log.warning("catalogue=%s says where strokes start: it has no use for %s", cfg.catalogue, ", ".join(starts))
 
 
 def check_film(cfg: DictConfig) -> None:

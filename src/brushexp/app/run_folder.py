@@ -12,6 +12,7 @@ from omegaconf.errors import OmegaConfBaseException
 from brushexp.app.composition import check, leaves
 from brushexp.errors import UserError
 from brushexp.registry import plugins
+from brushexp.results.runs import JOBS
 from brushexp.system.files import TEMPORARY, write_text
 from brushexp.system.reading import read_text
 
@@ -62,11 +63,13 @@ def take(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
     """
     is_new = not (folder / ".hydra").is_dir() and not (folder / "multirun.yaml").is_file()
     lock(folder)
+    resumed = cfg.get("resume")
+    goes_on = goes_on or (resumed is not None and Path(resumed).resolve() == folder.resolve())
+    if not goes_on and cfg.task == "paint":
+        check_inputs(folder, cfg)
     if is_new:
         note_others(folder)
         return
-    resumed = cfg.get("resume")
-    goes_on = goes_on or (resumed is not None and Path(resumed).resolve() == folder.resolve())
     if goes_on or grows(folder, cfg):
         return
     worth = next((path for path in left_in(folder) if path.name in WORTH), None)
@@ -95,6 +98,29 @@ def take_job(folder: Path, cfg: DictConfig) -> None:
         cfg.resume = str(folder)
     elif not grows(folder, cfg):
         clear(folder, cfg, OF_THIS_RUN)
+
+
+def check_inputs(folder: Path, cfg: DictConfig) -> None:
+    """Refuse (UserError) to paint from a file of this folder that has the name of one of a run's own."""
+    for key, value, path in files_read(cfg):
+        if path.parent == folder.resolve() and OURS.fullmatch(path.name) and path.is_file():
+            raise UserError(f"a run in output={folder} would replace {key}={value}; choose another folder")
+
+
+def files_read(cfg: DictConfig) -> Iterator[tuple[str, str, Path]]:
+    """Key, value and whole path of what may be files and folders that a run reads, and of each picture of a sweep."""
+    from brushexp.app.many_pictures import is_several, pictures_in  # noqa: PLC0415
+
+    for key, value in leaves(OmegaConf.to_container(cfg)):
+        is_picture = key.startswith("hydra.sweeper.pictures.")
+        is_other = key.startswith(("hydra.", "output")) and not is_picture
+        if not isinstance(value, str) or is_other:
+            continue
+        if is_picture or "." in value or key.partition(".")[0] in ("catalogue", "data", "runs"):
+            paths = pictures_in(value) if is_picture and is_several(value) else [value]
+            yield from (
+                (key.removeprefix("hydra.sweeper."), value, Path(path).expanduser().resolve()) for path in paths
+            )
 
 
 def note_others(folder: Path) -> None:
@@ -150,13 +176,14 @@ def check_free(folder: Path) -> None:
 
 def left_in(folder: Path) -> Iterator[Path]:
     """Files that runs have left in a folder, and in those of the jobs of a sweep; nothing that a run does not write."""
+    is_sweep = (folder / "multirun.yaml").is_file() or (folder / JOBS).is_file()
     others = read_text(folder / OTHERS, "remove it").split("\n") if (folder / OTHERS).exists() else []
     weights = "|".join(["discriminator", *(plugin.name for plugin in plugins("renderer"))])
     for path in sorted(folder.iterdir()):
         if OURS.fullmatch(path.name) or re.fullmatch(rf"({weights})(_[0-9.]+)?[.](safetensors|json)", path.name):
             if path.name not in others:
                 yield path
-        elif (path / ".hydra").is_dir() and (path.name.isdecimal() or (path / "result.json").is_file()):  # of a sweep
+        elif is_sweep and (path / ".hydra").is_dir() and (path.name.isdecimal() or (path / "result.json").is_file()):
             yield from left_in(path)
     for pattern in BELOW:
         yield from folder.glob(pattern)
@@ -166,10 +193,9 @@ def clear(folder: Path, cfg: DictConfig, besides: Collection[str] = ()) -> None:
     """Remove what runs have left in a folder, ``besides`` these; refuse (UserError) if this one reads some of it."""
     files = [path.resolve() for path in left_in(folder) if path.name not in besides]
     read = {*files, *(path.parent for path in files)}
-    for key, value in leaves(OmegaConf.to_container(cfg)):
-        is_path = isinstance(value, str) and ("." in value or key.partition(".")[0] in ("catalogue", "data", "runs"))
-        if is_path and not key.startswith(("hydra.", "output")) and Path(value).resolve() in read:
-            raise UserError(f"a run in output={folder} would remove {key}={value}; choose another folder")
+    for key, value, path in files_read(cfg):
+        if path in read:
+            raise UserError(f"a run in output={folder} would replace {key}={value}; choose another folder")
     for path in files:
         path.unlink()
     for path in sorted({path.parent for path in files} - {folder.resolve()}, reverse=True):

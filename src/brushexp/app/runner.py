@@ -16,7 +16,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from brushexp.app.composition import check
-from brushexp.app.run_folder import take_job
+from brushexp.app.run_folder import release, take_job
 from brushexp.errors import UserError
 from brushexp.plugin_errors import plugins_named
 from brushexp.registry import plugins
@@ -48,8 +48,9 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object] | float:
         with hidden("scipy", "matplotlib"):
             task = importlib.import_module(f"brushexp.app.tasks.{cfg.task}")
         logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware on every run
-        gc.freeze()  # what is loaded now stays
-        gc.enable()  # the program has disabled it
+        if not gc.isenabled():  # until its first job, the program has disabled it
+            gc.freeze()  # what is loaded now stays
+            gc.enable()
         torch.set_num_threads(cfg.threads or fair_share(hydra))
         result = perform(task, cfg, Path(hydra.runtime.output_dir).resolve(), start)
         found = result if cfg.objective is None else objective_in(result, cfg.objective)
@@ -64,6 +65,9 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object] | float:
             log.warning("to go on with this sweep, type the same and: output=%s resume=sweep", hydra.sweep.dir)
             pass_signal_on()
         raise
+    finally:
+        if hydra.mode is RunMode.MULTIRUN:
+            release(Path(hydra.runtime.output_dir).resolve())
     if hydra.mode is RunMode.MULTIRUN and was_signalled():  # in its last step: this job is done, and the sweep ends
         note_result(Path(hydra.runtime.output_dir), cfg, hydra.overrides.task, result)
         raise KeyboardInterrupt

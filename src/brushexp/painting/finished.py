@@ -119,7 +119,7 @@ def effort_of(painter: PaintingModule, n: int, began: float | None) -> dict[str,
 
 def style_of(painter: PaintingModule, cfg: DictConfig) -> dict[str, float]:
     """How far the painting is from the style picture, by each kernel of the style loss."""
-    if cfg.style.image is None:
+    if cfg.style.image is None or not painter.resumable:  # other painters than by steps have no use for it
         return {}
     style = painter.losses[STYLE]
     assert isinstance(style, Style)

@@ -30,6 +30,11 @@ def prepared(cfg: DictConfig, target: Tensor | None = None) -> Prepared:
     """
     target = load_picture(cfg.image, cfg.resolution) if target is None else target
     size = (target.shape[1], target.shape[2])
+    method: PaintingMethod = build(cfg.painter)
+    if not method.by_steps:
+        parts, background = components_of(cfg), background_color(cfg.background, target)
+        n = budget_of(cfg, size, parts.density)
+        return Prepared(Procedure(method, parts, target, background, n=n, seed=cfg.seed), {"target": target})
     pictures: dict[str, Tensor] = {}
     focus, attended = focus_of(cfg, target)
     if attended is not None:
@@ -38,11 +43,7 @@ def prepared(cfg: DictConfig, target: Tensor | None = None) -> Prepared:
     if cfg.style.image is not None:
         target, pictures["style"] = in_colors(target, parts)
     background = background_color(cfg.background, target)
-    method: PaintingMethod = build(cfg.painter)
     pictures = {"target": target} | pictures
-    if not method.by_steps:
-        n = budget_of(cfg, size, parts.density)
-        return Prepared(Procedure(method, parts, target, background, n=n, seed=cfg.seed), pictures)
     strokes, budget = first_strokes(cfg, target, parts.density, focus)
     parts = paced(parts, cfg.steps_per_stroke, strokes, size)
     catalogue = Catalogue(strokes, parts.optimizer.units)

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from threading import RLock
 
 import numpy as np
 from PIL import Image, ImageCms, UnidentifiedImageError
@@ -28,6 +29,7 @@ WHITE_IS_ZERO, BLACK_IS_ZERO, RGB = 0, 1, 2  # values of PHOTOMETRIC
 ASSOCIATED, UNASSOCIATED = 1, 2  # what an extra TIFF channel is: alpha that colours are, or are not, multiplied with
 SWAPPED = 5  # the first of the EXIF orientations, up to 8, that exchange rows and columns
 CURE = "convert it to a PNG or a JPEG"
+_alone = RLock()  # a process has one stderr, and one list of warnings
 
 
 def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0) -> np.ndarray:
@@ -88,8 +90,8 @@ def opened_picture(path: Path) -> Iterator[Image.Image]:
 @contextmanager
 def _silence() -> Iterator[None]:
     """Keep the remarks of decoders from the terminal: what matters of them ends as an error."""
-    with open(os.devnull, "w") as nowhere, warnings.catch_warnings(action="ignore"):
-        stderr = os.dup(2)
+    with _alone, open(os.devnull, "w") as nowhere, warnings.catch_warnings(action="ignore"):
+        stderr, level = os.dup(2), logging.root.manager.disable
         logging.disable(logging.CRITICAL)
         os.dup2(nowhere.fileno(), 2)  # libtiff, a C library, writes there
         try:
@@ -97,7 +99,7 @@ def _silence() -> Iterator[None]:
         finally:
             os.dup2(stderr, 2)
             os.close(stderr)
-            logging.disable(logging.NOTSET)
+            logging.disable(level)
 
 
 @contextmanager
