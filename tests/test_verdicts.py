@@ -131,6 +131,15 @@ def test_a_page_is_written_anew_from_its_records_and_a_larger_study_replaces_one
     assert page_of(str(record)) == more == page_of(f"{tmp_path}/few", str(record), f"{tmp_path}/more")
 
 
+def test_an_unfinished_rerun_replaces_no_complete_study(tmp_path):
+    for name, rows in (("all", (A, A, C)), ("part", (A, A))):
+        (tmp_path / name / ".hydra").mkdir(parents=True)
+        make_study(tmp_path / name, psnr=rows)
+        write_json(tmp_path / name / ".hydra" / "jobs.json", {"typed": ["experiment=mine"], "jobs": [0] * 12})
+    assert studies_in([tmp_path / "part"], tmp_path)["mine"].n_finished == 8
+    assert studies_in([tmp_path / "all", tmp_path / "part"], tmp_path)["mine"].n_finished == 12
+
+
 def test_a_file_that_only_looks_like_a_record_is_refused(tmp_path):
     (tmp_path / "a.csv").write_text("# {}\n1,2\n")
     with pytest.raises(UserError, match="is no record of a study"):

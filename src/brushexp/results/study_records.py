@@ -52,6 +52,11 @@ class Study:
         whole = self.table.groupby(level=1, sort=False).size() == len(self.table.groupby(level=0))
         return [str(unit) for unit in whole.index[whole]]
 
+    @property
+    def extent(self) -> tuple[int, bool]:
+        """What tells the larger of two studies of one experiment: its units, and whether no job is missing."""
+        return len(self.units), self.n_finished >= self.n_jobs
+
     def difference(self, claim: Claim) -> Difference | None:
         """What decides a claim; None if a setting of it was not run."""
         options = set() if self.table is None else set(self.table.index.get_level_values(0))
@@ -69,10 +74,10 @@ class Study:
 
 
 def studies_in(folders: Sequence[Path], into: Path) -> dict[str, Study]:
-    """The studies in some folders, records first; of two of one experiment, that with most pictures, or the later."""
+    """The studies in some folders, records first; of two of one experiment, the larger, or the later."""
     found: dict[str, Study] = {}
     for one in (*_recorded(folders), *_swept(folders, into)):
-        if one.units and (one.name not in found or len(one.units) >= len(found[one.name].units)):
+        if one.units and (one.name not in found or one.extent >= found[one.name].extent):
             found[one.name] = one
     if not found:
         raise UserError(f"runs={','.join(map(str, folders))}: there is no sweep of an experiment=; run one first")
