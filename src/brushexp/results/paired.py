@@ -43,6 +43,7 @@ PANELS = ("psnr", "psnr_alpha", "ssim", "edges", "perceptual", "fid_effl0", "cpu
 MOST_PANELS = 4
 ROW, TALLEST = 0.16, 30.0  # inches: of a letter, of a figure
 LETTERS = ascii_uppercase + ascii_lowercase
+LARGEST_LOGARITHM = 700.0  # whose number is one: exp(710) is none
 LABEL = 28  # letters in a line of a label
 
 
@@ -109,7 +110,9 @@ class Difference:
         """A gain in the metric's own direction: ``+0.31``, or ``x 1.5`` for ratios."""
         metric = METRICS[self.metric]
         change = gain if metric.better == "higher" else -gain
-        return f"x {math.exp(change):.3g}" if metric.ratio else f"{change:+.{metric.digits}f}"
+        if metric.ratio:
+            return f"x {math.exp(change) if change < LARGEST_LOGARITHM else math.inf:.3g}"
+        return f"{change:+.{metric.digits}f}"
 
 
 def interval(values: Iterable[float], confidence: float = CONFIDENCE) -> tuple[float, float, float]:
