@@ -93,6 +93,11 @@ def test_verdicts_keep_to_the_rule(gains, verdict):
     assert gap(*gains).verdict == verdict
 
 
+def test_no_noise_depends_on_the_picture():
+    """Of some metrics nobody has said what matters."""
+    assert gap(*3 * (1e-9,), *3 * (-1e-9,), metric="style_poly").verdict == "not decided"
+
+
 def test_a_verdict_is_told_with_its_numbers():
     assert gap(0.5, 0.6, 0.4, 0.5).sentence == "better: +0.50 [+0.37, +0.63]"
     assert gap(0.0, 0.0, 0.0).sentence == "no difference larger than 0.00"

@@ -79,11 +79,12 @@ class Difference:
         """One of ``depends``, ``better``, ``worse``, ``same`` and ``not decided``, by `RULE`."""
         if len(self.gains) < LEAST_UNITS or not math.isfinite(self.low):
             return NOT_DECIDED
-        if self.unit == PICTURE and min(len(self.better), len(self.worse)) >= LEAST_ODD:
+        matters = METRICS[self.metric].matters
+        if self.unit == PICTURE and matters and min(len(self.better), len(self.worse)) >= LEAST_ODD:
             return "depends"
         if self.low > 0 or self.high < 0:
             return "better" if self.low > 0 else "worse"
-        return "same" if max(-self.low, self.high) <= METRICS[self.metric].matters else NOT_DECIDED
+        return "same" if max(-self.low, self.high) <= matters else NOT_DECIDED
 
     @property
     def bounds(self) -> str:
