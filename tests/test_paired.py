@@ -62,6 +62,24 @@ def test_two_pictures_of_one_name_are_two(tmp_path):
     assert found.gains == pytest.approx({"a.png": 1, "a.png (2)": 3})
 
 
+def test_two_pictures_of_one_name_and_two_sizes_are_two(tmp_path):
+    for k, values in enumerate(((20.0, 21.0), (30.0, 33.0))):
+        for option, value in enumerate(values):
+            chosen = {"order": f"o{option}", "image": f"{k}/a.png"}
+            make_run(tmp_path, chosen, target=9 * k, size=(20, 30 + k), psnr=value, seconds=2.0)
+    (found,) = paired_differences(paired_table(collect(tmp_path)), metrics=["psnr"])
+    assert found.gains == pytest.approx({"a.png, 30 x 20 pixels": 1, "a.png, 31 x 20 pixels": 3})
+
+
+def test_one_picture_at_several_sizes_is_one(tmp_path):
+    for k, value in enumerate((20.0, 21.0, 22.0, 25.0)):
+        side, seed = (20, 30)[k % 2], str(k // 2)
+        chosen = {"resolution": str(side), "image": "a.png", "seed": seed}
+        make_run(tmp_path, chosen, target=9, size=(side, side), psnr=value, seconds=2.0)
+    (found,) = paired_differences(paired_table(collect(tmp_path)), metrics=["psnr"])
+    assert (found.unit, found.gains) == ("seed", pytest.approx({"0": 1, "1": 3}))
+
+
 def test_a_picture_without_one_of_the_two_is_left_out(tmp_path):
     table = paired_table(collect(make_study(tmp_path, psnr=(A, (30.5, None, 29.1, 33.2)))))
     (found,) = paired_differences(table, metrics=["psnr"])

@@ -136,20 +136,17 @@ def paired_table(frame: DataFrame) -> DataFrame | None:
     compared = frame[frame["run", "label"].notna()]
     if compared.empty:
         return None
-    unit = PICTURE if compared["run", "target"].nunique() > 1 and (compared["run", "image"] != "").all() else SEED
-    by_unit = (
-        compared["run", "image"].str.replace(r", \d+ x \d+ pixels", "", regex=True)
-        if unit == PICTURE
-        else compared["setting", SEED]
-    )
     typed = [{k: v for k, v in one.items() if k not in ("image", "seed")} for one in compared["run", "overrides"]]
-    options = [" ".join(parts) or "default" for parts in differences(typed)]
+    options = np.array([" ".join(parts) or "default" for parts in differences(typed)], object)
+    pictures = compared["run", "image"].str.replace(r", \d+ x \d+ pixels", "", regex=True)
+    if compared["run", "target"].groupby([options, pictures]).nunique().max() > 1:
+        pictures = compared["run", "image"]  # several of one name, which their sizes tell apart
+    unit = PICTURE if pictures.nunique() > 1 and (pictures != "").all() else SEED
+    by_unit = pictures if unit == PICTURE else compared["setting", SEED]
     units = by_unit.fillna("0").astype(str).to_numpy()
     if len(set(options)) < 2 or len(set(units)) < 2:
         return None
-    return (
-        numbers(compared).groupby([np.array(options, object), units], sort=False).mean().rename_axis(["option", unit])
-    )
+    return numbers(compared).groupby([options, units], sort=False).mean().rename_axis(["option", unit])
 
 
 def paired_differences(
