@@ -33,6 +33,7 @@ def claim(expects, metric="psnr", at_least=1.0):
 @pytest.mark.parametrize(("expects", "gains", "verdict"), [
     ("better", CLEAR, "holds"), ("better", WORSE, "does not hold"), ("better", SAME, "does not hold"),
     ("no worse", CLEAR, "holds"), ("no worse", WORSE, "does not hold"), ("no worse", SAME, "holds"),
+    ("no worse", (0.085, 0.085, -0.025, -0.025), "holds"), ("no worse", (-0.05, -0.06, -0.04, -0.05), "holds"),
     ("open", CLEAR, "better"), ("open", SAME, "no difference"),
     ("better", (0.5,), "not decided"), ("no worse", (0.5, -0.4, 0.3, 0.1), "not decided"),
     ("better", (1.0, 1.0, 1.0, -1.0, -1.0, -1.0), "depends on the picture"),
@@ -88,6 +89,7 @@ def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_tas
     assert "Verdicts on 3 claims: holds 2, not run 1." in text
     assert "| something else | 9 | brushexp experiment=other |" in text
     assert "## other" not in text
+    assert "A claim of *no worse* holds if the interval allows no loss that matters" in text
     with pytest.raises(UserError, match="there is no sweep of an experiment=; run one first"):
         run_task(verdicts, "task=verdicts", f"runs={tmp_path}/docs")
 

@@ -35,10 +35,10 @@ class Claim:
         if found is None:
             return NOT_RUN
         unclear = {NOT_DECIDED: NOT_DECIDED, "depends": "depends on the picture"}
+        if self.expects == NO_WORSE:
+            return "holds" if found.is_no_worse else unclear.get(found.verdict, "does not hold")
         if self.expects == OPEN or found.verdict in unclear:
             return unclear.get(found.verdict, "no difference" if found.verdict == "same" else found.verdict)
-        if self.expects == NO_WORSE:
-            return "does not hold" if found.verdict == "worse" else "holds"
         wanted = math.log(self.at_least)
         if found.verdict != "better" or found.high < wanted:
             return "does not hold"

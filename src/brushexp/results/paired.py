@@ -87,6 +87,12 @@ class Difference:
         return "same" if max(-self.low, self.high) <= matters else NOT_DECIDED
 
     @property
+    def is_no_worse(self) -> bool:
+        """Whether the interval allows no loss that matters, and the answer does not depend on the picture."""
+        allows_none = self.low >= -METRICS[self.metric].matters
+        return len(self.gains) >= LEAST_UNITS and allows_none and self.verdict != "depends"
+
+    @property
     def bounds(self) -> str:
         """The interval, in the metric's own direction."""
         ends = (self.low, self.high) if METRICS[self.metric].better == "higher" else (self.high, self.low)

@@ -48,6 +48,7 @@ def write_verdicts(
         f"Written by `{command}`, and no number in it by hand.",
         f"What the thesis claims, or chose by trying, and what comes of it here. {rule_for('picture')}",
         "Where seeds and not pictures are paired, the same holds of seeds.",
+        "A claim of *no worse* holds if the interval allows no loss that matters, however large a gain it allows.",
         f"What matters: {matters} (of ratios: of their natural logarithm).",
         "",
         f"Verdicts on {len(rows)} claims: {counts}.",
