@@ -8,7 +8,14 @@ from PIL import Image
 from scipy.stats import ttest_rel
 from sweeps import collect, make_run, read_csv
 
-from brushexp.results.paired import Difference, interval, paired_differences, paired_table, write_differences
+from brushexp.results.paired import (
+    Difference,
+    interval,
+    paired_differences,
+    paired_table,
+    rule_for,
+    write_differences,
+)
 
 A, B, C = (30.0, 25.0, 28.0, 33.0), (30.5, 25.2, 29.1, 33.2), (29.0, 25.5, 27.0, 33.1)
 PICTURES = ("a", "b", "c", "d")
@@ -123,6 +130,8 @@ def test_a_verdict_is_told_with_its_numbers():
     odd = gap(1.0, 1.0, 1.0, -1.0, -1.0, -1.0)
     assert odd.sentence.startswith("depends on the picture: better on a, b, c; worse on d, e, f; ")
     assert gap(1.0, 1.0, 1.0, -1.0, -1.0, -1.0, unit="seed").verdict == "not decided"
+    assert "In this order: a difference *depends on the picture* if at least 3 of them" in rule_for("picture")
+    assert "In this order: a difference is *better* or *worse* if the interval excludes zero" in rule_for("seed")
 
 
 def test_tables_and_plot_are_written(tmp_path):

@@ -32,10 +32,13 @@ NOT_DECIDED = "not decided"
 PICTURE, SEED = "picture", "seed"
 RULE = (
     "An interval is that of Student's t over the {units} at {confidence:.0%} for all comparisons of a study with its "
-    "reference together (Bonferroni). In this order: a difference *depends on the picture* if at least {odd} of them "
-    "differ by more than what matters in each direction; it is *better* or *worse* if the interval excludes zero; "
-    "there is *no difference larger than* what the interval allows, if that does not matter; else it is *not decided*, "
-    "as it is with fewer than {least} {units}."
+    "reference together (Bonferroni). In this order: a difference {depends}is *better* or *worse* if the "
+    "interval excludes zero; there is *no difference larger than* what the interval allows, if that does not matter; "
+    "else it is *not decided*, as it is with fewer than {least} {units}."
+)
+DEPENDS = (  # of pictures only
+    "*depends on the picture* if at least {odd} of them differ by more than what matters, where that is known, in each "
+    "direction; it "
 )
 
 # Panels of the plot: as many of these as have room.
@@ -205,7 +208,8 @@ def difference_rows(found: Sequence[Difference]) -> list[dict[str, Any]]:
 
 def rule_for(unit: str) -> str:
     """`RULE` in words for pictures or seeds."""
-    return RULE.format(units=f"{unit}s", confidence=CONFIDENCE, odd=LEAST_ODD, least=LEAST_UNITS)
+    depends = DEPENDS.format(odd=LEAST_ODD) if unit == PICTURE else ""
+    return RULE.format(units=f"{unit}s", confidence=CONFIDENCE, depends=depends, least=LEAST_UNITS)
 
 
 def told_of(found: Sequence[Difference]) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from brushexp.results.claims import NOT_RUN, Claim
-from brushexp.results.paired import PANELS, Difference, paired_differences, rule_for, write_paired_plot
+from brushexp.results.paired import PANELS, PICTURE, Difference, paired_differences, rule_for, write_paired_plot
 from brushexp.results.study_records import EXPERIMENT, Study
 from brushexp.results.tables import METRICS, markdown_table
 from brushexp.system.files import write_text
@@ -46,9 +46,10 @@ def write_verdicts(
         "# Ablations",
         "",
         f"Written by `{command}`, and no number in it by hand.",
-        f"What the thesis claims, or chose by trying, and what comes of it here. {rule_for('picture')}",
-        "Where seeds and not pictures are paired, the same holds of seeds.",
-        "A claim of *no worse* holds if the interval allows no loss that matters, however large a gain it allows.",
+        f"What the thesis claims, or chose by trying, and what comes of it here. {rule_for(PICTURE)}",
+        "Where seeds and not pictures are paired, the same holds of seeds, but no answer depends on one.",
+        "A claim of *no worse* holds if the interval allows no loss that matters, however large a gain it allows, and "
+        "the answer does not depend on the picture.",
         f"What matters: {matters} (of ratios: of their natural logarithm).",
         "",
         f"Verdicts on {len(rows)} claims: {counts}.",
