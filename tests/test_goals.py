@@ -141,6 +141,19 @@ def test_a_painter_records_its_curve_and_goals_end_its_fit():
     assert painter.schedule.steps > painter.schedule.ends[0]
 
 
+def test_cpu_seconds_are_those_of_fits_and_go_on_in_another_process():
+    spent, schedules = SimpleNamespace(cpu=50.0), (Schedule([3]), Schedule([3]))
+    for schedule, total in zip(schedules, (2.0, 4.0), strict=True):
+        schedule.cpu_clock = lambda: spent.cpu
+        schedule.load_state_dict(schedules[0].state_dict())
+        spent.cpu += 50
+        schedule.start()
+        spent.cpu += 2
+        schedule.pause()
+        spent.cpu += 50
+        assert schedule.cpu_seconds == total
+
+
 def test_seconds_and_the_curve_go_on_after_an_interruption(tmp_path):
     first, second = painter_of(steps=10**6), painter_of(steps=10**6)
     for schedule in (first.schedule, second.schedule):

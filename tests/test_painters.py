@@ -3,12 +3,14 @@
 import signal
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import lightning as L
 import numpy as np
 import pytest
 import torch
-from painters import QUIET
+from lightning.pytorch.callbacks import LambdaCallback
+from painters import QUIET, fit, painter_of
 from torch.testing import assert_close
 
 from brushexp.app.composition import check
@@ -65,6 +67,22 @@ def test_all_states_are_shown_filmed_and_counted():
     assert_close(painter.latest(), painter.drawn())
     assert painter.anytime.pairs[-1][1] > 0
     assert set(film.state_dict()["steps"]) > {0, 30}
+
+
+@pytest.mark.parametrize("by_steps", [True, False])
+def test_cpu_seconds_are_those_of_the_steps(by_steps):
+    """Not of what is compiled before them: whichever run comes first would be the slowest."""
+    procedure = Procedure(Counting(), standard_components(), TARGET, torch.ones(3), n=50, seed=0)
+    painter = painter_of(steps=4) if by_steps else procedure
+    spent, prepare = SimpleNamespace(cpu=7.0), painter.prepare
+
+    def spend(seconds):
+        spent.cpu += seconds
+
+    painter.schedule.cpu_clock = lambda: spent.cpu
+    painter.prepare = lambda: (prepare(), spend(100))
+    trainer = fit(painter, [LambdaCallback(on_train_batch_end=lambda *_: spend(1), on_fit_end=lambda *_: spend(100))])
+    assert painter.schedule.cpu_seconds == trainer.global_step == (4 if by_steps else 10)
 
 
 @pytest.mark.parametrize(("goals", "status"), [({"seconds": 0.0}, "seconds spent"), ({"psnr": 0.5}, "psnr reached")])

@@ -1,7 +1,6 @@
 """One painting from its config to its end, in memory or with a run's folder: what the command line and Python share."""
 
 import logging
-import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -33,7 +32,6 @@ class Session:
 
     def __init__(self, cfg: DictConfig, folder: Path | None = None, callbacks: Sequence[L.Callback] = ()) -> None:
         self.cfg, self.folder = cfg, folder
-        self.began: float | None = time.process_time()  # CPU seconds of this process; None if another one began
         self.device = device_of(cfg.device)
         weights = cfg.lpips_weights
         self.lpips = None if weights is None else open_distance(cfg.lpips_backbone, weights, "lpips_weights")
@@ -48,7 +46,6 @@ class Session:
 
     def fit(self, trackers: Trackers | None = None, checkpoint: Path | None = None) -> None:
         """Take the steps, from a checkpoint if there is one."""
-        self.began = None if checkpoint else self.began
         if self.painter.schedule.steps or self.cfg.seconds:
             loggers = [trackers] if trackers else []
             around = (loggers, self.callbacks)
@@ -57,7 +54,7 @@ class Session:
 
     def finish(self) -> Finished:
         """What the painter has come to."""
-        return finish(self.painter, self.cfg, self.timelapse, self.lpips, self.began)
+        return finish(self.painter, self.cfg, self.timelapse, self.lpips)
 
     def conclude(self) -> None:
         """Raise what has kept the fit from its end, if anything has; else its checkpoint is removed."""

@@ -63,14 +63,8 @@ class Finished:
         write_json(folder / "metrics.json", self.metrics)
 
 
-def finish(
-    painter: PaintingModule, cfg: DictConfig, timelapse: Timelapse, lpips: Distance | None = None,
-    began: float | None = None,
-) -> Finished:  # fmt: skip
-    """What a painter has come to; under a lamp, all but catalogue, colours and metrics show it.
-
-    ``began`` is `time.process_time` when it began; None if that was in another process.
-    """
+def finish(painter: PaintingModule, cfg: DictConfig, timelapse: Timelapse, lpips: Distance | None = None) -> Finished:
+    """What a painter has come to; under a lamp, all but catalogue, colours and metrics show it."""
     painter.schedule.pause()
     painter.hand_over()
     canvas = painter.picture
@@ -86,7 +80,7 @@ def finish(
         timelapse.add(torch.from_numpy(picture).permute(2, 0, 1) / 255, painter.schedule.step)
     painter.anytime.add(painter.schedule.seconds, picture_psnr(flat, target))
     others = lit | style_of(painter, cfg) | {"painter": plugin_of(cfg.painter).name}
-    others |= effort_of(painter, len(strokes), began)
+    others |= effort_of(painter, len(strokes))
     compare = partial(measure, flat, target, lpips, canvas.focus)
     return Finished(saved, job, picture, flat, target, compare, others, timelapse)
 
@@ -100,8 +94,8 @@ def job_of(saved: Saved, painter: PaintingModule, cfg: DictConfig) -> ExportJob:
     )  # fmt: skip
 
 
-def effort_of(painter: PaintingModule, n: int, began: float | None) -> dict[str, object]:
-    """The numbers of metrics.json that tell how a painting of ``n`` strokes came to be; ``began`` as in `finish`."""
+def effort_of(painter: PaintingModule, n: int) -> dict[str, object]:
+    """The numbers of metrics.json that tell how a painting of ``n`` strokes came to be."""
     schedule = painter.schedule
     return {
         "seconds": schedule.seconds,
@@ -112,7 +106,7 @@ def effort_of(painter: PaintingModule, n: int, began: float | None) -> dict[str,
         "steps": schedule.step,
         "device": str(painter.device),
         "status": painter.stop or "completed",
-        "cpu_seconds": None if began is None else time.process_time() - began,
+        "cpu_seconds": schedule.cpu_seconds,
         "anytime": [[round(seconds, 3), round(psnr, 3)] for seconds, psnr in painter.anytime.pairs],
     }
 

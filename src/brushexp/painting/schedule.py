@@ -1,4 +1,4 @@
-"""Where a painting stands: which step of which stage, and how many seconds the steps have taken."""
+"""Where a painting stands: which step of which stage, and how many seconds of the wall and the CPU the steps took."""
 
 import time
 from collections import UserList
@@ -32,8 +32,9 @@ class Schedule:
         self.ends = list(accumulate(steps))  # step at which each stage is over
         self.step = 0  # steps that are done
         self.clock: Callable[[], float] = time.monotonic  # seconds of wall time
-        self._seconds = 0.0  # of wall time in fits that are over
-        self._since: float | None = None  # beginning of the present fit
+        self.cpu_clock: Callable[[], float] = time.process_time  # seconds of all threads of this process
+        self._seconds = self._cpu_seconds = 0.0  # in fits that are over
+        self._since: tuple[float, float] | None = None  # both clocks at the beginning of the present fit
 
     @property
     def steps(self) -> int:
@@ -57,14 +58,19 @@ class Schedule:
     @property
     def seconds(self) -> float:
         """Wall time in the fits until now."""
-        return self._seconds + (0.0 if self._since is None else self.clock() - self._since)
+        return self._seconds + (0.0 if self._since is None else self.clock() - self._since[0])
+
+    @property
+    def cpu_seconds(self) -> float:
+        """CPU time of all threads in the fits until now."""
+        return self._cpu_seconds + (0.0 if self._since is None else self.cpu_clock() - self._since[1])
 
     def start(self) -> None:
         """A fit begins, until `pause`."""
-        self._since = self.clock()
+        self._since = self.clock(), self.cpu_clock()
 
     def pause(self) -> None:
-        self._seconds, self._since = self.seconds, None
+        self._seconds, self._cpu_seconds, self._since = self.seconds, self.cpu_seconds, None
 
     def end_stage(self) -> bool:
         """Leave out what is left of the present stage; False if it is the last one."""
@@ -75,7 +81,9 @@ class Schedule:
         return True
 
     def state_dict(self) -> dict[str, Any]:
-        return {"ends": list(self.ends), "step": self.step, "seconds": self.seconds}
+        numbers = {"step": self.step, "seconds": self.seconds, "cpu_seconds": self.cpu_seconds}
+        return {"ends": list(self.ends)} | numbers
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        self.ends, self.step, self._seconds = [*map(int, state["ends"])], int(state["step"]), float(state["seconds"])
+        self.ends, self.step = [*map(int, state["ends"])], int(state["step"])
+        self._seconds, self._cpu_seconds = float(state["seconds"]), float(state["cpu_seconds"])

@@ -18,9 +18,9 @@ MOST_PICTURES = 24  # with a column each
 EXPLAINED = (
     f"Means over the pictures of a section ± half of the {CONFIDENCE:.0%} interval (Student's t); with several seeds, "
     "over those first. *Behind* is the mean difference in PSNR, picture by picture, from the best row with as many "
-    "strokes; an interval that does not reach 0 is a difference. Seconds are of the optimisation, CPU seconds and "
-    "memory of the process, on the machine that painted. *Rows in italics are published figures*: they were not "
-    "measured here, enter no mean, and are of the pictures that their row names."
+    "strokes; an interval that does not reach 0 is a difference. Seconds, of the wall and of the CPU, are of the "
+    "optimisation, memory is of the process, on the machine that painted. *Rows in italics are published figures*: "
+    "they were not measured here, enter no mean, and are of the pictures that their row names."
 )
 ELSEWHERE = "Figures that others have published, of pictures that are not here: they compare with nothing above."
 
