@@ -81,6 +81,14 @@ def test_means_are_of_the_same_pictures_and_differences_are_paired(runs, tmp_pat
     assert (ours.psnr_at(2), greedy.psnr_at(2)) == ([21, 31], [16, 26])  # what is done stays
 
 
+def test_unknown_numbers_of_strokes_are_not_equal_ones(tmp_path):
+    for painter, psnr in (("greedy", 20.0), ("zou", 25.0)):
+        noted = {"psnr": psnr, "l1": 0.1, "seconds": 2.0, "painter": painter}
+        make_run(tmp_path, {"image": "a.png"}, target=9, color=7, **noted)
+    (section,) = sections_of(entries_of(gather([tmp_path], tmp_path)))
+    assert [(row.strokes, section.against_best(row)) for row in section.rows] == [(None, None), (None, None)]
+
+
 def test_a_plot_shows_sections_whose_rows_have_curves(runs, tmp_path):
     found = write_standings_plot(tmp_path, sections_of(entries_of(gather([runs], runs))))
     with Image.open(found) as picture:

@@ -105,10 +105,13 @@ class Section:
         return [time for time in TIMES if start <= time <= end][-MOST_TIMES:]
 
     def against_best(self, row: Row) -> tuple[float, float, float] | None:
-        """Mean and bounds of the differences in PSNR from the best row with as many strokes; None for itself."""
+        """Mean and bounds of the differences in PSNR from the best row with as many strokes; None for itself.
+
+        Likewise for a row of which nobody knows how many it has.
+        """
         rivals = [one for one in self.rows if one.strokes == row.strokes and "psnr" in one.numbers]
         best = max(rivals, key=lambda one: one.numbers["psnr"].mean(), default=row)
-        is_known = "psnr" in row.numbers and best is not row
+        is_known = row.strokes is not None and "psnr" in row.numbers and best is not row
         return interval(row.numbers["psnr"] - best.numbers["psnr"]) if is_known else None
 
     def relation(self, figures: PublishedFigures) -> str:
