@@ -89,6 +89,21 @@ def test_unknown_numbers_of_strokes_are_not_equal_ones(tmp_path):
     assert [(row.strokes, section.against_best(row)) for row in section.rows] == [(None, None), (None, None)]
 
 
+def test_settings_with_spaces_stay_whole(tmp_path):
+    for style in ("my photo.jpg", "her photo.jpg"):
+        for color in ("rgb", "oklab") if style.startswith("my") else ("rgb",):
+            painted(tmp_path, "a", 20.0, 50, chosen={"style.image": style, "color": color})
+    for color in ("rgb", "oklab"):
+        painted(tmp_path, "b", 20.0, 50, chosen={"style.image": "my photo.jpg", "color": color})
+    both, alone = sections_of(entries_of(gather([tmp_path], tmp_path)))
+    assert sorted(row.settings for row in both.rows) == ["color=oklab", "color=rgb"]
+    assert sorted(row.settings for row in alone.rows) == [
+        "style.image=her photo.jpg color=rgb",
+        "style.image=my photo.jpg color=oklab",
+        "style.image=my photo.jpg color=rgb",
+    ]
+
+
 def test_a_plot_shows_sections_whose_rows_have_curves(runs, tmp_path):
     found = write_standings_plot(tmp_path, sections_of(entries_of(gather([runs], runs))))
     with Image.open(found) as picture:

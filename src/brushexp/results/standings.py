@@ -7,8 +7,8 @@ every one of them, so that no two means are of different pictures. Published fig
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
@@ -43,7 +43,7 @@ MOST_TIMES = 7
 class Entry:
     """One painting."""
 
-    key: tuple[str, str, int | None]  # painter, settings in which it differs from others, strokes that were asked for
+    key: tuple[str, tuple[str, ...], int | None]  # painter, settings that not all have, strokes that were asked for
     target: str  # fingerprint of what was painted
     name: str  # of it, with its size
     strokes: float | None
@@ -140,11 +140,10 @@ def entries_of(frame: DataFrame) -> list[Entry]:
         {key: value for key, value in run["overrides"].items() if key not in left_out and not key.startswith("hydra")}
         for run, _ in runs
     ]
-    settings = [" ".join(parts) for parts in differences(chosen)]
-    return [_entry(*one, text) for one, text in zip(runs, settings, strict=True)]
+    return [_entry(*one, settings) for one, settings in zip(runs, differences(chosen), strict=True)]
 
 
-def _entry(run: Any, metrics: Mapping[str, Any], settings: str) -> Entry:
+def _entry(run: Any, metrics: Mapping[str, Any], settings: tuple[str, ...]) -> Entry:
     asked = setting_of(run, "strokes")
     budget = int(asked) if str(asked).isdecimal() else None
     painter = run["overrides"].get("painter") or metrics.get("painter", DEFAULT_PAINTER)  # a preset by its own name
@@ -170,24 +169,22 @@ def sections_of(entries: Iterable[Entry], published: Sequence[PublishedFigures] 
     found = []
     for wanted in sorted({frozenset(one) for one in painted.values()}, key=lambda one: (-len(one), sorted(one))):
         targets = sorted(wanted, key=lambda target: names[target])
-        rows = [_row(key, [one[t] for t in targets]) for key, one in painted.items() if wanted <= one.keys()]
-        rows = _without_common(rows)
+        chosen = {key: [one[t] for t in targets] for key, one in painted.items() if wanted <= one.keys()}
+        common = set.intersection(*(set(settings) for _, settings, _ in chosen)) if len(chosen) > 1 else set()
+        rows = [_row(key, alike, common) for key, alike in chosen.items()]
         rows.sort(key=lambda row: (row.strokes or math.inf, -row.numbers.get("psnr", np.zeros(1)).mean()))
         pictures = {target: names[target] for target in targets}
         found.append(Section(pictures, rows, [one for one in published if _is_related(one, pictures.values())]))
     return sorted(found, key=lambda section: (-len(section.pictures), not section.published))
 
 
-def _without_common(rows: Sequence[Row]) -> list[Row]:
-    """The rows without the settings that all of several have."""
-    words = [row.settings.split() for row in rows]
-    common = set(words[0]).intersection(*words[1:]) if len(words) > 1 else set()
-    texts = [" ".join(word for word in found if word not in common) for found in words]
-    return [replace(row, settings=text) for row, text in zip(rows, texts, strict=True)]
+def _row(
+    key: tuple[str, tuple[str, ...], int | None], alike: Sequence[Sequence[Entry]], common: Collection[str]
+) -> Row:
+    """The row of a painter; ``alike`` are its paintings of each picture, one for each seed.
 
-
-def _row(key: tuple[str, str, int | None], alike: Sequence[Sequence[Entry]]) -> Row:
-    """The row of a painter; ``alike`` are its paintings of each picture, one for each seed."""
+    Settings that are ``common`` to all rows are left out.
+    """
     painter, settings, budget = key
     counts = [entry.strokes for one in alike for entry in one if entry.strokes is not None]
     known = [column for column in COLUMNS if all(column in entry.numbers for one in alike for entry in one)]
@@ -195,7 +192,7 @@ def _row(key: tuple[str, str, int | None], alike: Sequence[Sequence[Entry]]) -> 
     whole = all(len(found) == len(one) for found, one in zip(curves, alike, strict=True))
     return Row(
         painter,
-        settings,
+        " ".join(setting for setting in settings if setting not in common),
         budget or (float(np.mean(counts)) if counts else None),
         {column: np.array([np.mean([entry.numbers[column] for entry in one]) for one in alike]) for column in known},
         [mean_curve(found) for found in curves] if whole else [],
