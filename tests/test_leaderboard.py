@@ -104,6 +104,15 @@ def test_settings_with_spaces_stay_whole(tmp_path):
     ]
 
 
+@pytest.mark.parametrize("name", ["painter", "settings", "strokes"])
+def test_a_picture_may_have_the_name_of_a_column(tmp_path, name):
+    for target, image in enumerate((name, "other")):
+        noted = {"psnr": 20.0 + target, "l1": 0.1, "seconds": 2.0, "n_strokes": 50}
+        make_run(tmp_path, {"image": f"{image}.png"}, target=target, color=7, **noted)
+    (row,) = by_picture(sections_of(entries_of(gather([tmp_path], tmp_path)))[0])
+    assert list(row.items())[3:] == [("other", "21.00"), (f"{name} (2)", "20.00")]
+
+
 def test_a_plot_shows_sections_whose_rows_have_curves(runs, tmp_path):
     found = write_standings_plot(tmp_path, sections_of(entries_of(gather([runs], runs))))
     with Image.open(found) as picture:

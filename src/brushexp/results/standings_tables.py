@@ -95,7 +95,7 @@ def at_equal_seconds(section: Section) -> list[dict[str, str]]:
 
 def by_picture(section: Section) -> list[dict[str, str]]:
     """PSNR of each picture, means over seeds; nothing for one picture, or too many."""
-    names = told_apart(map(stem_of, section.pictures.values()))
+    names = told_apart(["painter", "settings", "strokes", *map(stem_of, section.pictures.values())])[3:]
     if not 1 < len(names) <= MOST_PICTURES:
         return []
     return [
