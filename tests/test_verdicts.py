@@ -21,6 +21,11 @@ mine:
 other:
   - {says: something else, section: 9, setting: a=1, against: a=2, metric: psnr, expects: open}
 """
+TYPED = ["image=/x/y/a.png", "hydra/sweeper=optuna", 'style.image="/x/my photo.jpg"', 'loss=["/x/a","b"]']
+TYPED += ["experiment=mine"]
+TYPED += ['hydra.sweeper.pictures=["/p/a, b.jpg","thesis12"]', 'hydra.sweeper.pictures=["/p/a b.jpg","thesis12"]']
+SHORT = ["experiment=mine", "image=a.png", "hydra/sweeper=optuna", "style.image=my photo.jpg", "loss=[a,b]"]
+SHORT += ['hydra.sweeper.pictures=["a, b.jpg",thesis12]', "pictures=a b.jpg,thesis12"]
 CLEAR, WORSE, SAME = (0.5, 0.6, 0.4, 0.5), (-0.5, -0.6, -0.4, -0.5), (0.01, -0.01, 0.02, -0.02)
 
 
@@ -68,7 +73,7 @@ def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_tas
     write_json(
         folder / ".hydra" / "jobs.json",
         {
-            "typed": ["experiment=mine", "image=/x/y/a.png", "hydra/launcher=a", "hydra.searchpath=[file:///x/conf]"],
+            "typed": [*TYPED, "hydra/launcher=a", "hydra.searchpath=[file:///x/conf]"],
             "jobs": [],
         },
     )
@@ -82,7 +87,7 @@ def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_tas
     assert (
         "| o1 is better | 6.3 | [mine](#mine) | order=o1 against order=o0 | PSNR, dB | holds | better: +0.50 [" in text
     )
-    assert "`brushexp experiment=mine image=a.png`" in text
+    assert f"`brushexp {shlex.join(SHORT)}`" in text
     assert "4 pictures (a, b, c, d), 12 runs; 3.00 CPU hours." in text
     assert "![Differences of mine](ablations/mine.png)" in text
     assert (tmp_path / "docs" / "ablations" / "mine.png").is_file()

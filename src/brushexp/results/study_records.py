@@ -122,9 +122,8 @@ def _cost(frame: pd.DataFrame) -> str:
 
 
 def _short(words: Sequence[str]) -> list[str]:
-    """A command line as it was typed, without the folders of this machine."""
-    plain = [re.sub(r"^hydra\.sweeper\.pictures=\[(.*)\]$", r"pictures=\1", word).replace('"', "") for word in words]
-    plain = [word for word in plain if not word.startswith(UNTOLD)]
-    return [
-        re.sub(r"[^=,]*/([^/,]+)", r"\1", word) for word in sorted(plain, key=lambda w: not w.startswith(EXPERIMENT))
-    ]
+    """A command line as it was typed, without the folders of this machine; a part with a comma keeps its quotes."""
+    plain = [re.sub(r'"([^",]*)"', r"\1", word) for word in words if not word.startswith(UNTOLD)]
+    plain = [re.sub(r'^hydra\.sweeper\.pictures=\[([^"]*)\]$', r"pictures=\1", word) for word in plain]
+    parts = [word.partition("=") for word in sorted(plain, key=lambda word: not word.startswith(EXPERIMENT))]
+    return [key + equals + re.sub(r'[^,\["]*/([^/,]+)', r"\1", value) for key, equals, value in parts]
