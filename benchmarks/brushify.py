@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from urllib.parse import quote
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "src"))
 import brushexp  # before torch: it sets how threads wait
@@ -40,7 +41,7 @@ def paintings(picture: str, looks: list[str], folder: Path) -> list[Image.Image]
     """Of one picture: by Brushify, if it is there, and in each look."""
     found = []
     for painter in [*(["brushify"] if shutil.which("gmic") else []), *looks]:
-        path = folder / f"{Path(picture).stem}_{painter}.png"
+        path = folder / f"{quote(picture, safe='')}_{painter}.png"  # a/1.jpg and b/1.jpg are two pictures
         if not path.exists() and painter == "brushify":
             brushified(Image.fromarray(to_bytes(load_picture(picture, SIDE))), path)
         elif not path.exists():

@@ -72,7 +72,7 @@ def main() -> None:
         flicker, psnr, seconds = Flicker(), [], []
         for picture in islice(decoded_pictures(clip), options.count):
             since = time.monotonic()
-            painting = brushexp.paint(picture, look=options.look, resolution=options.side)
+            painting = brushexp.paint(picture, look=options.look, resolution=options.side, threads=options.threads)
             seconds.append(time.monotonic() - since)
             psnr.append(painting.metrics["psnr"])
             shown = torch.from_numpy(np.moveaxis(painting.image, 2, 0) / np.float32(255))
