@@ -118,7 +118,10 @@ def test_a_page_is_written_anew_from_its_records_and_a_larger_study_replaces_one
         (folder / ".hydra").mkdir(parents=True)
         gained = [a + gain for a, gain in zip(A, CLEAR, strict=True)]
         make_study(
-            folder, psnr=[values[:pictures] for values in (A, gained, C)], units=PICTURES[:pictures], cpu_seconds=900.0
+            folder,
+            psnr=[values[:pictures] for values in (A, gained, C)],
+            units=PICTURES[::-1][:pictures],
+            cpu_seconds=900.0,
         )
         write_json(folder / ".hydra" / "jobs.json", {"typed": ["experiment=mine"], "jobs": [0] * 12})
     (tmp_path / "claims.yaml").write_text(CLAIMS)
@@ -131,8 +134,10 @@ def test_a_page_is_written_anew_from_its_records_and_a_larger_study_replaces_one
 
     few = page_of(f"{tmp_path}/few")
     record = tmp_path / "docs" / "ablations"
+    plot = (record / "mine.png").read_bytes()
     assert (record / "mine.csv").read_text().splitlines()[1].startswith("option,picture,psnr")
     assert page_of(str(record)) == few
+    assert (record / "mine.png").read_bytes() == plot
     more = page_of(str(record), f"{tmp_path}/more")
     assert more != few
     assert page_of(str(record)) == more == page_of(f"{tmp_path}/few", str(record), f"{tmp_path}/more")

@@ -164,13 +164,13 @@ def paired_differences(
     """All settings of a `paired_table` against one, the first if none is named, in those metrics that have a better."""
     if table is None:
         return []
-    options = list(dict.fromkeys(table.index.get_level_values(0)))
+    options, units = (list(dict.fromkeys(table.index.get_level_values(level))) for level in (0, 1))
     reference = options[0] if reference is None else reference
     confidence = 1 - (1 - CONFIDENCE) / max(1, len(options) - 1)
     wanted = metrics or [key for key in table if METRICS[key].better]
     found = []
     for metric in wanted:
-        by_unit = table[metric].unstack(level=0) if metric in table else None
+        by_unit = table[metric].unstack(level=0).reindex(units) if metric in table else None
         for option in options:
             if option != reference and by_unit is not None:
                 gains = gains_of(by_unit[option], by_unit[reference], metric)

@@ -49,7 +49,7 @@ def write_verdicts(
         f"What the thesis claims, or chose by trying, and what comes of it here. {rule_for(PICTURE)}",
         "Where seeds and not pictures are paired, the same holds of seeds, but no answer depends on one.",
         "A claim of *no worse* holds if the interval allows no loss that matters, however large a gain it allows, and "
-        "the answer does not depend on the picture.",
+        "the answer does not depend on the picture; what was measured is told by the rule above all the same.",
         f"What matters: {matters} (of ratios: of their natural logarithm).",
         "",
         f"Verdicts on {len(rows)} claims: {counts}.",
