@@ -15,13 +15,15 @@ from PIL import Image
 from sweeps import read_csv
 from torch.nn import functional
 
+from brushexp.app.composition import check
 from brushexp.app.tasks import evaluate
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import RENDERERS, window_pictures
-from brushexp.registry import build_named, plugins
+from brushexp.registry import build, build_named, plugins
 from brushexp.strokes.prior import INSET, WIDTH, parameters_of, sample_prior
 from brushexp.training.benchmark import EXTREMES, draw_extremes, extreme_strokes
+from brushexp.training.dataset import origin_of
 from brushexp.training.evaluation import (
     FeatureDistance,
     bristle_figures,
@@ -30,6 +32,7 @@ from brushexp.training.evaluation import (
     inception_distance,
     over_white,
 )
+from brushexp.training.writer import simulate_set
 
 NAMES = [plugin.name for plugin in plugins("renderer")]
 CPU = torch.device("cpu")
@@ -147,7 +150,7 @@ def test_inception_comes_from_a_file(tmp_path):
 @pytest.mark.parametrize("name", NAMES)
 def test_no_stroke_makes_what_a_user_gets_other_than_a_number(name):
     renderer = build_named("renderer", name, {}).requires_grad_(False)
-    outside = draw_extremes(renderer, build_named("engine", "disc", {}))
+    outside = draw_extremes(renderer, build_named("engine", "disc", {}), 0)
     bare = hasattr(renderer, "project")
     assert list(outside.pictures) == ["painted", "bare"][: 1 + bare]
     assert len(outside.rows) == len(EXTREMES) * len(outside.pictures)
@@ -161,7 +164,7 @@ def test_a_perfect_renderer_has_the_mass_of_the_nearest_stroke():
         def __call__(self, parameters, *, seed, first=0):
             return SimpleNamespace(images=window_pictures(Analytic(), parameters, 24))
 
-    rows = {row["stroke"]: row for row in draw_extremes(Analytic(), Same()).rows}
+    rows = {row["stroke"]: row for row in draw_extremes(Analytic(), Same(), 0).rows}
     assert rows["ordinary"]["alpha_mass"] == pytest.approx(1, rel=1e-5)
     assert rows["ordinary"]["l2"] == pytest.approx(0, abs=1e-12)
     assert rows["width 0"]["alpha_mass"] == pytest.approx(0, abs=1e-6)
@@ -209,8 +212,37 @@ def test_the_size_of_a_trained_renderer_is_told_and_that_it_is_not_trained(run, 
     assert "neural has random weights; give those of task=train" in caplog.text
 
 
-@pytest.mark.parametrize(("typed", "brushes", "seed"), [((), 8, 7), (("engine.brushes=3", "other_data=true"), 3, 0)])
+@pytest.mark.parametrize(
+    ("typed", "brushes", "seed"),
+    [((), 8, 7), (("engine.brushes=8",), 8, 7), (("engine.brushes=3", "other_data=true"), 3, 0)],
+)
 def test_strokes_are_simulated_with_the_brushes_of_the_training(typed, brushes, seed, config):
     cfg = config("task=evaluate", *typed)
-    data, engine = evaluate.held_out_data(cfg)
-    assert (data.origin.engine_config["brushes"], engine.brushes, data.seed) == (brushes, brushes, seed)
+    data, engine, found = evaluate.held_out_data(cfg)
+    assert (data.origin.engine_config["brushes"], engine.brushes, data.seed, found) == (brushes, brushes, seed, seed)
+
+
+def test_strokes_of_the_brushes_of_another_seed_are_refused_unless_wanted(config, tmp_path):
+    for seed in (0, 7):  # the shipped network was trained on seed 7
+        cfg = config("task=simulate", "engine.brushes=8", f"seed={seed}")
+        engine = build(cfg.engine)
+        simulate_set(tmp_path / str(seed), engine, origin_of(cfg.engine, engine), seed, 33)
+    refused = ["task=evaluate", f"data={tmp_path / '0'}"]
+    with pytest.raises(UserError, match=r"0 holds strokes of brushes of seed 0, .* on those of seed 7; .* other_data="):
+        check(config(*refused))
+    check(config(*refused, "other_data=true"))
+    check(cfg := config("task=evaluate", f"data={tmp_path / '7'}"))
+    assert evaluate.held_out_data(cfg)[2] == 7
+
+
+def test_strokes_outside_the_range_are_painted_with_the_brushes_of_the_seed():
+    class Noted:
+        window = 24
+
+        def __call__(self, parameters, *, seed, first=0):
+            self.seed = seed
+            return SimpleNamespace(images=window_pictures(Analytic(), parameters, 24))
+
+    engine = Noted()
+    draw_extremes(Analytic(), engine, 7)
+    assert engine.seed == 7

@@ -145,7 +145,7 @@ def check_train(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
     if cfg.data is None and cfg.simulate is None and cfg.limit is not None:
         raise UserError(f"limit={cfg.limit} is for sets, and these strokes are simulated on the way; drop limit")
-    window = origin_for(cfg).window
+    window = origin_for(cfg)[0].window
     check_trainable(build(cfg.renderer), window)
     check_batch(cfg, window)
 
@@ -220,7 +220,7 @@ def check_evaluate(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """That there are strokes, and the renderer knows such."""
     from brushexp.app.stroke_data import check_origin, origin_for  # noqa: PLC0415
 
-    check_origin(cfg, origin_for(cfg))
+    check_origin(cfg, *origin_for(cfg))
 
 
 def check_prune(cfg: DictConfig, overrides: Sequence[str]) -> None:

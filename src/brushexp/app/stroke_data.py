@@ -3,6 +3,7 @@
 import hashlib
 import json
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ def stroke_data(cfg: DictConfig) -> StrokeData:
         engine: Engine = build(node)
         origin = origin_of(node, engine)
         if cfg.get("simulate") is None:
-            return SimulatedData(engine, origin, batch_size=cfg.batch_size, seed=cfg.seed)
+            return SimulatedData(engine, origin, batch_size=cfg.batch_size, seed=seed_of_strokes(cfg))
         mark = hashlib.sha256(json.dumps(origin.settings(), sort_keys=True).encode()).hexdigest()[:8]
         path = Path(cfg.sets) / f"{origin.engine}-{origin.window}-{mark}-seed{cfg.seed}-{cfg.simulate}"
         log.info("the strokes of this and later runs: %s", path)
@@ -46,17 +47,21 @@ def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:
         "engine_config": origin.engine_config,
         "window": origin.window,
         "strokes": [len(strokes) for strokes in data.sets] or None,
-        "seed": [strokes.seed for strokes in data.sets] or cfg.seed,
+        "seed": [strokes.seed for strokes in data.sets] or data.seed,
         "limit": cfg.limit,
     }
 
 
-def origin_for(cfg: DictConfig) -> Origin:
-    """Where the strokes of `stroke_data` come from, before any are simulated; a UserError if the sets are none."""
+def origin_for(cfg: DictConfig) -> tuple[Origin, list[int]]:
+    """Where the strokes of `stroke_data` come from, before any are simulated, and the seeds of the sets, if any.
+
+    UserError if the sets are none.
+    """
     if cfg.data is None:
         node = engine_node(cfg)
-        return origin_of(node, build(node))
-    return StoredData([Path(path) for path in cfg.data], limit=cfg.get("limit")).origin
+        return origin_of(node, build(node)), []
+    data = StoredData([Path(path) for path in cfg.data], limit=cfg.get("limit"))
+    return data.origin, [strokes.seed for strokes in data.sets]
 
 
 def engine_node(cfg: DictConfig) -> DictConfig:
@@ -81,11 +86,20 @@ def trained_on(cfg: DictConfig) -> Origin | None:
     return Origin(str(recipe.get("engine")), recipe["engine_config"], recipe.get("window", 0))
 
 
-def seed_of_training(cfg: DictConfig) -> int:
-    """The seed of the strokes that a renderer was trained on, for its brushes are random; else the config's."""
-    seeds = _data_of_training(cfg).get("seed")
-    seed = seeds[0] if isinstance(seeds, list) and seeds else seeds
-    return seed if isinstance(seed, int) and seed >= 0 else cfg.seed
+def seed_of_strokes(cfg: DictConfig) -> int:
+    """The seed of strokes that are simulated; for a renderer that is measured, that of its training.
+
+    Brushes are drawn from it.
+    """
+    trained = None if cfg.get("other_data", True) else trained_on(cfg)
+    return next(iter([] if trained is None else seeds_of_training(cfg)), cfg.seed)
+
+
+def seeds_of_training(cfg: DictConfig) -> list[int]:
+    """The seeds of the strokes that a renderer was trained on; none if its file does not tell."""
+    told = _data_of_training(cfg).get("seed")
+    seeds = told if isinstance(told, list) else [told]
+    return [seed for seed in seeds if isinstance(seed, int) and seed >= 0]
 
 
 def _data_of_training(cfg: DictConfig) -> dict[str, Any]:
@@ -94,12 +108,21 @@ def _data_of_training(cfg: DictConfig) -> dict[str, Any]:
     return recipe if isinstance(recipe, dict) else {}
 
 
-def check_origin(cfg: DictConfig, found: Origin) -> None:
-    """Stop with a UserError if a trained renderer knows another brush than that of the strokes, unless wanted."""
+def check_origin(cfg: DictConfig, found: Origin, seeds: Sequence[int]) -> None:
+    """Stop with a UserError if a trained renderer knows other brushes than those of the strokes, unless wanted.
+
+    ``seeds`` are those of the sets, if there are any: an engine's brushes are drawn from its seed.
+    """
     trained = None if cfg.other_data else trained_on(cfg)
     if trained is not None and (difference := first_difference(trained.settings(), found.settings())):
         name = f"engine={found.engine}" if cfg.data is None else cfg.data[0]
         raise UserError(
             f"{name} was made with {difference[1]}, but the renderer was trained on strokes made with {difference[0]}; "
             "give a set made as that one was, or train a renderer on this one; other_data=true takes it all the same"
+        )
+    known = [] if trained is None or "brushes" not in trained.engine_config else seeds_of_training(cfg)
+    if known and (others := [k for k, seed in enumerate(seeds) if seed not in known]):
+        raise UserError(
+            f"{cfg.data[others[0]]} holds strokes of brushes of seed {seeds[others[0]]}, but the renderer was trained "
+            f"on those of seed {', '.join(map(str, known))}; give a set of that seed, or set other_data=true"
         )

@@ -103,11 +103,11 @@ class ExtremeDrawings(NamedTuple):
 
 
 @torch.no_grad()
-def draw_extremes(renderer: Renderer, engine: Engine) -> ExtremeDrawings:
-    """Draw the strokes `EXTREMES` beside those that the engine paints nearest to them."""
+def draw_extremes(renderer: Renderer, engine: Engine, seed: int) -> ExtremeDrawings:
+    """Draw the strokes `EXTREMES` beside those that the engine paints nearest to them, with the brushes of a seed."""
     side, strokes = engine.window, extreme_strokes()
     within = clamp_to_prior(replace(strokes, color=strokes.color.clamp(0, 1)))
-    nearest = engine(parameters_of(within), seed=0).images
+    nearest = engine(parameters_of(within), seed=seed).images
     parameters = parameters_of(strokes).to(device_of_weights(renderer))
     pictures = {"painted": window_pictures(renderer, parameters, side).cpu()}
     if getattr(renderer, "project", False):

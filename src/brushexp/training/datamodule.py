@@ -62,6 +62,7 @@ class StrokeData(L.LightningDataModule, ABC):
     origin: Origin  # what made the strokes (of several sets, the first)
     sets: Sequence[StrokeSet] = ()  # the opened sets; none if the strokes are simulated on the way
     batch_size: int
+    seed: int  # of strokes simulated on the way; else of their order
 
     @abstractmethod
     def size(self, split: Split) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from omegaconf import DictConfig
 
-from brushexp.app.stroke_data import engine_node, seed_of_training
+from brushexp.app.stroke_data import engine_node, seed_of_strokes
 from brushexp.app.stroke_sheets import sheet_of_extremes, sheet_of_strokes
 from brushexp.plugins.engine.base import Engine
 from brushexp.plugins.renderer.base import RENDERERS
@@ -35,7 +35,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     device = device_of(cfg.device)
     name, checkpoint = plugin_of(cfg.renderer).name, cfg.renderer.get("checkpoint")
     renderer = for_painting(build(cfg.renderer), device)
-    data, engine = held_out_data(cfg)
+    data, engine, seed = held_out_data(cfg)
     window = data.origin.window
     if checkpoint is None and any(True for _ in renderer.parameters()):
         log.warning("%s has random weights; give those of task=train: renderer.checkpoint=...", name)
@@ -49,7 +49,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     write_text(folder / "distances.csv", csv_table(distances[0].by_number()))
     examples = data.first_batch(split, min(SHOWN_STROKES, n))
     write_picture(folder / "strokes.png", np.asarray(sheet_of_strokes({name: renderer}, examples, data.origin)))
-    extremes = draw_extremes(renderer, engine)
+    extremes = draw_extremes(renderer, engine, seed)
     write_picture(folder / "outside.png", np.asarray(sheet_of_extremes(name, data.origin.engine, extremes)))
     write_text(folder / "outside.csv", csv_table(extremes.rows))
     metrics: dict[str, object] = {
@@ -62,6 +62,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         "renderer_hash": weights_hash(renderer),
         "checkpoint": checkpoint,
         "data": "simulated" if cfg.data is None else ", ".join(cfg.data),
+        "data_seed": seed,
         "engine": data.origin.engine,
         "split": cfg.split,
         "device": str(device),
@@ -77,13 +78,13 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     return metrics
 
 
-def held_out_data(cfg: DictConfig) -> tuple[StrokeData, Engine]:
-    """The strokes, and the engine that made them."""
+def held_out_data(cfg: DictConfig) -> tuple[StrokeData, Engine, int]:
+    """The strokes, and the engine that made them with which seed; of several sets, the first."""
     if cfg.data is None:
         node = engine_node(cfg)
         engine: Engine = build(node)
         held_out = cfg.n or SIMULATED_STROKES
-        seed = cfg.seed if node is cfg.engine else seed_of_training(cfg)
-        return SimulatedData(engine, origin_of(node, engine), seed=seed, held_out=held_out), engine
+        seed = seed_of_strokes(cfg)
+        return SimulatedData(engine, origin_of(node, engine), seed=seed, held_out=held_out), engine, seed
     data = StoredData([Path(path) for path in cfg.data])
-    return data, build_named("engine", data.origin.engine, data.origin.engine_config)
+    return data, build_named("engine", data.origin.engine, data.origin.engine_config), data.sets[0].seed
