@@ -32,3 +32,4 @@ def test_a_renderer_is_trained(run_task, tmp_path):
     metrics = run_task(train, *words, "critic=true", "device=cuda", f"sets={tmp_path / 'sets'}")
     assert metrics["device"].startswith("cuda")
     assert metrics["steps"] > 0
+    assert metrics["fid_effl0"] > 0, "it is judged where it was trained"

@@ -5,6 +5,7 @@ import json
 import math
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import lightning as L
 import pytest
@@ -251,6 +252,16 @@ def test_a_network_that_draws_nothing_is_begun_anew_and_one_that_draws_is_not(mo
         assert ("begun anew with other weights, 1 of 3 times" in caplog.text) == dead
 
 
+def test_a_batch_of_one_stroke_does_not_decide_on_a_fresh_start(monkeypatch):
+    monkeypatch.setattr(fresh_start, "STEPS", 2)
+    restart, module = fresh_start.FreshStart(Small), SimpleNamespace(renderer=Small().eval(), window=SIDE, global_step=2)
+    restart.on_train_batch_end(None, module, None, strokes(1), 0)
+    assert (restart.restarts, restart.lives) == (0, False)
+    module.global_step = 3
+    restart.on_train_batch_end(None, module, None, strokes(8), 0)
+    assert (restart.restarts, restart.lives) == (0, True)
+
+
 def test_the_critic_pulls_as_hard_as_its_weight_says():
     push, pull = torch.randn(3, 4, 5, 7), 1e5 * torch.randn(3, 4, 5, 7)
     added = balanced(push, pull, 0.25) - push
@@ -353,6 +364,17 @@ def test_the_task_leaves_a_renderer_that_can_be_loaded(trained, stored, tmp_path
     assert (recipe["training"]["steps"], recipe["training"]["precision"]) == (4, "bf16-mixed")
     loaded = build_named("renderer", "neural", {"width": 4, "dense": 16, "code": 2, "checkpoint": str(path)})
     assert weights_hash(loaded) == metrics["renderer_hash"]
+
+
+def test_weights_are_on_disk_before_they_are_judged(trained, tmp_path, monkeypatch):
+    def evaluate(*_):
+        raise RuntimeError("no memory")
+
+    monkeypatch.setattr(train, "evaluate", evaluate)
+    with pytest.raises(RuntimeError, match="no memory"):
+        trained("epochs=0", "fid=0", *TINY)
+    path = tmp_path / "neural.safetensors"
+    build_named("renderer", "neural", {"width": 4, "dense": 16, "code": 2, "checkpoint": str(path)})
 
 
 def test_training_goes_on_from_a_checkpoint_and_zero_epochs_only_measure(trained, tmp_path):

@@ -21,7 +21,7 @@ class FreshStart(L.Callback):
     """Gives a network that draws every stroke alike, nothing as a rule, other random weights: those of ``fresh()``.
 
     An activation that has lost its slope everywhere never learns again. Its pictures are judged on the batch of the
-    step; the optimiser forgets what it knew, the schedule goes on.
+    step, or on the next one that holds several strokes; the optimiser forgets what it knew, the schedule goes on.
     """
 
     def __init__(self, fresh: Callable[[], nn.Module]) -> None:
@@ -34,11 +34,13 @@ class FreshStart(L.Callback):
         self.restarts, self.lives = state_dict["restarts"], state_dict["lives"]
 
     def on_train_batch_end(self, trainer: L.Trainer, pl_module: Any, outputs: Any, batch: Any, batch_idx: int) -> None:
-        if self.lives or self.restarts == MOST or pl_module.global_step != STEPS * (self.restarts + 1):
+        if self.lives or self.restarts == MOST or pl_module.global_step < STEPS * (self.restarts + 1):
             return
+        if not (true := variance_of(batch.images)):
+            return  # a single stroke
         with torch.no_grad():
             drawn = window_pictures(pl_module.renderer, batch.parameters, pl_module.window, batch.number)
-        share = variance_of(drawn) / variance_of(batch.images)
+        share = variance_of(drawn) / true
         self.lives = share >= ALIVE
         if not self.lives:
             self.restarts += 1

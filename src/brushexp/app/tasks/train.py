@@ -93,10 +93,13 @@ class RendererJob:
         self.use = f"brushexp renderer={self.name} renderer.checkpoint={self.weights}"
 
     def finish(self) -> dict[str, object]:
-        """Measure the network, write it with its recipe, and return its numbers."""
-        module, renderer, n = self.module, self.module.renderer.eval(), self.data.count(Split.TEST, TEST_STROKES)
+        """Write the network with its recipe, measure it, and return its numbers."""
+        module, n = self.module, self.data.count(Split.TEST, TEST_STROKES)
+        figures: dict[str, object] = {"validation": module.figures}
+        save_renderer(self.weights, module, self.data, self.cfg, figures)  # whatever may fail below
+        renderer = module.renderer.eval().to(self.device)  # at the end of a fit it is on the processor
         tested = evaluate(renderer, self.data.first(Split.TEST, n), n, module.window, [effl0_distance(self.device)])
-        figures = {"validation": module.figures, "test": tested}
+        figures["test"] = tested
         return {
             **tested,
             "renderer": self.name,
