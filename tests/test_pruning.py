@@ -9,6 +9,7 @@ import torch
 from sweeps import read_csv
 
 from brushexp.app.tasks import prune as task
+from brushexp.app.tasks import train
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import RENDERERS, window_pictures
@@ -133,7 +134,7 @@ def run(tmp_path, run_task):
     return lambda *overrides: run_task(task, *common, *overrides)
 
 
-def test_a_run_leaves_a_table_and_renderers_that_paint(run, tmp_path):
+def test_a_run_leaves_a_table_and_renderers_that_paint_and_train(run, run_task, tmp_path):
     metrics = run("ratios=[0,0.5]")
     assert metrics["status"] == "completed"
     assert metrics["n"] == 8
@@ -148,6 +149,11 @@ def test_a_run_leaves_a_table_and_renderers_that_paint(run, tmp_path):
     path = tmp_path / "inverse_vgg_50.safetensors"
     again = tiny(checkpoint=str(path))
     assert sum(weight.numel() for weight in again.parameters()) == rows[1]["parameters"]
+    taught = ["task=train", "device=cpu", f"data={tmp_path / 'strokes'}", "epochs=1", "limit=64", "fid=0"]
+    chosen = {"width": 16, "widest": 32, "dense": "[32,16]", "subpixel": 4, "checkpoint": path}
+    words = (f"renderer.{key}={value}" for key, value in chosen.items())
+    run_task(train, *taught, "renderer=inverse_vgg", *words)
+    assert tiny(checkpoint=str(path.with_stem("inverse_vgg"))).widths == again.widths != tiny().widths
     recipe = json.loads(path.with_suffix(".json").read_text())
     assert recipe["training"]["pruned"] == 0.5
     assert Path(recipe["training"]["started_from"]).name == "trained.safetensors"

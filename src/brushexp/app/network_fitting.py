@@ -73,13 +73,17 @@ def save_renderer(
 ) -> str:  # fmt: skip
     """Write a trained renderer, and return the hash of its weights.
 
-    ``options`` of the plugin win over those of the config; ``training`` is what the recipe tells of it besides.
+    ``options`` of the plugin win over those of the config, and where it says null, those of the checkpoint that the
+    training started from hold; ``training`` is what the recipe tells of it besides.
     """
     chosen = OmegaConf.to_container(cfg.renderer, resolve=True, enum_to_str=True)
     assert isinstance(chosen, dict)
-    started = {"started_from": cfg.renderer.get("checkpoint")}
+    before = cfg.renderer.get("checkpoint")
+    known = {} if before is None else RENDERERS.read_recipe(RENDERERS.path_of(before))["options"]
+    started = {"started_from": before}
     recipe = {
-        "options": {str(key): value for key, value in chosen.items()} | (options or {}),
+        "options": {str(key): known.get(key) if value is None else value for key, value in chosen.items()}
+        | (options or {}),
         "data": data_recipe(data, cfg),
         "training": training_recipe(module, cfg) | started | (training or {}),
         "figures": figures,
