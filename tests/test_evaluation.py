@@ -110,6 +110,19 @@ def test_bristle_energy_is_the_share_of_fine_detail_that_is_drawn():
     torch.testing.assert_close(sum(parts), bristle_sums(half, truth, parameters))
 
 
+def test_strokes_without_light_have_no_share_of_it():
+    parameters = parameters_of(sample_prior(40))
+    truth = build_named("engine", "disc", {})(parameters, seed=0).images
+    truth = (255 * truth).round() / 255  # as sets keep it
+    figures = bristle_figures(bristle_sums(truth + 0.01 * torch.rand_like(truth), truth, parameters))
+    assert math.isnan(figures["light_thin"])
+    assert math.isnan(figures["light_thick"])
+    assert figures["bristles_thick"] > 0
+    lit = truth.clone()
+    lit[:, :3, ::2] += 2 / 255
+    assert bristle_figures(bristle_sums(lit, lit, parameters))["light_thick"] == 1
+
+
 class Bytes(torch.nn.Module):
     """Stands for the published network."""
 

@@ -206,6 +206,37 @@ def test_a_step_that_gives_no_numbers_is_not_taken_and_ends_the_training(wrong):
         assert name.startswith("critic") or torch.equal(weight, known), name
 
 
+def test_strokes_are_counted_where_gradients_are_accumulated():
+    module = module_of()
+    fit(module, Strokes(20), max_epochs=2, accumulate_grad_batches=2)
+    assert (module.global_step, module.seen) == (4, 40)
+
+
+@pytest.mark.parametrize("validating", [False, True])
+def test_what_a_failed_fit_leaves_is_the_average_that_is_validated(validating):
+    class Fail(L.Callback):
+        def on_train_batch_end(self, trainer, pl_module, *_):
+            if pl_module.global_step == 3 and not validating:
+                raise RuntimeError("no memory")
+
+        def on_validation_batch_end(self, trainer, *_):
+            if validating and trainer.state.fn == "fit":
+                raise RuntimeError("no memory")
+
+    left, module, average = module_of(), module_of(), MovingAverage(0.9)
+    fit(left, None, MovingAverage(0.9), StopAt(4 if validating else 3), max_epochs=1)
+    options = QUIET | {"accelerator": "cpu", "logger": False, "num_sanity_val_steps": 0}
+    trainer = L.Trainer(callbacks=[average, Fail()], max_epochs=1, **options)
+    with pytest.raises(RuntimeError, match="no memory"):
+        trainer.fit(module, Strokes())
+    trainer.validate(module, Strokes(), verbose=False)
+    assert module.global_step == (4 if validating else 3)
+    torch.testing.assert_close(module.state_dict(), left.state_dict(), rtol=0, atol=0)
+    figures = module.figures
+    L.Trainer(**options).validate(module, Strokes(), verbose=False)
+    assert module.figures == figures
+
+
 def test_the_critic_has_the_same_schedule_on_a_faster_scale(config):
     module = module_of(RendererSettings(critic=True, critic_width=2))
     trainer = fit(module, None, max_epochs=2)
@@ -234,6 +265,7 @@ def test_a_resumed_training_ends_with_the_same_weights(tmp_path, step, settings)
     assert resumed.global_step == whole.global_step == 12
     torch.testing.assert_close(resumed.state_dict(), whole.state_dict(), rtol=0, atol=0)
     assert resumed.figures == whole.figures
+    assert resumed.seen == whole.seen == 96
 
 
 def test_a_network_that_draws_nothing_is_begun_anew_and_one_that_draws_is_not(monkeypatch, caplog):
@@ -254,7 +286,10 @@ def test_a_network_that_draws_nothing_is_begun_anew_and_one_that_draws_is_not(mo
 
 def test_a_batch_of_one_stroke_does_not_decide_on_a_fresh_start(monkeypatch):
     monkeypatch.setattr(fresh_start, "STEPS", 2)
-    restart, module = fresh_start.FreshStart(Small), SimpleNamespace(renderer=Small().eval(), window=SIDE, global_step=2)
+    restart, module = (
+        fresh_start.FreshStart(Small),
+        SimpleNamespace(renderer=Small().eval(), window=SIDE, global_step=2),
+    )
     restart.on_train_batch_end(None, module, None, strokes(1), 0)
     assert (restart.restarts, restart.lives) == (0, False)
     module.global_step = 3

@@ -132,7 +132,7 @@ def publish_values(pl_module: L.LightningModule, values: dict[str, Tensor]) -> N
 
 
 class MovingAverage(WeightAveraging):
-    """An exponential moving average of the weights, which is validated and left in place of them at the end.
+    """An exponential moving average of the weights, which is validated and left in place of them at the end, or where a fit fails.
 
     At each step it keeps ``decay`` < 1 of the old weights; early averages forget faster, being mostly of random ones.
     """
@@ -143,3 +143,17 @@ class MovingAverage(WeightAveraging):
             get_ema_multi_avg_fn(kept)(averages, weights, count)
 
         super().__init__(multi_avg_fn=average)
+        self.shown = False  # whether the average is in place, for a validation
+
+    def on_validation_epoch_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        super().on_validation_epoch_start(trainer, pl_module)
+        self.shown = True
+
+    def on_validation_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        super().on_validation_epoch_end(trainer, pl_module)
+        self.shown = False
+
+    def on_exception(self, trainer: L.Trainer, pl_module: L.LightningModule, exception: BaseException) -> None:
+        if self._average_model is not None and not self.shown:
+            self._copy_average_to_current(pl_module)
+        self._average_model = None  # nothing is exchanged any more

@@ -68,6 +68,7 @@ class DiscriminatorModule(NetworkModule):
 
     def training_step(self, batch: ShapeBatch, batch_idx: int) -> Tensor:
         valid, corrupted, hard = self.network(torch.cat(batch[:3])).split(len(batch.valid))
+        self.seen += len(batch.valid)
         logistic = functional.softplus(-valid).mean() + functional.softplus(corrupted).mean()
         order = functional.softplus(corrupted - hard).mean()
         self.terms = {"loss/logistic": logistic.detach(), "loss/order": order.detach()}
@@ -76,6 +77,12 @@ class DiscriminatorModule(NetworkModule):
     def validation_step(self, batch: ShapeBatch, batch_idx: int) -> None:
         self.figures, self.validated = discriminator_figures(self.network, batch), self.global_step
         self.log_dict({f"validation/{name}": self.figures[name] for name in ("accuracy", "auc")})
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        checkpoint["discriminator_module"] = {"seen": self.seen}
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        self.seen = checkpoint["discriminator_module"]["seen"]
 
     def state_line(self) -> str:
         quality = f"  held out AUC {self.figures['auc']:.4f}" if self.figures else ""

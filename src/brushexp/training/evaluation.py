@@ -34,6 +34,7 @@ DETAIL_REACH = 2  # pixels to each side, whose mean is no detail
 INSIDE = 0.25  # of a stroke: where so much of what is around is covered
 THICK = 0.1  # windows: strokes from this thickness on are called thick
 SIZES = ("thin", "thick")
+ROUNDING = 0.51 / 255  # of pictures that were kept in 8 bits
 SMALLEST_SET = 64  # strokes of which a distance is told, for how it depends on their number
 SHOWN_PAIRS, PAIR_COLUMNS = 24, 6  # held-out strokes on a sheet, and in a row of it
 
@@ -99,14 +100,15 @@ def bristle_sums(images: Tensor, truth: Tensor, parameters: Tensor) -> Tensor:
 
     The energy is that of `fine_detail` inside of strokes, where a quarter of the 5 x 5 pixels around is truly covered.
     Strokes (n, 10) are thick from `THICK` windows on. The light is how much brighter paint is than its colour, by true
-    alpha.
+    alpha; a stroke whose paint is nowhere brighter or darker than 8 bits can tell has none, drawn or true.
     """
     paint, plain = truth[:, 3:], 0.5 * (parameters[:, 7:, None, None] + 1)
     inside = functional.avg_pool2d(paint, 5, 1, 2) > INSIDE
     thick = strokes_of(parameters).width >= THICK
+    lit = ((truth[:, :3] - plain).abs() * (paint > 0) > ROUNDING).flatten(1).any(1)[:, None, None, None]
     energies = torch.zeros(2, 2, 2, dtype=torch.float64)
     for k, pictures in enumerate((images, truth)):
-        light = paint * (pictures[:, :3] - plain).mean(1, keepdim=True)
+        light = lit * paint * (pictures[:, :3] - plain).mean(1, keepdim=True)
         for j, plane in enumerate((pictures[:, 3:], light)):
             energy = (inside * fine_detail(plane).double().square()).flatten(1).sum(1)
             energies[0, j, k], energies[1, j, k] = energy[~thick].sum(), energy[thick].sum()
@@ -116,7 +118,7 @@ def bristle_sums(images: Tensor, truth: Tensor, parameters: Tensor) -> Tensor:
 def bristle_figures(energies: Tensor) -> dict[str, float]:
     """Shares of the true energy of `bristle_sums` that are drawn: ``bristles_thin``, ``light_thick`` and so on."""
     drawn, true = energies.unbind(-1)
-    share = (drawn / true).tolist()  # not a number where there is no such stroke
+    share = (drawn / true).tolist()  # not a number where there is no such stroke, or no light
     return {
         f"{what}_{size}": share[i][j] for j, what in enumerate(("bristles", "light")) for i, size in enumerate(SIZES)
     }

@@ -27,6 +27,7 @@ class NetworkModule(L.LightningModule):
         self.stop = ""  # why training ends before its limit (`system.callbacks`)
         self.trouble = ""  # how the weights would have become no numbers; they stay as they were before that step
         self.terms: dict[str, Tensor] = {}  # the losses of the last step
+        self.seen = 0  # strokes that were looked at in training, those before an interruption included
         self._written = 0  # steps after which they were given to the loggers
         self.figures: dict[str, float] = {}  # of the last validation
         self.validated = -1  # the step at which they were measured

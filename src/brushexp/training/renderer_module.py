@@ -95,7 +95,6 @@ class RendererModule(NetworkModule):
         check_trainable(renderer, window)
         self.renderer, self.window, self.settings = renderer.train(), window, settings
         self.critic = Critic(window, settings.critic_width) if settings.critic else None
-        self._strokes = 0  # of a step
         self._restored: dict[str, Any] = {}  # of a checkpoint, until it can be used
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
@@ -131,7 +130,7 @@ class RendererModule(NetworkModule):
             self.terms["loss/adversarial"], slope = self._ask_critic(self.critic, drawn, truth, loss)
             pulled = (drawn * slope).sum()  # its gradient in the pictures is the slope
             loss = pulled + (loss - pulled).detach()  # and its value that of the error
-        self._strokes = len(drawn)
+        self.seen += len(drawn)
         return loss + self.settings.tone * lit
 
     def on_validation_epoch_start(self) -> None:
@@ -149,7 +148,7 @@ class RendererModule(NetworkModule):
         self.log_dict({f"validation/{name}": value for name, value in self.figures.items()})
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        state: dict[str, Any] = {"torch": torch.get_rng_state()}  # networks may draw noise
+        state: dict[str, Any] = {"seen": self.seen, "torch": torch.get_rng_state()}  # networks may draw noise
         if self.device.type == "cuda":
             state["cuda"] = torch.cuda.get_rng_state(self.device)
         if self.critic is not None:
@@ -159,6 +158,7 @@ class RendererModule(NetworkModule):
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         self._restored = checkpoint["renderer_module"]
+        self.seen = self._restored["seen"]
 
     def on_train_start(self) -> None:
         state, self._restored = self._restored, {}
@@ -169,7 +169,7 @@ class RendererModule(NetworkModule):
 
     def state_line(self) -> str:
         quality = f"  held out {self.figures['psnr_alpha']:.2f} dB" if self.figures else ""
-        speed = self.global_step * self._strokes / max(self.seconds, 1e-9)
+        speed = self.seen / max(self.seconds, 1e-9)
         loss = float(self.terms["loss/l2"])
         return f"L2 {loss:.5f} ({psnr_of(loss):.2f} dB){quality}  {speed:.0f} strokes/s"
 

@@ -47,12 +47,11 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     with trackers:
         failure = fit_network(module, job.data, cfg, folder, device, [trackers], job.callbacks, resumed)
         (folder / "metrics.json").unlink(missing_ok=True)  # of weights that are being replaced
-        seen = strokes_seen(job.data, module.global_step, cfg.batch_size)
         metrics = {
             **job.finish(),
             "steps": module.global_step,
-            "strokes_seen": seen,
-            "strokes_per_second": seen / module.seconds if module.seconds else None,
+            "strokes_seen": module.seen,
+            "strokes_per_second": module.seen / module.seconds if module.seconds else None,
             "seconds": module.seconds,
             "seconds_total": None if resumed else time.monotonic() - start,  # a run that went on has no one start
             "peak_memory_mb": peak_memory(),
@@ -68,14 +67,6 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         *(job.weights, figures, module.global_step, module.seconds, job.use),
     )
     return metrics
-
-
-def strokes_seen(data: StrokeData | ShapeData, steps: int, batch_size: int) -> int:
-    """Strokes in so many steps; the last batch of an epoch may be smaller."""
-    if isinstance(data, ShapeData):
-        return steps * batch_size
-    epochs, more = divmod(steps, -(-data.size(Split.TRAINING) // batch_size))
-    return epochs * data.size(Split.TRAINING) + more * batch_size
 
 
 class RendererJob:
