@@ -16,6 +16,7 @@ from brushexp.plugins.renderer.base import RENDERERS, window_pictures
 from brushexp.plugins.renderer.inverse_vgg import InverseVGG
 from brushexp.registry import build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
+from brushexp.system.callbacks import TimedCheckpoint
 from brushexp.system.checkpoint import weights_hash
 from brushexp.training.datamodule import StrokeBatch
 from brushexp.training.dataset import Origin
@@ -132,6 +133,20 @@ def run(tmp_path, run_task):
     common = ["task=prune", "device=cpu", f"data={strokes}", "epochs=1", "limit=64", "n=8"]
     common += ["trainer.precision=32-true", *(f"renderer.{key}={value}" for key, value in chosen.items())]
     return lambda *overrides: run_task(task, *common, *overrides)
+
+
+def test_an_interrupted_run_recommends_nothing_that_there_is_not(run, tmp_path, monkeypatch, caplog):
+    def stop(self, trainer, pl_module, *_):
+        if pl_module.global_step == 1:
+            self.pressed.set()
+
+    monkeypatch.setattr(TimedCheckpoint, "on_train_batch_start", stop)
+    with pytest.raises(KeyboardInterrupt):
+        run("ratios=[0.5]", "batch_size=16")
+    assert "ratio_50 has what was done, and starts anew" in caplog.text
+    assert "resume=" not in caplog.text
+    assert not list(tmp_path.rglob("checkpoint.ckpt"))
+    assert tiny(checkpoint=str(tmp_path / "inverse_vgg_50.safetensors")).widths != tiny().widths
 
 
 def test_a_run_leaves_a_table_and_renderers_that_paint_and_train(run, run_task, tmp_path):

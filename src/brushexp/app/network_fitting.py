@@ -43,7 +43,9 @@ def fit_network(
         timers.append(Timer(cfg.trainer.max_time, verbose=False))  # the Trainer makes none where there is another
     cfg = OmegaConf.merge(cfg, {"trainer": options | {"max_time": None}})  # type: ignore[assignment]
     averages = [MovingAverage(cfg.ema)] if cfg.ema else []
-    trainer = trainer_of(cfg, device, folder, loggers, [*timers, *averages, *callbacks], num_sanity_val_steps=0)
+    beside = [*timers, *averages, *callbacks]
+    kept = "resume" in cfg  # else no command goes on from a checkpoint
+    trainer = trainer_of(cfg, device, folder, loggers, beside, checkpoints=kept, num_sanity_val_steps=0)
     failure = None if cfg.epochs == 0 else fit(trainer, module, data, resumed)
     if module.validated != module.global_step:
         trainer.validate(module, data, verbose=False)
