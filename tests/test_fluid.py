@@ -210,3 +210,10 @@ def test_strokes_of_the_prior_stay_in_their_windows():
     alpha = Fluid()(parameters_of(sample_prior(300, seed=1)), seed=0).images[:, 3]
     edge = torch.cat([alpha[:, 0], alpha[:, -1], alpha[:, :, 0], alpha[:, :, -1]], 1)
     assert (edge.max(1).values > 0.1).float().mean() < 0.01
+
+
+def test_a_fuller_load_covers_more_with_any_number_of_bristles():
+    parameters = parameters_of(sample_prior(4))
+    for bristles in (100, 140, 200):
+        little, much = (Fluid(window=32, bristles=bristles, load=load)(parameters, seed=0) for load in (0.1, 1.0))
+        assert float(much.images[:, 3].mean()) > 1.1 * float(little.images[:, 3].mean()), bristles

@@ -90,8 +90,8 @@ class Fluid(Engine):
         self.window, self.brushes, self.bristles, self.projection = window, brushes, bristles, projection
         self.jitter, self.stiffness = jitter, stiffness
         self.rest, self.approach, self.iterations = rest, np.float32(approach), iterations
-        fullness = (bristles - THIN) / (THICK - THIN)
-        most = max(MOST_OPACITY_THIN + (MOST_OPACITY_THICK - MOST_OPACITY_THIN) * fullness, LEAST_OPACITY)
+        fullness = min((bristles - THIN) / (THICK - THIN), 1.0)  # a fuller brush covers no less
+        most = MOST_OPACITY_THIN + (MOST_OPACITY_THICK - MOST_OPACITY_THIN) * fullness
         opacity = LEAST_OPACITY + (most - LEAST_OPACITY) * load if load else 0.0
         self.physics = tuple(map(np.float32, (gravity, damping, opacity, DRAG * opacity, fluidity, relief)))
         self.counts = (frames, iterations, jacobi, supersample, after)
