@@ -148,7 +148,7 @@ class TrainTask(Task):
 
 @dataclass
 class EvaluateTask(Task):
-    """Measure a renderer on simulated strokes that it was not trained on; -m renderer=analytic,neural compares some."""
+    """Measure a renderer on new strokes; -m renderer=analytic,neural data=FOLDER other_data=true compares several."""
 
     groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "blend": "tiled", "engine": "fluid"}
 
