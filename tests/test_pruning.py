@@ -135,6 +135,14 @@ def run(tmp_path, run_task):
     return lambda *overrides: run_task(task, *common, *overrides)
 
 
+def test_strokes_in_windows_of_another_size_are_refused(run, tmp_path):
+    simulate_set(
+        tmp_path / "small", build_named("engine", "disc", {"window": 32}), Origin("disc", {"window": 32}, 32), 0, 33
+    )
+    with pytest.raises(UserError, match=r"renderer.window=64, but the strokes have 32 pixels"):
+        run("ratios=[0.5]", f"data={tmp_path / 'small'}", "other_data=true")
+
+
 def test_an_interrupted_run_recommends_nothing_that_there_is_not(run, tmp_path, monkeypatch, caplog):
     def stop(self, trainer, pl_module, *_):
         if pl_module.global_step == 1:

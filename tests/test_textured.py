@@ -230,3 +230,12 @@ def test_a_loop_follows_itself_and_the_end_follows_it():
     torch.testing.assert_close(result[..., 47], texels[..., 23])
     torch.testing.assert_close(result[..., 48], texels[..., 24])
     torch.testing.assert_close(result[..., 56:], texels[..., 56:])
+
+
+def test_textures_too_short_for_their_ends_are_refused():
+    with pytest.raises(UserError, match=r"renderer.columns=64 leaves no room .*=128; set renderer.columns=96 or more"):
+        Textured(rows=128, columns=64, checkpoint=None)
+    painted = window_pictures(
+        Textured(variants=1, rows=128, columns=96, checkpoint=None), parameters_of(sample_prior(3)), 64
+    )
+    assert bool((painted[:, 3].flatten(1).amax(1) > 0.5).all())

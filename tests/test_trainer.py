@@ -3,6 +3,7 @@
 import copy
 import json
 import math
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,8 +18,9 @@ from torch import nn
 from torch.utils.data import DataLoader
 
 from brushexp.app import stroke_data
+from brushexp.app.composition import check
 from brushexp.app.network_fitting import fit_network, renderer_settings
-from brushexp.app.rules import check_ends
+from brushexp.app.rules import check_brushes, check_ends
 from brushexp.app.tasks import train
 from brushexp.errors import UserError
 from brushexp.painting.metrics import psnr_of
@@ -31,6 +33,7 @@ from brushexp.system.callbacks import DIVERGED, INTERRUPTED, MovingAverage, Time
 from brushexp.system.checkpoint import weights_hash
 from brushexp.training import fresh_start, network_module
 from brushexp.training.datamodule import StrokeBatch, StrokeLoader
+from brushexp.training.dataset import Origin
 from brushexp.training.discriminator_module import DiscriminatorModule, ShapeData
 from brushexp.training.evaluation import (
     error_figures,
@@ -343,6 +346,29 @@ def test_a_renderer_that_cannot_be_trained_is_refused():
         RendererModule(Analytic(), SIDE, RendererSettings())
     with pytest.raises(UserError, match=r"set renderer.window=64"):
         RendererModule(Small(), 64, RendererSettings())
+
+
+def test_what_cannot_be_trained_is_refused_before_it_starts(config, stored, tmp_path):
+    with pytest.raises(UserError, match=r"critic=true halves .* which 48 do not lead to; .*engine.window=64"):
+        check(config("task=train", "critic=true", "engine.window=48", "renderer.window=48"))
+    for brushes, message in ((8, None), (16, None), (1, None), (12, "set renderer.brushes=8")):
+        cfg = config("task=train", "engine.brushes=8", f"renderer.brushes={brushes}")
+        with pytest.raises(UserError, match=message) if message else nullcontext():
+            check(cfg)
+    origin = Origin("spot", {"brushes": 8}, 64)
+    with pytest.raises(UserError, match=r"names 2 sets, .* give one set, and make it larger with n="):
+        check_brushes(config("task=train"), origin, 2)
+    check_brushes(config("task=train", "renderer=inverse_vgg"), origin, 2)
+
+
+def test_a_renderer_looks_at_strokes_as_large_as_the_engine_paints_them(config):
+    assert train.enlarged(Origin("disc", {"window": 64}, 64)).window == 512
+    assert train.enlarged(Origin("wash", {"window": 64}, 64)).window == 1024
+    small = ("renderer.variants=1", "renderer.rows=16", "renderer.columns=32")
+    data = SimpleNamespace(origin=Origin("disc", {"window": 64}, 64), sets=[])
+    before = build_named("renderer", "textured", {"variants": 1, "rows": 16, "columns": 32, "checkpoint": None})
+    renderer = train.first_renderer(config("task=train", "renderer=textured", *small), data)
+    assert not torch.equal(renderer.textures, before.textures)
 
 
 def test_errors_are_those_of_the_formulas():

@@ -7,6 +7,7 @@ import logging
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from omegaconf import DictConfig, OmegaConf
 
@@ -17,6 +18,9 @@ from brushexp.pictures.load import check_ratio, named_color, size_of_picture
 from brushexp.registry import build, plugin_of, plugins
 from brushexp.system.device import device_of
 from brushexp.system.runtime import check_memory
+
+if TYPE_CHECKING:
+    from brushexp.training.dataset import Origin
 
 log = logging.getLogger(__name__)
 
@@ -145,9 +149,27 @@ def check_train(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
     if cfg.data is None and cfg.simulate is None and cfg.limit is not None:
         raise UserError(f"limit={cfg.limit} is for sets, and these strokes are simulated on the way; drop limit")
-    window = origin_for(cfg)[0].window
+    origin, seeds = origin_for(cfg)
+    window = origin.window
     check_trainable(build(cfg.renderer), window)
+    if cfg.critic and window & (window - 1):
+        wrong = f"critic=true halves the window until 4 pixels are left, which {window} do not lead to"
+        raise UserError(f"{wrong}; give strokes in windows of 64 or 128 pixels (engine.window=64), or drop critic")
+    check_brushes(cfg, origin, len(seeds))
     check_batch(cfg, window)
+
+
+def check_brushes(cfg: DictConfig, origin: "Origin", sets: int) -> None:
+    """Stop with a UserError if a renderer that knows brushes could not tell those of the strokes of so many sets."""
+    own, theirs = cfg.renderer.get("brushes") or 1, origin.engine_config.get("brushes") or 1
+    if own == 1 or theirs == 1:
+        return
+    if sets > 1:
+        mixed = f"data= names {sets} sets, whose {theirs} brushes each are others under the same numbers"
+        raise UserError(f"{mixed}; give one set, and make it larger with n=")
+    if own % theirs:
+        mixed = f"renderer.brushes={own} is no multiple of engine.brushes={theirs}, so one code would be of several"
+        raise UserError(f"{mixed}; set renderer.brushes={theirs}")
 
 
 def check_batch(cfg: DictConfig, window: int) -> None:
@@ -225,6 +247,8 @@ def check_evaluate(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 def check_prune(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """That there is a network of which parts can go, and strokes that it knows."""
+    from brushexp.app.stroke_data import origin_for  # noqa: PLC0415
+    from brushexp.plugins.renderer.base import check_trainable  # noqa: PLC0415
     from brushexp.training.pruning import check_prunable  # noqa: PLC0415
 
     if not cfg.ratios:
@@ -232,9 +256,11 @@ def check_prune(cfg: DictConfig, overrides: Sequence[str]) -> None:
     if cfg.renderer.get("checkpoint") is None:
         raise UserError("there are no trained weights to prune; give those of task=train: renderer.checkpoint=...")
     check_ends(cfg)
-    check_prunable(build(cfg.renderer))
+    renderer = build(cfg.renderer)
+    check_prunable(renderer)
     check_evaluate(cfg, overrides)
-    check_batch(cfg, build(cfg.renderer).window)
+    check_trainable(renderer, origin_for(cfg)[0].window)
+    check_batch(cfg, renderer.window)
 
 
 def check_extremes(cfg: DictConfig, overrides: Sequence[str]) -> None:

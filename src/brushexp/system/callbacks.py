@@ -132,7 +132,7 @@ def publish_values(pl_module: L.LightningModule, values: dict[str, Tensor]) -> N
 
 
 class MovingAverage(WeightAveraging):
-    """An exponential moving average of the weights, which is validated and left in place of them at the end, or where a fit fails.
+    """An exponential moving average of the weights, validated, and left in their place at the end or at a failure.
 
     At each step it keeps ``decay`` < 1 of the old weights; early averages forget faster, being mostly of random ones.
     """

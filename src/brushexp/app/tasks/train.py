@@ -13,15 +13,17 @@ from brushexp.app.fitting import conclude, interrupted_run
 from brushexp.app.network_fitting import fit_network, renderer_settings, save_renderer, training_recipe
 from brushexp.app.stroke_data import stroke_data
 from brushexp.app.tracking import trackers_of
+from brushexp.bounds import Bounds
+from brushexp.plugins.engine.base import Engine
 from brushexp.plugins.loss.discriminator import NAME, Discriminator
 from brushexp.plugins.renderer.base import Renderer
-from brushexp.registry import build, build_named, plugin_of
+from brushexp.registry import build, build_named, plugin_of, plugins
 from brushexp.system.device import device_of
 from brushexp.system.files import write_json
 from brushexp.system.runtime import peak_memory
 from brushexp.training.benchmark import evaluate
 from brushexp.training.datamodule import StrokeData
-from brushexp.training.dataset import Split
+from brushexp.training.dataset import Origin, Split
 from brushexp.training.discriminator_module import DiscriminatorModule, ShapeData, save_discriminator
 from brushexp.training.evaluation import FrechetDistance, HeldOutSheet, effl0_distance
 from brushexp.training.fresh_start import FreshStart
@@ -123,12 +125,20 @@ def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:
     """The renderer to be trained; one without weights may first look at strokes of the engine, enlarged."""
     renderer: Renderer = build(cfg.renderer)
     if cfg.renderer.get("checkpoint") is None:
-        origin = data.origin
-        options = {key: DISTILLED.get(key, value) for key, value in origin.engine_config.items()}
-        engine = cache(partial(build_named, "engine", origin.engine, options))  # not made if nothing is distilled
+        engine = cache(partial(enlarged, data.origin))  # not made if nothing is distilled
         seed = data.sets[0].seed if data.sets else cfg.seed
         renderer.distil(lambda parameters, first: engine()(parameters, seed=seed, first=first))
     return renderer
+
+
+def enlarged(origin: Origin) -> Engine:
+    """What made some strokes, as it paints them in the window `DISTILLED`, or in the largest that it takes."""
+    options = {key: DISTILLED.get(key, value) for key, value in origin.engine_config.items()}
+    bounds = next((found.bounds.get("window") for found in plugins("engine") if found.name == origin.engine), None)
+    if "window" in options and isinstance(bounds, Bounds):
+        options["window"] = int(min(options["window"], bounds.high))
+    engine: Engine = build_named("engine", origin.engine, options)
+    return engine
 
 
 JOBS: dict[str, type[RendererJob] | type[DiscriminatorJob]] = {"renderer": RendererJob, NAME: DiscriminatorJob}

@@ -12,6 +12,7 @@ from brushexp.bounds import Bounds, between
 from brushexp.compositing.layers import SPREAD
 from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.textures import LONG, Loop, Sheets, cap_of, coordinates_of, sheets_of, texel_distances
+from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Simulated
 from brushexp.plugins.renderer.base import RENDERERS, Renderer
 from brushexp.registry import register
@@ -63,6 +64,9 @@ class Textured(Renderer):
         checkpoint: str | None = RENDERERS.shipped_name("textured"),
     ) -> None:
         super().__init__()
+        if 2 * columns <= rows:
+            cure = f"set renderer.columns={32 * (rows // 64 + 1)} or more"
+            raise UserError(f"renderer.columns={columns} leaves no room for a stroke of renderer.rows={rows}; {cure}")
         self.variants = variants
         self.loop = Loop(3 * columns // 8, 3 * columns // 8)
         self.textures = nn.Parameter(bristles(variants, rows, columns))
