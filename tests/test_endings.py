@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import pickle
+import shutil
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -38,6 +39,8 @@ from brushexp.strokes.catalogue import FIELDS
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.files import TEMPORARY
 from brushexp.system.runtime import free_memory
+from brushexp.training.dataset import Origin
+from brushexp.training.writer import simulate_set
 
 
 def test_a_run_goes_on_with_its_own_settings_and_files_alone(config, tmp_path, monkeypatch):
@@ -56,6 +59,30 @@ def test_a_run_goes_on_with_its_own_settings_and_files_alone(config, tmp_path, m
     photo.write_bytes(photo.read_bytes()[:-1])
     with pytest.raises(UserError, match="is not the file that the run began with"):
         interrupted_run(tmp_path, config())
+
+
+def test_a_training_goes_on_with_the_sets_that_it_began_with_alone(config, tmp_path, monkeypatch):
+    def simulated(n: int, seed: int = 0) -> None:
+        engine = build_named("engine", "disc", {"window": 64})
+        simulate_set(tmp_path / "set", engine, Origin("disc", {"window": 64}, 64), seed, n)
+
+    simulated(40)
+    cfg = config("task=train", f"data={tmp_path / 'set'}")
+    torch.save({RECORD: fitting.record_of(cfg, tmp_path)}, tmp_path / CHECKPOINT)
+    hydra = OmegaConf.create({"overrides": {"task": []}, "runtime": {"output_dir": str(tmp_path)}})
+    monkeypatch.setattr(fitting, "HydraConfig", SimpleNamespace(get=lambda: hydra))
+    assert interrupted_run(tmp_path, config("task=train"))[1].data == [str(tmp_path / "set")]
+    simulated(60)
+    with pytest.raises(
+        UserError, match="set has 60 strokes of seed 0 now, and the run began with 40 of seed 0; put it"
+    ):
+        interrupted_run(tmp_path, config("task=train"))
+    shutil.rmtree(tmp_path / "set")
+    simulated(40, seed=1)
+    with pytest.raises(
+        UserError, match="set has 40 strokes of seed 1 now, and the run began with 40 of seed 0; put it"
+    ):
+        interrupted_run(tmp_path, config("task=train"))
 
 
 class Breaking(Loss):

@@ -129,7 +129,7 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
     """Checkpoint and settings of a run that is to be continued.
 
     A checkpoint may be a stranger's: nothing in it is run, and its settings are plain values. It is refused (UserError)
-    where the command line changes what must stay, or a file that the run began with is another now.
+    where the command line changes what must stay, or a file or set that the run began with is another now.
     """
     path = folder / CHECKPOINT
     chosen = {override.lstrip("+~").partition("=")[0]: override for override in HydraConfig.get().overrides.task}
@@ -154,6 +154,11 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
         kept.merge_with({key: cfg[key] for key in OVERRIDABLE if key in chosen})
         kept.merge_with({"output": cfg.output, "resume": str(folder)})
         check(kept)
+        sets = kept.get("data") or []
+        for name, begun, now in zip(sets, check_plain(record.get("sets", [])), strokes_and_seeds(sets), strict=False):
+            if list(begun) != now:
+                there = f"{now[0]} strokes of seed {now[1]} now, and the run began with {begun[0]} of seed {begun[1]}"
+                raise UserError(f"data={name} has {there}; put it back, or start anew")
     except UserError as error:
         raise UserError(f"resume={folder}: {error}") from error
     except Exception as error:  # of whatever it holds instead
@@ -166,9 +171,17 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
 
 
 def record_of(cfg: DictConfig, folder: Path) -> dict[str, Any]:
-    """What a checkpoint tells of its run: its settings, files that they name, and the words that were typed."""
+    """What a checkpoint tells of its run: its settings, files and sets that they name, and the words typed."""
     settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)
-    return {"settings": settings, "files": digests(settings), "words": words_of(folder) or []}
+    sets = strokes_and_seeds(settings.get("data") or [])
+    return {"settings": settings, "files": digests(settings), "sets": sets, "words": words_of(folder) or []}
+
+
+def strokes_and_seeds(sets: Sequence[str]) -> list[list[int]]:
+    """How many strokes each set has, and their seed: a set that has grown begins as before, but is shuffled anew."""
+    from brushexp.training.dataset import StrokeSet  # noqa: PLC0415  (painting has none)
+
+    return [[len(strokes), strokes.seed] for strokes in (StrokeSet(Path(path)) for path in sets)]
 
 
 def digests(settings: Any) -> dict[str, tuple[str, str]]:
