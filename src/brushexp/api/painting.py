@@ -14,7 +14,15 @@ import numpy as np
 from torch import Tensor
 
 from brushexp.api.settings import Settings, held_as_files, settings_of
-from brushexp.app.run_folder import check_inputs, clear, note_others, note_words, release, take
+from brushexp.app.run_folder import (
+    check_inputs,
+    clear,
+    is_unused,
+    note_others,
+    note_words,
+    release,
+    take,
+)
 from brushexp.app.runner import explaining_to_users
 from brushexp.app.session import painted, painted_into, report
 from brushexp.errors import UserError
@@ -111,12 +119,12 @@ class Painting:
         curves.
         """
         into = Path(folder)
-        is_new = not (into / ".hydra").is_dir()
+        is_new = is_unused(into)
         (into / ".hydra").mkdir(parents=True, exist_ok=True)
-        check_inputs(into, self.settings.cfg)
         if is_new:
             note_others(into)
-        elif into.resolve() != self.settings.folder:
+        check_inputs(into, self.settings.cfg)
+        if not is_new and into.resolve() != self.settings.folder:
             clear(into, self.settings.cfg)
         settings = held_as_files(self.settings, into)
         note_words(into, settings.cfg, settings.words)

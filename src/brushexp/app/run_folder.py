@@ -61,16 +61,15 @@ def take(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
     neither ``goes_on`` with it (as with the key ``resume``; a set of strokes goes on by itself) nor replaces it
     (``overwrite``).
     """
-    is_new = not (folder / ".hydra").is_dir() and not (folder / "multirun.yaml").is_file()
+    is_new = is_unused(folder)
     lock(folder)
+    if is_new:
+        note_others(folder)  # first: a refusal, too, leaves the folder to the next run
     resumed = cfg.get("resume")
     goes_on = goes_on or (resumed is not None and Path(resumed).resolve() == folder.resolve())
     if not goes_on and cfg.task == "paint":
         check_inputs(folder, cfg)
-    if is_new:
-        note_others(folder)
-        return
-    if goes_on or grows(folder, cfg):
+    if is_new or goes_on or grows(folder, cfg):
         return
     worth = next((path for path in left_in(folder) if path.name in WORTH), None)
     if worth and not cfg.overwrite:
@@ -90,7 +89,7 @@ def take_job(folder: Path, cfg: DictConfig) -> None:
     A job that was here before, killed or sent away by a cluster, goes on from its checkpoint (``cfg.resume`` is set) or
     starts anew: one that has finished is never sent here again.
     """
-    is_new = not (folder / OTHERS).exists()
+    is_new = not (folder / OTHERS).exists()  # its settings are written before this
     lock(folder)
     if is_new:
         note_others(folder)
@@ -98,6 +97,11 @@ def take_job(folder: Path, cfg: DictConfig) -> None:
         cfg.resume = str(folder)
     elif not grows(folder, cfg):
         clear(folder, cfg, OF_THIS_RUN)
+
+
+def is_unused(folder: Path) -> bool:
+    """Whether no run has been in a folder: none has noted what was there before, or left its settings."""
+    return not any((folder / name).is_file() for name in (OTHERS, ".hydra/config.yaml", JOBS, "multirun.yaml"))
 
 
 def check_inputs(folder: Path, cfg: DictConfig) -> None:
