@@ -337,7 +337,7 @@ def test_a_run_never_replaces_what_it_is_made_from(tmp_path, config, monkeypatch
     refused(f"image={folder}/target.png")
     refused("style=~/a/style.png")
     refused("overwrite=true", pictures=[f"{folder}/*.png"])
-    take(folder, config(f"image={folder}/photo.jpg"))
+    take(folder, config(f"image={folder}/photo.jpg", "style=~nobody.there/style.png"))
     (folder / "painting.png").write_text("a run's")
     before.add("painting.png")
     refused("image=~/a/painting.png", "overwrite=true")

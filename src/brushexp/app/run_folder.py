@@ -1,5 +1,6 @@
 """The folder of a run: one run in it at a time, and none over what another has left there."""
 
+import os
 import re
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
@@ -121,10 +122,8 @@ def files_read(cfg: DictConfig) -> Iterator[tuple[str, str, Path]]:
         if not isinstance(value, str) or is_other:
             continue
         if is_picture or "." in value or key.partition(".")[0] in ("catalogue", "data", "runs"):
-            paths = pictures_in(value) if is_picture and is_several(value) else [value]
-            yield from (
-                (key.removeprefix("hydra.sweeper."), value, Path(path).expanduser().resolve()) for path in paths
-            )
+            for path in pictures_in(value) if is_picture and is_several(value) else [value]:
+                yield key.removeprefix("hydra.sweeper."), value, Path(os.path.expanduser(path)).resolve()
 
 
 def note_others(folder: Path) -> None:
