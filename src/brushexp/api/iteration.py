@@ -55,26 +55,26 @@ class Handover(L.Callback):
         self.found: SimpleQueue[State | None] = SimpleQueue()  # None: the painting is done
         self.room = threading.Semaphore(1)
         self.stopped, self.closed = threading.Event(), threading.Event()
-        self.last, self.seen = -float("inf"), -1  # when a state was handed over, and the step that was last looked at
+        self.last, self.seen = -float("inf"), -1  # when a state was handed over, and the step before the present one
 
     def on_train_start(self, trainer: L.Trainer, painter: Any) -> None:
         self.on_train_batch_end(trainer, painter)
 
     def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
+        before, self.seen = self.seen, painter.schedule.step
         if self.stopped.is_set() or self.closed.is_set():
             painter.stop = painter.stop or (INTERRUPTED if self.closed.is_set() else STOPPED)
             trainer.should_stop = True
-        elif not painter.is_done and self._is_due(painter.schedule.step):
-            self.seen = painter.schedule.step
+        elif not painter.is_done and self._is_due(before):
             self.last = time.monotonic()
             painter.schedule.pause()
             self.room.acquire()
             self.found.put(self.state_of(painter))
             painter.schedule.start()
 
-    def _is_due(self, step: int) -> bool:
+    def _is_due(self, before: int) -> bool:
         """Whether a multiple of ``every`` was reached or passed: a state of another painter may be many steps."""
-        is_next = step // self.every > self.seen // self.every
+        is_next = self.seen // self.every > before // self.every
         return is_next and time.monotonic() - self.last >= self.every_seconds
 
     def state_of(self, painter: Any) -> State:

@@ -14,15 +14,7 @@ import numpy as np
 from torch import Tensor
 
 from brushexp.api.settings import Settings, held_as_files, settings_of
-from brushexp.app.run_folder import (
-    check_inputs,
-    clear,
-    is_unused,
-    note_others,
-    note_words,
-    release,
-    take,
-)
+from brushexp.app.run_folder import check_inputs, clear, is_unused, note_others, note_words, release, take
 from brushexp.app.runner import explaining_to_users
 from brushexp.app.session import painted, painted_into, report
 from brushexp.errors import UserError

@@ -155,7 +155,7 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[Path, DictConfig]:
         kept.merge_with({"output": cfg.output, "resume": str(folder)})
         check(kept)
         sets = kept.get("data") or []
-        for name, begun, now in zip(sets, check_plain(record.get("sets", [])), strokes_and_seeds(sets), strict=False):
+        for name, begun, now in zip(sets, check_plain(record["sets"]), strokes_and_seeds(sets), strict=False):
             if list(begun) != now:
                 there = f"{now[0]} strokes of seed {now[1]} now, and the run began with {begun[0]} of seed {begun[1]}"
                 raise UserError(f"data={name} has {there}; put it back, or start anew")

@@ -247,7 +247,7 @@ def check_evaluate(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 def check_prune(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """That there is a network of which parts can go, and strokes that it knows."""
-    from brushexp.app.stroke_data import origin_for  # noqa: PLC0415
+    from brushexp.app.stroke_data import check_origin, origin_for  # noqa: PLC0415
     from brushexp.plugins.renderer.base import check_trainable  # noqa: PLC0415
     from brushexp.training.pruning import check_prunable  # noqa: PLC0415
 
@@ -258,8 +258,9 @@ def check_prune(cfg: DictConfig, overrides: Sequence[str]) -> None:
     check_ends(cfg)
     renderer = build(cfg.renderer)
     check_prunable(renderer)
-    check_evaluate(cfg, overrides)
-    check_trainable(renderer, origin_for(cfg)[0].window)
+    origin, seeds = origin_for(cfg)
+    check_origin(cfg, origin, seeds)
+    check_trainable(renderer, origin.window)
     check_batch(cfg, renderer.window)
 
 

@@ -107,8 +107,9 @@ def is_unused(folder: Path) -> bool:
 
 def check_inputs(folder: Path, cfg: DictConfig) -> None:
     """Refuse (UserError) to paint from a file of this folder that has the name of one of a run's own."""
+    there = folder.resolve()
     for key, value, path in files_read(cfg):
-        if path.parent == folder.resolve() and OURS.fullmatch(path.name) and path.is_file():
+        if path.parent == there and OURS.fullmatch(path.name) and path.is_file():
             raise UserError(f"a run in output={folder} would replace {key}={value}; choose another folder")
 
 

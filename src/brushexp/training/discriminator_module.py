@@ -78,12 +78,6 @@ class DiscriminatorModule(NetworkModule):
         self.figures, self.validated = discriminator_figures(self.network, batch), self.global_step
         self.log_dict({f"validation/{name}": self.figures[name] for name in ("accuracy", "auc")})
 
-    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        checkpoint["discriminator_module"] = {"seen": self.seen}
-
-    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        self.seen = checkpoint["discriminator_module"]["seen"]
-
     def state_line(self) -> str:
         quality = f"  held out AUC {self.figures['auc']:.4f}" if self.figures else ""
         return f"loss {float(self.terms['loss/logistic']):.4f}{quality}"

@@ -64,6 +64,12 @@ class NetworkModule(L.LightningModule):
 
         return LambdaLR(optimizer, factor)
 
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        checkpoint["seen"] = self.seen
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        self.seen = checkpoint["seen"]
+
     def on_after_backward(self) -> None:
         publish_values(self, self.terms)
 

@@ -148,7 +148,8 @@ class RendererModule(NetworkModule):
         self.log_dict({f"validation/{name}": value for name, value in self.figures.items()})
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        state: dict[str, Any] = {"seen": self.seen, "torch": torch.get_rng_state()}  # networks may draw noise
+        super().on_save_checkpoint(checkpoint)
+        state: dict[str, Any] = {"torch": torch.get_rng_state()}  # networks may draw noise
         if self.device.type == "cuda":
             state["cuda"] = torch.cuda.get_rng_state(self.device)
         if self.critic is not None:
@@ -157,8 +158,8 @@ class RendererModule(NetworkModule):
         checkpoint["renderer_module"] = state
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        super().on_load_checkpoint(checkpoint)
         self._restored = checkpoint["renderer_module"]
-        self.seen = self._restored["seen"]
 
     def on_train_start(self) -> None:
         state, self._restored = self._restored, {}
