@@ -158,7 +158,7 @@ def read_table(path: Path) -> None:
 def write_checkpoint(folder: Path) -> Path:
     path = folder / CHECKPOINT
     fit(painter_of(n=8, size=(12, 16), steps=3), max_steps=1).save_checkpoint(path)
-    torch.save(torch.load(path) | {RECORD: {"settings": SETTINGS, "files": {}, "words": []}}, path)
+    torch.save(torch.load(path) | {RECORD: {"settings": SETTINGS, "files": {}, "words": [], "sets": []}}, path)
     return path
 
 
