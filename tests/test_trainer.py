@@ -263,12 +263,14 @@ def test_a_resumed_training_ends_with_the_same_weights(tmp_path, step, settings)
     fit(whole, None, *beside(), max_epochs=3)
     fit(halved, None, StopAt(step), *beside(), max_epochs=3)
     assert step <= halved.global_step < 12
+    spent = torch.load(path)["cpu_seconds"]
     resumed = module_of(settings, seed=99)
     fit(resumed, None, *beside(), resume=str(path), max_epochs=3)
     assert resumed.global_step == whole.global_step == 12
     torch.testing.assert_close(resumed.state_dict(), whole.state_dict(), rtol=0, atol=0)
     assert resumed.figures == whole.figures
     assert resumed.seen == whole.seen == 96
+    assert 0 < spent < resumed.cpu_seconds
 
 
 def test_a_network_that_draws_nothing_is_begun_anew_and_one_that_draws_is_not(monkeypatch, caplog):
@@ -414,6 +416,7 @@ def test_the_task_leaves_a_renderer_that_can_be_loaded(trained, stored, tmp_path
     pictures = {"pictures/epoch_000.png", "pictures/epoch_001.png", "validation.png"}
     assert names == {"neural.safetensors", "neural.json", "metrics.json", "curves/metrics.csv"} | pictures
     assert (metrics["status"], metrics["steps"], metrics["strokes_seen"]) == ("completed", 4, 128)
+    assert metrics["cpu_seconds"] > 0
     rows = read_csv(tmp_path / "curves" / "metrics.csv")
     assert all(row["validation/psnr_alpha"] and row["validation/fid_effl0"] for row in rows if not row["loss/l2"])
     path = tmp_path / "neural.safetensors"

@@ -99,6 +99,18 @@ def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_tas
         run_task(verdicts, "task=verdicts", f"runs={tmp_path}/docs")
 
 
+@pytest.mark.parametrize(("noted", "cost"), [
+    ({"cpu_seconds": 900.0, "seconds_total": 300.0}, "3.00 CPU hours"),
+    ({"seconds_total": 300.0}, "1.00 hours, CPU time not noted"),
+    ({"seconds_total": None, "seconds": 600.0}, "2.00 hours, CPU time not noted"),
+])  # fmt: skip
+def test_what_a_study_took_is_told_by_what_its_runs_noted(tmp_path, noted, cost):
+    (tmp_path / ".hydra").mkdir()
+    write_json(tmp_path / ".hydra" / "jobs.json", {"typed": TYPED})
+    make_study(tmp_path, **noted)
+    assert studies_in([tmp_path], tmp_path)["mine"].cost == cost
+
+
 def test_an_incomplete_claim_is_explained(tmp_path):
     for wrong, message in (
         ("s: [{says: x, section: 1}]", "each claim has the keys"),

@@ -115,7 +115,8 @@ def _swept(folders: Sequence[Path], into: Path) -> Iterator[Study]:
 def _cost(frame: pd.DataFrame) -> str:
     """What the finished runs took, in words."""
     metrics = frame["metric"][~frame["run", "status"].isin(UNFINISHED)]
-    for key, told in (("cpu_seconds", "CPU hours"), ("seconds_total", "hours, CPU time not noted")):
+    wall = "hours, CPU time not noted"
+    for key, told in (("cpu_seconds", "CPU hours"), ("seconds_total", wall), ("seconds", wall)):
         if key in metrics and metrics[key].notna().all():
             return f"{metrics[key].astype(float).sum() / HOUR:.2f} {told}"
     return "cost not noted"

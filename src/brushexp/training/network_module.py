@@ -1,6 +1,7 @@
 """What the LightningModules of renderer and discriminator share: progress, learning rate, curves."""
 
 import math
+import time
 from typing import Any
 
 import lightning as L
@@ -28,6 +29,8 @@ class NetworkModule(L.LightningModule):
         self.trouble = ""  # how the weights would have become no numbers; they stay as they were before that step
         self.terms: dict[str, Tensor] = {}  # the losses of the last step
         self.seen = 0  # strokes that were looked at in training, those before an interruption included
+        self._cpu_seconds = 0.0  # in fits that are over
+        self._since: float | None = None  # the clock of CPU time at the beginning of the present fit
         self._written = 0  # steps after which they were given to the loggers
         self.figures: dict[str, float] = {}  # of the last validation
         self.validated = -1  # the step at which they were measured
@@ -51,6 +54,11 @@ class NetworkModule(L.LightningModule):
         """Wall time of the fit so far, that before an interruption included; 0 without a `Timer`."""
         return max((timer.time_elapsed() for timer in self._timers()), default=0.0)
 
+    @property
+    def cpu_seconds(self) -> float:
+        """CPU time of all threads of this process in the fit so far, that before an interruption included."""
+        return self._cpu_seconds + (0.0 if self._since is None else time.process_time() - self._since)
+
     def state_line(self) -> str:
         raise NotImplementedError
 
@@ -64,11 +72,17 @@ class NetworkModule(L.LightningModule):
 
         return LambdaLR(optimizer, factor)
 
+    def on_fit_start(self) -> None:
+        self._since = time.process_time()
+
+    def on_fit_end(self) -> None:
+        self._cpu_seconds, self._since = self.cpu_seconds, None
+
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        checkpoint["seen"] = self.seen
+        checkpoint |= {"seen": self.seen, "cpu_seconds": self.cpu_seconds}
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        self.seen = checkpoint["seen"]
+        self.seen, self._cpu_seconds = checkpoint["seen"], checkpoint["cpu_seconds"]
 
     def on_after_backward(self) -> None:
         publish_values(self, self.terms)

@@ -55,6 +55,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
             "strokes_seen": module.seen,
             "strokes_per_second": module.seen / module.seconds if module.seconds else None,
             "seconds": module.seconds,
+            "cpu_seconds": module.cpu_seconds,
             "seconds_total": None if resumed else time.monotonic() - start,  # a run that went on has no one start
             "peak_memory_mb": peak_memory(),
             "device": str(device),
