@@ -20,10 +20,11 @@ from brushexp.results.tables import METRICS, markdown_table
 
 SHOWN = ["l2", "psnr_alpha", "psnr_color", "bristles_thick", "bristles_thin", "light_thick", "fid_effl0"]
 SHOWN += ["strokes_per_second", "strokes_per_second_backward", "parameters", "file_mb"]
-MISSES = {  # how far from perfect: a distance as it is, a share by the ratio that it is too large or too small by
-    "fid_effl0": lambda distance: distance,
-    "bristles_thick": lambda share: np.abs(np.log(np.maximum(share, 1e-9))),
+MISSES = {  # on an axis of this name, how far from perfect: of a share, the ratio by which it is too large or too small
+    "fid_effl0": ("FID (effl0), lower is better", lambda distance: distance),
+    "bristles_thick": ("share of the true bristle energy, thick strokes", lambda share: np.abs(np.log(share))),
 }
+BESIDE = ((6, 4), (6, -12))  # points from a dot to its label: above and below in turn, for neighbours
 
 
 def main(picture: Path, folders: list[Path]) -> None:
@@ -31,16 +32,18 @@ def main(picture: Path, folders: list[Path]) -> None:
     metrics = gather(folders, Path())["metric"].reindex(columns=SHOWN).astype(float)
     metrics.insert(0, "renderer", [folder.name for folder in folders])
     print(markdown_table(metrics, {name: metric.digits for name, metric in METRICS.items()}))
-    figure = plotting.new_figure()
-    for axes, (name, miss) in zip(figure.subplots(1, 2), MISSES.items(), strict=True):
+    metrics = metrics.sort_values("strokes_per_second")
+    speed, figure = metrics["strokes_per_second"], plotting.new_figure()
+    for axes, (name, (title, miss)) in zip(figure.subplots(1, 2), MISSES.items(), strict=True):
         plotting.tidy(axes)
-        speed, value = metrics["strokes_per_second"], metrics[name]
-        best = front(np.stack([-speed, miss(value)], 1))
-        for label, x, y, leads in zip(metrics["renderer"], speed, value, best, strict=True):
-            axes.plot(x, y, "o", color=plotting.COLORS[0] if leads else plotting.GREY)
-            axes.annotate(label, (x, y), xytext=(6, 4), textcoords="offset points", fontsize=9)
-        axes.set(xscale="log", yscale="log", xlabel="strokes a second, forward", ylabel=plotting.metric_label(name))
-        axes.margins(x=0.25)
+        leads = front(np.stack([-speed, miss(metrics[name])], 1))
+        for k, (label, x, y) in enumerate(zip(metrics["renderer"], speed, metrics[name], strict=True)):
+            axes.plot(x, y, "o", color=plotting.COLORS[0] if leads[k] else plotting.GREY)
+            axes.annotate(label, (x, y), xytext=BESIDE[k % 2], textcoords="offset points", fontsize=9)
+        plotting.fit_scale(axes, "x", speed)
+        plotting.fit_scale(axes, "y", metrics[name])
+        axes.set(xlabel="strokes a second, forward", ylabel=title)
+        axes.margins(x=0.25, y=0.1)
     plotting.save_figure(figure, picture)
 
 
