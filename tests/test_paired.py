@@ -53,12 +53,12 @@ def test_ratios_are_of_logarithms_and_less_is_better(tmp_path):
     table = paired_table(collect(make_study(tmp_path)))
     slower = paired_differences(table, metrics=["seconds"])[1]
     assert slower.mean == pytest.approx(-math.log(2))
-    assert slower.sentence == "worse: x 2 [x 2, x 2]"
+    assert slower.sentence == "worse: x 2.00 [x 2.00, x 2.00]"
 
 
 def test_two_units_and_many_settings_have_bounds_without_end():
     """The interval of 200 comparisons with one degree of freedom: the bounds of a ratio are no numbers any more."""
-    assert gap(0.5, 1.5, metric="seconds", confidence=1 - 0.05 / 200).bounds == "[x 0, x inf]"
+    assert gap(0.5, 1.5, metric="seconds", confidence=1 - 0.05 / 200).bounds == "[x 0.00, x inf]"
 
 
 def test_two_pictures_of_one_name_are_two(tmp_path):

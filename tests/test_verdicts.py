@@ -4,6 +4,8 @@ import math
 import shlex
 
 import pytest
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from test_paired import PICTURES, A, C, gap, make_study
 
 from brushexp.app.configs import SHIPPED
@@ -55,9 +57,11 @@ def test_at_least_so_many_times(ratio, verdict):
 
 
 def options_of(study):
-    """What a study lists; and what is said of its settings alone, whatever else it sweeps."""
+    """What a study lists, in the words of its jobs, which are Hydra's: ``critic=True``."""
     sweeper = yaml_of(read_text(SHIPPED / "experiment" / f"{study}.yaml", ""))["hydra"]["sweeper"]
-    return {" ".join(shlex.split(setting)) for setting in sweeper["settings"]}
+    parser = OverridesParser.create()
+    words = (parser.parse_overrides(shlex.split(setting)) for setting in sweeper["settings"])
+    return {" ".join(job) for some in words for job in BasicSweeper.split_arguments(some, None)[0]}
 
 
 @pytest.mark.parametrize("study", read_claims())
@@ -116,6 +120,7 @@ def test_an_incomplete_claim_is_explained(tmp_path):
         ("s: [{says: x, section: 1}]", "each claim has the keys"),
         (CLAIMS.replace("psnr", "nope"), "unknown metric"),
         (CLAIMS.replace("psnr", "[psnr]"), "unknown metric"),
+        (CLAIMS.replace("order=o1", "order=o)"), r"claims=.*: 'order=o\)' is no setting as studies list them"),
         ("hello", "claims=.*: not a YAML mapping"),
         (CLAIMS.replace("expects: better", "expects: better, at_least: .nan"), "at_least=nan; give a ratio above 0"),
     ):

@@ -1,13 +1,15 @@
 """What the thesis claims, and what the paired differences of a study make of it."""
 
 import math
+import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from brushexp.errors import UserError
 from brushexp.results.paired import NOT_DECIDED, Difference
+from brushexp.results.sweep import first_line
 from brushexp.results.tables import METRICS
 from brushexp.system.reading import read_text, yaml_of
 
@@ -65,4 +67,22 @@ def read_claims(path: Path = SHIPPED_CLAIMS) -> dict[str, list[Claim]]:
             raise UserError(f"claims={path}: '{claim.says}' has a setting or against that is no text; quote it")
         if not isinstance(claim.at_least, int | float) or not 0 < claim.at_least < math.inf:
             raise UserError(f"claims={path}: '{claim.says}' has at_least={claim.at_least}; give a ratio above 0")
-    return claims
+    try:
+        return {
+            study: [replace(claim, setting=spelt(claim.setting), against=spelt(claim.against)) for claim in listed]
+            for study, listed in claims.items()
+        }
+    except UserError as error:
+        raise UserError(f"claims={path}: {error}") from error
+
+
+def spelt(setting: str) -> str:
+    """The overrides of a setting as Hydra gives them to jobs: ``critic=True critic_lr=0.0005``; UserError if none."""
+    from hydra.core.override_parser.overrides_parser import OverridesParser  # noqa: PLC0415  (a third of a second)
+    from hydra.errors import HydraException  # noqa: PLC0415
+
+    try:
+        found = OverridesParser.create().parse_overrides(shlex.split(setting))
+    except (HydraException, ValueError) as error:
+        raise UserError(f"'{setting}' is no setting as studies list them: {first_line(error)}") from error
+    return " ".join(f"{override.get_key_element()}={override.get_value_element_as_str()}" for override in found)

@@ -107,7 +107,7 @@ class Difference:
         found = f"{self.shown(self.mean)} {self.bounds}"
         if self.verdict == "same":
             metric, most = METRICS[self.metric], max(abs(self.low), abs(self.high))
-            largest = f"x {math.exp(most):.3g}" if metric.ratio else f"{most:.{metric.digits}f}"
+            largest = times(most) if metric.ratio else f"{most:.{metric.digits}f}"
             return f"no difference larger than {largest}"
         if self.verdict == "depends":
             some = f"better on {', '.join(self.better)}; worse on {', '.join(self.worse)}"
@@ -117,12 +117,17 @@ class Difference:
         return f"{self.verdict}: {found}"
 
     def shown(self, gain: float) -> str:
-        """A gain in the metric's own direction: ``+0.31``, or ``x 1.5`` for ratios."""
+        """A gain in the metric's own direction: ``+0.31``, or ``x 1.50`` for ratios."""
         metric = METRICS[self.metric]
         change = gain if metric.better == "higher" else -gain
         if metric.ratio:
-            return f"x {math.exp(change) if change < LARGEST_LOGARITHM else math.inf:.3g}"
+            return times(change)
         return f"{change:+.{metric.digits}f}"
+
+
+def times(logarithm: float) -> str:
+    """A ratio to three digits, of its natural logarithm: ``x 1.00``."""
+    return f"x {math.exp(logarithm) if logarithm < LARGEST_LOGARITHM else math.inf:#.3g}".removesuffix(".")
 
 
 def interval(values: Iterable[float], confidence: float = CONFIDENCE) -> tuple[float, float, float]:
