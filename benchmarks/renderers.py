@@ -1,6 +1,6 @@
 """Renderers on two fronts: how many strokes a second they draw, and how near these are to simulated strokes.
 
-    brushexp task=evaluate renderer=neural data=data/brushes other_data=true n=2500 threads=1 output=judged/neural
+    brushexp task=evaluate renderer=neural data=data/brushes other_data=true n=2500 output=judged/neural
     python benchmarks/renderers.py FRONT.png judged/*
 
 Folders are runs of task=evaluate on a calm machine, one after another, and their names are the labels. Prints a table,

@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
+
 from brushexp.errors import UserError
 from brushexp.results.paired import NOT_DECIDED, Difference
 from brushexp.results.sweep import first_line
@@ -67,22 +70,17 @@ def read_claims(path: Path = SHIPPED_CLAIMS) -> dict[str, list[Claim]]:
             raise UserError(f"claims={path}: '{claim.says}' has a setting or against that is no text; quote it")
         if not isinstance(claim.at_least, int | float) or not 0 < claim.at_least < math.inf:
             raise UserError(f"claims={path}: '{claim.says}' has at_least={claim.at_least}; give a ratio above 0")
-    try:
-        return {
-            study: [replace(claim, setting=spelt(claim.setting), against=spelt(claim.against)) for claim in listed]
-            for study, listed in claims.items()
-        }
-    except UserError as error:
-        raise UserError(f"claims={path}: {error}") from error
+    return {
+        study: [replace(one, setting=spelt(one.setting, path), against=spelt(one.against, path)) for one in listed]
+        for study, listed in claims.items()
+    }
 
 
-def spelt(setting: str) -> str:
+def spelt(setting: str, path: Path) -> str:
     """The overrides of a setting as Hydra gives them to jobs: ``critic=True critic_lr=0.0005``; UserError if none."""
-    from hydra.core.override_parser.overrides_parser import OverridesParser  # noqa: PLC0415  (a third of a second)
-    from hydra.errors import HydraException  # noqa: PLC0415
-
     try:
         found = OverridesParser.create().parse_overrides(shlex.split(setting))
     except (HydraException, ValueError) as error:
-        raise UserError(f"'{setting}' is no setting as studies list them: {first_line(error)}") from error
+        wrong = f"'{setting}' is no setting as studies list them"
+        raise UserError(f"claims={path}: {wrong}: {first_line(error)}") from error
     return " ".join(f"{override.get_key_element()}={override.get_value_element_as_str()}" for override in found)
