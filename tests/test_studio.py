@@ -145,7 +145,7 @@ def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab)
     assert download.value.suggested_filename == "my_cat-oil-1-painting.png"
     with page.context.expect_page() as report:
         page.get_by_role("link", name="Page", exact=True).click()
-    assert report.value.get_by_role("heading", name="Replay").is_visible()
+    report.value.get_by_role("heading", name="Replay").wait_for()  # the new tab has to load
 
 
 def test_two_paintings_are_compared_and_replayed(tab):
