@@ -144,7 +144,8 @@ def written(folder: Path) -> dict[str, int]:
 
 
 def test_a_sweep_that_is_killed_keeps_the_jobs_that_are_done_and_goes_on_to_the_same_bits(tmp_path):
-    words, sweep, kept = ["-m", "look=plain", *PAINT, "steps=5,6,7", "report=false"], tmp_path / "s", {}
+    words = ["-m", "look=plain", *PAINT, "steps=5,6,7", "report=false", "finish_steps=${steps}"]
+    sweep, kept = tmp_path / "s", {}
     assert ended(tmp_path, *words, "output=whole")[0] == 0
     words.append("output=s")
     for number, kill in enumerate(some(SWEEP_KILLS)):
@@ -163,7 +164,10 @@ def test_a_sweep_that_is_killed_keeps_the_jobs_that_are_done_and_goes_on_to_the_
             assert kept.setdefault(done, written(sweep / str(done))) == written(sweep / str(done)), kill
     for more, message in (
         ([], "output=s holds a run already"),
-        (["resume=sweep", "seed=3"], "job 0 was '.*' and would be '.* seed=3'; type: .* -m .*=5,6,7.* resume=sweep"),
+        (
+            ["resume=sweep", "seed=3"],
+            r"job 0 was '.*' and would be '.* seed=3'; type: .* -m .*=5,6,7 .*=\$\{steps\}' .*resume=sweep",
+        ),
         (["resume=sweep", "output=t"], "output=t holds no sweep"),
     ):
         refused, said = ended(tmp_path, *words, *more)

@@ -11,7 +11,7 @@ from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.utils import JobReturn, JobStatus
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from brushexp.app.composition import check
 from brushexp.app.run_folder import check_free, take
@@ -65,8 +65,9 @@ def begin_sweep(config: DictConfig, jobs: Sequence[Words], goes_on: bool, lenien
 
 
 def command_words(config: DictConfig) -> list[str]:
-    """The command line of a sweep without its folder."""
-    words = [*config.hydra.overrides.hydra, *config.hydra.overrides.task]
+    """The command line of a sweep without its folder; ``${...}`` is left to each job."""
+    typed = OmegaConf.to_container(config.hydra.overrides, resolve=False)
+    words = [*typed["hydra"], *typed["task"]]  # type: ignore[call-overload,index]
     return [word for word in kept(words) if word not in ("hydra.mode=MULTIRUN", "hydra.sweeper.resume=true")]
 
 
