@@ -106,6 +106,7 @@ def test_every_plot_is_drawn_whole(tmp_path, axes, heights):
 
 def test_values_are_shortened_as_long_as_they_differ():
     assert list(shortened(["/a/x/b.png", "/a/y/b.png"]).values()) == ["x/b.png", "y/b.png"]
+    assert list(shortened(["[sets/a]", "[sets/b]"]).values()) == ["[a]", "[b]"]
     assert list(shortened(["a" * 50]).values()) == ["..." + "a" * 40]
     both = ["1" + "a" * 50, "2" + "a" * 50]
     assert list(shortened(both).values()) == both

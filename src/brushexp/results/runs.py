@@ -128,12 +128,18 @@ def shortened(values: Sequence[str], longest: int = LONGEST_VALUE) -> dict[str, 
     """How each value of a setting is shown: paths without the folders that tell nothing, and not too long."""
     names = list(values)
     for depth in range(1, 1 + max(value.count("/") for value in values)):
-        tails = ["/".join(value.split("/")[-depth:]) for value in values]
+        tails = [_tail(value, depth) for value in values]
         if len(set(tails)) == len(tails):
             names = tails
             break
     cut = [name if len(name) <= longest else "..." + name[-longest:] for name in names]
     return dict(zip(values, cut if len(set(cut)) == len(set(names)) else names, strict=True))
+
+
+def _tail(value: str, depth: int) -> str:
+    """So many parts of a path, from its end; a list keeps its bracket."""
+    path = value.lstrip('["')
+    return value.removesuffix(path) + "/".join(path.split("/")[-depth:])
 
 
 def parse_overrides(words: Iterable[str]) -> dict[str, str]:
