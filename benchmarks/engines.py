@@ -118,7 +118,7 @@ if __name__ == "__main__":
         mean, worst = color_error(name)
         print(f"| {name} | {strokes_per_second(name, {}):.0f} | {mean:.4f} | {worst:.4f} |", flush=True)
     mean, worst = pigment_error()
-    print(f"| the source's pigments, inverted (gamut alone) | | {mean:.4f} | {worst:.4f} |\n")
+    print(f"| Fluid Paint's pigments, inverted (gamut alone) | | {mean:.4f} | {worst:.4f} |\n")
     print("| fluid with | strokes/s |\n|---|---|")
     for options in ({"supersample": 1}, {"projection": False}, {"bristles": 50}, {"window": 128}):
         label = ", ".join(f"engine.{key}={value}" for key, value in options.items())

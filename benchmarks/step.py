@@ -117,7 +117,7 @@ def against_double() -> None:
 
 def growth() -> None:
     """Cost against pixels and strokes."""
-    print("\nGrowth at 100 px per stroke\n\n| megapixels | strokes | ms per step | per megapixel, against the first |")
+    print("\nGrowth at 105 px per stroke\n\n| megapixels | strokes | ms per step | per megapixel, against the first |")
     print("|---|---|---|---|")
     first = 0.0
     for side in (1024, 2048, 4096):

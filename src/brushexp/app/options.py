@@ -27,7 +27,7 @@ class StyleTransfer:
 class FilmOptions:
     """Keys below ``film`` of ``task=paint``, for image=clip.mp4."""
 
-    every: int = key(1, "of a film, image=clip.mp4: paint every so manieth picture", at_least(1))
+    every: int = key(1, "of a film, image=clip.mp4: paint only every n-th picture", at_least(1))
     start: float = key(0, "of a film: the second at which it begins", at_least(0))
     stop: float | None = key(None, "of a film: the second at which it ends; null = at its end", above(0))
     steps: int = key(8, "of a film: gradient steps of a picture that carries strokes on", at_least(0))

@@ -46,7 +46,8 @@ def write_verdicts(
         "# Ablations",
         "",
         f"Written by `{command}`, and no number in it by hand.",
-        f"What the thesis claims, or chose by trying, and what comes of it here. {rule_for(PICTURE)}",
+        "What the thesis (Heimbrecht, master thesis, Heidelberg, 2020) claims, or chose by trying, and what comes of "
+        f"it here; 6.3 and the like are its sections. {rule_for(PICTURE)}",
         "Where seeds and not pictures are paired, the same holds of seeds, but no answer depends on one.",
         "A claim of *no worse* holds if the interval allows no loss that matters, however large a gain it allows, and "
         "the answer does not depend on the picture; what was measured is told by the rule above all the same.",
