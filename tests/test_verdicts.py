@@ -6,6 +6,7 @@ import shlex
 import pytest
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from sweeps import note
 from test_paired import PICTURES, A, C, gap, make_study
 
 from brushexp.app.configs import SHIPPED
@@ -24,9 +25,10 @@ other:
   - {says: something else, section: 9, setting: a=1, against: a=2, metric: psnr, expects: open}
 """
 TYPED = ["image=/x/y/a.png", "hydra/sweeper=optuna", 'style.image="/x/my photo.jpg"', 'loss=["/x/a","b"]']
-TYPED += ["experiment=mine"]
+TYPED += ["experiment=mine", "hydra.sweeper.settings=['a=1 renderer.checkpoint=/a/b/n.safetensors','a=2']"]
 TYPED += ['hydra.sweeper.pictures=["/p/a, b.jpg","thesis12"]', 'hydra.sweeper.pictures=["/p/a b.jpg","thesis12"]']
 SHORT = ["experiment=mine", "image=a.png", "hydra/sweeper=optuna", "style.image=my photo.jpg", "loss=[a,b]"]
+SHORT += ["hydra.sweeper.settings=['a=1 renderer.checkpoint=n.safetensors','a=2']"]
 SHORT += ['hydra.sweeper.pictures=["a, b.jpg",thesis12]', "pictures=a b.jpg,thesis12"]
 CLEAR, WORSE, SAME = (0.5, 0.6, 0.4, 0.5), (-0.5, -0.6, -0.4, -0.5), (0.01, -0.01, 0.02, -0.02)
 
@@ -113,6 +115,13 @@ def test_what_a_study_took_is_told_by_what_its_runs_noted(tmp_path, noted, cost)
     write_json(tmp_path / ".hydra" / "jobs.json", {"typed": TYPED})
     make_study(tmp_path, **noted)
     assert studies_in([tmp_path], tmp_path)["mine"].cost == cost
+
+
+def test_what_some_runs_of_a_study_took_is_told_as_that(tmp_path):
+    (tmp_path / ".hydra").mkdir()
+    write_json(tmp_path / ".hydra" / "jobs.json", {"typed": TYPED})
+    note(make_study(tmp_path, cpu_seconds=900.0), 5, cpu_seconds=None)
+    assert studies_in([tmp_path], tmp_path)["mine"].cost == "2.75 CPU hours for 11 of them"
 
 
 def test_an_incomplete_claim_is_explained(tmp_path):

@@ -117,8 +117,10 @@ def _cost(frame: pd.DataFrame) -> str:
     metrics = frame["metric"][~frame["run", "status"].isin(UNFINISHED)]
     wall = "hours, CPU time not noted"
     for key, told in (("cpu_seconds", "CPU hours"), ("seconds_total", wall), ("seconds", wall)):
-        if key in metrics and metrics[key].notna().all():
-            return f"{metrics[key].astype(float).sum() / HOUR:.2f} {told}"
+        noted = metrics[key].dropna().astype(float) if key in metrics else []
+        if len(noted):
+            of_some = "" if len(noted) == len(metrics) else f" for {len(noted)} of them"
+            return f"{sum(noted) / HOUR:.2f} {told}{of_some}"
     return "cost not noted"
 
 
@@ -127,4 +129,4 @@ def _short(words: Sequence[str]) -> list[str]:
     plain = [re.sub(r'"([^",]*)"', r"\1", word) for word in words if not word.startswith(UNTOLD)]
     plain = [re.sub(r'^hydra\.sweeper\.pictures=\[([^"]*)\]$', r"pictures=\1", word) for word in plain]
     parts = [word.partition("=") for word in sorted(plain, key=lambda word: not word.startswith(EXPERIMENT))]
-    return [key + equals + re.sub(r'[^,\["]*/([^/,]+)', r"\1", value) for key, equals, value in parts]
+    return [key + equals + re.sub(r"""[^,\["'={:]*/([^/,]+)""", r"\1", value) for key, equals, value in parts]
