@@ -30,6 +30,7 @@ from brushexp.painting.outputs import export_job, renderer_of, with_renderer
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export._packing import bitmap
+from brushexp.plugins.export._sprites import sprites_of
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.plugins.export.csv import Csv
 from brushexp.plugins.export.json import Json
@@ -246,6 +247,18 @@ def test_textured_strokes_in_the_light_are_in_the_svg_as_they_are(zoom, least, t
     assert len(numbers) > 70
     (path,) = Svg(paths=True).write(what, tmp_path)
     assert "<image" not in path.read_text()
+
+
+def test_strokes_that_are_longer_than_the_sheet_of_sprites_are_drawn_whole(monkeypatch):
+    monkeypatch.setattr("brushexp.plugins.export._sprites.SHEET_WIDTH", 100)
+    strokes = random_strokes(3, (96, 128), width=(0.02, 0.03), bend=0.1).moved(zoom=30)
+    what = replace(job_of(strokes, (2880, 3840)), renderer=build_named("renderer", "textured", {}).eval())
+    found = sprites_of(what)
+    assert (found.boxes[:, 2:] <= 100).all()
+    layers = what.renderer(strokes)
+    extent = (layers.curve.amax(1) - layers.curve.amin(1)).numpy()[found.number]
+    assert extent.max() > 100
+    assert (found.boxes[:, 2:] >= found.zoom * extent).all()
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 7), (7, 1), (9, 5), (5, 9)])

@@ -49,13 +49,15 @@ def sprites_of(job: ExportJob) -> Sprites:
     On black a blend shows what a stroke contributes, on white also what it lets through. Strokes are drawn smaller if
     the sheet would have more than ``MOST_PIXELS``.
     """
-    strokes, zoom = job.strokes, 1.0
+    strokes = job.strokes
     boxes = _boxes(job, strokes)
     needed = float(((boxes[:, 2] + GAP) * (boxes[:, 3] + GAP)).sum())
-    if needed > 0.8 * MOST_PIXELS:
-        zoom = math.sqrt(0.8 * MOST_PIXELS / needed)
+    longest = float(boxes[:, 2:].max(initial=1))
+    zoom = min(1.0, math.sqrt(0.8 * MOST_PIXELS / max(needed, 1.0)), (SHEET_WIDTH - GAP) / longest)
+    if zoom < 1:
         strokes = strokes.moved(zoom=zoom)
         boxes = _boxes(job, strokes)
+        boxes[:, 2:] = np.minimum(boxes[:, 2:], SHEET_WIDTH - GAP)  # edges are as soft as before, and so not shorter
     corners, height = _on_shelves(boxes[:, 2:] + GAP)
     shift = torch.from_numpy(corners - boxes[:, :2]).to(strokes.position)
     apart = replace(strokes, position=strokes.position + shift)
@@ -81,8 +83,7 @@ def _boxes(job: ExportJob, strokes: Strokes) -> Array:
     layers = job.renderer(strokes)
     curve, reach = layers.curve.cpu().numpy(), layers.reach.cpu().numpy()[:, None]
     low, high = np.floor(curve.min(1) - reach), np.ceil(curve.max(1) + reach)
-    side = SHEET_WIDTH - GAP
-    size = np.minimum(high - low, side)
+    size = high - low
     far = np.array(job.size[::-1]) * (strokes.scale / job.strokes.scale.clamp_min(1e-9)).mean().item()
     outside = ((high <= 0) | (low >= far)).any(1) | (reach[:, 0] <= 0)
     size[outside] = 0
