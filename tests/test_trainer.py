@@ -5,6 +5,7 @@ import json
 import math
 from contextlib import nullcontext
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,7 +16,7 @@ from lightning.pytorch.callbacks import Checkpoint
 from sweeps import read_csv
 from test_dataset import write
 from torch import nn
-from torch.utils.data import DataLoader
+from torch.utils.data import DataLoader, IterableDataset
 
 from brushexp.app import stroke_data
 from brushexp.app.composition import check
@@ -273,6 +274,25 @@ def test_a_resumed_training_ends_with_the_same_weights(tmp_path, step, settings)
     assert 0 < spent < resumed.cpu_seconds
 
 
+@pytest.mark.parametrize("step", [1, 5, 11])
+def test_a_training_of_one_batch_an_epoch_ends_at_ctrl_c_and_goes_on(tmp_path, step):
+    class Press(L.Callback):
+        def on_train_batch_end(self, trainer, pl_module, *_):
+            if pl_module.global_step == step:
+                checkpoint.pressed.set()
+
+    path = tmp_path / "checkpoint.ckpt"
+    checkpoint, (whole, halved, resumed) = TimedCheckpoint(path, None), (module_of(), module_of(), module_of(seed=99))
+    fit(whole, Strokes(8), max_epochs=12)
+    fit(halved, Strokes(8), Press(), checkpoint, max_epochs=12)
+    assert (halved.global_step, halved.stop) == (step, INTERRUPTED)
+    begun = Strokes(8)
+    fit(resumed, begun, TimedCheckpoint(path, None), resume=str(path), max_epochs=12)
+    assert resumed.global_step == whole.global_step == 12
+    torch.testing.assert_close(resumed.state_dict(), whole.state_dict(), rtol=0, atol=0)
+    assert resumed.figures == whole.figures
+
+
 def test_a_network_that_draws_nothing_is_begun_anew_and_one_that_draws_is_not(monkeypatch, caplog):
     monkeypatch.setattr(fresh_start, "STEPS", 2)
     for dead in (True, False):
@@ -477,3 +497,25 @@ def test_any_limit_of_the_trainer_ends_a_training(limit, steps, config, tmp_path
     assert steps in (module.global_step, None)
     assert steps == 0 or (module.progress == 1 and module.seconds > 0)
     assert module.figures, "what it has is validated"
+
+
+def test_what_is_learnt_is_left_if_a_step_and_then_the_validation_fail(config, tmp_path, caplog):
+    class Damaged(Strokes):
+        def batches(self, epoch, first):
+            yield from islice(super().batches(epoch, first), 2)
+            raise UserError("shard 0 is damaged")
+
+        def val_dataloader(self):
+            return DataLoader(Nothing(), batch_size=None)
+
+    class Nothing(IterableDataset):
+        def __iter__(self):
+            raise UserError("shard 1 is damaged")
+
+    cfg, module = config("task=train", "minutes=null", "epochs=2", "ema=0"), module_of()
+    failure = fit_network(module, Damaged(), cfg, tmp_path, torch.device("cpu"), [])
+    assert str(failure) == "shard 0 is damaged"
+    assert module.global_step == 2
+    assert "what was learnt is written without its figures: shard 1 is damaged" in caplog.text
+    with pytest.raises(UserError, match="shard 1 is damaged"):
+        fit_network(module_of(), Damaged(), config("task=train", "epochs=0"), tmp_path, torch.device("cpu"), [])

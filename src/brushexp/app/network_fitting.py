@@ -1,5 +1,6 @@
 """What training a network and fine-tuning a pruned one share: the fit, and the recipe of what it leaves."""
 
+import logging
 from collections.abc import Sequence
 from datetime import timedelta
 from pathlib import Path
@@ -19,6 +20,8 @@ from brushexp.system.callbacks import MovingAverage
 from brushexp.training.datamodule import StrokeData
 from brushexp.training.network_module import NetworkModule
 from brushexp.training.renderer_module import RendererModule, RendererSettings
+
+log = logging.getLogger(__name__)
 
 
 class Stopwatch(Timer):
@@ -48,7 +51,12 @@ def fit_network(
     trainer = trainer_of(cfg, device, folder, loggers, beside, checkpoints=kept, num_sanity_val_steps=0)
     failure = None if cfg.epochs == 0 else fit(trainer, module, data, resumed)
     if module.validated != module.global_step:
-        trainer.validate(module, data, verbose=False)
+        try:
+            trainer.validate(module, data, verbose=False)
+        except Exception as error:
+            if failure is None:
+                raise
+            log.error("what was learnt is written without its figures: %s", error)
     return failure
 
 

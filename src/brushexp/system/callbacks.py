@@ -9,6 +9,7 @@ diverged).
 import logging
 import math
 import time
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from threading import Event
@@ -73,14 +74,28 @@ class TimedCheckpoint(Checkpoint):
         self.every = math.inf if every is None or path is None else every
         self.due = time.monotonic() + min(self.every, FIRST_SECONDS)
         self.pressed, self.handler = Event(), ExitStack()
+        self.loaded: Sequence[dict[str, Any]] = ()
 
-    def on_train_start(self, *_: object) -> None:
+    def on_load_checkpoint(self, trainer: L.Trainer, pl_module: Any, checkpoint: dict[str, Any]) -> None:
+        self.loaded = checkpoint["loops"]["fit_loop"]["state_dict"].get("combined_loader", ())
+
+    def on_train_start(self, trainer: L.Trainer, *_: object) -> None:
+        for state in self.loaded:  # which Lightning itself forgets where a file was written at the end of an epoch
+            trainer.train_dataloader.load_state_dict(state)
         promise = "stopping after this step" + "; what is done so far will be written" * (self.path is not None)
         self.handler.enter_context(interruptible(self.pressed.set, promise))
 
     def on_train_batch_end(self, trainer: L.Trainer, pl_module: Any, *_: object) -> None:
-        if pl_module.progress >= 1 or trainer.is_last_batch:
-            return  # between two epochs Lightning's counters cannot be continued
+        if not trainer.is_last_batch:  # from there Lightning's counters cannot be continued
+            self._act(trainer, pl_module)
+
+    def on_train_epoch_end(self, trainer: L.Trainer, pl_module: Any) -> None:
+        if trainer.num_training_batches == 1:  # which is always the last one
+            self._act(trainer, pl_module)
+
+    def _act(self, trainer: L.Trainer, pl_module: Any) -> None:
+        if pl_module.progress >= 1:
+            return
         if self.pressed.is_set() and not pl_module.stop:
             pl_module.stop, trainer.should_stop = INTERRUPTED, True
         if pl_module.stop == INTERRUPTED or (time.monotonic() > self.due and not pl_module.stop):
