@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import torch
+from hydra.core.hydra_config import HydraConfig
 from PIL import Image
 from sweeps import read_csv
 from torch.nn import functional
@@ -233,6 +234,19 @@ def test_strokes_are_simulated_with_the_brushes_of_the_training(typed, brushes, 
     cfg = config("task=evaluate", *typed)
     data, engine, found = evaluate.held_out_data(cfg)
     assert (data.origin.engine_config["brushes"], engine.brushes, data.seed, found) == (brushes, brushes, seed, seed)
+
+
+@pytest.mark.parametrize(
+    ("word", "wanted"),
+    [("engine.brushes=1", (1, 2)), ("engine.supersample=1", (8, 1)), ("engine.supersample=2", (8, 2))],
+)
+def test_what_is_typed_of_the_engine_wins_also_where_it_is_the_default(word, wanted, config, monkeypatch):
+    typed = SimpleNamespace(overrides=SimpleNamespace(task=["task=evaluate", word]))
+    monkeypatch.setattr(HydraConfig, "initialized", lambda: True)
+    monkeypatch.setattr(HydraConfig, "get", lambda: typed)
+    data, _, seed = evaluate.held_out_data(config("task=evaluate", word))
+    options = data.origin.engine_config
+    assert (options["brushes"], options["supersample"], seed) == (*wanted, 7)
 
 
 def test_strokes_of_the_brushes_of_another_seed_are_refused_unless_wanted(config, tmp_path):

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -70,10 +71,14 @@ def engine_node(cfg: DictConfig) -> DictConfig:
     Options that are typed win over those.
     """
     plugin, trained = plugin_of(cfg.engine), None if cfg.get("other_data", True) else trained_on(cfg)
-    if trained is None or trained.engine != plugin.name or cfg.engine != OmegaConf.structured(plugin.config):
+    if trained is None or trained.engine != plugin.name:
         return cfg.engine
+    usual = OmegaConf.structured(plugin.config)
+    words = HydraConfig.get().overrides.task if HydraConfig.initialized() else []
+    typed = {word.lstrip("+").partition("=")[0] for word in words}
+    chosen = {key: value for key, value in cfg.engine.items() if value != usual[key] or f"engine.{key}" in typed}
     try:
-        return OmegaConf.unsafe_merge(OmegaConf.structured(plugin.config), trained.engine_config)  # type: ignore[return-value]
+        return OmegaConf.unsafe_merge(usual, trained.engine_config, chosen)  # type: ignore[return-value]
     except OmegaConfBaseException:  # of another version
         return cfg.engine
 
