@@ -68,6 +68,15 @@ def test_a_search_marks_what_fails_and_goes_on(tmp_path):
     assert [row["status"] for row in rows] == ["completed", "failed", "completed"]
     assert len({row["optimizer.lr"] for row in rows}) == 3
     assert (study / "table.tex").exists()
+    killed = json.loads((study / "0" / "result.json").read_text()) | {"status": "interrupted"}
+    (study / "0" / "result.json").write_text(json.dumps(killed))
+    for n in (4, 5):  # first the one that was killed anew, which is tried once
+        done = run(*words, f"hydra.sweeper.n_trials={n}", "resume=sweep", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+    rates = [row["optimizer.lr"] for row in read_csv(study / "table.csv")]
+    assert len(rates) == 6
+    assert rates[0] == rates[3]
+    assert len(set(rates)) == 5
 
 
 @pytest.mark.parametrize("launcher", ["dask", "submitit_local"])

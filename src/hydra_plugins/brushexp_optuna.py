@@ -99,19 +99,24 @@ class StudySweeper(Sweeper):
                 known.tell(trial.number, state=optuna.trial.TrialState.FAIL)
                 self.study.n_trials += 1
         folders = [path for path in Path(self.config.hydra.sweep.dir).iterdir() if path.name.isdecimal()]
+        killed, ended = [], []
         for folder in sorted(folders, key=lambda path: int(path.name)):
             typed = dict(word.split("=", 1) for word in words_of(folder) or [] if "=" in word)
             values = {key: value_in(one, typed[key]) for key, one in space.items() if key in typed}
             noted = result_in(folder)
             if noted["status"] == "interrupted" or not (folder / "result.json").is_file():
-                known.enqueue_trial(values)
+                killed.append(values)
                 continue
+            ended.append(values)
             if values in told:
                 continue
             failed = noted["status"] == "failed"
             state = optuna.trial.TrialState.FAIL if failed else optuna.trial.TrialState.COMPLETE
             value = None if failed else objective_in(noted, self.config.objective)
             known.add_trial(optuna.trial.create_trial(state=state, value=value, params=values, distributions=space))
+        for k, values in enumerate(killed):
+            if values not in (*ended, *killed[:k]):  # else an earlier resume has tried them
+                known.enqueue_trial(values)
         self.study.n_trials -= sum(trial.state.is_finished() for trial in known.trials)
         self.study.job_idx = 1 + max((int(path.name) for path in folders), default=-1)
         if isinstance(self.study.sampler, optuna.samplers.BaseSampler):
