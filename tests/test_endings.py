@@ -22,7 +22,7 @@ from scenes import random_strokes
 from brushexp.app import fitting
 from brushexp.app.composition import check
 from brushexp.app.fitting import CHECKPOINT, RECORD, interrupted_run
-from brushexp.app.run_folder import take
+from brushexp.app.run_folder import is_ours, take
 from brushexp.app.tasks import paint
 from brushexp.errors import UserError
 from brushexp.painting.painter import DIVERGED
@@ -35,9 +35,10 @@ from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named
+from brushexp.results.runs import AT_WORK, has_finished
 from brushexp.strokes.catalogue import FIELDS
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
-from brushexp.system.files import TEMPORARY
+from brushexp.system.files import TEMPORARY, write_json
 from brushexp.system.runtime import free_memory
 from brushexp.training.dataset import Origin
 from brushexp.training.writer import simulate_set
@@ -342,6 +343,57 @@ def test_a_run_never_replaces_what_it_is_made_from(tmp_path, config, monkeypatch
     before.add("painting.png")
     refused("image=~/a/painting.png", "overwrite=true")
     refused("overwrite=true", pictures=["~/a/painting.png"])
+
+
+def test_what_is_read_below_a_folder_of_a_run_stays_and_a_link_goes_alone(tmp_path, config):
+    folder, disk = tmp_path / "a", tmp_path / "disk"
+    for path in (folder / "added" / "theirs" / "painting.png", disk / "catalogue.h5"):
+        path.parent.mkdir(parents=True)
+        path.write_text("mine")
+    (folder / ".hydra").mkdir()
+    (folder / ".hydra" / "config.yaml").touch()
+    (folder / "catalogue.h5").symlink_to(disk / "catalogue.h5")
+    with pytest.raises(UserError, match=r"would replace runs.0=.*added; choose another folder"):
+        take(folder, config("task=leaderboard", f"runs={folder}/added", "overwrite=true"))
+    with pytest.raises(UserError, match=r"would replace catalogue=.*catalogue.h5; choose another folder"):
+        take(folder, config(f"catalogue={folder}/catalogue.h5", "overwrite=true"))
+    take(folder, config("overwrite=true"))
+    assert not (folder / "added" / "theirs").exists()
+    assert not (folder / "catalogue.h5").is_symlink()
+    assert (disk / "catalogue.h5").read_text() == "mine"
+
+
+def test_jobs_that_were_killed_are_replaced_with_their_album_and_others_stay(tmp_path, config):
+    words = [["image=1_2.jpg", 'hydra.sweep.subdir="1_2"'], ["image=b.jpg", "hydra.sweep.subdir=b"]]
+    (tmp_path / ".hydra").mkdir()
+    write_json(tmp_path / ".hydra" / "jobs.json", {"typed": [], "jobs": words})
+    for name in ("1_2", "b", "mine"):
+        (tmp_path / name / ".hydra").mkdir(parents=True)
+        for file in (CHECKPOINT, ".hydra/others.txt"):
+            (tmp_path / name / file).touch()
+    with pytest.raises(UserError, match=r"holds a run already \(1_2/checkpoint.ckpt\)"):
+        take(tmp_path, config())
+    take(tmp_path, config("overwrite=true"))
+    assert [path.parent.name for path in tmp_path.glob(f"*/{CHECKPOINT}")] == ["mine"]
+
+
+def test_a_training_never_replaces_the_weights_it_begins_with(tmp_path, config):
+    (tmp_path / "neural.safetensors").touch()
+    with pytest.raises(UserError, match=r"would replace renderer.checkpoint=.*; choose another folder"):
+        take(tmp_path, config("task=train", f"renderer.checkpoint={tmp_path}/neural.safetensors"))
+
+
+def test_a_painting_without_its_film_and_page_has_not_finished(tmp_path):
+    write_json(tmp_path / "metrics.json", {"status": "completed", "psnr": 20.0})
+    assert has_finished(tmp_path)
+    (tmp_path / ".hydra").mkdir()
+    (tmp_path / AT_WORK).touch()
+    assert not has_finished(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["painting.pdf", "painting.gcode.svg", "painting.hpgl.txt", "relief.png"])
+def test_files_of_exports_are_known_as_a_runs_own(name):
+    assert is_ours(name)
 
 
 def test_runs_in_numbered_folders_of_a_run_are_others(tmp_path, config):

@@ -10,9 +10,10 @@ from PIL import Image
 from program import ended
 
 from brushexp.app import many_pictures
-from brushexp.app.command_line import in_full, parsed
+from brushexp.app.command_line import as_typed, in_full, parsed
 from brushexp.app.configs import SHIPPED
 from brushexp.app.many_pictures import all_pictures, as_sweep, in_processes, launcher, pictures_named, subfolders_for
+from brushexp.app.run_folder import SUBFOLDER, place_of
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
 from brushexp.results.runs import JOBS
@@ -177,6 +178,22 @@ def test_names_of_folders_are_plain_and_differ():
     assert subfolders_for(["x/a.jpg", "x/a.png", "x/ü 1.tif"]) == ["a_jpg", "a_png", "ü_1"]
     assert subfolders_for(["x/a.jpg", "y/a.jpg"]) == ["a_jpg", "a_jpg_2"]
     assert len(set(subfolders_for(["a/x.png", "b/x.png", "c/x_png_2.png"]))) == 3
+
+
+@pytest.mark.parametrize("name", ["a", "1_0", "20240105_123456", "2024.10", "null", "été", "1e5", "true"])
+def test_a_folder_has_the_name_of_its_picture_whatever_that_is(name):
+    assert place_of(SUBFOLDER + as_typed(name)) == name
+
+
+def test_an_album_of_any_names_goes_on_where_it_was(tmp_path):
+    for name in ("2024_01.png", "été.png"):
+        Image.new("RGB", (16, 12), "red").save(tmp_path / name)
+    words = ("image=[A-z0-9é]*.png", "output=s", "resolution=16", *QUICK)
+    for said_then in ("", "2 of 2 jobs have finished already"):
+        code, said = ended(tmp_path, *words)
+        assert code == 0, said
+        assert said_then in said
+        assert {path.parent.name for path in (tmp_path / "s").glob("*/painting.png")} == {"2024_01", "été"}
 
 
 def test_jobs_are_processes(monkeypatch):

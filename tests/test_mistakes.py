@@ -132,6 +132,7 @@ def test_a_mistake_is_told_with_what_to_type_instead(config, overrides, monkeypa
     ("data=a b.h5", "data=[a b.h5]"),
     ("data=a&b.h5,c.h5", 'data=["a&b.h5",c.h5]'),
     ("data=null", "data=null"),
+    ("catalogue=null", "catalogue=null"),
     ("-m data=a,b", "-m data=[a],[b]"),
     ("-m to=svg,json", "-m to=svg,json"),
     ("-m catalogue=ö.h5,b.h5", '-m catalogue="ö.h5",b.h5'),

@@ -70,10 +70,11 @@ class SettingsSweeper(BasicSweeper):
         self, overrides: list[Override], max_batch_size: int | None
     ) -> list[list[list[str]]]:
         """The overrides of every job, in batches, each checked before anything of the sweep is written."""
-        from brushexp.app.command_line import written_out  # noqa: PLC0415  (Hydra imports this file for any program)
+        from brushexp.app.command_line import as_typed, written_out  # noqa: PLC0415  (Hydra imports this file for any program)
         from brushexp.app.configs import folders_in  # noqa: PLC0415
         from brushexp.app.many_pictures import all_pictures, subfolders_for  # noqa: PLC0415
-        from brushexp.app.sweep_jobs import SUBFOLDER, begin_sweep, check_jobs  # noqa: PLC0415
+        from brushexp.app.run_folder import SUBFOLDER  # noqa: PLC0415
+        from brushexp.app.sweep_jobs import begin_sweep, check_jobs  # noqa: PLC0415
 
         assert self.hydra_context is not None
         assert self.config is not None
@@ -94,7 +95,8 @@ class SettingsSweeper(BasicSweeper):
             for job in combined([*picture, *words])
         ]
         if pictures and len(jobs) == len(pictures):
-            jobs = [[*job, SUBFOLDER + name] for job, name in zip(jobs, subfolders_for(pictures), strict=True)]
+            places = map(as_typed, subfolders_for(pictures))
+            jobs = [[*job, SUBFOLDER + place] for job, place in zip(jobs, places, strict=True)]
         check_jobs(loader, self.config, jobs, self.lenient)
         begin_sweep(self.config, jobs, self.resume, self.lenient)
         return [list(batch) for batch in self.split_overrides_to_chunks(jobs, max_batch_size)]

@@ -102,13 +102,16 @@ def written_out(word: str, sweep: bool) -> str:
 @cache
 def kinds_of_keys() -> dict[str, tuple[Any, bool]]:
     """Of every key of a task and option of a plugin, by what is typed: its type, and whether it may be null."""
-    found = {name: key.annotation for schema in TASKS.values() for name, key in keys_of(schema).items()}
-    for plugin in plugins():
-        found |= {f"{plugin.path}.{item.name}": item.type for item in fields(plugin.config)}
-    parts = {name: [part for part in get_args(kind) if part is not NoneType] for name, kind in found.items()}
-    return {
-        name: (parts[name][0], True) if NoneType in get_args(kind) else (kind, False) for name, kind in found.items()
-    }
+    found = [(name, key.annotation) for schema in TASKS.values() for name, key in keys_of(schema).items()]
+    found += [(f"{plugin.path}.{item.name}", item.type) for plugin in plugins() for item in fields(plugin.config)]
+    optional = {name for name, kind in found if NoneType in get_args(kind)}  # of one of the tasks that have this key
+    return {name: (without_none(kind), name in optional) for name, kind in found}
+
+
+def without_none(kind: Any) -> Any:
+    """The type of a key that may be null, as one that may not."""
+    parts = get_args(kind)
+    return next(part for part in parts if part is not NoneType) if NoneType in parts else kind
 
 
 def parsed(value: str) -> Any:
@@ -125,7 +128,7 @@ def in_quotes(key: str, value: str, sweep: bool = False, optional: bool = False)
     if value and os.path.exists(os.path.expanduser(value)):
         if value == "null" and optional:
             raise UserError(f"{key}=null is none, but a file has this name; type {key}=./null, or drop the word")
-        return quoted(value) if unlike(value) else value
+        return as_typed(value)
     parts = value.split(",")
     if sweep and len(parts) > 1 and (any(map(os.path.exists, parts)) or not re.search(r"['\"\[({]", value)):
         return ",".join(in_quotes(key, part, optional=optional) for part in parts)
@@ -135,6 +138,11 @@ def in_quotes(key: str, value: str, sweep: bool = False, optional: bool = False)
         return quoted(value)
     is_number = isinstance(found, int | float) or (found is None and not optional)
     return quoted(value) if is_number else value
+
+
+def as_typed(value: str) -> str:
+    """A text as it is typed for Hydra to read just that: in quotes if it needs them."""
+    return quoted(value) if unlike(value) else value
 
 
 def unlike(value: str) -> bool:

@@ -3,9 +3,11 @@
 import os
 import re
 from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -15,13 +17,13 @@ from brushexp.errors import UserError
 from brushexp.registry import plugins
 from brushexp.results.runs import JOBS
 from brushexp.system.files import TEMPORARY, write_text
-from brushexp.system.reading import read_text
+from brushexp.system.reading import json_of, read_text
 
 OURS = re.compile(  # files that tasks write into their folders
     "(metrics|result|run|report|checkpoint|multirun|painting|target|focus|style|timelapse|catalogue|strokes|process|relief"
     "|height|normals|validation|outside|pruning|extremes|brushwork|brushwork_against|summary|table|sheet|effect|curves"
     "|pareto|anytime|leaderboard|film|preview|flat|differences|distances|ablations|optimization_results)"
-    "[.](png|svg|mp4|gif|h5|json|csv|md|tex|html|log|yaml|ckpt|hpgl|gcode)"
+    "[.](png|svg|mp4|gif|h5|json|csv|md|tex|html|log|yaml|ckpt|pdf|(hpgl|gcode)([.](svg|txt))?)"
 )
 BELOW = (  # and below them
     *(
@@ -38,6 +40,7 @@ BELOW = (  # and below them
 )
 OF_THIS_RUN = ("run.log", "config.yaml", "hydra.yaml", "overrides.yaml")  # that Hydra has begun before the task does
 WORTH = ("checkpoint.ckpt", "metrics.json", "result.json")  # with one of them a run can go on, or has a result
+SUBFOLDER = "hydra.sweep.subdir="  # of the sweep's folder, where a job is
 OTHERS = ".hydra/others.txt"  # names of files that look like ours and were there before the first run
 _held: list[Any] = []  # locks, until this process ends
 
@@ -68,7 +71,7 @@ def take(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
         note_others(folder)  # first: a refusal, too, leaves the folder to the next run
     resumed = cfg.get("resume")
     goes_on = goes_on or (resumed is not None and Path(resumed).resolve() == folder.resolve())
-    if not goes_on and cfg.task == "paint":
+    if not goes_on and cfg.task in ("paint", "train", "prune"):
         check_inputs(folder, cfg)
     if is_new or goes_on or grows(folder, cfg):
         return
@@ -106,10 +109,10 @@ def is_unused(folder: Path) -> bool:
 
 
 def check_inputs(folder: Path, cfg: DictConfig) -> None:
-    """Refuse (UserError) to paint from a file of this folder that has the name of one of a run's own."""
+    """Refuse (UserError) to begin with a file of this folder that has the name of one of a run's own."""
     there = folder.resolve()
     for key, value, path in files_read(cfg):
-        if path.parent == there and OURS.fullmatch(path.name) and path.is_file():
+        if path.parent == there and is_ours(path.name) and path.is_file():
             raise UserError(f"a run in output={folder} would replace {key}={value}; choose another folder")
 
 
@@ -178,16 +181,36 @@ def check_free(folder: Path) -> None:
     _held.pop().release()
 
 
+def named_jobs(folder: Path) -> set[str]:
+    """The folders of the jobs of a sweep that have other names than their numbers."""
+    with suppress(UserError, ValueError, KeyError, TypeError):  # of a file that is damaged: none
+        jobs = json_of(read_text(folder / JOBS, ""))["jobs"]
+        return {place_of(word) for job in jobs for word in job if word.startswith(SUBFOLDER)}
+    return set()
+
+
+def place_of(word: str) -> str:
+    """The folder of a job, by the word that names it."""
+    return str(OverridesParser.create().parse_override(word).value())
+
+
+def is_ours(name: str) -> bool:
+    """Whether a file has the name of one that a task writes into its folder."""
+    weights = "|".join(["discriminator", *(plugin.name for plugin in plugins("renderer"))])
+    return bool(OURS.fullmatch(name) or re.fullmatch(rf"({weights})(_[0-9.]+)?[.](safetensors|json)", name))
+
+
 def left_in(folder: Path) -> Iterator[Path]:
     """Files that runs have left in a folder, and in those of the jobs of a sweep; nothing that a run does not write."""
     is_sweep = (folder / "multirun.yaml").is_file() or (folder / JOBS).is_file()
     others = read_text(folder / OTHERS, "remove it").split("\n") if (folder / OTHERS).exists() else []
-    weights = "|".join(["discriminator", *(plugin.name for plugin in plugins("renderer"))])
+    jobs = named_jobs(folder)
     for path in sorted(folder.iterdir()):
-        if OURS.fullmatch(path.name) or re.fullmatch(rf"({weights})(_[0-9.]+)?[.](safetensors|json)", path.name):
+        is_job = path.name.isdecimal() or path.name in jobs or (path / "result.json").is_file()
+        if is_ours(path.name):
             if path.name not in others:
                 yield path
-        elif is_sweep and (path / ".hydra").is_dir() and (path.name.isdecimal() or (path / "result.json").is_file()):
+        elif is_sweep and is_job and (path / ".hydra").is_dir():
             yield from left_in(path)
     for pattern in BELOW:
         yield from folder.glob(pattern)
@@ -195,13 +218,14 @@ def left_in(folder: Path) -> Iterator[Path]:
 
 def clear(folder: Path, cfg: DictConfig, besides: Collection[str] = ()) -> None:
     """Remove what runs have left in a folder, ``besides`` these; refuse (UserError) if this one reads some of it."""
-    files = [path.resolve() for path in left_in(folder) if path.name not in besides]
-    read = {*files, *(path.parent for path in files)}
+    files = [path for path in left_in(folder) if path.name not in besides]
+    folders = {folder / part for path in files for part in path.relative_to(folder).parents}
+    taken = {path.resolve() for path in (*files, *folders)}
     for key, value, path in files_read(cfg):
-        if path in read:
+        if path in taken:
             raise UserError(f"a run in output={folder} would replace {key}={value}; choose another folder")
     for path in files:
-        path.unlink()
-    for path in sorted({path.parent for path in files} - {folder.resolve()}, reverse=True):
-        if not any(path.iterdir()):
+        path.unlink()  # of a link to a file elsewhere, the link
+    for path in sorted(folders - {folder}, reverse=True):
+        if not path.is_symlink() and not any(path.iterdir()):
             path.rmdir()

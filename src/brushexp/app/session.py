@@ -17,6 +17,7 @@ from brushexp.painting.goals import goals_of
 from brushexp.painting.outputs import summary_line
 from brushexp.painting.preparation import prepared
 from brushexp.painting.timelapse import Timelapse
+from brushexp.results.runs import AT_WORK
 from brushexp.system.device import device_of
 from brushexp.system.files import write_picture
 
@@ -84,6 +85,8 @@ def painted_into(
     with trackers:
         session.fit(trackers, checkpoint)
         finished = session.finish()
+        (folder / AT_WORK).parent.mkdir(exist_ok=True)
+        (folder / AT_WORK).touch()
         finished.write(folder, start)
         trackers.report(
             finished.metrics,
@@ -96,6 +99,7 @@ def painted_into(
         if cfg.report:
             report(folder)
     film.result()
+    (folder / AT_WORK).unlink()
     log.info(summary_line(folder, finished.metrics))
     session.conclude()
     return finished

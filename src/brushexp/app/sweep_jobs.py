@@ -14,7 +14,7 @@ from hydra.core.utils import JobReturn, JobStatus
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.app.composition import check
-from brushexp.app.run_folder import check_free, take
+from brushexp.app.run_folder import SUBFOLDER, check_free, place_of, take
 from brushexp.errors import UserError
 from brushexp.results.runs import JOBS, has_finished
 from brushexp.results.sweep import first_line, renew
@@ -24,7 +24,6 @@ from brushexp.system.reading import in_short, json_of, read_text
 ANY_TIME = ("output", "overwrite")  # keys that may be others when a sweep goes on
 ENGINES = ("joblib.", "submitit.", "distributed.")  # whose errors tell of jobs that were killed
 PICTURE = "image="
-SUBFOLDER = "hydra.sweep.subdir="  # of the sweep's folder, where a job is
 Words = Sequence[str]
 
 log = logging.getLogger(__name__)
@@ -111,7 +110,7 @@ def launch_left(
     left = {number: list(job) for number, job in enumerate(batch, first)}
     if goes_on:
         left = {number: in_place(job, number) for number, job in left.items()}  # which no longer follow one another
-        left = {number: job for number, job in left.items() if not is_done(folder / job[-1].removeprefix(SUBFOLDER))}
+        left = {number: job for number, job in left.items() if not is_done(folder / place_of(job[-1]))}
         log.info("%d of %d jobs have finished already", len(batch) - len(left), len(batch))
     try:
         results = launch(list(left.values()), initial_job_idx=min(left)) if left else []

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
 Result = dict[str, Any]
 JOBS = ".hydra/jobs.json"  # in the folder of a sweep: what was typed, and the words of each job
-UNFINISHED = ("failed", "interrupted")  # states of runs that are not compared
+AT_WORK = ".hydra/at_work"  # in the folder of a painting until its film and page are there, too
+UNFINISHED = ("failed", "interrupted", "diverged")  # states of runs that are not compared
 REMOVED = "(removed)"  # value of an override "~key"
 TEXTS = ("status", "error", "loss", "picture")  # keys of a result that are words
 LARGEST_NUMBER = 1e300
@@ -73,7 +74,8 @@ def result_in(folder: Path) -> Result:
 
 def has_finished(folder: Path) -> bool:
     """Whether a run has come to its end, and left all that it leaves."""
-    is_whole = (folder / "metrics.json").is_file() and not (folder / "checkpoint.ckpt").exists()
+    is_left = any((folder / name).exists() for name in (AT_WORK, "checkpoint.ckpt"))
+    is_whole = (folder / "metrics.json").is_file() and not is_left
     return is_whole and result_in(folder)["status"] not in UNFINISHED
 
 
