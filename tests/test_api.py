@@ -92,6 +92,7 @@ def closed_picture() -> Image.Image:
         ("astronaut", {"init": {"lenth": 1}}, "init.lenth is no option of init="),
         ("astronaut", {"resume": "x"}, "resume=x is no option here"),
         ("astronaut", {"callbacks": ["timer"]}, "say where with output="),
+        ("astronaut", {"logger": ["tensorboard"]}, "logger=tensorboard may write files; say where with output="),
         ("nowhere.png", {}, "image=nowhere.png is not there"),
         (np.zeros((4, 4, 2)), {}, r"image is an array of shape \(4, 4, 2\); give a path"),
         (np.full((4, 4), 7.0), {}, "image is an array of float64 from 7 to 7; give"),
@@ -137,6 +138,8 @@ def test_a_run_with_a_folder_leaves_all_and_can_be_repeated(tmp_path):
     assert_close(again, torch.from_numpy(picture).permute(2, 0, 1).float())
     with pytest.raises(brushexp.UserError, match="holds a run already"):
         brushexp.paint(picture, **SMALL, output=run)
+    painting.save(tmp_path / "b")
+    assert f" image={tmp_path}/b/.hydra/image.tif " in command_of(tmp_path / "b")
     assert not [held for held in run_folder._held if str(run) in held.lock_file], "a refusal keeps nobody out"
     brushexp.paint(picture, **SMALL, output=run, overwrite=True)
     lock(run)  # nobody keeps it
@@ -156,6 +159,8 @@ def test_a_painting_is_drawn_exported_and_saved_later(tmp_path):
     for wrong in ({"size": (0, 9)}, {"depth": torch.arange(99)}, {"background": torch.zeros(4)}):
         with pytest.raises(brushexp.UserError, match=r"no pixels|has shape"):
             brushexp.render(**{"strokes": painting.strokes, "size": (9, 9)} | wrong)
+    with pytest.raises(brushexp.UserError, match="soft would be options of a renderer that is made already"):
+        brushexp.render(painting.strokes, (9, 9), renderer=brushexp.create("renderer", "analytic"), soft=2.0)
     page = painting.save(tmp_path / "kept")
     there = {path.name for path in page.parent.iterdir()}
     assert there >= {"painting.png", "flat.png", "target.png", "catalogue.h5", "report.html"}

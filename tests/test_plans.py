@@ -50,6 +50,23 @@ def curves_on_paper(strokes: Strokes, exporter: Gcode | Hpgl, size=SIZE) -> tupl
     return corner[0] + scale * x + 1j * (paper[1] - corner[1] - scale * y), half
 
 
+def test_a_broad_stroke_beside_the_canvas_is_drawn_where_its_paint_reaches_in(tmp_path):
+    strokes = inside(1)
+    curve = torch.tensor([[[12.0, -5.0], [32.0, -5.0], [52.0, -5.0]]])
+    strokes = replace(
+        strokes, position=torch.zeros(1, 2), scale=torch.full((1,), 2.0), start=curve[:, 0], control=curve[:, 1],
+        end=curve[:, 2], width=torch.full((1,), 15.0),
+    )  # fmt: skip
+    torch.testing.assert_close(curve_of(strokes), curve)
+    (path,) = [path for path in Gcode(pen_mm=2).write(job_of(strokes), tmp_path) if path.suffix == ".gcode"]
+    lines = read_gcode(path.read_text())
+    assert lines
+    _, corner, scale = Gcode(pen_mm=2).frame(SIZE)
+    paper = Gcode(pen_mm=2).frame(SIZE)[0]
+    depth = max((paper[1] - corner[1] - line.imag).max() / scale for _, line in lines)
+    assert 5 < depth < 10 + 1e-6
+
+
 def read_gcode(text: str) -> list[tuple[int, np.ndarray]]:
     """Tool and points of every line that is drawn; refuses what no machine should be told."""
     lines, tool, down, place = [], 0, False, 0j

@@ -6,6 +6,8 @@ import json
 import math
 import re
 import shlex
+import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,13 +29,13 @@ from brushexp.plugins.export.png import pixels
 from brushexp.registry import build_named
 from brushexp.results.page.drawings import error_map, histogram_chart, line_chart, rose_chart, swatches_of
 from brushexp.results.page.replay import FARTHEST, STEPS, replay_of
-from brushexp.results.page.run import LARGEST_SIDE, _shown, line_of, run_page, write_run_page
+from brushexp.results.page.run import LARGEST_SIDE, _shown, files_in, line_of, run_page, write_run_page
 from brushexp.results.runs import read_curves
 from brushexp.shading.light import Light, normals_of, shaded
 from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, point_at
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, save_catalogue
-from brushexp.system.files import write_json, write_picture, write_text
+from brushexp.system.files import TEMPORARY, write_json, write_picture, write_text
 
 SIZE = (120, 160)
 COUNT = 300
@@ -80,6 +82,23 @@ def run_in(folder: Path, *, image: str = "astronaut", overrides: tuple[str, ...]
     write_text(folder / "curves" / "metrics.csv", "\n".join(["loss/mse,psnr,seconds,step", *rows, ""]))
     write_text(folder / ".hydra" / "overrides.yaml", json.dumps([*overrides, "output=x"]))
     return folder
+
+
+def test_files_of_a_run_are_those_that_stay_its_film_too(tmp_path):
+    folder = run_in(tmp_path / "run")
+    for name in (".hydra/at_work", ".hydra/lock", f"{TEMPORARY[:-1]}0123.mp4", "report.html"):
+        (folder / name).touch()
+
+    def film():
+        time.sleep(0.2)
+        (folder / "timelapse.mp4").touch()
+
+    with ThreadPoolExecutor(1) as beside:
+        names = [file["name"] for file in files_in(folder, beside.submit(film))]
+    assert names == [
+        *("painting.png", "catalogue.h5", "timelapse.mp4", "target.png", "metrics.json", "curves/metrics.csv"),
+        *(".hydra/overrides.yaml", "style.png"),
+    ]
 
 
 @pytest.fixture(scope="module")

@@ -119,9 +119,9 @@ def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab)
     page = tab(accept_downloads=True)
     assert page.get_by_role("button", name="Paint", exact=True).is_disabled()
     page.get_by_label("Your photograph").set_input_files(
-        {"name": "my cat.png", "mimeType": "", "buffer": CHELSEA.read_bytes()}
+        {"name": "写真 cat.png", "mimeType": "", "buffer": CHELSEA.read_bytes()}
     )
-    page.get_by_alt_text("the photograph my cat").wait_for()
+    page.get_by_alt_text("the photograph 写真 cat").wait_for()
     page.get_by_text(re.compile(r"as the look: [\d,]+")).wait_for()
     choose(page, "Canvas", "256")
     page.get_by_role("button", name="Paint", exact=True).click()
@@ -135,6 +135,7 @@ def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab)
     assert int(re.match(r"step (\d+)", page.locator(".caption").inner_text())[1]) < 60, "stopped, and kept"
     with page.expect_download() as download:
         page.get_by_role("link", name="Everything, zip").click()
+    assert download.value.suggested_filename == "写真_cat-oil-1.zip"
     with zipfile.ZipFile(download.value.path()) as archive:
         names = {Path(name).name for name in archive.namelist()}
     assert names >= {"painting.png", "strokes.svg", "catalogue.h5", "report.html", "target.png", "metrics.json"}
@@ -142,7 +143,7 @@ def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab)
         page.get_by_role("link", name="PNG").click()
     with Image.open(download.value.path()) as painting:
         assert painting.size == (256, 170)
-    assert download.value.suggested_filename == "my_cat-oil-1-painting.png"
+    assert download.value.suggested_filename == "写真_cat-oil-1-painting.png"
     with page.context.expect_page() as report:
         page.get_by_role("link", name="Page", exact=True).click()
     report.value.get_by_role("heading", name="Replay").wait_for()  # the new tab has to load

@@ -3,6 +3,7 @@
 import math
 import shlex
 
+import pandas as pd
 import pytest
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -13,7 +14,9 @@ from brushexp.app.configs import SHIPPED
 from brushexp.app.tasks import verdicts
 from brushexp.errors import UserError
 from brushexp.results.claims import Claim, read_claims
-from brushexp.results.study_records import studies_in
+from brushexp.results.paired import paired_differences
+from brushexp.results.studies_page import _study_table
+from brushexp.results.study_records import Study, studies_in
 from brushexp.system.files import write_json
 from brushexp.system.reading import read_text, yaml_of
 
@@ -115,6 +118,14 @@ def test_what_a_study_took_is_told_by_what_its_runs_noted(tmp_path, noted, cost)
     write_json(tmp_path / ".hydra" / "jobs.json", {"typed": TYPED})
     make_study(tmp_path, **noted)
     assert studies_in([tmp_path], tmp_path)["mine"].cost == cost
+
+
+def test_a_study_of_other_numbers_than_quality_has_its_table():
+    index = pd.MultiIndex.from_product([["engine=disc", "engine=fluid"], ["0", "1", "2"]], names=["option", "seed"])
+    table = pd.DataFrame({"strokes_per_second": [10.0, 11.0, 12.0, 20.0, 21.0, 25.0]}, index)
+    text = _study_table(Study("mine", (), table, 6, 6, 6, ""), paired_differences(table))
+    assert "| engine=fluid |" in text
+    assert "3 of 3" in text
 
 
 def test_what_some_runs_of_a_study_took_is_told_as_that(tmp_path):

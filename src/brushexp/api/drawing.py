@@ -35,7 +35,7 @@ def render(
         renderer: a name, or a renderer of `create`.
         blend: name of what lays them over each other.
         color: name of the space in which they mix.
-        options: of the renderer, such as ``soft=1.0``.
+        options: of a renderer by name, such as ``soft=1.0``.
 
     Returns:
         (3, H, W) RGB in [0, 1].
@@ -54,6 +54,8 @@ def render(
         raise UserError(f"depth has shape {tuple(depth.shape)}; give a rank for each of the {len(strokes)} strokes")
     if background is not None and background.shape != (3,):
         raise UserError(f"background has shape {tuple(background.shape)}; give red, green and blue in [0, 1]")
+    if options and not isinstance(renderer, str):
+        raise UserError(f"{', '.join(options)} would be options of a renderer that is made already; give its name")
     order = torch.arange(len(strokes)) if depth is None else depth
     chosen = create("renderer", renderer, **options) if isinstance(renderer, str) else renderer
     paper = torch.ones(3) if background is None else background

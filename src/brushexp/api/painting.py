@@ -189,8 +189,10 @@ def plan_of(
     settings = settings_of("paint", {"image": image, **given, **frames, **overrides}, output)
     if is_film(settings.cfg.image):
         raise UserError(f"image={settings.cfg.image} is a film; paint it with: brushexp {settings.cfg.image}")
-    if output is None and settings.cfg.callbacks:
-        raise UserError(f"callbacks={','.join(settings.cfg.callbacks)} may write files; say where with output=")
+    loggers = [name for name in settings.cfg.logger if name != "csv"]
+    for key, names in (("callbacks", list(settings.cfg.callbacks)), ("logger", loggers)):
+        if output is None and names:
+            raise UserError(f"{key}={','.join(names)} may write files; say where with output=")
     return settings
 
 

@@ -99,7 +99,8 @@ def held_as_files(settings: Settings, folder: Path) -> Settings:
     for key, held in settings.held.items():
         path = str(held.write(folder / ".hydra", key.replace(".", "_")))
         OmegaConf.update(cfg, key, path)
-        words = [written_out(f"{key}={path}", sweep=False) if held.name in word else word for word in words]
+        named = written_out(f"{key}={path}", sweep=False)
+        words = [named if word.partition("=")[0] == key else word for word in words]
     return replace(settings, cfg=cfg, words=words)
 
 

@@ -2,8 +2,9 @@
 
 import logging
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import lightning as L
 from omegaconf import DictConfig
@@ -97,7 +98,7 @@ def painted_into(
     with ThreadPoolExecutor(1) as beside:  # to encode a film leaves Python to others
         film = beside.submit(finished.timelapse.write, folder)
         if cfg.report:
-            report(folder)
+            report(folder, film)
     film.result()
     (folder / AT_WORK).unlink()
     log.info(summary_line(folder, finished.metrics))
@@ -111,11 +112,11 @@ def some_of(frames: dict[int, bytes]) -> dict[int, bytes]:
     return {step: frames[step] for step in steps[:: max(1, -(-len(steps) // ON_THE_WAY))]}
 
 
-def report(folder: Path) -> None:
-    """Write the page of the run; whatever goes wrong with it, the run is not lost."""
+def report(folder: Path, film: Future[Any] | None = None) -> None:
+    """Write the page of the run, with its ``film``; whatever goes wrong with it, the run is not lost."""
     from brushexp.results.page.run import write_run_page  # noqa: PLC0415  (runs without a page start sooner)
 
     try:
-        write_run_page(folder)
+        write_run_page(folder, film)
     except Exception as error:
         log.error("no report.html of this run: %s", error, exc_info=not isinstance(error, UserError))

@@ -116,6 +116,7 @@ def _study_table(study: Study, found: Sequence[Difference]) -> str:
     """A row per setting: the mean of the first metric where all were run, and differences to the first setting."""
     metrics = [key for key in PANELS if any(one.metric == key for one in found)][: SHOWN - 1]
     metrics += [key for key in ("cpu_seconds",) if key not in metrics and any(one.metric == key for one in found)]
+    metrics = metrics or [found[0].metric]
     assert study.table is not None
     means = study.table.loc[(slice(None), study.units), :].groupby(level=0, sort=False).mean()
     known = {(one.option, one.metric): one for one in found}

@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from threading import Thread
 from typing import Any
-from urllib.parse import unquote
+from urllib.parse import quote, unquote
 
 import uvicorn
 from fastapi import FastAPI, HTTPException, Request
@@ -78,7 +78,7 @@ def application(photos: Photos, works: Works) -> FastAPI:
     def everything(number: int) -> Response:
         with _found():
             work = works[number]
-            headers = {"Content-Disposition": f'attachment; filename="{work.name}.zip"'}
+            headers = {"Content-Disposition": f"attachment; filename*=utf-8''{quote(work.name)}.zip"}
             return Response(zip_of(work), media_type="application/zip", headers=headers)
 
     @app.post("/photos")

@@ -81,7 +81,7 @@ class TimedCheckpoint(Checkpoint):
 
     def on_train_start(self, trainer: L.Trainer, *_: object) -> None:
         for state in self.loaded:  # which Lightning itself forgets where a file was written at the end of an epoch
-            trainer.train_dataloader.load_state_dict(state)
+            trainer.train_dataloader.load_state_dict(state)  # type: ignore[union-attr]
         promise = "stopping after this step" + "; what is done so far will be written" * (self.path is not None)
         self.handler.enter_context(interruptible(self.pressed.set, promise))
 

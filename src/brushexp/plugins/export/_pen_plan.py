@@ -40,7 +40,7 @@ def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
     middles = _flattened(corner + scale * curve_of(strokes).numpy(), machine.tolerance_mm / 2)
     widths, opacity = 2 * scale * half_width_of(strokes).numpy(), strokes.opacity.numpy()
     outlines = shapely.clip_by_rect(shapely.buffer(middles, widths / 2, quad_segs=16), *frame)
-    drawn = (opacity >= LEAST_OPACITY) & (widths > 0) & shapely.intersects(shapely.box(*frame), middles)
+    drawn = (opacity >= LEAST_OPACITY) & (widths > 0) & ~shapely.is_empty(outlines)
     layer = np.arange(len(strokes)) * machine.layers // max(1, len(strokes))
     grid = _Grid(frame, machine.pen_mm)
     tops = [grid.topmost(outlines, drawn & (opacity >= OPAQUE) & (layer == k)) for k in range(machine.layers)]

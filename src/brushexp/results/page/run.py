@@ -4,7 +4,8 @@ import json
 import logging
 import math
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, wait
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -27,7 +28,7 @@ from brushexp.results.page.replay import MAX_STROKES, recorded_config, replay_of
 from brushexp.results.runs import command_of, read_curves, read_result
 from brushexp.shading.light import overlay
 from brushexp.strokes.storage import Saved, load_catalogue
-from brushexp.system.files import write_text
+from brushexp.system.files import TEMPORARY, write_text
 
 log = logging.getLogger(__name__)
 PAGE_NAME = "report.html"
@@ -42,7 +43,8 @@ FILES = {  # of a run, in the order in which the page has them
     "metrics.json": "its numbers",
     "curves/metrics.csv": "the curves, as a table",
 }
-LEFT_OUT = {PAGE_NAME, "checkpoint.ckpt", "lock", "others.txt"}  # the latter two are of the folder
+OF_THE_FOLDER = ("lock", "others.txt", "at_work", TEMPORARY)
+LEFT_OUT = (PAGE_NAME, "checkpoint.ckpt", *OF_THE_FOLDER)  # of what a run has left
 PICTURES = ("target", "painting", "flat", "style", "focus")  # flat: the painting without its light
 LARGEST_SIDE = 1600  # pixels of the longer side of a picture in a page
 LOSSLESS = 2**18  # pixels of a picture: a larger one goes into a page as a JPEG
@@ -61,13 +63,13 @@ METRICS_SHOWN = (  # of metrics.json: key, name, unit, digits, what it is
 )
 
 
-def write_run_page(folder: Path) -> Path:
-    """Write ``report.html`` into the folder of a run and return its path."""
-    write_text(folder / PAGE_NAME, page_of_run(folder))
+def write_run_page(folder: Path, film: Future[Any] | None = None) -> Path:
+    """Write ``report.html`` into the folder of a run and return its path; a ``film`` is waited for at the end."""
+    write_text(folder / PAGE_NAME, page_of_run(folder, film))
     return folder / PAGE_NAME
 
 
-def page_of_run(folder: Path) -> str:
+def page_of_run(folder: Path, film: Future[Any] | None = None) -> str:
     """The page of a run, from what it has left in its folder; a UserError without a whole catalogue."""
     saved = load_catalogue(folder / "catalogue.h5")
     metrics = read_result(folder / "metrics.json") if (folder / "metrics.json").is_file() else {}
@@ -79,19 +81,21 @@ def page_of_run(folder: Path) -> str:
         metrics=metrics,
         curves=read_curves(folder / "curves" / "metrics.csv"),
         command=command_of(folder) if metrics else None,
-        files=files_in(folder),
+        files=files_in(folder, film),
     )
 
 
-def files_in(folder: Path) -> list[dict[str, str]]:
-    """What a run has left but for its page: names, addresses from the page, and what the known ones are."""
-    paths = sorted(path for path in folder.rglob("*") if path.is_file() and path.name not in LEFT_OUT)
+def files_in(folder: Path, film: Future[Any] | None = None) -> Iterator[dict[str, str]]:
+    """What a run has left but for its page: names, addresses from the page, and what the known ones are.
+
+    A ``film`` that is being written is waited for when the first is asked for: when all else of the page is there.
+    """
+    wait([] if film is None else [film])
+    paths = sorted(path for path in folder.rglob("*") if path.is_file() and not any(map(path.match, LEFT_OUT)))
     names = [path.relative_to(folder).as_posix() for path in paths]
     known = [name for name in FILES if name in names]
-    return [
-        {"name": name, "address": quote(name), "about": FILES.get(name, "")}
-        for name in known + [name for name in names if name not in FILES]
-    ]
+    for name in known + [name for name in names if name not in FILES]:
+        yield {"name": name, "address": quote(name), "about": FILES.get(name, "")}
 
 
 def _pictures(folder: Path) -> dict[str, np.ndarray]:
@@ -111,7 +115,7 @@ def _pictures(folder: Path) -> dict[str, np.ndarray]:
 def run_page(
     saved: Saved, *, name: str, pictures: Mapping[str, np.ndarray] | None = None,
     metrics: Mapping[str, Any] | None = None, curves: Mapping[str, Sequence[float]] | None = None,
-    command: str | None = None, files: Sequence[Mapping[str, str]] = (),
+    command: str | None = None, files: Iterable[Mapping[str, str]] = (),
 ) -> str:  # fmt: skip
     """The page of a painting, HTML that needs nothing else; a part of which nothing is known is left out.
 
