@@ -1,6 +1,7 @@
 """``import brushexp``: the tasks as functions, with the messages of the command line, and nothing on disk unasked."""
 
 import gc
+import io
 import json
 import math
 import subprocess
@@ -179,6 +180,14 @@ def test_a_painting_is_saved_beside_what_is_the_users_and_in_place_of_another(tm
     assert not {"flat.png", "timelapse.mp4"} & {path.name for path in tmp_path.iterdir()}
     brushexp.paint(kinds_of_picture()["tensor"], **SMALL, output=tmp_path, overwrite=True)
     assert {(tmp_path / name).read_text() for name in ("table.csv", "image.png")} == {"mine"}
+
+
+def test_the_film_ends_with_the_painting_whenever_that_is():
+    painting = brushexp.paint("chelsea", **SMALL | {"steps": 90, "psnr": 5}, frames=3, wet=1)
+    frames = painting.finished.timelapse.frames
+    assert 0 < painting.metrics["steps"] == max(frames) < 90
+    with Image.open(io.BytesIO(frames[max(frames)])) as last:
+        assert np.abs(np.asarray(last, float) - painting.image).mean() < 3
 
 
 def test_states_of_another_painter_come_all_along_though_each_may_be_many_steps():

@@ -17,6 +17,7 @@ from brushexp.pictures.region import Region
 from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.loss.base import PaintedView, Surroundings
 from brushexp.plugins.loss.stroke import BrushworkTransfer
+from brushexp.registry import build
 from brushexp.strokes.bezier import curve_of, length_of
 from brushexp.strokes.brushwork import (
     MATCHED,
@@ -230,6 +231,13 @@ def test_catalogues_that_will_not_do_are_refused_with_the_key(tmp_path):
     (tmp_path / "text.h5").write_text("no catalogue")
     with pytest.raises(UserError, match=r"text.h5: not an HDF5 file; .*style.brushwork="):
         load_brushwork(tmp_path / "text.h5")
+
+
+def test_no_stroke_is_kept_for_later_where_steps_per_stroke_leave_no_time_to_add_it(config):
+    target = torch.rand(3, 32, 32)
+    for steps, first in ((2, 60), (500, 42)):
+        cfg = config("density=adaptive", "strokes=60", f"steps_per_stroke={steps}")
+        assert len(first_strokes(cfg, target, build(cfg.density), None)[0]) == first
 
 
 def test_style_brushwork_draws_the_first_strokes_and_adds_the_loss(config, tmp_path):

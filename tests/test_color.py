@@ -160,6 +160,8 @@ def test_wet_strokes_drag_what_lies_under_their_starts():
     strokes, wet_order = wetted(painter, 1.0)
     assert len(strokes) == 3 + 4, "a bare canvas is dry"
     torch.testing.assert_close(strokes[:3].color, dry.color)
+    assert torch.equal(strokes.brush[:3], dry.brush)
+    assert set(strokes.brush[3:].tolist()) < set(dry.brush.tolist()), "a film has the bristles of its stroke"
     before, after = painter.picture.draw(dry, order), painter.picture.draw(strokes, wet_order)
     reds = after[0, 20, [34, 46, 58, 68]]
     assert (reds[:-1] > reds[1:] + 0.02).all(), "the red is spent along the blue stroke"

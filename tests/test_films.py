@@ -21,6 +21,7 @@ from program import ended
 
 from brushexp.app.films import PaintedFilm
 from brushexp.app.tasks import export, paint
+from brushexp.compositing.layers import EDGE
 from brushexp.errors import UserError
 from brushexp.painting.canvas_memory import touched
 from brushexp.painting.carrying import Carrier, Cel, meeting, shares_within
@@ -33,7 +34,9 @@ from brushexp.pictures.decode import read_picture
 from brushexp.pictures.motion import motion
 from brushexp.pictures.region import Region
 from brushexp.plugins.init.grid import Grid
+from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.loss.pixel import MeanSquaredError
+from brushexp.plugins.loss.stroke import Direction
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, Catalogue, check_strokes
 from brushexp.strokes.storage import load_catalogue
@@ -177,11 +180,27 @@ def test_strokes_move_where_the_film_changes_and_all_others_stay_bit_for_bit(ren
         stay = [n for n in after.front_to_back.tolist() if not moved[n]]
         assert stay == [n for n in before.front_to_back.tolist() if not moved[n]], "their depth stays as it was"
         whole = Region.whole(picture)
-        away = ~(touched(before.strokes[moved], whole) | touched(after.strokes[moved], whole))
+        away = ~(touched(before.strokes[moved], whole, EDGE) | touched(after.strokes[moved], whole, EDGE))
         assert away.sum() > 500
         assert torch.equal(reel.image[:, away], image[:, away])
         error = [(shown - picture).square().mean() for shown in (reel.image, image)]
         assert error[0] < error[1]
+
+
+def test_strokes_depend_on_those_of_the_picture_before_alone_whatever_losses_remember():
+    def carrier():
+        losses = {"perceptual": Perceptual(), "direction": Direction()}
+        parts = standard_components(build_named("renderer", "analytic", {}), steps=0, losses=losses)
+        return Carrier(parts, parts.stages[-1].renderer.requires_grad_(False), 3)
+
+    reel, used = reel_of("analytic"), carrier()
+    first, second = (as_tensor(picture) for picture in scene(2))
+    reel.paint(first)
+    still, all_of_it = torch.zeros(2, *first.shape[1:]), torch.ones(first.shape[1:], dtype=torch.bool)
+    for _ in range(2):
+        found = used(reel.cel, reel.image, second, all_of_it, still)
+    fresh = carrier()(reel.cel, reel.image, second, all_of_it, still)
+    assert all(torch.equal(value, getattr(fresh.strokes, name)) for name, value in found.strokes.items())
 
 
 def test_a_film_that_stands_still_is_one_painting_and_a_cut_begins_another():
@@ -228,7 +247,7 @@ def test_shares_of_strokes_within_a_mask_and_strokes_that_meet_a_region_agree_wi
     half = torch.zeros(64, 64, dtype=torch.bool)
     half[:, :32] = True
     region = Region(8, 8, 20, 20)
-    near = meeting(strokes, region)
+    near = meeting(strokes, region, EDGE)
     for n, share in enumerate(shares_within(strokes, half).tolist()):
         one = strokes[n : n + 1]
         black = replace(one, color=torch.ones(1, 3), opacity=torch.ones(1))

@@ -15,6 +15,8 @@ from brushexp.painting import curves
 from brushexp.painting.components import Stage
 from brushexp.painting.metrics import psnr_of
 from brushexp.plugins.density.adaptive import Adaptive
+from brushexp.plugins.loss.perceptual import Perceptual
+from brushexp.plugins.loss.stroke import Direction
 from brushexp.plugins.order.orders import Accuracy
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.patches import Patches
@@ -116,6 +118,7 @@ PLANS = {
     "adaptive": lambda: painter_of(steps=24, n=40, density=Adaptive(), options={"budget": 60}),
     "stages": lambda: painter_of(Stage("a", Analytic(), 11), Stage("b", Analytic(soft=2.0), 13)),
     "coarse": lambda: painter_of(steps=24, options={"coarse": 0.5}),
+    "losses": lambda: painter_of(steps=24, losses={"perceptual": Perceptual(), "direction": Direction(every=5)}),
     "warm-up": lambda: painter_of(Stage("fast", Analytic(), 11), Stage("slow", Windowed(), 13), order=Accuracy()),
 }
 

@@ -62,6 +62,15 @@ def test_a_preset_moves_any_number_of_strokes(preset, name, n):
 
 
 @every_preset
+def test_each_stage_lets_an_optimiser_start_afresh(preset, name):
+    painter = scene(preset(name))
+    optimizer = take(painter, 3)["optimizer"]
+    painter._begin_stage(optimizer)
+    assert not optimizer.state
+    assert all(group.get("step", 0) == 0 for group in optimizer.param_groups)
+
+
+@every_preset
 def test_an_optimiser_goes_on_exactly_after_an_interruption(preset, name, tmp_path):
     assert_resumes(lambda: scene(preset(name)), 7, tmp_path)
 

@@ -4,10 +4,11 @@ from functools import partial
 
 import pytest
 import torch
-from painters import SIZE, error_of, gradient_of, painter_of, take
+from painters import SIZE, error_of, fit, gradient_of, painter_of, take
 from scenes import Windowed, random_strokes
 from torch.testing import assert_close
 
+from brushexp.compositing.layers import EDGE
 from brushexp.painting.canvas_memory import PatchCache, touched
 from brushexp.pictures.region import Region
 from brushexp.plugins.blend.tiled import Tiled
@@ -72,6 +73,28 @@ def test_the_past_of_a_stroke_is_remembered_from_visit_to_visit():
         assert state["exp_avg"].shape == parameter.shape
         assert (state["exp_avg_sq"].reshape(60, -1).sum(1) > 0).float().mean() > 0.6  # some lie beside the canvas
     assert painter.visits.min() >= 2
+
+
+@pytest.mark.parametrize("name", ["LBFGS", "Adafactor", "Adam"])
+def test_parts_follow_coarse_steps_of_all_with_any_optimiser(name):
+    optimizer = TorchOptim(name=name, lr=0.01)
+    painter = painter_of(steps=12, sampler=few(), optimizer=optimizer, options={"coarse": 0.5})
+    before = error_of(painter)
+    fit(painter)
+    assert painter.schedule.step == 12
+    assert painter.stop == ""
+    assert error_of(painter) < before
+
+
+@pytest.mark.parametrize("soft", [2.0, 20.0])
+def test_a_part_is_what_it_would_be_in_the_whole_however_soft_strokes_are(soft):
+    painter = painter_of(renderer=Analytic(soft=soft), sampler=few(patch=24))
+    strokes, whole = painter.strokes(), painter.drawn()
+    for step in range(6):
+        view = painter.components.sampler(strokes, SIZE, step, painter.generator)
+        painter.look_at(view, strokes, painter.catalogue.part(view.active))
+        painter.training_step(None, 0)
+    assert_close(painter.picture.memory.picture, whole, atol=1e-5, rtol=0)
 
 
 FEATURES = {"perceptual": Perceptual(), "kl": KullbackLeibler(), "mse": MeanSquaredError()}
@@ -164,13 +187,13 @@ def test_no_strokes_are_looked_at_whole_and_all_at_one_point_still_make_places()
 def test_touched_pixels_are_those_in_the_boxes():
     strokes = random_strokes(12, SIZE)
     region = Region(5, 9, 30, 41)
-    found = touched(strokes, region)
+    found = touched(strokes, region, EDGE)
     no_paint = torch.tensor([9.0, 9.0, 9.0])
     painted = region.of((Tiled(opaque=0)(Analytic()(strokes), torch.arange(12), SIZE, no_paint).image != 9).any(0))
     assert found.shape == (30, 41)
     assert (found | ~painted).all(), "no painted pixel is missed"
     assert found.float().mean() < 1
-    assert not touched(strokes[:0], region).any()
+    assert not touched(strokes[:0], region, EDGE).any()
 
 
 def test_kept_pictures_are_those_of_the_renderer_drawn_once_and_within_their_memory():

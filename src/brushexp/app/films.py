@@ -56,6 +56,8 @@ class PaintedFilm:
         self.rate = Fraction(self.clip.rate / cfg.film.every).limit_denominator(MOST_TICKS)
         parts = components_of(cfg)
         renderer = parts.stages[-1].renderer.to(self.device).requires_grad_(False)
+        for loss in parts.losses.values():
+            loss.to(self.device)
         self.reel = Reel(self.begin, Carrier(parts, renderer, cfg.film.steps, cfg.seed), cfg.film.change)
         self.light = Light(**cfg.light)
         self.name, self.settings = plugin_of(cfg.renderer).name, OmegaConf.to_yaml(cfg, resolve=True)

@@ -16,7 +16,7 @@ from brushexp.system.compiled import Compiled
 Size = tuple[int, int]  # height and width of a canvas, pixels
 SPREAD = 1.5  # half widths that textures reach to either side of the curve, and beyond its ends
 REACH = 2.0  # half widths, and EDGE pixels, beyond which no stroke paints: drawn hairs fray farther than textures
-EDGE = 2.0  # pixels that a soft edge may add to a stroke
+EDGE = 2.0  # pixels that a soft edge adds to a stroke at most, where a renderer says no other number
 Encode = Callable[[Tensor], Tensor]  # from RGB (..., 3) to channels (..., C), black to 0 and white to 1, differentiable
 Part = Callable[..., Any]  # a function marked by `system.compiled.inline`
 

@@ -126,10 +126,15 @@ def first_strokes(cfg: DictConfig, target: Tensor, density: Density, focus: Tens
     n = budget_of(cfg, (height, width), density)
     generator = torch.Generator().manual_seed(cfg.seed)
     initializer: Initializer = build(cfg.init)
-    strokes = initializer(target, density.first(n, cfg.steps), generator, focus)
+    strokes = initializer(target, density.first(n, steps_planned(cfg)), generator, focus)
     if cfg.style.brushwork is not None:
         strokes = with_brushwork(strokes, load_brushwork(Path(cfg.style.brushwork)), (height, width), generator)
     return strokes, n
+
+
+def steps_planned(cfg: DictConfig) -> int:
+    """The steps of a painting, or, of so many for each stroke, as many as there are at least."""
+    return cfg.steps if cfg.steps_per_stroke is None else round(cfg.steps_per_stroke)
 
 
 def budget_of(cfg: DictConfig, size: tuple[int, int], density: Density, there: int | None = None) -> int:
@@ -141,7 +146,7 @@ def budget_of(cfg: DictConfig, size: tuple[int, int], density: Density, there: i
     if n is None:
         n = max(1, round(math.prod(size) / cfg.pixels_per_stroke))
         n = n if cfg.max_strokes is None else min(n, cfg.max_strokes)
-    if there is not None and (n < there or (n > there and density.first(n, cfg.steps) == n)):
+    if there is not None and (n < there or (n > there and density.first(n, steps_planned(cfg)) == n)):
         raise UserError(
             f"strokes={n}, but {cfg.catalogue} has {there}; drop strokes or catalogue, or let a policy that "
             "adds strokes come to a larger number: density=adaptive, with enough steps for it"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from brushexp.compositing.layers import EDGE, REACH, Layers
+from brushexp.compositing.layers import REACH, Layers
 from brushexp.compositing.windows import Windows
 from brushexp.pictures.region import Region
 from brushexp.plugins.blend.base import Blend, Canvas
@@ -80,7 +80,7 @@ class CanvasMemory:
         if elsewhere or not torch.equal(known, self._known):
             unknown = torch.ones(len(strokes), dtype=torch.bool, device=self.target.device)
             unknown[known] = False
-            self._fixed = touched(strokes[unknown], region)
+            self._fixed = touched(strokes[unknown], region, self.renderer.edge)
         self._region, self._known = region, known
 
     @torch.no_grad()
@@ -134,13 +134,20 @@ def squares(first: Tensor, second: Tensor) -> float:
 
 
 @torch.no_grad()
-def touched(strokes: Strokes, region: Region) -> Tensor:
-    """Pixels (h, w), bool, of a region that lie in the box around any of the strokes (N)."""
-    curve, reach = curve_of(strokes), REACH * half_width_of(strokes)[:, None] + EDGE
+def boxes_of(strokes: Strokes, edge: float) -> tuple[Tensor, Tensor]:
+    """Corners (N, 2) of a box around each stroke and all that it may cover; ``edge`` is that of its renderer."""
+    curve, reach = curve_of(strokes), REACH * half_width_of(strokes)[:, None] + edge
+    return curve.amin(1) - reach, curve.amax(1) + reach
+
+
+@torch.no_grad()
+def touched(strokes: Strokes, region: Region, edge: float) -> Tensor:
+    """Pixels (h, w), bool, of a region that lie in the `boxes_of` any of the strokes (N)."""
+    left_top, right_bottom = boxes_of(strokes, edge)
     size = torch.tensor([region.width, region.height])
     shift = torch.tensor([region.left, region.top])
-    low = ((curve.amin(1) - reach).cpu() - shift).floor().long().clamp_min(0)
-    high = torch.minimum(((curve.amax(1) + reach).cpu() - shift).ceil().long(), size)
+    low = (left_top.cpu() - shift).floor().long().clamp_min(0)
+    high = torch.minimum((right_bottom.cpu() - shift).ceil().long(), size)
     inside = (low < high).all(1)
     low, high = low[inside], high[inside]
     # Each box adds 1 at two of its corners and -1 at the others; sums over rows and columns count the boxes of a pixel.

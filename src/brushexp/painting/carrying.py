@@ -3,19 +3,20 @@
 import logging
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from brushexp.compositing.layers import EDGE, REACH
+from brushexp.painting.canvas_memory import boxes_of
 from brushexp.painting.components import Components
 from brushexp.painting.densification import importance
 from brushexp.painting.picture import Picture
 from brushexp.pictures.region import Region
 from brushexp.plugins.density.adaptive import new_strokes
 from brushexp.plugins.density.base import DensificationState
-from brushexp.plugins.loss.base import weighted_sum
+from brushexp.plugins.loss.base import restore, state_of, weighted_sum
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import curve_of, half_width_of, point_at
@@ -54,6 +55,10 @@ class Carrier:
     renderer: Renderer
     steps: int
     seed: int = 0  # of the importance of strokes, where it is estimated
+    unused: dict[str, Any] = field(init=False)  # the losses as they are before the first picture
+
+    def __post_init__(self) -> None:
+        vars(self)["unused"] = state_of(self.components.losses)
 
     def __call__(self, cel: Cel, painted: Tensor, target: Tensor, changed: Tensor, motion: Tensor) -> Cel:
         """The strokes for a ``target`` (3, H, W) that is another where ``changed`` (H, W) is true.
@@ -65,7 +70,7 @@ class Carrier:
         moves = shares_within(cel.strokes, changed) >= CHANGED_SHARE
         cel = replace(cel, strokes=advected(cel.strokes, moves, motion * changed))
         moves |= shares_within(cel.strokes, changed) >= CHANGED_SHARE
-        low, high = boxes_of(cel.strokes)
+        low, high = boxes_of(cel.strokes, self.renderer.edge)
         region = region_around(low[moves], high[moves], size)
         if region is None:
             return cel
@@ -74,7 +79,7 @@ class Carrier:
 
     def _relaid(self, cel: Cel, target: Tensor, changed: Tensor, moves: Tensor, region: Region) -> Cel:
         """Take away the strokes that matter least, of those that move, and lay them where the error is largest."""
-        number = meeting(cel.strokes, region)
+        number = meeting(cel.strokes, region, self.renderer.edge)
         picture = self._picture(region.of(target).contiguous(), cel.background)
         strokes = cel.strokes[number].moved(shift=(-region.left, -region.top))
         order = cel.front_to_back.argsort()[number].argsort()
@@ -100,13 +105,14 @@ class Carrier:
     def _optimised(self, cel: Cel, painted: Tensor, target: Tensor, moves: Tensor, region: Region) -> Strokes:
         """Gradient steps of the strokes that move; the others around them are drawn and stay."""
         active, around = moves.nonzero()[:, 0], torch.zeros_like(moves)
-        around[meeting(cel.strokes, region)] = True
+        around[meeting(cel.strokes, region, self.renderer.edge)] = True
         view = View(region, active, (around & ~moves).nonzero()[:, 0])
         picture = self._picture(target, cel.background)
         picture.memory = picture.remembered(painted.clone())
         catalogue, chosen = Catalogue(cel.strokes[active], self.components.optimizer.units), self.components.optimizer
         optimizer = chosen.over(value for value in catalogue.parameters() if value.requires_grad)
         rates = [group["lr"] for group in optimizer.param_groups]
+        restore(self.components.losses, self.unused)  # the strokes depend on those of the picture before alone
         best = cel.strokes
 
         def closure() -> float:
@@ -168,13 +174,6 @@ def at(picture: Tensor, points: Tensor) -> Tensor:
     return picture[..., row, column]
 
 
-@torch.no_grad()
-def boxes_of(strokes: Strokes) -> tuple[Tensor, Tensor]:
-    """Corners (N, 2) of a box around each stroke and all that it may cover."""
-    curve, reach = curve_of(strokes), REACH * half_width_of(strokes)[:, None] + EDGE
-    return curve.amin(1) - reach, curve.amax(1) + reach
-
-
 def region_around(low: Tensor, high: Tensor, size: tuple[int, int]) -> Region | None:
     """The part of a canvas of ``size`` (H, W) that boxes, (N, 2) and (N, 2), touch; None if they touch none of it."""
     if not len(low):
@@ -184,9 +183,9 @@ def region_around(low: Tensor, high: Tensor, size: tuple[int, int]) -> Region | 
     return Region(top, left, bottom - top, right - left) if right > left and bottom > top else None
 
 
-def meeting(strokes: Strokes, region: Region) -> Tensor:
+def meeting(strokes: Strokes, region: Region, edge: float) -> Tensor:
     """Numbers (n,) of the strokes that may cover some of a region."""
-    low, high = boxes_of(strokes)
+    low, high = boxes_of(strokes, edge)
     corner = low.new_tensor([region.left, region.top])
     return ((high > corner) & (low < corner + low.new_tensor([region.width, region.height]))).all(1).nonzero()[:, 0]
 

@@ -77,7 +77,7 @@ def finish(painter: PaintingModule, cfg: DictConfig, timelapse: Timelapse, lpips
         picture = pixels(job, drawn)
         vars(job)["pictures"] = flat, picture  # else to export it draws both again
         lit = {"psnr_lit": picture_psnr(picture, target)}
-        timelapse.add(torch.from_numpy(picture).permute(2, 0, 1) / 255, painter.schedule.step)
+    timelapse.add(torch.from_numpy(picture).permute(2, 0, 1) / 255, painter.schedule.step)
     painter.anytime.add(painter.schedule.seconds, picture_psnr(flat, target))
     others = lit | style_of(painter, cfg) | {"painter": plugin_of(cfg.painter).name}
     others |= effort_of(painter, len(strokes))

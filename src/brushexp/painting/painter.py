@@ -12,7 +12,7 @@ from brushexp.painting.densification import Densification
 from brushexp.painting.divergence import first_broken
 from brushexp.painting.painter_state import compile_kernels, load_painter_state, painter_state
 from brushexp.painting.painting_module import PaintingModule
-from brushexp.painting.partial import partial_update, unwrapped
+from brushexp.painting.partial import STEP_COUNT, partial_update, unwrapped
 from brushexp.painting.picture import Picture
 from brushexp.painting.schedule import Schedule
 from brushexp.pictures.region import Region
@@ -198,6 +198,8 @@ class Painter(PaintingModule):
             self.visits.zero_()
             for group in optimizer.param_groups:
                 group["lr"] = group["initial_lr"] * self.components.optimizer.share(0.0)
+                if STEP_COUNT in group:  # where pytorch_optimizer counts
+                    group[STEP_COUNT] = 0
 
     @torch.no_grad()
     def _convert(self) -> None:

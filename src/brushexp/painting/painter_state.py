@@ -8,6 +8,7 @@ import torch
 
 from brushexp.painting.densification import importance
 from brushexp.plugin_errors import OURS
+from brushexp.plugins.loss.base import restore, state_of
 
 if TYPE_CHECKING:
     from brushexp.painting.painter import Painter
@@ -24,6 +25,7 @@ def painter_state(painter: Painter) -> dict[str, Any]:
         "depth": painter.depth.state_dict(),
         "sampler": painter.components.sampler.state_dict(),
         "density": painter.components.density.state_dict(),
+        "losses": state_of(painter.components.losses),
         "evaluations": painter.evaluations,
         "visits": painter.visits,
         "picture": None if memory is None else memory.picture,
@@ -42,6 +44,7 @@ def load_painter_state(painter: Painter, state: dict[str, Any]) -> None:
     painter.depth.load_state_dict(state["depth"], device)
     painter.components.sampler.load_state_dict(state["sampler"])
     painter.components.density.load_state_dict(state["density"])
+    restore(painter.components.losses, state["losses"])
     painter.evaluations, painter.visits = state["evaluations"], state["visits"].to(device)
     painter.anytime.pairs = [(float(seconds), float(psnr)) for seconds, psnr in state["anytime"]]
     if state["picture"] is not None:
@@ -60,6 +63,7 @@ def compile_kernels(painter: Painter) -> None:
     sampler, picture, catalogue = painter.components.sampler, painter.picture, painter.catalogue
     memory = picture.memory
     before = sampler.state_dict(), painter.generator.get_state(), painter.coarse, painter.evaluations
+    remembered = state_of(painter.components.losses)
     if memory is not None:
         picture.memory = picture.remembered(memory.picture.clone())
     painter.coarse = 0.0
@@ -81,6 +85,7 @@ def compile_kernels(painter: Painter) -> None:
     picture.memory = memory or picture.memory
     state, generator, painter.coarse, painter.evaluations = before
     sampler.load_state_dict(state)
+    restore(painter.components.losses, remembered)
     painter.generator.set_state(generator)
 
 

@@ -36,7 +36,8 @@ def partial_update(
     before = [(group, group["params"]) for group in optimizer.param_groups]
     pairs = [(old, getattr(part, names[id(old)])) for _, olds in before for old in olds]
     whole, steps = optimizer.state, int(visits[rows].median())
-    sliced = {new: _sliced(whole.get(old, {}), steps, rows, old) for old, new in pairs}
+    known = [(old, new, whole.get(old, {})) for old, new in pairs]
+    sliced = {new: _sliced(state, steps, rows, old) for old, new, state in known if _is_by_row(state, old)}
     optimizer.state = defaultdict(dict, {new: state for new, state in sliced.items() if state})
     for group, olds in before:
         group["params"] = [getattr(part, names[id(old)]) for old in olds]
@@ -71,6 +72,12 @@ def _written_back(whole: Any, states: list[tuple[nn.Parameter, dict[str, Any]]],
                 kept[key] = value.new_zeros(old.shape)
             kept[key][rows] = value
     return True
+
+
+def _is_by_row(state: dict[str, Any], old: Tensor) -> bool:
+    """Whether the state of a parameter can be divided: it is numbers, and tensors of one number for each of its own."""
+    known = [value for key, value in state.items() if key != STEP_COUNT]
+    return all(torch.is_tensor(value) and value.shape in ((), old.shape) for value in known)
 
 
 def _sliced(state: dict[str, Any], steps: int, rows: Tensor, old: Tensor) -> dict[str, Any]:

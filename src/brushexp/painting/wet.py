@@ -45,7 +45,8 @@ def wetted(painter: PaintingModule, wet: float) -> tuple[Strokes, Tensor]:
         opacity, width = share * covered[dragging] * film.opacity, NARROWER * film.width
         found.append(painter.renderer.clamp(replace(film, color=picked[dragging], opacity=opacity, width=width)))
         height.append(height[0][dragging] + k)
-    return Strokes.join(*found), torch.cat(height).argsort(descending=True)
+    brush = torch.cat([part.brush for part in found])  # a film has the bristles of its stroke
+    return replace(Strokes.join(*found), brush=brush), torch.cat(height).argsort(descending=True)
 
 
 @torch.no_grad()

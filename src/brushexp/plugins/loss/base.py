@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal, TypeVar
 
@@ -159,6 +160,17 @@ def at_least_single(value: Tensor) -> Tensor:
     correct digit in bfloat16. The gradient goes back in the precision that the value came in.
     """
     return value.to(torch.promote_types(value.dtype, torch.float32))
+
+
+def state_of(losses: Mapping[str, Loss]) -> dict[str, dict[str, Any]]:
+    """A copy of what losses remember from one call to the next, and of what they have learnt, by name."""
+    return {name: deepcopy(loss.state_dict()) for name, loss in losses.items()}
+
+
+def restore(losses: Mapping[str, Loss], state: Mapping[str, Mapping[str, Any]]) -> None:
+    """Let losses go on from what `state_of` gave."""
+    for name, loss in losses.items():
+        loss.load_state_dict(state[name])
 
 
 def weighted_sum(losses: Mapping[str, Loss], painting: PaintedView) -> tuple[Tensor, dict[str, Tensor]]:

@@ -59,8 +59,8 @@ class Gatys(PaintingMethod):
             noise = torch.rand(dots.color.shape, generator=commission.generator)
             dots = replace(dots, color=noise.to(dots.color))
         network = {"backbone": self.backbone, "weights": self.weights}
-        content = build_named("loss", "perceptual", network)
-        style = build_named("loss", "style", network | {"image": self.style})
+        content = build_named("loss", "perceptual", network).to(commission.target.device)
+        style = build_named("loss", "style", network | {"image": self.style}).to(commission.target.device)
         color = dots.color.requires_grad_()
         mover = torch.optim.Adam([color], lr=self.lr)
         for step in range(1, self.steps + 1):

@@ -66,7 +66,7 @@ class Kotovenko(PaintingMethod):
         shape = [value for name, value in catalogue.named_parameters() if name in units and name != "color"]
         colors = [value for name, value in catalogue.named_parameters() if name == "color"]
         movers = torch.optim.Adam(shape, lr=self.lr), torch.optim.Adam(colors, lr=self.lr_color)
-        losses = self._losses()
+        losses = self._losses(commission.target.device)
         for step in range(1, self.steps + 1):
             self._step(commission, catalogue, losses, shape, colors)
             for mover in movers:
@@ -75,7 +75,7 @@ class Kotovenko(PaintingMethod):
             if step * PORTIONS // self.steps > (step - 1) * PORTIONS // self.steps:
                 yield PaintingState(catalogue().map(Tensor.detach), step, self.steps)
 
-    def _losses(self) -> dict[str, tuple[float, torch.nn.Module]]:
+    def _losses(self, device: torch.device) -> dict[str, tuple[float, torch.nn.Module]]:
         """Each term with its weight."""
         options = {"style": {"image": self.style}}
         weights = {"curvature": self.curvature, "direction": self.direction}
@@ -83,7 +83,8 @@ class Kotovenko(PaintingMethod):
             weights |= {"mse": self.content}
         else:
             weights |= {"perceptual": self.content * 0.0015, "style": self.style_weight / 3}
-        return {name: (weight, build_named("loss", name, options.get(name, {}))) for name, weight in weights.items()}
+        made = {name: build_named("loss", name, options.get(name, {})).to(device) for name in weights}
+        return {name: (weight, made[name]) for name, weight in weights.items()}
 
     def _step(
         self,

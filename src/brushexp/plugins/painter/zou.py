@@ -127,7 +127,8 @@ def begun_strokes(commission: Commission, strokes: Strokes, m: int, random: np.r
     along = 0.5 * length[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
     curves = np.stack([middle - along, middle, middle + along], 1)
     color = sampled_at(commission.target.cpu().numpy(), *middle.T).T
-    return in_windows(strokes_from_arrays(curves, thickness, color, OPACITY), block)
+    begun = in_windows(strokes_from_arrays(curves, thickness, color, OPACITY), block)
+    return begun.map(lambda value: value.to(commission.target))
 
 
 def block_span(number: int, m: int, side: int) -> tuple[int, int]:

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor, nn
 from torch.utils.checkpoint import checkpoint
 
-from brushexp.compositing.layers import Layers
+from brushexp.compositing.layers import EDGE, Layers
 from brushexp.compositing.windows import Windows
 from brushexp.errors import UserError
 from brushexp.plugins.engine.base import Simulated
@@ -55,6 +55,7 @@ class Renderer(nn.Module, ABC):
     strokes: ClassVar[str] = "all"  # which it can draw
     warm_up: str | None = None  # of a slow one, the renderer that had better take most of the steps of a painting
     weights_hash: str = ""  # of the trained weights, see `renderer.checkpoint`; "" without any
+    edge: float = EDGE  # pixels beyond ``REACH`` half widths in which a stroke may still paint
     at_once: int | None = None  # strokes whose layers should be held at once at most; None if they are small
 
     def __init_subclass__(cls, **options: Any) -> None:
