@@ -10,7 +10,7 @@ from PIL import Image
 from program import ended
 
 from brushexp.app import many_pictures
-from brushexp.app.command_line import as_typed, in_full, parsed
+from brushexp.app.command_line import in_full, parsed, verbatim
 from brushexp.app.configs import SHIPPED
 from brushexp.app.many_pictures import all_pictures, as_sweep, in_processes, launcher, pictures_named, subfolders_for
 from brushexp.app.run_folder import SUBFOLDER, place_of
@@ -182,7 +182,7 @@ def test_names_of_folders_are_plain_and_differ():
 
 @pytest.mark.parametrize("name", ["a", "1_0", "20240105_123456", "2024.10", "null", "été", "1e5", "true"])
 def test_a_folder_has_the_name_of_its_picture_whatever_that_is(name):
-    assert place_of(SUBFOLDER + as_typed(name)) == name
+    assert place_of(SUBFOLDER + verbatim(name)) == name
 
 
 def test_an_album_of_any_names_goes_on_where_it_was(tmp_path):

@@ -70,7 +70,7 @@ class SettingsSweeper(BasicSweeper):
         self, overrides: list[Override], max_batch_size: int | None
     ) -> list[list[list[str]]]:
         """The overrides of every job, in batches, each checked before anything of the sweep is written."""
-        from brushexp.app.command_line import as_typed, written_out  # noqa: PLC0415  (Hydra imports this file for any program)
+        from brushexp.app.command_line import verbatim, written_out  # noqa: PLC0415  (Hydra imports this file for any program)
         from brushexp.app.configs import folders_in  # noqa: PLC0415
         from brushexp.app.many_pictures import all_pictures, subfolders_for  # noqa: PLC0415
         from brushexp.app.run_folder import SUBFOLDER  # noqa: PLC0415
@@ -95,7 +95,7 @@ class SettingsSweeper(BasicSweeper):
             for job in combined([*picture, *words])
         ]
         if pictures and len(jobs) == len(pictures):
-            places = map(as_typed, subfolders_for(pictures))
+            places = map(verbatim, subfolders_for(pictures))
             jobs = [[*job, SUBFOLDER + place] for job, place in zip(jobs, places, strict=True)]
         check_jobs(loader, self.config, jobs, self.lenient)
         begin_sweep(self.config, jobs, self.resume, self.lenient)

@@ -128,7 +128,7 @@ def in_quotes(key: str, value: str, sweep: bool = False, optional: bool = False)
     if value and os.path.exists(os.path.expanduser(value)):
         if value == "null" and optional:
             raise UserError(f"{key}=null is none, but a file has this name; type {key}=./null, or drop the word")
-        return as_typed(value)
+        return verbatim(value)
     parts = value.split(",")
     if sweep and len(parts) > 1 and (any(map(os.path.exists, parts)) or not re.search(r"['\"\[({]", value)):
         return ",".join(in_quotes(key, part, optional=optional) for part in parts)
@@ -140,7 +140,7 @@ def in_quotes(key: str, value: str, sweep: bool = False, optional: bool = False)
     return quoted(value) if is_number else value
 
 
-def as_typed(value: str) -> str:
+def verbatim(value: str) -> str:
     """A text as it is typed for Hydra to read just that: in quotes if it needs them."""
     return quoted(value) if unlike(value) else value
 
