@@ -107,7 +107,8 @@ def test_half_a_plugin_is_refused_when_it_is_loaded(loaded, text, said):
 def test_a_plugin_that_fails_where_a_run_goes_on_is_no_fault_of_the_checkpoint(loaded, tmp_path):
     options = {"family": "loss", "contract": "Loss", "method": "forward", "name": "trips", "number": 0}
     loaded(HEAD.format("loss") + CLASS.format(body="_[0].picture", **options), "trips")
-    fit(painter_of(n=4, steps=4), max_steps=2).save_checkpoint(tmp_path / "c.ckpt")
+    works = {"trips": build_named("loss", "mse", {})}  # as it did when the run began
+    fit(painter_of(n=4, steps=4, losses=works), max_steps=2).save_checkpoint(tmp_path / "c.ckpt")
     painter = painter_of(n=4, steps=4, losses={"trips": build_named("loss", "trips", {})})
     trainer = L.Trainer(**QUIET, callbacks=[RunRecord(OmegaConf.create({}), tmp_path)])
     with pytest.raises(UserError, match=r"loss=trips .*AttributeError"), plugins_named(plugins()):
