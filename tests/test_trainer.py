@@ -2,7 +2,9 @@
 
 import copy
 import json
+import logging
 import math
+import shlex
 from contextlib import nullcontext
 from functools import partial
 from itertools import islice
@@ -28,7 +30,7 @@ from brushexp.painting.metrics import psnr_of
 from brushexp.plugins.loss.discriminator import Discriminator
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import RENDERERS, PatchRenderer, window_pictures
-from brushexp.registry import build_named
+from brushexp.registry import build, build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.callbacks import DIVERGED, INTERRUPTED, MovingAverage, TimedCheckpoint
 from brushexp.system.checkpoint import weights_hash
@@ -448,6 +450,16 @@ def test_the_task_leaves_a_renderer_that_can_be_loaded(trained, stored, tmp_path
     assert (recipe["training"]["steps"], recipe["training"]["precision"]) == (4, "bf16-mixed")
     loaded = build_named("renderer", "neural", {"width": 4, "dense": 16, "code": 2, "checkpoint": str(path)})
     assert weights_hash(loaded) == metrics["renderer_hash"]
+
+
+def test_the_words_that_it_ends_with_paint_with_what_it_has_trained(trained, config, tmp_path, caplog):
+    caplog.set_level(logging.INFO)
+    words = ["renderer=inverse_vgg", "renderer.width=4", "renderer.widest=8", "renderer.coordconv=none"]
+    trained("epochs=0", "fid=0", "renderer.dense=[6,5]", "renderer.tint=false", *words)
+    told = shlex.split(caplog.text.rpartition("paint with it: brushexp ")[2])
+    weights = f"renderer.checkpoint={tmp_path / 'inverse_vgg.safetensors'}"
+    assert set(told) == {weights, "renderer.dense=[6, 5]", "renderer.tint=false", *words}
+    assert build(config(*told).renderer).weights_hash
 
 
 def test_weights_are_on_disk_before_they_are_judged(trained, tmp_path, monkeypatch):

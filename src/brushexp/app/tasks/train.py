@@ -1,13 +1,15 @@
 """``task=train``: teach a renderer what simulated strokes look like, or a discriminator which strokes are valid."""
 
+import json
 import logging
+import shlex
 import time
 from functools import cache, partial
 from pathlib import Path
 
 import lightning as L
 import torch
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from brushexp.app.fitting import conclude, interrupted_run
 from brushexp.app.network_fitting import fit_network, renderer_settings, save_renderer, training_recipe
@@ -84,7 +86,7 @@ class RendererJob:
             self.callbacks.append(FreshStart(partial(build, cfg.renderer)))
         self.pictures = {"validation": folder / "validation.png"}
         self.weights = folder / f"{self.name}.safetensors"
-        self.use = f"brushexp renderer={self.name} renderer.checkpoint={self.weights}"
+        self.use = f"brushexp renderer={self.name} {with_weights(cfg.renderer, self.weights)}"
 
     def finish(self) -> dict[str, object]:
         """Write the network with its recipe, measure it, and return its numbers."""
@@ -120,6 +122,14 @@ class DiscriminatorJob:
         """Measure the network, write it with its recipe, and return its numbers."""
         recipe = training_recipe(self.module, self.cfg)
         return save_discriminator(self.module.network, self.weights, self.cfg.seed, recipe)
+
+
+def with_weights(node: DictConfig, weights: Path) -> str:
+    """The words that give a renderer these weights, and the options of its node that are not the usual ones."""
+    usual = OmegaConf.structured(plugin_of(node).config)
+    given = {str(key): value for key, value in {**node, "checkpoint": str(weights)}.items() if value != usual[key]}
+    typed = {key: value if isinstance(value, str) else json.dumps(value, default=list) for key, value in given.items()}
+    return shlex.join(f"renderer.{key}={value}" for key, value in typed.items())
 
 
 def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:
