@@ -2,11 +2,14 @@
 
 import math
 import shlex
+from dataclasses import replace
 
+import numpy as np
 import pandas as pd
 import pytest
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from scipy.stats import t
 from sweeps import note
 from test_paired import PICTURES, A, C, gap, make_study
 
@@ -59,6 +62,22 @@ def test_a_claim_is_judged_by_its_difference(expects, gains, verdict):
 def test_at_least_so_many_times(ratio, verdict):
     gains = [math.log(ratio) + noise for noise in (0.01, -0.01, 0.02, -0.02)]
     assert claim("better", "seconds", 2.0).judged(gap(*gains, metric="seconds")) == verdict
+
+
+def test_a_claim_of_two_settings_beside_the_reference_has_an_interval_of_all_pairs():
+    index = pd.MultiIndex.from_product([["a=1", "a=2", "a=3", "a=4"], ["x", "y", "z"]], names=["option", "picture"])
+    rng = np.random.default_rng(0)
+    table = pd.DataFrame({"psnr": 30 + rng.normal(size=12)}, index)
+    study = Study("s", (), table, 12, 12, 12, "")
+
+    def half(setting, against):
+        one = study.difference(replace(claim("better"), setting=setting, against=against))
+        values = table["psnr"][setting].to_numpy() - table["psnr"][against].to_numpy()
+        return one.high - one.mean, values.std(ddof=1) / math.sqrt(3)
+
+    for setting, against, comparisons in (("a=2", "a=1", 3), ("a=1", "a=4", 3), ("a=2", "a=3", 6), ("a=4", "a=2", 6)):
+        found, error = half(setting, against)
+        assert found == pytest.approx(t.ppf(1 - 0.05 / comparisons / 2, 2) * error)
 
 
 def options_of(study):

@@ -32,9 +32,9 @@ NOT_DECIDED = "not decided"
 PICTURE, SEED = "picture", "seed"
 RULE = (
     "An interval is that of Student's t over the {units} at {confidence:.0%} for all comparisons of a study with its "
-    "reference together (Bonferroni). In this order: a difference {depends}is *better* or *worse* if the "
-    "interval excludes zero; there is *no difference larger than* what the interval allows, if that does not matter; "
-    "else it is *not decided*, as it is with fewer than {least} {units}."
+    "reference together (Bonferroni), or for all its pairs if neither setting is that. In this order: a difference "
+    "{depends}is *better* or *worse* if the interval excludes zero; there is *no difference larger than* what the "
+    "interval allows, if that does not matter; else it is *not decided*, as it is with fewer than {least} {units}."
 )
 DEPENDS = (  # of pictures only
     "*depends on the picture* if at least {odd} of them differ by more than what matters, where that is known, in each "
@@ -164,14 +164,20 @@ def paired_table(frame: DataFrame) -> DataFrame | None:
 
 
 def paired_differences(
-    table: DataFrame | None, reference: str | None = None, metrics: Sequence[str] = ()
+    table: DataFrame | None,
+    reference: str | None = None,
+    metrics: Sequence[str] = (),
+    comparisons: int | None = None,
 ) -> list[Difference]:
-    """All settings of a `paired_table` against one, the first if none is named, in those metrics that have a better."""
+    """All settings of a `paired_table` against one, the first if none is named, in those metrics that have a better.
+
+    Intervals are right for so many ``comparisons`` together (Bonferroni); by default, those with the reference.
+    """
     if table is None:
         return []
     options, units = (list(dict.fromkeys(table.index.get_level_values(level))) for level in (0, 1))
     reference = options[0] if reference is None else reference
-    confidence = 1 - (1 - CONFIDENCE) / max(1, len(options) - 1)
+    confidence = 1 - (1 - CONFIDENCE) / max(1, len(options) - 1 if comparisons is None else comparisons)
     wanted = metrics or [key for key in table if METRICS[key].better]
     found = []
     for metric in wanted:

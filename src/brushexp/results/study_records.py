@@ -5,6 +5,7 @@ and picture (or seed) with the metrics. Folders of runs are large and go; a page
 """
 
 import json
+import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -58,11 +59,17 @@ class Study:
         return len(self.units), self.n_finished >= self.n_jobs
 
     def difference(self, claim: Claim) -> Difference | None:
-        """What decides a claim; None if a setting of it was not run."""
-        options = set() if self.table is None else set(self.table.index.get_level_values(0))
-        if self.table is None or not {claim.setting, claim.against} <= options:
+        """What decides a claim; None if a setting of it was not run.
+
+        Its interval is one of all comparisons with the study's reference together or, where it compares two others,
+        of all pairs of settings.
+        """
+        options = [] if self.table is None else list(dict.fromkeys(self.table.index.get_level_values(0)))
+        if self.table is None or not {claim.setting, claim.against} <= set(options):
             return None
-        found = paired_differences(self.table, claim.against, [claim.metric])
+        with_reference = options[0] in (claim.setting, claim.against)
+        comparisons = len(options) - 1 if with_reference else math.comb(len(options), 2)
+        found = paired_differences(self.table, claim.against, [claim.metric], comparisons)
         return next((one for one in found if one.option == claim.setting), None)
 
     def record(self, path: Path) -> None:
