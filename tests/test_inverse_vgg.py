@@ -95,7 +95,7 @@ def test_the_pictures_of_a_canvas_are_those_of_the_windows(renderer):
     torch.testing.assert_close(layers.images, drawn)
 
 
-COMBINED = [{"coordconv": c, "noise": n, "tint": t} for c, n, t in product(COORDINATES, (False, True), (False, True))]
+COMBINED = [{"coordconv": c, "noise": n, "tint": t} for c, n, t in product(COORDINATES, (0.0, 1.0), (False, True))]
 COMBINED += [{"activation": a, "normalisation": n} for a, n in product(ACTIVATIONS, NORMALISATIONS)]
 
 
@@ -151,18 +151,31 @@ def test_places_on_a_degenerate_stroke_are_finite_with_their_gradient(first):
 
 
 def test_noise_is_fresh_in_training_and_fixed_in_painting():
-    renderer = tiny(noise=True)
+    renderer = tiny(noise=1.0)
     with torch.no_grad():
-        for layer in renderer.convolving:
-            layer.strength.fill_(1.0)
         assert not torch.equal(renderer.train().draw(parameters()), renderer.draw(parameters()))
         assert torch.equal(renderer.eval().draw(parameters()), renderer.draw(parameters()))
-        again = tiny(noise=True)
+        again = tiny(noise=1.0)
         again.load_state_dict(renderer.state_dict())
         assert torch.equal(again.draw(parameters()), renderer.draw(parameters()))
 
 
+def test_noise_is_of_the_size_of_the_signal_at_first():
+    signals, noisy = [], []
+    for strength, sizes in ((0.0, signals), (1.0, noisy)):
+        torch.manual_seed(0)
+        renderer = tiny(noise=strength, width=32, widest=96, dense=[256, 256]).train()
+        for layer in renderer.convolving:
+            layer.register_forward_hook(lambda layer, given, found, sizes=sizes: sizes.append(float(found.std())))
+        with torch.no_grad():
+            renderer.draw(parameters())
+    added = [(after**2 - before**2) ** 0.5 / before for before, after in zip(signals[:1], noisy[:1], strict=True)]
+    assert all(0.3 < one < 3 for one in added), "of the first layer, whose signal is without noise"
+    assert all(0.3 < 1 / signal < 3 for signal in signals)
+
+
 @pytest.mark.parametrize(("options", "message"), [
+    ({"noise": -1.0}, "renderer.noise=-1 is not 0 to 100; try renderer.noise=0"),
     ({"window": 100}, "renderer.window=100 is not one of 64, 128, 256; try renderer.window=128"),
     ({"activation": "rellu"}, "renderer.activation=rellu is not one of .*; try renderer.activation=relu"),
     ({"dense": []}, "renderer.dense"),
@@ -172,7 +185,7 @@ def test_wrong_options_are_refused(options, message):
         build_named("renderer", "inverse_vgg", options)
 
 
-OPTIONS = {"window": 64, "width": 4, "widest": 8, "dense": [16], "subpixel": 2, "tint": True, "noise": False}
+OPTIONS = {"window": 64, "width": 4, "widest": 8, "dense": [16], "subpixel": 2, "tint": True, "noise": 0.0}
 OPTIONS |= {"coordconv": "stroke", "activation": "relu", "normalisation": "none", "upsampling": "nearest"}
 
 

@@ -24,7 +24,7 @@ from brushexp.training.pruning import MULTIPLE, prune
 from brushexp.training.writer import simulate_set
 
 OPTIONS = {"window": 64, "width": 16, "widest": 32, "dense": [32, 16], "subpixel": 4, "activation": "relu"}
-OPTIONS |= {"coordconv": "stroke", "tint": True, "noise": False, "normalisation": "none", "upsampling": "nearest"}
+OPTIONS |= {"coordconv": "stroke", "tint": True, "noise": 0.0, "normalisation": "none", "upsampling": "nearest"}
 
 
 def tiny(**options) -> InverseVGG:
@@ -49,12 +49,14 @@ def silence_every_other_channel(renderer: InverseVGG) -> None:
         layer.convolution.weight[::2], layer.convolution.bias[::2] = 0, 0
         if layer.coordinates is not None:
             layer.coordinates.weight[::2] = 0
+        if layer.strength is not None:
+            layer.strength[::2] = 0
 
 
 @pytest.mark.parametrize("options", [
     {},
     {"upsampling": "bilinear", "coordconv": "window"},
-    {"coordconv": "none", "tint": False, "noise": True},
+    {"coordconv": "none", "tint": False, "noise": 1.0},
     {"normalisation": "batch"},
 ])  # fmt: skip
 def test_channels_that_do_nothing_are_the_ones_to_go(options):

@@ -168,6 +168,21 @@ def test_an_incomplete_claim_is_explained(tmp_path):
             read_claims(tmp_path / "claims.yaml")
 
 
+@pytest.mark.parametrize(("typed", "told"), [
+    ("data=[{here}/data/brushes]", "data=[data/brushes]"),
+    ("data={here}/data/set_${{engine.window}}", "data=data/set_${{engine.window}}"),
+    ("renderer.checkpoint=/elsewhere/n.safetensors", "renderer.checkpoint=n.safetensors"),
+    ("hydra.sweeper.settings=['a=1 renderer.checkpoint={here}/w/n.safetensors','a=2']",
+     "hydra.sweeper.settings=['a=1 renderer.checkpoint=w/n.safetensors','a=2']"),
+])  # fmt: skip
+def test_a_command_keeps_the_folders_below_the_one_it_is_run_in(tmp_path, monkeypatch, typed, told):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / ".hydra").mkdir()
+    write_json(tmp_path / ".hydra" / "jobs.json", {"typed": ["experiment=mine", typed.format(here=tmp_path)]})
+    make_study(tmp_path)
+    assert studies_in([tmp_path], tmp_path)["mine"].words == ("experiment=mine", told.format(here=tmp_path))
+
+
 def test_a_page_is_written_anew_from_its_records_and_a_larger_study_replaces_one(tmp_path, run_task):
     for name, pictures in (("few", 3), ("more", 4)):
         folder = tmp_path / name

@@ -41,7 +41,8 @@ def write_verdicts(
     ]
     verdicts = Counter(row["verdict"] for row in rows)
     counts = ", ".join(f"{verdict} {count}" for verdict, count in verdicts.most_common())
-    matters = ", ".join(f"{METRICS[key].name} {METRICS[key].matters:g}" for key in PANELS)
+    metrics = dict.fromkeys([*PANELS, *(claim.metric for claim, _ in judged)])
+    matters = ", ".join(f"{METRICS[key].name} {METRICS[key].matters:g}" for key in metrics if METRICS[key].matters)
     head = [
         "# Ablations",
         "",

@@ -132,8 +132,16 @@ def _cost(frame: pd.DataFrame) -> str:
 
 
 def _short(words: Sequence[str]) -> list[str]:
-    """A command line as it was typed, without the folders of this machine; a part with a comma keeps its quotes."""
+    """A command line as it was typed, without the folders of this machine; a part with a comma keeps its quotes.
+
+    Paths below the current folder are told from there on, as a repetition has them, others by their names.
+    """
     plain = [re.sub(r'"([^",]*)"', r"\1", word) for word in words if not word.startswith(UNTOLD)]
     plain = [re.sub(r'^hydra\.sweeper\.pictures=\[([^"]*)\]$', r"pictures=\1", word) for word in plain]
     parts = [word.partition("=") for word in sorted(plain, key=lambda word: not word.startswith(EXPERIMENT))]
-    return [key + equals + re.sub(r"""[^,\["'={:]*/([^/,]+)""", r"\1", value) for key, equals, value in parts]
+    here = f"{Path.cwd().as_posix()}/"
+
+    def told(path: re.Match[str]) -> str:
+        return path[0].removeprefix(here) if path[0].startswith(here) else path[1]
+
+    return [key + equals + re.sub(r"""[^,\["'={:]*/([^/,]+)""", told, value) for key, equals, value in parts]

@@ -60,8 +60,9 @@ class InverseVGG(PatchRenderer):
             convolution (Liu et al., 2018, arXiv:1807.03247); stroke: along and across the stroke, at the first one of
             each size (`stroke_planes`), so that the network only has to learn what paint looks like, not where it goes.
         tint: add the stroke's colour to what the network draws, which then only has to learn the light on it.
-        noise: add noise to every convolution, of a strength learned per channel (Karras et al., 2019,
-            arXiv:1812.04948); fresh in training, in painting the same for every stroke.
+        noise: strength at first of the noise that is added to every convolution, learned per channel (Karras et al.,
+            2019, arXiv:1812.04948, who begin at 0); at 1 it is of the size of the signal, as in the source; 0 = none.
+            Fresh in training, in painting the same for every stroke.
         activation: after every layer but the last: relu, leaky_relu, elu, gelu or silu.
         normalisation: of every convolution but the last: none, or over batch, group (of channels) or instance.
         upsampling: between the sizes: nearest, bilinear, or pixel_shuffle, which learns it.
@@ -83,7 +84,7 @@ class InverseVGG(PatchRenderer):
         subpixel: Annotated[int, one_of(1, 2, 4)] = 2,
         coordconv: Annotated[str, one_of(*COORDINATES)] = "stroke",
         tint: bool = True,
-        noise: bool = False,
+        noise: Annotated[float, between(0, 100)] = 0.0,
         activation: Annotated[str, one_of(*ACTIVATIONS)] = "relu",
         normalisation: Annotated[str, one_of(*NORMALISATIONS)] = "none",
         upsampling: Annotated[str, one_of(*UPSAMPLING)] = "nearest",
@@ -187,11 +188,11 @@ class _Layer(nn.Module):
 
     grain: Tensor
 
-    def __init__(self, before: int, after: int, side: int, planes: int, noise: bool, normalisation: str) -> None:
+    def __init__(self, before: int, after: int, side: int, planes: int, noise: float, normalisation: str) -> None:
         super().__init__()
         self.convolution = nn.Conv2d(before, after, 3, padding=1)
         self.coordinates = nn.Conv2d(planes, after, 1, bias=False) if planes else None
-        self.strength = nn.Parameter(torch.zeros(after)) if noise else None
+        self.strength = nn.Parameter(torch.full((after,), float(noise))) if noise else None
         self.normalise = NORMALISATIONS[normalisation](after)
         grain = torch.randn(1, 1, side, side, generator=torch.Generator().manual_seed(NOISE_SEED + side))
         self.register_buffer("grain", grain, persistent=False)
