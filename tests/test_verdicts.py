@@ -170,6 +170,7 @@ def test_an_incomplete_claim_is_explained(tmp_path):
 
 @pytest.mark.parametrize(("typed", "told"), [
     ("data=[{here}/data/brushes]", "data=[data/brushes]"),
+    ("data=[data/brushes,../brushes]", "data=[data/brushes,brushes]"),
     ("data={here}/data/set_${{engine.window}}", "data=data/set_${{engine.window}}"),
     ("renderer.checkpoint=/elsewhere/n.safetensors", "renderer.checkpoint=n.safetensors"),
     ("hydra.sweeper.settings=['a=1 renderer.checkpoint={here}/w/n.safetensors','a=2']",

@@ -142,6 +142,7 @@ def _short(words: Sequence[str]) -> list[str]:
     here = f"{Path.cwd().as_posix()}/"
 
     def told(path: re.Match[str]) -> str:
-        return path[0].removeprefix(here) if path[0].startswith(here) else path[1]
+        below = path[0].removeprefix(here)
+        return path[1] if below.startswith(("/", "~", "..")) else below
 
     return [key + equals + re.sub(r"""[^,\["'={:]*/([^/,]+)""", told, value) for key, equals, value in parts]
