@@ -32,9 +32,9 @@ NOT_DECIDED = "not decided"
 PICTURE, SEED = "picture", "seed"
 RULE = (
     "An interval is that of Student's t over the {units} at {confidence:.0%} for all comparisons of a study with its "
-    "reference together (Bonferroni), or for all its pairs if neither setting is that. In this order: a difference "
-    "{depends}is *better* or *worse* if the interval excludes zero; there is *no difference larger than* what the "
-    "interval allows, if that does not matter; else it is *not decided*, as it is with fewer than {least} {units}."
+    "reference together (Bonferroni). In this order: a difference {depends}is *better* or *worse* if the "
+    "interval excludes zero; there is *no difference larger than* what the interval allows, if that does not matter; "
+    "else it is *not decided*, as it is with fewer than {least} {units}."
 )
 DEPENDS = (  # of pictures only
     "*depends on the picture* if at least {odd} of them differ by more than what matters, where that is known, in each "

@@ -50,6 +50,8 @@ def write_verdicts(
         "What the thesis (Heimbrecht, master thesis, Heidelberg, 2020) claims, or chose by trying, and what comes of "
         f"it here; 6.3 and the like are its sections. {rule_for(PICTURE)}",
         "Where seeds and not pictures are paired, the same holds of seeds, but no answer depends on one.",
+        "The reference is the first setting of a study's table; where a claim compares two others, its interval is one "
+        "for all pairs of settings together.",
         "A claim of *no worse* holds if the interval allows no loss that matters, however large a gain it allows, and "
         "the answer does not depend on the picture; what was measured is told by the rule above all the same.",
         f"What matters: {matters} (of ratios: of their natural logarithm).",
