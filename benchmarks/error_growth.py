@@ -30,7 +30,7 @@ from brushexp.plugins.loss.ssim import dissimilarity, statistics
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.renderer.textured import Textured
-from brushexp.results.plotting import COLORS, MARKERS, new_figure, save_figure, tidy
+from brushexp.reporting.plotting import COLORS, MARKERS, new_figure, save_figure, tidy
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.runtime import peak_memory
 

@@ -23,10 +23,10 @@ import brushexp
 # isort: split
 import numpy as np
 import torch
+from brushexp_films.changes import Flicker
+from brushexp_films.clips import decoded_pictures, open_clip
 from skimage import data, transform
 
-from brushexp.painting.changes import Flicker
-from brushexp.pictures.clips import decoded_pictures, open_clip
 from brushexp.pictures.load import planes_of
 from brushexp.pictures.video import filming
 

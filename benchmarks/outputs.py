@@ -124,8 +124,8 @@ def vectors(runs: Iterable[Path]) -> None:
 
 def page(run: Path) -> None:
     """Print how long the page of a run takes to write and to open, and how smoothly it replays."""
-    from brushexp.app.command_line import prepare  # noqa: PLC0415
-    from brushexp.results.page.run import write_run_page  # noqa: PLC0415
+    from brushexp.cli.command_line import prepare  # noqa: PLC0415
+    from brushexp.pages.run_page import write_run_page  # noqa: PLC0415
 
     prepare(ROOT)
     write_run_page(run)  # what is compiled or loaded once

@@ -20,7 +20,7 @@ from pathlib import Path
 import brushexp
 
 # isort: split
-from brushexp.app.many_pictures import pictures_in
+from brushexp.cli.many_pictures import pictures_in
 
 LOOKS = ("plain", "oil")
 STEPS = 5

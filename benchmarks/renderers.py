@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from brushexp.results import plotting
+from brushexp.reporting import plotting
 from brushexp.results.pareto import front
 from brushexp.results.runs import gather
 from brushexp.results.tables import METRICS, markdown_table

@@ -13,10 +13,10 @@ from hypothesis import settings
 from omegaconf import DictConfig
 from program import in_plain
 
-from brushexp.app.command_line import in_full, prepare
-from brushexp.app.composition import check
-from brushexp.app.configs import composed
-from brushexp.app.runner import perform
+from brushexp.cli.command_line import in_full, prepare
+from brushexp.config.composition import check
+from brushexp.config.configs import composed
+from brushexp.runs.runner import perform
 
 # The same examples at every run: a failure is one of the change, and not of chance.
 settings.register_profile("repeatable", derandomize=True)

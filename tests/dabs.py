@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from brushexp.compat.compiled import first_of, inline
 from brushexp.compositing.layers import KernelInput, Layers, TileKernel
 from brushexp.compositing.passes import CHANNELS, PULL, PULL_ALPHA
 from brushexp.compositing.tile_lists import AREA, F
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
-from brushexp.system.compiled import first_of, inline
 
 COVER = 1  # row of a stroke in a tile
 

@@ -18,12 +18,12 @@ from brushexp.analysis import figures, samples
 from brushexp.analysis.columns import ALIGNED_WITHIN, MEASURES, RADIUS_PITCHES, measure_strokes
 from brushexp.analysis.summary import Analysis, analysis_of, comparison_of, overall_of, summary_of, thinnest_of
 from brushexp.analysis.summary_text import brushwork_text, strokes_csv, three_digits, write_summary
-from brushexp.app.tasks import analyse
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import pixel_centres
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
+from brushexp.tasks import analyse
 
 SIZE = (60, 90)
 

@@ -19,12 +19,12 @@ from PIL import Image
 from torch.testing import assert_close
 
 import brushexp
-from brushexp.app import run_folder
-from brushexp.app.configs import SHIPPED
-from brushexp.app.run_folder import lock
-from brushexp.app.tasks import paint as task
+from brushexp.config.configs import SHIPPED
 from brushexp.pictures.load import load_picture, samples
 from brushexp.results.runs import command_of
+from brushexp.runs import run_folder
+from brushexp.runs.run_folder import lock
+from brushexp.tasks import paint as task
 
 SMALL = {"look": "plain", "resolution": 32, "strokes": 20, "steps": 4}
 SAME = ("psnr", "ssim", "l1", "perceptual", "n_strokes", "steps", "status")  # numbers of two equal runs

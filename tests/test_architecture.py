@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from brushexp import painting, training
-from brushexp.app.schema import TASKS
+from brushexp.config.tasks import TASKS
 from brushexp.registry import FAMILIES, PACKAGES
 
 ROOT = Path(__file__).parents[1]

@@ -9,9 +9,9 @@ import torch
 from lightning.pytorch.loggers import CSVLogger
 from omegaconf import OmegaConf
 
-from brushexp.app.fitting import trainer_of
 from brushexp.errors import UserError
 from brushexp.registry import plugins
+from brushexp.runs.fitting import trainer_of
 from brushexp.system.callbacks import INTERRUPTED, MovingAverage
 
 

@@ -10,8 +10,6 @@ from PIL import Image
 from scenes import leaves, random_strokes, straight
 from test_kernels import KINDS, TILED
 
-from brushexp.app.tasks import export
-from brushexp.app.tasks import paint as painting
 from brushexp.compositing.mixing import mixing
 from brushexp.errors import UserError
 from brushexp.painting.components import standard_components
@@ -28,6 +26,8 @@ from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.catalogue import Catalogue, Strokes
 from brushexp.strokes.storage import load_catalogue, save_catalogue
+from brushexp.tasks import export
+from brushexp.tasks import paint as painting
 
 SPACES = {plugin.name: build_named("color", plugin.name, {}) for plugin in plugins("color")}
 OTHERS = [name for name, space in SPACES.items() if not space.is_rgb]

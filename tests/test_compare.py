@@ -93,7 +93,7 @@ def test_a_folder_without_runs_is_explained(tmp_path, name, reason):
 @pytest.fixture
 def compare(tmp_path, config):
     """The task in this process; it returns the folder and the numbers."""
-    from brushexp.app.tasks import compare as task  # noqa: PLC0415
+    from brushexp.tasks import compare as task  # noqa: PLC0415
 
     folder = tmp_path / "compared"
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from brushexp_discriminator.loss import Discriminated
 from scenes import random_strokes
 from torch import Tensor
 from torch.testing import assert_close
 
 from brushexp.plugins.loss.base import Loss, PaintedView
-from brushexp.plugins.loss.discriminator import Discriminated
 from brushexp.plugins.loss.perceptual import Lpips, Perceptual
 from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
 from brushexp.plugins.loss.sinkhorn import Sinkhorn

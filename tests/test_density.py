@@ -18,7 +18,7 @@ from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.density.strays import Strays
 from brushexp.plugins.init.slic import Slic
-from brushexp.plugins.optimizer.torch_optim import TorchOptim
+from brushexp.plugins.optimizer.torch import TorchOptim
 from brushexp.plugins.order.orders import Accuracy
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.patches import Patches

@@ -7,8 +7,8 @@ import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from program import ROOT
 
-from brushexp.app.command_line import in_full
-from brushexp.app.configs import composed
+from brushexp.cli.command_line import in_full
+from brushexp.config.configs import composed
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SHOWN = {

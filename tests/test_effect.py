@@ -13,7 +13,7 @@ from sweeps import collect, make_grid, make_run, note
 from brushexp.results.anytime_curves import MOST_CURVES, write_curves
 from brushexp.results.effect import effects, write_effect
 from brushexp.results.runs import shortened
-from brushexp.results.sweep import renew
+from brushexp.runs.sweep_report import renew
 
 SEEDS = {"seed": ["0", "1"]}
 CURVE = [[0.2, 20.0], [0.4, 22.0], [0.6, 23.0]]

@@ -19,11 +19,7 @@ from PIL import Image
 from program import ended
 from scenes import random_strokes
 
-from brushexp.app import fitting
-from brushexp.app.composition import check
-from brushexp.app.fitting import CHECKPOINT, RECORD, interrupted_run
-from brushexp.app.run_folder import is_ours, take
-from brushexp.app.tasks import paint
+from brushexp.config.composition import check
 from brushexp.errors import UserError
 from brushexp.painting.painter import DIVERGED
 from brushexp.plugins.blend.base import Blend, Canvas
@@ -36,10 +32,14 @@ from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named
 from brushexp.results.runs import AT_WORK, has_finished
+from brushexp.runs import fitting
+from brushexp.runs.fitting import CHECKPOINT, RECORD, interrupted_run
+from brushexp.runs.run_folder import is_ours, take
 from brushexp.strokes.catalogue import FIELDS
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.files import TEMPORARY, write_json
 from brushexp.system.runtime import free_memory
+from brushexp.tasks import paint
 from brushexp.training.dataset import Origin
 from brushexp.training.writer import simulate_set
 

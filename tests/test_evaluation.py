@@ -16,13 +16,13 @@ from PIL import Image
 from sweeps import read_csv
 from torch.nn import functional
 
-from brushexp.app.composition import check
-from brushexp.app.tasks import evaluate
+from brushexp.config.composition import check
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import RENDERERS, window_pictures
 from brushexp.registry import build, build_named, plugins
 from brushexp.strokes.prior import INSET, WIDTH, parameters_of, sample_prior
+from brushexp.tasks import evaluate
 from brushexp.training.benchmark import EXTREMES, draw_extremes, extreme_strokes
 from brushexp.training.dataset import origin_of
 from brushexp.training.evaluation import (

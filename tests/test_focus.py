@@ -13,7 +13,6 @@ from PIL import Image
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.app.tasks import paint
 from brushexp.errors import UserError
 from brushexp.painting.assembly import focus_of
 from brushexp.painting.metrics import measure
@@ -30,6 +29,7 @@ from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.files import write_picture
+from brushexp.tasks import paint
 
 SIZE = (53, 78)
 LOSSES = {"mse": MeanSquaredError, "l1": MeanAbsoluteError, "ssim": StructuralSimilarity, "lpips": Lpips}

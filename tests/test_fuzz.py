@@ -20,6 +20,9 @@ import lightning as L
 import numpy as np
 import pytest
 import torch
+from brushexp_films.films import PaintedFilm
+from brushexp_thesis.claims import Claim, read_claims
+from brushexp_thesis.published import PublishedFigures, read_published
 from catalogues import catalogue
 from hydra.errors import CompactHydraException
 from omegaconf import OmegaConf
@@ -32,15 +35,13 @@ from test_leaderboard import PUBLISHED
 from test_verdicts import CLAIMS
 from tifffile import imwrite
 
-from brushexp.app import fitting
-from brushexp.app.composition import check
-from brushexp.app.configs import composed, folders_of
-from brushexp.app.films import PaintedFilm
-from brushexp.app.fitting import CHECKPOINT, RECORD, RunRecord, interrupted_run
-from brushexp.app.mistakes import explanation
-from brushexp.app.sweep_jobs import check_same
+from brushexp.cli.mistakes import explanation
+from brushexp.config.composition import check
+from brushexp.config.configs import composed, folders_of
 from brushexp.errors import UserError
 from brushexp.features.base import read_tensors
+from brushexp.pages.run_page import write_run_page
+from brushexp.pages.sweep_page import write_sweep_page
 from brushexp.painting.assembly import components_of
 from brushexp.painting.outputs import painted_with, renderer_of
 from brushexp.pictures.load import load_picture
@@ -48,11 +49,10 @@ from brushexp.plugins.renderer.base import RENDERERS, Renderer
 from brushexp.plugins.renderer.inverse_vgg import InverseVGG
 from brushexp.plugins.renderer.neural import Neural
 from brushexp.registry import build_named, options_of
-from brushexp.results.claims import Claim, read_claims
-from brushexp.results.page.run import write_run_page
-from brushexp.results.page.sweep_page import write_sweep_page
-from brushexp.results.published import PublishedFigures, read_published
 from brushexp.results.runs import JOBS, gather
+from brushexp.runs import fitting
+from brushexp.runs.fitting import CHECKPOINT, RECORD, RunRecord, interrupted_run
+from brushexp.runs.sweep_jobs import check_same
 from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.storage import load_catalogue, save_catalogue
 from brushexp.system.files import write_json, write_picture

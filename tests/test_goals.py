@@ -12,7 +12,7 @@ from brushexp.painting.components import Stage
 from brushexp.painting.curves import Anytime
 from brushexp.painting.goals import PSNR_REACHED, SECONDS_SPENT, NoMoreGain, Quality, TimeBudget, goals_of
 from brushexp.painting.schedule import Schedule
-from brushexp.plugins.optimizer.torch_optim import TorchOptim
+from brushexp.plugins.optimizer.torch import TorchOptim
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.system.callbacks import STOPPED_EARLY, TimedCheckpoint
 

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from brushexp.app.tasks import paint, train
+from brushexp.tasks import paint, train
 
 pytestmark = [pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")]
 

@@ -12,7 +12,7 @@ from torch.testing import assert_close
 
 from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.init.grid import Grid, lattice
-from brushexp.plugins.init.layered import InLayers
+from brushexp.plugins.init.layers import InLayers
 from brushexp.plugins.init.random import Random
 from brushexp.plugins.init.slic import Slic
 from brushexp.registry import build_named

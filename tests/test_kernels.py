@@ -12,6 +12,7 @@ from kernels import BACKGROUND, DEGENERATE, DENSE, assert_agree, paint, paint_wi
 from scenes import random_strokes, straight
 from torch import nn
 
+from brushexp.compat.compiled import Compiled, function, inline, kernel, prange
 from brushexp.compositing.tile_lists import tile_lists
 from brushexp.compositing.windows import Windows
 from brushexp.errors import UserError
@@ -21,7 +22,6 @@ from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.renderer.textured import Textured
 from brushexp.strokes.catalogue import FIELDS, Strokes
-from brushexp.system.compiled import Compiled, function, inline, kernel, prange
 
 BLENDS = {
     "tiled": Tiled(opaque=0.0, kernel="numba"),

@@ -16,7 +16,7 @@ import torch
 from program import ended
 from sweeps import read_csv
 
-from brushexp.app.run_folder import left_in
+from brushexp.runs.run_folder import left_in
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import TEMPORARY
 

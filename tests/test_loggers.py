@@ -21,11 +21,11 @@ from films import pixels_of
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 
-from brushexp.app.tracking import Trackers, trackers_of
 from brushexp.errors import UserError
 from brushexp.plugins.logger import tensorboard
 from brushexp.plugins.logger.base import Logger, Run
 from brushexp.plugins.logger.wandb import WeightsAndBiases, mode_of
+from brushexp.runs.tracking import Trackers, trackers_of
 from brushexp.system.files import write_picture
 
 pytestmark = pytest.mark.slow

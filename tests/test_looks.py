@@ -8,16 +8,16 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 from program import ended
 
-from brushexp.app import configs
-from brushexp.app.command_line import in_full
-from brushexp.app.composition import check, offer
-from brushexp.app.configs import SHIPPED, folders_of
-from brushexp.app.help import presets_of
-from brushexp.app.looks import FACTORS
-from brushexp.app.schema import PaintTask
-from brushexp.app.tasks import paint
+from brushexp.cli.command_line import in_full
+from brushexp.cli.help import presets_of
+from brushexp.config import configs
+from brushexp.config.composition import check, offer
+from brushexp.config.configs import SHIPPED, folders_of
+from brushexp.config.looks import FACTORS
+from brushexp.config.schema import PaintTask
 from brushexp.errors import UserError
 from brushexp.registry import plugin_of
+from brushexp.tasks import paint
 
 LOOKS = sorted(path.stem for path in (SHIPPED / "look").glob("*.yaml"))
 MINE = """# @package _global_

@@ -9,14 +9,14 @@ import torch
 from PIL import Image
 from program import ended
 
-from brushexp.app import many_pictures
-from brushexp.app.command_line import in_full, parsed, verbatim
-from brushexp.app.configs import SHIPPED
-from brushexp.app.many_pictures import all_pictures, as_sweep, in_processes, launcher, pictures_named, subfolders_for
-from brushexp.app.run_folder import SUBFOLDER, place_of
+from brushexp.cli import many_pictures
+from brushexp.cli.command_line import in_full, parsed, verbatim
+from brushexp.cli.many_pictures import all_pictures, as_sweep, in_processes, launcher, pictures_named, subfolders_for
+from brushexp.config.configs import SHIPPED
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
 from brushexp.results.runs import JOBS
+from brushexp.runs.run_folder import SUBFOLDER, place_of
 from brushexp.system import device, runtime
 
 pytestmark = pytest.mark.slow

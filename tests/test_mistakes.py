@@ -6,14 +6,14 @@ import pytest
 from hydra.errors import CompactHydraException
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.app.command_line import in_full
-from brushexp.app.composition import check
-from brushexp.app.configs import SHIPPED
-from brushexp.app.help import help_text
-from brushexp.app.keys import keys_of
-from brushexp.app.mistakes import explanation
-from brushexp.app.schema import TASKS
 from brushexp.bounds import above, at_least, between, multiple_of, one_of
+from brushexp.cli.command_line import in_full
+from brushexp.cli.help import help_text
+from brushexp.cli.mistakes import explanation
+from brushexp.config.composition import check
+from brushexp.config.configs import SHIPPED
+from brushexp.config.keys import keys_of
+from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
 
 ROOT = Path(__file__).parents[1]

@@ -9,13 +9,13 @@ from painters import assert_resumes, error_of, painter_of, take
 from scenes import random_strokes
 from torch import Tensor
 
-from brushexp.app.configs import SHIPPED
+from brushexp.config.configs import SHIPPED
 from brushexp.errors import UserError
 from brushexp.painting.painter import Painter
 from brushexp.plugins.density.base import DensificationUpdate, Density
 from brushexp.plugins.loss.pixel import MeanSquaredError
 from brushexp.plugins.optimizer.base import Optimizer
-from brushexp.plugins.optimizer.torch_optim import LIBRARIES, TorchOptim
+from brushexp.plugins.optimizer.torch import LIBRARIES, TorchOptim
 from brushexp.registry import build, build_named
 from brushexp.strokes.catalogue import Catalogue
 

@@ -15,7 +15,7 @@ from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.loss.pixel import MeanSquaredError
 from brushexp.plugins.loss.stroke import KullbackLeibler
-from brushexp.plugins.optimizer.torch_optim import TorchOptim
+from brushexp.plugins.optimizer.torch import TorchOptim
 from brushexp.plugins.order.orders import Accuracy
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.textured import Textured

@@ -11,14 +11,14 @@ from painters import QUIET, fit, painter_of
 from scenes import random_strokes
 
 from brushexp import registry
-from brushexp.app import fitting
-from brushexp.app.fitting import RunRecord
-from brushexp.app.tasks import paint
 from brushexp.errors import UserError
 from brushexp.plugin_errors import plugins_named
 from brushexp.plugin_loading import load_plugins
 from brushexp.plugins.loss.base import PaintedView
 from brushexp.registry import PACKAGES, build_named, plugins
+from brushexp.runs import fitting
+from brushexp.runs.fitting import RunRecord
+from brushexp.tasks import paint
 
 SIZE = (8, 12)
 TARGET = torch.rand(3, *SIZE, generator=torch.Generator().manual_seed(0))

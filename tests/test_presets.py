@@ -5,9 +5,9 @@ import shlex
 
 import pytest
 
-from brushexp.app import configs
-from brushexp.app.composition import check
-from brushexp.app.configs import SHIPPED
+from brushexp.config import configs
+from brushexp.config.composition import check
+from brushexp.config.configs import SHIPPED
 from brushexp.registry import build
 from brushexp.system.reading import read_text, yaml_of
 

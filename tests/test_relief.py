@@ -13,7 +13,6 @@ from films import pixels_of
 from PIL import Image
 from scenes import Windowed, random_strokes, straight
 
-from brushexp.app.tasks import export, paint
 from brushexp.compositing import bands as banding
 from brushexp.errors import UserError
 from brushexp.painting import outputs
@@ -28,6 +27,7 @@ from brushexp.shading.light import Light, normals_of, shaded
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import load_catalogue
+from brushexp.tasks import export, paint
 
 RENDERERS = {"plain": Analytic(), "pointed": Analytic(taper=1.0), "bristles": Textured(checkpoint=None)}
 RENDERERS |= {"windows": Windowed(), "another kind": DabRenderer()}

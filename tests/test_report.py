@@ -19,8 +19,8 @@ from brushexp.errors import UserError
 from brushexp.results import contact_sheet, sweep
 from brushexp.results.contact_sheet import LIMIT, SIDE, SheetCell, draw_sheet
 from brushexp.results.runs import parse_overrides
-from brushexp.results.sweep import SweepReport, first_line, renew
 from brushexp.results.tables import csv_table, latex_table, markdown_table, write_run_tables
+from brushexp.runs.sweep_report import SweepReport, first_line, renew
 from brushexp.system.files import write_picture
 
 METRICS = {

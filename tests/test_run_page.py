@@ -22,15 +22,15 @@ from PIL import Image
 from scenes import random_strokes
 
 from brushexp.analysis.columns import measure_strokes
-from brushexp.app import session
 from brushexp.errors import UserError
+from brushexp.pages.drawings import error_map, histogram_chart, line_chart, rose_chart, swatches_of
+from brushexp.pages.replay import FARTHEST, STEPS, replay_of
+from brushexp.pages.run_page import LARGEST_SIDE, _shown, files_in, line_of, run_page, write_run_page
 from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import build_named
-from brushexp.results.page.drawings import error_map, histogram_chart, line_chart, rose_chart, swatches_of
-from brushexp.results.page.replay import FARTHEST, STEPS, replay_of
-from brushexp.results.page.run import LARGEST_SIDE, _shown, files_in, line_of, run_page, write_run_page
 from brushexp.results.runs import read_curves
+from brushexp.runs import session
 from brushexp.shading.light import Light, normals_of, shaded
 from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, point_at
 from brushexp.strokes.catalogue import Strokes
@@ -229,7 +229,7 @@ def test_a_run_is_not_lost_with_its_page(tmp_path, caplog, monkeypatch):
     session.report(tmp_path)
     assert "no report.html of this run" in caplog.text
     assert "Traceback" not in caplog.text
-    monkeypatch.setattr("brushexp.results.page.run.write_run_page", lambda *_: 1 / 0)
+    monkeypatch.setattr("brushexp.pages.run_page.write_run_page", lambda *_: 1 / 0)
     session.report(tmp_path)
     assert "ZeroDivisionError" in caplog.text
 

@@ -30,9 +30,9 @@ from hypothesis.stateful import (
 from PIL import Image
 from program import ended
 
-from brushexp.app.run_folder import left_in
 from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.plugins.blend.tiled import Tiled
+from brushexp.runs.run_folder import left_in
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import TEMPORARY
 

@@ -7,8 +7,8 @@ from importlib.util import find_spec
 import numpy as np
 from lightning_utilities.core.imports import RequirementCache
 
+from brushexp.compat.hidden_packages import hidden
 from brushexp.system import runtime
-from brushexp.system.hidden_packages import hidden
 from brushexp.system.runtime import forget_peak_memory, peak_memory
 
 SCRIPT = """

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from brushexp_discriminator.loss import Discriminated
 from scenes import leaves, random_strokes
 from torch import Tensor
 from torch.distributions import MultivariateNormal, kl_divergence
 from torch.testing import assert_close
 
 from brushexp.plugins.loss.base import Loss, PaintedView
-from brushexp.plugins.loss.discriminator import Discriminated
 from brushexp.plugins.loss.stroke import SHRINK, Curvature, Direction, KullbackLeibler, Width
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import Strokes

@@ -9,7 +9,6 @@ from PIL import Image
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.app.tasks import paint
 from brushexp.errors import UserError
 from brushexp.features import base as features
 from brushexp.painting.assembly import losses_of
@@ -20,6 +19,7 @@ from brushexp.plugins.loss.base import PaintedView, Surroundings, weighted_sum
 from brushexp.plugins.loss.style import KERNELS, VARIANCE_OFFSET, Style
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Strokes
+from brushexp.tasks import paint
 
 NONE = Strokes.none()
 TAPS = ["stem", "b0"]  # they see little, so small pictures will do

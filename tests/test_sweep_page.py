@@ -9,7 +9,7 @@ import pytest
 from browser import NARROW, WIDE
 from sweeps import collect, make_run
 
-from brushexp.results.page.sweep_page import AREA, SIDES, _encoded, side_for, sweep_page, thumbnail, write_sweep_page
+from brushexp.pages.sweep_page import AREA, SIDES, _encoded, side_for, sweep_page, thumbnail, write_sweep_page
 from brushexp.results.pareto import front_table
 from brushexp.results.runs import frame_of
 from brushexp.system.files import write_picture

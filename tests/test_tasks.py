@@ -13,10 +13,10 @@ from films import pixels_of
 from PIL import Image
 from program import ROOT, run
 
-from brushexp.app.configs import SHIPPED
-from brushexp.app.tasks import export, paint
+from brushexp.config.configs import SHIPPED
 from brushexp.strokes.prior import clamp_to_prior
 from brushexp.strokes.storage import load_catalogue
+from brushexp.tasks import export, paint
 
 pytestmark = pytest.mark.slow
 SMALL = ["look=plain", "image=chelsea", "resolution=48", "steps=30", "threads=1", "frames=5"]

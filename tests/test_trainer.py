@@ -14,36 +14,35 @@ from types import SimpleNamespace
 import lightning as L
 import pytest
 import torch
+from brushexp_discriminator.discriminator_module import DiscriminatorModule, ShapeData
+from brushexp_discriminator.loss import Discriminator
 from lightning.pytorch.callbacks import Checkpoint
 from sweeps import read_csv
 from test_dataset import write
 from torch import nn
 from torch.utils.data import DataLoader, IterableDataset
 
-from brushexp.app import stroke_data
-from brushexp.app.composition import check
-from brushexp.app.network_fitting import fit_network, renderer_settings
-from brushexp.app.rules import check_brushes, check_ends
-from brushexp.app.tasks import train
+from brushexp.config.composition import check
+from brushexp.config.rules import check_brushes, check_ends
 from brushexp.errors import UserError
 from brushexp.painting.metrics import psnr_of
-from brushexp.plugins.loss.discriminator import Discriminator
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import RENDERERS, PatchRenderer, window_pictures
 from brushexp.registry import build, build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.callbacks import DIVERGED, INTERRUPTED, MovingAverage, TimedCheckpoint
 from brushexp.system.checkpoint import weights_hash
-from brushexp.training import fresh_start, network_module
+from brushexp.tasks import train
+from brushexp.training import fresh_start, network_module, stroke_data
 from brushexp.training.datamodule import StrokeBatch, StrokeLoader
 from brushexp.training.dataset import Origin
-from brushexp.training.discriminator_module import DiscriminatorModule, ShapeData
 from brushexp.training.evaluation import (
     error_figures,
     error_sums,
     premultiplied,
     squared_error,
 )
+from brushexp.training.network_fitting import fit_network, renderer_settings
 from brushexp.training.renderer_module import Critic, RendererModule, RendererSettings, balanced, relativistic_loss
 
 SIDE = 16

@@ -12,10 +12,10 @@ import pytest
 from catalogues import catalogue
 from hydra.errors import ConfigCompositionException
 
-from brushexp.app import configs
-from brushexp.app.command_line import prepare
-from brushexp.app.composition import check, offer_presets
-from brushexp.app.configs import folders_of
+from brushexp.cli.command_line import prepare
+from brushexp.config import configs
+from brushexp.config.composition import check, offer_presets
+from brushexp.config.configs import folders_of
 from brushexp.errors import UserError
 from brushexp.registry import MULTI_SELECT, build
 from brushexp.strokes.storage import save_catalogue

@@ -14,11 +14,11 @@ from omegaconf import OmegaConf
 from program import Program, ask
 from scenes import random_strokes
 
-from brushexp.app.tasks.view import pages_of
 from brushexp.errors import UserError
-from brushexp.results.page.serving import served
+from brushexp.pages.serving import served
 from brushexp.strokes.storage import Saved, save_catalogue
 from brushexp.system.files import write_json, write_picture
+from brushexp.tasks.view import pages_of
 
 
 def make_catalogue(path, renderer="analytic", config="renderer: {taper: 0.5}\n"):

@@ -12,11 +12,12 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from omegaconf import MISSING
 
-from brushexp.app.command_line import prepare
-from brushexp.app.configs import SHIPPED
-from brushexp.app.keys import Key, groups_of, keys_of
-from brushexp.app.schema import TASKS, Task
 from brushexp.bounds import Bounds, Rule
+from brushexp.cli.command_line import prepare
+from brushexp.config.configs import SHIPPED
+from brushexp.config.keys import Key, groups_of, keys_of
+from brushexp.config.schema import Task
+from brushexp.config.tasks import TASKS
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, options_of, plain_type, plugins
 
 ROOT = Path(__file__).parents[2]
@@ -64,7 +65,7 @@ def tasks_page() -> str:
     """Every task: what it does, the plugins that it takes, and its keys with types, defaults and meaning."""
     parts = [
         "# Tasks",
-        "Made from `src/brushexp/app/schema.py` when this site is built. `brushexp task=name key=value ...`; "
+        "Made from `src/brushexp/config/schema.py` when this site is built. `brushexp task=name key=value ...`; "
         "`task=paint` is the default and need not be typed. Add `--help` for the same on the terminal.",
         "## Keys of every task",
         _keys(keys_of(Task)),

@@ -8,7 +8,7 @@ def main() -> None:
     """Do what the command line says; ``--help`` shows the choices."""
     start = time.monotonic()  # before the slow imports, which count
     gc.disable()  # until the task begins: modules are no garbage, and to look for it takes a seventh of the start
-    from brushexp.app.program import run  # noqa: PLC0415
+    from brushexp.cli.program import run  # noqa: PLC0415
 
     run(start)
 

@@ -9,6 +9,7 @@ from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from brushexp.errors import UserError
 from brushexp.plugin_errors import OURS
@@ -31,9 +32,9 @@ def load_plugins(directory: Path) -> list[str]:
     files = list(_plugin_files(directory))
     _mount({path.parent for path in files})
     for path in files:
-        _import_or_explain(partial(importlib.import_module, f"{USER_PACKAGE}.{path.stem}"), str(path))
+        import_or_explain(partial(importlib.import_module, f"{USER_PACKAGE}.{path.stem}"), str(path))
     for point in entry_points(group=ENTRY_POINTS):
-        _import_or_explain(point.load, f"entry point {point.name} ({point.value})")
+        import_or_explain(point.load, f"entry point {point.name} ({point.value})")
     return [path.stem for path in files]
 
 
@@ -61,9 +62,10 @@ def _mount(folders: set[Path]) -> None:
     importlib.invalidate_caches()
 
 
-def _import_or_explain(load: Callable[[], object], source: str) -> None:
+def import_or_explain(load: Callable[[], Any], source: str) -> Any:
+    """What a plugin is when it is loaded; a UserError says which ``source`` cannot be, and why."""
     try:
-        load()
+        return load()
     except UserError as error:
         raise UserError(f"plugin {source}: {error}") from error
     except SyntaxError as error:

@@ -59,7 +59,7 @@ class SettingsSweeper(BasicSweeper):
         launch = self.launcher.launch
 
         def launch_all(batch: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
-            from brushexp.app.sweep_jobs import launch_left  # noqa: PLC0415
+            from brushexp.runs.sweep_jobs import launch_left  # noqa: PLC0415
 
             assert self.config is not None
             return launch_left(launch, self.config, batch, initial_job_idx, self.resume)
@@ -70,11 +70,11 @@ class SettingsSweeper(BasicSweeper):
         self, overrides: list[Override], max_batch_size: int | None
     ) -> list[list[list[str]]]:
         """The overrides of every job, in batches, each checked before anything of the sweep is written."""
-        from brushexp.app.command_line import verbatim, written_out  # noqa: PLC0415  (Hydra imports this file for any program)
-        from brushexp.app.configs import folders_in  # noqa: PLC0415
-        from brushexp.app.many_pictures import all_pictures, subfolders_for  # noqa: PLC0415
-        from brushexp.app.run_folder import SUBFOLDER  # noqa: PLC0415
-        from brushexp.app.sweep_jobs import begin_sweep, check_jobs  # noqa: PLC0415
+        from brushexp.cli.command_line import verbatim, written_out  # noqa: PLC0415  (Hydra imports this file for any program)
+        from brushexp.cli.many_pictures import all_pictures, subfolders_for  # noqa: PLC0415
+        from brushexp.config.configs import folders_in  # noqa: PLC0415
+        from brushexp.runs.run_folder import SUBFOLDER  # noqa: PLC0415
+        from brushexp.runs.sweep_jobs import begin_sweep, check_jobs  # noqa: PLC0415
 
         assert self.hydra_context is not None
         assert self.config is not None

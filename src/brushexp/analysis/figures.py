@@ -19,7 +19,7 @@ from brushexp.analysis.summary import OVERALL, Analysis, overall_of
 from brushexp.analysis.summary_text import relative_unit, strokes_in, three_digits, with_unit
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
-from brushexp.results.plotting import COLORS, FAINT, INK, new_figure, save_figure, tidy, without_math
+from brushexp.reporting.plotting import COLORS, FAINT, INK, new_figure, save_figure, tidy, without_math
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.measures import NEIGHBOURS, centre_of, direction_of, mean_direction, nearest_strokes
 

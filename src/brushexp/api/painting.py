@@ -11,19 +11,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from brushexp_films.clips import is_film
 from torch import Tensor
 
 from brushexp.api.settings import Settings, held_as_files, settings_of
-from brushexp.app.run_folder import check_inputs, clear, is_unused, note_others, note_words, release, take
-from brushexp.app.runner import explaining_to_users
-from brushexp.app.session import painted, painted_into, report
 from brushexp.errors import UserError
+from brushexp.pages.run_page import run_page
 from brushexp.painting.finished import Finished
-from brushexp.pictures.clips import is_film
 from brushexp.plugins.export.base import LARGEST_SIDE_PIXELS, ExportJob
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import build_named
-from brushexp.results.page.run import run_page
+from brushexp.runs.run_folder import check_inputs, clear, is_unused, note_others, note_words, release, take
+from brushexp.runs.runner import explaining_to_users
+from brushexp.runs.session import painted, painted_into, report
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.files import write_picture

@@ -13,11 +13,11 @@ from hydra.errors import CompactHydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.app.command_line import kinds_of_keys, parsed, prepare, unlike, written_out
-from brushexp.app.composition import check
-from brushexp.app.configs import composed, folders_of, quoted
-from brushexp.app.help import as_typed
-from brushexp.app.mistakes import explanation
+from brushexp.cli.command_line import kinds_of_keys, parsed, prepare, unlike, written_out
+from brushexp.cli.help import as_typed
+from brushexp.cli.mistakes import explanation
+from brushexp.config.composition import check
+from brushexp.config.configs import composed, folders_of, quoted
 from brushexp.errors import UserError
 from brushexp.pictures.held import HeldPicture, is_picture
 

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 from brushexp.api.choosing import create
 from brushexp.api.painting import Painting
 from brushexp.api.settings import settings_of
-from brushexp.app.run_folder import note_words, release, take
-from brushexp.app.runner import perform
 from brushexp.registry import build, plugin_of
+from brushexp.runs.run_folder import note_words, release, take
+from brushexp.runs.runner import perform
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.strokes.storage import load_catalogue
 
@@ -78,7 +78,7 @@ def train_renderer(output: str | PathLike[str], *, renderer: str = "neural", **o
     start, settings = time.monotonic(), settings_of("train", {"renderer": renderer, **overrides}, output)
     folder, cfg = settings.folder, settings.cfg
     assert folder is not None
-    task = importlib.import_module("brushexp.app.tasks.train")
+    task = importlib.import_module("brushexp.tasks.train")
     with settings.as_asked():
         try:
             take(folder, cfg)

@@ -9,9 +9,9 @@ from typing import Any, ClassVar, NamedTuple, Self
 import torch
 from torch import Tensor
 
+from brushexp.compat.compiled import Compiled
 from brushexp.compositing.nearest import find_nearest, recall_nearest
 from brushexp.compositing.passes import backward_pass, channel_rows, forward_pass, weigh
-from brushexp.system.compiled import Compiled
 
 Size = tuple[int, int]  # height and width of a canvas, pixels
 SPREAD = 1.5  # half widths that textures reach to either side of the curve, and beyond its ends

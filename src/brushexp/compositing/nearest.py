@@ -3,8 +3,8 @@
 
 import numpy as np
 
+from brushexp.compat.compiled import inline
 from brushexp.compositing.tile_lists import AREA, NEAREST, F
-from brushexp.system.compiled import inline
 
 LEAST_SLOPE = F(1e-6)  # least second derivative Newton divides by, against the curve's own size
 NEWTON_STEPS, HALLEY_STEPS = 3, 5

@@ -24,8 +24,8 @@ what is expected; `TileKernel` puts those of a kind in their place. They are giv
 
 import numpy as np
 
+from brushexp.compat.compiled import inline, kernel, prange
 from brushexp.compositing.tile_lists import ABOVE, AREA, TILE, F
-from brushexp.system.compiled import inline, kernel, prange
 
 WORKERS = 64  # every so many tiles are one worker's: fixed, and enough to share the work evenly
 ROWS = TEMPORARY = 1

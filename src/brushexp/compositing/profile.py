@@ -12,12 +12,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from brushexp.compat.compiled import first_of, inline
 from brushexp.compositing.layers import Encode, KernelInput, Layers, TileKernel
 from brushexp.compositing.nearest import LEAST_SLOPE
 from brushexp.compositing.passes import CHANNELS, PULL, PULL_ALPHA
 from brushexp.compositing.tile_lists import AREA, NEAREST, F
 from brushexp.strokes.bezier import closest_parameter, point_at
-from brushexp.system.compiled import first_of, inline
 
 LEAST_BEND = F(1.25e-5)  # square pixels: as in `strokes.bezier`
 COLOR = 8  # column of the first channel; before it are the control points, the half width and the opacity

@@ -6,10 +6,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from brushexp.compat.compiled import Compiled
 from brushexp.compositing.layers import KernelInput, Layers, Size
 from brushexp.compositing.passes import sum_by_stroke
 from brushexp.compositing.tile_lists import AREA, Array, F, tile_lists
-from brushexp.system.compiled import Compiled
 from brushexp.system.runtime import share_threads
 
 

@@ -3,11 +3,11 @@
 
 import numpy as np
 
+from brushexp.compat.compiled import inline, kernel, prange
 from brushexp.compositing.frame import SLOWEST, SLOWEST_PIXELS
 from brushexp.compositing.nearest import find_nearest
 from brushexp.compositing.textures import LONG
 from brushexp.compositing.tile_lists import AREA, NEAREST, TILE, F
-from brushexp.system.compiled import inline, kernel, prange
 
 X, Y = 2, 3  # rows of a stroke in a tile: its place in the texture, in texels
 PLACES = 4  # rows that are needed for it

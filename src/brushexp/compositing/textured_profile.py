@@ -13,13 +13,13 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from brushexp.compat.compiled import first_of, inline
 from brushexp.compositing.frame import LEAST_SQUARE, SHORTEST_SQUARED, SLOWEST, SLOWEST_PIXELS, stroke_frame
 from brushexp.compositing.layers import SPREAD, Encode, KernelInput, Layers, TileKernel
 from brushexp.compositing.passes import CHANNELS, PULL, PULL_ALPHA
 from brushexp.compositing.texture_places import PLACES, X, Y, curve_size, place_in_texture, places_in_windows
 from brushexp.compositing.textures import LONG, Sheets
 from brushexp.compositing.tile_lists import AREA, NEAREST, TILE, F
-from brushexp.system.compiled import first_of, inline
 from brushexp.system.runtime import share_threads
 
 I = np.int32  # noqa: E741

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
-from brushexp.system.compiled import inline, kernel, prange
+from brushexp.compat.compiled import inline, kernel, prange
 
 F = np.float32
 TILE = 8  # pixels

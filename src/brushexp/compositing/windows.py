@@ -14,10 +14,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from brushexp.compat.compiled import Compiled, inline, kernel, prange
 from brushexp.compositing.layers import Encode, KernelInput, Layers, TileKernel
 from brushexp.compositing.passes import CHANNELS, PULL_ALPHA
 from brushexp.compositing.tile_lists import ABOVE, AREA, TILE, Array, F
-from brushexp.system.compiled import Compiled, inline, kernel, prange
 
 ALMOST_NOTHING = 1e-6  # alpha below which the colour of a texel no longer counts
 ALPHA, PAINTED = 1, 2  # rows of a stroke in a tile: alpha and the channels times alpha, before opacity

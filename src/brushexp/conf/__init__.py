@@ -1,1 +1,1 @@
-"""Configs that ship; a task's keys are in `brushexp.app.schema`, and those of users in ``conf`` of their folder."""
+"""Configs that ship; a task's keys are in `brushexp.config.schema`, and those of users in ``conf`` of their folder."""

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from brushexp_films.clips import is_film, open_clip
 from PIL import Image
 from torch import Tensor
 from torch.nn import functional
 
 from brushexp.bounds import Rule
 from brushexp.errors import UserError
-from brushexp.pictures.clips import is_film, open_clip
 from brushexp.pictures.decode import MAX_PIXELS, picture_size, read_picture
 from brushexp.pictures.held import pixels_of
 

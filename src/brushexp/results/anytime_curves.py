@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brushexp.results import plotting
-from brushexp.results.plotting import COLORS, DASHES, FAINT, INK, SIZE
+from brushexp.reporting import plotting
+from brushexp.reporting.plotting import COLORS, DASHES, FAINT, INK, SIZE
 from brushexp.results.tables import markdown_table, run_count
 from brushexp.system.files import write_text
 

@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from brushexp.errors import UserError
 from brushexp.pictures.decode import opened_picture
-from brushexp.results.plotting import folded
+from brushexp.reporting.plotting import folded
 from brushexp.results.runs import shortened
 from brushexp.results.tables import DIGITS, is_album, numbers, run_count, varying
 from brushexp.system.files import write_picture

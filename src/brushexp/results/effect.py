@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from brushexp.results import plotting
-from brushexp.results.plotting import COLORS, MARKERS, SIZE
+from brushexp.reporting import plotting
+from brushexp.reporting.plotting import COLORS, MARKERS, SIZE
 from brushexp.results.runs import differences, shortened
 from brushexp.results.tables import over_seeds, run_count, varying
 

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brushexp.results import plotting
-from brushexp.results.plotting import COLORS, GREY, INK
+from brushexp.reporting import plotting
+from brushexp.reporting.plotting import COLORS, GREY, INK
 from brushexp.results.runs import differences
 from brushexp.results.tables import METRICS, csv_table, markdown_table, numbers
 from brushexp.system.files import write_text

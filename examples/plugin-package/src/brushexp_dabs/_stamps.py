@@ -6,9 +6,9 @@ Lengths are in pixels of that canvas, which is finer than the picture; the pictu
 import numpy as np
 import torch
 
+from brushexp.compat.compiled import function, kernel, prange
 from brushexp.plugins.engine.base import Simulated
 from brushexp.strokes.catalogue import Strokes
-from brushexp.system.compiled import function, kernel, prange
 
 F = np.float32
 U = np.uint64

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.system.compiled import Compiled, inline, kernel, prange
+from brushexp.compat.compiled import Compiled, inline, kernel, prange
 
 F = np.float32
 STEEPEST, KNEE, KNEE_SHOWN = 12.92, 0.0031308, 0.04045  # slope of the curve of displays at black, and where that ends

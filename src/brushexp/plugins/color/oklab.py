@@ -4,10 +4,10 @@
 import torch
 from torch import Tensor
 
+from brushexp.compat.compiled import inline
 from brushexp.plugins.color._decoding import Decoder, F, linear_of
 from brushexp.plugins.color.base import ColorSpace
 from brushexp.registry import register
-from brushexp.system.compiled import inline
 
 # What each kind of cone sees of linear red, green and blue (Ottosson, 2020).
 CONES = torch.tensor(

@@ -6,10 +6,10 @@ import math
 import torch
 from torch import Tensor
 
+from brushexp.compat.compiled import inline
 from brushexp.plugins.color._decoding import Decoder, F, linear_of
 from brushexp.plugins.color.base import ColorSpace
 from brushexp.registry import register
-from brushexp.system.compiled import inline
 
 # Share of the light that paint of pure colours reflects, in bands from violet to red; white reflects all. Chosen by
 # benchmarks/pigments.py: smooth, and so that mixtures of two paints come near to those that painters know.

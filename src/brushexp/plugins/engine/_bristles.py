@@ -7,7 +7,7 @@ Lengths are in units of the canvas (a window is `UNITS` wide), z points up from 
 import numpy as np
 from numba import prange
 
-from brushexp.system.compiled import function, kernel
+from brushexp.compat.compiled import function, kernel
 
 F = np.float32
 UNITS = F(256)  # lengths are in 256ths of the window: the canvas of SPIRAL, in whose pixels the constants are given

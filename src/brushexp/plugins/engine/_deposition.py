@@ -6,9 +6,9 @@ Grids are flat arrays of rows with one cell of margin around the canvas, so that
 import numpy as np
 from numba import prange
 
+from brushexp.compat.compiled import function, inline, kernel
 from brushexp.plugins.engine._bristles import TOUCH, UNITS, VERTICES, F, move
 from brushexp.plugins.engine._lit_paint import picture
-from brushexp.system.compiled import function, inline, kernel
 
 FLOW = F(100 / 60)  # units that paint moves in one frame per unit of velocity
 LAG = F(2.2)  # frames by which the touching parts follow the handle, measured on straight strokes

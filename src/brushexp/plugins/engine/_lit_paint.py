@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from brushexp.compat.compiled import function, inline
 from brushexp.plugins.engine._bristles import UNITS, F
-from brushexp.system.compiled import function, inline
 
 
 @inline

@@ -7,10 +7,10 @@ import torch
 from torch import Tensor
 
 from brushexp.bounds import between
+from brushexp.compat.compiled import function, kernel, prange
 from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import register
 from brushexp.strokes.prior import strokes_of
-from brushexp.system.compiled import function, kernel, prange
 from brushexp.system.runtime import share_threads
 
 DISCS = 100  # number i lies at t = i / DISCS

@@ -1,0 +1,1 @@
+"""A network that recognises valid strokes, and the loss that asks it."""

@@ -1,0 +1,197 @@
+"""The discriminator: how strokes are corrupted, what it learns, where its loss pushes, and its files."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import lightning as L
+import pytest
+import torch
+from brushexp_discriminator.corruption import CORRUPTIONS, corrupt
+from brushexp_discriminator.discriminator_module import (
+    DiscriminatorModule,
+    ShapeData,
+    discriminator_figures,
+    held_out_shapes,
+    save_discriminator,
+)
+from brushexp_discriminator.loss import DISCRIMINATORS, NAME, Discriminated, Discriminator, shapes_of
+from test_trainer import StopAt
+from test_trainer import fit as fit_module
+from torch import Tensor
+
+from brushexp.config.rules import check_used
+from brushexp.errors import UserError
+from brushexp.plugins.loss.base import PaintedView
+from brushexp.plugins.renderer.base import RENDERERS
+from brushexp.registry import build_named
+from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.prior import INSET, SPREAD, WIDTH, bend_of, sample_prior, strokes_of
+from brushexp.system.callbacks import TimedCheckpoint
+from brushexp.tasks import train
+from brushexp.training.dataset import Split
+
+POINTS = ("start", "control", "end")
+
+
+def generator(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def strokes(shapes: Tensor) -> Strokes:
+    return strokes_of(torch.cat([shapes, torch.zeros(len(shapes), 3)], dim=1))
+
+
+def loss_of(loss: Discriminated, made: Strokes) -> Tensor:
+    nothing = torch.zeros(3, 5, 8)
+    return loss(PaintedView(nothing, nothing, made))
+
+
+def valid(made: Strokes, slack: float = 0.01) -> Tensor:
+    """Whether the prior could have drawn each (N,), by its own constraints; bends within four standard deviations."""
+    points = torch.stack([getattr(made, name) for name in POINTS], 1).abs().amax((1, 2))
+    length = torch.linalg.vector_norm(made.end - made.start, dim=1)
+    bend = (bend_of(made) / torch.tensor(SPREAD).sqrt()).norm(dim=1)
+    fits = (points <= INSET + slack) & (length >= 4 * INSET * made.width - slack) & (bend <= 4)
+    return fits & (made.width >= WIDTH[0] - slack) & (made.width <= WIDTH[1] + slack)
+
+
+def wild(n: int, size: float) -> Strokes:
+    made = sample_prior(n)
+    start, control, end = size * torch.randn(3, n, 2, generator=generator(4))
+    return replace(made, start=start, control=control, end=end, width=size * torch.rand(n, generator=generator(5)))
+
+
+def fit(module: DiscriminatorModule, batch_size: int, *callbacks: L.Callback, **options) -> DiscriminatorModule:
+    fit_module(module, ShapeData(batch_size=batch_size, seed=3), *callbacks, **options)
+    return module
+
+
+def fresh(seed: int = 3) -> DiscriminatorModule:
+    torch.manual_seed(seed)
+    return DiscriminatorModule(Discriminator(), 5e-3)
+
+
+def test_valid_strokes_are_valid_and_corrupted_ones_are_not():
+    known = shapes_of(sample_prior(2000))
+    assert valid(strokes(known)).float().mean() > 0.99
+    shapes, _, kind = corrupt(known, generator())
+    for number, name in enumerate(CORRUPTIONS):
+        share = float(valid(strokes(shapes[kind == number])).float().mean())
+        assert share < (0.7 if name in ("mixed", "partly_noisy") else 0.25), f"{name}: {share}"
+
+
+def test_every_corruption_occurs_the_seed_decides_and_hard_negatives_are_half_way_in_some_groups():
+    known = shapes_of(sample_prior(500))
+    (shapes, hard, kind), again, other = (corrupt(known, generator(seed)) for seed in (1, 1, 2))
+    assert set(kind.tolist()) == set(range(len(CORRUPTIONS)))
+    assert all(torch.equal(a, b) for a, b in zip((shapes, hard, kind), again, strict=True))
+    assert not torch.equal(shapes, other[0])
+    assert shapes.isfinite().all()
+    moved = hard != shapes
+    torch.testing.assert_close(hard[moved], 0.5 * (known + shapes)[moved])
+    assert moved.any(1).float().mean() > 0.5
+
+
+def test_every_step_gets_other_strokes_whatever_was_before():
+    batches = list(ShapeData(batch_size=4, seed=3).train_dataloader())
+    assert len({batch.valid[0, 0].item() for batch in batches}) == len(batches) == 500
+    loader = ShapeData(batch_size=4, seed=3).train_dataloader()
+    loader.load_state_dict({"epoch": 0, "batch": 498})
+    torch.testing.assert_close(next(iter(loader)), batches[498], rtol=0, atol=0)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory) -> tuple[DiscriminatorModule, Path, dict[str, object]]:
+    """A training cut down to seconds, and its file."""
+    module = fit(fresh(), 64, max_epochs=1)
+    path = tmp_path_factory.mktemp("trained") / "mine.safetensors"
+    return module, path, save_discriminator(module.network, path, 3, {"steps": module.global_step})
+
+
+def test_it_learns_in_a_few_hundred_steps(trained):
+    module, _, figures = trained
+    assert module.global_step == 500
+    assert figures["auc"] > 0.85
+    assert figures["accuracy"] > 0.75
+    assert figures["hinge_corrupted"] > 50 * figures["hinge_valid"]
+    assert set(figures) >= {f"auc_{name}" for name in CORRUPTIONS}
+    assert float(module.trainer.callback_metrics["validation/auc"]) == pytest.approx(module.figures["auc"])
+    assert "held out AUC" in module.state_line()
+
+
+def test_a_resumed_training_ends_with_the_same_weights(tmp_path):
+    path = tmp_path / "checkpoint.ckpt"
+    whole = fit(fresh(), 8, max_steps=9)
+    assert fit(fresh(), 8, StopAt(4), TimedCheckpoint(path, None), max_steps=9).global_step == 4
+    resumed = fit(fresh(99), 8, TimedCheckpoint(path, None), resume=path, max_steps=9)
+    assert resumed.global_step == 9
+    torch.testing.assert_close(resumed.state_dict(), whole.state_dict(), rtol=0, atol=0)
+
+
+def test_a_checkpoint_brings_the_same_loss_back(trained):
+    module, path, figures = trained
+    loss = Discriminated(checkpoint=str(path))
+    assert not any(parameter.requires_grad for parameter in loss.parameters())
+    made = wild(20, 2.0)
+    scores = module.network(shapes_of(made))
+    wanted = (module.network.threshold - scores).clamp_min(0).mean()
+    torch.testing.assert_close(loss_of(loss, made), wanted.detach())
+    recipe = DISCRIMINATORS.read_recipe(path)
+    assert recipe["hash"] == figures["discriminator_hash"]
+    assert recipe["figures"]["auc"] == figures["auc"]
+    assert recipe["training"]["steps"] == 500
+
+
+def test_other_checkpoints_are_refused(trained, tmp_path):
+    for checkpoint, message in (
+        (RENDERERS.path_of("neural"), "not the recipe of a discriminator; give"),
+        ("yours", r"yours does not come with the program \(there are: discriminator\)"),
+        (tmp_path / "none.safetensors", r"give the \.safetensors of task=train model=discriminator"),
+    ):
+        with pytest.raises(UserError, match=message):
+            Discriminated(checkpoint=str(checkpoint))
+    with pytest.raises(UserError, match="not the recipe of a renderer; give"):
+        build_named("renderer", "neural", {"checkpoint": str(trained[1])})
+
+
+def test_the_shipped_one_is_small_good_and_tells_nothing_of_its_maker():
+    path = DISCRIMINATORS.path_of(NAME)
+    assert path.stat().st_size < 50_000
+    text = path.with_suffix(".json").read_text()
+    assert "/" not in text
+    network = Discriminator()
+    DISCRIMINATORS.restore(network, NAME, NAME, {})
+    figures = discriminator_figures(network, held_out_shapes(11, Split.TEST))
+    assert figures["auc"] > 0.95
+    assert figures["accuracy"] > 0.9
+    assert figures["hinge_valid"] < 0.06
+    assert figures["hinge_corrupted"] > 50
+
+
+def test_valid_strokes_cost_almost_nothing_and_worse_ones_more():
+    loss, known = Discriminated(), sample_prior(2000, seed=8)
+    values = [float(loss_of(loss, known))]
+    for factor in (1.5, 3, 10, 100, 1000):
+        large = {name: factor * getattr(known, name) for name in POINTS}
+        values.append(float(loss_of(loss, replace(known, **large))))
+    assert values[0] < 0.06
+    assert values == sorted(values)
+    assert values[1] > 20 * values[0]
+
+
+def test_a_discriminator_has_defaults_of_its_own_and_what_it_has_no_use_for_is_refused(config):
+    cfg = config("task=train", "model=discriminator", "lr=0.1")
+    assert (cfg.lr, cfg.minutes, config("task=train").minutes) == (0.1, None, 60)
+    check_used(["task=train", "model=discriminator", "lr=0.1", "~logger.csv", "trainer.profiler=simple"])
+    for word in ("critic=true", "renderer=dual", "+engine.window=64", "data=a.h5"):
+        with pytest.raises(UserError, match="means nothing to model=discriminator"):
+            check_used(["task=train", word])
+
+
+def test_the_task_leaves_a_discriminator_with_its_numbers(run_task, tmp_path):
+    metrics = run_task(train, "task=train", "model=discriminator", "seed=7", "trainer.max_steps=50", "batch_size=16")
+    assert (metrics["status"], metrics["steps"]) == ("completed", 50)
+    path = tmp_path / "discriminator.safetensors"
+    assert DISCRIMINATORS.read_recipe(path)["training"]["seed"] == 7
+    assert DISCRIMINATORS.read_recipe(path)["figures"]["auc"] == metrics["auc"] > 0.5
+    assert Discriminated(checkpoint=str(path)).weight > 0

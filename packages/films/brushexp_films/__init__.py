@@ -1,0 +1,1 @@
+"""Films painted picture by picture, their strokes carried from one to the next."""

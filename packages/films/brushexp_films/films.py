@@ -1,0 +1,239 @@
+"""``image=clip.mp4`` of ``task=paint``: a film, painted picture by picture and written on the way."""
+
+import logging
+import math
+import time
+from collections.abc import Iterator
+from fractions import Fraction
+from itertools import islice
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import lightning as L
+import numpy as np
+import torch
+from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
+
+from brushexp.errors import UserError
+from brushexp.painting.assembly import components_of
+from brushexp.painting.goals import goals_of
+from brushexp.painting.metrics import psnr_of
+from brushexp.painting.preparation import prepared
+from brushexp.pictures.load import planes_of, size_of_picture
+from brushexp.pictures.video import add_sound, filming
+from brushexp.plugins.export.base import ExportJob
+from brushexp.plugins.export.png import pixels
+from brushexp.registry import plugin_of
+from brushexp.runs.fitting import CHECKPOINT, RECORD, conclude, fit, record_of, trainer_of
+from brushexp.shading.light import Light
+from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
+from brushexp.system.callbacks import FAILED, INTERRUPTED
+from brushexp.system.device import device_of
+from brushexp.system.files import replacing, to_bytes, write_json, write_picture
+from brushexp.system.progress import showing
+from brushexp.system.runtime import interruptible, peak_memory
+from brushexp_films.carrying import Carrier, Cel
+from brushexp_films.changes import Flicker
+from brushexp_films.clips import decoded_pictures, open_clip
+from brushexp_films.reel import Reel
+
+log = logging.getLogger(__name__)
+FRAMES = "frames"  # folder of the catalogues, in a run's
+COMPLETED = "completed"
+MOST_TICKS = 65_535  # of a second, in which players count
+
+
+class PaintedFilm:
+    """A film that is being painted: what it is made of, and its numbers so far."""
+
+    def __init__(self, cfg: DictConfig, folder: Path, before: Path | None) -> None:
+        self.cfg, self.folder, self.device = cfg, folder, device_of(cfg.device)
+        self.before = before  # a folder with pictures of this film that were painted before
+        self.clip = open_clip(Path(cfg.image))
+        self.size = size_of_picture(cfg.image, "image", cfg.resolution)
+        self.rate = Fraction(self.clip.rate / cfg.film.every).limit_denominator(MOST_TICKS)
+        parts = components_of(cfg)
+        renderer = parts.stages[-1].renderer.to(self.device).requires_grad_(False)
+        for loss in parts.losses.values():
+            loss.to(self.device)
+        self.reel = Reel(self.begin, Carrier(parts, renderer, cfg.film.steps, cfg.seed), cfg.film.change)
+        self.light = Light(**cfg.light)
+        self.name, self.settings = plugin_of(cfg.renderer).name, OmegaConf.to_yaml(cfg, resolve=True)
+        self.flicker, self.psnr, self.seconds = Flicker(), list[float](), list[float]()
+
+    @property
+    def planned(self) -> int:
+        """Pictures that are to be painted, as far as the film says how many it has; at least 1."""
+        first, last = self._span()
+        end = self.clip.count if last is None else min(last, self.clip.count)
+        return max(1, math.ceil((end - first) / self.cfg.film.every))
+
+    def targets(self) -> Iterator[Tensor]:
+        """The pictures (3, H, W) that are to be painted, one after another."""
+        first, last = self._span()
+        for picture in islice(decoded_pictures(self.clip), first, last, self.cfg.film.every):
+            yield planes_of(picture, self.cfg.resolution).to(self.device)
+
+    def _span(self) -> tuple[int, int | None]:
+        """Numbers of the first picture and of the one behind the last."""
+        film, rate = self.cfg.film, self.clip.rate
+        return math.ceil(film.start * rate), None if film.stop is None else max(1, math.ceil(film.stop * rate))
+
+    def begin(self, picture: Tensor) -> Cel:
+        """Paint the first picture of a scene as a single one is painted."""
+        cfg = self.cfg
+        L.seed_everything(cfg.seed, verbose=False)
+        painter = prepared(cfg, picture).painter.to(self.device)
+        if painter.schedule.steps or cfg.seconds:
+            goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
+            failure = fit(trainer_of(cfg, self.device, self.folder, [], goals, checkpoints=False), painter)
+            conclude(painter, None, cfg, failure, painter.schedule.step)
+        painter.hand_over()
+        return Cel(painter.strokes(), painter.depth.front_to_back, painter.picture.background)
+
+    def known(self, number: int) -> Cel | None:
+        """The strokes of a picture that was painted before, and so were all before it."""
+        before, self.before = self.before, None  # from the first one that is missing on, all are painted anew
+        if before is None or not (path := frame_in(before, number)).exists():
+            return None
+        try:
+            saved = load_catalogue(path)
+            if any(getattr(saved, name) != value for name, value in self.saved_as.items()):
+                raise UserError(f"{path} is of another film")
+        except UserError as error:
+            log.warning("%s; it and what follows it are painted anew", error)
+            return None
+        self.before = before
+        return cel_of(saved, self.device)
+
+    def take(self, number: int, target: Tensor) -> np.ndarray:
+        """Paint a picture, or take over its strokes where they are known, and return it (H, W, 3) in its light."""
+        since, scenes, known = time.monotonic(), self.reel.scenes, self.known(number)
+        if known is None:
+            self.reel.paint(target)
+        else:
+            self.reel.follow(target, known)
+        picture = self.lit()
+        if self.before is None or self.before.resolve() != self.folder.resolve():
+            save_catalogue(frame_in(self.folder, number), self.saved())
+        self.psnr.append(psnr_of(float((self.reel.image - target).square().mean())))
+        self.flicker.add(torch.from_numpy(np.moveaxis(picture, 2, 0) / np.float32(255)), target.cpu())
+        if known is None and self.reel.scenes == scenes:
+            self.seconds.append(time.monotonic() - since)
+        return picture
+
+    def lit(self) -> np.ndarray:
+        """The last picture as painted, (H, W, 3), in its light."""
+        if not self.light.depth:
+            return to_bytes(self.reel.image)
+        saved, carrier = self.saved(), self.reel.carrier
+        painting = (saved.strokes, saved.depth, saved.size, saved.background)
+        made = (carrier.renderer, carrier.components.blend, self.name, self.cfg.image)
+        return pixels(ExportJob(*painting, *made, light=self.light), self.reel.image)
+
+    @property
+    def saved_as(self) -> dict[str, Any]:
+        """What the catalogues of all pictures have in common."""
+        weights = self.reel.carrier.renderer.weights_hash
+        return {"size": self.size, "renderer": self.name, "renderer_hash": weights, "seed": self.cfg.seed}
+
+    def saved(self) -> Saved:
+        """The strokes of the last picture as a catalogue."""
+        cel = self.reel.cel
+        return Saved(
+            strokes=cel.strokes.map(Tensor.cpu),
+            depth=(len(cel.strokes) - 1 - cel.front_to_back.argsort()).int().cpu(),
+            background=cel.background.cpu(),
+            config=self.settings,
+            **self.saved_as,
+        )
+
+    def metrics(self, start: float | None, status: str) -> dict[str, object]:
+        """What metrics.json holds."""
+        count, carried = len(self.psnr), len(self.seconds)
+        finite = [psnr for psnr in self.psnr if math.isfinite(psnr)]  # of black pictures it is inf
+        return {
+            "psnr": float(np.mean(finite or [math.inf])),
+            "psnr_lowest": min(self.psnr),
+            "flicker": self.flicker.value,
+            "n_frames": count,
+            "n_scenes": self.reel.scenes,
+            "n_strokes": len(self.reel.cel.strokes),
+            "seconds_per_frame": sum(self.seconds) / carried if carried else None,
+            "seconds_total": None if start is None else time.monotonic() - start,
+            "peak_memory_mb": peak_memory(),
+            "device": str(self.device),
+            "status": status,
+        }
+
+
+def frame_in(folder: Path, number: int) -> Path:
+    """Where a run keeps the strokes of a picture."""
+    return folder / FRAMES / f"{number:06d}.h5"
+
+
+def cel_of(saved: Saved, device: torch.device) -> Cel:
+    """The strokes of a picture that was painted before."""
+    above = saved.depth.argsort(descending=True)
+    return Cel(saved.strokes.map(lambda value: value.to(device)), above.to(device), saved.background.to(device))
+
+
+def painted_film(folder: Path, cfg: DictConfig, start: float | None, before: Path | None = None) -> dict[str, object]:
+    """Paint the film that ``image`` names and write it, and the catalogues of its pictures, into the run's folder.
+
+    It goes on behind the pictures that are in the folder ``before``. Whatever ends it, it has all pictures that were
+    done, and what ended it is raised then.
+    """
+    film, stop = PaintedFilm(cfg, folder, before), Event()
+    failure: BaseException | None = None
+    (folder / FRAMES).mkdir(exist_ok=True)
+    (folder / "metrics.json").unlink(missing_ok=True)
+    with replacing(folder / CHECKPOINT) as temporary:  # its settings; what else there is to know are its pictures
+        torch.save({RECORD: record_of(cfg, folder)}, temporary)
+    with filming(folder / "film", "mp4", film.size, film.rate) as video, showing("painting the film") as show:
+        with interruptible(stop.set, "stopping after this picture; the film so far will be written"):
+            for number, target in enumerate(film.targets()):
+                if number and stop.is_set():  # there is a next picture, whatever the film says of its length
+                    failure = KeyboardInterrupt()
+                    break
+                try:
+                    picture = film.take(number, target)
+                except (Exception, KeyboardInterrupt, SystemExit) as error:
+                    if not number:
+                        raise
+                    failure = error
+                    break
+                video.show(picture, 1)
+                show(min(1.0, (number + 1) / film.planned), f"picture {number + 1}, {film.psnr[-1]:.2f} dB")
+        if not film.psnr:
+            (folder / CHECKPOINT).unlink()
+            raise UserError(f"film.start={cfg.film.start:g} is behind the end of {cfg.image}; give an earlier second")
+    for path in (path for path in video.paths if path.suffix == ".mp4"):
+        add_sound(path, film.clip.path, cfg.film.start)
+    return concluded(film, start, failure)
+
+
+def concluded(film: PaintedFilm, start: float | None, failure: BaseException | None) -> dict[str, object]:
+    """Write what is left to write of a film that has come to an end, and raise the ``failure`` that it was, if any."""
+    folder, count = film.folder, len(film.psnr)
+    pictures = []
+    for number in sorted({0, count // 2, count - 1}):
+        film.reel.show(cel_of(load_catalogue(frame_in(folder, number)), film.device))
+        pictures.append(film.lit())
+    ended = INTERRUPTED if isinstance(failure, KeyboardInterrupt) else FAILED
+    status = COMPLETED if failure is None else ended
+    write_picture(folder / "preview.png", np.concatenate(pictures, axis=1))
+    metrics = film.metrics(start, status)
+    write_json(folder / "metrics.json", metrics)
+    log.info(
+        "%s: %d pictures in %d scenes, %.2f dB, flicker %s, %s s a picture",
+        folder / "film.mp4", metrics["n_frames"], metrics["n_scenes"], metrics["psnr"],
+        *("-" if metrics[key] is None else f"{metrics[key]:.2g}" for key in ("flicker", "seconds_per_frame")),
+    )  # fmt: skip
+    if failure is not None:
+        log.warning("%s at picture %d; continue with: brushexp resume=%s", status, count, folder)
+        raise failure
+    (folder / CHECKPOINT).unlink(missing_ok=True)
+    return metrics

@@ -1,0 +1,370 @@
+"""Films: they are read as they were written, changes are told from noise, and strokes are carried without flicker."""
+
+import errno
+import json
+import logging
+import math
+import os
+import signal
+import sys
+from contextlib import contextmanager
+from dataclasses import replace
+from fractions import Fraction
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+from brushexp_films.carrying import Carrier, Cel, meeting, shares_within
+from brushexp_films.changes import Changes, Flicker, difference, is_cut
+from brushexp_films.clips import decoded_pictures, open_clip
+from brushexp_films.films import PaintedFilm
+from brushexp_films.motion import motion
+from brushexp_films.reel import Reel
+from films import as_tensor, decoded, encoded, scene
+from painters import take
+from program import ended
+
+from brushexp.compositing.layers import EDGE
+from brushexp.errors import UserError
+from brushexp.painting.canvas_memory import touched
+from brushexp.painting.components import standard_components
+from brushexp.painting.painter import Painter
+from brushexp.pictures.decode import read_picture
+from brushexp.pictures.region import Region
+from brushexp.plugins.init.grid import Grid
+from brushexp.plugins.loss.perceptual import Perceptual
+from brushexp.plugins.loss.pixel import MeanSquaredError
+from brushexp.plugins.loss.stroke import Direction
+from brushexp.registry import build_named
+from brushexp.strokes.catalogue import FIELDS, Catalogue, check_strokes
+from brushexp.strokes.storage import load_catalogue
+from brushexp.system.files import TEMPORARY
+from brushexp.tasks import export, paint
+
+av = pytest.importorskip("av")
+
+
+@pytest.mark.parametrize("shape", [(64, 64), (33, 48), (32, 47)])
+def test_a_film_is_read_as_it_was_written(tmp_path, shape):
+    pictures = [picture[: shape[0], : shape[1]] for picture in scene(5)]
+    clip = open_clip(encoded(tmp_path / "film.mp4", pictures, rate=24))
+    even = tuple(side + side % 2 for side in shape)
+    assert (clip.size, clip.rate, clip.count) == (even, Fraction(24), 5)
+    found = list(decoded_pictures(clip))
+    assert [picture.shape for picture in found] == [(*even, 3)] * 5
+    for picture, original in zip(found, pictures, strict=True):
+        assert np.abs(picture[: shape[0], : shape[1]].astype(float) - original).mean() < 8
+
+
+def test_a_film_that_breaks_off_is_read_as_far_as_it_goes(tmp_path, caplog):
+    path = encoded(tmp_path / "film.mp4", 4 * scene(10))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
+    with caplog.at_level(logging.WARNING):
+        count = len(list(decoded_pictures(open_clip(path))))
+    assert 0 < count < 40
+    assert str(count) in caplog.text
+
+
+def sound(path):
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("aac", rate=44100)
+        frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
+        frame.rate = 44100
+        container.mux([*stream.encode(frame), *stream.encode()])
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda path: None, "no file"),
+        (lambda path: path.mkdir(), "folder"),
+        (lambda path: path.write_bytes(b""), "cannot be read as a film"),
+        (lambda path: path.write_text("not a film"), "cannot be read as a film"),
+        (sound, "no video"),
+    ],
+)
+def test_what_is_no_film_is_refused_in_one_line(tmp_path, make, message):
+    make(tmp_path / "clip.mp4")
+    with pytest.raises(UserError, match=message) as caught:
+        open_clip(tmp_path / "clip.mp4")
+    assert "\n" not in str(caught.value)
+
+
+def test_without_the_library_a_film_says_what_to_install(tmp_path, monkeypatch):
+    path = encoded(tmp_path / "clip.mp4", scene(1))
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(UserError, match=r"brushexp\[video\]"):
+        open_clip(path)
+
+
+def test_changes_are_told_from_noise_and_slow_ones_are_seen_in_the_end():
+    generator = torch.Generator().manual_seed(0)
+    still = as_tensor(scene(1)[0])
+    changes = Changes(0.04)
+    assert changes(still).all()
+    for _ in range(10):
+        assert not changes((still + 0.01 * torch.randn(still.shape, generator=generator)).clamp(0, 1)).any()
+    seen = [bool(changes(0.9 * still + 0.005 * k).any()) for k in range(20)]
+    assert sum(seen) > 1, "what fades by less than the threshold from picture to picture is seen now and then"
+    assert difference(changes.held, 0.9 * still + 0.095).max() <= 0.04 + 0.01
+
+
+def test_a_change_is_found_where_it_is_and_a_cut_is_told_from_a_pan():
+    first, second = (as_tensor(picture) for picture in scene(2, speed=8))
+    changes = Changes(0.04)
+    changes(first)
+    changed = changes(second)
+    assert not changes.begins
+    where = (first != second).any(0)
+    assert changed[where].float().mean() > 0.8
+    assert not changed[60:].any()
+    assert not is_cut(first, first.roll(6, 2))
+    assert is_cut(first, 1 - first)
+    changes(1 - first)
+    assert changes.begins
+
+
+def test_flicker_is_the_mean_change_where_the_target_stays():
+    generator = torch.Generator().manual_seed(0)
+    targets = [as_tensor(picture) for picture in scene(4)]
+    paintings = [torch.rand(target.shape, generator=generator) for target in targets]
+    flicker, total, count = Flicker(still=0.02), 0.0, 0
+    for painting, target in zip(paintings, targets, strict=True):
+        flicker.add(painting, target)
+    for k in range(1, 4):
+        still = (difference(targets[k], targets[k - 1]) < 0.02).numpy()
+        for row, column in zip(*still.nonzero(), strict=True):
+            total += float((paintings[k] - paintings[k - 1])[:, row, column].abs().mean())
+            count += 1
+    assert flicker.value == pytest.approx(total / count, rel=1e-5)
+    assert Flicker().value is None
+
+
+@pytest.mark.parametrize("shift", [(4, 0), (0, -3)])
+def test_motion_is_that_of_the_pictures(shift):
+    first = as_tensor(scene(1, side=96)[0])
+    found = motion(first, first.roll(shift, (2, 1)))[:, 16:-16, 16:-16]
+    assert found.flatten(1).median(1).values.tolist() == pytest.approx(shift, abs=0.5)
+    assert not motion(first[:, :8, :8], first[:, :8, :8]).any()
+
+
+def reel_of(renderer: str, n: int = 100, steps: int = 0) -> Reel:
+    parts = standard_components(build_named("renderer", renderer, {}), steps=steps)
+    carrier = Carrier(parts, parts.stages[-1].renderer.requires_grad_(False), 4)
+
+    def begin(picture):
+        strokes = build_named("init", "slic", {})(picture, n, torch.Generator().manual_seed(0), None)
+        painter = Painter(Catalogue(strokes, parts.optimizer.units), parts, picture, torch.ones(3), seed=0)
+        take(painter, steps)
+        return Cel(painter.strokes(), painter.depth.front_to_back, torch.ones(3))
+
+    return Reel(begin, carrier, 0.04)
+
+
+@pytest.mark.parametrize("renderer", ["analytic", "textured"])
+def test_strokes_move_where_the_film_changes_and_all_others_stay_bit_for_bit(renderer):
+    reel = reel_of(renderer)
+    pictures = [as_tensor(picture) for picture in scene(4)]
+    reel.paint(pictures[0])
+    for picture in pictures[1:]:
+        before, image = reel.cel, reel.image
+        reel.paint(picture)
+        after = reel.cel
+        check_strokes(after.strokes)
+        moved = torch.stack(
+            [(getattr(after.strokes, name) != getattr(before.strokes, name)).reshape(100, -1).any(1) for name in FIELDS]
+        ).any(0)
+        assert 0 < int(moved.sum()) < 60
+        assert torch.equal(after.front_to_back.sort().values, torch.arange(100))
+        stay = [n for n in after.front_to_back.tolist() if not moved[n]]
+        assert stay == [n for n in before.front_to_back.tolist() if not moved[n]], "their depth stays as it was"
+        whole = Region.whole(picture)
+        away = ~(touched(before.strokes[moved], whole, EDGE) | touched(after.strokes[moved], whole, EDGE))
+        assert away.sum() > 500
+        assert torch.equal(reel.image[:, away], image[:, away])
+        error = [(shown - picture).square().mean() for shown in (reel.image, image)]
+        assert error[0] < error[1]
+
+
+def test_strokes_depend_on_those_of_the_picture_before_alone_whatever_losses_remember():
+    def carrier():
+        losses = {"perceptual": Perceptual(), "direction": Direction()}
+        parts = standard_components(build_named("renderer", "analytic", {}), steps=0, losses=losses)
+        return Carrier(parts, parts.stages[-1].renderer.requires_grad_(False), 3)
+
+    reel, used = reel_of("analytic"), carrier()
+    first, second = (as_tensor(picture) for picture in scene(2))
+    reel.paint(first)
+    still, all_of_it = torch.zeros(2, *first.shape[1:]), torch.ones(first.shape[1:], dtype=torch.bool)
+    for _ in range(2):
+        found = used(reel.cel, reel.image, second, all_of_it, still)
+    fresh = carrier()(reel.cel, reel.image, second, all_of_it, still)
+    assert all(torch.equal(value, getattr(fresh.strokes, name)) for name, value in found.strokes.items())
+
+
+def test_a_film_that_stands_still_is_one_painting_and_a_cut_begins_another():
+    reel, still = reel_of("analytic"), as_tensor(scene(1)[0])
+    reel.paint(still)
+    cel = reel.cel
+    reel.paint((still + 0.01).clamp(0, 1))
+    assert reel.cel is cel
+    reel.paint(1 - still)
+    assert (reel.cel is cel, reel.scenes) == (False, 2)
+
+
+def test_a_film_goes_on_from_the_strokes_of_a_picture_as_if_it_had_not_stopped():
+    pictures = [as_tensor(picture) for picture in scene(5)]
+    whole, second = reel_of("textured"), reel_of("textured")
+    cels = []
+    for picture in pictures:
+        whole.paint(picture)
+        cels.append(whole.cel)
+    for picture, cel in zip(pictures[:3], cels, strict=False):
+        second.follow(picture, cel)
+    for picture in pictures[3:]:
+        second.paint(picture)
+    assert torch.equal(second.image, whole.image)
+    assert torch.equal(second.cel.front_to_back, whole.cel.front_to_back)
+
+
+def test_painting_so_flickers_much_less_than_painting_each_picture_anew():
+    carried, anew, reel = Flicker(), Flicker(), reel_of("analytic", 900, 40)
+    for k, picture in enumerate(scene(4, side=96)):
+        noisy = as_tensor(picture) + 0.004 * torch.randn(3, 96, 96, generator=torch.Generator().manual_seed(k))
+        reel.paint(noisy)
+        carried.add(reel.image, noisy)
+        alone = reel_of("analytic", 900, 40)
+        alone.paint(noisy)
+        anew.add(alone.image, noisy)
+    assert carried.value < 0.2 * anew.value
+
+
+def test_shares_of_strokes_within_a_mask_and_strokes_that_meet_a_region_agree_with_their_pictures():
+    picture = as_tensor(scene(1)[0])
+    strokes = Grid()(picture, 60, torch.Generator(), None)
+    renderer, blend = build_named("renderer", "analytic", {}), build_named("blend", "dense", {})
+    half = torch.zeros(64, 64, dtype=torch.bool)
+    half[:, :32] = True
+    region = Region(8, 8, 20, 20)
+    near = meeting(strokes, region, EDGE)
+    for n, share in enumerate(shares_within(strokes, half).tolist()):
+        one = strokes[n : n + 1]
+        black = replace(one, color=torch.ones(1, 3), opacity=torch.ones(1))
+        cover = blend(renderer(black), torch.tensor([0]), (64, 64), torch.zeros(3)).image[0]
+        assert share == pytest.approx(float(cover[:, :32].sum() / cover.sum()), abs=0.25)
+        if region.of(cover).any():
+            assert n in near
+
+
+@pytest.mark.parametrize("look", ["look=oil", "look=ink"])
+def test_a_painted_film_has_its_pictures_their_strokes_and_its_numbers(run_task, tmp_path, look):
+    clip = encoded(tmp_path / "clip.mp4", scene(7), rate=10)
+    words = (f"image={clip}", look, "resolution=47", "steps=3", "film.every=2", "film.start=0.1", "film.steps=2")
+    metrics = run_task(paint, *words)
+    frames, rate = decoded(tmp_path / "film.mp4")
+    assert (len(frames), rate, frames[0].shape) == (3, Fraction(5), (48, 48, 3))
+    assert (metrics["n_frames"], metrics["n_scenes"], metrics["status"]) == (3, 1, "completed")
+    assert metrics == json.loads((tmp_path / "metrics.json").read_text())
+    saved = [load_catalogue(tmp_path / "frames" / f"00000{k}.h5") for k in range(3)]
+    assert {len(one.strokes) for one in saved} == {metrics["n_strokes"]}
+    assert {one.size for one in saved} == {(47, 47)}
+    preview = read_picture(tmp_path / "preview.png")
+    assert preview.shape == (47, 3 * 47, 3)
+    last = preview[:, 2 * 47 :].astype(float)
+    run_task(export, "task=export", f"catalogue={tmp_path / 'frames' / '000002.h5'}", "overwrite=true")
+    same = np.abs(read_picture(tmp_path / "painting.png") - last).max() <= 1
+    assert same, "exporters see the same, in its light"
+    assert np.abs(frames[2][:47, :47] - last).mean() < 8
+    assert not (tmp_path / "checkpoint.ckpt").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["wet=0.5"], "wet=0.5 is for single pictures"),
+        (["style=coffee"], "style.image=coffee is for single pictures"),
+        (["film.start=2", "film.stop=1"], "film.stop=1 is not after"),
+        (["film.start=9", "steps=0"], "film.start=9 is behind the end"),
+    ],
+)
+def test_what_a_film_cannot_have_is_refused_in_one_line(run_task, tmp_path, words, message):
+    clip = encoded(tmp_path / "clip.mp4", scene(2))
+    with pytest.raises(UserError, match=message):
+        run_task(paint, f"image={clip}", "resolution=32", *words)
+    assert not (tmp_path / "checkpoint.ckpt").exists(), "nothing to go on with"
+
+
+def test_a_film_that_does_not_say_how_long_it_is_can_be_stopped(run_task, tmp_path, monkeypatch):
+    @contextmanager
+    def at_once(stop, message):
+        stop()
+        yield
+
+    monkeypatch.setattr(PaintedFilm, "planned", 1)
+    monkeypatch.setattr("brushexp_films.films.interruptible", at_once)
+    with pytest.raises(KeyboardInterrupt):
+        run_task(paint, f"image={encoded(tmp_path / 'clip.mp4', scene(3))}", "resolution=32", "steps=1", "film.steps=1")
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    assert (metrics["n_frames"], metrics["status"]) == (1, "interrupted")
+
+
+def test_a_picture_without_error_does_not_hide_the_others_of_a_film():
+    others = {"flicker": SimpleNamespace(value=0), "reel": SimpleNamespace(scenes=1, cel=SimpleNamespace(strokes=()))}
+    for found, expected in (([math.inf, 20.0, 30.0], 25.0), ([math.inf], math.inf)):
+        film = SimpleNamespace(psnr=found, seconds=[], device="cpu", **others)
+        assert PaintedFilm.metrics(film, None, "completed")["psnr"] == expected
+
+
+def test_a_film_that_was_stopped_goes_on_to_the_same_strokes(tmp_path):
+    clip = encoded(tmp_path / "clip.mp4", scene(4))
+    words = (f"image={clip}", "resolution=32", "steps=3", "film.steps=2", "threads=1")
+    assert ended(tmp_path, *words, "output=whole")[0] == 0
+    for sent, expected in ((signal.SIGTERM, 128 + signal.SIGTERM), (signal.SIGKILL, -signal.SIGKILL)):
+        folder = tmp_path / sent.name
+        code, said = ended(tmp_path, *words, f"output={sent.name}", kill=("000001.h5", 1, True), sent=sent)
+        assert code == expected, said
+        if sent is signal.SIGTERM:
+            assert len(decoded(folder / "film.mp4")[0]) == 2
+            assert json.loads((folder / "metrics.json").read_text())["status"] == "interrupted"
+        else:  # what cannot be read is painted again, and so is what follows it
+            os.truncate(folder / "frames" / "000001.h5", 999)
+        goes_on = sent.name if sent is signal.SIGKILL else "elsewhere"
+        code, said = ended(tmp_path, f"resume={sent.name}", f"output={goes_on}")
+        assert code == 0, said
+        assert ("000001.h5 is damaged" in said) == (sent is signal.SIGKILL)
+        assert len(decoded(tmp_path / goes_on / "film.mp4")[0]) == 4
+        for k in range(4):
+            one, other = (load_catalogue(tmp_path / run / "frames" / f"00000{k}.h5") for run in ("whole", goes_on))
+            assert torch.equal(one.depth, other.depth)
+            for name in FIELDS:
+                assert torch.equal(getattr(one.strokes, name), getattr(other.strokes, name)), (k, name)
+
+
+@pytest.mark.parametrize("what", ["disk", "nan"])
+def test_what_ends_a_film_leaves_the_pictures_before_it(run_task, tmp_path, monkeypatch, caplog, what):
+    pictures = scene(2)
+    clip = encoded(tmp_path / "clip.mp4", [*pictures, *(255 - picture for picture in pictures)])
+    words = (f"image={clip}", "resolution=32", "steps=3", "film.steps=2", "threads=1")
+    fsync, forward, frames = os.fsync, MeanSquaredError.forward, tmp_path / "frames"
+
+    def full(descriptor):
+        if os.readlink(f"/proc/self/fd/{descriptor}").endswith(".h5") and (frames / "000001.h5").exists():
+            raise OSError(errno.ENOSPC, "No space left on device")
+        fsync(descriptor)
+
+    with monkeypatch.context() as patched:
+        if what == "disk":
+            patched.setattr("brushexp.system.files.os.fsync", full)
+        else:
+            wrong = lambda *given: forward(*given) * (torch.nan if (frames / "000000.h5").exists() else 1)  # noqa: E731
+            patched.setattr(MeanSquaredError, "forward", wrong)
+        message = r"000002.h5: No space left" if what == "disk" else "step 1: loss=mse is nan; lower the rate"
+        with pytest.raises(UserError, match=message):
+            run_task(paint, *words)
+    assert (what == "nan") == ("the strokes stay as they were" in caplog.text)  # of the picture that is carried
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    assert (metrics["n_frames"], metrics["status"]) == (2, "failed")
+    assert len(decoded(tmp_path / "film.mp4")[0]) == 2
+    assert (tmp_path / "checkpoint.ckpt").exists()
+    assert not list(tmp_path.rglob(TEMPORARY))

@@ -1,0 +1,198 @@
+"""A population of strokes that is the painting: children take the place of parents where the picture gains."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import Annotated
+
+import numpy as np
+
+from brushexp.bounds import at_least, between
+from brushexp.pictures.structure import sampled_at
+from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
+from brushexp.registry import register
+from brushexp.strokes.catalogue import Strokes
+from brushexp_painters._laying import PORTIONS, Array, numpy_generator, strokes_from_arrays
+from brushexp_painters.greedy import LARGEST, SMALLEST, worst_places
+
+LEAST_HALF = 0.5  # of the thickness, pixels
+MARGIN = 1.5  # pixels around a stroke in which its soft edge ends
+SIDES = (2.5, 6.0)  # of cells, in reaches of some stroke
+RULE = 0.2  # share of children that live with which mutations have the right size (Rechenberg, 1973)
+STEP_RANGE = (0.01, 0.5)  # of mutations: shape in lengths of the stroke, colour in its range
+
+
+@dataclass(frozen=True)
+class Genes:
+    """Of N strokes, in any order."""
+
+    middle: Array  # (N, 2) pixels
+    along: Array  # (N, 2) from the middle to the end
+    bend: Array  # (N,) of the control point across that, in its lengths
+    half: Array  # (N,) half of the thickness in pixels
+    color: Array  # (N, 3)
+    depth: Array  # (N,) the lowest first
+
+    def __getitem__(self, index: Array) -> "Genes":
+        return Genes(*(getattr(self, gene.name)[index] for gene in fields(Genes)))
+
+    def replaced(self, index: Array, others: "Genes") -> "Genes":
+        """These strokes, those at places ``index`` replaced by as many others."""
+        found = Genes(*(getattr(self, gene.name).copy() for gene in fields(Genes)))
+        for gene in fields(Genes):
+            getattr(found, gene.name)[index] = getattr(others, gene.name)
+        return found
+
+    @property
+    def reach(self) -> Array:
+        """How far (N,) strokes go from their middles."""
+        return np.hypot(*self.along.T) * np.hypot(1, self.bend) + self.half + MARGIN
+
+    def strokes(self, opacity: float) -> Strokes:
+        """The lowest first."""
+        across = np.stack([-self.along[:, 1], self.along[:, 0]], 1) * self.bend[:, None]
+        curves = np.stack([self.middle - self.along, self.middle + across, self.middle + self.along], 1)
+        order = np.argsort(self.depth, kind="stable")
+        return strokes_from_arrays(curves[order], 2 * self.half[order], self.color[order], opacity)
+
+
+@register("painter", "evolution")
+@dataclass(kw_only=True)
+class Evolution(PaintingMethod):
+    """A genetic algorithm: from random strokes on, children take the place of their parents where the error falls.
+
+    Source: the genetic algorithms of the thesis's 5.3, in the manner of Collet et al., 2000 (Polar IFS + Parisian
+    Genetic Programming): the painting is the whole population, not a member of one. It is Haeberli's relaxation (1990)
+    with a crossover. A child is its parent with some genes mutated, or with some of another stroke's; or it is a new
+    stroke on top where the error is. Mutations get larger or smaller by the one-fifth rule (Rechenberg, 1973).
+
+    Differs from the sources: the canvas is cut into cells, of another size and place in each generation; one stroke of
+    each that lies within it has a child, and all are judged in one picture, cell by cell. Colours are the picture's to
+    begin with.
+
+    Args:
+        children: so many are judged, for each stroke.
+        crossover: share of the children that have genes of another stroke.
+        renewal: share that are new strokes.
+        opacity: of the paint.
+    """
+
+    kind = "trial and error"
+
+    children: Annotated[int, at_least(1)] = 40
+    crossover: Annotated[float, between(0, 1)] = 0.1
+    renewal: Annotated[float, between(0, 1)] = 0.3
+    opacity: Annotated[float, between(0.01, 1)] = 0.9
+
+    def __call__(self, commission: Commission) -> Iterator[PaintingState]:
+        random = numpy_generator(commission.generator)
+        target = commission.target.cpu().permute(1, 2, 0).contiguous().numpy()
+        genes, step = begun_genes(commission, target, random), STEP_RANGE[1]
+        canvas, judged, shown = self._drawn(commission, genes), 0, 0
+        due = self.children * commission.n
+        while judged < due:
+            cells = Cells(commission.size, genes, random)
+            parents, children, are_mutants = self._children(genes, cells, target, canvas, step, random)
+            painted = self._drawn(commission, genes.replaced(parents, children))
+            place = cells.of(children.middle)
+            lives = (cells.errors(target - painted) < cells.errors(target - canvas))[place]
+            genes = genes.replaced(parents[lives], children[lives])
+            canvas = np.where(np.isin(cells.of_pixels, place[lives])[..., None], painted, canvas)
+            if are_mutants.any():
+                step = float(np.clip(step * np.exp(lives[are_mutants].mean() - RULE), *STEP_RANGE))
+            judged = min(judged + max(1, len(parents)), due)
+            if judged * PORTIONS // due > shown:
+                shown = judged * PORTIONS // due
+                yield PaintingState(genes.strokes(self.opacity), judged, due)
+
+    def _drawn(self, commission: Commission, genes: Genes) -> Array:
+        """The picture (H, W, 3) of strokes."""
+        strokes = genes.strokes(self.opacity).map(lambda value: value.to(commission.target))
+        picture: Array = commission.draw(strokes).cpu().permute(1, 2, 0).numpy()
+        return picture
+
+    def _children(
+        self, genes: Genes, cells: "Cells", target: Array, canvas: Array, step: float, random: np.random.Generator
+    ) -> tuple[Array, Genes, Array]:
+        """Indices of parents, a child of each in the same cell, and which of the children have mutated."""
+        parents = cells.one_each(genes, random)
+        if random.random() < self.renewal:
+            places = worst_places(target, canvas, random)
+            _, chosen, at = np.intersect1d(cells.of(genes.middle[parents]), cells.of(places), return_indices=True)
+            parents, middle = parents[chosen], places[at]
+            length = np.exp(random.uniform(0, np.log(cells.room(middle).clip(1.5, None))))
+            depth = genes.depth.max() + 1 + np.arange(len(parents))
+            children, are_mutants = random_genes(middle, length, target, depth, random), np.zeros(len(parents), bool)
+        else:
+            are_mutants = random.random(len(parents)) >= self.crossover
+            others = genes[random.integers(len(genes.half), size=len(parents))]
+            children = varied(genes[parents], others, are_mutants, step, random)
+        fits = (cells.room(children.middle) >= children.reach) & (
+            cells.of(children.middle) == cells.of(genes.middle[parents])
+        )
+        return parents[fits], children[fits], are_mutants[fits]
+
+
+def varied(own: Genes, others: Genes, mutate: Array, step: float, random: np.random.Generator) -> Genes:
+    """Children of strokes, half of the genes of each changed: by chance where ``mutate`` (n,), else those of others."""
+    n, length = len(mutate), np.hypot(*own.along.T) + own.half
+    sizes = {"middle": length, "along": length, "bend": np.ones(n), "half": 0.5 * length, "color": np.full(n, 0.5)}
+    found = {}
+    for name, size in sizes.items():
+        value = getattr(own, name)
+        wide = (n, *[1] * (value.ndim - 1))
+        mutant, change = mutate.reshape(wide), random.random(wide) < 0.5
+        taken = value if name == "middle" else getattr(others, name)
+        child = np.where(mutant, value + step * size.reshape(wide) * random.standard_normal(value.shape), taken)
+        found[name] = np.where(change, child, value)
+    found["half"], found["color"] = found["half"].clip(LEAST_HALF, None), found["color"].clip(0, 1)
+    return Genes(**found, depth=own.depth)
+
+
+def begun_genes(commission: Commission, target: Array, random: np.random.Generator) -> Genes:
+    """Random strokes, small ones on top of large ones."""
+    n, pitch = commission.n, commission.pitch
+    middle = random.uniform(0, 1, (n, 2)) * commission.size[::-1]
+    largest = max(LARGEST * min(commission.size), SMALLEST * pitch)
+    low, high = np.log(SMALLEST * pitch), np.log(largest)
+    length = np.sort(np.exp(random.uniform(low, high, n)))[::-1]
+    return random_genes(middle, length, target, np.arange(n, dtype=float), random)
+
+
+def random_genes(middle: Array, length: Array, target: Array, depth: Array, random: np.random.Generator) -> Genes:
+    """Strokes of half-lengths (n,) at places (n, 2), in the colours there, in random directions."""
+    n, angle = len(length), random.uniform(0, np.pi, len(length))
+    along = length[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+    half = (length * random.uniform(0.2, 0.7, n)).clip(LEAST_HALF, None)
+    color = sampled_at(target.transpose(2, 0, 1), *middle.T).T
+    return Genes(middle, along, random.normal(0, 0.25, n), half, color, depth)
+
+
+class Cells:
+    """Squares of random size and place that cover the canvas and more; what is in one does not touch another."""
+
+    def __init__(self, size: tuple[int, int], genes: Genes, random: np.random.Generator) -> None:
+        height, width = size
+        self.side = float(random.choice(genes.reach) * random.uniform(*SIDES))
+        self.columns = int(2 * max(size) / self.side) + 4
+        self.shift = self.columns * self.side / 4 + random.uniform(0, self.side, 2)
+        x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+        self.of_pixels = self.of(np.stack([x, y], 2))  # (H, W)
+
+    def of(self, place: Array) -> Array:
+        """Numbers (...) of the cells of places (..., 2); what is far from the canvas has the number of a border."""
+        index = ((place + self.shift) / self.side).clip(0, self.columns - 1).astype(int)
+        return np.asarray(index[..., 1] * self.columns + index[..., 0])
+
+    def room(self, place: Array) -> Array:
+        """How far (n,) places (n, 2) are from the borders of their cells."""
+        inside = (place + self.shift) % self.side
+        return np.asarray(np.minimum(inside, self.side - inside).min(1))
+
+    def errors(self, difference: Array) -> Array:
+        """Sum of squares of a picture (H, W, 3) in each cell."""
+        return np.bincount(self.of_pixels.ravel(), np.square(difference).sum(2).ravel(), self.columns**2)
+
+    def one_each(self, genes: Genes, random: np.random.Generator) -> Array:
+        """Indices of strokes that lie within their cells, at most one of each cell."""
+        found = random.permutation(np.flatnonzero(self.room(genes.middle) >= genes.reach))
+        return np.asarray(found[np.unique(self.of(genes.middle[found]), return_index=True)[1]])

@@ -1,0 +1,199 @@
+"""Curved strokes in layers, from a large brush to a small one."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from brushexp.bounds import above, at_least, between
+from brushexp.errors import UserError
+from brushexp.pictures.structure import sampled_at, worst_of_cells
+from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
+from brushexp.registry import register
+from brushexp.strokes.catalogue import Strokes
+from brushexp_painters._laying import LUMINANCE, Array, laid, numpy_generator, strokes_from_arrays
+
+FIRST_LAYER = 0.2  # of the strokes, about: what the layer of the largest brush takes
+STEPS_PER_CURVE = 16  # by which a stroke takes one Bezier curve more, about
+LEVELS = 255.0  # in which the threshold counts
+FLAT = 1e-9  # slope of the luminance that has no direction
+
+
+@register("painter", "hertzmann")
+@dataclass(kw_only=True)
+class Hertzmann(PaintingMethod):
+    """Long curved strokes in layers: a large brush everywhere, smaller ones where the canvas still differs.
+
+    Source: Hertzmann, 1998 (Painterly Rendering with Curved Brush Strokes of Multiple Sizes). Each brush of radius R
+    looks at the picture blurred with f_s R, in cells of f_g R; where the mean difference of a cell is above T, a stroke
+    begins at its worst pixel and follows the normals of the luminance's gradient in steps of R, smoothed by f_c, in one
+    colour, until the canvas is nearer to the picture than that. The strokes of a layer are laid in random order.
+
+    Differs from the paper: its cubic B-splines are fitted by quadratic Bezier curves, one where that is within
+    ``tolerance``, else several that meet: those are what ``strokes`` counts. As a threshold the number of strokes is
+    given: each layer takes its worst cells (``threshold=100`` is the paper's, with at most so many). The bare canvas
+    ends strokes of the first layer as any paint does, or each would have the greatest length. The styles of the
+    paper are presets (`hertzmann_impressionist`) with its brushes relative to each other: in its pixels and with its
+    thresholds (``scale=1 threshold=100``) few thousand strokes leave most of a canvas bare.
+
+    Args:
+        radii: of the brushes, largest first, in units of ``scale``.
+        scale: pixels of a unit; null = such that the first layer takes about a fifth of the strokes.
+        threshold: T, mean difference of the colours in a cell, 0 to 441; null = what the strokes are enough for.
+        blur: f_s, deviation of the blur in radii.
+        grid: f_g, side of a cell in radii.
+        curvature: f_c; less than 1 straightens strokes.
+        min_length: steps that every stroke takes.
+        max_length: steps that none exceeds.
+        opacity: of the paint.
+        jitter_rgb: random change of red, green and blue, as a share of their range.
+        jitter_hsv: of hue, saturation and value.
+        tolerance: distance between a stroke and its Bezier curves, in radii.
+    """
+
+    kind = "local rules, and the canvas"
+
+    radii: Annotated[tuple[float, ...], above(0, 1e4)] = (8.0, 4.0, 2.0, 1.0)
+    scale: Annotated[float | None, above(0, 1e4)] = None
+    threshold: Annotated[float | None, at_least(0)] = None
+    blur: Annotated[float, between(0, 100)] = 0.5
+    grid: Annotated[float, above(0, 100)] = 1.0
+    curvature: Annotated[float, between(0, 1)] = 1.0
+    min_length: Annotated[int, between(0, 1000)] = 1
+    max_length: Annotated[int, between(0, 1000)] = 6
+    opacity: Annotated[float, between(0, 1)] = 1.0
+    jitter_rgb: Annotated[float, between(0, 2)] = 0.0
+    jitter_hsv: Annotated[tuple[float, float, float], between(0, 2)] = (0.0, 0.0, 0.0)
+    tolerance: Annotated[float, above(0, 100)] = 1.5
+
+    def __post_init__(self) -> None:
+        if not self.radii:
+            raise UserError("radii=[] has no brush; give at least one: radii=[8,4,2]")
+
+    def __call__(self, commission: Commission) -> Iterator[PaintingState]:
+        from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
+
+        target, n = commission.target.cpu().numpy().astype(np.float64), commission.n
+        random, strokes = numpy_generator(commission.generator), Strokes.none()
+        radii = np.array(self.radii) * (self.scale or self._scale(commission))
+        for k, radius in enumerate(radii):
+            reference = gaussian_filter(target, (0, self.blur * radius, self.blur * radius), mode="nearest")
+            canvas = commission.draw(strokes.map(lambda value: value.to(commission.target))).cpu().numpy()
+            cells = 1 / radii[k:] ** 2  # of this layer and of those to come, but for a factor
+            room = n - len(strokes)
+            room = room if k == 0 else round(room * cells[0] / cells.sum())
+            layer = self._layer(reference, canvas, radius, max(room, k == 0), random, everywhere=k == 0)
+            for state in laid(layer):
+                yield PaintingState(Strokes.join(strokes, state.strokes), len(strokes) + state.step, n)
+            strokes = Strokes.join(strokes, layer)
+
+    def _scale(self, commission: Commission) -> float:
+        """Pixels of a unit with which the cells of the largest brush take `FIRST_LAYER` of the strokes."""
+        cell = commission.pitch * np.sqrt((1 + self.max_length / STEPS_PER_CURVE) / FIRST_LAYER)
+        return float(cell / (self.grid * max(self.radii)))
+
+    def _layer(
+        self,
+        reference: Array,
+        canvas: Array,
+        radius: float,
+        room: int,
+        random: np.random.Generator,
+        *,
+        everywhere: bool,
+    ) -> Strokes:
+        """The strokes of one brush, ``room`` at most, on a canvas (3, H, W)."""
+        difference = LEVELS * np.linalg.norm(reference - canvas, axis=0)
+        cells, x, y = worst_of_cells(difference, max(1, round(self.grid * radius)))
+        error = np.nanmean(cells, 1)
+        chosen = np.argsort(-error, kind="stable")
+        if self.threshold is not None and not everywhere:
+            chosen = chosen[error[chosen] > self.threshold]
+        chosen = chosen[: max(room, 0)]
+        if not len(chosen):
+            return Strokes.none()
+        x, y = x[chosen] + 0.5, y[chosen] + 0.5
+        color = sampled_at(reference, x, y)
+        points, steps = self._traced(reference, canvas, x, y, color, radius)
+        owner, curves = fitted_curves(points, steps, self.tolerance * radius)
+        place = random.permutation(len(x))
+        order = np.argsort(place[owner[:room]], kind="stable")  # the curves of a stroke stay together
+        color = self._jittered(color.T, random)[owner[order]]
+        return strokes_from_arrays(curves[order], np.full(len(order), 2 * radius), color, self.opacity)
+
+    def _traced(
+        self, reference: Array, canvas: Array, x: Array, y: Array, color: Array, radius: float
+    ) -> tuple[Array, Array]:
+        """Points (S, L + 1, 2) of S strokes from places (S,) in colours (3, S), and how many steps (S,) each takes."""
+        from scipy.ndimage import sobel  # noqa: PLC0415
+
+        luminance = np.tensordot(LUMINANCE, reference, 1)
+        slope = np.stack([sobel(luminance, axis) for axis in (1, 0)])
+        height, width = luminance.shape
+        place, last = np.stack([x, y], 1), np.zeros((len(x), 2))
+        points, steps = [place], np.zeros(len(x), int)
+        goes_on = np.ones(len(x), bool)
+        for step in range(1, self.max_length + 1):
+            here = sampled_at(reference, *place.T)
+            nearer = np.linalg.norm(here - sampled_at(canvas, *place.T), axis=0) < np.linalg.norm(here - color, axis=0)
+            gx, gy = sampled_at(slope, *place.T)
+            steepness = np.hypot(gx, gy)
+            goes_on &= ~((step > self.min_length) & nearer) & (steepness > FLAT)
+            normal = np.stack([-gy, gx], 1) / np.maximum(steepness, FLAT)[:, None]
+            normal *= np.where((normal * last).sum(1) < 0, -1, 1)[:, None]
+            turned = self.curvature * normal + (1 - self.curvature) * last
+            last = turned / np.maximum(np.linalg.norm(turned, axis=1), FLAT)[:, None]
+            ahead = place + radius * last
+            goes_on &= ((ahead >= 0) & (ahead < (width, height))).all(1)
+            place = np.where(goes_on[:, None], ahead, place)
+            steps += goes_on
+            points.append(place)
+        return np.stack(points, 1), steps
+
+    def _jittered(self, color: Array, random: np.random.Generator) -> Array:
+        """Colours (S, 3), each a little another one."""
+        if any(self.jitter_hsv):
+            from skimage.color import hsv2rgb, rgb2hsv  # noqa: PLC0415
+
+            moved = rgb2hsv(color.clip(0, 1)) + self.jitter_hsv * random.uniform(-0.5, 0.5, color.shape)
+            moved[:, 0] %= 1
+            color = hsv2rgb(moved.clip(0, 1))
+        return color + self.jitter_rgb * random.uniform(-0.5, 0.5, color.shape)
+
+
+def fitted_curves(points: Array, steps: Array, tolerance: float) -> tuple[Array, Array]:
+    """Quadratic Bezier curves (M, 3, 2) along polylines (S, L + 1, 2), and the number (M,) of the line of each.
+
+    A line of so many ``steps`` (S,) that is farther than ``tolerance`` from its curve is cut in halves, which meet; the
+    curves of a line come in its direction.
+    """
+    line, first, last = np.arange(len(points)), np.zeros(len(points), int), steps
+    found: list[tuple[Array, Array, Array]] = []
+    while len(line):
+        curves, away = least_squares_curves(points, line, first, last)
+        good = (away <= tolerance) | (last - first < 2)
+        found.append((line[good], first[good], curves[good]))
+        middle = (first + last) // 2
+        line, first, last = (
+            np.concatenate([value[~good], other[~good]])
+            for value, other in ((line, line), (first, middle), (middle, last))
+        )
+    lines, begins, all_curves = (np.concatenate(part) for part in zip(*found, strict=True))
+    order = np.lexsort((begins, lines))
+    return lines[order], all_curves[order]
+
+
+def least_squares_curves(points: Array, line: Array, first: Array, last: Array) -> tuple[Array, Array]:
+    """Curves (M, 3, 2) from point ``first`` to point ``last`` of lines, and how far (M,) their points are from it."""
+    number = np.arange(points.shape[1])
+    inside = (first[:, None] < number) & (number < last[:, None])
+    t = ((number - first[:, None]) / np.maximum(last - first, 1)[:, None]) * inside  # the points are evenly spaced
+    given, start, end = points[line], points[line, first], points[line, last]
+    weight = 2 * t * (1 - t) * inside
+    ends = (1 - t)[..., None] ** 2 * start[:, None] + t[..., None] ** 2 * end[:, None]
+    power = (weight**2).sum(1)
+    control = (weight[..., None] * (given - ends)).sum(1) / np.maximum(power, 1e-12)[:, None]
+    control = np.where(power[:, None] > 0, control, (start + end) / 2)
+    away = np.linalg.norm(ends + weight[..., None] * control[:, None] - given, axis=2) * inside
+    return np.stack([start, control, end], 1), away.max(1)

@@ -1,0 +1,224 @@
+"""Painters that go stroke by stroke, and the driver that shows, ends and measures what they do."""
+
+import signal
+from dataclasses import replace
+from itertools import pairwise
+from types import SimpleNamespace
+
+import lightning as L
+import numpy as np
+import pytest
+import torch
+from brushexp_painters.gatys import lattice_dots
+from brushexp_painters.hertzmann import fitted_curves
+from lightning.pytorch.callbacks import LambdaCallback
+from painters import QUIET, fit, painter_of
+from torch.testing import assert_close
+
+from brushexp.config.composition import check
+from brushexp.errors import UserError
+from brushexp.painting.components import standard_components
+from brushexp.painting.goals import goals_of
+from brushexp.painting.preparation import prepared
+from brushexp.painting.procedure import Procedure
+from brushexp.painting.timelapse import Timelapse
+from brushexp.pictures.structure import worst_of_cells
+from brushexp.plugins.painter.base import PaintingMethod, PaintingState
+from brushexp.registry import build_named, plugins
+from brushexp.strokes.bezier import point_at
+from brushexp.strokes.catalogue import check_strokes
+from brushexp.strokes.prior import sample_prior
+from brushexp.system.callbacks import TimedCheckpoint
+from brushexp.tasks import paint
+from brushexp.testing.families import commission_of
+
+TARGET = torch.rand(3, 24, 40, generator=torch.Generator().manual_seed(0))
+QUICK = {"evolution": {"children": 5}, "gatys": {"steps": 3}}
+
+
+class Counting(PaintingMethod):
+    """So many states of one more stroke each; ``then`` is called after each."""
+
+    def __init__(self, states=10, then=lambda step: None):
+        self.states, self.then = states, then
+
+    def __call__(self, commission):
+        for step in range(1, self.states + 1):
+            yield PaintingState(sample_prior(step, seed=0).moved(zoom=20.0, shift=(10, 10)), 3 * step, 3 * self.states)
+            self.then(step)
+
+
+def fitted(method, *callbacks, **goals):
+    painter = Procedure(method, standard_components(), TARGET, torch.ones(3), n=50, seed=0)
+    goals = goals_of(**{"early_stop": None, "psnr": None, "seconds": None} | goals, has_plan=False)
+    trainer = L.Trainer(
+        **QUIET | {"enable_checkpointing": True}, callbacks=[*goals, *callbacks, TimedCheckpoint(None, None)]
+    )
+    trainer.fit(painter)
+    return painter
+
+
+def test_all_states_are_shown_filmed_and_counted():
+    film = Timelapse(5, 32)
+    painter = fitted(Counting(), film)
+    assert painter.schedule.step == painter.schedule.steps == 30
+    assert painter.trainer.global_step == 10
+    assert (len(painter.strokes()), painter.stop, painter.progress) == (10, "", 1.0)
+    assert_close(painter.latest(), painter.drawn())
+    assert painter.anytime.pairs[-1][1] > 0
+    assert set(film.state_dict()["steps"]) > {0, 30}
+
+
+@pytest.mark.parametrize("by_steps", [True, False])
+def test_cpu_seconds_are_those_of_the_steps(by_steps):
+    """Not of what is compiled before them: whichever run comes first would be the slowest."""
+    procedure = Procedure(Counting(), standard_components(), TARGET, torch.ones(3), n=50, seed=0)
+    painter = painter_of(steps=4) if by_steps else procedure
+    spent, prepare = SimpleNamespace(cpu=7.0), painter.prepare
+
+    def spend(seconds):
+        spent.cpu += seconds
+
+    painter.schedule.cpu_clock = lambda: spent.cpu
+    painter.prepare = lambda: (prepare(), spend(100))
+    trainer = fit(painter, [LambdaCallback(on_train_batch_end=lambda *_: spend(1), on_fit_end=lambda *_: spend(100))])
+    assert painter.schedule.cpu_seconds == trainer.global_step == (4 if by_steps else 10)
+
+
+@pytest.mark.parametrize(("goals", "status"), [({"seconds": 0.0}, "seconds spent"), ({"psnr": 0.5}, "psnr reached")])
+def test_a_goal_ends_it_after_a_state(goals, status):
+    painter = fitted(Counting(), **goals)
+    assert (painter.stop, len(painter.strokes())) == (status, 1)
+
+
+def test_ctrl_c_ends_it_with_what_there_is():
+    painter = fitted(Counting(then=lambda step: signal.raise_signal(signal.SIGINT) if step == 4 else None))
+    assert painter.stop == "interrupted"
+    assert len(painter.strokes()) == 5
+
+
+def test_fewer_strokes_than_were_promised_are_all_there_is():
+    class Lazy(Counting):
+        def __call__(self, commission):
+            yield from list(super().__call__(commission))[:4]
+
+    painter = fitted(Lazy())
+    assert (painter.schedule.step, painter.schedule.steps, painter.is_done) == (12, 12, True)
+
+
+@pytest.mark.parametrize("name", [plugin.name for plugin in plugins("painter") if not plugin.cls.by_steps])
+def test_a_painting_is_nearer_to_the_picture_than_bare_canvas_and_seeds_differ(name):
+    target = torch.nn.functional.interpolate(TARGET[None, :, ::6, ::8], TARGET.shape[1:], mode="bilinear")[0]
+    bare = target.mean((1, 2))
+    found = []
+    for seed in (1, 2):
+        commission = replace(commission_of(target, 80, bare), generator=torch.Generator().manual_seed(seed))
+        *_, last = build_named("painter", name, QUICK.get(name, {}))(commission)
+        found.append(commission.draw(last.strokes))
+        assert (found[-1] - target).square().mean() < 0.9 * (bare[:, None, None] - target).square().mean()
+    assert not torch.equal(*found)
+
+
+@pytest.mark.parametrize("name", [plugin.name for plugin in plugins("painter") if not plugin.cls.by_steps])
+def test_a_picture_of_no_numbers_ends_it_with_the_state_before(name, monkeypatch):
+    whole, drawn = Procedure.draw, []
+
+    def draw(painter, strokes):
+        drawn.append(len(strokes))
+        return whole(painter, strokes) * (torch.nan if len(drawn) > 3 else 1)
+
+    monkeypatch.setattr(Procedure, "draw", draw)
+    kept = []
+    note = L.pytorch.callbacks.LambdaCallback(on_train_start=lambda _, painter: kept.append(painter))
+    with pytest.raises(UserError, match=r"picture that is not finite|: \w+ is nan"):
+        fitted(build_named("painter", name, QUICK.get(name, {})), note)
+    assert len(drawn) > 3
+    check_strokes(kept[0].strokes())
+    monkeypatch.undo()
+    assert kept[0].drawn().isfinite().all()
+
+
+@pytest.mark.parametrize(("broken", "said"), [
+    (lambda state: None, "yields NoneType, not a PaintingState"),
+    (lambda state: state.strokes, "yields Strokes, not a PaintingState"),
+    (lambda state: replace(state, strokes=state.strokes.map(lambda value: value * torch.nan)), "position is nan, nan"),
+    (lambda state: replace(state, strokes=sample_prior(51, seed=0)), "yields 51 strokes, not 50 at most"),
+])  # fmt: skip
+def test_what_a_painter_yields_that_is_no_state_is_told_with_its_name(broken, said):
+    class Broken(Counting):
+        def __call__(self, commission):
+            for k, state in enumerate(super().__call__(commission)):
+                yield broken(state) if k == 4 else state
+
+    with pytest.raises(UserError, match=f"painter=Broken .*{said}.*correct the painter"):
+        fitted(Broken())
+
+
+@pytest.mark.parametrize("name", ["haeberli", "hertzmann"])
+def test_a_run_leaves_what_any_painting_leaves(run_task, config, tmp_path, caplog, name):
+    words = ("image=astronaut", "resolution=48", "strokes=60", "frames=4", "steps=3", "look=plain")
+    with caplog.at_level("WARNING"):
+        metrics = run_task(paint, f"painter={name}", *words)
+    assert f"painter={name} has no use for steps" in caplog.text
+    plain, styled = (
+        prepared(config(f"painter={name}", *words, *more)) for more in ((), ("style=coffee", "focus=auto"))
+    )
+    assert styled.pictures.keys() == {"target"}
+    assert torch.equal(styled.pictures["target"], plain.pictures["target"])
+    said = (f"catalogue={tmp_path}/catalogue.h5", "init.length=5")
+    check(config(*said), said)
+    assert "catalogue.h5 says where strokes start: it has no use for init.length" in caplog.text
+    assert (metrics["painter"], metrics["status"]) == (name, "completed")
+    assert 0 < metrics["n_strokes"] <= 60
+    assert metrics["psnr"] > 8
+    for file in ("painting.png", "catalogue.h5", "strokes.svg", "report.html", "timelapse.mp4"):
+        assert (tmp_path / file).is_file(), file
+
+
+def test_curves_follow_their_lines_within_the_tolerance():
+    random = np.random.default_rng(0)
+    turn = np.cumsum(random.normal(0, 0.6, (40, 16)), 1)
+    points = np.cumsum(np.stack([np.cos(turn), np.sin(turn)], 2), 1)
+    steps = random.integers(0, 16, 40)
+    owner, curves = fitted_curves(points, steps, 0.3)
+    assert (np.diff(owner) >= 0).all()
+    for line in range(40):
+        own = curves[owner == line]
+        assert_close(own[0, 0], points[line, 0])
+        assert_close(own[-1, 2], points[line, steps[line]])
+        assert_close(own[1:, 0], own[:-1, 2])  # they meet
+        fine = point_at(torch.tensor(own)[:, None], torch.linspace(0, 1, 200)[None].double()).reshape(-1, 2).numpy()
+        away = np.linalg.norm(points[line, : steps[line] + 1, None] - fine, axis=2).min(1)
+        assert away.max() < 0.3 + 0.02
+    assert len(fitted_curves(points, steps, 100.0)[0]) == 40
+
+
+def test_the_worst_pixel_of_a_cell_is_found_as_by_a_loop():
+    difference = np.random.default_rng(1).random((10, 13))
+    cells, x, y = worst_of_cells(difference, 4)
+    error = np.nanmean(cells, 1)
+    cells = [(top, left) for top in range(0, 10, 4) for left in range(0, 13, 4)]
+    for k, (top, left) in enumerate(cells):
+        cell = difference[top : top + 4, left : left + 4]
+        assert error[k] == pytest.approx(cell.mean())
+        assert difference[y[k], x[k]] == cell.max()
+    assert len(error) == len(cells)
+    assert [place[0] for place in worst_of_cells(np.full((3, 3), np.nan), 4)[1:]] == [0, 0]
+
+
+def test_children_live_only_where_the_picture_gains():
+    commission = commission_of(TARGET, 40, TARGET.mean((1, 2)))
+    errors = [
+        float((commission.draw(state.strokes) - TARGET).square().mean())
+        for state in build_named("painter", "evolution", {"children": 20})(commission)
+    ]
+    assert errors[-1] < 0.95 * errors[0]
+    assert all(later <= earlier + 1e-6 for earlier, later in pairwise(errors))
+
+
+@pytest.mark.parametrize("n", [TARGET[0].numel(), 40, 7])
+def test_dots_cover_the_canvas(n):
+    black, white = (commission_of(TARGET, n, torch.full((3,), shade)) for shade in (0.0, 1.0))
+    dots = lattice_dots(black)
+    assert 0.7 * n <= len(dots) <= n
+    assert (white.draw(dots) - black.draw(dots)).mean() < 0.05

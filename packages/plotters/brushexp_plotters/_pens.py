@@ -1,0 +1,221 @@
+"""What exporters for plotters and painting robots share: their options, the paper, and the files beside the program."""
+
+import io
+import logging
+import re
+from abc import abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import ModuleType
+from typing import Annotated, Any
+
+import numpy as np
+from PIL import ImageColor
+
+from brushexp.bounds import between, one_of
+from brushexp.errors import UserError
+from brushexp.plugins.export.base import Exporter, ExportJob
+from brushexp.system.files import write_text
+
+log = logging.getLogger(__name__)
+Array = np.ndarray
+MM = 96 / 25.4  # vpype counts in pixels of CSS
+MOST_STROKES = 100_000  # of a plan: each takes milliseconds to fill, and a machine seconds to draw
+LIFT_SECONDS = 1.0  # to lift a pen, set it down, and turn the machine round: an estimate
+
+
+@dataclass(frozen=True)
+class PenPlan:
+    """All that is to be drawn."""
+
+    document: Any  # vpype's; layer and tool, both from 1, have its layer (layer - 1) * len(tools) + tool
+    paper: tuple[float, float]  # width and height, mm
+    pen_mm: float
+    tools: list[str]  # colours in hexadecimal, tool 1 first: from light to dark, so that no light pen takes up dark ink
+    strokes: list[int]  # how many strokes each tool draws, or parts of
+    left_out: int  # more strokes, which cannot be seen and are not drawn
+    source: str  # where the painting came from
+
+    def runs(self) -> list[tuple[int, int, Any]]:
+        """Layer and tool, both from 1, and lines of vpype, in the order in which they are drawn."""
+        count = max(1, len(self.tools))
+        numbers = sorted(self.document.ids())
+        return [((k - 1) // count + 1, (k - 1) % count + 1, self.document.layers[k]) for k in numbers]
+
+    @property
+    def lifts(self) -> int:
+        return sum(len(lines) for _, _, lines in self.runs())
+
+    @property
+    def drawn(self) -> float:
+        return float(self.document.length()) / MM
+
+    @property
+    def travel(self) -> float:
+        """How far pens move without drawing, mm, from one line of a layer to the next."""
+        return float(self.document.pen_up_length()) / MM
+
+    def report(self, draws: float, moves: float) -> list[str]:
+        """What people want to know before the machine starts; it ``draws`` and ``moves`` at so many mm per minute."""
+        layers = len({layer for layer, _, _ in self.runs()})
+        minutes = self.drawn / draws + self.travel / moves + LIFT_SECONDS / 60 * self.lifts
+        rows = [
+            f"stroke plan of {self.source}",
+            f"paper {self.paper[0]:g} x {self.paper[1]:g} mm, pen {self.pen_mm:g} mm",
+            f"{sum(self.strokes)} strokes and {self.left_out} more that cannot be seen, {len(self.tools)} tools, "
+            f"{layers} layer{'' if layers == 1 else 's'}, {self.lifts} pen lifts",
+            f"drawn {self.drawn / 1000:.2f} m, travel {self.travel / 1000:.2f} m",
+            f"about {minutes:.0f} minutes at {draws:.10g} mm/min and {moves:.10g} mm/min in travel",
+        ]
+        tools = enumerate(zip(self.tools, self.strokes, strict=True), start=1)
+        rows += [f"tool {k}: {color}, {n} strokes" for k, (color, n) in tools]
+        # Some machines obey single characters (! ? ~) even within a comment.
+        return [re.sub(r"[^A-Za-z0-9 .,:/#_+-]", "_", row) for row in rows]
+
+    def svg(self) -> str:
+        """The plan as an SVG at the size of the paper, with an Inkscape layer for each run; plotters take it, too."""
+        text = io.StringIO()
+        load_vpype().write_svg(text, self.document, set_date=False)
+        return text.getvalue()
+
+
+@dataclass(kw_only=True)
+class PenExporter(Exporter):
+    """A machine that draws with pens, or brushes. Its fields are options of every such exporter.
+
+    Args:
+        paper: a3, a4, letter, ... or a size such as 300x200mm.
+        landscape: true or false; null = as the picture is larger.
+        margin_mm: least margin; the picture is as large as it leaves room for, in the middle of the paper. It is larger
+            where a plotter does not reach so far.
+        width_mm: width of the picture; null = as large as fits.
+        colors: pens at most; their colours are those that suit the picture best.
+        pens: colours of the pens that you have, in place of ``colors``: [black,red,"#20a080"].
+        layers: from the bottom to the top; in each, strokes are drawn pen by pen, from light to dark. With 1 all of the
+            picture is; opaque paint keeps the depth of strokes between layers.
+        pen_mm: width of the pen or brush.
+        passes: lines beside each other in a stroke, at most; null = as many as fill it, 1 = its middle line alone.
+        hidden: cut: what strokes of the same layer hide is left out, so that the order of pens does not matter; skip:
+            strokes that are hidden wholly are left out, the others stay whole, as a brush wants them; draw: all.
+        tolerance_mm: how far a drawn line may be from the curve.
+    """
+
+    paper: str = "a4"
+    landscape: bool | None = None
+    margin_mm: Annotated[float, between(0, 1000)] = 10.0
+    width_mm: Annotated[float, between(0.1, 100_000)] | None = None
+    colors: Annotated[int, between(1, 64)] = 8
+    pens: list[str] | None = None
+    layers: Annotated[int, between(1, 10_000)] = 1
+    pen_mm: Annotated[float, between(0.05, 500)] = 0.5
+    passes: Annotated[int, between(1, 2000)] | None = None
+    hidden: Annotated[str, one_of("cut", "skip", "draw")] = "cut"
+    tolerance_mm: Annotated[float, between(0.001, 10)] = 0.05
+
+    def __post_init__(self) -> None:
+        self.own_pens  # noqa: B018  (refused before anything is drawn)
+        if self.page[0] <= 2 * self.margin:
+            raise UserError(
+                f"margins of {self.margin:g} mm leave nothing of {self.page[0]:g} x {self.page[1]:g} mm; "
+                f"choose a larger paper, {self.key}.paper=a3, or smaller margins, {self.key}.margin_mm=5"
+            )
+
+    @abstractmethod
+    def programs(self, plan: PenPlan) -> dict[str, str]:
+        """Names and texts of the files for the machine, the program first."""
+
+    @property
+    @abstractmethod
+    def speeds(self) -> tuple[float, float]:
+        """How fast it draws, and moves without drawing, mm per minute."""
+
+    @property
+    def margin(self) -> float:
+        return self.margin_mm
+
+    def check(self, count: int, size: tuple[int, int]) -> None:
+        self.frame(size)
+        if count > MOST_STROKES:
+            most = f"{count} strokes are more than the {MOST_STROKES} that a plan holds"
+            raise UserError(f"{self.key}: {most}; paint with fewer (strokes=), or take to=svg")
+
+    def write(self, job: ExportJob, folder: Path) -> list[Path]:
+        from brushexp_plotters._pen_plan import pen_plan  # noqa: PLC0415  (needs the extra plot)
+
+        plan = pen_plan(job, self)
+        log.info("%s: %s", self.key, "; ".join(plan.report(*self.speeds)[2:5]))
+        texts = self.programs(plan)
+        texts[f"{next(iter(texts))}.svg"] = plan.svg()
+        for name, text in texts.items():
+            write_text(folder / name, text)
+        return [folder / name for name in texts]
+
+    @cached_property
+    def page(self) -> tuple[float, float]:
+        """Shorter and longer side of the paper, mm."""
+        vpype, text = load_vpype(), self.paper.lower()
+        names = sorted(name for name, (short, _) in vpype.PAGE_SIZES.items() if short > 0)
+        sides = [0.0]
+        if text in names or text.replace("x", "").strip("0123456789."):  # sizes have units
+            with suppress(ValueError):
+                sides = sorted(round(side / MM, 6) for side in vpype.convert_page_size(text))
+        if not 1 <= sides[0] <= sides[-1] <= 100_000:
+            raise UserError(
+                f"{self.key}.paper={self.paper} is not a paper; choose one of {', '.join(names)}, "
+                f"or a size such as {self.key}.paper=300x200mm"
+            )
+        return sides[0], sides[1]
+
+    @cached_property
+    def own_pens(self) -> Array | None:
+        """Colours (K, 3) in [0, 1] of the pens that the user has; None if any colour can be had."""
+        if self.pens is None:
+            return None
+        if not 1 <= len(self.pens) <= 256:
+            raise UserError(f"{self.key}.pens has {len(self.pens)}; give 1 to 256 colours, {self.key}.pens=[black]")
+        try:
+            return np.array([ImageColor.getrgb(pen)[:3] for pen in self.pens]) / 255
+        except ValueError as error:
+            raise UserError(f"{self.key}.pens: {error}; write '{self.key}.pens=[black,\"#c03020\"]'") from None
+
+    def frame(self, size: tuple[int, int]) -> tuple[tuple[float, float], Array, float]:
+        """Width and height of the paper, corner (2,) of a picture (H, W) in its middle, both in mm; mm per pixel."""
+
+        def room(paper: tuple[float, float]) -> float:
+            return round(min((side - 2 * self.margin) / n for side, n in zip(paper, size[::-1], strict=True)), 9)
+
+        upright, across = self.page, self.page[::-1]
+        paper = max({None: (upright, across), False: (upright,), True: (across,)}[self.landscape], key=room)
+        scale = room(paper)
+        if self.width_mm is not None:
+            if self.width_mm > scale * size[1] + 1e-6:
+                raise UserError(
+                    f"{self.key}.width_mm={self.width_mm:g} is too wide for {paper[0]:g} x {paper[1]:g} mm and its "
+                    f"margins; try {self.key}.width_mm={np.floor(10 * scale * size[1] + 1e-6) / 10:g}"
+                )
+            scale = self.width_mm / size[1]
+        return paper, (np.array(paper) - scale * np.array(size[::-1])) / 2, scale
+
+
+def load_vpype() -> ModuleType:
+    """The library vpype, which is optional (a UserError says so) and slow to import."""
+    try:
+        with quiet_vpype():
+            import vpype  # noqa: PLC0415
+            import vpype_cli  # noqa: F401, PLC0415
+    except ImportError as error:
+        raise UserError("to=hpgl and to=gcode need vpype, which is not here; pip install -e '.[plot]'") from error
+    return vpype
+
+
+@contextmanager
+def quiet_vpype() -> Iterator[None]:
+    """Keep out of our log what vpype says to the root logger."""
+    logging.disable(logging.INFO)
+    try:
+        yield
+    finally:
+        logging.disable(logging.NOTSET)

@@ -1,0 +1,1 @@
+"""Trained renderers made smaller: ``task=prune``."""

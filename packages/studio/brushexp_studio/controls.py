@@ -1,0 +1,159 @@
+"""The left side of the page: the picture, the look, strokes, time, focus and style."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
+from nicegui import background_tasks, run, ui
+
+from brushexp.errors import UserError
+from brushexp_studio.elements import Button, Drop, Slide, Tag, chips
+from brushexp_studio.photos import SAMPLES, Photo
+from brushexp_studio.visit import PHOTOGRAPH, Visit
+from brushexp_studio.wishes import FOCUS, QUALITIES, SIDES, own_size, planned_strokes
+
+SECONDS = "seconds"  # a choice beside the qualities
+FEWEST, MOST, NOTCHES = 50, 10_000, 80  # strokes, and places of their slider
+LONGEST = 120  # seconds
+LARGEST = 2.0  # factor of the size of strokes, and of its inverse
+
+
+class Controls:
+    """Choices of a visit; what is wrong with one goes to ``complain``, a line on the page."""
+
+    def __init__(self, visit: Visit, complain: Callable[[str], None]) -> None:
+        self.visit, self.complain = visit, complain
+        self.shown: dict[str, Photo | None] = {}
+        with Tag("section", "controls", aria_label="What to paint, and how"):
+            with part("Picture"):
+                self.pictures = Tag("div", "thumbs", role="group", aria_label="Picture")
+            with part("Look"), Tag("div", "looks", role="group", aria_label="Look"):
+                self.looks = {look: self._look(look) for look in visit.looks}
+            with part("Strokes"):
+                self.number = Slide("How many", 0, NOTCHES, 1, 0, self._take_number)
+                self.size = Slide("How large", -1, 1, 0.05, 0, self._take_size)
+            with part("Time"):
+                times = {name: name.capitalize() for name in (*QUALITIES, SECONDS)}
+                chips("Time", times, visit.wishes.quality, self._take_time)
+                self.seconds = Slide("Seconds of painting", 1, LONGEST, 1, 10, self._take_seconds)
+                self.seconds.set_visibility(False)
+            with part("Canvas", "pixels of its longer side"):
+                chips("Canvas", {side: str(side) for side in SIDES}, visit.wishes.side, self._take_side)
+            with part("Focus", "where the painting is most like the photograph"):
+                chips("Focus", FOCUS, visit.wishes.focus, self._take_focus)
+            with part("In the style of", "colours and marks of another picture"):
+                self.styles = Tag("div", "thumbs", role="group", aria_label="Style")
+        visit.listeners.append(self.show)
+        self.show()
+
+    def show(self) -> None:
+        """The pictures to choose from, and which are chosen."""
+        wishes = self.visit.wishes
+        for place, chosen, name, take in (
+            (self.pictures, wishes.photo, "picture", self.visit.take_photo),
+            (self.styles, wishes.style, "style", self._take_style),
+        ):
+            if self.shown.get(name, ()) is chosen:
+                continue
+            self.shown[name] = chosen
+            if name == "picture" and chosen:
+                background_tasks.create(self._renew_strokes())
+            place.clear()
+            with place:
+                if name == "style":
+                    Button("None", lambda: self._take_style(None), pressed=chosen is None, classes="drop")
+                Drop(f"Your own {name}", "Your own", "/photos", partial(self.receive, take=take))
+                for key in SAMPLES if chosen is None or chosen.key in SAMPLES else (chosen.key, *SAMPLES):
+                    self._thumb(key, chosen, take)
+
+    def _thumb(self, key: str, chosen: Photo | None, take: Callable[[Photo], None]) -> None:
+        pressed = chosen is not None and chosen.key == key
+        name = chosen.name if chosen and pressed else key.replace("_", " ")
+
+        async def choose() -> None:
+            photo = await run.io_bound(lambda: self.visit.photos[key])  # the first time it is read
+            if photo is not None:  # the studio is not about to end
+                take(photo)
+
+        with Button("", choose, pressed=pressed, classes="thumb"):
+            Tag("img", src=f"/photos/{key}/thumb.jpg", alt=name, title=name)
+
+    def _look(self, look: str) -> Button:
+        async def choose() -> None:
+            self.visit.wishes.look = look
+            for name, button in self.looks.items():
+                button.press(name == look)
+            await self._renew_strokes()
+
+        button = Button("", choose, pressed=look == self.visit.wishes.look, classes="look-choice")
+        with button:
+            Tag("img", src=f"/looks/{look}.webp", alt="")
+            Tag("span", text=look)
+        return button
+
+    def receive(self, said: dict[str, Any], take: Callable[[Photo], None]) -> None:
+        """What the studio has said to a file."""
+        self.complain(str(said.get("error", "")))
+        if "photo" in said:
+            try:
+                take(self.visit.photos[str(said["photo"])])
+            except UserError as error:
+                self.complain(str(error))
+
+    def _take_style(self, photo: Photo | None) -> None:
+        self.visit.wishes.style = photo
+        self.show()
+
+    def _take_number(self, notch: float) -> str:
+        strokes = None if notch == 0 else round(FEWEST * (MOST / FEWEST) ** ((notch - 1) / (NOTCHES - 1)))
+        self.visit.wishes.strokes = strokes and int(float(f"{strokes:.2g}"))
+        return "as the look" if strokes is None else f"{self.visit.wishes.strokes:,}"
+
+    def _take_size(self, power: float) -> str:
+        self.visit.wishes.size = round(LARGEST**power, 2)
+        return "as the look" if power == 0 else f"{self.visit.wishes.size:g} ×"
+
+    async def _take_time(self, name: str) -> None:
+        timed = name == SECONDS
+        self.visit.wishes.seconds = self.seconds_chosen if timed else None
+        self.visit.wishes.quality = "normal" if timed else name
+        self.seconds.set_visibility(timed)
+        await self._renew_strokes()
+
+    def _take_seconds(self, value: float) -> str:
+        self.seconds_chosen = value
+        if self.visit.wishes.seconds is not None:
+            self.visit.wishes.seconds = value
+        return f"{value:g} s"
+
+    async def _take_side(self, side: int) -> None:
+        self.visit.wishes.side = side
+        await self._renew_strokes()
+
+    def _take_focus(self, focus: str) -> None:
+        self.visit.wishes.focus = focus
+        if focus == "mask":
+            self.visit.view = PHOTOGRAPH
+            ui.run_javascript("scrollTo({ top: 0 })")
+        self.visit.changed()
+
+    async def _renew_strokes(self) -> None:
+        """Say how many strokes there will be, and whether their size can be chosen."""
+        wishes = self.visit.wishes
+        if wishes.photo is None:
+            return
+        found = await run.io_bound(lambda: (planned_strokes(wishes), own_size(wishes.look)))
+        if found and wishes.strokes is None:
+            self.number.show(f"as the look: {found[0]:,}")
+        self.size.set_visibility(bool(found and found[1]))
+
+
+@contextmanager
+def part(title: str, hint: str = "") -> Iterator[None]:
+    """A part of the controls under its head."""
+    with Tag("section", "part"):
+        with Tag("h2", text=title):
+            if hint:
+                Tag("small", text=hint)
+        yield

@@ -1,0 +1,165 @@
+"""The right side of the page: photograph, painting as it comes, comparison, replay, files, and earlier paintings."""
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from brushexp_studio.elements import Button, Drop, Frames, Mask, Tag, Wipe, chips
+from brushexp_studio.visit import COMPARE, PAINTING, PHOTOGRAPH, REPLAY, VIEWS, Visit
+from brushexp_studio.works import DONE, FAILED, Work
+
+FILES = {  # what they are called here; a film is one of two kinds
+    "painting.png": "PNG",
+    "strokes.svg": "SVG",
+    "catalogue.h5": "Strokes, HDF5",
+    "timelapse.mp4": "Film",
+    "timelapse.gif": "Film",
+    "report.html": "Page",
+}
+
+
+class Easel:
+    """What a visit looks at."""
+
+    def __init__(self, visit: Visit, receive: Any) -> None:
+        self.visit, self.receive = visit, receive
+        self.seen: tuple[Any, ...] = ()
+        with Tag("section", "easel", aria_label="The picture"):
+            self.views = Tag("div", "chips", role="group", aria_label="What is shown")
+            self.place = Tag("div", "place")
+            self.caption = Tag("p", "caption hint")
+            self.files = Tag("div", "files row")
+            self.strip = Tag("div", "strip", role="group", aria_label="Paintings of this session")
+        self.live: Tag | None = None
+        visit.listeners.append(self.show)
+        self.show()
+
+    def show(self) -> None:
+        """Everything, as it is now."""
+        there = self.visit.views()
+        if self.visit.view not in there:
+            self.visit.view = there[-1] if there else PHOTOGRAPH
+        self.views.clear()
+        with self.views:
+            for view in there:
+                Button(VIEWS[view], partial(self._choose, view), pressed=view == self.visit.view, classes="choice")
+        self.live = None
+        self.place.clear()
+        with self.place:
+            {PHOTOGRAPH: self._photograph, PAINTING: self._painting, COMPARE: self._compare, REPLAY: self._replay}[
+                self.visit.view
+            ]()
+        self._show_files()
+        self._show_strip()
+        self.renew()
+
+    def renew(self) -> None:
+        """Show the latest picture of the painting, and the rest anew if more than that has changed."""
+        work, works = self.visit.work, self.visit.works
+        seen = (len(works.all), work and (work.number, work.status), bool(work and work.frames))
+        if seen != self.seen:
+            self.seen = seen
+            self.show()
+            return
+        if work and work.frames and self.live:
+            self.live.say(src=address(work))
+        words = ""
+        if work and self.visit.view in (PAINTING, COMPARE):  # a replay has its own
+            words = work.captions.get(work.last, "")
+        self.caption.set_text(words)
+
+    def _choose(self, view: str) -> None:
+        self.visit.view = view
+        self.visit.changed()
+
+    def _photograph(self) -> None:
+        photo, wishes = self.visit.wishes.photo, self.visit.wishes
+        if photo is None:
+            with Tag("div", "empty"):
+                Drop("Your photograph", "Drop a photograph here, or choose one …", "/photos", self.receive)
+                Tag("p", "hint", text="It stays on this machine. Or take one of the samples.")
+            return
+        shown = f"/photos/{photo.key}/shown.jpg"
+        if wishes.focus == "mask":
+            before = f"/masks/{wishes.mask.stem}.png" if wishes.mask else ""
+            Mask(shown, photo.ratio, f"/photos/{photo.key}/masks", before, self._take_mask).style(
+                f"--ratio: {photo.ratio}"
+            )
+        else:
+            with Tag("div", "stage").style(f"--ratio: {photo.ratio}"):
+                Tag("img", src=shown, alt=f"the photograph {photo.name}")
+
+    def _take_mask(self, said: dict[str, Any]) -> None:
+        self.visit.wishes.mask = self.visit.photos.masks.get(str(said.get("mask")))
+
+    def _painting(self) -> None:
+        work = self._work
+        with Tag("div", "stage").style(f"--ratio: {work.ratio}"):
+            if work.frames:
+                self.live = Tag("img", src=address(work), alt=f"painting {work.title}")
+            else:
+                Tag(
+                    "img",
+                    "bare",
+                    src=f"/photos/{work.wishes.painted.key}/shown.jpg",
+                    alt="the photograph, to be painted",
+                )
+
+    def _compare(self) -> None:
+        work, other = self._work, self.visit.against
+        photo = work.wishes.painted
+        left = (address(other), other.title) if other else (f"/photos/{photo.key}/shown.jpg", "photograph")
+        Wipe(left, (address(work), work.title)).style(f"--ratio: {work.ratio}")
+        others = {each.number: each.title for each in self.visit.works.all if each is not work and each.frames}
+        if others:
+            with Tag("div", "row tools"):
+                Tag("span", "hint", text="with")
+                chips("Compare with", {0: "the photograph", **others}, other.number if other else 0, self._compare_with)
+
+    def _compare_with(self, number: int) -> None:
+        self.visit.against = self.visit.works[number] if number else None
+        self.visit.changed()
+
+    def _replay(self) -> None:
+        work = self._work
+        frames = [f"/works/{work.number}/{number}.jpg" for number in work.frames]
+        Frames(frames, list(work.captions.values())).style(f"--ratio: {work.ratio}")
+
+    def _show_files(self) -> None:
+        self.files.clear()
+        work = self.visit.work
+        if work is None or work.status != DONE or self.visit.view == PHOTOGRAPH:
+            return
+        with self.files:
+            Tag("span", "hint", text="Download")
+            names = {str(path.relative_to(work.folder)) for path in work.files}
+            for name, title in FILES.items():
+                if name in names:
+                    target = "_blank" if Path(name).suffix == ".html" else None
+                    Tag("a", "button", title, href=f"/works/{work.number}/files/{name}", target=target)
+            Tag("a", "button", "Everything, zip", href=f"/works/{work.number}.zip")
+            Tag("code", "command-line", work.wishes.command())
+
+    def _show_strip(self) -> None:
+        self.strip.clear()
+        with self.strip:
+            for work in reversed(self.visit.works.all):
+                if work.frames or work.status == FAILED:
+                    self._thumb(work)
+
+    def _thumb(self, work: Work) -> None:
+        pressed = work is self.visit.work
+        with Button("", lambda: self.visit.look_at(work), pressed=pressed, classes="thumb"):
+            if work.frames:
+                Tag("img", src=address(work), alt=f"painting {work.title}")
+            Tag("span", text=work.title)
+
+    @property
+    def _work(self) -> Work:
+        assert self.visit.work is not None
+        return self.visit.work
+
+
+def address(work: Work) -> str:
+    """Of the latest picture of a painting."""
+    return f"/works/{work.number}/{work.last}.jpg"

@@ -1,0 +1,207 @@
+"""The studio on this machine alone: its pictures and files for the browser, and what comes from there."""
+
+import io
+import socket
+import time
+import warnings
+import zipfile
+from asyncio import get_running_loop
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from threading import Thread
+from typing import Any
+from urllib.parse import quote, unquote
+
+import uvicorn
+from fastapi import FastAPI, HTTPException, Request
+from fastapi.responses import FileResponse, Response
+from starlette.datastructures import Headers
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import ClientDisconnect
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from brushexp.errors import UserError
+from brushexp.pages.serving import HOST, refused
+from brushexp_studio.photos import LARGEST_UPLOAD, Photos
+from brushexp_studio.tab import add_page
+from brushexp_studio.works import Work, Works
+
+LOOKS = Path(__file__).parent / "looks"  # samples, of docs/site/look_samples.py
+NAMES = [HOST, "localhost", "[::1]"]  # of this machine; another name that leads here is that of a page of others
+POLICY = (
+    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+INLINE = {".html"}  # files that are looked at and not saved; the page of a run has a stricter policy of its own
+FOREVER = {"Cache-Control": "private, max-age=3600, immutable"}  # what lies at an address of a picture never changes
+READER = ThreadPoolExecutor(1, "reader")  # of files from the browser: each thread would keep the memory of a large one
+SHUTDOWN_SECONDS = 1  # that open connections are waited for
+
+
+def application(photos: Photos, works: Works) -> FastAPI:
+    """What is served beside the page itself: pictures by their keys, files of paintings, and a place for uploads."""
+    app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
+
+    @app.get("/photos/{key}/{size}.jpg")
+    def photo(key: str, size: str) -> Response:
+        with _found():
+            found = photos[key]
+            return Response(found.thumb if size == "thumb" else found.shown, media_type="image/jpeg", headers=FOREVER)
+
+    @app.get("/looks/{name}.webp")
+    def look(name: str) -> Response:
+        with _found():
+            return FileResponse({path.stem: path for path in LOOKS.glob("*.webp")}[name], headers=FOREVER)
+
+    @app.get("/masks/{name}.png")
+    def mask(name: str) -> Response:
+        with _found():
+            return FileResponse(photos.masks[name], headers=FOREVER)
+
+    @app.get("/works/{number}/{frame}.jpg")
+    def frame(number: int, frame: int) -> Response:
+        with _found():
+            return Response(works[number].frames[frame], media_type="image/jpeg", headers=FOREVER)
+
+    @app.get("/works/{number}/files/{name:path}")
+    def file(number: int, name: str) -> Response:
+        with _found():
+            work = works[number]
+            path = {str(path.relative_to(work.folder)): path for path in work.files}[name]
+            disposition = "inline" if path.suffix in INLINE else "attachment"
+            return FileResponse(path, filename=f"{work.name}-{path.name}", content_disposition_type=disposition)
+
+    @app.get("/works/{number}.zip")
+    def everything(number: int) -> Response:
+        with _found():
+            work = works[number]
+            headers = {"Content-Disposition": f"attachment; filename*=utf-8''{quote(work.name)}.zip"}
+            return Response(zip_of(work), media_type="application/zip", headers=headers)
+
+    @app.post("/photos")
+    async def upload(request: Request) -> dict[str, Any]:
+        name = unquote(request.headers.get("X-Name", ""))
+        return await _kept(request, lambda path: {"photo": photos.add(path, name).key})
+
+    @app.post("/photos/{key}/masks")
+    async def paint_mask(request: Request, key: str) -> dict[str, Any]:
+        return await _kept(request, lambda path: {"mask": photos.add_mask(path, photos[key])})
+
+    app.add_middleware(OwnPages)
+    app.add_middleware(TrustedHostMiddleware, allowed_hosts=NAMES, www_redirect=False)
+    return app
+
+
+class OwnPages:
+    """Answers pages of the studio alone, not those of other sites, and tells browsers what the pages may ask for."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        if headers.get("Origin", own := f"http://{headers.get('Host')}") != own:
+            if scope["type"] == "websocket":
+                await send({"type": "websocket.close", "code": 1008})
+            else:
+                await Response("only pages of the studio may ask for this", 403)(scope, receive, send)
+            return
+
+        async def guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                own = [
+                    ("content-security-policy", POLICY),
+                    ("x-content-type-options", "nosniff"),
+                    ("referrer-policy", "no-referrer"),
+                ]
+                message["headers"] = [*message["headers"], *((name.encode(), value.encode()) for name, value in own)]
+            await send(message)
+
+        await self.app(scope, receive, guarded)
+
+
+@contextmanager
+def _found() -> Iterator[None]:
+    """Make what is not there an answer that says so."""
+    try:
+        yield
+    except (KeyError, UserError, FileNotFoundError) as error:
+        raise HTTPException(404, "there is nothing of this name here") from error
+
+
+async def _kept(request: Request, use: Any) -> dict[str, Any]:
+    """What ``use`` says to a file that the browser sends, as it comes and no longer than allowed; or the error."""
+    received = 0
+    try:
+        with NamedTemporaryFile() as file:
+            async for piece in request.stream():
+                received += len(piece)
+                if received > LARGEST_UPLOAD:
+                    return {"error": f"this file has more than {LARGEST_UPLOAD // 2**20} MB; make it smaller"}
+                file.write(piece)
+            file.flush()
+            return await get_running_loop().run_in_executor(READER, use, Path(file.name))
+    except (UserError, MemoryError) as error:
+        return {"error": str(error) or "there is not enough memory for this picture; make it smaller"}
+    except OSError as error:
+        return {"error": f"the studio cannot keep this file: {error.strerror}"}
+    except ClientDisconnect:  # in the middle of the file
+        return {}
+
+
+def zip_of(work: Work) -> bytes:
+    """All files of a painting in one."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in work.files:
+            archive.write(path, Path(work.name) / path.relative_to(work.folder))
+    return file.getvalue()
+
+
+@contextmanager
+def running(app: FastAPI, port: int) -> Iterator[str]:
+    """Serve an application on this machine while the context lasts; yields its address. Port 0 is any that is free."""
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((HOST, port))
+    except OSError as error:
+        raise refused(port, error) from error
+    config = uvicorn.Config(
+        app, log_config=None, log_level="warning", access_log=False, timeout_graceful_shutdown=SHUTDOWN_SECONDS
+    )
+    server = uvicorn.Server(config)
+    thread = Thread(target=server.run, kwargs={"sockets": [listening]}, name="server", daemon=True)
+    thread.start()
+    while not server.started and thread.is_alive():
+        time.sleep(0.01)
+    try:
+        yield f"http://{HOST}:{listening.getsockname()[1]}/"
+    finally:
+        server.should_exit = True
+        thread.join()
+        listening.close()
+
+
+@contextmanager
+def opened_studio(own: Path, kept: Path, port: int, options: dict[str, Any]) -> Iterator[tuple[str, Works]]:
+    """The studio while the context lasts: its address, and its paintings.
+
+    Uploads go into the folder ``own``, paintings into ``kept``; ``options`` are keys that all of them have.
+    """
+    warnings.filterwarnings("ignore", ".*torch.distributed.reduce_op", FutureWarning)  # NiceGUI looks at all objects
+    photos, works = Photos(own), Works(kept, options)
+    app = application(photos, works)
+    add_page(app, photos, works)
+    with running(app, port) as address:
+        works.warm_up()
+        try:
+            yield address, works
+        finally:
+            works.close()

@@ -1,0 +1,114 @@
+"""The page of the studio: a bar, the controls beside the stage, and the button, for each tab that opens it."""
+
+from pathlib import Path
+
+from fastapi import FastAPI
+from nicegui import ui
+
+from brushexp.config.looks import look_names
+from brushexp.errors import UserError
+from brushexp.pages.html import TEMPLATES
+from brushexp_studio.controls import Controls
+from brushexp_studio.easel import Easel
+from brushexp_studio.elements import Button, Tag
+from brushexp_studio.photos import Photos
+from brushexp_studio.visit import Visit
+from brushexp_studio.works import FAILED, FINISHING, PAINTING, Works
+
+WEB = Path(__file__).parent / "web"
+REFRESH = 0.2  # seconds between two looks at the painting
+ICON = (
+    "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 32 32'>"
+    "<path d='M5 23Q14 3 27 9' fill='none' stroke='#3a5fc8' stroke-width='8' stroke-linecap='round'/></svg>"
+)
+
+
+def add_page(app: FastAPI, photos: Photos, works: Works) -> None:
+    """Let an application have the page of the studio at ``/``."""
+    head = f"<script>{(TEMPLATES / 'theme.js').read_text()}</script>"
+    head += "".join(f"<style>{path.read_text()}</style>" for path in (TEMPLATES / "page.css", WEB / "studio.css"))
+    bar = (WEB / "bar.html").read_text()
+
+    @ui.page("/")
+    def studio() -> None:
+        ui.add_head_html(head)
+        ui.html(bar, sanitize=False)
+        Tab(Visit(photos, works, look_names()))
+
+    ui.run_with(
+        app, title="brushexp studio", favicon=ICON, dark=None, language="en-US", tailwind=False,
+        show_welcome_message=False,
+    )  # fmt: skip
+
+
+class Tab:
+    """All of the page below its bar."""
+
+    controls: Controls
+
+    def __init__(self, visit: Visit) -> None:
+        self.visit, self.works = visit, visit.works
+        self.seen = -1
+        visit.join()
+        with Tag("div", "studio"):
+            Tag("h1", "unseen", "brushexp studio")
+            self.easel = Easel(visit, lambda said: self.controls.receive(said, visit.take_photo))
+            self.controls = Controls(visit, self.complain)
+            with Tag("div", "doing"):
+                self.main = Button("Paint", self.paint, classes="button main")
+                self.stop = Button("Stop", self.end)
+                self.status = Tag("p", "status hint", role="status")
+                self.trouble = Tag("p", "alarm", role="alert")
+        visit.listeners.append(self.renew)
+        ui.timer(REFRESH, self.look)
+        self.renew()
+
+    def complain(self, words: str) -> None:
+        self.trouble.set_text(words)
+
+    def paint(self) -> None:
+        """Begin a painting of what is chosen, and show it."""
+        try:
+            work = self.works.begin(self.visit.wishes)
+        except UserError as error:
+            self.complain(str(error))
+            return
+        self.complain("")
+        self.visit.look_at(work)
+        ui.run_javascript("scrollTo({ top: 0 })")
+
+    def end(self) -> None:
+        """Stop the painting; what there is stays."""
+        if self.works.current:
+            self.works.current.stopped.set()
+            self.renew()
+
+    def look(self) -> None:
+        """See whether anything has changed."""
+        if self.seen != self.works.version:
+            self.seen = self.works.version
+            self.visit.join()
+            self.easel.renew()
+            self.renew()
+
+    def renew(self) -> None:
+        """The button, and the line beside it."""
+        current, work = self.works.current, self.visit.work
+        self.main.allow(current is None and self.visit.wishes.photo is not None)
+        self.stop.allow(current is not None and current.status == PAINTING and not current.stopped.is_set())
+        self.status.set_text(self.words())
+        if work and work.status == FAILED:
+            self.complain(work.trouble)
+
+    def words(self) -> str:
+        """What the studio does."""
+        current = self.works.current
+        if current is None:
+            return "" if self.visit.wishes.photo else "Choose a picture first."
+        if current.status == FINISHING:
+            return "Writing the files …"
+        if current.stopped.is_set():
+            return "Stopping after this step …"
+        if not current.frames:
+            return "Laying the first strokes …" if self.works.is_warm.is_set() else "Warming up …"
+        return f"Painting {current.title}"

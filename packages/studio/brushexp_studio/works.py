@@ -1,0 +1,169 @@
+"""The paintings of a session: one at a time is painted, in a thread beside the page, which looks at it as it comes."""
+
+import logging
+import time
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from pathlib import Path
+from threading import Event, Thread
+from typing import Any
+
+from PIL import Image
+
+import brushexp
+from brushexp.errors import UserError
+from brushexp.pages.html import encoded
+from brushexp_studio.photos import JPEG, in_plain_letters
+from brushexp_studio.wishes import Wishes
+
+log = logging.getLogger(__name__)
+APART = 0.25  # seconds between two pictures of a painting that comes to be
+SHOWN_SIDE = 1024  # pixels of their longer side
+MOST_FRAMES = 120  # of them that are kept; every second one goes when there are more
+WARM_LOOKS = ("oil", "plain")  # whose renderers are those of all looks
+PAINTING, FINISHING, DONE, FAILED = "painting", "finishing", "done", "failed"
+
+
+@dataclass
+class Work:
+    """One painting: its pictures so far as JPEG, and what is said beside each."""
+
+    number: int
+    wishes: Wishes
+    folder: Path
+    status: str = PAINTING
+    frames: dict[int, bytes] = field(default_factory=dict)  # by their number, in order
+    captions: dict[int, str] = field(default_factory=dict)
+    trouble: str = ""  # what went wrong, in one line
+    stopped: Event = field(default_factory=Event)
+
+    @property
+    def title(self) -> str:
+        return f"{self.number} · {self.wishes.look}"
+
+    @property
+    def name(self) -> str:
+        """For files that are saved: letters that any system takes."""
+        return in_plain_letters(f"{Path(self.wishes.painted.name).stem}-{self.wishes.look}-{self.number}")
+
+    @property
+    def ratio(self) -> float:
+        """Width over height."""
+        return self.wishes.painted.ratio
+
+    @property
+    def last(self) -> int:
+        """The number of the latest picture; -1 before there is one."""
+        return max(self.frames, default=-1)
+
+    @property
+    def files(self) -> list[Path]:
+        """What can be downloaded."""
+        there = self.status == DONE and self.folder.is_dir()
+        return sorted(path for path in self.folder.rglob("*") if path.is_file()) if there else []
+
+    def show(self, image: Any, caption: str) -> None:
+        """Add a picture (H, W, 3) of bytes."""
+        number = self.last + 1
+        self.captions[number] = caption
+        self.frames[number] = encoded(Image.fromarray(image), SHOWN_SIDE, **JPEG)
+        if len(self.frames) > MOST_FRAMES:
+            for other in list(self.frames)[1:-1:2]:
+                del self.frames[other], self.captions[other]
+
+
+class Works:
+    """All paintings of a session, in a folder, with keys of the command line that all of them have.
+
+    ``version`` grows with every change that the page shows.
+    """
+
+    def __init__(self, folder: Path, options: dict[str, Any]) -> None:
+        self.folder, self.options = folder, options
+        self.all: list[Work] = []
+        self.version = 0
+        self.is_warm = Event()
+        self._thread: Thread | None = None
+        self._closing = Event()
+
+    @property
+    def current(self) -> Work | None:
+        """The painting that is being made."""
+        busy = self.all and self.all[-1].status in (PAINTING, FINISHING)
+        return self.all[-1] if busy else None
+
+    def __getitem__(self, number: int) -> Work:
+        """A painting by its number; KeyError if there is none."""
+        return {work.number: work for work in self.all}[number]
+
+    def warm_up(self) -> None:
+        """Import and compile in a thread what the first painting would wait for."""
+        self._thread = Thread(target=self._warm, name="warm-up", daemon=True)
+        self._thread.start()
+
+    def begin(self, wishes: Wishes) -> Work:
+        """Paint; UserError if another painting is not finished."""
+        if wishes.photo is None:
+            raise UserError("choose a picture first")
+        if self.current:
+            raise UserError("one painting at a time: stop the one that is being painted, or wait for its end")
+        number = len(self.all) + 1
+        wishes = replace(wishes)  # what is chosen from now on is for the next one
+        work = Work(number, wishes, self.folder / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{number}_{wishes.look}")
+        self.all.append(work)
+        self._changed()
+        self._thread = Thread(target=self._run, args=(work, self._thread), name="painting", daemon=True)
+        self._thread.start()
+        return work
+
+    def close(self) -> None:
+        """End whatever is at work."""
+        self._closing.set()
+        if self.current:
+            self.current.stopped.set()
+        if self._thread:
+            self._thread.join()
+
+    def _changed(self) -> None:
+        self.version += 1
+
+    def _warm(self) -> None:
+        for look in WARM_LOOKS:
+            if not self._closing.is_set():
+                brushexp.paint("chelsea", look=look, resolution=48, steps=2, **self.options)
+        self.is_warm.set()
+        self._changed()
+
+    def _run(self, work: Work, before: Thread | None) -> None:
+        if before:
+            before.join()  # the warm-up
+        try:
+            self._paint(work)
+            work.status = DONE
+        except Exception as error:
+            work.status = FAILED
+            work.trouble = str(error) if isinstance(error, UserError) else f"this painting failed: {error}"
+            log.log(logging.INFO if isinstance(error, UserError) else logging.ERROR, "%s", error, exc_info=True)
+        self._changed()
+
+    def _paint(self, work: Work) -> None:
+        wishes, start = work.wishes, time.monotonic()
+        options = wishes.overrides() | self.options
+        states = brushexp.iterate(wishes.painted.path, every=1, every_seconds=APART, **options)
+        for state in states:
+            work.show(state.image, caption_of(state, time.monotonic() - start))
+            self._changed()
+            if work.stopped.is_set() and state.painting is None:
+                state.stop()
+            if state.painting is not None:
+                work.status = FINISHING
+                self._changed()
+                if not self._closing.is_set():
+                    state.painting.save(work.folder)
+
+
+def caption_of(state: Any, seconds: float) -> str:
+    """Small print: how far, how good, how many."""
+    return (
+        f"step {state.step} of {state.steps} · {state.psnr:.1f} dB · {len(state.strokes):,} strokes · {seconds:.1f} s"
+    )

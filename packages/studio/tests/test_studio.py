@@ -1,0 +1,359 @@
+"""``task=studio``: one server for all tests, used as a visitor does, in a real browser, with a real photograph."""
+
+import errno
+import io
+import json
+import re
+import shlex
+import signal
+import socket
+import sys
+import time
+import zipfile
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from unittest.mock import Mock
+from urllib.parse import quote, urlsplit
+
+import numpy as np
+import pytest
+import skimage.data
+from brushexp_studio import task as studio_task
+from omegaconf import OmegaConf
+from PIL import Image
+from program import Program, ask
+
+from brushexp.errors import UserError
+
+pytest.importorskip("nicegui", reason="the studio is an extra")
+from brushexp_studio.photos import Photos
+from brushexp_studio.server import application, running
+from brushexp_studio.wishes import Wishes
+from brushexp_studio.works import Works
+
+pytestmark = pytest.mark.slow
+WIDE, PHONE = (1280, 860), (390, 844)
+CHELSEA = Path(skimage.data.__file__).parent / "chelsea.png"
+
+
+@pytest.fixture(scope="module")
+def studio(tmp_path_factory):
+    """Address of a studio, which is closed with Ctrl-C at the end."""
+    folder = tmp_path_factory.mktemp("studio")
+    process = Program("task=studio", "open=false", "threads=1", f"output={folder}/out", cwd=folder, TMPDIR=str(folder))
+    log, found = folder / "out" / "run.log", None
+    while not found and process.poll() is None:
+        time.sleep(0.05)
+        found = re.search(r"http://\S+", log.read_text()) if log.is_file() else None
+    assert found, process.communicate()
+    yield found[0]
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate()
+    assert process.returncode == 0, err
+    assert "the studio is closed" in out
+    assert not list(folder.glob("brushexp-studio-*")), "what the visitor gave is gone"
+
+
+@pytest.fixture
+def tab(studio, browser):
+    """Open the studio in a new tab; at its end nothing was asked of another machine, and nothing went wrong."""
+    contexts, asked, errors = [], [], []
+
+    def open_tab(size=WIDE, **options):
+        viewport = {"width": size[0], "height": size[1]}
+        context = browser.new_context(viewport=viewport, reduced_motion="reduce", **options)
+        contexts.append(context)
+        context.set_default_timeout(60_000)
+        context.route("**/*", lambda route: (asked.append(route.request.url), route.continue_()))
+        page = context.new_page()
+        page.on("websocket", lambda socket: asked.append(socket.url))
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
+        page.goto(studio)
+        page.get_by_role("button", name="Paint", exact=True).wait_for()
+        return page
+
+    yield open_tab
+    for context in contexts:
+        context.close()
+    here = urlsplit(studio).netloc
+    assert {urlsplit(url).netloc for url in asked if not url.startswith(("data:", "blob:"))} == {here}
+    assert not errors
+
+
+def choose(page, group, name):
+    page.get_by_role("group", name=group, exact=True).get_by_role("button", name=name, exact=True).click()
+
+
+def paint(page, number, look):
+    """Paint with few pixels and steps, and wait for the files."""
+    choose(page, "Canvas", "256")
+    choose(page, "Time", "Draft")
+    choose(page, "Look", look)
+    page.get_by_role("button", name="Paint", exact=True).click()
+    finish(page, number)
+
+
+def finish(page, number):
+    page.locator(f"a[href='/works/{number}.zip']").wait_for(timeout=120_000)
+
+
+def fits(page):
+    """Nothing scrolls sideways, every control has a name, and no two of them lie over each other."""
+    assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
+    nameless = """[...document.querySelectorAll("button, a, input, canvas")].filter((one) => one.checkVisibility() &&
+      !(one.ariaLabel || one.labels?.length || one.innerText?.trim() || one.querySelector("img[alt]:not([alt=''])")))
+      .map((one) => one.outerHTML)"""
+    assert page.evaluate(nameless) == []
+    over = """[...document.querySelectorAll("button, a")].filter((one) => {
+      if (!one.checkVisibility() || one.closest(".doing, .bar")) return false;
+      one.scrollIntoView({ block: "center" });
+      const box = one.getBoundingClientRect();
+      const there = document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2);
+      return !one.contains(there);
+    }).map((one) => one.outerHTML)"""
+    assert page.evaluate(over) == []
+
+
+def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab):
+    page = tab(accept_downloads=True)
+    assert page.get_by_role("button", name="Paint", exact=True).is_disabled()
+    page.get_by_label("Your photograph").set_input_files(
+        {"name": "写真 cat.png", "mimeType": "", "buffer": CHELSEA.read_bytes()}
+    )
+    page.get_by_alt_text("the photograph 写真 cat").wait_for()
+    page.get_by_text(re.compile(r"as the look: [\d,]+")).wait_for()
+    choose(page, "Canvas", "256")
+    page.get_by_role("button", name="Paint", exact=True).click()
+    picture = page.locator(".place .stage img[src^='/works/']")
+    picture.wait_for()
+    first = picture.get_attribute("src")
+    page.locator(f".place .stage img[src^='/works/']:not([src='{first}'])").wait_for()  # another one, by itself
+    assert re.match(r"step \d+ of \d+ · \d+\.\d dB · [\d,]+ strokes", page.locator(".caption").inner_text())
+    page.get_by_role("button", name="Stop").click()
+    finish(page, 1)
+    assert int(re.match(r"step (\d+)", page.locator(".caption").inner_text())[1]) < 60, "stopped, and kept"
+    with page.expect_download() as download:
+        page.get_by_role("link", name="Everything, zip").click()
+    assert download.value.suggested_filename == "写真_cat-oil-1.zip"
+    with zipfile.ZipFile(download.value.path()) as archive:
+        names = {Path(name).name for name in archive.namelist()}
+    assert names >= {"painting.png", "strokes.svg", "catalogue.h5", "report.html", "target.png", "metrics.json"}
+    with page.expect_download() as download:
+        page.get_by_role("link", name="PNG").click()
+    with Image.open(download.value.path()) as painting:
+        assert painting.size == (256, 170)
+    assert download.value.suggested_filename == "写真_cat-oil-1-painting.png"
+    with page.context.expect_page() as report:
+        page.get_by_role("link", name="Page", exact=True).click()
+    report.value.get_by_role("heading", name="Replay").wait_for()  # the new tab has to load
+
+
+def test_two_paintings_are_compared_and_replayed(tab):
+    page = tab(PHONE, color_scheme="dark", has_touch=True)
+    choose(page, "Picture", "chelsea")
+    paint(page, 2, "gouache")
+    paint(page, 3, "ink")
+    choose(page, "What is shown", "Compare")
+    choose(page, "Compare with", "2 · gouache")
+    divider = page.get_by_role("slider", name="Divider between 2 · gouache and 3 · ink")
+    divider.focus()
+    page.keyboard.press("Home")
+    assert divider.get_attribute("aria-valuetext") == "0 % from the left"
+    choose(page, "What is shown", "Replay")
+    page.get_by_role("button", name="Play").wait_for()  # it has come to its end
+    moment = page.get_by_role("slider", name="Moment of the painting")
+    moment.press("Home")
+    assert "step 0 of" in moment.get_attribute("aria-valuetext")
+    fits(page)
+    other = tab()  # which shows the same paintings
+    other.get_by_role("button", name="painting 3 · ink").wait_for()
+    fits(other)
+
+
+def test_the_focus_is_painted_by_touch_and_by_keyboard(tab, studio):
+    page = tab(PHONE, has_touch=True)
+    choose(page, "Picture", "astronaut")
+    choose(page, "Focus", "Painted by hand")
+    canvas = page.get_by_role("img", name=re.compile("arrow keys move the brush"))
+    painted = """(canvas) => {
+      const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+      return data.filter((value, k) => k % 4 === 3 && value > 0).length / (canvas.width * canvas.height);
+    }"""
+    with page.expect_response("**/masks") as answer:
+        canvas.tap()
+    dab = canvas.evaluate(painted)
+    assert dab == pytest.approx(3.14159 * 0.09**2, rel=0.1)
+    canvas.press("ArrowLeft")
+    canvas.press("ArrowLeft")
+    with page.expect_response("**/masks") as answer:
+        canvas.press(" ")
+    assert dab < canvas.evaluate(painted) < 2.2 * dab
+    status, png, _ = ask(studio, f"/masks/{answer.value.json()['mask']}.png")
+    mask = Image.open(io.BytesIO(png)).convert("L").resize((64, 64))
+    assert status == 200
+    assert mask.getpixel((32, 32)) == 255
+    assert mask.getpixel((32, 5)) == 0
+    fits(page)
+    page.get_by_role("button", name="Eraser").click()
+    canvas.tap()
+    assert canvas.evaluate(painted) < 1.5 * dab
+    page.get_by_role("button", name="Clear").click()
+    assert canvas.evaluate(painted) == 0
+
+
+def test_what_is_wrong_is_told_in_one_line(tab, tmp_path):
+    page = tab()
+    (tmp_path / "notes.jpg").write_text("no picture at all")
+    page.get_by_label("Your own picture").set_input_files(tmp_path / "notes.jpg")
+    alert = page.get_by_role("alert")
+    alert.get_by_text("notes.jpg is not a picture of a known format").wait_for()
+    assert str(tmp_path) not in alert.inner_text()
+    choose(page, "Picture", "chelsea")
+    page.get_by_alt_text("the photograph chelsea").wait_for()
+    assert page.get_by_role("button", name="Paint", exact=True).is_enabled()
+
+
+def test_only_pages_of_the_studio_on_this_machine_are_answered(studio):
+    port = urlsplit(studio).port
+    assert ask(studio, "/", Host=f"localhost:{port}")[0] == 200
+    assert ask(studio, "/", Host="evil.example")[0] == 400  # a name that may mean this machine
+    assert ask(studio, "/photos", "POST", b"x", Origin="http://evil.example")[0] == 403
+    assert ask(studio, "/photos", "POST", b"x", Origin="null")[0] == 403
+    socket = {
+        "Upgrade": "websocket",
+        "Connection": "Upgrade",
+        "Sec_WebSocket_Version": "13",
+        "Sec_WebSocket_Key": "x3JJHMbDL1EzLkh9GBhXDw==",
+    }
+    path = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+    assert ask(studio, path, Origin="http://evil.example", **socket)[0] == 403
+    for path in (
+        "/works/99.zip",
+        "/works/1/files/../../run.log",
+        "/photos/none/thumb.jpg",
+        "/masks/..%2Fx.png",
+        "/docs",
+    ):
+        assert ask(studio, path)[0] == 404, path
+
+
+@pytest.fixture
+def uploads(tmp_path, caplog):
+    """Address of a studio without the page, in this process; nothing that is sent brings a traceback."""
+    with running(application(Photos(tmp_path), Works(tmp_path, {})), 0) as address:
+        yield address
+        status, body, _ = ask(address, "/photos", "POST", CHELSEA.read_bytes(), X_Name="after all.png")
+        assert (status, b"photo" in body) == (200, True)
+    assert not [record for record in caplog.records if record.exc_info]
+
+
+def encoded_as(kind, picture=None):
+    file = io.BytesIO()
+    (picture or Image.radial_gradient("L")).save(file, kind)
+    return file.getvalue()
+
+
+def claiming(kind, place, size):
+    """A picture whose header says that its sides are others; those lie at ``place``."""
+    data = encoded_as(kind)
+    return data[:place] + size + data[place + len(size) :]
+
+
+WIDEST = b"\xff\xff\xff\xff"
+SENT = {
+    "nothing": (b"", "is empty"),
+    "half a JPEG": (encoded_as("JPEG")[:900], "is damaged"),
+    "half a PNG": (encoded_as("PNG")[:200], "is damaged"),
+    "GIF of 65535 x 65535": (claiming("GIF", 6, WIDEST), "megapixels"),
+    "BMP of 2^31 x 2^31": (claiming("BMP", 18, b"\xff\xff\xff\x7f" * 2), "megapixels"),
+    "a page": (b"<script>alert(1)</script>", "is not a picture"),
+    "PostScript": (b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "is not read here"),
+    "a pickle": (b"\x80\x04.", "is not a picture"),
+    "more than 64 MB": (bytes(2**26 + 2**20), "make it smaller"),
+}
+
+
+def test_what_is_sent_is_a_picture_or_refused_in_one_line(uploads):
+    for name, (data, message) in SENT.items():
+        status, body, _ = ask(uploads, "/photos", "POST", data, X_Name=quote(name))
+        assert status == 200, name
+        said = json.loads(body)["error"]
+        assert message in said, said
+        assert "\n" not in said
+    assert json.loads(ask(uploads, "/photos/nix/masks", "POST", encoded_as("PNG"))[1])["error"]
+    many = encoded_as("GIF", Image.new("P", (900, 900)))
+    assert json.loads(ask(uploads, "/photos", "POST", many * 9)[1]).keys() == {"photo"}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "..",
+        "../../x.png",
+        "/etc/passwd",
+        "a\0\nb",
+        "x" * 999,
+        "🙂" * 99,
+        "\u202egnp",
+        "",
+        "-rf",
+        "${x}",
+        "/",
+        "a." + "b" * 99,
+    ],
+)
+def test_files_of_any_name_are_kept_below_the_folder_of_the_studio(tmp_path, name):
+    Image.new("RGB", (9, 7)).save(tmp_path / "received", "PNG")
+    kept = Photos(tmp_path).add(tmp_path / "received", name)
+    assert kept.path.is_file()
+    assert kept.path.parent == tmp_path / kept.key
+    assert kept.name.isprintable()
+    words = shlex.split(Wishes(photo=kept).command())
+    assert words[:2] == ["brushexp", f"image={kept.name}"]
+
+
+def test_who_leaves_in_the_middle_of_a_file_leaves_no_trace(uploads, tmp_path):
+    for head in (b"Content-Length: 99999999999", b"Transfer-Encoding: chunked", b"Content-Length: -5"):
+        with socket.create_connection(uploads.split("/")[2].split(":")) as connection:
+            connection.sendall(b"POST /photos HTTP/1.1\r\nHost: localhost\r\n" + head + b"\r\n\r\nff\r\nabc")
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+def test_a_full_disk_is_told(uploads, monkeypatch):
+    full = OSError(errno.ENOSPC, "No space left on device")
+    with monkeypatch.context() as patched:
+        patched.setattr("brushexp_studio.server.NamedTemporaryFile", Mock(side_effect=full))
+        answer = json.loads(ask(uploads, "/photos", "POST", b"x")[1])
+    assert answer == {"error": "the studio cannot keep this file: No space left on device"}
+
+
+def test_pictures_that_come_at_once_are_decoded_one_after_another(tmp_path, monkeypatch):
+    at_work, most, thumbnail = [], [], Image.Image.thumbnail
+
+    def read(path, key):
+        at_work.append(path)
+        most.append(len(at_work))
+        time.sleep(0.01)
+        return np.zeros((7, 9, 3), np.uint8)
+
+    monkeypatch.setattr("brushexp_studio.photos.read_picture", read)
+    monkeypatch.setattr(Image.Image, "thumbnail", lambda *given: (thumbnail(*given), at_work.pop()))
+    photos = Photos(tmp_path)
+    with ThreadPoolExecutor(8) as threads:
+        found = list(threads.map(lambda k: photos.add(tmp_path, f"{k}.png").name, range(8)))
+    assert found == [f"{k}.png" for k in range(8)]
+    assert max(most) == 1
+
+
+@pytest.mark.parametrize("keep", ["/proc/x", __file__])
+def test_a_folder_that_cannot_keep_paintings_is_refused_before_there_are_any(tmp_path, keep):
+    with pytest.raises(UserError, match=f"cannot write into keep={re.escape(keep)}: .*; choose another folder"):
+        studio_task.run(OmegaConf.create({"keep": keep}), tmp_path, 0.0)
+
+
+def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
+    for module in ("nicegui", "brushexp_studio.server"):
+        monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(UserError, match=r"pip install 'brushexp\[studio\]'"):
+        studio_task.run(OmegaConf.create(), tmp_path, 0.0)

@@ -1,0 +1,1 @@
+"""The authors' own paper: painters compared, the thesis's claims judged by studies."""

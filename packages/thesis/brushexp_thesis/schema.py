@@ -1,0 +1,41 @@
+"""Keys of ``task=leaderboard`` and ``task=verdicts``."""
+
+from dataclasses import dataclass
+
+from omegaconf import MISSING
+
+from brushexp.bounds import FILE, at_least, one_of
+from brushexp.config.keys import key
+from brushexp.config.rules import FOLDER
+from brushexp.config.schema import Task
+
+
+@dataclass
+class VerdictsTask(Task):
+    """Judge the claims of the thesis by finished studies: one page with verdicts, tables and plots."""
+
+    module = "brushexp_thesis.verdicts"
+
+    runs: list[str] = key(
+        MISSING, "folder of sweeps of experiment=, or of records of such; several with commas", FOLDER
+    )
+    claims: str | None = key(None, "YAML file of claims; null = the thesis's, which ship", FILE)
+    page: str | None = key(None, "Markdown file to write, plots and records beside it; null = ablations.md in output")
+
+
+@dataclass
+class LeaderboardTask(Task):
+    """Put painters beside each other: finished runs, paintings by others, published figures; means and intervals."""
+
+    module = "brushexp_thesis.leaderboard"
+
+    runs: list[str] = key([], "folder of a run, of a sweep, or above many of them; several with commas", FOLDER)
+    add: str | None = key(None, "a painting by others: a picture, a catalogue, or a folder of them; null = none")
+    target: str | None = key(None, "what it was painted after; of a folder, one with files of the same names")
+    name: str | None = key(None, "of the painter of add; null = as the file is called")
+    strokes: int | None = key(None, "that add took; null = those of a catalogue, else unknown", at_least(1))
+    seconds: float | None = key(None, "that add took; null = unknown", at_least(0))
+    note: str | None = key(None, "what page and tables begin with: the machine, say, and what else it did; null = none")
+    published: str | None = key(None, "YAML file of published figures; null = those that ship", FILE)
+    lpips_backbone: str = key("alexnet", "network of lpips_weights", one_of("alexnet", "squeeze", "vgg16", "effl0"))
+    lpips_weights: str | None = key(None, "file with its features: add is then measured with LPIPS, too", FILE)

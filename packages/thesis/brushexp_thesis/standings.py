@@ -1,0 +1,206 @@
+"""Painters beside each other on the same pictures: means with intervals, at equal strokes and at equal seconds.
+
+A row is a painter with its settings and number of strokes, a section a set of pictures with all rows that have painted
+every one of them, so that no two means are of different pictures. Published figures stand beside and enter no mean.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from brushexp.results.anytime_curves import TIMES, Curve, curve_from, mean_curve, quality_at
+from brushexp.results.paired import interval
+from brushexp.results.runs import UNFINISHED, differences, image_name, setting_of, words_of
+from brushexp.results.tables import METRICS, Metric
+from brushexp_thesis.published import PublishedFigures
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+QUALITY = {key: METRICS[key] for key in ("psnr", "ssim")} | {"ms_ssim": Metric("MS-SSIM", 4, "higher")}
+QUALITY |= {key: METRICS[key] for key in ("l1", "perceptual", "lpips_alexnet", "lpips_squeeze", "lpips_vgg16")}
+COSTS = {"seconds": METRICS["seconds"], "cpu_seconds": METRICS["cpu_seconds"]}
+COSTS |= {"peak_memory_mb": Metric("memory, MB", 0, "lower")}
+COLUMNS = QUALITY | COSTS
+DEFAULT_PAINTER = "gradient"  # of runs that do not say which
+OF_THE_ROW = ("image", "pictures", "seed", "painter", "strokes", "task")  # keys that rows and sections are made of
+OF_THE_FOLDER = (  # keys that change nothing of a painting
+    *("output", "overwrite", "resume", "report", "frames", "frame_side", "timelapse", "timelapse_seconds", "logger"),
+    *("checkpoint_every", "lpips_weights", "lpips_backbone"),
+)
+FEW = 6  # pictures that a heading names
+MOST_TIMES = 7
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One painting."""
+
+    key: tuple[str, tuple[str, ...], int | None]  # painter, settings that not all have, strokes that were asked for
+    target: str  # fingerprint of what was painted
+    name: str  # of it, with its size
+    strokes: float | None
+    numbers: Mapping[str, float]  # by names of COLUMNS
+    curve: Curve | None
+    folder: Path
+    command: str  # that repeats it; "" if nobody knows
+
+
+@dataclass(frozen=True)
+class Row:
+    """A painter on the pictures of a section; ``numbers`` are means over seeds, one for each picture."""
+
+    painter: str
+    settings: str
+    strokes: float | None  # that were asked for, or the mean of those that were painted
+    numbers: Mapping[str, np.ndarray]  # of a metric that is known of every picture
+    curves: Sequence[Curve]  # likewise; none if some picture has none
+    entries: Sequence[Entry]  # of the first seed, one for each picture
+
+    @property
+    def label(self) -> str:
+        """Painter and settings."""
+        return " ".join(filter(None, (self.painter, self.settings)))
+
+    def psnr_at(self, seconds: float) -> list[float]:
+        """PSNR in dB of each picture after so many seconds; what is done stays. None of them before all have begun."""
+        found = [quality_at(curve, seconds, kept=True) for curve in self.curves]
+        known = [psnr for psnr in found if psnr is not None]
+        return known if len(known) == len(found) else []
+
+
+@dataclass(frozen=True)
+class Section:
+    """Rows of one set of pictures, by strokes and then by PSNR, and the published figures of these pictures."""
+
+    pictures: Mapping[str, str]  # target -> name with its size
+    rows: Sequence[Row]
+    published: Sequence[PublishedFigures] = field(default=())
+
+    @property
+    def title(self) -> str:
+        """How many pictures, and which."""
+        names = list(self.pictures.values())
+        if len(names) == 1:
+            return names[0]
+        sizes = {name.rpartition(", ")[2] for name in names}
+        plain = [*map(stem_of, names)]
+        shown = ", ".join(plain if len(plain) <= FEW else [*plain[: FEW - 2], "...", plain[-1]])
+        return f"{len(names)} pictures: {shown}" + (f"; {sizes.pop()} each" if len(sizes) == 1 else "")
+
+    @cached_property
+    def times(self) -> list[float]:
+        """Seconds at which rows are compared; none if fewer than two have curves."""
+        curves = [curve for row in self.rows for curve in row.curves]
+        if sum(bool(row.curves) for row in self.rows) < 2:
+            return []
+        start, end = min(c[0][0] for c in curves), max(c[0][-1] for c in curves)
+        return [time for time in TIMES if start <= time <= end][-MOST_TIMES:]
+
+    def against_best(self, row: Row) -> tuple[float, float, float] | None:
+        """Mean and bounds of the differences in PSNR from the best row with as many strokes; None for itself.
+
+        Likewise for a row of which nobody knows how many it has.
+        """
+        rivals = [one for one in self.rows if one.strokes == row.strokes and "psnr" in one.numbers]
+        best = max(rivals, key=lambda one: one.numbers["psnr"].mean(), default=row)
+        is_known = row.strokes is not None and "psnr" in row.numbers and best is not row
+        return interval(row.numbers["psnr"] - best.numbers["psnr"]) if is_known else None
+
+    def relation(self, figures: PublishedFigures) -> str:
+        """How the pictures of published figures are related to those here."""
+        there = len(figures.names & set(map(stem_of, self.pictures.values())))
+        if there == len(figures.names) == len(self.pictures):
+            return "the same pictures"
+        return f"{figures.pictures}, of which {there} are here"
+
+
+def stem_of(name: str) -> str:
+    """The file of a picture without its ending: ``kodim03`` of ``kodim03.png, 768 x 512 pixels``."""
+    return PurePath(name.rpartition(", ")[0] or name).stem
+
+
+def entries_of(frame: DataFrame) -> list[Entry]:
+    """The finished paintings among some runs, see `brushexp.results.runs`, whose targets are still there."""
+    runs = [
+        (run, dict(frame["metric"].loc[name].dropna()))
+        for name, run in frame["run"].iterrows()
+        if run["status"] not in UNFINISHED and run["picture"] and (run["folder"] / "target.png").is_file()
+    ]
+    runs = [(run, metrics) for run, metrics in runs if isinstance(metrics.get("psnr"), int | float) and "l1" in metrics]
+    left_out = {*OF_THE_ROW, *OF_THE_FOLDER}
+    chosen = [
+        {key: value for key, value in run["overrides"].items() if key not in left_out and not key.startswith("hydra")}
+        for run, _ in runs
+    ]
+    return [_entry(*one, settings) for one, settings in zip(runs, differences(chosen), strict=True)]
+
+
+def _entry(run: Any, metrics: Mapping[str, Any], settings: tuple[str, ...]) -> Entry:
+    asked = setting_of(run, "strokes")
+    budget = int(asked) if str(asked).isdecimal() else None
+    painter = run["overrides"].get("painter") or metrics.get("painter", DEFAULT_PAINTER)  # a preset by its own name
+    return Entry(
+        key=(str(painter), settings, budget),
+        target=run["target"],
+        name=image_name(run),
+        strokes=metrics.get("n_strokes"),
+        numbers={key: float(metrics[key]) for key in COLUMNS if isinstance(metrics.get(key), int | float)},
+        curve=curve_from(run["anytime"]),
+        folder=run["folder"],
+        command=run["command"] if words_of(run["folder"]) is not None else "",
+    )
+
+
+def sections_of(entries: Iterable[Entry], published: Sequence[PublishedFigures] = ()) -> list[Section]:
+    """A section for every set of pictures that some painter has painted, the largest and those published of first."""
+    painted: dict[Any, dict[str, list[Entry]]] = {}
+    names: dict[str, str] = {}
+    for entry in entries:
+        painted.setdefault(entry.key, {}).setdefault(entry.target, []).append(entry)
+        names.setdefault(entry.target, entry.name)
+    found = []
+    for wanted in sorted({frozenset(one) for one in painted.values()}, key=lambda one: (-len(one), sorted(one))):
+        targets = sorted(wanted, key=lambda target: names[target])
+        chosen = {key: [one[t] for t in targets] for key, one in painted.items() if wanted <= one.keys()}
+        common = set.intersection(*(set(settings) for _, settings, _ in chosen)) if len(chosen) > 1 else set()
+        rows = [_row(key, alike, common) for key, alike in chosen.items()]
+        rows.sort(key=lambda row: (row.strokes or math.inf, -row.numbers.get("psnr", np.zeros(1)).mean()))
+        pictures = {target: names[target] for target in targets}
+        found.append(Section(pictures, rows, [one for one in published if _is_related(one, pictures.values())]))
+    return sorted(found, key=lambda section: (-len(section.pictures), not section.published))
+
+
+def _row(
+    key: tuple[str, tuple[str, ...], int | None], alike: Sequence[Sequence[Entry]], common: Collection[str]
+) -> Row:
+    """The row of a painter; ``alike`` are its paintings of each picture, one for each seed.
+
+    Settings that are ``common`` to all rows are left out.
+    """
+    painter, settings, budget = key
+    counts = [entry.strokes for one in alike for entry in one if entry.strokes is not None]
+    known = [column for column in COLUMNS if all(column in entry.numbers for one in alike for entry in one)]
+    curves = [[entry.curve for entry in one if entry.curve is not None] for one in alike]
+    whole = all(len(found) == len(one) for found, one in zip(curves, alike, strict=True))
+    return Row(
+        painter,
+        " ".join(setting for setting in settings if setting not in common),
+        budget or (float(np.mean(counts)) if counts else None),
+        {column: np.array([np.mean([entry.numbers[column] for entry in one]) for one in alike]) for column in known},
+        [mean_curve(found) for found in curves] if whole else [],
+        [one[0] for one in alike],
+    )
+
+
+def _is_related(figures: PublishedFigures, names: Iterable[str]) -> bool:
+    """Whether published figures are of some of these pictures, at their size."""
+    size = "{} x {} pixels".format(*figures.size) if len(figures.size) == 2 else None
+    return any(stem_of(name) in figures.names and name.endswith(f", {size}") for name in names)

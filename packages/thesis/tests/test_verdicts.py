@@ -1,0 +1,233 @@
+"""Claims are judged by paired differences; their settings are those of the studies; the page tells what was run."""
+
+import math
+import shlex
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from brushexp_thesis import verdicts
+from brushexp_thesis.claims import Claim, read_claims
+from brushexp_thesis.studies_page import _study_table
+from brushexp_thesis.study_records import Study, studies_in
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from scipy.stats import t
+from sweeps import note
+from test_paired import PICTURES, A, C, gap, make_study
+
+from brushexp.config.configs import SHIPPED
+from brushexp.errors import UserError
+from brushexp.results.paired import paired_differences
+from brushexp.system.files import write_json
+from brushexp.system.reading import read_text, yaml_of
+
+CLAIMS = """
+mine:
+  - {says: o1 is better, section: 6.3, setting: order=o1, against: order=o0, metric: psnr, expects: better}
+  - {says: and as fast, section: ours, setting: order=o1, against: order=o0, metric: cpu_seconds, expects: no worse}
+other:
+  - {says: something else, section: 9, setting: a=1, against: a=2, metric: psnr, expects: open}
+"""
+TYPED = ["image=/x/y/a.png", "hydra/sweeper=optuna", 'style.image="/x/my photo.jpg"', 'loss=["/x/a","b"]']
+TYPED += ["experiment=mine", "hydra.sweeper.settings=['a=1 renderer.checkpoint=/a/b/n.safetensors','a=2']"]
+TYPED += ['hydra.sweeper.pictures=["/p/a, b.jpg","thesis12"]', 'hydra.sweeper.pictures=["/p/a b.jpg","thesis12"]']
+SHORT = ["experiment=mine", "image=a.png", "hydra/sweeper=optuna", "style.image=my photo.jpg", "loss=[a,b]"]
+SHORT += ["hydra.sweeper.settings=['a=1 renderer.checkpoint=n.safetensors','a=2']"]
+SHORT += ['hydra.sweeper.pictures=["a, b.jpg",thesis12]', "pictures=a b.jpg,thesis12"]
+CLEAR, WORSE, SAME = (0.5, 0.6, 0.4, 0.5), (-0.5, -0.6, -0.4, -0.5), (0.01, -0.01, 0.02, -0.02)
+
+
+def claim(expects, metric="psnr", at_least=1.0):
+    return Claim(
+        study="s", says="", section="", setting="x", against="y", metric=metric, expects=expects, at_least=at_least
+    )
+
+
+@pytest.mark.parametrize(("expects", "gains", "verdict"), [
+    ("better", CLEAR, "holds"), ("better", WORSE, "does not hold"), ("better", SAME, "does not hold"),
+    ("no worse", CLEAR, "holds"), ("no worse", WORSE, "does not hold"), ("no worse", SAME, "holds"),
+    ("no worse", (0.085, 0.085, -0.025, -0.025), "holds"), ("no worse", (-0.05, -0.06, -0.04, -0.05), "holds"),
+    ("open", CLEAR, "better"), ("open", SAME, "no difference"),
+    ("better", (0.5,), "not decided"), ("no worse", (0.5, -0.4, 0.3, 0.1), "not decided"),
+    ("better", (1.0, 1.0, 1.0, -1.0, -1.0, -1.0), "depends on the picture"),
+])  # fmt: skip
+def test_a_claim_is_judged_by_its_difference(expects, gains, verdict):
+    assert claim(expects).judged(gap(*gains)) == verdict
+    assert claim(expects).judged(None) == "not run"
+
+
+@pytest.mark.parametrize(("ratio", "verdict"), [(3.0, "holds"), (1.5, "does not hold"), (2.0, "not decided")])
+def test_at_least_so_many_times(ratio, verdict):
+    gains = [math.log(ratio) + noise for noise in (0.01, -0.01, 0.02, -0.02)]
+    assert claim("better", "seconds", 2.0).judged(gap(*gains, metric="seconds")) == verdict
+
+
+def test_a_claim_of_two_settings_beside_the_reference_has_an_interval_of_all_pairs():
+    index = pd.MultiIndex.from_product([["a=1", "a=2", "a=3", "a=4"], ["x", "y", "z"]], names=["option", "picture"])
+    rng = np.random.default_rng(0)
+    table = pd.DataFrame({"psnr": 30 + rng.normal(size=12)}, index)
+    study = Study("s", (), table, 12, 12, 12, "")
+
+    def half(setting, against):
+        one = study.difference(replace(claim("better"), setting=setting, against=against))
+        values = table["psnr"][setting].to_numpy() - table["psnr"][against].to_numpy()
+        return one.high - one.mean, values.std(ddof=1) / math.sqrt(3)
+
+    for setting, against, comparisons in (("a=2", "a=1", 3), ("a=1", "a=4", 3), ("a=2", "a=3", 6), ("a=4", "a=2", 6)):
+        found, error = half(setting, against)
+        assert found == pytest.approx(t.ppf(1 - 0.05 / comparisons / 2, 2) * error)
+
+
+def options_of(study):
+    """What a study lists, in the words of its jobs, which are Hydra's: ``critic=True``."""
+    sweeper = yaml_of(read_text(SHIPPED / "experiment" / f"{study}.yaml", ""))["hydra"]["sweeper"]
+    parser = OverridesParser.create()
+    words = (parser.parse_overrides(shlex.split(setting)) for setting in sweeper["settings"])
+    return {" ".join(job) for some in words for job in BasicSweeper.split_arguments(some, None)[0]}
+
+
+@pytest.mark.parametrize("study", read_claims())
+def test_a_study_has_the_settings_of_its_claims(study):
+    for one in read_claims()[study]:
+        assert {one.setting, one.against} <= options_of(study), one.says
+
+
+def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_task):
+    folder = tmp_path / "studies" / "a"
+    (folder / ".hydra").mkdir(parents=True)
+    make_study(folder, psnr=(A, [a + gain for a, gain in zip(A, CLEAR, strict=True)], C), cpu_seconds=900.0)
+    write_json(
+        folder / ".hydra" / "jobs.json",
+        {
+            "typed": [*TYPED, "hydra/launcher=a", "hydra.searchpath=[file:///x/conf]"],
+            "jobs": [],
+        },
+    )
+    (tmp_path / "claims.yaml").write_text(CLAIMS)
+    page = tmp_path / "docs" / "ablations.md"
+    result = run_task(
+        verdicts, "task=verdicts", f"runs={tmp_path}/studies", f"claims={tmp_path}/claims.yaml", f"page={page}"
+    )
+    text = page.read_text()
+    assert (result["holds"], result.get("does_not_hold"), result["not_run"]) == (2, None, 1)
+    assert (
+        "| o1 is better | 6.3 | [mine](#mine) | order=o1 against order=o0 | PSNR, dB | holds | better: +0.50 [" in text
+    )
+    assert f"`brushexp {shlex.join(SHORT)}`" in text
+    assert "4 pictures (a, b, c, d), 12 runs; 3.00 CPU hours." in text
+    assert "![Differences of mine](ablations/mine.png)" in text
+    assert (tmp_path / "docs" / "ablations" / "mine.png").is_file()
+    assert "Verdicts on 3 claims: holds 2, not run 1." in text
+    assert "| something else | 9 | brushexp experiment=other |" in text
+    assert "## other" not in text
+    assert "A claim of *no worse* holds if the interval allows no loss that matters" in text
+    with pytest.raises(UserError, match="there is no sweep of an experiment=; run one first"):
+        run_task(verdicts, "task=verdicts", f"runs={tmp_path}/docs")
+
+
+@pytest.mark.parametrize(("noted", "cost"), [
+    ({"cpu_seconds": 900.0, "seconds_total": 300.0}, "3.00 CPU hours"),
+    ({"seconds_total": 300.0}, "1.00 hours, CPU time not noted"),
+    ({"seconds_total": None, "seconds": 600.0}, "2.00 hours, CPU time not noted"),
+])  # fmt: skip
+def test_what_a_study_took_is_told_by_what_its_runs_noted(tmp_path, noted, cost):
+    (tmp_path / ".hydra").mkdir()
+    write_json(tmp_path / ".hydra" / "jobs.json", {"typed": TYPED})
+    make_study(tmp_path, **noted)
+    assert studies_in([tmp_path], tmp_path)["mine"].cost == cost
+
+
+def test_a_study_of_other_numbers_than_quality_has_its_table():
+    index = pd.MultiIndex.from_product([["engine=disc", "engine=fluid"], ["0", "1", "2"]], names=["option", "seed"])
+    table = pd.DataFrame({"strokes_per_second": [10.0, 11.0, 12.0, 20.0, 21.0, 25.0]}, index)
+    text = _study_table(Study("mine", (), table, 6, 6, 6, ""), paired_differences(table))
+    assert "| engine=fluid |" in text
+    assert "3 of 3" in text
+
+
+def test_what_some_runs_of_a_study_took_is_told_as_that(tmp_path):
+    (tmp_path / ".hydra").mkdir()
+    write_json(tmp_path / ".hydra" / "jobs.json", {"typed": TYPED})
+    note(make_study(tmp_path, cpu_seconds=900.0), 5, cpu_seconds=None)
+    assert studies_in([tmp_path], tmp_path)["mine"].cost == "2.75 CPU hours for 11 of them"
+
+
+def test_an_incomplete_claim_is_explained(tmp_path):
+    for wrong, message in (
+        ("s: [{says: x, section: 1}]", "each claim has the keys"),
+        (CLAIMS.replace("psnr", "nope"), "unknown metric"),
+        (CLAIMS.replace("psnr", "[psnr]"), "unknown metric"),
+        (CLAIMS.replace("order=o1", "order=o)"), r"claims=.*: 'order=o\)' is no setting as studies list them"),
+        ("hello", "claims=.*: not a YAML mapping"),
+        (CLAIMS.replace("expects: better", "expects: better, at_least: .nan"), "at_least=nan; give a ratio above 0"),
+    ):
+        (tmp_path / "claims.yaml").write_text(wrong)
+        with pytest.raises(UserError, match=message):
+            read_claims(tmp_path / "claims.yaml")
+
+
+@pytest.mark.parametrize(("typed", "told"), [
+    ("data=[{here}/data/brushes]", "data=[data/brushes]"),
+    ("data=[data/brushes,../brushes]", "data=[data/brushes,brushes]"),
+    ("data={here}/data/set_${{engine.window}}", "data=data/set_${{engine.window}}"),
+    ("renderer.checkpoint=/elsewhere/n.safetensors", "renderer.checkpoint=n.safetensors"),
+    ("hydra.sweeper.settings=['a=1 renderer.checkpoint={here}/w/n.safetensors','a=2']",
+     "hydra.sweeper.settings=['a=1 renderer.checkpoint=w/n.safetensors','a=2']"),
+])  # fmt: skip
+def test_a_command_keeps_the_folders_below_the_one_it_is_run_in(tmp_path, monkeypatch, typed, told):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / ".hydra").mkdir()
+    write_json(tmp_path / ".hydra" / "jobs.json", {"typed": ["experiment=mine", typed.format(here=tmp_path)]})
+    make_study(tmp_path)
+    assert studies_in([tmp_path], tmp_path)["mine"].words == ("experiment=mine", told.format(here=tmp_path))
+
+
+def test_a_page_is_written_anew_from_its_records_and_a_larger_study_replaces_one(tmp_path, run_task):
+    for name, pictures in (("few", 3), ("more", 4)):
+        folder = tmp_path / name
+        (folder / ".hydra").mkdir(parents=True)
+        gained = [a + gain for a, gain in zip(A, CLEAR, strict=True)]
+        make_study(
+            folder,
+            psnr=[values[:pictures] for values in (A, gained, C)],
+            units=PICTURES[::-1][:pictures],
+            cpu_seconds=900.0,
+        )
+        write_json(folder / ".hydra" / "jobs.json", {"typed": ["experiment=mine"], "jobs": [0] * 12})
+    (tmp_path / "claims.yaml").write_text(CLAIMS)
+
+    def page_of(*runs):
+        page = tmp_path / "docs" / "ablations.md"
+        claims = f"claims={tmp_path}/claims.yaml"
+        run_task(verdicts, "task=verdicts", f"runs=[{','.join(runs)}]", claims, f"page={page}")
+        return [line for line in page.read_text().splitlines() if not line.startswith("Written by")]
+
+    few = page_of(f"{tmp_path}/few")
+    record = tmp_path / "docs" / "ablations"
+    plot = (record / "mine.png").read_bytes()
+    assert (record / "mine.csv").read_text().splitlines()[1].startswith("option,picture,psnr")
+    assert page_of(str(record)) == few
+    assert (record / "mine.png").read_bytes() == plot
+    more = page_of(str(record), f"{tmp_path}/more")
+    assert more != few
+    assert page_of(str(record)) == more == page_of(f"{tmp_path}/few", str(record), f"{tmp_path}/more")
+
+
+def test_an_unfinished_rerun_replaces_no_complete_study(tmp_path):
+    for name, rows in (("all", (A, A, C)), ("part", (A, A))):
+        (tmp_path / name / ".hydra").mkdir(parents=True)
+        make_study(tmp_path / name, psnr=rows)
+        write_json(tmp_path / name / ".hydra" / "jobs.json", {"typed": ["experiment=mine"], "jobs": [0] * 12})
+    assert studies_in([tmp_path / "part"], tmp_path)["mine"].n_finished == 8
+    assert studies_in([tmp_path / "all", tmp_path / "part"], tmp_path)["mine"].n_finished == 12
+
+
+def test_a_file_that_only_looks_like_a_record_is_refused(tmp_path):
+    (tmp_path / "a.csv").write_text("# {}\n1,2\n")
+    with pytest.raises(UserError, match="is no record of a study"):
+        studies_in([tmp_path], tmp_path)
+    (tmp_path / "a.csv").write_text("option,picture\n")  # any other table is left alone
+    with pytest.raises(UserError, match="there is no sweep"):
+        studies_in([tmp_path], tmp_path)

@@ -1,1 +1,0 @@
-"""The program: command line, schemas of the tasks, the tasks themselves."""

@@ -1,0 +1,98 @@
+"""The text of ``--help``: every key of the task with its meaning, and every plugin that can be chosen."""
+
+from collections.abc import Sequence
+from enum import Enum
+from functools import reduce
+from operator import getitem
+from pathlib import Path
+from textwrap import fill
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from brushexp.config.keys import groups_of, keys_of
+from brushexp.config.tasks import TASKS
+from brushexp.registry import FAMILIES, plugins
+
+GLOBAL = "# @package _global_\n"  # first line of a config whose keys belong to the task
+INTRODUCTION = """Paint pictures out of brush strokes by gradient descent, and study how well that works.
+
+  brushexp photo.jpg                              paint a picture, in oil; without a word: a sample
+  brushexp photo.jpg look=watercolour             another look
+  brushexp photo.jpg style=painting.jpg           in the style of a painting: its colours and its strokes
+  brushexp -m loss=mse,perceptual init=grid,slic  a sweep: one table, one sheet of pictures
+  brushexp experiment=loss_by_init                a named study
+  brushexp photos/                                every picture of a folder, some at a time (jobs=2: two): one page
+  brushexp pictures=thesis12 look=ink             a set of pictures, conf/pictures/thesis12.yaml: one page
+  brushexp task=export catalogue=outputs/x/catalogue.h5 resolution=4096
+"""
+MORE = "More: README.md and docs/ (a plugin is one file). The whole config: --cfg job. Hydra's own flags: --hydra-help."
+WIDTH = 120  # letters of a line
+COLUMN = 28  # letters up to a meaning
+
+
+def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]) -> str:
+    """What ``--help`` says for a composed config and the overrides that were typed; presets are in the folders."""
+    schema = TASKS[cfg.task]
+    lines = [INTRODUCTION, f"task={cfg.task}: {schema.__doc__}", "", "Its keys and their values now, key=value:"]
+    raw: Any = OmegaConf.to_container(cfg, resolve=False)
+    typed = {word.lstrip("+~").partition("=")[0].partition(".")[0] for word in overrides}
+    for name, key in keys_of(schema).items():
+        if name.startswith("trainer.") and "trainer" not in typed:
+            continue  # twenty keys of Lightning
+        value = reduce(getitem, name.split("."), raw)
+        value = OmegaConf.select(cfg, name) if str(value).startswith("${scaled:") else value
+        lines += two_columns(f"{name}={as_typed(value)}", key.meaning)
+    about = "a family that you type shows options and what to choose by: renderer=neural --help"
+    lines += ["", f"Its plugins, family=name; {about}"]
+    for group in groups_of(schema):
+        lines += group_lines(group, cfg, folders, group in typed and group in FAMILIES)
+    lines += ["", "Other tasks; their keys: task=name --help"]
+    for name, other in TASKS.items():
+        lines += two_columns(name, (other.__doc__ or "").partition("\n")[0])
+    return "\n".join([*lines, "", MORE])
+
+
+def group_lines(group: str, cfg: DictConfig, folders: Sequence[Path], with_options: bool) -> list[str]:
+    """A family of plugins or group of presets: its members, one line each, and the options of those chosen."""
+    rows = {plugin.name: plugin.summary for plugin in plugins(group)}
+    for folder in folders:
+        rows |= presets_of(folder / group)
+    lines = [f"{group}: {FAMILIES.get(group, 'presets of the keys above')}"]
+    facts = {plugin.name: plugin.facts for plugin in plugins(group) if with_options}
+    for name, summary in sorted(rows.items()):
+        lines += two_columns(name, summary)
+        if facts.get(name):
+            lines += two_columns("", " · ".join(f"{fact}: {value}" for fact, value in facts[name].items()))
+    node = cfg.get(group)
+    chosen = [] if not with_options or node is None else [node] if "_target_" in node else list(node.values())
+    for plugin in plugins():
+        for options in [options for options in chosen if options.get("_target_") == plugin.target]:
+            lines.append(f"  options of {group}={plugin.name}:")
+            for option, about in plugin.meanings.items():
+                lines += two_columns(f"{plugin.path}.{option}={as_typed(options[option])}", about)
+    return lines
+
+
+def presets_of(folder: Path) -> dict[str, str]:
+    """Name -> first comment line, after the one that Hydra reads, of each preset in a folder of configs."""
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in folder.glob("*.yaml")}
+    return {name: text.removeprefix(GLOBAL).partition("\n")[0].lstrip("# ") for name, text in texts.items()}
+
+
+def two_columns(name: str, meaning: str) -> list[str]:
+    """A name and what is said about it, in two columns; in two lines if the name is long."""
+    head = f"  {name:<{COLUMN - 3}} "
+    if len(head) > COLUMN:
+        return [head, *fill(meaning, WIDTH, initial_indent=" " * COLUMN, subsequent_indent=" " * COLUMN).splitlines()]
+    return fill(head + meaning, WIDTH, subsequent_indent=" " * COLUMN).splitlines()
+
+
+def as_typed(value: Any) -> str:
+    """A value as it is typed."""
+    plain = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
+    if plain is None or isinstance(plain, bool):
+        return {None: "null", True: "true", False: "false"}[plain]
+    if isinstance(plain, Enum):
+        return plain.name
+    return str(plain) if not isinstance(plain, list) else f"[{','.join(map(as_typed, plain))}]"

@@ -1,0 +1,153 @@
+"""Many pictures, ``image=photos/``, ``image='photos/*.jpg'`` or ``pictures=thesis12``, are a sweep in one process."""
+
+import glob
+import os
+import re
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from importlib.util import find_spec
+from itertools import chain, count
+from pathlib import Path
+
+from brushexp.config.configs import files_of, quoted
+from brushexp.errors import UserError
+from brushexp.pictures.load import samples
+from brushexp.results.runs import JOBS
+from brushexp.runs.sweep_jobs import PICTURE
+from brushexp.system.reading import read_text, yaml_of
+
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".gif")
+SETS = "pictures="
+GROUP_OF_SETS, ENDING = "pictures", ".yaml"  # folder of configs with sets of pictures, and how their files end
+PROCESSES, AUTO = "jobs=", "auto"  # of a sweep: how many at once
+WITH_LAUNCHER = ("hydra/launcher=", "experiment=")  # words that choose one, or may
+PICTURES_PER_PROCESS = 2  # at least
+MB_PER_PROCESS = 2048  # 450 of them modules, and about 800 bytes for each pixel of a picture
+
+
+def in_processes(words: Sequence[str], pictures: int = 0) -> list[str]:
+    """The words with ``jobs=2`` written out: a launcher that runs so many jobs of a sweep at once.
+
+    ``jobs=auto``, which several ``pictures`` need not say, is as many as there are cores, and memory, and work for.
+    """
+    typed = [word for word in words if word.startswith(PROCESSES)]
+    kept = [word for word in words if word not in typed]
+    automatic = pictures and not any(word.startswith(WITH_LAUNCHER) for word in words)
+    number = (typed or [PROCESSES + (AUTO if automatic else "1")])[-1].removeprefix(PROCESSES)
+    if number == AUTO:
+        number = str(as_many_as_fit(pictures))
+    if not number.isdecimal() or number == "0":
+        raise UserError(f"{typed[-1]} is no number of processes; try jobs=2, or jobs=auto")
+    return kept if number == "1" else [*kept, f"hydra/launcher={launcher()}", f"hydra.launcher.n_jobs={number}"]
+
+
+def launcher() -> str:
+    """Hydra's for several processes: forks, which are quick, or joblib where CUDA or another system forbids them."""
+    from brushexp.system.device import device_of  # noqa: PLC0415
+
+    return "processes" if sys.platform == "linux" and device_of("auto").type == "cpu" else "joblib"
+
+
+def as_many_as_fit(pictures: int) -> int:
+    """Processes that paint at once: one for each core, for so much memory and work (0: any); one on a GPU."""
+    from brushexp.system.device import device_of  # noqa: PLC0415  (torch; --help should not wait for it)
+    from brushexp.system.runtime import cores, free_memory  # noqa: PLC0415
+
+    is_there = launcher() != "joblib" or find_spec("hydra_plugins.hydra_joblib_launcher")
+    if not is_there or device_of("auto").type != "cpu":
+        return 1
+    work = pictures // PICTURES_PER_PROCESS if pictures else cores()
+    return max(1, min(cores(), int(min(free_memory() / MB_PER_PROCESS, work))))
+
+
+def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
+    """The words of a command line with a set or folder of pictures, or several, as a sweep; others as they are.
+
+    The same command again goes on: finished pictures are kept.
+    """
+    named = [word.removeprefix(PICTURE) for word in words if word.startswith(PICTURE)]
+    sets = [word.removeprefix(SETS) for word in words if word.startswith(SETS)]
+    if not sets and len(named) < 2 and not any(map(is_several, named)):
+        return in_processes(words)
+    found = [pictures_in(image) if is_several(image) else [image] for image in named]  # or there are none: told now
+    pictures = 0 if sets or is_sweep else sum(map(len, found))
+    others = in_processes([word for word in words if not word.startswith((PICTURE, SETS))], pictures)
+    wanted = [*named, *(part for text in sets for part in ([text] if os.path.exists(text) else text.split(",")))]
+    texts = ",".join(map(quoted, wanted))
+    typed = [word.removeprefix("output=") for word in others if word.startswith("output=")]
+    first = wanted[0] if len(wanted) == 1 else sets[0].replace(",", "_") if sets else os.path.dirname(wanted[0])
+    output = typed[-1] if typed else f"outputs/{name_of(first or '.')}"
+    replaced = any(re.fullmatch("overwrite=(true|yes|on|1)", word, re.IGNORECASE) for word in others)
+    goes_on = (Path(output) / JOBS).is_file() and not replaced
+    return [
+        *([] if is_sweep else ["--multirun"]),
+        *others,
+        *([] if typed else [f"output={output}"]),
+        f"hydra.sweeper.pictures=[{texts}]",
+        "hydra.sweeper.lenient=true",
+        *(["hydra.sweeper.resume=true"] if goes_on else []),
+    ]
+
+
+def all_pictures(names: Sequence[str], folders: Sequence[Path]) -> list[str]:
+    """What several parts of ``pictures=`` stand for, each picture once."""
+    return list(dict.fromkeys(picture for name in names for picture in pictures_named(name, folders)))
+
+
+def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
+    """What one part of ``pictures=`` stands for, as ``image=`` takes it: a set, a folder or pattern, or one picture.
+
+    A set is a YAML file with a list, ``pictures/<name>.yaml`` in folders of configs or a path as it is typed, of names
+    of samples and of files, which lie beside it unless their paths are whole. A UserError names what is not there.
+    """
+    files = {key: path for folder in folders for key, path in files_of(folder, GROUP_OF_SETS).items()}
+    path = Path(os.path.expanduser(name)) if name.endswith(ENDING) else files.get(name)
+    if path is None or (os.path.exists(name) and not name.endswith(ENDING)):
+        return pictures_in(name) if is_several(name) else [name]
+    known = samples()
+    try:
+        found = [str(one) for one in yaml_of(read_text(path, "give a file with a list of pictures"), list)]
+    except UserError as error:
+        raise UserError(f"pictures={name}: {error}; give a list of pictures, a line '- photo.jpg' each") from error
+    places = {one: path.parent / os.path.expanduser(one) for one in found}
+    missing = [one for one, place in places.items() if not place.is_file() and one not in known]
+    if missing or not found:
+        what = f"has no {', '.join(missing)}; put such files beside {path}" if missing else "is empty; list pictures"
+        raise UserError(f"pictures={name} {what}, or give names of samples: {', '.join(sorted(known))}")
+    return [str(place) if place.is_file() else one for one, place in places.items()]
+
+
+def is_several(image: str) -> bool:
+    """Whether what was typed names a folder or, being no file, is a pattern."""
+    path = os.path.expanduser(image)
+    return os.path.isdir(path) or (not os.path.exists(path) and glob.has_magic(image) and "(" not in image)
+
+
+def pictures_in(image: str) -> list[str]:
+    """The picture files that a folder holds, or a pattern names; a UserError if there are none."""
+    path = os.path.expanduser(image)
+    found = glob.glob(os.path.join(glob.escape(path), "*") if os.path.isdir(path) else path, recursive=True)
+    paths = sorted(name for name in found if name.lower().endswith(PICTURES) and os.path.isfile(name))
+    if not paths:
+        raise UserError(f"image={image}: no picture is there; give a folder or pattern of {', '.join(PICTURES)}")
+    return paths
+
+
+def name_of(image: str) -> str:
+    """What to call the paintings of a folder or pattern."""
+    folder = image if os.path.isdir(os.path.expanduser(image)) else glob.escape(image).partition("[")[0]
+    return Path(folder).expanduser().resolve().name or "pictures"
+
+
+def subfolders_for(paths: Sequence[str]) -> list[str]:
+    """A folder for each picture: its name without its ending, and with it where two would have one."""
+    stems = ["".join(c if c.isalnum() or c in "-_." else "_" for c in Path(path).stem) for path in paths]
+    endings = [Path(path).suffix.lower().replace(".", "_") for path in paths]
+    often = Counter(stems)
+    names = [stem if often[stem] == 1 else stem + ending for stem, ending in zip(stems, endings, strict=True)]
+    taken: list[str] = []
+    for name in names:
+        numbered = (f"{name}_{k}" for k in count(2))
+        taken.append(next(one for one in chain([name], numbered) if one not in taken))
+    return taken

@@ -1,0 +1,152 @@
+"""What is wrong with a command line, in the words of the program; Hydra and OmegaConf have their own."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import fields
+from difflib import get_close_matches
+from enum import EnumType
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin
+
+from hydra.errors import CompactHydraException
+from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from brushexp.cli.help import as_typed
+from brushexp.config.configs import composed
+from brushexp.config.keys import groups_of, keys_of
+from brushexp.config.tasks import TASKS
+from brushexp.registry import MULTI_SELECT, Plugin, plugins
+
+KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", dict: "{name: value}"}
+
+
+def explanation(error: BaseException, folders: Sequence[Path], arguments: Sequence[str]) -> str:
+    """What is wrong by an error of Hydra, OmegaConf or the program, and what to type instead."""
+    if isinstance(error, OSError) and not isinstance(error, CompactHydraException):
+        return f"cannot use {error.filename or 'the disk'}: {error.strerror}; choose another place with output=..."
+    text = " ".join(str(error).partition("Config search path")[0].split())
+    if isinstance(error, CompactHydraException) and isinstance(error.__cause__, OmegaConfBaseException):
+        text += f": {' '.join(str(error.__cause__).split())}"
+    if found := re.search(r"interpolation '\$\{look\}_\$\{(\w+)\}'", text):
+        return f"{found[1]} is not chosen; choose one of {', '.join(choices(found[1], folders))}"
+    return in_our_words(text, task_of(arguments, folders), folders, arguments) or text
+
+
+def in_our_words(text: str, task: str, folders: Sequence[Path], arguments: Sequence[str] = ()) -> str | None:
+    """What a message of Hydra or OmegaConf means for a task; None for one that is not known."""
+    if found := re.match(r"LexerNoViableAltException: (.*?) \^ See |Ambiguous value for argument '(.*?)' ", text):
+        reason = "has letters that must stand in quotes" if found[1] else "are several values; add -m for a sweep"
+        return f"{found[1] or found[2]} {reason}; one text is put into both kinds of quotes: 'catalogue=\"a, b.h5\"'"
+    if found := re.search(r"Could not (?:find|load) '(\w+)/([^']+)'", text):
+        names = choices(found[1], folders)
+        return f"{found[1]}={found[2]} is not there; choose one of {nearest_first(found[2], names)}" if names else None
+    if found := re.search(r"Could not override '([\w.@/]+)'.*No match in the defaults list", text):
+        return f"task={task} has no {found[1]}; it takes {', '.join(groups_of(TASKS[task])) or 'no plugins'}"
+    if found := re.search(r"Key '(\w+)' not in '(\w+)'", text):
+        owners = [plugin for plugin in plugins() if plugin.config.__name__ == found[2]]
+        return unknown_option(found[1], owners[0], arguments) if owners else None
+    if found := re.search(r"Key '[^']*' is not in struct full_key: (\S+)", text):
+        return unknown_key(found[1], task)
+    return wrong_type(text, task)
+
+
+def task_of(arguments: Sequence[str], folders: Sequence[Path]) -> str:
+    """The task that a command line is for; that of its experiment if it names one."""
+    kept = [word for word in arguments if re.fullmatch(r"(task|experiment)=\w+", word)]
+    try:
+        return str(composed(kept, folders).task)
+    except (CompactHydraException, OmegaConfBaseException):
+        return "paint"
+
+
+def choices(group: str, folders: Sequence[Path]) -> list[str]:
+    """What can be chosen of a group of configs."""
+    names = [plugin.name for plugin in plugins(group)]
+    presets = [path.stem for folder in folders for path in (folder / group).glob("*.yaml")]
+    return names + presets + (list(TASKS) if group == "task" else [])
+
+
+def nearest_first(word: str, names: list[str]) -> str:
+    """The names as a list, those most like the word first."""
+    return ", ".join(get_close_matches(word, names, max(1, len(names)), 0))
+
+
+def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -> str:
+    """An option that a plugin does not have; of the others that have it, those come first that were typed."""
+    family, names = plugin.family, list(plugin.meanings)
+    text = f"{plugin.path}.{option} is no option of {family}={plugin.name}; "
+    text += f"its options, nearest first: {nearest_first(option, names)}" if names else "it has none"
+    owners = [other.name for other in plugins(family) if option in other.meanings]
+    typed = " ".join(word for word in arguments if word.startswith(f"{family}="))
+    owners.sort(key=lambda name: re.search(rf"\b{name}\b", typed) is None)
+    if arguments and not any(f"{plugin.path}.{option}" in word for word in arguments):
+        choices = " or ".join(f"{family}={name}" for name in owners)
+        return f"{family}={plugin.name} has no {option}, which this task sets; choose {choices}"
+    if owners and family not in MULTI_SELECT:
+        text += f". It is one of {', '.join(f'{family}={name}' for name in owners)}; a sweep over both: "
+        text += f"-m \"hydra.sweeper.settings=['{family}={plugin.name}','{family}={owners[0]} {family}.{option}=...']\""
+    return text
+
+
+def unknown_key(typed: str, task: str) -> str:
+    """A key that a task does not have, or below a family of which several can be chosen."""
+    family, _, rest = typed.partition(".")
+    if family in MULTI_SELECT and rest:
+        name, names = rest.partition(".")[0], [plugin.name for plugin in plugins(family)]
+        mend = f"add {name} to the list, '{family}=[{name},...]', or drop the keys below it"
+        mend = mend if name in names else f"there are: {nearest_first(name, names)}"
+        return f"{family}.{name} is tuned but not chosen; {mend}"
+    for plugin in plugins():
+        for option in plugin.meanings:
+            if typed.startswith(f"{plugin.path}.{option}."):
+                return f"{typed} is not there yet; what {plugin.path}.{option} gets anew has a plus: '+{typed}=...'"
+    above, names = typed.rpartition(".")[0], [*keys_of(TASKS[task]), *groups_of(TASKS[task])]
+    beside = [name for name in names if name.rpartition(".")[0] == above] or names
+    text = f"{typed} is no key of task={task}; nearest first: {nearest_first(typed, beside)}"
+    others = [f"task={name}" for name, schema in TASKS.items() if typed in (*keys_of(schema), *groups_of(schema))]
+    return text + (f". It is one of {', '.join(others)}" if others else "")
+
+
+def wrong_type(text: str, task: str) -> str | None:
+    """A value that its key or option does not take."""
+    typed = re.search(r"full_key: ([^\s\[]+)", text)
+    if typed is None or (declared := declaration_of(path := typed[1], task)) is None:
+        return None
+    annotation, default, meaning = declared
+    value = re.search(r"override [\w.@/]+=(.*?): (?=[A-Z])|Value '(.*?)' ", text)
+    if re.search(r"is not Optional|Incompatible value 'None'", text):
+        wrong = f"{path}=null, but {path} must have a value"
+    else:
+        wrong = f"{path}={(value[1] or value[2]) if value else '...'} is not {in_words(annotation)}"
+    return f"{wrong}; try {path}={'...' if default is MISSING else as_typed(default)}" + (
+        f" ({meaning})" * bool(meaning)
+    )
+
+
+def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:
+    """Type, default and meaning of a key, or of an option of a plugin, by what is typed; None if it is not known."""
+    if (key := keys_of(TASKS[task]).get(path)) is not None:
+        return key.annotation, key.default, key.meaning
+    above, _, option = path.rpartition(".")
+    owners = [plugin for plugin in plugins() if plugin.path == above and option in plugin.meanings]
+    if not owners:
+        return None
+    (kind,) = (item.type for item in fields(owners[0].config) if item.name == option)
+    node: DictConfig = OmegaConf.structured(owners[0].config)
+    return kind, MISSING if OmegaConf.is_missing(node, option) else node[option], ""
+
+
+def in_words(annotation: Any) -> str:
+    """What a type takes."""
+    parts = get_args(annotation)
+    if isinstance(annotation, UnionType) or get_origin(annotation) is Union:
+        return in_words(next(part for part in parts if part is not NoneType))
+    if isinstance(annotation, EnumType):
+        return f"one of {', '.join(annotation.__members__)}"
+    return (
+        f"[{in_words(parts[0])},...]"
+        if get_origin(annotation) in (list, tuple)
+        else KINDS[get_origin(annotation) or annotation]
+    )

@@ -1,0 +1,129 @@
+"""Where configs are, those that ship and the user's own, and how Hydra composes them."""
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from textwrap import shorten
+from threading import Lock
+from typing import Any
+
+import yaml
+from hydra import compose, initialize_config_module
+from hydra._internal.utils import get_args_parser
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.singleton import Singleton
+from hydra.version import VersionBase
+from omegaconf import DictConfig
+
+from brushexp.config.keys import groups_of
+from brushexp.config.tasks import TASKS
+from brushexp.errors import UserError
+
+SHIPPED = Path(__file__).parents[1] / "conf"
+OF_THE_TASK = ("look", "experiment", "quality")  # those whose files set keys of the whole task
+_lock = Lock()  # Hydra is one for the whole process
+
+
+def choices() -> set[str]:
+    """The groups of configs of which a run chooses members, as ``group=name``."""
+    return {name for schema in TASKS.values() for name in groups_of(schema)} - {"model"} | {"task", "experiment"}
+
+
+def presets() -> set[str]:
+    """The folders that configs may have."""
+    return choices() | {"pictures"}
+
+
+def folders_of(root: Path, arguments: Sequence[str] = ()) -> list[Path]:
+    """The configs that ship, and then the user's: in the folder of ``--config-dir``, or else in ``root/conf``.
+
+    A UserError if a file of the user has the name of one that ships, or is no YAML.
+    """
+    typed = get_args_parser().parse_known_args(arguments)[0].config_dir
+    own = root / "conf" if typed is None else Path(typed)
+    if typed is None and not any((own / group).is_dir() for group in presets()):
+        return [SHIPPED]
+    for path in sorted(own.glob("*/*.yaml")):
+        if (SHIPPED / path.relative_to(own)).exists():
+            raise UserError(f"{path} has the name of a preset that ships; give the file another name")
+        if path.parent.name in presets():
+            _check_file(path)
+    return [SHIPPED, own]
+
+
+def _check_file(path: Path) -> None:
+    """Refuse a config that holds something else: Hydra would show a traceback, or take a word for a key of its own."""
+    if not path.is_file():
+        raise UserError(f"{path} is a folder, a device or a pipe, not a file; take it away")
+    kind, example = (list, "- photo.jpg") if path.parent.name == "pictures" else (dict, "steps: 100")
+    try:
+        text = path.read_text(encoding="utf-8")
+        found = yaml.safe_load(text)
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        raise UserError(f"{path} is no YAML ({shorten(str(error), 150)}); correct it, or take it away") from error
+    if found is not None and not isinstance(found, kind):
+        raise UserError(f"{path} is no config; it has lines like '{example}': correct it, or take it away")
+    if path.parent.name in OF_THE_TASK and not re.search("^# *@package _global_ *$", text, re.MULTILINE):
+        raise UserError(f"{path} would set nothing; its first line must be: # @package _global_")
+
+
+def folders_in(cfg: DictConfig) -> list[Path]:
+    """The same, of a config that Hydra has composed."""
+    sources = [source for source in cfg.hydra.runtime.config_sources if source.schema == "file"]
+    return list(dict.fromkeys([SHIPPED, *(Path(source.path).resolve() for source in sources)]))
+
+
+def search_path(folders: Sequence[Path]) -> list[str]:
+    """The word that lets Hydra find the user's configs, behind what is registered: looks are, in parts.
+
+    What ``--config-dir`` names would come first.
+    """
+    places = [quoted(f"file://{folder.resolve()}") for folder in folders[1:]]
+    return [f"hydra.searchpath=[{','.join(places)}]"] if places else []
+
+
+def quoted(value: str) -> str:
+    """A text as Hydra and OmegaConf take it, whatever its letters."""
+    escaped = re.sub(r'(\\*)("|$)', lambda found: 2 * found[1] + found[2].replace('"', '\\"'), value)
+    return '"' + escaped.replace("${", "\\${") + '"'
+
+
+def without_folder(words: Sequence[str]) -> list[str]:
+    """The words of a command line but for ``--config-dir``."""
+    flags = ("--config-dir", "-cd")
+    return [
+        word
+        for before, word in pairwise(("", *words))
+        if before not in flags and word not in flags and not word.startswith("--config-dir=")
+    ]
+
+
+def files_of(folder: Path, group: str) -> dict[str, Path]:
+    """The files of a group in a folder of configs, by name."""
+    return {path.stem: path for path in sorted((folder / group).glob("*.yaml"))}
+
+
+def composed(words: Sequence[str], folders: Sequence[Path] = (SHIPPED,)) -> DictConfig:
+    """The config that Hydra composes for words of a command line, of configs in folders, those that ship first.
+
+    Any thread may call it, and what else in this process uses Hydra does not notice.
+    """
+    with _apart(), initialize_config_module("brushexp.conf", version_base="1.3"):
+        return compose("config", overrides=[*words, *search_path(folders)])
+
+
+@contextmanager
+def _apart() -> Iterator[None]:
+    """Hydra as if it were not in use; another program's is afterwards as it was."""
+    singletons: dict[Any, Any] = Singleton._instances
+    kinds = (GlobalHydra, VersionBase)
+    with _lock:
+        before = {kind: singletons.pop(kind) for kind in kinds if kind in singletons}
+        try:
+            yield
+        finally:
+            for kind in kinds:
+                singletons.pop(kind, None)
+            singletons.update(before)

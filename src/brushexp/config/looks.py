@@ -1,0 +1,101 @@
+"""Looks: files of overrides, ``conf/look/<name>.yaml``, that say how a painting is made: ``look=oil``.
+
+A look chooses plugins, sets keys of the task, and options of plugins. Those options are taken out of it here and
+offered to Hydra one by one, each under the names of the look and of the plugin that it is for: the defaults list of the
+task and the entries of losses then take what there is for the plugins that are chosen in the end, whoever has chosen
+them. So a typed ``renderer=analytic`` keeps the rest of a look.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from hydra.core.config_store import ConfigStore
+from hydra.core.object_type import ObjectType
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from brushexp.config.keys import OPTIONS
+from brushexp.errors import UserError
+from brushexp.registry import FAMILIES, plugins
+
+UNTUNED = "untuned"  # group of losses as they are without a look
+FACTORS = {"steps": ("effort", 1), "pixels_per_stroke": ("detail", -1), "max_strokes": ("detail", 1)}
+
+
+def scaled(key: str, value: float, *, _root_: DictConfig) -> float:
+    """The value that a look gives to a key, times what ``quality=`` says, in some power."""
+    factor, power = FACTORS[key]
+    product = value * _root_[factor] ** power
+    return round(product) if isinstance(value, int) and power > 0 else product
+
+
+OmegaConf.register_new_resolver("scaled", scaled, replace=True)
+
+
+def offer_looks(paths: Mapping[str, Path], schema: type[Any]) -> set[str]:
+    """Publish the looks in files for the task of a schema; the families, besides losses, of which they set options.
+
+    A UserError says which file does not fit.
+    """
+    tuned: dict[str, set[str]] = {}
+    for name, path in paths.items():
+        values = OmegaConf.load(path)
+        if not isinstance(values, DictConfig):
+            raise UserError(f"{path} sets nothing; a look has lines like 'steps: 100'")
+        for family, plugin, options in taken_out(values, schema.groups):
+            check_options(path, family, plugin, options)
+            tuned.setdefault(family, set()).add(plugin)
+            ConfigStore.instance().store(
+                group=f"{OPTIONS}/{family}", name=f"{name}_{plugin}", node=options, provider=str(path)
+            )
+        for key in FACTORS:
+            value = values.get(key, getattr(schema, key))
+            values[key] = f"${{scaled:{key},{value}}}" if isinstance(value, int | float) else value
+        ConfigStore.instance().store(group="look", name=name, node=values, package="_global_", provider=str(path))
+    for loss in tuned.pop("loss", ()):
+        hook(loss)
+    return set(tuned)
+
+
+def look_names() -> list[str]:
+    """The looks that there are, once they are offered, in the order of the alphabet."""
+    return sorted(name.removesuffix(".yaml") for name in ConfigStore.instance().list("look"))
+
+
+def taken_out(look: DictConfig, groups: Mapping[str, Any]) -> list[tuple[str, str, DictConfig]]:
+    """Family, plugin and options of all that a look sets below families; they are taken out of it.
+
+    Options of a family are for the plugin that the look chooses, or else the task.
+    """
+    chosen = dict(groups)
+    for entry in look.get("defaults", []):
+        chosen |= {str(key).removeprefix("override /"): value for key, value in dict(entry).items()}
+    found = []
+    for family in FAMILIES:
+        if family == "loss":
+            found += [(family, str(name), options) for name, options in look.pop(family, {}).items()]
+        elif family in look and isinstance(chosen.get(family), str):
+            found.append((family, chosen[family], look.pop(family)))
+    return found
+
+
+def check_options(path: Path, family: str, name: str, options: DictConfig) -> None:
+    """Stop with a UserError when a plugin does not have options that a file sets of it."""
+    for plugin in plugins(family):
+        if plugin.name == name:
+            try:
+                OmegaConf.merge(OmegaConf.structured(plugin.config), options)
+            except OmegaConfBaseException as error:
+                raise UserError(f"{path} does not fit {family}={name}: {error.msg}; correct it") from error
+
+
+def hook(loss: str) -> None:
+    """Let a loss take what the chosen look sets of it, where it stands in a list."""
+    store = ConfigStore.instance()
+    there = [store.get_type(f"{group}/{loss}.yaml") is ObjectType.CONFIG for group in ("loss", f"{UNTUNED}/loss")]
+    if there == [True, False]:
+        own = store.load(f"loss/{loss}.yaml")
+        store.store(group=f"{UNTUNED}/loss", name=loss, node=own.node, provider=own.provider)
+        parts = ["_self_", f"/{UNTUNED}/loss/{loss}@_here_", {f"optional /{OPTIONS}/loss@_here_": f"${{look}}_{loss}"}]
+        store.store(group="loss", name=loss, node={"defaults": parts}, package=f"loss.{loss}", provider=own.provider)

@@ -1,0 +1,245 @@
+"""What is asked of a config beyond types and bounds, before anything starts: that files are there, and that keys agree.
+
+Each rule asks what uses the value later. What is slow to import is imported where a key asks for it.
+"""
+
+import logging
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from brushexp_films.clips import is_film
+from omegaconf import DictConfig, OmegaConf
+
+from brushexp.bounds import Rule
+from brushexp.errors import UserError
+from brushexp.pictures.load import check_ratio, named_color, size_of_picture
+from brushexp.registry import build, plugin_of, plugins
+from brushexp.system.device import device_of
+from brushexp.system.runtime import check_memory
+
+if TYPE_CHECKING:
+    from brushexp.training.dataset import Origin
+
+log = logging.getLogger(__name__)
+
+# What only gradient steps heed, of the keys of task=paint.
+OF_STEPS = {
+    *("init", "order", "loss", "density", "sampler", "optimizer", "style", "focus", "focus_strength", "catalogue"),
+    *("steps", "steps_per_stroke", "coarse", "warm_up", "finish_steps", "effort", "early_stop", "checkpoint_every"),
+}
+BYTES_PER_STROKE = 500  # that an export takes at least; a million were seen to take 850 each
+BYTES_PER_WINDOW_PIXEL = 16  # RGBA in 32 bits
+BYTES_PER_TRAINED_PIXEL = 48  # of a network's strokes: RGBA of the picture, of what it should be, and of its gradient
+AUTO = "auto"  # focus that is found in the picture, and a warm-up renderer that the chosen one names
+NOT_OF_FILMS = {"catalogue": None, "style.image": None, "wet": 0}  # keys, and what they are where nobody asks for them
+CURVES = {  # how the names of the curves begin that a callback may watch
+    "paint": ("psnr", "seconds", "loss/", "lr-"),
+    "train": ("validation/psnr_alpha", "validation/", "loss/", "lr-"),
+}
+DISCRIMINATOR = "discriminator"  # what task=train trains if it is no renderer
+USED_BY_DISCRIMINATOR = {
+    *("task", "model", "experiment", "logger", "callbacks", "trainer", "seed", "device", "threads", "output"),
+    *("overwrite", "batch_size", "epochs", "minutes", "lr", "ema", "checkpoint_every", "resume"),
+}
+
+
+def canvas_of(path: str, option: str) -> tuple[int, tuple[int, int]]:
+    """Number of strokes of a saved painting, and height and width of its canvas."""
+    from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415
+
+    saved = load_catalogue(Path(path), option)
+    return len(saved.strokes), saved.size
+
+
+def _is_folder(path: str, option: str) -> None:
+    if not Path(path).is_dir():
+        raise UserError(f"{option}={path}: there is no such folder; give the folder of a run or of a sweep")
+
+
+def _is_interrupted(folder: str, option: str) -> None:
+    if not (Path(folder) / "checkpoint.ckpt").is_file():
+        raise UserError(f"{option}={folder}: there is no checkpoint.ckpt; give the folder of an interrupted run")
+
+
+def _is_set(path: str, option: str) -> None:
+    from brushexp.training.dataset import StrokeSet  # noqa: PLC0415
+
+    try:
+        StrokeSet(Path(path))
+    except UserError as error:
+        raise UserError(f"{option}={path}: {error}") from error
+
+
+CATALOGUE = Rule(canvas_of)
+COLOR = Rule(named_color)
+DEVICE = Rule(device_of)
+FOCUS = Rule(partial(size_of_picture, also=f"{AUTO}, "), besides=(AUTO,))
+FOLDER = Rule(_is_folder)
+INTERRUPTED_RUN = Rule(_is_interrupted)
+PAGE = Rule(lambda path, option: Path(path).is_dir() or canvas_of(path, option))
+STROKES = Rule(_is_set)
+
+
+def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """The losses, strokes, mask and catalogue for a picture of this size, and that memory holds it."""
+    from brushexp.painting.assembly import budget_of, check_losses, check_size  # noqa: PLC0415
+
+    names = [plugin.name for plugin in plugins("renderer")]
+    tell_unused(cfg, overrides)
+    if cfg.warm_up not in (AUTO, None, *names):
+        raise UserError(f"warm_up={cfg.warm_up} is not a renderer; choose auto, null or one of {', '.join(names)}")
+    check_losses(cfg)
+    check_monitors(cfg)
+    if is_film(cfg.image):
+        check_film(cfg)
+    size, there = size_of_picture(cfg.image, "image", cfg.resolution), None
+    if cfg.focus not in (None, AUTO):
+        check_ratio(cfg.focus, size_of_picture(cfg.focus, "focus"), size, "focus")
+    if cfg.catalogue is not None:
+        there, canvas = canvas_of(cfg.catalogue, "catalogue")
+        check_ratio(cfg.catalogue, canvas, size, "catalogue")
+    strokes = budget_of(cfg, size, build(cfg.density), there)
+    build(cfg.blend).check(strokes, size)
+    check_size(cfg, strokes, size)
+    if cfg.style.image is not None:
+        build(cfg.style.loss).check(size)
+    if cfg.lpips_weights is not None:
+        from brushexp.features.distance import open_distance  # noqa: PLC0415
+
+        open_distance(cfg.lpips_backbone, cfg.lpips_weights, "lpips_weights")
+    if cfg.timelapse_seconds is not None:
+        from brushexp.painting.timelapse import Timelapse  # noqa: PLC0415
+
+        Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds)
+
+
+def tell_unused(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """Say in a line which typed keys a painter, or a catalogue, has no use for; in a sweep they may be for others."""
+    keys = [override.lstrip("+~").partition("=")[0] for override in overrides]
+    unused = sorted({key for key in keys if key.partition(".")[0] in OF_STEPS})
+    if unused and not build(cfg.painter).by_steps:
+        log.warning("painter=%s has no use for %s", plugin_of(cfg.painter).name, ", ".join(unused))
+    starts = sorted({key for key in keys if key.partition(".")[0] == "init"})
+    if starts and cfg.catalogue is not None:
+        log.warning("catalogue=%s says where strokes start: it has no use for %s", cfg.catalogue, ", ".join(starts))
+
+
+def check_film(cfg: DictConfig) -> None:
+    """That nothing is asked of a film that only single pictures have."""
+    if not build(cfg.painter).by_steps:
+        name = plugin_of(cfg.painter).name
+        raise UserError(f"painter={name} paints single pictures, and {cfg.image} is a film; drop painter")
+    for name, usual in NOT_OF_FILMS.items():
+        if (value := OmegaConf.select(cfg, name)) != usual:
+            raise UserError(f"{name}={value} is for single pictures, and {cfg.image} is a film; drop {name}")
+    if cfg.film.stop is not None and cfg.film.stop <= cfg.film.start:
+        raise UserError(f"film.stop={cfg.film.stop:g} is not after film.start={cfg.film.start:g}; give a later second")
+
+
+def check_train(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """That training ends, and that the strokes fit what is trained."""
+    check_ends(cfg)
+    if cfg.model == DISCRIMINATOR:
+        check_used(overrides)
+        return
+    from brushexp.plugins.renderer.base import check_trainable  # noqa: PLC0415
+    from brushexp.training.stroke_data import origin_for  # noqa: PLC0415
+
+    if cfg.data is None and cfg.simulate is None and cfg.limit is not None:
+        raise UserError(f"limit={cfg.limit} is for sets, and these strokes are simulated on the way; drop limit")
+    origin, seeds = origin_for(cfg)
+    window = origin.window
+    check_trainable(build(cfg.renderer), window)
+    if cfg.critic and window & (window - 1):
+        wrong = f"critic=true halves the window until 4 pixels are left, which {window} do not lead to"
+        raise UserError(f"{wrong}; give strokes in windows of 64 or 128 pixels (engine.window=64), or drop critic")
+    check_brushes(cfg, origin, len(seeds))
+    check_batch(cfg, window)
+
+
+def check_brushes(cfg: DictConfig, origin: "Origin", sets: int) -> None:
+    """Stop with a UserError if a renderer that knows brushes could not tell those of the strokes of so many sets."""
+    own, theirs = cfg.renderer.get("brushes") or 1, origin.engine_config.get("brushes") or 1
+    if own == 1 or theirs == 1:
+        return
+    if sets > 1:
+        mixed = f"data= names {sets} sets, whose {theirs} brushes each are others under the same numbers"
+        raise UserError(f"{mixed}; give one set, and make it larger with n=")
+    if own % theirs:
+        mixed = f"renderer.brushes={own} is no multiple of engine.brushes={theirs}, so one code would be of several"
+        raise UserError(f"{mixed}; set renderer.brushes={theirs}")
+
+
+def check_batch(cfg: DictConfig, window: int) -> None:
+    """Stop with a UserError if memory cannot hold the pictures of a step, of ``window`` x ``window`` pixels each."""
+    what = f"batch_size={cfg.batch_size} strokes of {window} x {window} pixels"
+    check_memory(cfg.batch_size * window**2 * BYTES_PER_TRAINED_PIXEL, what, "choose a smaller batch_size=")
+
+
+def check_simulate(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """That the set can go on with these strokes, and memory holds those of a file."""
+    from brushexp.training.dataset import origin_of  # noqa: PLC0415
+    from brushexp.training.writer import BYTES_PER_PIXEL, SHARD_STROKES, whole_shards  # noqa: PLC0415
+
+    origin = origin_of(cfg.engine, build(cfg.engine))
+    strokes = min(cfg.n, SHARD_STROKES)
+    what = f"{strokes} strokes of {origin.window} x {origin.window} pixels, those of a file,"
+    check_memory(strokes * origin.window**2 * BYTES_PER_PIXEL, what, "choose a smaller engine.window=")
+    if cfg.path is not None:
+        whole_shards(Path(cfg.path), origin, cfg.seed, cfg.n)
+
+
+def check_export(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """That the renderer can be built, and the painting has room in memory and in what it is exported to."""
+    from brushexp.compositing.bands import cuts  # noqa: PLC0415
+    from brushexp.painting.outputs import export_job, renderer_of  # noqa: PLC0415
+    from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415
+
+    saved = load_catalogue(Path(cfg.catalogue))
+    renderer = renderer_of(saved) if cfg.get("renderer") is None else build(cfg.renderer)
+    job = export_job(saved, renderer, build(cfg.blend), saved.renderer, cfg.resolution, cfg.catalogue)
+    for node in cfg.to.values():
+        build(node).check(len(job.strokes), job.size)
+    windows = max(len(number) for _, _, number in cuts(job.strokes, job.size, renderer))
+    needed = (
+        len(job.strokes) * BYTES_PER_STROKE + windows * getattr(renderer, "window", 0) ** 2 * BYTES_PER_WINDOW_PIXEL
+    )
+    what = f"{len(job.strokes)} strokes on {job.size[1]} x {job.size[0]} pixels"
+    check_memory(needed, what, "choose a smaller resolution=, or renderer=analytic")
+
+
+def check_monitors(cfg: DictConfig) -> None:
+    """Stop with a UserError if a callback watches what is no curve of the task, or none to choose by."""
+    for name, node in cfg.callbacks.items():
+        curves = CURVES["paint" if cfg.task == "paint" else "train"]
+        if not (node.get("monitor") or curves[0]).startswith(curves):
+            option = f"callbacks.{name}.monitor"
+            raise UserError(f"{option}={node.monitor} is no curve of task={cfg.task}; try {option}={curves[0]}")
+        if node.get("save_top_k", 1) > 1 and node.monitor is None:
+            some = f"callbacks.{name}.save_top_k={node.save_top_k}"
+            raise UserError(f"{some} needs a curve to choose by; try callbacks.{name}.monitor={curves[0]}")
+
+
+def check_used(overrides: Sequence[str]) -> None:
+    """Stop with a UserError when the command line sets something that a discriminator has no use for."""
+    for override in overrides:
+        if override.lstrip("+~").partition("=")[0].partition(".")[0] not in USED_BY_DISCRIMINATOR:
+            reason = f"{override} means nothing to model=discriminator, which learns from the prior of strokes alone"
+            raise UserError(f"{reason}; drop it (there are: {', '.join(sorted(USED_BY_DISCRIMINATOR))})")
+
+
+def check_ends(cfg: DictConfig) -> None:
+    """Stop with a UserError if nothing ends a training."""
+    check_monitors(cfg)
+    limits = (cfg.epochs, cfg.minutes, cfg.trainer.max_time, cfg.callbacks.get("timer"))
+    if all(limit is None for limit in limits) and max(cfg.trainer.max_steps, cfg.trainer.max_epochs or -1) < 0:
+        raise UserError("neither epochs nor minutes is set, so training would never end; set minutes=60")
+
+
+def check_evaluate(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """That there are strokes, and the renderer knows such."""
+    from brushexp.training.stroke_data import check_origin, origin_for  # noqa: PLC0415
+
+    check_origin(cfg, *origin_for(cfg))

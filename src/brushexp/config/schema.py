@@ -1,0 +1,213 @@
+"""The tasks: type, default, bounds and meaning of each key in one line, and the plugins that the task needs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from omegaconf import MISSING, DictConfig
+
+from brushexp.bounds import FILE, above, at_least, between, one_of
+from brushexp.config import rules
+from brushexp.config.keys import key
+from brushexp.config.options import FilmOptions, Lamp, OtherLamp, StyleTransfer, TrainerOptions
+from brushexp.config.rules import CATALOGUE, COLOR, DEVICE, FOCUS, FOLDER, INTERRUPTED_RUN, PAGE, STROKES
+from brushexp.pictures.load import PICTURE
+
+LARGEST_SEED = 2**32 - 1  # of NumPy's generator
+LARGEST_SEED_SIMULATED = 2**64 - 1  # of the generator of strokes
+SMALLEST_SET = 33  # strokes of which some are for training, validation and test
+NETWORK_FIT: dict[str, Any] = {"callbacks": [], "logger": ["csv"]}
+DATA = "folder of task=simulate or a file in it, several with commas; null = simulate"
+EMA = "share of the old weights in the averaged ones at each step; 0 = no averaging"
+LIMIT = "use only the first so many training strokes; null = all"
+RESUME = "folder of an interrupted run: continue it exactly, with its own settings"
+
+
+@dataclass
+class Task:
+    """Keys of every task; a task is a subclass, published as an entry point of the group ``brushexp.tasks``."""
+
+    # Groups of configs, most of them families of plugins, and what is chosen of each; ``loss@style.loss`` is a loss
+    # whose options are below ``style.loss``. Presets are values of the keys and win over those here.
+    groups: ClassVar[dict[str, Any]] = {}
+    presets: ClassVar[dict[str, str]] = {}
+    settings: ClassVar[dict[str, Any]] = {}  # values below the groups that differ from the defaults of their plugins
+    module: ClassVar[str]  # has ``run(cfg, folder, start)``, which carries the task out and returns its numbers
+    instead_of: ClassVar[str] = ""  # the task that this one takes the place of where it `suits` what was typed
+
+    @staticmethod
+    def suits(typed: Mapping[str, str]) -> bool:
+        """Whether words of the command line, key -> value, ask for this task where they name ``instead_of``."""
+        return False
+
+    @staticmethod
+    def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
+        """Stop with a UserError at what is wrong beyond types and bounds, before anything runs."""
+
+    seed: int = key(0, "everything random follows from it", between(0, LARGEST_SEED))
+    device: str = key("auto", "auto, cpu, cuda, cuda:1, ...", DEVICE)
+    threads: int | None = key(None, "processor cores; null = all, shared between the jobs of a sweep", at_least(1))
+    output: str = key("outputs/${now:%Y-%m-%d_%H-%M-%S}", "folder of the run; of a sweep, the folder of its runs")
+    overwrite: bool = key(False, "replace the run or sweep that output holds, with all that it has left there")
+    objective: str | None = key(None, "number of metrics.json that Optuna improves, as psnr; null = none")
+
+
+@dataclass
+class PaintTask(Task):
+    """Optimise a catalogue of strokes until it looks like the picture."""
+
+    module = "brushexp.tasks.paint"
+    check = staticmethod(rules.check_paint)
+    groups: ClassVar[dict[str, Any]] = {"painter": "gradient"}
+    groups |= {"init": "slic", "renderer": "analytic", "blend": "tiled"}
+    groups |= {"color": "rgb", "order": "area"}
+    groups |= {"loss": ["mse"], "density": "fixed", "sampler": "whole", "optimizer": "adam", "callbacks": []}
+    groups |= {"logger": ["csv"], "loss@style.loss": "style", "loss@style.strokes": "brushwork"}
+    presets: ClassVar[dict[str, str]] = {"trainer": "default", "look": "oil", "quality": "normal"}
+    settings: ClassVar[dict[str, Any]] = {
+        "style": {
+            "loss": {"image": "${style.image}", "colors": "${style.colors}"},  # added to loss= with style.image
+            "strokes": {"catalogue": "${style.brushwork}"},  # and this with style.brushwork
+        }
+    }
+
+    image: str = key("astronaut", "a picture or film file, or the name of a picture that scikit-image ships", PICTURE)
+    resolution: int | None = key(None, "longer side in pixels; null = as is", between(1, 16384))
+    strokes: int | None = key(None, "number of strokes; null = one per pixels_per_stroke", at_least(1))
+    pixels_per_stroke: float = key(100, "pixels of the picture for each stroke", at_least(1))
+    max_strokes: int | None = key(None, "at most so many by pixels_per_stroke; null = no limit", at_least(1))
+    detail: float = key(1, "factor of the strokes that a look has; quality= sets it", above(0))
+    effort: float = key(1, "factor of the steps that a look takes; quality= sets it", at_least(0))
+    steps: int = key(500, "gradient steps; 0 paints the initialisation", at_least(0))
+    steps_per_stroke: float | None = key(None, "instead of steps: how often each stroke moves", at_least(0))
+    coarse: float = key(0, "share of the steps that come first, at half the resolution", between(0, 0.99))
+    warm_up: str | None = key("auto", "renderer of these steps; auto = the fast one that a network names; null = none")
+    finish_steps: int = key(40, "gradient steps of each stroke with the chosen renderer after a warm-up", at_least(0))
+    background: str = key("mean", "of the bare canvas: mean (of the picture), white, black, '#rrggbb'", COLOR)
+    wet: float = key(0, "share of the paint under its start that a stroke carries along; 0 = dry", between(0, 1))
+    catalogue: str | None = key(None, "start from the strokes of this catalogue.h5 instead of init", CATALOGUE)
+    resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
+    seconds: float | None = key(None, "instead of steps: seconds of optimisation; the schedule fits them", at_least(0))
+    psnr: float | None = key(None, "dB: stop when the picture is as good as this; null = never", at_least(0))
+    early_stop: float | None = key(None, "dB: stop when 100 evaluations gain less; null = never", at_least(0))
+    checkpoint_every: float | None = key(60, "seconds between checkpoints; null = only when interrupted", at_least(0))
+    frames: int = key(60, "pictures of the timelapse; 0 = none", between(0, 2000))
+    frame_side: int = key(720, "their longer side in pixels", between(2, 4096))
+    timelapse: str = key("mp4", "format of the timelapse: mp4, gif, or both", one_of("mp4", "gif", "both"))
+    timelapse_seconds: float | None = key(None, "that its pictures take; null = 15 pictures a second", above(0))
+    report: bool = key(True, "report.html: the run on one page, with a replay of the painting")
+    follows: str | None = key(None, "procedure of which the page lists all that differs; null = none", one_of("thesis"))
+    focus: str | None = key(None, "what matters most: auto (found in the picture) or a mask, brighter is more", FOCUS)
+    focus_strength: float = key(8, "errors where it is brightest count so many times those elsewhere", between(1, 1000))
+    lpips_backbone: str = key("alexnet", "network of lpips_weights", one_of("alexnet", "squeeze", "vgg16", "effl0"))
+    lpips_weights: str | None = key(None, "file with its features: metrics then hold the official LPIPS too", FILE)
+    film: FilmOptions = field(default_factory=FilmOptions)
+    light: Lamp = field(default_factory=Lamp)
+    style: StyleTransfer = field(default_factory=StyleTransfer)
+    trainer: TrainerOptions = field(default_factory=TrainerOptions)
+
+
+@dataclass
+class ExportTask(Task):
+    """Write a saved painting as pictures of any size, vectors, tables and more: to=png,svg,json,csv."""
+
+    module = "brushexp.tasks.export"
+    check = staticmethod(rules.check_export)
+    groups: ClassVar[dict[str, Any]] = {"to": ["png"], "renderer": None, "blend": "tiled"}
+
+    catalogue: str = key(MISSING, "catalogue.h5 of a run, or the strokes.json that to=json wrote", CATALOGUE)
+    resolution: int | None = key(None, "longer side in pixels; null = as it was painted", between(1, 65536))
+    light: OtherLamp = field(default_factory=OtherLamp)
+
+
+@dataclass
+class SimulateTask(Task):
+    """Simulate strokes of a brush on an empty canvas: what renderers are trained on."""
+
+    module = "brushexp.tasks.simulate"
+    check = staticmethod(rules.check_simulate)
+    groups: ClassVar[dict[str, Any]] = {"engine": "fluid"}
+
+    seed: int = key(0, "everything random follows from it", between(0, LARGEST_SEED_SIMULATED))
+    n: int = key(10000, "strokes; the thesis had 100,000. A larger n continues a finished set", at_least(1))
+    path: str | None = key(None, "folder of the set, also to continue a stopped run; null = strokes in the run's")
+
+
+@dataclass
+class TrainTask(Task):
+    """Train a renderer on simulated strokes, or with model=discriminator a network that recognises valid strokes."""
+
+    module = "brushexp.tasks.train"
+    check = staticmethod(rules.check_train)
+    groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "engine": "fluid"} | NETWORK_FIT
+    presets: ClassVar[dict[str, str]] = {"trainer": "network", "model": "renderer"}
+    settings: ClassVar[dict[str, Any]] = {"renderer": {"checkpoint": None}}  # random weights
+
+    model: str = key("renderer", "what is trained", one_of("renderer", "discriminator"))
+    data: list[str] | None = key(None, DATA, STROKES)
+    simulate: int | None = key(10000, "without data: strokes of a set to be kept; null = fresh", at_least(SMALLEST_SET))
+    sets: str = key("data", "folder of such sets")
+    batch_size: int = key(64, "strokes of a step", at_least(1))
+    epochs: int | None = key(None, "passes through the data; null = no limit; 0 = no gradient step", at_least(0))
+    minutes: float | None = key(60, "of wall time; null = no limit. The rate falls to the first limit", at_least(0))
+    lr: float = key(5.0e-4, "highest learning rate; from 1e-3 on some starts end in blank pictures", above(0, 1))
+    ema: float = key(0.999, EMA, between(0, 1))
+    limit: int | None = key(None, LIMIT, at_least(1))
+    detail: float = key(
+        1.0, "how much errors of the finest detail count besides: bristles are learnt sooner", at_least(0)
+    )
+    tone: float = key(4.0, "and errors of colour alone, where there is paint: the light on it is faint", at_least(0))
+    critic: bool = key(False, "RaSGAN beside L2: a critic scores the pictures")
+    critic_lr: float = key(2.0e-3, "its highest learning rate, four times lr: it is the faster one", above(0, 1))
+    critic_weight: float = key(0.1, "how hard it pulls at the pictures, as a share of how hard L2 does", at_least(0))
+    critic_width: int = key(16, "its channels at full size", at_least(1))
+    fid: int = key(256, "held-out strokes whose FID (effl0) is a curve of the validations; 0 = none", at_least(0))
+    checkpoint_every: float | None = key(120, "seconds between checkpoints; null = only when interrupted", at_least(0))
+    resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
+    trainer: TrainerOptions = field(default_factory=TrainerOptions)
+
+
+@dataclass
+class EvaluateTask(Task):
+    """Measure a renderer on new strokes; -m renderer=analytic,neural data=FOLDER other_data=true compares several."""
+
+    module = "brushexp.tasks.evaluate"
+    check = staticmethod(rules.check_evaluate)
+    groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "blend": "tiled", "engine": "fluid"}
+
+    data: list[str] | None = key(None, DATA, STROKES)
+    split: str = key("test", "which strokes of it", one_of("test", "validation"))
+    n: int | None = key(None, "the first so many of them; null = all, or 1000 simulated ones", at_least(1))
+    other_data: bool = key(False, "also measure a renderer on strokes of another brush than it was trained on")
+    inception: str | None = key(None, "inception-2015-12-05.pt (TorchScript), for the published FID", FILE)
+
+
+@dataclass
+class CompareTask(Task):
+    """Compare finished runs: which are worth their time, and which was ahead when."""
+
+    module = "brushexp.tasks.compare"
+    runs: list[str] = key(MISSING, "folder of a run, of a sweep, or above many of them; several with commas", FOLDER)
+
+
+@dataclass
+class AnalyseTask(Task):
+    """Measure the brushwork of a saved painting, or of two side by side: table, summary, figures."""
+
+    module = "brushexp.tasks.analyse"
+    catalogue: str = key(MISSING, "catalogue.h5 of a run", CATALOGUE)
+    against: str | None = key(None, "catalogue.h5 of another one, to compare with", CATALOGUE)
+    radius: float | None = key(None, "pixels to neighbours; null = 4 pitches sqrt(pixels / strokes)", at_least(0))
+    visible: float = key(0, "share of a stroke that must be seen, or it is left out", between(0, 1))
+
+
+@dataclass
+class ViewTask(Task):
+    """Look at a saved painting, a run or a sweep in the browser: one page, served on this machine until Ctrl-C."""
+
+    module = "brushexp.tasks.view"
+    groups: ClassVar[dict[str, Any]] = {"renderer": None, "blend": "tiled"}
+
+    catalogue: str = key(MISSING, "a catalogue (.h5 or .json), or the folder of a run or sweep", PAGE)
+    port: int = key(0, "of this machine, 1 to 65535; 0 = any that is free", between(0, 65535))
+    open: bool = key(True, "in the browser, or only print the address")

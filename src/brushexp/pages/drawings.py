@@ -1,0 +1,165 @@
+"""What a run's page draws, as plain data: charts, which ``run_charts.js`` draws, colours, errors and heights.
+
+A chart has a ``kind``, a ``title``, a ``summary`` (a sentence for those who cannot see it), and what the kind needs.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from brushexp.analysis.samples import DIRECTION_BINS, direction_shares
+from brushexp.pages.html import embedded
+from brushexp.pages.replay import hex_of
+from brushexp.painting.outputs import export_job, renderer_of
+from brushexp.pictures.color import nearest_ink, palette, to_lab
+from brushexp.registry import build_named
+from brushexp.strokes.storage import Saved
+
+MAX_POINTS = 400  # of a line: more cannot be seen
+BINS = 28
+TAIL_QUANTILE = 0.99  # the largest values beyond it share the last bar
+SWATCHES = 12
+SMALLEST_SHARE = 0.002  # of a colour that is shown
+COARSE_LEVELS = 31  # of a channel, in which swatches are searched for: so a hundred thousand strokes are soon done
+SCALE_ENDS = (4, 8, 16, 32, 64, 128, 255)  # levels: where the scale of an error map may end
+SHARE_ON_SCALE = 0.995  # of the pixels
+# Magma by Smith and van der Walt (2015), at equal steps: perceptually even, also in grey and for the colour-blind.
+MAGMA = (
+    "#000004", "#180f3e", "#451077", "#721f81", "#9f2f7f", "#cd4071", "#f1605d", "#fd9567", "#fec98d", "#fcfdbf",
+)  # fmt: skip
+MAP_SIDE = 512  # pixels: longer side of the map of heights
+
+
+def line_chart(
+    title: str, x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray, x_label: str, unit: str = ""
+) -> dict | None:
+    """A curve over rising ``x``; None if it has no two points that can be drawn.
+
+    An axis of positive numbers that differ by much is logarithmic, unless they have a unit.
+    """
+    if len(x) != len(y):  # of a table that somebody else has written
+        return None
+    points = np.array([x, y], float)
+    points = points[:, np.isfinite(points).all(0)]
+    if points.shape[1] < 2 or points[0, 0] == points[0, -1]:
+        return None
+    kept = np.linspace(0, points.shape[1] - 1, min(points.shape[1], MAX_POINTS)).round().astype(int)
+    first, last = (f"{value:.4g}" for value in points[1, [0, -1]])
+    return {
+        "kind": "line",
+        "title": f"{title}, {unit}" if unit else title,
+        "summary": f"{title}: from {first} to {last} {unit}".rstrip() + f" at {points[0, -1]:,.6g} {x_label}",
+        "x": _rounded(points[0, kept]),
+        "y": _rounded(points[1, kept]),
+        "x_label": x_label,
+        "unit": unit,
+    }
+
+
+def histogram_chart(title: str, values: np.ndarray, x_label: str) -> dict | None:
+    """How many strokes have which value (N,), >= 0; the median is marked. None if there are none."""
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return None
+    largest, median = float(values.max()), float(np.median(values))
+    end = float(np.quantile(values, TAIL_QUANTILE)) or largest or 1.0
+    if largest < 1.15 * end:
+        end = largest or 1.0
+    counts, _ = np.histogram(np.minimum(values, end), BINS, (0.0, end))
+    return {
+        "kind": "histogram",
+        "title": title,
+        "summary": f"{title}: half of the strokes are below {median:.3g}; {x_label}",
+        "counts": counts.tolist(),
+        "end": end,
+        "largest": largest,
+        "median": median,
+        "x_label": x_label,
+    }
+
+
+def rose_chart(title: str, angles: np.ndarray, lengths: np.ndarray) -> dict | None:
+    """Share of the strokes' length (N,) by direction, in sectors of a circle; None without directions.
+
+    Angles (N,) are radians in [0, pi), clockwise from the x axis as seen, NaN for none.
+    """
+    kept = np.isfinite(angles) & (lengths > 0)
+    if not kept.any():
+        return None
+    shares = direction_shares(np.degrees(angles[kept]), lengths[kept])
+    peak = 180 * int(shares.argmax()) / DIRECTION_BINS
+    return {
+        "kind": "rose",
+        "title": title,
+        "summary": f"Directions: most of the length lies near {peak:.0f} degrees",
+        "shares": _rounded(shares),
+        "note": "Share of the strokes' length by direction; 45° falls to the right.",
+    }
+
+
+def _rounded(values: np.ndarray) -> list[float]:
+    """Numbers with as many digits as a chart can show."""
+    return [float(f"{value:.6g}") for value in values]
+
+
+def swatches_of(colors: np.ndarray, weights: np.ndarray) -> list[dict[str, Any]]:
+    """At most ``SWATCHES`` of sRGB colours (N, 3), dark ones first, as clusters in CIELAB: ``color``, ``share``."""
+    colors, weights = colors[weights > 0], weights[weights > 0]
+    if not len(weights):
+        return []
+    coarse, place = np.unique((colors * COARSE_LEVELS).round(), axis=0, return_inverse=True)
+    centers = palette(to_lab(coarse / COARSE_LEVELS), np.bincount(place.ravel(), weights), SWATCHES)
+    label = nearest_ink(to_lab(colors), centers)
+    mass = np.bincount(label, weights, len(centers))
+    sums = np.stack([np.bincount(label, weights * channel, len(centers)) for channel in colors.T], axis=1)
+    kept = [k for k in centers[:, 0].argsort(kind="stable") if mass[k] >= SMALLEST_SHARE * mass.sum()]
+    return [{"color": hex_of(sums[k] / mass[k]), "share": float(mass[k] / mass.sum())} for k in kept]
+
+
+def error_map(painting: np.ndarray, target: np.ndarray) -> dict[str, Any]:
+    """Mean |difference| of the channels of two pictures (H, W, 3) uint8, in levels of 255.
+
+    ``pixels`` (H, W, 3) uint8 are in the colours of ``scale``, which ends at ``top`` levels; ``above`` is the share of
+    pixels beyond it, and ``below`` tells how many pixels, in words, have how many levels at most.
+    """
+    difference = np.abs(painting.astype(np.int16) - target).sum(2)  # thirds of a level, 0 to 765
+    shares = (0.5, 0.9, 0.99, 1.0, SHARE_ON_SCALE)
+    *levels, end = (np.quantile(difference, shares, method="inverted_cdf") / 3).tolist()
+    top = next(level for level in SCALE_ENDS if level >= end)
+    anchors = np.array([[*bytes.fromhex(color[1:])] for color in MAGMA], float)
+    places = np.linspace(0, 3 * top, len(MAGMA))
+    colors = np.stack([np.interp(np.arange(766), places, channel) for channel in anchors.T], axis=1)
+    return {
+        "pixels": colors.round().astype(np.uint8)[difference],
+        "scale": MAGMA,
+        "top": top,
+        "above": float((difference > 3 * top).mean()),
+        "mean": float(difference.mean() / 3),
+        "below": list(zip(("half", "90 %", "99 %", "all"), levels, strict=True)),
+    }
+
+
+def height_map(saved: Saved) -> dict[str, Any]:
+    """What ``light.js`` needs: heights in pixels of the map are ``top`` * (256 red + green) / 65535.
+
+    ``light`` is the lamp that the painting is under, or that of a relief where it has none.
+
+    A renderer that is slow to draw is replaced by its stand-in, whose name is then in ``drawn_as``; one that cannot be
+    built, because its checkpoint is not there for instance, is a UserError.
+    """
+    renderer = renderer_of(saved)
+    drawn_as = renderer.warm_up
+    if drawn_as is not None:
+        renderer = build_named("renderer", drawn_as, {})
+    blend = build_named("blend", "tiled", {})
+    job = export_job(saved, renderer, blend, saved.renderer, min(MAP_SIDE, max(saved.size)))
+    paint, light = job.height().clip(0), job.light if job.light.depth else replace(job.light, depth=1.0)
+    top = float(paint.max()) or 1.0
+    levels = (paint / top * 65_535).round().astype(np.uint16)
+    packed = np.stack([levels >> 8, levels & 255, np.zeros_like(levels)], axis=2).astype(np.uint8)
+    (height, width), picture = saved.size, embedded(Image.fromarray(packed), MAP_SIDE)
+    lamp = {"drawn_as": drawn_as, "light": asdict(light)}
+    return {"source": picture["source"], "top": top, "width": width, "height": height, **lamp}

@@ -1,0 +1,291 @@
+"""The page of a run, or of a catalogue alone: everything about one painting in one file."""
+
+import json
+import logging
+import math
+import shlex
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, wait
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import torch
+from brushexp_thesis.followed import PROCEDURES, departures
+from PIL import Image
+
+from brushexp.analysis.columns import StrokeTable, measure_strokes
+from brushexp.compositing.textured_profile import TexturedProfile
+from brushexp.errors import UserError
+from brushexp.pages import drawings
+from brushexp.pages.html import embedded, page, readable_number
+from brushexp.pages.replay import MAX_STROKES, recorded_config, replay_of
+from brushexp.painting.outputs import renderer_of
+from brushexp.pictures.decode import opened_picture
+from brushexp.registry import plugins
+from brushexp.results.anytime_curves import curve_from
+from brushexp.results.runs import command_of, read_curves, read_result
+from brushexp.shading.light import overlay
+from brushexp.strokes.storage import Saved, load_catalogue
+from brushexp.system.files import TEMPORARY, write_text
+
+log = logging.getLogger(__name__)
+PAGE_NAME = "report.html"
+FILES = {  # of a run, in the order in which the page has them
+    "painting.png": "the painting",
+    "flat.png": "its colours, without the light",
+    "strokes.svg": "its strokes, for Inkscape and the web",
+    "catalogue.h5": "its strokes, to export and to paint on",
+    "timelapse.mp4": "how the strokes moved",
+    "timelapse.gif": "how the strokes moved",
+    "target.png": "the picture that was painted",
+    "metrics.json": "its numbers",
+    "curves/metrics.csv": "the curves, as a table",
+}
+OF_THE_FOLDER = ("lock", "others.txt", "at_work", TEMPORARY)
+LEFT_OUT = (PAGE_NAME, "checkpoint.ckpt", *OF_THE_FOLDER)  # of what a run has left
+PICTURES = ("target", "painting", "flat", "style", "focus")  # flat: the painting without its light
+LARGEST_SIDE = 1600  # pixels of the longer side of a picture in a page
+LOSSLESS = 2**18  # pixels of a picture: a larger one goes into a page as a JPEG
+JPEG = {"format": "JPEG", "quality": 92, "subsampling": 0}
+WEBP = {"format": "WEBP", "quality": 85, "alpha_quality": 100, "method": 0}  # of the light
+METRICS_SHOWN = (  # of metrics.json: key, name, unit, digits, what it is
+    ("n_strokes", "strokes", "", 0, "in the catalogue"),
+    ("steps", "steps", "", 0, "of gradient descent"),
+    ("seconds", "optimisation", "s", 1, "wall time of the steps"),
+    ("psnr", "PSNR", "dB", 2, "peak signal-to-noise ratio, all pixels of the 8-bit pictures"),
+    ("psnr_lit", "PSNR in the light", "dB", 2, "of the painting under its lamp, which the target knows nothing of"),
+    ("ssim", "SSIM", "", 3, "structural similarity (Wang et al., 2004); 1 is identical"),
+    ("l1", "L1", "", 4, "mean |difference|, 0 to 1"),
+    ("perceptual", "perceptual", "", 3, "distance in the features of a small network; 0 is identical"),
+    ("psnr_focus", "PSNR in focus", "dB", 2, "of the mean squared error, weighted by the focus"),
+)
+
+
+def write_run_page(folder: Path, film: Future[Any] | None = None) -> Path:
+    """Write ``report.html`` into the folder of a run and return its path; a ``film`` is waited for at the end."""
+    write_text(folder / PAGE_NAME, page_of_run(folder, film))
+    return folder / PAGE_NAME
+
+
+def page_of_run(folder: Path, film: Future[Any] | None = None) -> str:
+    """The page of a run, from what it has left in its folder; a UserError without a whole catalogue."""
+    saved = load_catalogue(folder / "catalogue.h5")
+    metrics = read_result(folder / "metrics.json") if (folder / "metrics.json").is_file() else {}
+    image = recorded_config(saved).get("image")
+    return run_page(
+        saved,
+        name=Path(str(image or folder.resolve().name)).name,
+        pictures=_pictures(folder),
+        metrics=metrics,
+        curves=read_curves(folder / "curves" / "metrics.csv"),
+        command=command_of(folder) if metrics else None,
+        files=files_in(folder, film),
+    )
+
+
+def files_in(folder: Path, film: Future[Any] | None = None) -> Iterator[dict[str, str]]:
+    """What a run has left but for its page: names, addresses from the page, and what the known ones are.
+
+    A ``film`` that is being written is waited for when the first is asked for: when all else of the page is there.
+    """
+    wait([] if film is None else [film])
+    paths = sorted(path for path in folder.rglob("*") if path.is_file() and not any(map(path.match, LEFT_OUT)))
+    names = [path.relative_to(folder).as_posix() for path in paths]
+    known = [name for name in FILES if name in names]
+    for name in known + [name for name in names if name not in FILES]:
+        yield {"name": name, "address": quote(name), "about": FILES.get(name, "")}
+
+
+def _pictures(folder: Path) -> dict[str, np.ndarray]:
+    """The pictures of a run; one that is damaged is left out with a word in the log."""
+    found = {}
+    for path in (folder / f"{name}.png" for name in PICTURES):
+        if not path.exists():
+            continue
+        try:
+            with opened_picture(path) as image:
+                found[path.stem] = np.asarray(image.convert("RGB"))
+        except UserError as error:
+            log.warning("%s is left out: %s", path, error)
+    return found
+
+
+def run_page(
+    saved: Saved, *, name: str, pictures: Mapping[str, np.ndarray] | None = None,
+    metrics: Mapping[str, Any] | None = None, curves: Mapping[str, Sequence[float]] | None = None,
+    command: str | None = None, files: Iterable[Mapping[str, str]] = (),
+) -> str:  # fmt: skip
+    """The page of a painting, HTML that needs nothing else; a part of which nothing is known is left out.
+
+    Pictures are (H, W, 3) uint8 by name: ``target``, ``painting`` (without it there are no error map and no light), and
+    others; curves are columns by name: ``step``, ``psnr``, ``loss/...``; ``command`` repeats the run; ``files`` lie
+    beside the page, see `files_in`.
+    """
+    metrics, pictures = metrics or {}, pictures or {}
+    shown = {key: _shown(pixels) for key, pixels in pictures.items()}
+    measures = measure_strokes(saved.strokes, saved.depth, saved.size) if len(saved.strokes) else None
+    return page(
+        "run.html.j2",
+        name=name,
+        lead=_lead(saved, metrics),
+        interrupted=metrics.get("status") == "interrupted",
+        figures=_figures(metrics),
+        target=shown.pop("target", None),
+        painting=shown.pop("painting", None),
+        flat=shown.pop("flat", None),
+        overlay=_overlay(pictures),
+        others=shown,
+        renderer=saved.renderer,
+        replay=None if measures is None else replay_of(saved, measures, _textured(saved)),
+        error=_error(pictures.get("flat", pictures.get("painting")), pictures.get("target")),
+        curves=_curves(curves or {}, metrics),
+        strokes=None if measures is None else _strokes(saved, measures),
+        light=_light(saved) if measures is not None and "painting" in pictures else None,
+        settings=(settings := _settings(recorded_config(saved), shlex.split(command or "")[1:])),
+        departures=_departures(settings),
+        line=line_of(recorded_config(saved)),
+        command=command,
+        files=files,
+    )
+
+
+def _shown(pixels: np.ndarray) -> dict[str, Any]:
+    """A picture as the template takes it, with its size before it is shrunk."""
+    height, width, _ = pixels.shape
+    options: dict[str, Any] = {} if height * width <= LOSSLESS else JPEG
+    return embedded(Image.fromarray(pixels), LARGEST_SIDE, **options) | {"width": width, "height": height}
+
+
+def _lead(saved: Saved, metrics: Mapping[str, Any]) -> str:
+    (height, width), count = saved.size, len(saved.strokes)
+    words = f"{count:,} stroke{'s' * (count != 1)} on {width:,} × {height:,} pixels, renderer {saved.renderer}"
+    return words + (f", painted on {metrics['device']}" if metrics.get("device") else "")
+
+
+def _figures(metrics: Mapping[str, Any]) -> list[dict[str, str]]:
+    if metrics.get("psnr") is None and metrics.get("l1") == 0:
+        metrics = {**metrics, "psnr": math.inf}  # which JSON does not know
+    return [
+        {"name": name, "value": readable_number(metrics[key], digits), "unit": unit, "title": title}
+        for key, name, unit, digits, title in METRICS_SHOWN
+        if isinstance(metrics.get(key), int | float)
+    ]
+
+
+def _error(painting: np.ndarray | None, target: np.ndarray | None) -> dict[str, Any] | None:
+    """The error map and its legend; None without two pictures of one size."""
+    if painting is None or target is None or painting.shape != target.shape:
+        return None
+    found = drawings.error_map(painting, target)
+    return found | {"picture": _shown(found["pixels"])}
+
+
+def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """PSNR against steps and seconds, and each loss against steps."""
+    steps = curves.get("step", ())
+    times, psnr = curve_from(metrics.get("anytime")) or ((), ())
+    charts = [
+        drawings.line_chart("PSNR by steps", steps, curves.get("psnr", [math.nan] * len(steps)), "steps", "dB"),
+        drawings.line_chart("PSNR by time", times, psnr, "seconds of optimisation", "dB"),
+    ]
+    losses = {name.removeprefix("loss/"): loss for name, loss in curves.items() if name.startswith("loss/")}
+    charts += [drawings.line_chart(f"Loss {name}", steps, loss, "steps") for name, loss in losses.items()]
+    return [chart for chart in charts if chart]
+
+
+def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
+    """How long, wide, bent and turned the strokes are, and in which colours."""
+    charts = [
+        drawings.histogram_chart("Length", measures.length, "pixels"),
+        drawings.histogram_chart("Width", measures.width, "pixels"),
+        drawings.histogram_chart("Elongatedness", measures.elongatedness, "length / width"),
+        drawings.histogram_chart("Curvature", np.degrees(measures.curvature), "degrees from end to end"),
+        drawings.histogram_chart("Visible share", 100 * measures.visible, "% of a stroke's paint"),
+        drawings.rose_chart("Direction", measures.orientation, measures.length),
+    ]
+    paint = measures.area * measures.visible * saved.strokes.opacity.numpy()
+    hidden = float((measures.visible < 0.01).mean())
+    lead = (
+        f"Half of the {len(measures):,} strokes are longer than {np.median(measures.length):.1f} px and wider than "
+        f"{np.median(measures.width):.1f} px; {100 * hidden:.1f} % are hidden by later ones."
+        if len(measures) > 1
+        else f"The only stroke is {measures.length[0]:.1f} px long and {measures.width[0]:.1f} px wide."
+    )
+    swatches = drawings.swatches_of(saved.strokes.color.numpy().astype(float), paint)
+    return {"lead": lead, "charts": [chart for chart in charts if chart], "swatches": swatches}
+
+
+@torch.no_grad()
+def _textured(saved: Saved) -> TexturedProfile | None:
+    """The strokes with their textures; None where they have none that a page could hold."""
+    try:
+        renderer = renderer_of(saved)
+    except UserError as error:
+        log.warning("the replay shows plain strokes: %s", error)
+        return None
+    if renderer.warm_up is not None or len(saved.strokes) > MAX_STROKES:
+        return None
+    layers = renderer(saved.strokes)
+    return layers if isinstance(layers, TexturedProfile) else None
+
+
+def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
+    """The light on a painting as a picture to lay over its colours; None where there is none."""
+    if "flat" not in pictures or "painting" not in pictures:
+        return None
+    light = Image.fromarray(overlay(pictures["flat"], pictures["painting"]))
+    return str(embedded(light, LARGEST_SIDE, **WEBP)["source"])
+
+
+def _light(saved: Saved) -> dict[str, Any] | None:
+    try:
+        return drawings.height_map(saved)
+    except UserError as error:
+        log.warning("the page shows no relief: %s", error)
+        return None
+
+
+def _settings(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, str, bool]]:
+    """Dotted keys, values as they would be typed (a class by its name as a plugin), and whether they were typed."""
+    typed = {word.lstrip("+~").partition("=")[0] for word in overrides}
+    names = {plugin.target: plugin.name for plugin in plugins()}
+    rows = ((key.removesuffix("._target_"), names.get(value, value)) for key, value in _flat(config))
+    return [(key, value, key in typed) for key, value in rows]
+
+
+def _departures(settings: Sequence[tuple[str, str, bool]]) -> dict[str, Any] | None:
+    """Which procedure the run follows, and where it differs; None if it follows none."""
+    values = {key: value for key, value, _ in settings}
+    name = values.get("follows", "null")
+    return {"name": name, "rows": list(departures(name, values))} if name in PROCEDURES else None
+
+
+def line_of(config: Mapping[str, Any]) -> str:
+    """All settings as one line that can be typed: plugins by their names, then every key that has a value."""
+    names = {plugin.target: plugin for plugin in plugins()}
+    chosen = {key.removesuffix("._target_") for key, _ in _flat(config) if key.endswith("._target_")}
+    words, keys = [], []
+    for key, value in config.items():
+        if isinstance(value, dict) and value.get("_target_") in names:
+            words.append(f"{key}={names[value['_target_']].name}")
+        elif isinstance(value, dict) and value and all(isinstance(one, dict) for one in value.values()):
+            words.append(f"{key}=[{','.join(value)}]")
+    for key, text in _flat(config):
+        if (
+            not key.endswith("_target_")
+            and text not in ("{}", "null")
+            and key not in ("task", "output", "overwrite", "resume")
+        ):
+            below = key.rpartition(".")[0].rpartition(".")[0]  # of an option that is a table: its keys are the user's
+            keys.append(f"{'++' * (below in chosen)}{key}={text}")
+    return shlex.join(["brushexp", "look=plain", *words, *keys])
+
+
+def _flat(config: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
+    for key, value in config.items():
+        if isinstance(value, dict) and value:
+            yield from _flat(value, f"{above}{key}.")
+        else:
+            yield f"{above}{key}", value if isinstance(value, str) else json.dumps(value, default=str)

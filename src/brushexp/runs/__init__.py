@@ -1,0 +1,1 @@
+"""Runs: their folders, the Trainer, resumed runs, sweeps, trackers."""
