@@ -21,7 +21,7 @@ from brushexp.cli.command_line import in_full, parsed
 from brushexp.cli.mistakes import in_our_words
 from brushexp.config import configs
 from brushexp.config.composition import check
-from brushexp.config.configs import SHIPPED, choices
+from brushexp.config.configs import SHIPPED
 from brushexp.config.keys import keys_of
 from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
@@ -112,7 +112,7 @@ def test_every_value_fits_or_is_refused_in_one_line_that_names_the_key():
 
 
 @pytest.mark.parametrize("value", ["null", "[1]", "[[mse]]", "7", "nan", "true", "''", "mse,null"])
-@pytest.mark.parametrize("group", sorted(choices()))
+@pytest.mark.parametrize("group", sorted(chosen_groups()))
 def test_what_can_be_no_name_is_refused_before_hydra_sees_it(group, value):
     with pytest.raises(UserError, match=f"{group}=.* is no name; choose one of"):
         in_full(["-m", f"{group}={value}"])

@@ -24,7 +24,7 @@ from brushexp.cli.help import help_text
 from brushexp.cli.many_pictures import PICTURES, as_sweep
 from brushexp.cli.mistakes import explanation
 from brushexp.config.composition import offer
-from brushexp.config.configs import choices, composed, folders_of, quoted
+from brushexp.config.configs import chosen_groups, composed, folders_of, quoted
 from brushexp.config.keys import keys_of
 from brushexp.config.tasks import TASKS, load_tasks
 from brushexp.errors import UserError
@@ -86,7 +86,7 @@ def written_out(word: str, sweep: bool) -> str:
     name, equal, value = full.partition("=")
     key = name.lstrip("+")
     kind, optional = kinds_of_keys().get(key, (None, False))
-    if key in choices():
+    if key in chosen_groups():
         check_choice(key, value)
     if kind is str:
         value = in_quotes(key, value, sweep, optional)

@@ -26,14 +26,14 @@ OF_THE_TASK = ("look", "experiment", "quality")  # those whose files set keys of
 _lock = Lock()  # Hydra is one for the whole process
 
 
-def choices() -> set[str]:
+def chosen_groups() -> set[str]:
     """The groups of configs of which a run chooses members, as ``group=name``."""
     return {name for schema in TASKS.values() for name in groups_of(schema)} - {"model"} | {"task", "experiment"}
 
 
 def presets() -> set[str]:
     """The folders that configs may have."""
-    return choices() | {"pictures"}
+    return chosen_groups() | {"pictures"}
 
 
 def folders_of(root: Path, arguments: Sequence[str] = ()) -> list[Path]:

@@ -5,5 +5,4 @@ assembly (with init) -> components -> preparation
 -> procedure, painter (with canvas_memory, sampler, renderer, order, blend, loss, divergence, partial, optimizer,
 density, densification, painter_state)
 -> goals -> wet -> timelapse -> metrics -> outputs -> finished
--> reel (with changes, carrying)
 """

@@ -22,7 +22,7 @@ from brushexp.runs.runner import perform
 settings.register_profile("repeatable", derandomize=True)
 settings.load_profile("repeatable")
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parent
 prepare(ROOT)  # at import, so that @parametrize can list what is registered
 signal.signal(signal.SIGINT, signal.default_int_handler)  # tests that run in the background may begin without it
 torch.set_num_threads(1)  # tiny tensors: threads cost more than they give, most of all on a busy machine
