@@ -21,7 +21,7 @@ from brushexp.cli.command_line import in_full, parsed
 from brushexp.cli.mistakes import in_our_words
 from brushexp.config import configs
 from brushexp.config.composition import check
-from brushexp.config.configs import SHIPPED
+from brushexp.config.configs import SHIPPED, chosen_groups
 from brushexp.config.keys import keys_of
 from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
