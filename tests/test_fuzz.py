@@ -178,9 +178,8 @@ def part(name: str) -> Callable[[Path], Path]:
         (run / "curves").mkdir()
         save_catalogue(run / "catalogue.h5", catalogue(30))
         metrics = {"psnr": 20.0, "ssim": 0.5, "l1": 0.1, "seconds": 1.0, "n_strokes": 3, "steps": 9, "device": "cpu"}
-        metrics |= {"status": "completed", "anytime": [[0.0, 10.0], [1.0, 20.0]]}
+        metrics |= {"status": "completed", "loss": "mse", "anytime": [[0.0, 10.0], [1.0, 20.0]]}
         write_json(run / "metrics.json", metrics)
-        write_json(run / "result.json", metrics | {"run": "0", "overrides": {"steps": "9"}, "loss": "mse"})
         for level, picture in ((90, "target.png"), (80, "painting.png")):
             write_picture(run / picture, np.full((30, 50, 3), level, np.uint8))
         (run / ".hydra" / "overrides.yaml").write_text("- steps=9\n- loss=mse\n")
@@ -267,7 +266,7 @@ def read_image(path: Path) -> None:
 
 
 OF_RUN = ("metrics.json", "curves/metrics.csv", "target.png")
-OF_SWEEP = ("result.json", ".hydra/overrides.yaml", ".hydra/config.yaml")
+OF_SWEEP = (".hydra/overrides.yaml", ".hydra/config.yaml")
 KINDS: dict[str, tuple[Callable[[Path], Path], Callable[[Path], None]]] = {
     "catalogue": (write_catalogue, read_catalogue),
     "text": (write_text, read_catalogue),

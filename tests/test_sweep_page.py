@@ -11,7 +11,7 @@ from sweeps import collect, make_run
 
 from brushexp.pages.sweep_page import AREA, SIDES, _encoded, side_for, sweep_page, thumbnail, write_sweep_page
 from brushexp.results.pareto import front_table
-from brushexp.results.runs import frame_of
+from brushexp.results.runs import gather
 from brushexp.system.files import write_picture
 
 EVIL = "<script>document.title=1</script>"
@@ -241,8 +241,8 @@ def test_sweeps_of_other_tasks_and_of_one_failed_run_have_a_page_without_picture
     assert watched.page.locator(".point").count() == 3
     assert watched.page.locator(".no-picture").count() == 3
     assert not watched.errors
-    make_run(tmp_path / "0", {}, status="failed", error="no")
-    (tmp_path / "0" / "result.json").unlink()
+    (tmp_path / "0" / "metrics.json").unlink()
+    make_run(tmp_path / "0", {}, name="0", status="failed", error="no")
     watched = opened(page_of(tmp_path / "0"))
     assert (watched.page.locator("#plots").count(), order(watched.page), watched.errors) == (0, ["0"], [])
 
@@ -250,9 +250,7 @@ def test_sweeps_of_other_tasks_and_of_one_failed_run_have_a_page_without_picture
 def test_links_lead_from_where_the_page_is(tmp_path):
     make_sweep(tmp_path / "sweep?")
     (tmp_path / "comparison").mkdir()
-    names = {f"../sweep?/{path.parent.name}": path for path in sorted((tmp_path / "sweep?").glob("*/result.json"))}
-    results = {name: json.loads(path.read_text()) for name, path in names.items()}
-    html = sweep_page(tmp_path / "comparison", frame_of(tmp_path / "comparison", results))
+    html = sweep_page(tmp_path / "comparison", gather([tmp_path / "sweep?"], tmp_path / "comparison"))
     assert '<a href="../sweep%3F/2/report.html">' in html
     assert [row["name"] for row in data_in(html)["rows"]] == list("0123456")
 

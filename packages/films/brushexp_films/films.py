@@ -166,6 +166,7 @@ class PaintedFilm:
             "peak_memory_mb": peak_memory(),
             "device": str(self.device),
             "status": status,
+            "loss": "+".join(self.cfg.loss),
         }
 
 

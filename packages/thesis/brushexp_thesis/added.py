@@ -19,6 +19,7 @@ from brushexp.registry import build_named
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import to_bytes, write_json, write_picture
+from brushexp.system.run_files import METRICS_FILE
 
 CATALOGUES = (".h5", ".json")
 PICTURES = (*(f".{name.lower()}" for name in FORMATS), ".jpg", ".tif")
@@ -43,8 +44,10 @@ def add_paintings(
         write_picture(into / "painting.png", found)
         write_picture(into / "target.png", wanted)
         known = {key: value for key, value in {**numbers, **strokes}.items() if value is not None}
-        result = {"status": "completed", "overrides": {"image": image}, "painter": name}
-        write_json(into / "result.json", result | measure(found, wanted, lpips) | known)
+        (into / ".hydra").mkdir(exist_ok=True)
+        write_json(into / ".hydra" / "config.yaml", {"image": image})  # of which YAML is a superset
+        result = {"status": "completed", "painter": name}
+        write_json(into / METRICS_FILE, result | measure(found, wanted, lpips) | known)
 
 
 def drawn(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, int]]:
