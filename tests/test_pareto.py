@@ -75,7 +75,7 @@ def test_pictures_have_names_of_their_own(tmp_path):
 
 def test_the_tables_say_how_to_repeat_a_run(tmp_path):
     make_sweep(tmp_path)
-    words = ["experiment=x", "loss=[mse,kl]", "+a.b=1", "output=there"]
+    words = ["experiment=x", "steps=2", "frames=0", "output=there"]
     write_words(tmp_path / "2", *words)
     write_front(tmp_path, collect(tmp_path))
     commands = [row["command"] for row in read_csv(tmp_path / "pareto.csv")]

@@ -49,7 +49,9 @@ def recorded(folder: Path) -> Iterator[None]:
 
 
 def note_files(folder: Path, paths: Iterable[Path]) -> None:
-    """Add files to the manifest of a folder, and those outside of it to none."""
+    """Add files to the manifest of a recorded folder, and those outside of it to none."""
+    if os.path.realpath(folder) not in _recorded:
+        return
     names = [os.path.relpath(path, folder) for path in paths]
     lines = [f"{name}\n" for name in names if not name.startswith("..") and "\n" not in name]
     with (folder / MANIFEST).open("a", encoding="utf-8", errors="surrogateescape") as manifest:
