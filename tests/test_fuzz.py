@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 import torch
 from brushexp_films.films import PaintedFilm
+from brushexp_inverse_vgg.inverse_vgg import InverseVGG
 from brushexp_thesis.claims import Claim, read_claims
 from brushexp_thesis.published import PublishedFigures, read_published
 from catalogues import catalogue
@@ -46,7 +47,6 @@ from brushexp.painting.assembly import components_of
 from brushexp.painting.outputs import painted_with, renderer_of
 from brushexp.pictures.load import load_picture
 from brushexp.plugins.renderer.base import RENDERERS, Renderer
-from brushexp.plugins.renderer.inverse_vgg import InverseVGG
 from brushexp.plugins.renderer.neural import Neural
 from brushexp.registry import build_named, options_of
 from brushexp.results.runs import JOBS, gather
