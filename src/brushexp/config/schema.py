@@ -191,17 +191,6 @@ class CompareTask(Task):
 
 
 @dataclass
-class AnalyseTask(Task):
-    """Measure the brushwork of a saved painting, or of two side by side: table, summary, figures."""
-
-    module = "brushexp.tasks.analyse"
-    catalogue: str = key(MISSING, "catalogue.h5 of a run", CATALOGUE)
-    against: str | None = key(None, "catalogue.h5 of another one, to compare with", CATALOGUE)
-    radius: float | None = key(None, "pixels to neighbours; null = 4 pitches sqrt(pixels / strokes)", at_least(0))
-    visible: float = key(0, "share of a stroke that must be seen, or it is left out", between(0, 1))
-
-
-@dataclass
 class ViewTask(Task):
     """Look at a saved painting, a run or a sweep in the browser: one page, served on this machine until Ctrl-C."""
 

@@ -15,7 +15,6 @@ import torch
 from brushexp_thesis.followed import PROCEDURES, departures
 from PIL import Image
 
-from brushexp.analysis.columns import StrokeTable, measure_strokes
 from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.errors import UserError
 from brushexp.pages import drawings
@@ -26,6 +25,7 @@ from brushexp.pictures.decode import opened_picture
 from brushexp.registry import plugins
 from brushexp.results.anytime_curves import curve_from
 from brushexp.results.runs import command_of, read_curves, read_result
+from brushexp.results.stroke_table import StrokeTable, measure_strokes
 from brushexp.shading.light import overlay
 from brushexp.strokes.storage import Saved, load_catalogue
 from brushexp.system.files import TEMPORARY, write_text
