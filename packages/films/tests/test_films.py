@@ -38,9 +38,9 @@ from brushexp.painting.painter import Painter
 from brushexp.pictures.decode import read_picture
 from brushexp.pictures.region import Region
 from brushexp.plugins.init.grid import Grid
+from brushexp.plugins.loss.direction import Direction
+from brushexp.plugins.loss.mse import MeanSquaredError
 from brushexp.plugins.loss.perceptual import Perceptual
-from brushexp.plugins.loss.pixel import MeanSquaredError
-from brushexp.plugins.loss.stroke import Direction
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, Catalogue, check_strokes
 from brushexp.strokes.storage import load_catalogue

@@ -14,7 +14,6 @@ from hydra.core.plugins import Plugins
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.bounds import at_least
 from brushexp.cli.mistakes import unknown_key, unknown_option
 from brushexp.config.configs import files_of
 from brushexp.config.keys import groups_of, keys_of, publish
@@ -25,7 +24,6 @@ from brushexp.registry import FAMILIES, MULTI_SELECT, build, options_in, plugin_
 
 PUBLISHER = "brushexp"  # who has published a config
 NOT_KEYS = {"task", "hydra", "experiment"}  # what stands beside keys and groups at the top of a config
-WEIGHT = at_least(0)  # of a loss
 STYLE_PARTS = {"style.loss": "style.image", "style.strokes": "style.brushwork"}  # losses, and keys that bring them
 
 
@@ -158,8 +156,6 @@ def try_out(path: str, node: str, needed: bool) -> None:
     except UserError as error:
         about = re.split(r"\W", str(error), maxsplit=1)[0]  # some options do not know what is typed before them
         raise UserError(f"{path}.{error}" if about in options else str(error)) from error
-    if "weight" in options:
-        WEIGHT.check(f"{path}.weight", options["weight"])
 
 
 def leaves(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:

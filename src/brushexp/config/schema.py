@@ -96,7 +96,6 @@ class PaintTask(Task):
     timelapse: str = key("mp4", "format of the timelapse: mp4, gif, or both", one_of("mp4", "gif", "both"))
     timelapse_seconds: float | None = key(None, "that its pictures take; null = 15 pictures a second", above(0))
     report: bool = key(True, "report.html: the run on one page, with a replay of the painting")
-    follows: str | None = key(None, "procedure of which the page lists all that differs; null = none", one_of("thesis"))
     focus: str | None = key(None, "what matters most: auto (found in the picture) or a mask, brighter is more", FOCUS)
     focus_strength: float = key(8, "errors where it is brightest count so many times those elsewhere", between(1, 1000))
     lpips_backbone: str = key("alexnet", "network of lpips_weights", one_of("alexnet", "squeeze", "vgg16", "effl0"))
@@ -187,17 +186,6 @@ class CompareTask(Task):
 
     module = "brushexp.tasks.compare"
     runs: list[str] = key(MISSING, "folder of a run, of a sweep, or above many of them; several with commas", FOLDER)
-
-
-@dataclass
-class AnalyseTask(Task):
-    """Measure the brushwork of a saved painting, or of two side by side: table, summary, figures."""
-
-    module = "brushexp.tasks.analyse"
-    catalogue: str = key(MISSING, "catalogue.h5 of a run", CATALOGUE)
-    against: str | None = key(None, "catalogue.h5 of another one, to compare with", CATALOGUE)
-    radius: float | None = key(None, "pixels to neighbours; null = 4 pitches sqrt(pixels / strokes)", at_least(0))
-    visible: float = key(0, "share of a stroke that must be seen, or it is left out", between(0, 1))
 
 
 @dataclass
