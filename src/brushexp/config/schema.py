@@ -9,7 +9,7 @@ from omegaconf import MISSING, DictConfig
 from brushexp.bounds import FILE, above, at_least, between, one_of
 from brushexp.config import rules
 from brushexp.config.keys import key
-from brushexp.config.options import FilmOptions, Lamp, OtherLamp, StyleTransfer, TrainerOptions
+from brushexp.config.options import Lamp, OtherLamp, StyleTransfer, TrainerOptions
 from brushexp.config.rules import CATALOGUE, COLOR, DEVICE, FOCUS, FOLDER, INTERRUPTED_RUN, PAGE, STROKES
 from brushexp.pictures.load import PICTURE
 
@@ -36,8 +36,8 @@ class Task:
     instead_of: ClassVar[str] = ""  # the task that this one takes the place of where it `suits` what was typed
 
     @staticmethod
-    def suits(typed: Mapping[str, str]) -> bool:
-        """Whether words of the command line, key -> value, ask for this task where they name ``instead_of``."""
+    def suits(typed: Mapping[str, Any]) -> bool:
+        """Whether values of keys, typed or of a config, ask for this task where ``instead_of`` is named."""
         return False
 
     @staticmethod
@@ -71,7 +71,7 @@ class PaintTask(Task):
         }
     }
 
-    image: str = key("astronaut", "a picture or film file, or the name of a picture that scikit-image ships", PICTURE)
+    image: str = key("astronaut", "a picture file, or the name of a picture that scikit-image ships", PICTURE)
     resolution: int | None = key(None, "longer side in pixels; null = as is", between(1, 16384))
     strokes: int | None = key(None, "number of strokes; null = one per pixels_per_stroke", at_least(1))
     pixels_per_stroke: float = key(100, "pixels of the picture for each stroke", at_least(1))
@@ -100,7 +100,6 @@ class PaintTask(Task):
     focus_strength: float = key(8, "errors where it is brightest count so many times those elsewhere", between(1, 1000))
     lpips_backbone: str = key("alexnet", "network of lpips_weights", one_of("alexnet", "squeeze", "vgg16", "effl0"))
     lpips_weights: str | None = key(None, "file with its features: metrics then hold the official LPIPS too", FILE)
-    film: FilmOptions = field(default_factory=FilmOptions)
     light: Lamp = field(default_factory=Lamp)
     style: StyleTransfer = field(default_factory=StyleTransfer)
     trainer: TrainerOptions = field(default_factory=TrainerOptions)
