@@ -26,7 +26,7 @@ MISTAKES = {
     "task=export catalogue=a.h5 steps=3": "steps is no key of task=export; nearest first: ",
     "experiment=renderer_noise steps=3": "steps is no key of task=train",
     "style.imag=a.jpg": "style.imag is no key of task=paint; nearest first: style.image, ",
-    "+foo=1": "foo is no key of task=paint; nearest first: follows, look, focus, ",
+    "+foo=1": "foo is no key of task=paint; nearest first: look, focus, ",
     "+style.foo=3": "style.foo is no key of task=paint; nearest first: style.co",
     "trainer.profilr=simple": "trainer.profilr is no key of task=paint; nearest first: trainer.profiler, ",
     "task=pant": "task=pant is not there; choose one of paint, ",

@@ -69,17 +69,18 @@ class Discriminated(Loss):
         checkpoint: .safetensors of ``task=train model=discriminator``; null takes the one that comes with the program.
     """
 
+    weight = 0.0001
     cost = "0.8 x mse"
     looks_at = "strokes"
 
-    def __init__(self, *, weight: float = 0.0001, checkpoint: str | None = None) -> None:
-        super().__init__(weight)
+    def __init__(self, *, checkpoint: str | None = None) -> None:
+        super().__init__()
         self.network = Discriminator()
         DISCRIMINATORS.restore(self.network, NAME, checkpoint or NAME, {})
         self.network.requires_grad_(False)
 
-    def forward(self, painting: PaintedView) -> Tensor:
-        shapes = shapes_of(painting.strokes.map(at_least_single)).to(self.network.threshold.dtype)
+    def forward(self, view: PaintedView) -> Tensor:
+        shapes = shapes_of(view.strokes.map(at_least_single)).to(self.network.threshold.dtype)
         missing = functional.relu(self.network.threshold - self.network(shapes))
         return missing.sum() / max(len(shapes), 1)
 

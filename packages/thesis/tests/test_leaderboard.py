@@ -152,13 +152,14 @@ def test_what_ships_has_sources_and_is_refused_when_it_is_wrong(tmp_path):
     assert len({one.painter for one in found}) >= 8
     assert all(re.search(r"\d{4}|docs/|issue", one.source) and one.figures for one in found)
     for old, new, reason in (
-        ("source:", "sauce:", "entry 1 of figures has 'sauce'; its keys are set, painter, source"),
-        ("psnr: 99", "psnr: high", "entry 1 of figures: psnr is .*high.*, which is of another kind"),
-        ("psnr: 99", "psnr: .nan", "entry 1 of figures: psnr is .*nan.*, which is of another kind"),
-        ("names: [", "names: [[1], ", "set .*: names is .*, which is of another kind"),
-        (", psnr: 98", "", "entry 2 of figures has no figure; add one of psnr"),
-        ("set: pair", "set: par", "entry 1 of figures: set is .*par.*; choose one of pair, larger, all"),
-        ("sets:", "lists:", "the file has 'lists'; its keys are sets, figures"),
+        ("source:", "sauce:", "entry 1 of figures: sauce: Key 'sauce' not in .*; its keys are set, painter, source"),
+        ("psnr: 99", "psnr: high", "entry 1 of figures: psnr: Value 'high'"),
+        ("psnr: 99", "psnr: .nan", "entry 1 of figures has no figure, or one that is no number"),
+        ("names: [", "names: [[1], ", r"sets has names with \[1\]"),
+        (", psnr: 98", "", "entry 2 of figures has no figure"),
+        ("set: pair", "set: par", "entry 1 of figures: set is par; choose one of pair, larger, all"),
+        ("sets:", "lists:", "the file has lists, figures; its keys are sets"),
+        ("painter: Theirs", "painter: '${oc.env:HOME}'", "refers to something else; write the value itself"),
     ):
         write_text(tmp_path / "wrong.yaml", PUBLISHED.replace(old, new, 1))
         with pytest.raises(UserError, match=reason):

@@ -7,13 +7,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from brushexp.analysis import samples
-from brushexp.analysis.columns import MEASURES, RADIUS_PITCHES, Array, StrokeTable, measure_strokes
 from brushexp.errors import UserError
+from brushexp.results.stroke_table import DIRECTION_BINS, MEASURES, RADIUS_PITCHES, Array, StrokeTable, measure_strokes
 from brushexp.strokes.brushwork import MIN_OPACITY, MIN_WIDTH_PITCHES, is_visible, pitch_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.measures import NEIGHBOURS, Measure
 from brushexp.strokes.storage import Saved
+from brushexp_analysis import samples
 
 FEW_STROKES = 400  # in smaller catalogues a stroke counts that would count among so many
 HIDDEN_SHARE = 0.05  # of a stroke: if no more is seen, it is hidden
@@ -26,7 +26,7 @@ OVERALL = {
     "agreement": Measure("agreement", "coherence of all strokes together; 1 is parallel, 0 no direction prevails"),
     "coherence": Measure("local coherence", "mean of the coherence around each stroke"),
     "disorder": Measure("coherence in disorder", f"what chance makes of n = {NEIGHBOURS + 1} strokes, sqrt(pi / 4 n)"),
-    "entropy": Measure("entropy of directions", f"1: all {samples.DIRECTION_BINS} equally frequent, 0: there is one"),
+    "entropy": Measure("entropy of directions", f"1: all {DIRECTION_BINS} equally frequent, 0: there is one"),
 }
 
 
@@ -43,7 +43,7 @@ class Analysis:
     depth: NDArray[np.intp]  # (N,) their ranks among each other, 0 is the bottom one
     pitch: float  # sqrt(pixels of the canvas / N)
     radius: float  # pixels: within which neighbours were counted
-    measures: StrokeTable  # of the N strokes, see `columns.measure_strokes`
+    measures: StrokeTable  # of the N strokes, see `measure_strokes`
 
     def values(self, key: str) -> Array:
         """One measure of the strokes for which it is defined, in the unit in which it is shown."""

@@ -24,6 +24,7 @@ RADIUS_PITCHES = 4.0  # within which neighbours are counted: some 50 strokes
 ALIGNED_WITHIN = math.radians(20)  # directions of aligned strokes differ by less
 LARGEST_CANVAS = 2**20  # pixels: what hides what is looked at on a larger canvas reduced to so many
 THIN_FILM = 1e-4  # share of their opacity with which strokes are laid when none is to hide another
+DIRECTION_BINS = 18  # of 10 degrees each
 LEAST_PAINT = 1e-6  # pixels of paint on the canvas: less is none
 
 MEASURES = ruler.MEASURES | {
@@ -119,3 +120,10 @@ def _paint_of(strokes: Strokes, above: Tensor, size: tuple[int, int]) -> Tensor:
         picture = Tiled()(layers, above, size, torch.zeros(3)).image
         (slope,) = torch.autograd.grad(picture[0].sum(), color, allow_unused=True, materialize_grads=True)
     return slope[:, 0]
+
+
+def direction_shares(angle: Array, weight: Array | None = None) -> Array:
+    """Shares (DIRECTION_BINS,) of directions (n,) in degrees, by number or ``weight``; the first bin is about 0."""
+    number = np.floor(angle * DIRECTION_BINS / 180 + 0.5).astype(np.intp) % DIRECTION_BINS
+    shares = np.bincount(number, weight, DIRECTION_BINS)
+    return shares / (shares.sum() or 1)

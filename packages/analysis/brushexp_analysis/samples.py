@@ -3,11 +3,9 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from brushexp.results.stroke_table import DIRECTION_BINS, Array, direction_shares
 
-DIRECTION_BINS = 18  # of 10 degrees each
 EFFECT_SIZES = ((0.147, "negligible"), (0.33, "small"), (0.474, "medium"), (1.0, "large"))  # Romano et al., 2006
 STATISTICS = ("n", "mean", "sd", "q25", "median", "q75")
 COMPARISONS = ("difference", "standardised", "delta", "effect", "distance")
@@ -39,13 +37,6 @@ def mean_of_directions(angle: Array) -> complex:
 def degrees_of(mean: complex) -> float:
     """Direction in [0, 180) of a mean of doubled ones."""
     return math.degrees(0.5 * math.atan2(mean.imag, mean.real)) % 180 % 180
-
-
-def direction_shares(angle: Array, weight: Array | None = None) -> Array:
-    """Shares (DIRECTION_BINS,) of directions (n,) in degrees, by number or ``weight``; the first bin is about 0."""
-    number = np.floor(angle * DIRECTION_BINS / 180 + 0.5).astype(np.intp) % DIRECTION_BINS
-    shares = np.bincount(number, weight, DIRECTION_BINS)
-    return shares / (shares.sum() or 1)
 
 
 def entropy_of(angle: Array) -> float:

@@ -13,15 +13,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from brushexp.analysis.columns import MEASURES, Array
-from brushexp.analysis.samples import DIRECTION_BINS, direction_shares
-from brushexp.analysis.summary import OVERALL, Analysis, overall_of
-from brushexp.analysis.summary_text import relative_unit, strokes_in, three_digits, with_unit
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.reporting.plotting import COLORS, FAINT, INK, new_figure, save_figure, tidy, without_math
+from brushexp.results.stroke_table import DIRECTION_BINS, MEASURES, Array, direction_shares
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.measures import NEIGHBOURS, centre_of, direction_of, mean_direction, nearest_strokes
+from brushexp_analysis.summary import OVERALL, Analysis, overall_of
+from brushexp_analysis.summary_text import relative_unit, strokes_in, three_digits, with_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

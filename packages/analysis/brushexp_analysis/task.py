@@ -6,11 +6,11 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from brushexp.analysis.figures import write_figure
-from brushexp.analysis.summary import analysis_of, mean_measures
-from brushexp.analysis.summary_text import write_summary
 from brushexp.results.runs import shortened
 from brushexp.strokes.storage import load_catalogue
+from brushexp_analysis.figures import write_figure
+from brushexp_analysis.summary import analysis_of, mean_measures
+from brushexp_analysis.summary_text import write_summary
 
 log = logging.getLogger(__name__)
 

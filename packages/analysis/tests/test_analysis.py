@@ -10,20 +10,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from brushexp_analysis import figures, samples
+from brushexp_analysis import task as analyse
+from brushexp_analysis.summary import Analysis, analysis_of, comparison_of, overall_of, summary_of, thinnest_of
+from brushexp_analysis.summary_text import brushwork_text, strokes_csv, three_digits, write_summary
 from PIL import Image
 from scenes import random_strokes, straight
 from scipy.spatial.distance import cdist
 
-from brushexp.analysis import figures, samples
-from brushexp.analysis.columns import ALIGNED_WITHIN, MEASURES, RADIUS_PITCHES, measure_strokes
-from brushexp.analysis.summary import Analysis, analysis_of, comparison_of, overall_of, summary_of, thinnest_of
-from brushexp.analysis.summary_text import brushwork_text, strokes_csv, three_digits, write_summary
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import pixel_centres
 from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.results.stroke_table import (
+    ALIGNED_WITHIN,
+    DIRECTION_BINS,
+    MEASURES,
+    RADIUS_PITCHES,
+    direction_shares,
+    measure_strokes,
+)
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
-from brushexp.tasks import analyse
 
 SIZE = (60, 90)
 
@@ -148,8 +155,8 @@ def test_directions_have_a_mean_across_the_turn_shares_centred_on_the_axes_and_a
     assert min(numbers["mean"], 180 - numbers["mean"]) == pytest.approx(0, abs=1e-9)
     assert numbers["sd"] == pytest.approx(5, abs=0.01)
     assert numbers["median"] is None
-    share = samples.direction_shares(np.array([0.0, 4.9, 175.1, 90.0]))
-    assert (share[0], share[samples.DIRECTION_BINS // 2], share.sum()) == (0.75, 0.25, 1)
+    share = direction_shares(np.array([0.0, 4.9, 175.1, 90.0]))
+    assert (share[0], share[DIRECTION_BINS // 2], share.sum()) == (0.75, 0.25, 1)
     assert samples.entropy_of(np.full(50, 1.0)) == 0
     assert samples.entropy_of(np.arange(0.0, 1260, 10) % 180) == pytest.approx(1)
 
