@@ -49,7 +49,7 @@ WAYS = {  # what is typed
         *(*TRAIN, "epochs=3", "minutes=null", "limit=64", "fid=0", "critic=true", "critic_width=4"),
         *("renderer.width=4", "renderer.dense=16", "renderer.code=2"),
     ],
-    "discriminator": [*TRAIN, "model=discriminator", "trainer.max_steps=20", "epochs=null"],
+    "discriminator": [*SETTINGS, "task=train_discriminator", "batch_size=8", "trainer.max_steps=20", "epochs=null"],
 }
 ENDS = {"gradient": STEPS, "oil": STEPS, "film": FRAMES}  # what a whole run has done; others count as they like
 WEIGHTS = {"training": "neural.safetensors", "discriminator": "discriminator.safetensors"}

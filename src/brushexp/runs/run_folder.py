@@ -63,7 +63,7 @@ def take(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
     lock(folder)
     resumed = cfg.get("resume")
     goes_on = goes_on or (resumed is not None and Path(resumed).resolve() == folder.resolve())
-    if not goes_on and cfg.task in ("paint", "train", "prune"):
+    if not goes_on and "trainer" in cfg:  # it fits something to what it reads
         check_inputs(folder, cfg)
     if not goes_on and not grows(folder, cfg):
         if not cfg.overwrite:
