@@ -40,11 +40,11 @@ from brushexp.config.composition import check
 from brushexp.config.configs import composed, folders_of
 from brushexp.errors import UserError
 from brushexp.features.base import read_tensors
-from brushexp.pages.run_page import write_run_page
+from brushexp.pages.run_page import page_in
 from brushexp.pages.sweep_page import write_sweep_page
 from brushexp.painting.assembly import components_of
-from brushexp.painting.outputs import painted_with, renderer_of
 from brushexp.pictures.load import load_picture
+from brushexp.plugins.export.job import export_job
 from brushexp.plugins.renderer.base import RENDERERS, Renderer
 from brushexp.plugins.renderer.inverse_vgg import InverseVGG
 from brushexp.plugins.renderer.neural import Neural
@@ -57,6 +57,7 @@ from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.storage import load_catalogue, save_catalogue
 from brushexp.system.files import write_json, write_picture
 from brushexp.system.hdf5 import fixed, numbers_of
+from brushexp.tasks.view import finished_in
 
 CASES = int(os.environ.get("BRUSHEXP_FUZZ", "3"))  # of each kind of file and of damage: thousands to search for more
 SLOW = 6  # one case of kinds that are read into a whole page or fit, for so many of others
@@ -118,8 +119,7 @@ def read_catalogue(path: Path) -> None:
     check_strokes(saved.strokes)
     assert sorted(saved.depth.tolist()) == list(range(len(saved.strokes)))
     assert bool(((saved.background >= 0) & (saved.background <= 1)).all())
-    painted_with(saved)
-    renderer_of(saved)
+    export_job(saved)
 
 
 def write_set(folder: Path) -> Path:
@@ -192,7 +192,8 @@ def part(name: str) -> Callable[[Path], Path]:
 
 
 def read_run(path: Path) -> None:
-    write_run_page(next(folder for folder in path.parents if folder.name == "0"))
+    folder = next(folder for folder in path.parents if folder.name == "0")
+    page_in(folder, finished_in(folder, export_job(load_catalogue(folder / "catalogue.h5"))))
 
 
 def read_sweep(path: Path) -> None:

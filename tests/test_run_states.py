@@ -30,8 +30,7 @@ from hypothesis.stateful import (
 from PIL import Image
 from program import ended
 
-from brushexp.painting.outputs import export_job, renderer_of
-from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.export.job import export_job
 from brushexp.runs.run_folder import left_in
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import TEMPORARY
@@ -212,7 +211,7 @@ class Runs(RuleBasedStateMachine):
     def strokes_of(self, folder):
         """Of a painting, which is what they look like."""
         saved = load_catalogue(folder / "catalogue.h5")
-        job = export_job(saved, renderer_of(saved), Tiled(), saved.renderer)
+        job = export_job(saved)
         drawn = np.concatenate([band.permute(1, 2, 0).numpy() for _, band in job.bands()]) * 255
         with Image.open(folder / "painting.png") as painting:
             assert np.abs(drawn - np.asarray(painting)).max() < 1.01, "the painting is that of the catalogue"

@@ -13,11 +13,10 @@ from lightning.pytorch.callbacks import Timer
 from torch import Tensor
 
 from brushexp.compositing.layers import Layers
-from brushexp.compositing.mixing import mixing
 from brushexp.errors import UserError
 from brushexp.painting.components import Stage, standard_components
 from brushexp.painting.painter import Painter
-from brushexp.plugins.blend.base import Blend, pixel_centres
+from brushexp.plugins.blend.base import Blend, Compositor, pixel_centres
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.optimizer.torch import TorchOptim
 from brushexp.plugins.renderer.base import Renderer
@@ -119,18 +118,14 @@ def draw_scene(renderer: Renderer, blend: Blend, scene: StressScene, strokes: St
     strokes = strokes.map(lambda value: value.detach().clone().requires_grad_())
     layers = renderer(strokes)
     order = torch.arange(len(strokes)) if scene.order is None else scene.order
-    image = in_space(blend, scene.color)(layers, order, scene.size, torch.tensor(BACKGROUND)).image
+    compositor = Compositor(blend, build_named("color", scene.color, {}))
+    image = compositor(layers, order, scene.size, torch.tensor(BACKGROUND)).image
     error = image - scene.target.to(image)
     if image.requires_grad:
         error.square().mean().backward()
     gradient = {name: torch.zeros_like(v) if v.grad is None else v.grad for name, v in strokes.items()}
     pull = float(2 * error.detach().double().abs().mean())
     return DrawnScene(image.detach(), gradient, pull, _alpha_fault(layers, scene.size))
-
-
-def in_space(blend: Blend, color: str) -> Blend:
-    """The same blend in a colour space."""
-    return mixing(blend, build_named("color", color, {}))
 
 
 class Reference:
@@ -180,7 +175,9 @@ def check_painting(
     precise, kind = deepcopy(renderer).double(), DTYPES[dtype]
     stage = Stage(name, precise if dtype == "float64" else renderer, exercise.steps)
     optimizer = TorchOptim(lr=exercise.rate)
-    components = standard_components(stages=[stage], blend=in_space(blend, exercise.color), optimizer=optimizer)
+    components = standard_components(
+        stages=[stage], blend=blend, color=build_named("color", exercise.color, {}), optimizer=optimizer
+    )
     components = replace(components, **{family: build_named(family, *part) for family, part in exercise.parts.items()})
     strokes = random_strokes(STROKES if renderer.warm_up is None else FEW, CANVAS).map(lambda value: value.to(kind))
     quiet: dict[str, Any] = dict.fromkeys(("logger", "enable_checkpointing", "enable_progress_bar"), False)

@@ -11,11 +11,9 @@ import numpy as np
 from brushexp.errors import UserError
 from brushexp.features.distance import open_distance
 from brushexp.painting.metrics import measure
-from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.pictures.decode import FORMATS
 from brushexp.pictures.load import load_picture
-from brushexp.plugins.export.png import pixels
-from brushexp.registry import build_named
+from brushexp.plugins.export.job import export_job
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import to_bytes, write_json, write_picture
@@ -52,8 +50,8 @@ def drawn(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, int
     strokes = {}
     if path.suffix.lower() in CATALOGUES:
         saved = load_catalogue(path, "add")
-        job = export_job(saved, renderer_of(saved), build_named("blend", "tiled", {}), saved.renderer, max(shape))
-        found, strokes = pixels(replace(job, light=UNLIT)), {"n_strokes": len(saved.strokes)}
+        job = replace(export_job(saved, resolution=max(shape)), light=UNLIT)
+        found, strokes = job.picture(), {"n_strokes": len(saved.strokes)}
     else:
         found = to_bytes(load_picture(str(path), None, "add"))
     if found.shape != shape:

@@ -38,7 +38,7 @@ def analyse(painting: Painting | str | PathLike[str], *, radius: float | None = 
     """
     from brushexp.analysis.summary import analysis_of  # noqa: PLC0415
 
-    saved = painting.finished.saved if isinstance(painting, Painting) else load_catalogue(Path(painting))
+    saved = painting.finished.job.saved if isinstance(painting, Painting) else load_catalogue(Path(painting))
     name = "painting" if isinstance(painting, Painting) else str(painting)
     return analysis_of(saved, name, name, radius, visible, "catalogue")
 

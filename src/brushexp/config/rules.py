@@ -194,17 +194,17 @@ def check_simulate(cfg: DictConfig, overrides: Sequence[str]) -> None:
 def check_export(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """That the renderer can be built, and the painting has room in memory and in what it is exported to."""
     from brushexp.compositing.bands import cuts  # noqa: PLC0415
-    from brushexp.painting.outputs import export_job, renderer_of  # noqa: PLC0415
+    from brushexp.plugins.export.job import export_job  # noqa: PLC0415
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415
 
     saved = load_catalogue(Path(cfg.catalogue))
-    renderer = renderer_of(saved) if cfg.get("renderer") is None else build(cfg.renderer)
-    job = export_job(saved, renderer, build(cfg.blend), saved.renderer, cfg.resolution, cfg.catalogue)
+    renderer = None if cfg.get("renderer") is None else build(cfg.renderer)
+    job = export_job(saved, renderer, build(cfg.blend), resolution=cfg.resolution)
     for node in cfg.to.values():
         build(node).check(len(job.strokes), job.size)
-    windows = max(len(number) for _, _, number in cuts(job.strokes, job.size, renderer))
+    windows = max(len(number) for _, _, number in cuts(job.strokes, job.size, job.renderer))
     needed = (
-        len(job.strokes) * BYTES_PER_STROKE + windows * getattr(renderer, "window", 0) ** 2 * BYTES_PER_WINDOW_PIXEL
+        len(job.strokes) * BYTES_PER_STROKE + windows * getattr(job.renderer, "window", 0) ** 2 * BYTES_PER_WINDOW_PIXEL
     )
     what = f"{len(job.strokes)} strokes on {job.size[1]} x {job.size[0]} pixels"
     check_memory(needed, what, "choose a smaller resolution=, or renderer=analytic")
