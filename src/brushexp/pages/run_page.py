@@ -10,10 +10,8 @@ from typing import Any
 from urllib.parse import quote
 
 import numpy as np
-from brushexp_thesis.followed import PROCEDURES, departures
 from PIL import Image
 
-from brushexp.analysis.columns import StrokeTable, measure_strokes
 from brushexp.pages import drawings
 from brushexp.pages.html import embedded, page, readable_number
 from brushexp.pages.replay import recorded_config, replay_of
@@ -21,6 +19,7 @@ from brushexp.painting.finished import Finished
 from brushexp.registry import plugins
 from brushexp.results.anytime_curves import curve_from
 from brushexp.results.runs import command_of, read_curves
+from brushexp.results.stroke_table import StrokeTable, measure_strokes
 from brushexp.shading.light import overlay
 from brushexp.strokes.storage import Saved
 from brushexp.system.files import TEMPORARY, write_text
@@ -99,7 +98,6 @@ def run_page(
     saved, config = job.saved, recorded_config(job.saved)
     shown = {key: _shown(picture) for key, picture in pictures.items()}
     measures = measure_strokes(saved.strokes, saved.depth, saved.size) if len(saved.strokes) else None
-    settings = _settings(config, shlex.split(command or "")[1:])
     return page(
         "run.html.j2",
         name=name,
@@ -117,8 +115,7 @@ def run_page(
         curves=_curves(curves or {}, metrics),
         strokes=None if measures is None else _strokes(saved, measures),
         light=drawings.height_map(job) if measures is not None and "painting" in pictures else None,
-        settings=settings,
-        departures=_departures(settings),
+        settings=settings_as_typed(config, shlex.split(command or "")[1:]),
         line=line_of(config),
         command=command,
         files=files,
@@ -199,19 +196,12 @@ def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
     return str(embedded(light, LARGEST_SIDE, **WEBP)["source"])
 
 
-def _settings(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, str, bool]]:
+def settings_as_typed(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, str, bool]]:
     """List dotted keys, values as a user types them (a class by its name as a plugin), and whether they were typed."""
     typed = {word.lstrip("+~").partition("=")[0] for word in overrides}
     names = {plugin.target: plugin.name for plugin in plugins()}
     rows = ((key.removesuffix("._target_"), names.get(value, value)) for key, value in _flat(config))
     return [(key, value, key in typed) for key, value in rows]
-
-
-def _departures(settings: Sequence[tuple[str, str, bool]]) -> dict[str, Any] | None:
-    """Name the procedure that the run follows, and where it differs; None if it follows none."""
-    values = {key: value for key, value, _ in settings}
-    name = values.get("follows", "null")
-    return {"name": name, "rows": list(departures(name, values))} if name in PROCEDURES else None
 
 
 def line_of(config: Mapping[str, Any]) -> str:

@@ -44,9 +44,9 @@ def standard_components(
     from brushexp.plugins.blend.tiled import Tiled  # noqa: PLC0415  (the contracts above are all that others need)
     from brushexp.plugins.color.rgb import Rgb  # noqa: PLC0415
     from brushexp.plugins.density.fixed import Fixed  # noqa: PLC0415
-    from brushexp.plugins.loss.pixel import MeanSquaredError  # noqa: PLC0415
+    from brushexp.plugins.loss.mse import MeanSquaredError  # noqa: PLC0415
     from brushexp.plugins.optimizer.torch import TorchOptim  # noqa: PLC0415
-    from brushexp.plugins.order.orders import Area  # noqa: PLC0415
+    from brushexp.plugins.order.area import Area  # noqa: PLC0415
     from brushexp.plugins.renderer.analytic import Analytic  # noqa: PLC0415
     from brushexp.plugins.sampler.whole import Whole  # noqa: PLC0415
 
