@@ -120,7 +120,7 @@ class Painting:
         job = self.finished.job
         job = replace(job, saved=replace(job.saved, config=settings.yaml))
         finished = replace(self.finished, job=job, compute_metrics=lambda: self.metrics)
-        finished.write(into)
+        finished.write(into, finished.pictures)
         if finished.timelapse is not None:
             finished.timelapse.write(into)
         report(into, finished)

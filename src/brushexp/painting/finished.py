@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -45,19 +45,19 @@ class Finished:
 
     job: ExportJob
     pictures: Mapping[str, np.ndarray]
-    compute_metrics: Callable[[], Mapping[str, Any]]
+    compute_metrics: Callable[[], dict[str, Any]]
     timelapse: "Timelapse | None" = None
 
     @cached_property
-    def metrics(self) -> Mapping[str, Any]:
+    def metrics(self) -> dict[str, Any]:
         """The numbers of metrics.json, computed at the first look, because that takes as long as some steps."""
         return self.compute_metrics()
 
-    def write(self, folder: Path) -> None:
-        """Write pictures, catalogue, SVG and, when these are written, ``metrics.json``."""
+    def write(self, folder: Path, names: Collection[str] = ("painting", "flat")) -> None:
+        """Write pictures of some ``names``, catalogue, SVG and, when these are written, ``metrics.json``."""
         (folder / "metrics.json").unlink(missing_ok=True)  # of the painting that is being replaced
-        for name, picture in self.pictures.items():
-            write_picture(folder / f"{name}.png", picture)
+        for name in (name for name in names if name in self.pictures):
+            write_picture(folder / f"{name}.png", self.pictures[name])
         save_catalogue(folder / "catalogue.h5", self.job.saved)
         Svg().write(self.job, folder, (self.pictures.get("flat", self.pictures["painting"]), self.pictures["painting"]))
         write_json(folder / "metrics.json", self.metrics)

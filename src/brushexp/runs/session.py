@@ -19,6 +19,7 @@ from brushexp.results.runs import AT_WORK
 from brushexp.runs.fitting import conclude, fit, trainer_of
 from brushexp.runs.tracking import Trackers, trackers_of
 from brushexp.system.device import device_of
+from brushexp.system.files import write_picture
 
 log = logging.getLogger(__name__)
 ON_THE_WAY = 8  # frames of the timelapse that trackers get
@@ -79,6 +80,8 @@ def painted_into(
     """
     trackers = trackers_of(cfg, folder)  # says now what they lack
     session = Session(cfg, folder, callbacks)
+    for name, picture in session.pictures.items():  # before the steps: a disk may be full
+        write_picture(folder / f"{name}.png", picture)
     with trackers:
         session.fit(trackers, checkpoint)
         finished = session.finish(start)
