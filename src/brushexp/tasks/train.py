@@ -75,8 +75,7 @@ def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:
     renderer: Renderer = build(cfg.renderer)
     if cfg.renderer.get("checkpoint") is None:
         engine = cache(partial(enlarged, data.origin))  # not made if nothing is distilled
-        seed = data.sets[0].seed if data.sets else cfg.seed
-        renderer.distil(lambda parameters, first: engine()(parameters, seed=seed, first=first))
+        renderer.distil(lambda parameters, first: engine()(parameters, seed=data.first_seed, first=first))
     return renderer
 
 

@@ -64,6 +64,11 @@ class StrokeData(L.LightningDataModule, ABC):
     batch_size: int
     seed: int  # of strokes simulated on the way; else of their order
 
+    @property
+    def first_seed(self) -> int:
+        """The seed of the strokes; of several sets, that of the first."""
+        return self.sets[0].seed if self.sets else self.seed
+
     @abstractmethod
     def size(self, split: Split) -> int:
         """How many strokes of a split there are, of those for training in an epoch."""
