@@ -85,9 +85,9 @@ class DiscriminatorModule(NetworkModule):
 
 def shape_batch(n: int, seed: int, first: int) -> ShapeBatch:
     """``n`` valid strokes, number ``first`` and on of the prior, and the ``n`` after them corrupted."""
-    known = shapes_of(sample_prior(2 * n, seed, first))
+    shapes = shapes_of(sample_prior(2 * n, seed, first))
     state = np.random.SeedSequence([seed, first]).generate_state(1, np.uint64)
-    return ShapeBatch(known[:n], *corrupt(known[n:], torch.Generator().manual_seed(int(state[0]))))
+    return ShapeBatch(shapes[:n], *corrupt(shapes[n:], torch.Generator().manual_seed(int(state[0]))))
 
 
 def held_out_shapes(seed: int, split: Split) -> ShapeBatch:

@@ -51,8 +51,8 @@ class Changes:
         if self.begins:
             self.held = picture
             return torch.ones_like(picture[0], dtype=torch.bool)
-        found = (difference(picture, self.held) > self.threshold).float()
-        changed = functional.max_pool2d(found[None], 2 * GROWN + 1, 1, GROWN)[0] > 0
+        differs = (difference(picture, self.held) > self.threshold).float()
+        changed = functional.max_pool2d(differs[None], 2 * GROWN + 1, 1, GROWN)[0] > 0
         self.held = torch.where(changed, picture, self.held)
         return changed
 

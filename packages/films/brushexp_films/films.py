@@ -88,7 +88,7 @@ class PaintedFilm:
         painter.hand_over()
         return Cel(painter.strokes(), painter.depth.front_to_back, painter.picture.background)
 
-    def known(self, number: int) -> Cel | None:
+    def painted_before(self, number: int) -> Cel | None:
         """The strokes of a picture that was painted before, and so were all before it."""
         before, self.before = self.before, None  # from the first one that is missing on, all are painted anew
         if before is None or not (path := frame_in(before, number)).exists():
@@ -104,18 +104,18 @@ class PaintedFilm:
         return cel_of(saved, self.device)
 
     def take(self, number: int, target: Tensor) -> np.ndarray:
-        """Paint a picture, or take over its strokes where they are known, and return it (H, W, 3) in its light."""
-        since, scenes, known = time.monotonic(), self.reel.scenes, self.known(number)
-        if known is None:
+        """Paint a picture, or take over its strokes of an earlier run, and return it (H, W, 3) in its light."""
+        since, scenes, cel = time.monotonic(), self.reel.scenes, self.painted_before(number)
+        if cel is None:
             self.reel.paint(target)
         else:
-            self.reel.follow(target, known)
+            self.reel.follow(target, cel)
         picture = self.lit()
         if self.before is None or self.before.resolve() != self.folder.resolve():
             save_catalogue(frame_in(self.folder, number), self.saved())
         self.psnr.append(psnr_of(float((self.reel.image - target).square().mean())))
         self.flicker.add(torch.from_numpy(np.moveaxis(picture, 2, 0) / np.float32(255)), target.cpu())
-        if known is None and self.reel.scenes == scenes:
+        if cel is None and self.reel.scenes == scenes:
             self.seconds.append(time.monotonic() - since)
         return picture
 

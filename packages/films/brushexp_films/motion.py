@@ -24,5 +24,5 @@ def motion(first: Tensor, second: Tensor) -> Tensor:
         return torch.zeros_like(first[:2])
     down, across = optical_flow_ilk(*small, radius=RADIUS, num_warp=WARPS)
     zoom = max(1.0, max(first.shape[1:]) / SIDE)
-    found = torch.stack([torch.from_numpy(across), torch.from_numpy(down)]).to(first) * zoom
-    return functional.interpolate(found[None], first.shape[1:], mode="bilinear", align_corners=False)[0]
+    flow = torch.stack([torch.from_numpy(across), torch.from_numpy(down)]).to(first) * zoom
+    return functional.interpolate(flow[None], first.shape[1:], mode="bilinear", align_corners=False)[0]

@@ -151,10 +151,10 @@ def save_renderer(
     chosen = OmegaConf.to_container(cfg.renderer, resolve=True, enum_to_str=True)
     assert isinstance(chosen, dict)
     before = cfg.renderer.get("checkpoint")
-    known = {} if before is None else RENDERERS.read_recipe(RENDERERS.path_of(before))["options"]
+    inherited = {} if before is None else RENDERERS.read_recipe(RENDERERS.path_of(before))["options"]
     started = {"started_from": before}
     recipe = {
-        "options": {str(key): known.get(key) if value is None else value for key, value in chosen.items()}
+        "options": {str(key): inherited.get(key) if value is None else value for key, value in chosen.items()}
         | (options or {}),
         "data": data_recipe(data, cfg),
         "training": training_recipe(module, cfg) | started | (training or {}),

@@ -65,8 +65,8 @@ class RendererJob(NetworkJob):
 def with_weights(node: DictConfig, weights: Path) -> str:
     """The words that give a renderer these weights, and the options of its node that are not the usual ones."""
     usual = OmegaConf.structured(plugin_of(node).config)
-    given = {str(key): value for key, value in {**node, "checkpoint": str(weights)}.items() if value != usual[key]}
-    typed = {key: value if isinstance(value, str) else json.dumps(value, default=list) for key, value in given.items()}
+    chosen = {str(key): value for key, value in {**node, "checkpoint": str(weights)}.items() if value != usual[key]}
+    typed = {key: value if isinstance(value, str) else json.dumps(value, default=list) for key, value in chosen.items()}
     return shlex.join(f"renderer.{key}={value}" for key, value in typed.items())
 
 
@@ -82,7 +82,7 @@ def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:
 def enlarged(origin: Origin) -> Engine:
     """What made some strokes, as it paints them in the window `DISTILLED`, or in the largest that it takes."""
     options = {key: DISTILLED.get(key, value) for key, value in origin.engine_config.items()}
-    bounds = next((found.bounds.get("window") for found in plugins("engine") if found.name == origin.engine), None)
+    bounds = next((one.bounds.get("window") for one in plugins("engine") if one.name == origin.engine), None)
     if "window" in options and isinstance(bounds, Bounds):
         options["window"] = int(min(options["window"], bounds.high))
     engine: Engine = build_named("engine", origin.engine, options)

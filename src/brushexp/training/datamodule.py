@@ -86,9 +86,9 @@ class StrokeData(L.LightningDataModule, ABC):
     def test_dataloader(self) -> StrokeLoader:
         return self._loader(Split.TEST)
 
-    def count(self, split: Split, wanted: int | None) -> int:
-        """Strokes of a split: as many as wanted, and there."""
-        return min(self.size(split), wanted or self.size(split))
+    def count(self, split: Split, most: int | None) -> int:
+        """Number of strokes of a split, at most ``most``; None for all."""
+        return min(self.size(split), most or self.size(split))
 
     def first(self, split: Split, n: int) -> Iterator[StrokeBatch]:
         """The first n held-out strokes of a split."""
@@ -156,8 +156,8 @@ class StoredData(StrokeData):
         self.numbers = np.concatenate([np.arange(len(strokes)) for strokes in self.sets])
         self.places = {split: split.places(self.numbers) for split in Split}
         self.places[Split.TRAINING] = self.places[Split.TRAINING][:limit]
-        for split, found in self.places.items():
-            if not len(found):
+        for split, places in self.places.items():
+            if not len(places):
                 wrong = f"{', '.join(map(str, paths))}: no stroke is for {split.name.lower()} (limit={limit})"
                 raise UserError(f"{wrong}; simulate more than {2 * BLOCK} strokes, and set limit to 1 or more")
 
@@ -173,9 +173,9 @@ class StoredData(StrokeData):
         skip, waiting = first * n, places[:0]  # strokes that are read and not handed out yet
         images = pictures_of(self.shards, waiting)
         for group in groups:
-            wanted, skip = group[skip:], max(0, skip - len(group))
-            waiting = np.concatenate([waiting, wanted])
-            images = np.concatenate([images, pictures_of(self.shards, wanted)])
+            rest, skip = group[skip:], max(0, skip - len(group))
+            waiting = np.concatenate([waiting, rest])
+            images = np.concatenate([images, pictures_of(self.shards, rest)])
             while len(waiting) >= n:
                 yield self._batch(waiting[:n], images[:n])
                 waiting, images = waiting[n:], images[n:]

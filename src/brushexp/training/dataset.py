@@ -135,7 +135,7 @@ class Shard:
 
     def rows(self, dataset: h5py.Dataset, rows: Numbers) -> NDArray[Any]:
         """These rows of ``images`` or ``heights``, whose blocks are read once each; UserError if they are damaged."""
-        found = np.empty((len(rows), *dataset.shape[1:]), dataset.dtype)
+        values = np.empty((len(rows), *dataset.shape[1:]), dataset.dtype)
         blocks = rows // BLOCK
         with explaining(self.path, AGAIN):
             for block in np.unique(blocks):
@@ -143,8 +143,8 @@ class Shard:
                     check_chunk(dataset, (int(block) * BLOCK, *(0 for _ in dataset.shape[1:])))
                     self._checked.add((dataset.name, block))
                 here = np.flatnonzero(blocks == block)
-                found[here] = dataset[block * BLOCK : (block + 1) * BLOCK][rows[here] - block * BLOCK]
-        return found
+                values[here] = dataset[block * BLOCK : (block + 1) * BLOCK][rows[here] - block * BLOCK]
+        return values
 
 
 class StrokeSet:
@@ -162,14 +162,14 @@ class StrokeSet:
             raise UserError(f"there is no set of strokes at {path}; {cure}")
         self.shards = [Shard(file) for file in paths]
         self.origin, self.seed = self.shards[0].origin, self.shards[0].seed
-        there = 0
+        count = 0
         for shard in self.shards:
-            if shard.first != there:
+            if shard.first != count:
                 raise UserError(
-                    f"{shard.path} begins at stroke {shard.first}, but only {there} strokes are before it; "
+                    f"{shard.path} begins at stroke {shard.first}, but only {count} strokes are before it; "
                     "give the folder of the whole set, and simulate again what it lacks"
                 )
-            there += len(shard)
+            count += len(shard)
             if (shard.origin, shard.seed) != (self.origin, self.seed):
                 raise UserError(f"{shard.path} is of another set than {paths[0]}; give each a folder of its own")
 
@@ -181,10 +181,10 @@ def pictures_of(shards: Sequence[Shard], places: Numbers) -> Bytes:
     """Images (n, S, S, 4) of strokes, counted through all the shards; quickest where many of them share a block."""
     starts = np.cumsum([0, *map(len, shards)])
     owner = np.searchsorted(starts, places, side="right") - 1
-    found = np.empty((len(places), *shards[0].images.shape[1:]), np.uint8)
+    pictures = np.empty((len(places), *shards[0].images.shape[1:]), np.uint8)
     for k in np.unique(owner):
-        found[owner == k] = shards[k].rows(shards[k].images, places[owner == k] - starts[k])
-    return found
+        pictures[owner == k] = shards[k].rows(shards[k].images, places[owner == k] - starts[k])
+    return pictures
 
 
 def _whole_dataset(file: h5py.File, name: str, dtype: type, shape: tuple[int, ...]) -> h5py.Dataset:

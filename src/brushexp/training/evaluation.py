@@ -150,9 +150,9 @@ class FeatureDistance:
 
     def compare(self, drawn: Tensor, true: Tensor) -> None:
         """Take features (n, count) of as many strokes."""
-        for found, real in ((drawn, False), (true, True)):
-            self.fid.update(found, real=real)
-            self.kid.update(found, real=real)
+        for features, real in ((drawn, False), (true, True)):
+            self.fid.update(features, real=real)
+            self.kid.update(features, real=real)
 
     def figures(self) -> dict[str, float]:
         """``fid_<name>`` and ``kid_<name>``; not a number where there are fewer than two strokes."""
@@ -173,11 +173,11 @@ class FeatureDistance:
         n = SMALLEST_SET
         while n <= len(drawn):
             parts = [part for part in zip(drawn.split(n), true.split(n), strict=True) if len(part[0]) == n]
-            found = [self._of(*part) for part in parts]
+            distances = [self._of(*part) for part in parts]
             bias = [self._of(a, b) for (_, a), (_, b) in pairwise(parts)]
             row: dict[str, object] = {"n": n, "sets": len(parts)}
-            for key in found[0]:
-                values = torch.tensor([figures[key] for figures in found], dtype=torch.float64)
+            for key in distances[0]:
+                values = torch.tensor([figures[key] for figures in distances], dtype=torch.float64)
                 row |= {key: float(values.mean()), f"{key}_sd": float(values.std()) if len(values) > 1 else math.nan}
             key = f"fid_{self.name}"
             row[f"{key}_bias"] = sum(figures[key] for figures in bias) / len(bias) if bias else math.nan

@@ -120,4 +120,4 @@ class NetworkModule(L.LightningModule):
 
     def _timers(self) -> list[Timer]:
         callbacks = self.trainer.callbacks if self._trainer is not None else []  # type: ignore[attr-defined]
-        return [found for found in callbacks if isinstance(found, Timer)]
+        return [callback for callback in callbacks if isinstance(callback, Timer)]

@@ -99,9 +99,9 @@ class RendererModule(NetworkModule):
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         settings = self.settings
-        found = [parameter for parameter in self.renderer.parameters() if parameter.requires_grad]
+        trained = [parameter for parameter in self.renderer.parameters() if parameter.requires_grad]
         betas = BETAS if self.critic is None else CRITIC_BETAS
-        optimizer = optim.AdamW(found, settings.lr, betas, weight_decay=WEIGHT_DECAY)
+        optimizer = optim.AdamW(trained, settings.lr, betas, weight_decay=WEIGHT_DECAY)
         if self.critic is not None:
             weights = self.critic.parameters()
             self.critic_optimizer = optim.AdamW(weights, settings.critic_lr, CRITIC_BETAS, weight_decay=0.0)

@@ -101,22 +101,21 @@ def training_of(cfg: DictConfig) -> tuple[Origin | None, list[int]]:
     return Origin(str(recipe.get("engine")), recipe["engine_config"], recipe.get("window", 0)), valid
 
 
-def check_origin(cfg: DictConfig, found: Origin, seeds: Sequence[int]) -> None:
+def check_origin(cfg: DictConfig, origin: Origin, seeds: Sequence[int]) -> None:
     """Stop with a UserError if a trained renderer knows other brushes than those of the strokes, unless wanted.
 
     ``seeds`` are those of the sets, if there are any: an engine's brushes are drawn from its seed.
     """
     trained, trained_seeds = training_of(cfg)
-    if trained is not None and (difference := first_difference(trained.settings(), found.settings())):
-        name = f"engine={found.engine}" if cfg.data is None else cfg.data[0]
+    if trained is not None and (difference := first_difference(trained.settings(), origin.settings())):
+        name = f"engine={origin.engine}" if cfg.data is None else cfg.data[0]
         raise UserError(
             f"{name} was made with {difference[1]}, but the renderer was trained on strokes made with {difference[0]}; "
             "give a set made as that one was, or train a renderer on this one; other_data=true takes it all the same"
         )
     if trained is None or "brushes" not in trained.engine_config or not trained_seeds:
         return
-    others = [k for k, seed in enumerate(seeds) if seed not in trained_seeds]
-    if others:
+    if others := [k for k, seed in enumerate(seeds) if seed not in trained_seeds]:
         raise UserError(
             f"{cfg.data[others[0]]} holds strokes of brushes of seed {seeds[others[0]]}, but the renderer was trained "
             f"on those of seed {', '.join(map(str, trained_seeds))}; give a set of that seed, or set other_data=true"

@@ -54,11 +54,11 @@ def simulate_set(path: Path, engine: Engine, origin: Origin, seed: int, n: int, 
         for rest in path.glob(TEMPORARY):  # of writing that was killed
             rest.unlink()
         kept = whole_shards(path, origin, seed, n)
-        there = sum(map(len, kept.values()))
-        if there:
-            log.info("%s: %d of %d strokes are there already%s", path, there, n, "; going on" if there < n else "")
+        done = sum(map(len, kept.values()))
+        if done:
+            log.info("%s: %d of %d strokes are there already%s", path, done, n, "; going on" if done < n else "")
         _simulate_missing(path, engine, origin, seed, n, kept)
-    return n - there
+    return n - done
 
 
 def _simulate_missing(path: Path, engine: Engine, origin: Origin, seed: int, n: int, kept: dict[int, Shard]) -> None:
@@ -95,7 +95,7 @@ def _locked(path: Path, wait: bool) -> AbstractContextManager[object]:
 
 def whole_shards(path: Path, origin: Origin, seed: int, n: int) -> dict[int, Shard]:
     """The shards that are there, by their first strokes; a UserError if they do not belong to this set."""
-    found = {}
+    shards = {}
     for file in sorted(path.glob("[0-9]*.h5")):
         try:
             shard = Shard(file)
@@ -107,12 +107,12 @@ def whole_shards(path: Path, origin: Origin, seed: int, n: int) -> dict[int, Sha
             raise UserError(
                 f"{path} was made with {difference[0]}, this run has {difference[1]}; take the same or another path"
             )
-        if (there := shard.first + len(shard)) > n:
+        if (end := shard.first + len(shard)) > n:
             raise UserError(
-                f"{path} has {there} strokes already, more than n={n}; ask for at least as many or choose another path"
+                f"{path} has {end} strokes already, more than n={n}; ask for at least as many or choose another path"
             )
-        found[shard.first] = shard
-    return found
+        shards[shard.first] = shard
+    return shards
 
 
 def _write(path: Path, parts: list[Rows], first: int, origin: Origin, seed: int) -> None:
