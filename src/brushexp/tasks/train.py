@@ -34,6 +34,9 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 class RendererJob(NetworkJob):
     """Train a renderer on strokes of an engine."""
 
+    module: RendererModule
+    data: StrokeData
+
     def __init__(self, cfg: DictConfig, folder: Path, device: torch.device) -> None:
         self.cfg, self.device, self.name = cfg, device, plugin_of(cfg.renderer).name
         self.data = stroke_data(cfg)
