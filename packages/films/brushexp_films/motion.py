@@ -1,4 +1,4 @@
-"""How the parts of a film move from one picture to the next."""
+"""The motion between two pictures of a film is estimated."""
 
 import torch
 from torch import Tensor
@@ -12,7 +12,7 @@ WARPS = 3  # refinements of each level of the pyramid
 
 
 def motion(first: Tensor, second: Tensor) -> Tensor:
-    """Where each pixel of the ``first`` picture goes, (2, H, W): x to the right and y down, in pixels.
+    """Estimate where each pixel of the ``first`` picture goes, (2, H, W): x to the right and y down, in pixels.
 
     By the iterative Lucas-Kanade method of scikit-image (Le Besnerais and Champagnat, 2005) on the brightness of
     small copies of the pictures (3, H, W).

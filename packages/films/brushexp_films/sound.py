@@ -37,7 +37,7 @@ def add_sound(film: Path, source: Path, start: float = 0.0) -> None:
 
 
 def _packets(container: Any, stream: Any, into: Any, start: float, end: float) -> Iterator[Any]:
-    """Packets of a stream between two seconds, as those of a stream ``into`` which they are to go, from 0 on."""
+    """Copy the packets of a stream between two seconds into another stream, from second 0 on."""
     before = round(start / stream.time_base)
     for packet in container.demux(stream):
         if packet.pts is not None and start <= packet.pts * packet.time_base < end:

@@ -66,7 +66,7 @@ class RendererJob(NetworkJob):
 
 
 def with_weights(node: DictConfig, weights: Path) -> str:
-    """The words that give a renderer these weights, and the options of its node that are not the usual ones."""
+    """Write the words that give a renderer these weights and those options that differ from their defaults."""
     usual = OmegaConf.structured(plugin_of(node).config)
     chosen = {str(key): value for key, value in {**node, "checkpoint": str(weights)}.items() if value != usual[key]}
     typed = {key: value if isinstance(value, str) else json.dumps(value, default=list) for key, value in chosen.items()}
@@ -74,7 +74,7 @@ def with_weights(node: DictConfig, weights: Path) -> str:
 
 
 def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:
-    """The renderer to be trained; one without weights may first look at strokes of the engine, enlarged."""
+    """Build the renderer to be trained; one without weights may first look at strokes of the engine, enlarged."""
     renderer: Renderer = build(cfg.renderer)
     if cfg.renderer.get("checkpoint") is None:
         engine = cache(partial(enlarged, data.origin))  # not made if nothing is distilled
@@ -83,7 +83,7 @@ def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:
 
 
 def enlarged(origin: Origin) -> Engine:
-    """What made some strokes, as it paints them in the window `DISTILLED`, or in the largest that it takes."""
+    """Build the engine that made some strokes with the window `DISTILLED`, or the largest that it takes."""
     options = {key: DISTILLED.get(key, value) for key, value in origin.engine_config.items()}
     bounds = next((one.bounds.get("window") for one in plugins("engine") if one.name == origin.engine), None)
     if "window" in options and isinstance(bounds, Bounds):

@@ -1,4 +1,4 @@
-"""Batches of strokes for training: shuffled from files without holding them in memory, or simulated on the way."""
+"""Batches of strokes are shuffled from files without holding them in memory, or simulated on the way."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
@@ -71,11 +71,11 @@ class StrokeData(L.LightningDataModule, ABC):
 
     @abstractmethod
     def size(self, split: Split) -> int:
-        """How many strokes of a split there are, of those for training in an epoch."""
+        """Count the strokes of a split, of those for training in an epoch."""
 
     @abstractmethod
     def batches(self, split: Split, epoch: int, first: int) -> Iterator[StrokeBatch]:
-        """Batches number ``first`` and on of an epoch: training strokes shuffled, held-out ones in order."""
+        """Yield batches number ``first`` and on of an epoch: training strokes shuffled, held-out ones in order."""
 
     def train_dataloader(self) -> StrokeLoader:
         return self._loader(Split.TRAINING)
@@ -87,11 +87,11 @@ class StrokeData(L.LightningDataModule, ABC):
         return self._loader(Split.TEST)
 
     def count(self, split: Split, most: int | None) -> int:
-        """Number of strokes of a split, at most ``most``; None for all."""
+        """Count the strokes of a split, up to ``most``; None for all."""
         return min(self.size(split), most or self.size(split))
 
     def first(self, split: Split, n: int) -> Iterator[StrokeBatch]:
-        """The first n held-out strokes of a split."""
+        """Yield the first n held-out strokes of a split."""
         for batch in self._loader(split):
             if n <= 0:
                 break
@@ -99,7 +99,7 @@ class StrokeData(L.LightningDataModule, ABC):
             n -= len(batch.number)
 
     def first_batch(self, split: Split, n: int) -> StrokeBatch:
-        """The same in one batch."""
+        """Return the same in one batch."""
         return StrokeBatch(*map(torch.cat, zip(*self.first(split, n), strict=True)))
 
     def _loader(self, split: Split) -> StrokeLoader:
@@ -203,7 +203,7 @@ def require_compatible(sets: Sequence[StrokeSet]) -> None:
 
 
 def shuffled_groups(places: Numbers, blocks: Numbers, random: np.random.Generator) -> list[Numbers]:
-    """Places (n,), in order, as groups of whole blocks; blocks and the places in a group in random order."""
+    """Shuffle places (n,) in groups of whole blocks: the blocks, and the places in a group."""
     parts = np.split(places, 1 + np.flatnonzero(np.diff(blocks)))
     order = random.permutation(len(parts))
     groups = (order[k : k + GROUP] for k in range(0, len(order), GROUP))

@@ -1,4 +1,4 @@
-"""Where a task finds the strokes that it trains on, as its config says."""
+"""The config of a task names the strokes that it trains or measures on."""
 
 import hashlib
 import json
@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 
 
 def stroke_data(cfg: DictConfig) -> StrokeData:
-    """Strokes from the sets of ``data``; without any, from a set that is simulated first, or on the way."""
+    """Open the sets of ``data``; without any, simulate a set first, or strokes on the way."""
     batch_size, paths = cfg.get("batch_size", BATCH_STROKES), [Path(path) for path in cfg.data or ()]
     if not paths:
         node = engine_node(cfg)
@@ -43,7 +43,7 @@ def stroke_data(cfg: DictConfig) -> StrokeData:
 
 
 def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:
-    """Where the strokes came from."""
+    """Describe where the strokes came from, for a recipe."""
     origin = data.origin
     return {
         "engine": origin.engine,
@@ -56,7 +56,7 @@ def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:
 
 
 def origin_for(cfg: DictConfig) -> tuple[Origin, list[int]]:
-    """Where the strokes of `stroke_data` come from, before any are simulated, and the seeds of the sets, if any.
+    """Describe the origin of the strokes of `stroke_data`, before any are simulated, and the seeds of the sets, if any.
 
     UserError if the sets are none.
     """
@@ -68,7 +68,7 @@ def origin_for(cfg: DictConfig) -> tuple[Origin, list[int]]:
 
 
 def engine_node(cfg: DictConfig) -> DictConfig:
-    """The engine's part of the config; for a renderer that is measured, with the options of its own training.
+    """Take the engine's node of the config; a renderer that is measured has the options of its own training.
 
     Options that are typed win over those.
     """
@@ -86,7 +86,7 @@ def engine_node(cfg: DictConfig) -> DictConfig:
 
 
 def training_of(cfg: DictConfig) -> tuple[Origin | None, list[int]]:
-    """What made the strokes that a renderer was trained on, and their seeds, as far as its file says so.
+    """Read what made the strokes that a renderer was trained on, and their seeds, as far as its recipe says.
 
     It is (None, []), too, where ``other_data`` allows other strokes, or the task has no such key.
     """
