@@ -104,7 +104,7 @@ MISTAKES = {
     "timelapse_seconds=0.01": "timelapse_seconds is 0.01; choose 1.2 to ",
     "task=train simulate=3": "simulate=3 is not at least 33",
     "task=train simulate=null limit=9": "limit=9 is for sets",
-    "task=train model=discriminator simulate=300": "simulate=300 means nothing to model=discriminator",
+    "task=train model=discriminator simulate=300": "simulate is no key of task=train_discriminator; nearest first:",
     "task=train renderer.window=128": "renderer.window=128, but the strokes have 64 pixels; set renderer.window=64",
     "task=prune renderer.checkpoint=null": "there are no trained weights to prune",
     "task=prune renderer=textured": "Textured has no option for the widths of its layers; use renderer=inverse_vgg",

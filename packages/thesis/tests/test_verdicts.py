@@ -135,8 +135,11 @@ def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_tas
 def test_what_a_study_took_is_told_by_what_its_runs_noted(tmp_path, noted, cost):
     (tmp_path / ".hydra").mkdir()
     write_json(tmp_path / ".hydra" / "jobs.json", {"typed": TYPED})
-    make_study(tmp_path, **noted)
+    folder = make_study(tmp_path, **noted)
     assert studies_in([tmp_path], tmp_path)["mine"].cost == cost
+    if "cpu_seconds" in noted:
+        note(folder, 5, cpu_seconds=None)
+        assert studies_in([tmp_path], tmp_path)["mine"].cost == "2.75 CPU hours for 11 of them"
 
 
 def test_a_study_of_other_numbers_than_quality_has_its_table():
@@ -144,13 +147,6 @@ def test_a_study_of_other_numbers_than_quality_has_its_table():
     table = pd.DataFrame({"strokes_per_second": [10.0, 11.0, 12.0, 20.0, 21.0, 25.0]}, index)
     _, fluid = study_rows(Study("mine", (), table, 6, 6, 6, ""), paired_differences(table))
     assert (fluid["setting"], fluid["better on"]) == ("engine=fluid", "3 of 3")
-
-
-def test_what_some_runs_of_a_study_took_is_told_as_that(tmp_path):
-    (tmp_path / ".hydra").mkdir()
-    write_json(tmp_path / ".hydra" / "jobs.json", {"typed": TYPED})
-    note(make_study(tmp_path, cpu_seconds=900.0), 5, cpu_seconds=None)
-    assert studies_in([tmp_path], tmp_path)["mine"].cost == "2.75 CPU hours for 11 of them"
 
 
 def test_an_incomplete_claim_is_explained(tmp_path):

@@ -34,11 +34,6 @@ BYTES_PER_TRAINED_PIXEL = 48  # of a network's strokes: RGBA of the picture, of 
 AUTO = "auto"  # focus that is found in the picture, and a warm-up renderer that the chosen one names
 PAINTING_CURVES = ("psnr", "seconds", "loss/", "lr-")  # how the names of the curves begin that a callback may watch
 TRAINING_CURVES = ("validation/psnr_alpha", "validation/", "loss/", "lr-")
-DISCRIMINATOR = "discriminator"  # what task=train trains if it is no renderer
-USED_BY_DISCRIMINATOR = {
-    *("task", "model", "experiment", "logger", "callbacks", "trainer", "seed", "device", "threads", "output"),
-    *("overwrite", "batch_size", "epochs", "minutes", "lr", "ema", "checkpoint_every", "resume"),
-}
 
 
 def canvas_of(path: str, option: str) -> tuple[int, tuple[int, int]]:
@@ -122,13 +117,10 @@ def tell_unused(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 def check_train(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """That training ends, and that the strokes fit what is trained."""
-    check_ends(cfg)
-    if cfg.model == DISCRIMINATOR:
-        check_used(overrides)
-        return
     from brushexp.plugins.renderer.base import check_trainable  # noqa: PLC0415
     from brushexp.training.stroke_data import origin_for  # noqa: PLC0415
 
+    check_ends(cfg)
     if cfg.data is None and cfg.simulate is None and cfg.limit is not None:
         raise UserError(f"limit={cfg.limit} is for sets, and these strokes are simulated on the way; drop limit")
     origin, seeds = origin_for(cfg)
@@ -201,14 +193,6 @@ def check_monitors(cfg: DictConfig, curves: tuple[str, ...]) -> None:
         if node.get("save_top_k", 1) > 1 and node.monitor is None:
             some = f"callbacks.{name}.save_top_k={node.save_top_k}"
             raise UserError(f"{some} needs a curve to choose by; try callbacks.{name}.monitor={curves[0]}")
-
-
-def check_used(overrides: Sequence[str]) -> None:
-    """Stop with a UserError when the command line sets something that a discriminator has no use for."""
-    for override in overrides:
-        if override.lstrip("+~").partition("=")[0].partition(".")[0] not in USED_BY_DISCRIMINATOR:
-            reason = f"{override} means nothing to model=discriminator, which learns from the prior of strokes alone"
-            raise UserError(f"{reason}; drop it (there are: {', '.join(sorted(USED_BY_DISCRIMINATOR))})")
 
 
 def check_ends(cfg: DictConfig) -> None:

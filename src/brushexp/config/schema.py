@@ -133,15 +133,15 @@ class SimulateTask(Task):
 
 @dataclass
 class TrainTask(Task):
-    """Train a renderer on simulated strokes, or with model=discriminator a network that recognises valid strokes."""
+    """Train a renderer on simulated strokes."""
 
     module = "brushexp.tasks.train"
     check = staticmethod(rules.check_train)
     groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "engine": "fluid"} | NETWORK_FIT
-    presets: ClassVar[dict[str, str]] = {"trainer": "network", "model": "renderer"}
+    presets: ClassVar[dict[str, str]] = {"trainer": "network"}
     settings: ClassVar[dict[str, Any]] = {"renderer": {"checkpoint": None}}  # random weights
 
-    model: str = key("renderer", "what is trained", one_of("renderer", "discriminator"))
+    model: str = key("renderer", "what is trained", one_of("renderer"))
     data: list[str] | None = key(None, DATA, STROKES)
     simulate: int | None = key(10000, "without data: strokes of a set to be kept; null = fresh", at_least(SMALLEST_SET))
     sets: str = key("data", "folder of such sets")

@@ -19,7 +19,7 @@ from brushexp.registry import build
 class PruneTask(Task):
     """Remove channels of a trained renderer, train what is left a little further, and compare."""
 
-    module = "brushexp_pruning.task"
+    module = "brushexp_inverse_vgg.task"
     groups: ClassVar[dict[str, Any]] = {"renderer": "inverse_vgg", "blend": "tiled", "engine": "fluid"} | NETWORK_FIT
     presets: ClassVar[dict[str, str]] = {"trainer": "network"}
 
@@ -39,7 +39,7 @@ class PruneTask(Task):
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
         from brushexp.plugins.renderer.base import check_trainable  # noqa: PLC0415
         from brushexp.training.stroke_data import check_origin, origin_for  # noqa: PLC0415
-        from brushexp_pruning.pruning import check_prunable  # noqa: PLC0415
+        from brushexp_inverse_vgg.pruning import check_prunable  # noqa: PLC0415
 
         if not cfg.ratios:
             raise UserError("ratios=[] prunes nothing; try 'ratios=[0,0.25,0.5]'")

@@ -8,9 +8,9 @@ import torch
 from torch import Tensor, nn
 
 from brushexp.errors import UserError
-from brushexp.plugins.renderer.inverse_vgg import COARSEST, Coarsest, InverseVGG
 from brushexp.training.datamodule import StrokeBatch
 from brushexp.training.evaluation import squared_error
+from brushexp_inverse_vgg.inverse_vgg import COARSEST, Coarsest, InverseVGG
 
 MULTIPLE = 8  # widths stay multiples of this: processors compute so many channels at once
 

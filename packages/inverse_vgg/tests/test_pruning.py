@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 import torch
-from brushexp_pruning import task
-from brushexp_pruning.pruning import MULTIPLE, prune
+from brushexp_inverse_vgg import task
+from brushexp_inverse_vgg.inverse_vgg import InverseVGG
+from brushexp_inverse_vgg.pruning import MULTIPLE, prune
 from sweeps import read_csv
 
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import RENDERERS, window_pictures
-from brushexp.plugins.renderer.inverse_vgg import InverseVGG
 from brushexp.registry import build_named
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.callbacks import TimedCheckpoint

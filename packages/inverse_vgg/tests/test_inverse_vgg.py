@@ -8,14 +8,8 @@ from pathlib import Path
 
 import pytest
 import torch
-from safetensors.torch import load_file, save_file
-from torch.nn import functional
-
-from brushexp.compositing.windows import Windows
-from brushexp.errors import UserError
-from brushexp.plugins.renderer import base, inverse_vgg
-from brushexp.plugins.renderer.base import LEAST_ALPHA, PRECISIONS, RENDERERS, PatchRenderer, window_pictures
-from brushexp.plugins.renderer.inverse_vgg import (
+from brushexp_inverse_vgg import inverse_vgg
+from brushexp_inverse_vgg.inverse_vgg import (
     ACTIVATIONS,
     COORDINATES,
     NORMALISATIONS,
@@ -23,6 +17,13 @@ from brushexp.plugins.renderer.inverse_vgg import (
     InverseVGG,
     stroke_planes,
 )
+from safetensors.torch import load_file, save_file
+from torch.nn import functional
+
+from brushexp.compositing.windows import Windows
+from brushexp.errors import UserError
+from brushexp.plugins.renderer import base
+from brushexp.plugins.renderer.base import LEAST_ALPHA, PRECISIONS, RENDERERS, PatchRenderer, window_pictures
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, sample_prior, strokes_of
 from brushexp.system.checkpoint import weights_hash

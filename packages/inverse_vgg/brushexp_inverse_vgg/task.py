@@ -11,10 +11,11 @@ import torch
 from omegaconf import DictConfig
 
 from brushexp.plugins.renderer.base import RENDERERS, Renderer
-from brushexp.plugins.renderer.inverse_vgg import InverseVGG
 from brushexp.registry import build, plugin_of
+from brushexp.results.stroke_sheets import COLUMNS, sheet_of_strokes
 from brushexp.results.tables import csv_table, markdown_table
 from brushexp.runs.fitting import conclude
+from brushexp.runs.network_fitting import fit_network, renderer_settings, save_renderer
 from brushexp.runs.tracking import trackers_of
 from brushexp.system.device import device_of
 from brushexp.system.files import write_picture, write_text
@@ -22,11 +23,10 @@ from brushexp.training.benchmark import device_of_weights, evaluate, for_paintin
 from brushexp.training.datamodule import StrokeData
 from brushexp.training.dataset import Split
 from brushexp.training.evaluation import HeldOutSheet, effl0_distance
-from brushexp.training.network_fitting import fit_network, renderer_settings, save_renderer
 from brushexp.training.renderer_module import RendererModule
 from brushexp.training.stroke_data import stroke_data
-from brushexp.training.stroke_sheets import COLUMNS, sheet_of_strokes
-from brushexp_pruning.pruning import prune
+from brushexp_inverse_vgg.inverse_vgg import InverseVGG
+from brushexp_inverse_vgg.pruning import prune
 
 RANKING_BATCHES = 4  # of training strokes, by which channels are ranked
 COMPARED = ("l2", "psnr_alpha", "psnr_color", "fid_effl0")  # before and after fine-tuning

@@ -1,4 +1,4 @@
-"""The loss of a network that knows what valid strokes look like; `training.discriminator_module` trains it."""
+"""The loss of a network that recognises valid strokes; `discriminator_module` trains it."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ DISCRIMINATORS = CheckpointFormat(
     noun="discriminator",
     family="loss",
     node=f"loss.{NAME}",
-    task=f"task=train model={NAME}",
+    task=f"task=train_{NAME}",
     without="the one that comes with the program",
     shipped=Path(__file__).parent / "weights",
 )
@@ -66,7 +66,7 @@ class Discriminated(Loss):
     Args:
         weight: factor in the sum of losses. On a portrait ``mse`` alone left a third of the strokes valid, with the
             default of this loss two thirds at a cost of 0.2 dB, and 0.001 left four fifths at about the same cost.
-        checkpoint: .safetensors of ``task=train model=discriminator``; null takes the one that comes with the program.
+        checkpoint: .safetensors of ``task=train_discriminator``; null takes the one that comes with the program.
     """
 
     weight = 0.0001

@@ -1,9 +1,12 @@
-"""What training a network and fine-tuning a pruned one share: the fit, and the recipe of what it leaves."""
+"""A network is trained from its config to its end, and its weights are saved with a recipe."""
 
 import logging
-from collections.abc import Sequence
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from datetime import timedelta
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import lightning as L
@@ -14,14 +17,73 @@ from omegaconf import DictConfig, OmegaConf
 
 from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import plugin_of
-from brushexp.runs.fitting import fit, trainer_of
+from brushexp.runs.fitting import conclude, fit, interrupted_run, trainer_of
+from brushexp.runs.tracking import trackers_of
 from brushexp.system.callbacks import MovingAverage
+from brushexp.system.device import device_of
+from brushexp.system.files import write_json
+from brushexp.system.runtime import peak_memory
 from brushexp.training.datamodule import StrokeData
 from brushexp.training.network_module import NetworkModule
 from brushexp.training.renderer_module import RendererModule, RendererSettings
 from brushexp.training.stroke_data import data_recipe
 
+MAIN_FIGURES = ("psnr_alpha", "psnr_color", "accuracy", "auc")  # in the log
+
 log = logging.getLogger(__name__)
+
+
+class NetworkJob(ABC):
+    """One network that a task trains, the data that it learns from, and what the run leaves."""
+
+    module: NetworkModule
+    data: L.LightningDataModule
+    callbacks: Sequence[L.Callback] = ()
+    pictures: Mapping[str, Path] = MappingProxyType({})  # for the trackers, by name
+    weights: Path  # the file that `finish` writes
+    use: str  # the command that paints with these weights
+
+    @abstractmethod
+    def finish(self) -> dict[str, object]:
+        """Write the weights with their recipe, and return the figures of the network on held-out strokes."""
+
+
+def train_network(
+    begin: Callable[[DictConfig, Path, torch.device], NetworkJob], cfg: DictConfig, folder: Path, start: float
+) -> dict[str, object]:
+    """Train one network, write it and its numbers into the run's folder, and return those of metrics.json."""
+    resumed = None
+    if cfg.get("resume") is not None:
+        resumed, cfg = interrupted_run(Path(cfg.resume), cfg)
+    device = device_of(cfg.device)
+    trackers = trackers_of(cfg, folder)  # refuses what they lack before strokes are simulated
+    L.seed_everything(cfg.seed, verbose=False)
+    job = begin(cfg, folder, device)
+    module = job.module
+    with trackers:
+        failure = fit_network(module, job.data, cfg, folder, device, [trackers], job.callbacks, resumed)
+        (folder / "metrics.json").unlink(missing_ok=True)  # of weights that are being replaced
+        metrics = {
+            **job.finish(),
+            "steps": module.global_step,
+            "strokes_seen": module.seen,
+            "strokes_per_second": module.seen / module.seconds if module.seconds else None,
+            "seconds": module.seconds,
+            "cpu_seconds": module.cpu_seconds,
+            "seconds_total": None if resumed else time.monotonic() - start,  # a resumed run has several starts
+            "peak_memory_mb": peak_memory(),
+            "device": str(device),
+            "status": module.stop or "completed",
+        }
+        write_json(folder / "metrics.json", metrics)
+        trackers.report(metrics, pictures=job.pictures, files={"weights": job.weights})
+    conclude(module, folder, cfg, failure, module.global_step)
+    figures = ", ".join(f"{key} {metrics[key]:.4g}" for key in MAIN_FIGURES if key in metrics)
+    log.info(
+        "%s: %s on held-out strokes, %d steps in %.1f s; paint with it: %s",
+        *(job.weights, figures, module.global_step, module.seconds, job.use),
+    )
+    return metrics
 
 
 class Stopwatch(Timer):

@@ -102,34 +102,30 @@ class InverseVGG(PatchRenderer):
         self.coordconv, self.tint, self.activate = coordconv, tint, getattr(functional, activation)
         sides = [COARSEST * 2**k for k in range((window // subpixel // COARSEST).bit_length())]
         by_size = [min(width * sides[-1] // side, widest) for side in sides]
-        widths = [*dense, by_size[0], *(after for after in by_size[1:] for _ in range(CONVOLUTIONS))]
-        if channels is not None:
-            possible = isinstance(channels, list) and all(isinstance(n, int) and 1 <= n <= 65536 for n in channels)
-            if not possible or len(channels) != len(widths):
-                wrong = f"renderer.channels={in_short(channels)} are not {len(widths)} widths, all but the last"
-                raise UserError(f"{wrong}; leave it at null, or give those of task=prune")
-            widths = channels
-        numbers = 9 * sum(a * b for a, b in pairwise(widths))
-        if numbers > LARGEST:
-            raise UserError(f"renderer.width, widest, dense make {numbers:.0e} weights; take fewer than {LARGEST:.0e}")
-        known, seen = widths[: len(dense)], widths[len(dense) :]
-        self.dense = nn.ModuleList(nn.Linear(a, b) for a, b in zip([10, *known], known, strict=False))
-        self.first = Coarsest(known[-1], seen[0])
-        self.growing = nn.ModuleList(_enlarge(before, upsampling) for before in seen[:-1:CONVOLUTIONS])
+        widths = _checked([*dense, by_size[0], *(n for n in by_size[1:] for _ in range(CONVOLUTIONS))], channels)
+        in_dense, in_pictures = widths[: len(dense)], widths[len(dense) :]
+        self.dense = nn.ModuleList(nn.Linear(a, b) for a, b in zip([10, *in_dense], in_dense, strict=False))
+        self.first = Coarsest(in_dense[-1], in_pictures[0])
+        self.growing = nn.ModuleList(_enlarge(before, upsampling) for before in in_pictures[:-1:CONVOLUTIONS])
         self.convolving = nn.ModuleList()
-        for k, (before, after) in enumerate(pairwise(seen)):
+        for k, (before, after) in enumerate(pairwise(in_pictures)):
             side = sides[1 + k // CONVOLUTIONS]
             planes = 2 if coordconv == "window" else 0
             if coordconv == "stroke" and k % CONVOLUTIONS == 0:
                 planes = PLANES * (subpixel**2 if side == sides[-1] else 1)
             self.convolving.append(_Layer(before, after, side, planes, noise, normalisation))
-        self.last = nn.Conv2d(seen[-1], 4 * subpixel**2, 3, padding=1)
+        self.last = nn.Conv2d(in_pictures[-1], 4 * subpixel**2, 3, padding=1)
         self.apply(initialise)
         with torch.no_grad():
             self.last.weight.mul_(LAST_GAIN)
             assert self.last.bias is not None
             self.last.bias[3 * subpixel**2 :] = EMPTY  # pixel_shuffle takes a channel's squares one after another
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # a fifth faster on a processor
+        self.restore(
+            checkpoint, window=window, width=width, widest=widest, dense=dense, subpixel=subpixel, coordconv=coordconv,
+            tint=tint, noise=noise, activation=activation, normalisation=normalisation, upsampling=upsampling,
+            channels=channels,
+        )  # fmt: skip
 
     def draw(self, parameters: Tensor) -> Tensor:
         x = parameters
@@ -163,6 +159,20 @@ class InverseVGG(PatchRenderer):
             line = (torch.arange(side, device=parameters.device, dtype=parameters.dtype) + 0.5) * (2 / side) - 1
             return torch.stack([line.expand(side, side), line[:, None].expand(side, side)])[None]
         return None
+
+
+def _checked(widths: list[int], channels: list[int] | None) -> list[int]:
+    """The ``channels`` of a pruned network in place of the usual widths; what cannot be is refused (UserError)."""
+    if channels is not None:
+        possible = isinstance(channels, list) and all(isinstance(n, int) and 1 <= n <= 65536 for n in channels)
+        if not possible or len(channels) != len(widths):
+            wrong = f"renderer.channels={in_short(channels)} are not {len(widths)} widths, all but the last"
+            raise UserError(f"{wrong}; leave it at null, or give those of task=prune")
+        widths = channels
+    numbers = 9 * sum(a * b for a, b in pairwise(widths))
+    if numbers > LARGEST:
+        raise UserError(f"renderer.width, widest, dense make {numbers:.0e} weights; take fewer than {LARGEST:.0e}")
+    return widths
 
 
 class Coarsest(nn.Linear):
