@@ -19,6 +19,7 @@ from brushexp.registry import build_named
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import to_bytes, write_json, write_picture
+from brushexp.system.run_files import METRICS_FILE
 
 CATALOGUES = (".h5", ".json")
 PICTURES = (*(f".{name.lower()}" for name in FORMATS), ".jpg", ".tif")
@@ -39,12 +40,13 @@ def add_paintings(
         target_pixels = to_bytes(load_picture(image, None, "target"))
         pixels, strokes = drawn(path, target_pixels.shape)
         run = folder / path.stem
-        run.mkdir(parents=True, exist_ok=True)
+        (run / ".hydra").mkdir(parents=True, exist_ok=True)
         write_picture(run / "painting.png", pixels)
         write_picture(run / "target.png", target_pixels)
+        write_json(run / ".hydra" / "config.yaml", {"image": image})  # of which YAML is a superset
         metrics = {key: value for key, value in {**numbers, **strokes}.items() if value is not None}
-        metrics |= {"status": "completed", "overrides": {"image": image}, "painter": name}
-        write_json(run / "result.json", measure(pixels, target_pixels, lpips) | metrics)
+        metrics |= {"status": "completed", "painter": name}
+        write_json(run / METRICS_FILE, measure(pixels, target_pixels, lpips) | metrics)
 
 
 def drawn(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, int]]:
