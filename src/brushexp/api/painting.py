@@ -19,11 +19,12 @@ from brushexp.pages.run_page import run_page
 from brushexp.painting.finished import Finished
 from brushexp.plugins.export.job import LARGEST_SIDE_PIXELS, ExportJob
 from brushexp.registry import build_named
-from brushexp.runs.run_folder import check_inputs, clear, is_unused, note_others, note_words, release, take
+from brushexp.runs.run_folder import check_inputs, clear, note_words, release, take
 from brushexp.runs.runner import explaining_to_users
 from brushexp.runs.session import painted, painted_into, report
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.catalogue import Strokes
+from brushexp.system.run_files import recorded
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -108,22 +109,21 @@ class Painting:
         curves.
         """
         into = Path(folder)
-        is_new = is_unused(into)
         (into / ".hydra").mkdir(parents=True, exist_ok=True)
-        if is_new:
-            note_others(into)
         check_inputs(into, self.settings.cfg)
-        if not is_new and into.resolve() != self.settings.folder:
+        if into.resolve() != self.settings.folder:
             clear(into, self.settings.cfg)
-        settings = held_as_files(self.settings, into)
-        note_words(into, settings.cfg, settings.words)
         job = self.finished.job
-        job = replace(job, saved=replace(job.saved, config=settings.yaml))
-        finished = replace(self.finished, job=job, compute_metrics=lambda: self.metrics)
-        finished.write(into, finished.pictures)
-        if finished.timelapse is not None:
-            finished.timelapse.write(into)
-        report(into, finished)
+        with recorded(into):
+            settings = held_as_files(self.settings, into)
+            note_words(into, settings.cfg, settings.words)
+            job = replace(job, saved=replace(job.saved, config=settings.yaml))
+            finished = replace(self.finished, job=job, compute_metrics=lambda: self.metrics)
+            finished.write(into, finished.pictures)
+            if finished.timelapse is not None:
+                finished.timelapse.write(into)
+            report(into, finished)
+            finished.conclude(into)
         return into / "report.html"
 
     def _repr_html_(self) -> str:

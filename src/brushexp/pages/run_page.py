@@ -36,7 +36,7 @@ FILES = {  # of a run, in the order in which the page has them
     "metrics.json": "its numbers",
     "curves/metrics.csv": "the curves, as a table",
 }
-OF_THE_FOLDER = ("lock", "others.txt", "at_work", TEMPORARY)
+OF_THE_FOLDER = ("lock", "files.txt", TEMPORARY)
 LEFT_OUT = (PAGE_NAME, "checkpoint.ckpt", *OF_THE_FOLDER)  # of what a run has left
 LARGEST_SIDE = 1600  # pixels of the longer side of a picture in a page, at most
 LOSSLESS = 2**18  # pixels of a picture that is embedded as a PNG; a larger one is embedded as a JPEG

@@ -28,6 +28,7 @@ from brushexp.shading.light import Light
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, save_catalogue
 from brushexp.system.files import to_bytes, write_json, write_picture
+from brushexp.system.run_files import AT_WORK, METRICS_FILE, UNFINISHED
 from brushexp.system.runtime import peak_memory
 
 if TYPE_CHECKING:  # a page of a painting on disk needs no Lightning
@@ -55,12 +56,17 @@ class Finished:
 
     def write(self, folder: Path, names: Collection[str] = ("painting", "flat")) -> None:
         """Write pictures of some ``names``, catalogue, SVG and, when these are written, ``metrics.json``."""
-        (folder / "metrics.json").unlink(missing_ok=True)  # of the painting that is being replaced
+        (folder / METRICS_FILE).unlink(missing_ok=True)  # that of the painting that is being replaced
         for name in (name for name in names if name in self.pictures):
             write_picture(folder / f"{name}.png", self.pictures[name])
         save_catalogue(folder / "catalogue.h5", self.job.saved)
         Svg().write(self.job, folder, (self.pictures.get("flat", self.pictures["painting"]), self.pictures["painting"]))
-        write_json(folder / "metrics.json", self.metrics)
+        others_follow = {} if self.metrics["status"] in UNFINISHED else {"status": AT_WORK}
+        write_json(folder / METRICS_FILE, self.metrics | others_follow)
+
+    def conclude(self, folder: Path) -> None:
+        """Write into ``metrics.json`` how the painting ended: now all other files are written."""
+        write_json(folder / METRICS_FILE, self.metrics)
 
 
 def finish(
@@ -92,7 +98,7 @@ def finish(
         lit = {"psnr_lit": picture_psnr(results["painting"], target)}
     timelapse.add(torch.from_numpy(results["painting"]).permute(2, 0, 1) / 255, painter.schedule.step)
     painter.anytime.add(painter.schedule.seconds, picture_psnr(flat, target))
-    numbers = lit | style_distances(painter, cfg) | {"painter": plugin_of(cfg.painter).name}
+    numbers = lit | style_distances(painter, cfg) | {"painter": plugin_of(cfg.painter).name, "loss": "+".join(cfg.loss)}
     numbers |= effort_of(painter, len(strokes))
 
     def compute_metrics() -> dict[str, object]:

@@ -19,6 +19,7 @@ from brushexp.results.runs import gather, read_result
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import write_text
+from brushexp.system.run_files import METRICS_FILE
 
 log = logging.getLogger(__name__)
 PICTURES = ("target", "painting", "flat", "style", "focus")  # of a run, as `Finished` names them
@@ -47,7 +48,7 @@ def pages_of(cfg: DictConfig, folder: Path) -> dict[str, Path]:
     elif (source / "catalogue.h5").is_file():
         job = reopened(cfg, source / "catalogue.h5")
         write_text(page, page_in(source, finished_in(source, job)))  # the folder of the run stays as it is
-    elif any(source.glob("*/result.json")):
+    elif any(source.glob(f"*/{METRICS_FILE}")):
         runs = gather([source], folder)
         write_sweep_page(folder, runs)
         links = [Path(name, PAGE_NAME) for name in runs.index]  # a browser goes from / by ../../sweep/3 to /sweep/3
@@ -77,7 +78,7 @@ def drawn(job: ExportJob) -> Finished:
 
 def finished_in(folder: Path, job: ExportJob) -> Finished:
     """Read the finished painting of a run from its folder; a damaged picture is left out, with a warning."""
-    pictures, metrics = dict[str, np.ndarray](), folder / "metrics.json"
+    pictures = dict[str, np.ndarray]()
     for name in PICTURES:
         if (path := folder / f"{name}.png").exists():
             try:
@@ -85,4 +86,4 @@ def finished_in(folder: Path, job: ExportJob) -> Finished:
                     pictures[name] = np.asarray(image.convert("RGB"))
             except UserError as error:
                 log.warning("%s is left out: %s", path, error)
-    return Finished(job, pictures, lambda: read_result(metrics) if metrics.is_file() else {})
+    return Finished(job, pictures, lambda: read_result(folder) if (folder / METRICS_FILE).is_file() else {})
