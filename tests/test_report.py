@@ -16,10 +16,12 @@ from PIL import Image
 from sweeps import collect, make_grid, make_run, note, read_csv
 
 from brushexp.errors import UserError
-from brushexp.results import contact_sheet, sweep
+from brushexp.reporting.tables import csv_table, latex_table, markdown_table
+from brushexp.results import contact_sheet
 from brushexp.results.contact_sheet import LIMIT, SIDE, SheetCell, draw_sheet
 from brushexp.results.runs import parse_overrides
-from brushexp.results.tables import csv_table, latex_table, markdown_table, write_run_tables
+from brushexp.results.tables import write_run_tables
+from brushexp.runs import sweep_report as sweep
 from brushexp.runs.sweep_report import SweepReport, first_line, renew
 from brushexp.system.files import write_picture
 

@@ -62,6 +62,7 @@ PRESETS = {
     "loss/stronger": "defaults: [mse_strong]\nweight: 3.0\n",
     "loss/own_package": "# @package loss.own_package\ndefaults: [mse@_here_, _self_]\nweight: 4.0\n",
     "loss/both": "defaults: [mse, l1, _self_]\nmse:\n  weight: 5.0\n",
+    "metric/likeness": "defaults: [ssim]\n",
     "to/large": "defaults: [png]\n",
     "logger/table": "defaults: [csv]\n",
     "callbacks/rates": "defaults: [learning_rate_monitor]\n",

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from brushexp.reporting.plotting import INK, new_figure, save_figure, without_math
-from brushexp.results.tables import csv_table, markdown_table
+from brushexp.reporting.tables import csv_table, markdown_table
 from brushexp_extremes.check import GRADIENT_BOUNDS, PICTURE_BOUNDS, Outcome
 from brushexp_extremes.matrix import KINDS, MatrixCell
 

@@ -19,9 +19,9 @@ from torch import Tensor
 from brushexp.errors import UserError
 from brushexp.painting.assembly import components_of
 from brushexp.painting.goals import goals_of
-from brushexp.painting.metrics import psnr_of
 from brushexp.painting.preparation import prepared
 from brushexp.pictures.load import planes_of, size_of_picture
+from brushexp.pictures.similarity import psnr_of
 from brushexp.pictures.video import add_sound, filming
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.png import pixels

@@ -13,7 +13,7 @@ from omegaconf import DictConfig
 from brushexp.plugins.renderer.base import RENDERERS, Renderer
 from brushexp.plugins.renderer.inverse_vgg import InverseVGG
 from brushexp.registry import build, plugin_of
-from brushexp.results.tables import csv_table, markdown_table
+from brushexp.reporting.tables import csv_table, markdown_table
 from brushexp.runs.fitting import conclude
 from brushexp.runs.tracking import trackers_of
 from brushexp.system.device import device_of

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from brushexp.errors import UserError
-from brushexp.features.distance import open_distance
-from brushexp.painting.metrics import measure
+from brushexp.painting.metrics import measure, official_lpips, standard_metrics
 from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.pictures.decode import FORMATS
 from brushexp.pictures.load import load_picture
@@ -34,7 +33,7 @@ def add_paintings(
     belong together. ``name`` is that of the painter, ``numbers`` are what else is known. UserError if they do not
     match.
     """
-    lpips = None if lpips_weights is None else open_distance(lpips_backbone, lpips_weights, "lpips_weights")
+    metrics = standard_metrics() | official_lpips(lpips_backbone, lpips_weights)
     for path, image in _pairs(painting, target):
         wanted = to_bytes(load_picture(image, None, "target"))
         found, strokes = drawn(path, wanted.shape)
@@ -44,7 +43,7 @@ def add_paintings(
         write_picture(into / "target.png", wanted)
         known = {key: value for key, value in {**numbers, **strokes}.items() if value is not None}
         result = {"status": "completed", "overrides": {"image": image}, "painter": name}
-        write_json(into / "result.json", result | measure(found, wanted, lpips) | known)
+        write_json(into / "result.json", result | measure(metrics, found, wanted) | known)
 
 
 def drawn(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, int]]:

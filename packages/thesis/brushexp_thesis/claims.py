@@ -12,7 +12,7 @@ from hydra.errors import HydraException
 
 from brushexp.errors import UserError
 from brushexp.results.paired import NOT_DECIDED, Difference
-from brushexp.results.tables import METRICS
+from brushexp.results.quantities import quantities
 from brushexp.runs.sweep_report import first_line
 from brushexp.system.reading import read_text, yaml_of
 
@@ -64,7 +64,7 @@ def read_claims(path: Path = SHIPPED_CLAIMS) -> dict[str, list[Claim]]:
         raise UserError(f"claims={path}: each claim has the keys {', '.join(sorted(KEYS))}: {error}") from error
     for claim in (claim for listed in claims.values() for claim in listed):
         texts = (claim.says, claim.setting, claim.against)
-        if claim.metric not in tuple(METRICS) or claim.expects not in (BETTER, NO_WORSE, OPEN):
+        if claim.metric not in tuple(quantities()) or claim.expects not in (BETTER, NO_WORSE, OPEN):
             raise UserError(f"claims={path}: '{claim.says}' has an unknown metric or expects; see the first lines")
         if not all(isinstance(text, str) for text in texts):
             raise UserError(f"claims={path}: '{claim.says}' has a setting or against that is no text; quote it")

@@ -7,9 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from brushexp.reporting.tables import MISSING, csv_table, escaped, latex_table, markdown_table
 from brushexp.results.paired import CONFIDENCE, interval
+from brushexp.results.quantities import quantities
 from brushexp.results.runs import told_apart
-from brushexp.results.tables import METRICS, MISSING, csv_table, escaped, latex_table, markdown_table
 from brushexp.system.files import write_text
 from brushexp_thesis.published import PublishedFigures
 from brushexp_thesis.standings import COLUMNS, Row, Section, stem_of
@@ -83,7 +84,7 @@ def at_equal_seconds(section: Section) -> list[dict[str, str]]:
     return [
         {"painter": row.painter, "settings": row.settings, "strokes": count_of(row.strokes)}
         | {
-            f"{time:g} s": _with_interval(interval(psnr), METRICS["psnr"].digits)
+            f"{time:g} s": _with_interval(interval(psnr), quantities()["psnr"].digits)
             if (psnr := row.psnr_at(time))
             else MISSING
             for time in section.times

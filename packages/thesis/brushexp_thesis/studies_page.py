@@ -8,8 +8,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from brushexp.reporting.tables import markdown_table
 from brushexp.results.paired import PANELS, PICTURE, Difference, paired_differences, rule_for, write_paired_plot
-from brushexp.results.tables import METRICS, markdown_table
+from brushexp.results.quantities import quantities
 from brushexp.system.files import write_text
 from brushexp_thesis.claims import NOT_RUN, Claim
 from brushexp_thesis.study_records import EXPERIMENT, Study
@@ -33,7 +34,7 @@ def write_verdicts(
             "thesis": claim.section,
             "study": f"[{claim.study}](#{claim.study})",
             "compared": f"{claim.setting} against {claim.against}",
-            "metric": METRICS[claim.metric].name,
+            "metric": quantities()[claim.metric].name,
             "verdict": claim.judged(found),
             "measured": "" if found is None else found.sentence,
         }
@@ -42,7 +43,8 @@ def write_verdicts(
     verdicts = Counter(row["verdict"] for row in rows)
     counts = ", ".join(f"{verdict} {count}" for verdict, count in verdicts.most_common())
     metrics = dict.fromkeys([*PANELS, *(claim.metric for claim, _ in judged)])
-    matters = ", ".join(f"{METRICS[key].name} {METRICS[key].matters:g}" for key in metrics if METRICS[key].matters)
+    compared = [quantities()[key] for key in metrics]
+    matters = ", ".join(f"{quantity.name} {quantity.matters:g}" for quantity in compared if quantity.matters)
     head = [
         "# Ablations",
         "",
@@ -123,15 +125,13 @@ def _study_table(study: Study, found: Sequence[Difference]) -> str:
     assert study.table is not None
     means = study.table.loc[(slice(None), study.units), :].groupby(level=0, sort=False).mean()
     known = {(one.option, one.metric): one for one in found}
-    rows = []
+    shown = quantities()
+    first_shown, rows = shown[metrics[0]], []
     for option in means.index:
-        row = {
-            "setting": option,
-            METRICS[metrics[0]].name: f"{means.loc[option, metrics[0]]:.{METRICS[metrics[0]].digits}f}",
-        }
+        row = {"setting": option, first_shown.name: f"{means.loc[option, metrics[0]]:.{first_shown.digits}f}"}
         for key in metrics:
             one = known.get((option, key))
-            row[f"{METRICS[key].name}, change"] = "reference" if one is None else f"{one.shown(one.mean)} {one.bounds}"
+            row[f"{shown[key].name}, change"] = "reference" if one is None else f"{one.shown(one.mean)} {one.bounds}"
         first = known.get((option, metrics[0]))
         row["better on"] = "" if first is None else f"{sum(g > 0 for g in first.gains.values())} of {len(first.gains)}"
         rows.append(row)

@@ -15,8 +15,8 @@ import pandas as pd
 
 from brushexp.errors import UserError
 from brushexp.results.paired import Difference, paired_differences, paired_table
+from brushexp.results.quantities import quantities
 from brushexp.results.runs import JOBS, UNFINISHED, gather
-from brushexp.results.tables import METRICS
 from brushexp.system.files import write_text
 from brushexp.system.reading import json_of, read_text
 from brushexp_thesis.claims import Claim
@@ -75,7 +75,7 @@ class Study:
     def record(self, path: Path) -> None:
         """Keep it as a file from which `studies_in` reads it again."""
         assert self.table is not None
-        known = self.table[[key for key in METRICS if key in self.table and self.table[key].notna().any()]]
+        known = self.table[[key for key in quantities() if key in self.table and self.table[key].notna().any()]]
         told = {name: getattr(self, name) for name in ("name", "words", "n_jobs", "n_runs", "n_finished", "cost")}
         write_text(path, f"# {json.dumps(told)}\n{known.to_csv(float_format=f'%.{DIGITS}g', lineterminator=chr(10))}")
 

@@ -9,7 +9,7 @@ import numpy as np
 from brushexp.analysis.columns import MEASURES
 from brushexp.analysis.samples import statistics_of
 from brushexp.analysis.summary import OVERALL, Analysis, comparison_of, in_units, overall_of, summary_of, thinnest_of
-from brushexp.results.tables import MISSING, csv_table, escaped, markdown_table
+from brushexp.reporting.tables import MISSING, csv_table, escaped, markdown_table
 from brushexp.strokes.brushwork import MIN_OPACITY
 from brushexp.strokes.measures import Measure
 from brushexp.system.files import write_json, write_text

@@ -85,6 +85,7 @@ STROKES = Rule(_is_set)
 def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """The losses, strokes, mask and catalogue for a picture of this size, and that memory holds it."""
     from brushexp.painting.assembly import budget_of, check_losses, check_size  # noqa: PLC0415
+    from brushexp.painting.metrics import official_lpips  # noqa: PLC0415
 
     names = [plugin.name for plugin in plugins("renderer")]
     tell_unused(cfg, overrides)
@@ -105,10 +106,7 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
     check_size(cfg, strokes, size)
     if cfg.style.image is not None:
         build(cfg.style.loss).check(size)
-    if cfg.lpips_weights is not None:
-        from brushexp.features.distance import open_distance  # noqa: PLC0415
-
-        open_distance(cfg.lpips_backbone, cfg.lpips_weights, "lpips_weights")
+    official_lpips(cfg.lpips_backbone, cfg.lpips_weights)
     if cfg.timelapse_seconds is not None:
         from brushexp.painting.timelapse import Timelapse  # noqa: PLC0415
 

@@ -1,7 +1,7 @@
 """A finished painting in memory: its strokes, its pictures and its numbers, and the files that it makes."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -11,16 +11,17 @@ import numpy as np
 import torch
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.features.distance import Distance
 from brushexp.painting.assembly import STYLE
-from brushexp.painting.metrics import measure, picture_psnr
+from brushexp.painting.metrics import measure
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.timelapse import Timelapse
 from brushexp.painting.wet import wetted
+from brushexp.pictures.similarity import picture_psnr
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.png import pixels
 from brushexp.plugins.export.svg import Svg
 from brushexp.plugins.loss.style import Style
+from brushexp.plugins.metric.base import Metric
 from brushexp.registry import plugin_of
 from brushexp.shading.light import Light
 from brushexp.strokes.catalogue import Strokes
@@ -63,7 +64,7 @@ class Finished:
         write_json(folder / "metrics.json", self.metrics)
 
 
-def finish(painter: PaintingModule, cfg: DictConfig, timelapse: Timelapse, lpips: Distance | None = None) -> Finished:
+def finish(painter: PaintingModule, cfg: DictConfig, timelapse: Timelapse, metrics: Mapping[str, Metric]) -> Finished:
     """What a painter has come to; under a lamp, all but catalogue, colours and metrics show it."""
     painter.schedule.pause()
     painter.hand_over()
@@ -81,7 +82,7 @@ def finish(painter: PaintingModule, cfg: DictConfig, timelapse: Timelapse, lpips
     painter.anytime.add(painter.schedule.seconds, picture_psnr(flat, target))
     others = lit | style_of(painter, cfg) | {"painter": plugin_of(cfg.painter).name}
     others |= effort_of(painter, len(strokes))
-    compare = partial(measure, flat, target, lpips, canvas.focus)
+    compare = partial(measure, metrics, flat, target, focus=canvas.focus, strokes=saved.strokes)
     return Finished(saved, job, picture, flat, target, compare, others, timelapse)
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from brushexp.errors import UserError
-from brushexp.results.tables import METRICS
+from brushexp.results.quantities import quantities
 
 DIRECTIONS = {"higher": "maximize", "lower": "minimize"}  # as Optuna calls them
 
@@ -27,11 +27,11 @@ def better_direction(objective: str | None, typed: str | None) -> str:
         raise UserError("Optuna needs objective=: the number of metrics.json that it improves; try objective=psnr")
     if typed is not None and typed not in choices:
         raise UserError(f"{option}={typed} is not one of {', '.join(choices)}; drop it")
-    metric = METRICS.get(objective)
+    metric = quantities().get(objective)
     known = DIRECTIONS.get(metric.better) if metric else None
     if known and typed not in (None, known):
         raise UserError(f"{option}={typed} looks for the worst {objective}; drop it")
     if not (known or typed):
-        names = ", ".join(name for name, metric in METRICS.items() if metric.better)
+        names = ", ".join(name for name, metric in quantities().items() if metric.better)
         raise UserError(f"nobody knows which {objective} is better; add {option}=minimize or maximize (known: {names})")
     return known or str(typed)

@@ -10,9 +10,9 @@ import lightning as L
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
-from brushexp.features.distance import open_distance
 from brushexp.painting.finished import Finished, finish
 from brushexp.painting.goals import goals_of
+from brushexp.painting.metrics import metrics_of
 from brushexp.painting.outputs import summary_line
 from brushexp.painting.preparation import prepared
 from brushexp.painting.timelapse import Timelapse
@@ -35,8 +35,7 @@ class Session:
     def __init__(self, cfg: DictConfig, folder: Path | None = None, callbacks: Sequence[L.Callback] = ()) -> None:
         self.cfg, self.folder = cfg, folder
         self.device = device_of(cfg.device)
-        weights = cfg.lpips_weights
-        self.lpips = None if weights is None else open_distance(cfg.lpips_backbone, weights, "lpips_weights")
+        self.metrics = metrics_of(cfg)
         L.seed_everything(cfg.seed, verbose=False)
         start = prepared(cfg)
         self.pictures, self.painter = start.pictures, start.painter.to(self.device)
@@ -56,7 +55,7 @@ class Session:
 
     def finish(self) -> Finished:
         """What the painter has come to."""
-        return finish(self.painter, self.cfg, self.timelapse, self.lpips)
+        return finish(self.painter, self.cfg, self.timelapse, self.metrics)
 
     def conclude(self) -> None:
         """Raise what has kept the fit from its end, if anything has; else its checkpoint is removed."""

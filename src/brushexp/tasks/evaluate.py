@@ -12,7 +12,7 @@ from omegaconf import DictConfig
 from brushexp.plugins.engine.base import Engine
 from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import build, build_named, plugin_of
-from brushexp.results.tables import csv_table
+from brushexp.reporting.tables import csv_table
 from brushexp.system.checkpoint import weights_hash
 from brushexp.system.device import device_of
 from brushexp.system.files import write_picture, write_text
