@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 from brushexp_discriminator.loss import Discriminated
+from brushexp_losses.sinkhorn import Sinkhorn
 from scenes import random_strokes
 from torch import Tensor
 from torch.testing import assert_close
@@ -20,7 +21,6 @@ from brushexp.plugins.loss.l1 import MeanAbsoluteError
 from brushexp.plugins.loss.lpips import Lpips
 from brushexp.plugins.loss.mse import MeanSquaredError
 from brushexp.plugins.loss.perceptual import Perceptual
-from brushexp.plugins.loss.sinkhorn import Sinkhorn
 from brushexp.plugins.loss.ssim import StructuralSimilarity
 from brushexp.plugins.loss.style import KERNELS, Style, TapStyle
 from brushexp.plugins.loss.width import Width

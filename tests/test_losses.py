@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from brushexp_losses.sinkhorn import Sinkhorn
 from networks import saved, state_of, torchvision_features
 from torch import Tensor
 from torch.testing import assert_close
@@ -21,7 +22,6 @@ from brushexp.plugins.loss.l1 import MeanAbsoluteError
 from brushexp.plugins.loss.lpips import Lpips
 from brushexp.plugins.loss.mse import MeanSquaredError
 from brushexp.plugins.loss.perceptual import Perceptual
-from brushexp.plugins.loss.sinkhorn import Sinkhorn
 from brushexp.plugins.loss.ssim import StructuralSimilarity
 from brushexp.plugins.loss.style import KERNELS, Style
 from brushexp.registry import build_named
