@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from brushexp_discriminator.loss import Discriminated
+from brushexp_discriminator.discriminator import Discriminated
 from brushexp_losses.sinkhorn import Sinkhorn
 from scenes import random_strokes
 from torch import Tensor

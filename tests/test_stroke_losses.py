@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from brushexp_discriminator.loss import Discriminated
+from brushexp_discriminator.discriminator import Discriminated
 from scenes import leaves, random_strokes
 from torch import Tensor
 from torch.distributions import MultivariateNormal, kl_divergence

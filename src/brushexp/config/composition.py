@@ -18,7 +18,7 @@ from brushexp.cli.mistakes import unknown_key, unknown_option
 from brushexp.config.configs import files_of
 from brushexp.config.keys import groups_of, keys_of, publish
 from brushexp.config.looks import offer_looks
-from brushexp.config.tasks import TASKS
+from brushexp.config.tasks import TASKS, task_for
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, MULTI_SELECT, build, options_in, plugin_of, plugins
 
@@ -112,6 +112,8 @@ def offer_presets(family: str, paths: dict[str, Path]) -> None:
 def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
     """Stop at what is wrong with a composed config and no error of Hydra; the UserError has the override to mend it."""
     schema = TASKS[cfg.task]
+    if (other := task_for(cfg.task, cfg)) != cfg.task:  # type: ignore[arg-type]
+        raise UserError(f"task={cfg.task} leaves this to task={other}; type brushexp task={other} and the same words")
     for family in MULTI_SELECT:
         if any(override.startswith(f"+{family}=") for override in overrides):
             raise UserError(f"+{family}=... is ignored by Hydra beside a list; name them all: '{family}=[mse,...]'")

@@ -15,7 +15,7 @@ from brushexp.plugins.order.base import front_to_back
 from brushexp.plugins.painter.base import Commission
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes, check_strokes
-from brushexp.testing import Check, Make
+from brushexp.testing.checks import Check, Make
 
 SIZE = (24, 40)  # not square: catches a swap of height and width
 
