@@ -11,6 +11,7 @@ from typing import Any
 
 from brushexp.reporting.tables import markdown_table
 from brushexp.results.paired import PANELS, PICTURE, Difference, paired_differences, rule_for, write_paired_plot
+from brushexp.results.quantities import quantities
 from brushexp.system.files import write_text
 from brushexp_thesis.claims import Claim
 from brushexp_thesis.study_records import EXPERIMENT, Study
