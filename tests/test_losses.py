@@ -15,7 +15,6 @@ from torchmetrics.functional.image import structural_similarity_index_measure
 
 from brushexp.errors import UserError
 from brushexp.features.distance import open_distance, perceptual_distance
-from brushexp.painting.metrics import measure, official_lpips, standard_metrics
 from brushexp.pictures.focus import focus_weights
 from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.plugins.loss.l1 import MeanAbsoluteError
@@ -192,14 +191,3 @@ def test_positions_without_activation_have_a_slope():
     assert (seen[0] == 0).all()
     distance.compare(seen, [torch.rand_like(value) for value in seen]).backward()
     assert picture.grad.isfinite().all()
-
-
-def test_metrics_hold_the_official_distance_if_there_is_a_file(tmp_path):
-    a, b = np.random.default_rng(0).integers(0, 256, (2, 40, 33, 3), dtype=np.uint8)
-    official = official_lpips("alexnet", str(saved(tmp_path, state_of("alexnet"))))
-    found = measure(standard_metrics() | official, a, b)
-    shown = [torch.tensor(x).permute(2, 0, 1) / 255 for x in (a, b)]
-    assert found["lpips_alexnet"] == pytest.approx(float(official["lpips"].distance(*shown)))
-    assert found == measure(standard_metrics(), a, b) | {"lpips_alexnet": found["lpips_alexnet"]}
-    similarity = structural_similarity_index_measure(*(picture[None].double() for picture in shown), data_range=1.0)
-    assert found["ssim"] == pytest.approx(float(similarity), abs=1e-6)

@@ -105,7 +105,7 @@ def export_job(
 
 def summary_line(folder: Path, metrics: dict[str, object]) -> str:
     """One line per result: where the painting is, of how many strokes, how long it took, how near it is."""
-    psnr, ssim, seconds = metrics["psnr"], metrics["ssim"], metrics["seconds"]
+    psnr, ssim, seconds = metrics["psnr"], metrics.get("ssim"), metrics["seconds"]
     quality = f"{psnr:.2f} dB" if isinstance(psnr, float) and math.isfinite(psnr) else "identical to the target"
     if "psnr_lit" in metrics:
         quality += f" ({metrics['psnr_lit']:.2f} dB in the light)"
