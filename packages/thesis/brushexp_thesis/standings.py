@@ -19,7 +19,8 @@ from brushexp.reporting.tables import MISSING
 from brushexp.results.anytime_curves import TIMES, Curve, curve_from, mean_curve, quality_at
 from brushexp.results.paired import interval
 from brushexp.results.quantities import Quantity, quantities
-from brushexp.results.runs import UNFINISHED, differences, image_name, setting_of, words_of
+from brushexp.results.runs import differences, image_name, setting_of, words_of
+from brushexp.system.run_files import UNFINISHED
 from brushexp_thesis.published import PublishedFigures
 
 if TYPE_CHECKING:
@@ -169,7 +170,7 @@ def _entry(run: Any, metrics: Mapping[str, Any], settings: tuple[str, ...]) -> E
         numbers={key: float(metrics[key]) for key in COLUMNS if isinstance(metrics.get(key), int | float)},
         curve=curve_from(run["anytime"]),
         folder=run["folder"],
-        command=run["command"] if words_of(run["folder"]) is not None else "",
+        command=run["command"] if words_of(run["folder"]) else "",
     )
 
 
