@@ -244,7 +244,7 @@ def test_a_painting_ends_when_nobody_wants_more(end):
 
 
 def test_what_goes_wrong_on_the_way_is_raised_in_the_caller(monkeypatch):
-    monkeypatch.setattr("brushexp.painting.finished.measure", lambda *_: 1 / 0)
+    monkeypatch.setattr("brushexp.painting.finished.measure", lambda *_, **__: 1 / 0)
     states = brushexp.iterate("chelsea", every=2, **SMALL)
     with pytest.raises(ZeroDivisionError):
         list(states)

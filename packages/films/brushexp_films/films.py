@@ -19,9 +19,9 @@ from brushexp.errors import UserError
 from brushexp.painting.assembly import components_of
 from brushexp.painting.finished import bare_job
 from brushexp.painting.goals import goals_of
-from brushexp.painting.metrics import psnr_of
 from brushexp.painting.preparation import prepared
 from brushexp.pictures.load import planes_of, size_at
+from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.export.base import ExportJob
 from brushexp.runs.fitting import conclude, fit, trainer_of
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from brushexp.errors import UserError
-from brushexp.features.distance import open_distance
-from brushexp.painting.metrics import measure
+from brushexp.painting.metrics import measure, official_lpips, standard_metrics
 from brushexp.pictures.decode import FORMATS
 from brushexp.pictures.load import load_picture
 from brushexp.plugins.export.job import export_job
@@ -33,7 +32,7 @@ def add_paintings(
     belong together. ``name`` is that of the painter, ``numbers`` are what else is known. UserError if they do not
     match.
     """
-    lpips = None if lpips_weights is None else open_distance(lpips_backbone, lpips_weights, "lpips_weights")
+    metrics = standard_metrics() | official_lpips(lpips_backbone, lpips_weights)
     for path, image in _pairs(painting, target):
         target_pixels = to_bytes(load_picture(image, None, "target"))
         pixels, strokes = drawn(path, target_pixels.shape)
@@ -42,9 +41,9 @@ def add_paintings(
         write_picture(run / "painting.png", pixels)
         write_picture(run / "target.png", target_pixels)
         write_json(run / ".hydra" / "config.yaml", {"image": image})  # of which YAML is a superset
-        metrics = {key: value for key, value in {**numbers, **strokes}.items() if value is not None}
-        metrics |= {"status": "completed", "painter": name}
-        write_json(run / METRICS_FILE, measure(pixels, target_pixels, lpips) | metrics)
+        others = {key: value for key, value in {**numbers, **strokes}.items() if value is not None}
+        others |= {"status": "completed", "painter": name}
+        write_json(run / METRICS_FILE, measure(metrics, pixels, target_pixels) | others)
 
 
 def drawn(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, int]]:

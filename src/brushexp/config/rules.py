@@ -81,6 +81,7 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
 def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int]) -> None:
     """Refuse losses, strokes, a mask or a catalogue that do not fit a picture of this size (H, W), or the memory."""
     from brushexp.painting.assembly import budget_of, check_losses, check_size  # noqa: PLC0415
+    from brushexp.painting.metrics import official_lpips  # noqa: PLC0415
 
     names = [plugin.name for plugin in plugins("renderer")]
     tell_unused(cfg, overrides)
@@ -99,10 +100,7 @@ def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, i
     check_size(cfg, strokes, size)
     if cfg.style.image is not None:
         build(cfg.style.loss).check(size)
-    if cfg.lpips_weights is not None:
-        from brushexp.features.distance import open_distance  # noqa: PLC0415
-
-        open_distance(cfg.lpips_backbone, cfg.lpips_weights, "lpips_weights")
+    official_lpips(cfg.lpips_backbone, cfg.lpips_weights)
     if cfg.timelapse_seconds is not None:
         from brushexp.painting.timelapse import Timelapse  # noqa: PLC0415
 

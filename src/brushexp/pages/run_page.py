@@ -18,6 +18,7 @@ from brushexp.pages.replay import recorded_config, replay_of
 from brushexp.painting.finished import Finished
 from brushexp.registry import plugins
 from brushexp.results.anytime_curves import curve_from
+from brushexp.results.quantities import quantities
 from brushexp.results.runs import command_of, read_curves
 from brushexp.results.stroke_table import StrokeTable, measure_strokes
 from brushexp.shading.light import overlay
@@ -42,16 +43,11 @@ LARGEST_SIDE = 1600  # pixels of the longer side of a picture in a page, at most
 LOSSLESS = 2**18  # pixels of a picture that is embedded as a PNG; a larger one is embedded as a JPEG
 JPEG = {"format": "JPEG", "quality": 92, "subsampling": 0}
 WEBP = {"format": "WEBP", "quality": 85, "alpha_quality": 100, "method": 0}  # of the light
-METRICS_SHOWN = (  # of metrics.json: key, name, unit, digits, what it is
+NUMBERS_SHOWN = (  # of metrics.json before what metrics give: key, name, unit, digits, what it is
     ("n_strokes", "strokes", "", 0, "in the catalogue"),
     ("steps", "steps", "", 0, "of gradient descent"),
     ("seconds", "optimisation", "s", 1, "wall time of the steps"),
-    ("psnr", "PSNR", "dB", 2, "peak signal-to-noise ratio, all pixels of the 8-bit pictures"),
     ("psnr_lit", "PSNR in the light", "dB", 2, "of the painting under its lamp, which the target knows nothing of"),
-    ("ssim", "SSIM", "", 3, "structural similarity (Wang et al., 2004); 1 is identical"),
-    ("l1", "L1", "", 4, "mean |difference|, 0 to 1"),
-    ("perceptual", "perceptual", "", 3, "distance in the features of a small network; 0 is identical"),
-    ("psnr_focus", "PSNR in focus", "dB", 2, "of the mean squared error, weighted by the focus"),
 )
 
 
@@ -138,9 +134,10 @@ def _lead(saved: Saved, metrics: Mapping[str, Any]) -> str:
 def _figures(metrics: Mapping[str, Any]) -> list[dict[str, str]]:
     if metrics.get("psnr") is None and metrics.get("l1") == 0:
         metrics = {**metrics, "psnr": math.inf}  # which JSON does not know
+    measured = [(key, one.title, one.unit, one.digits, one.about) for key, one in quantities().items() if one.about]
     return [
         {"name": name, "value": readable_number(metrics[key], digits), "unit": unit, "title": title}
-        for key, name, unit, digits, title in METRICS_SHOWN
+        for key, name, unit, digits, title in (*NUMBERS_SHOWN, *measured)
         if isinstance(metrics.get(key), int | float)
     ]
 

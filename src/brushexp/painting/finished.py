@@ -14,14 +14,15 @@ import torch
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
-from brushexp.features.distance import Distance
 from brushexp.painting.assembly import STYLE
-from brushexp.painting.metrics import measure, picture_psnr
+from brushexp.painting.metrics import measure
 from brushexp.painting.wet import wetted
+from brushexp.pictures.similarity import picture_psnr
 from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.svg import Svg
 from brushexp.plugins.loss.style import Style
+from brushexp.plugins.metric.base import Metric
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import plugin_of
 from brushexp.shading.light import Light
@@ -70,7 +71,7 @@ class Finished:
 
 
 def finish(
-    painter: "PaintingModule", cfg: DictConfig, timelapse: "Timelapse", lpips: Distance | None = None, *,
+    painter: "PaintingModule", cfg: DictConfig, timelapse: "Timelapse", metrics: Mapping[str, Metric], *,
     pictures: Mapping[str, Tensor] | None = None, start: float | None = None,
 ) -> Finished:  # fmt: skip
     """Finish a painting; its lamp lights pictures, but not its catalogue and metrics.
@@ -79,7 +80,7 @@ def finish(
         painter: the painter after its last step.
         cfg: settings of ``task=paint``.
         timelapse: frames of the steps, to which the finished painting is added.
-        lpips: network of a further metric.
+        metrics: what the painting is measured by, by name.
         pictures: what was painted from, (3, H, W) in [0, 1] by name; None for the target alone.
         start: `time.monotonic` when the program began; None for a run that was continued.
     """
@@ -102,9 +103,9 @@ def finish(
     numbers |= effort_of(painter, len(strokes))
 
     def compute_metrics() -> dict[str, object]:
-        metrics = measure(flat, target, lpips, canvas.focus) | numbers
+        measured = measure(metrics, flat, target, focus=canvas.focus, strokes=job.saved.strokes) | numbers
         total = None if start is None else time.monotonic() - start
-        return metrics | {"seconds_total": total, "peak_memory_mb": peak_memory()}
+        return measured | {"seconds_total": total, "peak_memory_mb": peak_memory()}
 
     return Finished(job, sources | results, compute_metrics, timelapse)
 
@@ -152,7 +153,7 @@ def style_distances(painter: "PaintingModule", cfg: DictConfig) -> dict[str, flo
 
 def summary_line(folder: Path, metrics: Mapping[str, Any]) -> str:
     """Say in one line where the painting is, how many strokes it has, how long it took and how near it is."""
-    psnr, ssim, total = metrics["psnr"], metrics["ssim"], metrics["seconds_total"]
+    psnr, ssim, total = metrics["psnr"], metrics.get("ssim"), metrics["seconds_total"]
     quality = f"{psnr:.2f} dB" if isinstance(psnr, float) and math.isfinite(psnr) else "identical to the target"
     if "psnr_lit" in metrics:
         quality += f" ({metrics['psnr_lit']:.2f} dB in the light)"

@@ -10,9 +10,9 @@ from torch import Tensor, nn
 
 from brushexp.painting.components import Components
 from brushexp.painting.curves import Anytime, Curves
-from brushexp.painting.metrics import psnr_of
 from brushexp.painting.picture import Depth, Picture
 from brushexp.painting.schedule import STEPS_PER_EPOCH, Epoch, Schedule
+from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.catalogue import Strokes
 

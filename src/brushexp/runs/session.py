@@ -10,9 +10,9 @@ import lightning as L
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
-from brushexp.features.distance import open_distance
 from brushexp.painting.finished import Finished, finish, summary_line
 from brushexp.painting.goals import goals_of
+from brushexp.painting.metrics import metrics_of
 from brushexp.painting.preparation import prepared
 from brushexp.painting.timelapse import Timelapse
 from brushexp.runs.fitting import conclude, fit, trainer_of
@@ -33,8 +33,7 @@ class Session:
     def __init__(self, cfg: DictConfig, folder: Path | None = None, callbacks: Sequence[L.Callback] = ()) -> None:
         self.cfg, self.folder = cfg, folder
         self.device = device_of(cfg.device)
-        weights = cfg.lpips_weights
-        self.lpips = None if weights is None else open_distance(cfg.lpips_backbone, weights, "lpips_weights")
+        self.metrics = metrics_of(cfg)
         L.seed_everything(cfg.seed, verbose=False)
         start = prepared(cfg)
         self.pictures, self.painter = start.pictures, start.painter.to(self.device)
@@ -54,7 +53,7 @@ class Session:
 
     def finish(self, start: float | None = None) -> Finished:
         """Finish the painting; ``start`` is `time.monotonic` when the program began."""
-        return finish(self.painter, self.cfg, self.timelapse, self.lpips, pictures=self.pictures, start=start)
+        return finish(self.painter, self.cfg, self.timelapse, self.metrics, pictures=self.pictures, start=start)
 
     def conclude(self) -> None:
         """Raise what has kept the fit from its end, if anything has; else its checkpoint is removed."""

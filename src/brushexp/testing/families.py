@@ -10,11 +10,12 @@ from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.logger.base import Run
 from brushexp.plugins.loss.base import PaintedView
+from brushexp.plugins.metric.base import Comparison
 from brushexp.plugins.order.base import front_to_back
 from brushexp.plugins.painter.base import Commission
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes, check_strokes
-from brushexp.testing import Check, Make
+from brushexp.testing.checks import Check, Make
 
 SIZE = (24, 40)  # not square: catches a swap of height and width
 
@@ -117,6 +118,19 @@ def is_finite_differentiable_and_zero_at_best(make: Make) -> None:
         assert loss(PaintedView(image.detach(), image.detach(), strokes)) < 1e-8
     for n in (0, 1):
         assert loss(PaintedView(image, torch.rand(3, *SIZE), some_strokes(n, SIZE))).isfinite()
+
+
+def is_best_for_equal_pictures(make: Make) -> None:
+    """Of a metric: a number or None for pictures of any size, at its best if the painting is the target."""
+    metric = make()
+    strokes, focus = some_strokes(6, SIZE), torch.ones(SIZE)
+    picture, target = (torch.rand(3, *SIZE) * 255).round() / 255, torch.zeros(3, *SIZE)
+    unlike, alike = (metric(Comparison(one, target, focus, strokes)) for one in (picture, target))
+    assert isinstance(unlike, float)
+    assert isinstance(alike, float)
+    assert alike >= unlike if metric.higher_is_better else alike <= unlike
+    pixel = torch.rand(3, 1, 1)
+    assert isinstance(metric(Comparison(pixel, pixel, torch.ones(1, 1), strokes)), float | None)
 
 
 def revises_what_is_there(make: Make) -> None:
@@ -232,6 +246,7 @@ CHECKS: dict[str, list[Check]] = {
     "blend": [paints_the_size_it_is_told],
     "order": [gives_every_stroke_a_depth],
     "loss": [is_finite_differentiable_and_zero_at_best],
+    "metric": [is_best_for_equal_pictures],
     "density": [revises_what_is_there],
     "sampler": [stays_on_the_canvas],
     "optimizer": [lowers_a_loss],
