@@ -24,7 +24,7 @@ pytestmark = pytest.mark.slow
 PAINT = ["image=chelsea", "resolution=32", "strokes=12", "threads=1", "frames=3", "timelapse=gif", "checkpoint_every=0"]
 TRAIN = ["task=train", "data=set/strokes", "epochs=3", "minutes=null", "batch_size=8", "limit=64", "threads=1", "fid=0"]
 TRAIN += ["checkpoint_every=0", "renderer.width=4", "renderer.dense=16", "renderer.code=2"]
-CRITIC = ["task=train", "model=discriminator", "trainer.max_steps=60", "epochs=null", "batch_size=8", "threads=1"]
+CRITIC = ["task=train_discriminator", "trainer.max_steps=60", "epochs=null", "batch_size=8", "threads=1"]
 CRITIC += ["checkpoint_every=0"]
 SET = ["task=simulate", "engine=disc", "engine.window=64", "threads=1"]
 SHARDS = {"SHARD_STROKES": 32, "BATCH_STROKES": 16}
