@@ -161,6 +161,7 @@ class PaintedFilm:
             "peak_memory_mb": peak_memory(),
             "device": str(self.device),
             "status": status,
+            "loss": "+".join(self.cfg.loss),
         }
 
 
