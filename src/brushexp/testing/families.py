@@ -2,10 +2,12 @@
 
 import tempfile
 from functools import partial
+from inspect import signature
 from pathlib import Path
 
 import torch
 
+from brushexp.errors import UserError
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.logger.base import Run
@@ -82,6 +84,16 @@ def is_bounded_and_differentiable_in_every_field(make: Make) -> None:
     alpha, _ = layers.sample(torch.arange(5)[None], points[None])
     beyond = distance.min(-1).values > layers.reach[:, None] + 0.1
     assert (alpha[0][beyond] == 0).all()
+
+
+def loads_its_checkpoint(make: Make) -> None:
+    """Of a renderer with an option ``checkpoint``: it reads that file, and refuses it if there is none."""
+    if "checkpoint" in signature(type(make())).parameters:
+        try:
+            make(checkpoint="missing.safetensors")
+        except UserError:
+            return
+        raise AssertionError("call self.restore(checkpoint, ...) at the end of __init__")
 
 
 def paints_the_size_it_is_told(make: Make) -> None:
@@ -242,7 +254,7 @@ def commission_of(target: torch.Tensor, n: int, background: torch.Tensor) -> Com
 CHECKS: dict[str, list[Check]] = {
     "painter": [paints_with_no_more_strokes_than_asked],
     "init": [makes_as_many_strokes_as_asked_in_range],
-    "renderer": [is_bounded_and_differentiable_in_every_field],
+    "renderer": [is_bounded_and_differentiable_in_every_field, loads_its_checkpoint],
     "blend": [paints_the_size_it_is_told],
     "order": [gives_every_stroke_a_depth],
     "loss": [is_finite_differentiable_and_zero_at_best],
