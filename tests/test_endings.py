@@ -21,7 +21,6 @@ from scenes import random_strokes
 
 from brushexp.config.composition import check
 from brushexp.errors import UserError
-from brushexp.painting.painter import DIVERGED
 from brushexp.plugins.blend.base import Blend, Canvas
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.loss.base import Loss
@@ -37,6 +36,7 @@ from brushexp.runs.fitting import CHECKPOINT, RECORD, interrupted_run
 from brushexp.runs.run_folder import is_ours, take
 from brushexp.strokes.catalogue import FIELDS
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
+from brushexp.system.callbacks import DIVERGED
 from brushexp.system.files import TEMPORARY, write_json
 from brushexp.system.runtime import free_memory
 from brushexp.tasks import paint

@@ -42,7 +42,7 @@ from brushexp.errors import UserError
 from brushexp.features.base import read_tensors
 from brushexp.pages.run_page import write_run_page
 from brushexp.pages.sweep_page import write_sweep_page
-from brushexp.painting.assembly import components_of
+from brushexp.painting.components import build_components
 from brushexp.painting.outputs import painted_with, renderer_of
 from brushexp.pictures.load import load_picture
 from brushexp.plugins.renderer.base import RENDERERS, Renderer
@@ -163,7 +163,7 @@ def write_checkpoint(folder: Path) -> Path:
 
 
 def read_checkpoint(path: Path) -> None:
-    components_of(interrupted_run(path.parent, OmegaConf.create(SETTINGS))[1])
+    build_components(interrupted_run(path.parent, OmegaConf.create(SETTINGS))[1])
     painter = painter_of(n=8, size=(12, 16), steps=3)
     fitting.fit(L.Trainer(**QUIET, callbacks=[RunRecord(OmegaConf.create({}), path.parent)]), painter, None, path)
     check_strokes(painter.strokes())

@@ -34,7 +34,7 @@ METHODS = {  # family: contract, method that it wants, a call
     "sampler": ("Sampler", "__call__", lambda it: it(STROKES, SIZE, 0, torch.Generator())),
     "engine": ("Engine", "__call__", lambda it: it(torch.zeros(2, 10), seed=0)),
     "color": ("ColorSpace", "decode", lambda it: it.decode(TARGET)),
-    "painter": ("PaintingMethod", "__call__", lambda it: it(None)),
+    "painter": ("Painter", "__call__", lambda it: it(None)),
     "callbacks": ("Callback", "open", lambda it: it.open(None)),
     "to": ("Exporter", "write", lambda it: it.write(None, None)),
 }

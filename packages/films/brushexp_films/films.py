@@ -17,10 +17,10 @@ from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.painting.assembly import components_of
+from brushexp.painting.build import build_painter
+from brushexp.painting.components import build_components
 from brushexp.painting.goals import goals_of
 from brushexp.painting.metrics import psnr_of
-from brushexp.painting.preparation import prepared
 from brushexp.pictures.load import planes_of, size_of_picture
 from brushexp.pictures.video import add_sound, filming
 from brushexp.plugins.export.base import ExportJob
@@ -54,7 +54,7 @@ class PaintedFilm:
         self.clip = open_clip(Path(cfg.image))
         self.size = size_of_picture(cfg.image, "image", cfg.resolution)
         self.rate = Fraction(self.clip.rate / cfg.film.every).limit_denominator(MOST_TICKS)
-        parts = components_of(cfg)
+        parts = build_components(cfg)
         renderer = parts.stages[-1].renderer.to(self.device).requires_grad_(False)
         for loss in parts.losses.values():
             loss.to(self.device)
@@ -85,7 +85,7 @@ class PaintedFilm:
         """Paint the first picture of a scene as a single one is painted."""
         cfg = self.cfg
         L.seed_everything(cfg.seed, verbose=False)
-        painter = prepared(cfg, picture).painter.to(self.device)
+        painter = build_painter(cfg, picture).to(self.device)
         if painter.schedule.steps or cfg.seconds:
             goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
             failure = fit(trainer_of(cfg, self.device, self.folder, [], goals, checkpoints=False), painter)

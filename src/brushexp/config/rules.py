@@ -15,6 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 from brushexp.bounds import Rule
 from brushexp.errors import UserError
 from brushexp.pictures.load import check_ratio, named_color, size_of_picture
+from brushexp.plugins.painter.base import Painter
 from brushexp.registry import build, plugin_of, plugins
 from brushexp.system.device import device_of
 from brushexp.system.runtime import check_memory
@@ -84,7 +85,8 @@ STROKES = Rule(_is_set)
 
 def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """The losses, strokes, mask and catalogue for a picture of this size, and that memory holds it."""
-    from brushexp.painting.assembly import budget_of, check_losses, check_size  # noqa: PLC0415
+    from brushexp.painting.components import check_losses, check_size  # noqa: PLC0415
+    from brushexp.painting.first_strokes import stroke_budget  # noqa: PLC0415
 
     names = [plugin.name for plugin in plugins("renderer")]
     tell_unused(cfg, overrides)
@@ -100,7 +102,7 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
     if cfg.catalogue is not None:
         there, canvas = canvas_of(cfg.catalogue, "catalogue")
         check_ratio(cfg.catalogue, canvas, size, "catalogue")
-    strokes = budget_of(cfg, size, build(cfg.density), there)
+    strokes = stroke_budget(cfg, size, build(cfg.density), there)
     build(cfg.blend).check(strokes, size)
     check_size(cfg, strokes, size)
     if cfg.style.image is not None:
@@ -119,7 +121,7 @@ def tell_unused(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """Say in a line which typed keys a painter, or a catalogue, has no use for; in a sweep they may be for others."""
     keys = [override.lstrip("+~").partition("=")[0] for override in overrides]
     unused = sorted({key for key in keys if key.partition(".")[0] in OF_STEPS})
-    if unused and not build(cfg.painter).by_steps:
+    if unused and isinstance(build(cfg.painter), Painter):
         log.warning("painter=%s has no use for %s", plugin_of(cfg.painter).name, ", ".join(unused))
     starts = sorted({key for key in keys if key.partition(".")[0] == "init"})
     if starts and cfg.catalogue is not None:
@@ -128,7 +130,7 @@ def tell_unused(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 def check_film(cfg: DictConfig) -> None:
     """That nothing is asked of a film that only single pictures have."""
-    if not build(cfg.painter).by_steps:
+    if isinstance(build(cfg.painter), Painter):
         name = plugin_of(cfg.painter).name
         raise UserError(f"painter={name} paints single pictures, and {cfg.image} is a film; drop painter")
     for name, usual in NOT_OF_FILMS.items():

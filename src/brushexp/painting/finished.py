@@ -12,7 +12,7 @@ import torch
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.features.distance import Distance
-from brushexp.painting.assembly import STYLE
+from brushexp.painting.components import STYLE
 from brushexp.painting.metrics import measure, picture_psnr
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.timelapse import Timelapse

@@ -1,9 +1,7 @@
 """The picture that the strokes make (all of it, a smaller one, or the part that a view shows), and their depth."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import torch
@@ -49,9 +47,8 @@ class Picture(nn.Module):
         self.renderer: Renderer  # draws the strokes; set before the first picture
         self.memory: CanvasMemory | None = None  # of the whole picture, while steps look at parts of it
         self._last: Tensor | None = None  # the picture, maybe a small one, if the last step looked at all of it
-        self._error_of_last: Callable[[], float]
         self._small: PyramidLevel | None = None
-        self._error = math.inf  # before there was one, or of the last one
+        self._error: float | None = math.inf  # infinite before the first picture; None until that of the last is asked
 
     @property
     def size(self) -> tuple[int, int]:
@@ -61,14 +58,12 @@ class Picture(nn.Module):
     @property
     def error(self) -> float:
         """Mean squared error of the whole picture as it was last seen; a small one counts as it looks enlarged."""
-        return self.error_now()()
-
-    def error_now(self) -> Callable[[], float]:
-        """A function that computes the present `error` when it is first called, then or later."""
-        if self._last is not None and self.memory is None:
-            return self._error_of_last
-        known = self._error if self.memory is None else self.memory.error
-        return lambda: known
+        if self.memory is not None:
+            return self.memory.error
+        if self._error is None:
+            assert self._last is not None
+            self._error = float(mse_loss(self._enlarged(self._last), self.target))
+        return self._error
 
     @property
     def last(self) -> Tensor | None:
@@ -95,8 +90,7 @@ class Picture(nn.Module):
 
     def show(self, picture: Tensor) -> None:
         """Take a whole picture (3, H, W) for what steps last saw."""
-        self._last, self.memory = picture, None
-        self._error_of_last = cache(lambda: float(mse_loss(self._enlarged(picture), self.target)))
+        self._last, self._error, self.memory = picture, None, None
 
     @torch.no_grad()
     def draw(self, strokes: Strokes, front_to_back: Tensor) -> Tensor:
@@ -107,15 +101,14 @@ class Picture(nn.Module):
         return image
 
     def see(
-        self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, coarse: bool, accuracy: bool
+        self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, accuracy: bool
     ) -> tuple[Canvas, PaintedView]:
-        """What a view shows of N ``strokes``; the active ones are ``moving``, with gradient.
+        """Paint what a view shows of N ``strokes``, of which the active ones are ``moving``, with gradient.
 
-        ``coarse``, for views of the whole only, looks at the smaller picture; ``accuracy`` measures that of the active
-        strokes, too.
+        ``accuracy`` measures that of the active strokes, too.
         """
         if view.active is None:
-            return self._see_whole(moving, front_to_back, self.level(coarse=coarse), accuracy)
+            return self._see_whole(moving, front_to_back, self.level(coarse=view.coarse), accuracy)
         if self.memory is None:
             self.memory = self.remembered(self.draw(strokes, front_to_back))
         self._last = None

@@ -11,10 +11,10 @@ from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.features.distance import open_distance
+from brushexp.painting.build import build_painter
 from brushexp.painting.finished import Finished, finish
 from brushexp.painting.goals import goals_of
 from brushexp.painting.outputs import summary_line
-from brushexp.painting.preparation import prepared
 from brushexp.painting.timelapse import Timelapse
 from brushexp.results.runs import AT_WORK
 from brushexp.runs.fitting import conclude, fit, trainer_of
@@ -38,8 +38,8 @@ class Session:
         weights = cfg.lpips_weights
         self.lpips = None if weights is None else open_distance(cfg.lpips_backbone, weights, "lpips_weights")
         L.seed_everything(cfg.seed, verbose=False)
-        start = prepared(cfg)
-        self.pictures, self.painter = start.pictures, start.painter.to(self.device)
+        self.painter = build_painter(cfg).to(self.device)
+        self.pictures = self.painter.pictures
         self.timelapse = Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds, kind=cfg.timelapse)
         by_steps = self.painter.resumable
         goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds, has_plan=by_steps)
