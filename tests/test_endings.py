@@ -31,8 +31,8 @@ from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named
 from brushexp.results.runs import AT_WORK, has_finished
-from brushexp.runs import fitting
-from brushexp.runs.fitting import CHECKPOINT, RECORD, interrupted_run
+from brushexp.runs import resume
+from brushexp.runs.resume import CHECKPOINT, RECORD, interrupted_run
 from brushexp.runs.run_folder import is_ours, take
 from brushexp.strokes.catalogue import FIELDS
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
@@ -48,10 +48,10 @@ def test_a_run_goes_on_with_its_own_settings_and_files_alone(config, tmp_path, m
     photo = tmp_path / "photo (1).png"
     Image.new("RGB", (40, 30), "navy").save(photo)
     cfg = config(f"image='{photo}'", "steps=900")
-    torch.save({RECORD: fitting.record_of(cfg, tmp_path)}, tmp_path / CHECKPOINT)
+    torch.save({RECORD: resume.record_of(cfg, tmp_path)}, tmp_path / CHECKPOINT)
     hydra = OmegaConf.create({"overrides": {"task": []}, "runtime": {"output_dir": str(tmp_path)}})
-    monkeypatch.setattr(fitting, "HydraConfig", SimpleNamespace(get=lambda: hydra))
-    _, kept = interrupted_run(tmp_path, config())
+    monkeypatch.setattr(resume, "HydraConfig", SimpleNamespace(get=lambda: hydra))
+    kept, _ = interrupted_run(tmp_path, config())
     assert (kept.image, kept.steps) == (str(photo), 900)
     hydra.overrides.task = ["steps=9"]
     with pytest.raises(UserError, match="drop steps=9"):
@@ -69,10 +69,10 @@ def test_a_training_goes_on_with_the_sets_that_it_began_with_alone(config, tmp_p
 
     simulated(40)
     cfg = config("task=train", f"data={tmp_path / 'set'}")
-    torch.save({RECORD: fitting.record_of(cfg, tmp_path)}, tmp_path / CHECKPOINT)
+    torch.save({RECORD: resume.record_of(cfg, tmp_path)}, tmp_path / CHECKPOINT)
     hydra = OmegaConf.create({"overrides": {"task": []}, "runtime": {"output_dir": str(tmp_path)}})
-    monkeypatch.setattr(fitting, "HydraConfig", SimpleNamespace(get=lambda: hydra))
-    assert interrupted_run(tmp_path, config("task=train"))[1].data == [str(tmp_path / "set")]
+    monkeypatch.setattr(resume, "HydraConfig", SimpleNamespace(get=lambda: hydra))
+    assert interrupted_run(tmp_path, config("task=train"))[0].data == [str(tmp_path / "set")]
     simulated(60)
     with pytest.raises(
         UserError, match="set has 60 strokes of seed 0 now, and the run began with 40 of seed 0; put it"
@@ -159,7 +159,7 @@ def test_who_made_the_first_number_that_is_none_is_named(parts, said):
 )
 def test_what_is_no_checkpoint_is_refused(content, tmp_path, monkeypatch):
     hydra = OmegaConf.create({"overrides": {"task": []}})
-    monkeypatch.setattr(fitting, "HydraConfig", SimpleNamespace(get=lambda: hydra))
+    monkeypatch.setattr(resume, "HydraConfig", SimpleNamespace(get=lambda: hydra))
     if isinstance(content, bytes):
         (tmp_path / CHECKPOINT).write_bytes(content)
     else:

@@ -27,7 +27,8 @@ from catalogues import catalogue
 from hydra.errors import CompactHydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
-from painters import QUIET, fit, painter_of
+from painters import QUIET, painter_of
+from painters import fit as fit_painter
 from PIL import Image, ImageCms
 from safetensors.torch import save
 from test_dataset import read_all, write
@@ -50,9 +51,10 @@ from brushexp.plugins.renderer.inverse_vgg import InverseVGG
 from brushexp.plugins.renderer.neural import Neural
 from brushexp.registry import build_named, options_of
 from brushexp.results.runs import JOBS, gather
-from brushexp.runs import fitting
-from brushexp.runs.fitting import CHECKPOINT, RECORD, RunRecord, interrupted_run
+from brushexp.runs import resume
+from brushexp.runs.resume import CHECKPOINT, RECORD, RunRecord, interrupted_run
 from brushexp.runs.sweep_jobs import check_same
+from brushexp.runs.trainer import fit
 from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.storage import load_catalogue, save_catalogue
 from brushexp.system.files import write_json, write_picture
@@ -157,15 +159,15 @@ def read_table(path: Path) -> None:
 
 def write_checkpoint(folder: Path) -> Path:
     path = folder / CHECKPOINT
-    fit(painter_of(n=8, size=(12, 16), steps=3), max_steps=1).save_checkpoint(path)
+    fit_painter(painter_of(n=8, size=(12, 16), steps=3), max_steps=1).save_checkpoint(path)
     torch.save(torch.load(path) | {RECORD: {"settings": SETTINGS, "files": {}, "words": [], "sets": []}}, path)
     return path
 
 
 def read_checkpoint(path: Path) -> None:
-    build_components(interrupted_run(path.parent, OmegaConf.create(SETTINGS))[1])
+    build_components(interrupted_run(path.parent, OmegaConf.create(SETTINGS))[0])
     painter = painter_of(n=8, size=(12, 16), steps=3)
-    fitting.fit(L.Trainer(**QUIET, callbacks=[RunRecord(OmegaConf.create({}), path.parent)]), painter, None, path)
+    fit(L.Trainer(**QUIET, callbacks=[RunRecord(OmegaConf.create({}), path.parent)]), painter, None, path)
     check_strokes(painter.strokes())
 
 
@@ -429,7 +431,7 @@ def _composed(config, monkeypatch, tmp_path):
     output = SimpleNamespace(output_dir=str(tmp_path))
     hydra = SimpleNamespace(overrides=SimpleNamespace(task=[]), runtime=output)
     (tmp_path / ".hydra").mkdir()
-    monkeypatch.setattr(fitting, "HydraConfig", SimpleNamespace(get=lambda: hydra))
+    monkeypatch.setattr(resume, "HydraConfig", SimpleNamespace(get=lambda: hydra))
 
 
 def attempt(kind: str, path: Path) -> str:

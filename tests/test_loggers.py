@@ -25,7 +25,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.logger import tensorboard
 from brushexp.plugins.logger.base import Logger, Run
 from brushexp.plugins.logger.wandb import WeightsAndBiases, mode_of
-from brushexp.runs.tracking import Trackers, trackers_of
+from brushexp.runs.tracking import Trackers, make_trackers
 from brushexp.system.files import write_picture
 
 pytestmark = pytest.mark.slow
@@ -223,7 +223,7 @@ def test_trackers_are_told_how_the_run_ended(error, status):
 def test_a_tracker_that_is_not_installed_is_refused_before_the_work(config, monkeypatch):
     monkeypatch.setattr(tensorboard, "find_spec", lambda package: None)
     with pytest.raises(UserError, match=r"needs the package tensorboard; pip install -e '\.\[tensorboard\]'"):
-        trackers_of(config("logger=tensorboard"), Path("x"))
+        make_trackers(config("logger=tensorboard"), Path("x"))
 
 
 def test_a_part_of_a_run_has_a_name_of_its_own(config, monkeypatch):
@@ -232,7 +232,7 @@ def test_a_part_of_a_run_has_a_name_of_its_own(config, monkeypatch):
     hydra.mode = RunMode.MULTIRUN
     monkeypatch.setattr(HydraConfig, "initialized", lambda: True)
     monkeypatch.setattr(HydraConfig, "get", lambda: hydra)
-    run = trackers_of(config(), Path("a/sweep/3/ratio_25")).run
+    run = make_trackers(config(), Path("a/sweep/3/ratio_25")).run
     assert (run.name, run.group, run.chosen) == ("3/ratio_25", "sweep", {"seed": "1", "x": "[1,2]"})
 
 

@@ -30,12 +30,12 @@ from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import build_named
 from brushexp.results.runs import read_curves
-from brushexp.runs import session
 from brushexp.shading.light import Light, normals_of, shaded
 from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, point_at
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, save_catalogue
 from brushexp.system.files import TEMPORARY, write_json, write_picture, write_text
+from brushexp.tasks.paint import try_to_write_page
 
 SIZE = (120, 160)
 COUNT = 300
@@ -226,11 +226,11 @@ def test_what_is_not_known_is_left_out():
 def test_a_run_is_not_lost_with_its_page(tmp_path, caplog, monkeypatch):
     with pytest.raises(UserError, match=r"give the catalogue\.h5"):
         write_run_page(tmp_path)
-    session.report(tmp_path)
+    try_to_write_page(tmp_path)
     assert "no report.html of this run" in caplog.text
     assert "Traceback" not in caplog.text
     monkeypatch.setattr("brushexp.pages.run_page.write_run_page", lambda *_: 1 / 0)
-    session.report(tmp_path)
+    try_to_write_page(tmp_path)
     assert "ZeroDivisionError" in caplog.text
 
 

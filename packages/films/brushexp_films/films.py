@@ -26,7 +26,8 @@ from brushexp.pictures.video import add_sound, filming
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import plugin_of
-from brushexp.runs.fitting import CHECKPOINT, RECORD, conclude, fit, record_of, trainer_of
+from brushexp.runs.resume import CHECKPOINT, RECORD, record_of
+from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.shading.light import Light
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.callbacks import FAILED, INTERRUPTED
@@ -88,7 +89,7 @@ class PaintedFilm:
         painter = build_painter(cfg, picture).to(self.device)
         if painter.schedule.steps or cfg.seconds:
             goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
-            failure = fit(trainer_of(cfg, self.device, self.folder, [], goals, checkpoints=False), painter)
+            failure = fit(make_trainer(cfg, self.device, self.folder, [], goals, checkpoints=False), painter)
             conclude(painter, None, cfg, failure, painter.schedule.step)
         painter.hand_over()
         return Cel(painter.strokes(), painter.depth.front_to_back, painter.picture.background)

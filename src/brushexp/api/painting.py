@@ -23,10 +23,10 @@ from brushexp.plugins.export.png import pixels
 from brushexp.registry import build_named
 from brushexp.runs.run_folder import check_inputs, clear, is_unused, note_others, note_words, release, take
 from brushexp.runs.runner import explaining_to_users
-from brushexp.runs.session import painted, painted_into, report
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.files import write_picture
+from brushexp.tasks.paint import paint_picture, try_to_write_page
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -124,7 +124,7 @@ class Painting:
         saved = replace(self.finished.saved, config=settings.yaml)
         replace(self.finished, saved=saved).write(into)
         self.finished.timelapse.write(into)
-        report(into)
+        try_to_write_page(into)
         return into / "report.html"
 
     def _repr_html_(self) -> str:
@@ -201,11 +201,11 @@ def painting_of(settings: Settings, callbacks: Sequence[L.Callback] = ()) -> Pai
     start, folder, cfg = time.monotonic(), settings.folder, settings.cfg
     with explaining_to_users(cfg), settings.as_asked():
         if folder is None:
-            return Painting(painted(cfg, callbacks), settings)
+            return Painting(paint_picture(cfg, callbacks=callbacks), settings)
         try:
             take(folder, cfg)
             settings = held_as_files(settings, folder)
             note_words(folder, settings.cfg, settings.words)
-            return Painting(painted_into(folder, settings.cfg, start, callbacks=callbacks), settings)
+            return Painting(paint_picture(settings.cfg, folder, start, callbacks=callbacks), settings)
         finally:
             release(folder)

@@ -30,7 +30,6 @@ class OtherPainter(PaintingModule):
         self, painter: Painter, components: Components, target: Tensor, background: Tensor, *, n: int, seed: int
     ) -> None:
         super().__init__(components, Picture(target, None, background, components.blend), Schedule([1]))
-        self.automatic_optimization = False
         self.painter, self.n, self.seed = painter, n, seed
         self.picture.renderer = components.stages[-1].renderer
         self._strokes = Strokes.none(target)
@@ -68,12 +67,11 @@ class OtherPainter(PaintingModule):
         yield PaintState(state.strokes, state.step, state.step)  # the painter has come to its end before its plan
 
     def configure_optimizers(self) -> Any:
-        """Lightning counts the steps of optimisers: one that moves nothing."""
-        return torch.optim.SGD([torch.zeros(1)], lr=0.0)
+        return torch.optim.SGD([torch.zeros(1)], lr=0.0)  # moves nothing; Lightning counts the steps of an optimiser
 
     @torch.no_grad()
-    def training_step(self, state: PaintState, batch_idx: int) -> None:
-        """Draw a state, and keep it if its picture is one."""
+    def training_step(self, state: PaintState, batch_idx: int) -> Tensor:
+        """Draw a state, and keep it if its picture is one; return a loss in which nothing has a gradient."""
         self.schedule.pause()
         strokes = self.renderer.convert(state.strokes.map(Tensor.detach))
         image = self.draw(strokes)
@@ -86,6 +84,7 @@ class OtherPainter(PaintingModule):
         self.picture.show(image)
         self.publish()
         self.schedule.start()
+        return torch.zeros((), requires_grad=True)
 
     def _check(self, state: Any) -> None:
         """Refuse (UserError) what is no state, or has strokes that are none or too many."""
@@ -98,7 +97,3 @@ class OtherPainter(PaintingModule):
             raise UserError(f"{who} yields strokes of which one is none: {error}; correct the painter") from error
         if len(state.strokes) > self.n:
             raise UserError(f"{who} yields {len(state.strokes)} strokes, not {self.n} at most; correct the painter")
-
-    def on_train_batch_end(self, outputs: Any, batch: Any, batch_idx: int) -> None:
-        self.optimizers().step()  # type: ignore[union-attr]
-        super().on_train_batch_end(outputs, batch, batch_idx)

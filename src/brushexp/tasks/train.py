@@ -17,8 +17,9 @@ from brushexp.bounds import Bounds
 from brushexp.plugins.engine.base import Engine
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build, build_named, plugin_of, plugins
-from brushexp.runs.fitting import conclude, interrupted_run
-from brushexp.runs.tracking import trackers_of
+from brushexp.runs.resume import resumed
+from brushexp.runs.tracking import make_trackers
+from brushexp.runs.trainer import conclude
 from brushexp.system.device import device_of
 from brushexp.system.files import write_json
 from brushexp.system.runtime import peak_memory
@@ -40,16 +41,14 @@ log = logging.getLogger(__name__)
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Train one network, write it and its numbers into the run's folder, and return those of metrics.json."""
-    resumed = None
-    if cfg.get("resume") is not None:
-        resumed, cfg = interrupted_run(Path(cfg.resume), cfg)
+    cfg, checkpoint = resumed(cfg)
     device = device_of(cfg.device)
-    trackers = trackers_of(cfg, folder)  # says now what they lack, and not when the strokes have been simulated
+    trackers = make_trackers(cfg, folder)  # says now what they lack, and not when the strokes have been simulated
     L.seed_everything(cfg.seed, verbose=False)
     job = JOBS[cfg.model](cfg, folder, device)
     module = job.module
     with trackers:
-        failure = fit_network(module, job.data, cfg, folder, device, [trackers], job.callbacks, resumed)
+        failure = fit_network(module, job.data, cfg, folder, device, [trackers], job.callbacks, checkpoint)
         (folder / "metrics.json").unlink(missing_ok=True)  # of weights that are being replaced
         metrics = {
             **job.finish(),
@@ -58,7 +57,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
             "strokes_per_second": module.seen / module.seconds if module.seconds else None,
             "seconds": module.seconds,
             "cpu_seconds": module.cpu_seconds,
-            "seconds_total": None if resumed else time.monotonic() - start,  # a run that went on has no one start
+            "seconds_total": None if checkpoint else time.monotonic() - start,  # a run that went on has no one start
             "peak_memory_mb": peak_memory(),
             "device": str(device),
             "status": module.stop or "completed",

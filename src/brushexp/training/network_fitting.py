@@ -14,7 +14,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import plugin_of
-from brushexp.runs.fitting import fit, trainer_of
+from brushexp.runs.trainer import fit, make_trainer
 from brushexp.system.callbacks import MovingAverage
 from brushexp.training.datamodule import StrokeData
 from brushexp.training.network_module import NetworkModule
@@ -48,7 +48,7 @@ def fit_network(
     averages = [MovingAverage(cfg.ema)] if cfg.ema else []
     beside = [*timers, *averages, *callbacks]
     kept = "resume" in cfg  # else no command goes on from a checkpoint
-    trainer = trainer_of(cfg, device, folder, loggers, beside, checkpoints=kept, num_sanity_val_steps=0)
+    trainer = make_trainer(cfg, device, folder, loggers, beside, checkpoints=kept, num_sanity_val_steps=0)
     failure = None if cfg.epochs == 0 else fit(trainer, module, data, resumed)
     if module.validated != module.global_step:
         try:
