@@ -134,7 +134,8 @@ class StrokeOptimizer(PaintingModule):
             self.moving.keep_in_range()
         self.evaluations += 1
         accuracy = self.depth.needs_accuracy(self.schedule, partial=view.active is not None)
-        moving, strokes = self._moving_strokes(view), self.strokes()
+        moving = self._moving_strokes(view)
+        strokes = moving if view.active is None else self.strokes()
         canvas, painting = self.picture.see(moving, strokes, view, self.depth.front_to_back, accuracy=accuracy)
         self.depth.measured(canvas.accuracy, view.active, len(self.catalogue))
         loss, terms = weighted_sum(self.components.losses, painting)
