@@ -11,6 +11,7 @@ from painters import assert_resumes, error_of, fit, painter_of, take
 from scenes import Windowed
 from torch.testing import assert_close
 
+from brushexp.painting import painting_module
 from brushexp.painting.components import Stage
 from brushexp.painting.metrics import psnr_of
 from brushexp.plugins.density.adaptive import Adaptive
@@ -53,12 +54,13 @@ def test_what_ends_a_fit_before_its_plan_is_told(end, tmp_path, monkeypatch):
 
 
 class Watch(L.Callback):
-    """Keeps what a callback may look at after each step."""
+    """Keeps what a callback may look at after each step, and what it was then."""
 
     def __init__(self):
-        self.then = []
+        self.kept, self.then = [], []
 
     def on_train_batch_end(self, trainer, painter, *_):
+        self.kept.append(trainer.callback_metrics["psnr"])
         self.then.append((float(trainer.logged_metrics["psnr"]), float(trainer.callback_metrics["loss/mse"])))
 
 
@@ -69,10 +71,18 @@ def test_callbacks_see_the_values_of_the_step(plan, tmp_path):
     fit(PLANS[plan](), [watch, saved])
     psnrs, errors = zip(*watch.then, strict=True)
     assert len(set(psnrs)) > 12
+    assert [float(value) for value in watch.kept] == list(psnrs), "whenever they look"
     if plan == "whole":
         assert psnrs == pytest.approx([psnr_of(error) for error in errors], abs=1e-3)
     names = {f"step={step}-psnr={psnrs[step - 1]:.3f}.ckpt" for step in (8, 16, 24)}
     assert {path.name for path in tmp_path.iterdir()} == names
+
+
+def test_values_are_computed_only_for_who_looks(monkeypatch):
+    looks = []
+    monkeypatch.setattr(painting_module, "psnr_of", lambda error: looks.append(error) or 0.0)
+    fit(painter_of(steps=30), log_every_n_steps=100)
+    assert len(looks) <= 5, "at the first step and at the end"
 
 
 def test_callbacks_and_loggers_of_lightning_work(tmp_path):

@@ -1,10 +1,29 @@
-"""Quality over time, as metrics.json keeps it."""
+"""Quality over time: as callbacks see it at a step, and as metrics.json keeps it."""
 
 import math
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.utils._pytree import tree_map_only
 
 MAX_PAIRS = 200  # (seconds, PSNR) that a run keeps
 
 Pair = tuple[float, float]
+
+
+class Lazy(Tensor):
+    """A number that is computed when somebody looks at it: a PSNR at every step would cost a part of the step."""
+
+    compute: Callable[[], float]
+
+    @classmethod
+    def __torch_function__(cls, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        args, kwargs = tree_map_only(
+            cls, lambda number: torch.tensor(number.compute(), dtype=torch.float64), (args, kwargs or {})
+        )
+        return func(*args, **kwargs)
 
 
 class Anytime:

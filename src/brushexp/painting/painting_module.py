@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from brushexp.painting.components import Components
-from brushexp.painting.curves import Anytime
+from brushexp.painting.curves import Anytime, Lazy
 from brushexp.painting.metrics import psnr_of
 from brushexp.painting.picture import Depth, Picture
 from brushexp.painting.schedule import Schedule
@@ -119,12 +119,11 @@ class PaintingModule(L.LightningModule):
 
     def publish(self) -> None:
         """Show callbacks the losses, the PSNR of what the step has seen (before its strokes moved) and the seconds."""
-        losses, numbers = (
-            self.components.losses,
-            {"psnr": psnr_of(self.picture.error), "seconds": self.schedule.seconds},
-        )
-        self.values = {f"loss/{losses[name].label or name}": term for name, term in self.terms.items()}
-        self.values |= {name: torch.tensor(value, dtype=torch.float64) for name, value in numbers.items()}
+        error, psnr = self.picture.error_now(), torch.empty(()).as_subclass(Lazy)
+        psnr.compute = lambda: psnr_of(error())
+        labels = {name: loss.label or name for name, loss in self.components.losses.items()}
+        self.values = {f"loss/{labels[name]}": term for name, term in self.terms.items()}
+        self.values |= {"psnr": psnr, "seconds": torch.tensor(self.schedule.seconds, dtype=torch.float64)}
         publish_values(self, self.values)
 
     def on_fit_start(self) -> None:

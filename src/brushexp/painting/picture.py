@@ -1,7 +1,9 @@
 """The picture that the strokes make (all of it, a smaller one, or the part that a view shows), and their depth."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import torch
@@ -48,7 +50,8 @@ class Picture(nn.Module):
         self.memory: CanvasMemory | None = None  # of the whole picture, while steps look at parts of it
         self._last: Tensor | None = None  # the picture, maybe a small one, if the last step looked at all of it
         self._small: PyramidLevel | None = None
-        self._error: float | None = math.inf  # infinite before the first picture; None until that of the last is asked
+        self._error_of_last: Callable[[], float]
+        self._error = math.inf  # before the first picture, or of the last one
 
     @property
     def size(self) -> tuple[int, int]:
@@ -58,12 +61,14 @@ class Picture(nn.Module):
     @property
     def error(self) -> float:
         """Mean squared error of the whole picture as it was last seen; a small one counts as it looks enlarged."""
-        if self.memory is not None:
-            return self.memory.error
-        if self._error is None:
-            assert self._last is not None
-            self._error = float(mse_loss(self._enlarged(self._last), self.target))
-        return self._error
+        return self.error_now()()
+
+    def error_now(self) -> Callable[[], float]:
+        """A function that computes the present `error` when it is first called, then or later."""
+        if self._last is not None and self.memory is None:
+            return self._error_of_last
+        error = self._error if self.memory is None else self.memory.error
+        return lambda: error
 
     @property
     def last(self) -> Tensor | None:
@@ -90,7 +95,8 @@ class Picture(nn.Module):
 
     def show(self, picture: Tensor) -> None:
         """Take a whole picture (3, H, W) for what steps last saw."""
-        self._last, self._error, self.memory = picture, None, None
+        self._last, self.memory = picture, None
+        self._error_of_last = cache(lambda: float(mse_loss(self._enlarged(picture), self.target)))
 
     @torch.no_grad()
     def draw(self, strokes: Strokes, front_to_back: Tensor) -> Tensor:
