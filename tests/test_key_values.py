@@ -10,6 +10,7 @@ from inspect import signature
 from pathlib import Path
 
 import pytest
+from brushexp_inverse_vgg.inverse_vgg import InverseVGG
 from catalogues import catalogue
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -26,7 +27,6 @@ from brushexp.config.keys import keys_of
 from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import RENDERERS
-from brushexp.plugins.renderer.inverse_vgg import InverseVGG
 from brushexp.registry import MULTI_SELECT, plugins
 from brushexp.strokes.storage import save_catalogue
 

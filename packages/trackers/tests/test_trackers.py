@@ -14,7 +14,7 @@ import numpy as np
 import program
 import pytest
 import yaml
-from brushexp_trackers import tensorboard
+from brushexp_trackers import tensorboard, wandb
 from brushexp_trackers.wandb import WeightsAndBiases, mode_of
 from films import pixels_of
 
@@ -145,10 +145,11 @@ def test_wandb_has_all_pictures_the_table_and_the_catalogue(tracked):
     assert end.exit_code == 0
 
 
-def test_a_tracker_that_is_not_installed_is_refused_before_the_work(config, monkeypatch):
-    monkeypatch.setattr(tensorboard, "find_spec", lambda package: None)
-    with pytest.raises(UserError, match=r"needs the package tensorboard; pip install -e '\.\[tensorboard\]'"):
-        make_trackers(config("logger=tensorboard"), Path("x"))
+@pytest.mark.parametrize(("name", "module"), [("tensorboard", tensorboard), ("wandb", wandb)])
+def test_a_tracker_that_is_not_installed_is_refused_before_the_work(name, module, config, monkeypatch):
+    monkeypatch.setattr(module, "find_spec", lambda package: None)
+    with pytest.raises(UserError, match=rf"needs the package {name}; pip install -e '\.\[{name}\]'"):
+        make_trackers(config(f"logger={name}"), Path("x"))
 
 
 class FakeWandb:

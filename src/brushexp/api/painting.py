@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from brushexp_films.clips import is_film
 from torch import Tensor
 
 from brushexp.api.settings import Settings, held_as_files, settings_of
@@ -21,11 +20,12 @@ from brushexp.painting.finished import Finished
 from brushexp.plugins.export.base import LARGEST_SIDE_PIXELS, ExportJob
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import build_named
-from brushexp.runs.run_folder import check_inputs, clear, is_unused, note_others, note_words, release, take
+from brushexp.runs.run_folder import check_inputs, clear, note_words, release, take
 from brushexp.runs.runner import explaining_to_users
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.files import write_picture
+from brushexp.system.run_files import recorded
 from brushexp.tasks.paint import paint_picture, try_to_write_page
 
 if TYPE_CHECKING:
@@ -111,20 +111,19 @@ class Painting:
         curves.
         """
         into = Path(folder)
-        is_new = is_unused(into)
         (into / ".hydra").mkdir(parents=True, exist_ok=True)
-        if is_new:
-            note_others(into)
         check_inputs(into, self.settings.cfg)
-        if not is_new and into.resolve() != self.settings.folder:
+        if into.resolve() != self.settings.folder:
             clear(into, self.settings.cfg)
-        settings = held_as_files(self.settings, into)
-        note_words(into, settings.cfg, settings.words)
-        write_picture(into / "target.png", self.target)
-        saved = replace(self.finished.saved, config=settings.yaml)
-        replace(self.finished, saved=saved).write(into)
-        self.finished.timelapse.write(into)
-        try_to_write_page(into)
+        with recorded(into):
+            settings = held_as_files(self.settings, into)
+            note_words(into, settings.cfg, settings.words)
+            write_picture(into / "target.png", self.target)
+            finished = replace(self.finished, saved=replace(self.finished.saved, config=settings.yaml))
+            finished.write(into)
+            finished.timelapse.write(into)
+            try_to_write_page(into)
+            finished.conclude(into)
         return into / "report.html"
 
     def _repr_html_(self) -> str:
@@ -185,10 +184,8 @@ def plan_of(
 ) -> Settings:
     """The checked settings of a painting; of ``main`` keys None is what is not given."""
     given = {key: value for key, value in main.items() if value is not None}
-    frames = {"frames": 0} if output is None else {}  # of a film that nobody has asked for
+    frames = {"frames": 0} if output is None else {}  # of a timelapse that nobody has asked for
     settings = settings_of("paint", {"image": image, **given, **frames, **overrides}, output)
-    if is_film(settings.cfg.image):
-        raise UserError(f"image={settings.cfg.image} is a film; paint it with: brushexp {settings.cfg.image}")
     loggers = [name for name in settings.cfg.logger if name != "csv"]
     for key, names in (("callbacks", list(settings.cfg.callbacks)), ("logger", loggers)):
         if output is None and names:

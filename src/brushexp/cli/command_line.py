@@ -13,7 +13,6 @@ from pathlib import Path
 from types import NoneType
 from typing import Any, get_args, get_origin
 
-from brushexp_films.clips import is_film
 from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import ChoiceSweep, Sweep
@@ -21,13 +20,14 @@ from hydra.errors import CompactHydraException, HydraException
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.cli.help import help_text
-from brushexp.cli.many_pictures import PICTURES, as_sweep
+from brushexp.cli.many_pictures import as_sweep
 from brushexp.cli.mistakes import explanation
 from brushexp.config.composition import offer
 from brushexp.config.configs import chosen_groups, composed, folders_of, quoted
 from brushexp.config.keys import keys_of
-from brushexp.config.tasks import TASKS, load_tasks
+from brushexp.config.tasks import TASKS, load_tasks, suited
 from brushexp.errors import UserError
+from brushexp.pictures.folders import PICTURES
 from brushexp.pictures.load import samples
 from brushexp.plugin_loading import load_plugins
 from brushexp.registry import MULTI_SELECT, plugins
@@ -69,7 +69,7 @@ def in_full(arguments: list[str]) -> list[str]:
     overrides = {*typed.overrides, *after_flags}
     words = [meant(word) if word in overrides else word for word in arguments]
     typed_words = {word for word, argument in zip(words, arguments, strict=True) if argument in overrides}
-    plain = as_sweep(words, typed.multirun)
+    plain = as_sweep(suited(words), typed.multirun)
     return [written_out(word, typed.multirun) if word in typed_words else word for word in plain]
 
 
@@ -177,7 +177,8 @@ def meant(word: str) -> str:
         return f"task={word}"
     if path.suffix.lower() in CATALOGUES or any((path / name).exists() for name in RESULTS):
         raise UserError(f"{word} is no key=value; to look at a painting, run or sweep: task=view catalogue={word}")
-    if path.suffix.lower() in PICTURES or is_film(path) or path.exists() or word in samples():
+    suits = any(task.suits({"image": word}) for task in TASKS.values())
+    if suits or path.suffix.lower() in PICTURES or path.exists() or word in samples():
         return f"image={word}"
     raise UserError(f"{word} is no key=value, as image=photo.jpg is; --help lists the keys")
 

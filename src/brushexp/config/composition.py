@@ -14,18 +14,16 @@ from hydra.core.plugins import Plugins
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.bounds import at_least
 from brushexp.cli.mistakes import unknown_key, unknown_option
 from brushexp.config.configs import files_of
 from brushexp.config.keys import groups_of, keys_of, publish
 from brushexp.config.looks import offer_looks
-from brushexp.config.tasks import TASKS
+from brushexp.config.tasks import TASKS, task_for
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, MULTI_SELECT, build, options_in, plugin_of, plugins
 
 PUBLISHER = "brushexp"  # who has published a config
 NOT_KEYS = {"task", "hydra", "experiment"}  # what stands beside keys and groups at the top of a config
-WEIGHT = at_least(0)  # of a loss
 STYLE_PARTS = {"style.loss": "style.image", "style.strokes": "style.brushwork"}  # losses, and keys that bring them
 
 
@@ -114,6 +112,8 @@ def offer_presets(family: str, paths: dict[str, Path]) -> None:
 def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
     """Stop at what is wrong with a composed config and no error of Hydra; the UserError has the override to mend it."""
     schema = TASKS[cfg.task]
+    if (other := task_for(cfg.task, cfg)) != cfg.task:  # type: ignore[arg-type]
+        raise UserError(f"task={cfg.task} leaves this to task={other}; type brushexp task={other} and the same words")
     for family in MULTI_SELECT:
         if any(override.startswith(f"+{family}=") for override in overrides):
             raise UserError(f"+{family}=... is ignored by Hydra beside a list; name them all: '{family}=[mse,...]'")
@@ -156,8 +156,6 @@ def try_out(path: str, node: str, needed: bool) -> None:
     except UserError as error:
         about = re.split(r"\W", str(error), maxsplit=1)[0]  # some options do not know what is typed before them
         raise UserError(f"{path}.{error}" if about in options else str(error)) from error
-    if "weight" in options:
-        WEIGHT.check(f"{path}.weight", options["weight"])
 
 
 def leaves(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:

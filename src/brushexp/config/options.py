@@ -1,8 +1,8 @@
-"""Keys below a key of a task, ``style.``, ``film.``, ``light.`` and ``trainer.``; `schema` has the tasks."""
+"""Keys below a key of a task, ``style.``, ``light.`` and ``trainer.``; `schema` has the tasks."""
 
 from dataclasses import dataclass
 
-from brushexp.bounds import DURATION, above, at_least, between, one_of
+from brushexp.bounds import DURATION, above, at_least, one_of
 from brushexp.config.keys import key
 from brushexp.config.rules import CATALOGUE
 from brushexp.pictures.load import PICTURE
@@ -21,17 +21,6 @@ class StyleTransfer:
     colors: str = key(
         "style", "of the painting: those of the style picture, or of the content", one_of("style", "content")
     )
-
-
-@dataclass
-class FilmOptions:
-    """Keys below ``film`` of ``task=paint``, for image=clip.mp4."""
-
-    every: int = key(1, "of a film, image=clip.mp4: paint only every n-th picture", at_least(1))
-    start: float = key(0, "of a film: the second at which it begins", at_least(0))
-    stop: float | None = key(None, "of a film: the second at which it ends; null = at its end", above(0))
-    steps: int = key(8, "of a film: gradient steps of a picture that carries strokes on", at_least(0))
-    change: float = key(0.04, "of a film: difference from which a place has changed, 0 to 1", between(0.001, 1))
 
 
 @dataclass

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from brushexp_films.clips import is_film, open_clip
 from PIL import Image
 from torch import Tensor
 from torch.nn import functional
@@ -38,7 +37,7 @@ def load_picture(image: str, resolution: int | None, key: str = "image") -> Tens
 def planes_of(picture: np.ndarray, resolution: int | None) -> Tensor:
     """A picture (H, W, 3), uint8 or in [0, 1], as `load_picture` gives one."""
     if resolution is not None:
-        picture = _resample(picture, _size_at(resolution, *picture.shape[:2]))
+        picture = _resample(picture, size_at(resolution, *picture.shape[:2]))
     planes = np.ascontiguousarray(np.moveaxis(picture, 2, 0), dtype=np.float32)
     if picture.dtype == np.uint8:
         planes /= 255
@@ -53,13 +52,13 @@ def downsampled(picture: Tensor, side: int) -> Tensor:
 
 
 def size_of_picture(image: str, key: str, resolution: int | None = None, also: str = "") -> tuple[int, int]:
-    """Height and width of what `load_picture` makes, and its errors, without decoding a picture; of a film, too."""
+    """Height and width of what `load_picture` makes, and its errors, without decoding a picture."""
     if (held := pixels_of(image)) is not None:
         height, width = held.shape[:2]
     else:
         path = _path_of(image, key, also)
         height, width = _size_of_file(path, key, path.stat().st_mtime_ns)
-    return (height, width) if resolution is None else _size_at(resolution, height, width)
+    return size_at(resolution, height, width)
 
 
 def _pixels_of(image: str, key: str, also: str = "", backdrop: float = 1.0) -> np.ndarray:
@@ -70,8 +69,6 @@ def _pixels_of(image: str, key: str, also: str = "", backdrop: float = 1.0) -> n
 
 @cache
 def _size_of_file(path: Path, key: str, changed: int) -> tuple[int, int]:
-    if is_film(path):
-        return open_clip(path, key).size
     return picture_size(path, key=key)  # of a PNG it may take as long as decoding
 
 
@@ -96,7 +93,7 @@ def check_ratio(image: str, sides: Sequence[int], size: tuple[int, int], key: st
     """Stop with a UserError if a picture of these ``sides`` (H, W) cannot lie over one of another ``size``."""
     height, width = sides[:2]
     zoom = max(size) / max(height, width)
-    if any(abs(zoom * side - wanted) > max(1, zoom) for side, wanted in zip((height, width), size, strict=True)):
+    if any(abs(zoom * side - expected) > max(1, zoom) for side, expected in zip((height, width), size, strict=True)):
         cure = "give one whose sides have the same ratio"
         raise UserError(f"{key}={image} has {width} x {height} pixels, the picture {size[1]} x {size[0]}; {cure}")
 
@@ -125,14 +122,14 @@ def samples() -> dict[str, Path]:
     import skimage.data  # noqa: PLC0415  (``--help`` does not need it)
 
     folder = Path(skimage.data.__file__).parent
-    found = {path.stem: path for path in folder.iterdir() if path.suffix in SAMPLE_SUFFIXES}
+    pictures = {path.stem: path for path in folder.iterdir() if path.suffix in SAMPLE_SUFFIXES}
     portrait = (
         Path(str(getattr(find_spec("matplotlib"), "origin", ""))).parent
         / "mpl-data"
         / "sample_data"
         / "grace_hopper.jpg"
     )
-    return found | ({portrait.stem: portrait} if portrait.is_file() else {})
+    return pictures | ({portrait.stem: portrait} if portrait.is_file() else {})
 
 
 def _path_of(image: str, key: str, also: str = "") -> Path:
@@ -140,16 +137,18 @@ def _path_of(image: str, key: str, also: str = "") -> Path:
     path = os.path.expanduser(image)  # these three functions of os, unlike those of pathlib, never raise
     if os.path.isfile(path):
         return Path(path)
-    found = samples()
-    if image in found:
-        return found[image]
-    there = "a folder" if os.path.isdir(path) else "a device or a pipe" if os.path.exists(path) else "not there"
-    choices = f"{also}the path of a picture or one of the samples {', '.join(sorted(found))}"
-    raise UserError(f"{key}={image} is {there}; give {choices}")
+    shipped = samples()
+    if image in shipped:
+        return shipped[image]
+    state = "a folder" if os.path.isdir(path) else "a device or a pipe" if os.path.exists(path) else "not there"
+    choices = f"{also}the path of a picture or one of the samples {', '.join(sorted(shipped))}"
+    raise UserError(f"{key}={image} is {state}; give {choices}")
 
 
-def _size_at(resolution: int, height: int, width: int) -> tuple[int, int]:
-    """Height and width in proportion, with the longer side at ``resolution``."""
+def size_at(resolution: int | None, height: int, width: int) -> tuple[int, int]:
+    """Height and width in proportion, with the longer side at ``resolution``; None changes nothing."""
+    if resolution is None:
+        return height, width
     longer = max(height, width)
     size = (max(1, round(height * resolution / longer)), max(1, round(width * resolution / longer)))
     if math.prod(size) > MAX_PIXELS:

@@ -14,10 +14,11 @@ from omegaconf import DictConfig
 from brushexp.errors import UserError
 from brushexp.plugin_errors import SAID_ALREADY, mistake_of
 from brushexp.registry import build, plugins
-from brushexp.runs.resume import CHECKPOINT, RunRecord
+from brushexp.runs.resume import RunRecord
 from brushexp.runs.sweep_report import first_line
 from brushexp.system.callbacks import DIVERGED, FAILED, INTERRUPTED, ProgressBar, TimedCheckpoint
 from brushexp.system.reading import in_short
+from brushexp.system.run_files import CHECKPOINT
 
 log = logging.getLogger(__name__)
 

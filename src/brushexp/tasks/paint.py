@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import lightning as L
-from brushexp_films.clips import is_film
-from brushexp_films.films import painted_film
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
@@ -18,7 +16,6 @@ from brushexp.painting.finished import Finished, finish
 from brushexp.painting.goals import goals_of
 from brushexp.painting.outputs import summary_line
 from brushexp.painting.timelapse import Timelapse
-from brushexp.results.runs import AT_WORK
 from brushexp.runs.resume import resumed
 from brushexp.runs.tracking import Trackers, make_trackers
 from brushexp.runs.trainer import conclude, fit, make_trainer
@@ -30,12 +27,9 @@ TRACKED_FRAMES = 8  # of the timelapse that loggers get
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Paint one picture, or a film, write everything into the run's folder, and return the numbers of metrics.json."""
+    """Paint a picture, write everything into the run's folder, and return the numbers of metrics.json."""
     cfg, checkpoint = resumed(cfg)
-    begun = None if checkpoint else start  # a run that goes on has no one start
-    if is_film(cfg.image):
-        return painted_film(folder, cfg, begun, checkpoint and checkpoint.parent)
-    return paint_picture(cfg, folder, begun, checkpoint).metrics
+    return paint_picture(cfg, folder, None if checkpoint else start, checkpoint).metrics
 
 
 def paint_picture(
@@ -73,9 +67,7 @@ def paint_picture(
 
 
 def write_painting(folder: Path, finished: Finished, start: float | None, trackers: Trackers) -> None:
-    """Write a painting; until `write_film_and_page` is done the run counts as one at work."""
-    (folder / AT_WORK).parent.mkdir(exist_ok=True)
-    (folder / AT_WORK).touch()
+    """Write a painting; until `write_film_and_page` is done, the run counts as one at work."""
     finished.write(folder, start)
     frames = finished.timelapse.frames
     steps = sorted(frames)[:-1]  # without the last, which is the painting
@@ -94,7 +86,7 @@ def write_film_and_page(folder: Path, finished: Finished, *, page: bool) -> None
         if page:
             try_to_write_page(folder, film)
     film.result()
-    (folder / AT_WORK).unlink()
+    finished.conclude(folder)
 
 
 def try_to_write_page(folder: Path, film: Future[Any] | None = None) -> None:
