@@ -13,8 +13,8 @@ from test_kernels import KINDS, TILED
 from brushexp.errors import UserError
 from brushexp.painting.components import standard_components
 from brushexp.painting.densification import importance
-from brushexp.painting.painter import Painter
 from brushexp.painting.picture import Picture
+from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.painting.wet import under_starts, wetted
 from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.blend.tiled import Tiled
@@ -148,7 +148,7 @@ def test_wet_strokes_drag_what_lies_under_their_starts():
     away = straight((-30, 10), (-10, 10), color=(0.0, 1.0, 0.0))
     target, parts = torch.zeros(3, 40, 80), standard_components(steps=0, order=FixedOrder())
     catalogue = Catalogue(Strokes.join(below, above, away), parts.optimizer.units)
-    painter = Painter(catalogue, parts, target, torch.full((3,), 0.5), seed=0)
+    painter = StrokeOptimizer(catalogue, parts, target, torch.full((3,), 0.5), seed=0)
     picked, covered = under_starts(painter.strokes(), painter.depth.front_to_back, painter.picture)
     torch.testing.assert_close(covered, torch.tensor([0.0, 1.0, 0.0]))
     torch.testing.assert_close(picked[1], below.color[0])

@@ -26,7 +26,7 @@ from scenes import random_strokes, straight
 
 from brushexp.compositing.profile import smooth_rise
 from brushexp.errors import UserError
-from brushexp.painting.assembly import strokes_from
+from brushexp.painting.first_strokes import load_strokes
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export._packing import bitmap
@@ -381,7 +381,7 @@ def test_edited_strokes_are_painted(tmp_path):
     assert read.depth.tolist() == list(range(6)), "without depth, the first is at the bottom"
     assert read.strokes.color[0].tolist() == [1, 0, 0.5]
     assert export_job(read, resolution=100).picture().shape == (60, 100, 3)
-    assert len(strokes_from(path, (60, 100))) == 6, "and task=paint goes on from them"
+    assert len(load_strokes(path, (60, 100))) == 6, "and task=paint goes on from them"
     path, data = edited(tmp_path)
     bottom = min(range(7), key=lambda k: data["strokes"][k]["depth"])
     del data["strokes"][bottom]

@@ -45,16 +45,17 @@ from brushexp.errors import UserError
 from brushexp.features.base import read_tensors
 from brushexp.pages.run_page import page_in
 from brushexp.pages.sweep_page import write_sweep_page
-from brushexp.painting.assembly import components_of
+from brushexp.painting.components import build_components
 from brushexp.pictures.load import load_picture
 from brushexp.plugins.export.job import export_job
 from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.plugins.renderer.neural import Neural
 from brushexp.registry import build_named, options_of
 from brushexp.results.runs import JOBS, gather
-from brushexp.runs import fitting
-from brushexp.runs.fitting import RECORD, RunRecord, interrupted_run
+from brushexp.runs import resume
+from brushexp.runs.resume import RECORD, RunRecord, interrupted_run
 from brushexp.runs.sweep_jobs import check_same
+from brushexp.runs.trainer import fit as fit_module
 from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.storage import load_catalogue, save_catalogue
 from brushexp.system.hdf5 import fixed, numbers_of
@@ -136,9 +137,9 @@ def write_checkpoint(folder: Path) -> Path:
 
 
 def read_checkpoint(path: Path) -> None:
-    components_of(interrupted_run(path.parent, OmegaConf.create(SETTINGS))[1])
+    build_components(interrupted_run(path.parent, OmegaConf.create(SETTINGS))[0])
     painter = painter_of(n=8, size=(12, 16), steps=3)
-    fitting.fit(L.Trainer(**QUIET, callbacks=[RunRecord(OmegaConf.create({}), path.parent)]), painter, None, path)
+    fit_module(L.Trainer(**QUIET, callbacks=[RunRecord(OmegaConf.create({}), path.parent)]), painter, None, path)
     check_strokes(painter.strokes())
 
 
@@ -372,7 +373,7 @@ def _composed(config, monkeypatch, tmp_path):
     output = SimpleNamespace(output_dir=str(tmp_path))
     hydra = SimpleNamespace(overrides=SimpleNamespace(task=[]), runtime=output)
     (tmp_path / ".hydra").mkdir()
-    monkeypatch.setattr(fitting, "HydraConfig", SimpleNamespace(get=lambda: hydra))
+    monkeypatch.setattr(resume, "HydraConfig", SimpleNamespace(get=lambda: hydra))
 
 
 def attempt(kind: str, path: Path) -> str:

@@ -30,12 +30,12 @@ from brushexp.painting.finished import Finished
 from brushexp.plugins.export.job import export_job
 from brushexp.results.runs import read_curves
 from brushexp.results.stroke_table import measure_strokes
-from brushexp.runs import session
 from brushexp.shading.light import Light, normals_of, shaded
 from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, point_at
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.files import TEMPORARY, write_json, write_picture, write_text
+from brushexp.tasks.paint import try_to_write_page
 from brushexp.tasks.view import finished_in
 
 SIZE = (120, 160)
@@ -229,7 +229,7 @@ def test_a_run_is_not_lost_with_its_page(tmp_path, caplog, monkeypatch):
     ):
         monkeypatch.setattr("brushexp.pages.run_page.page_in", Mock(side_effect=error))
         caplog.clear()
-        session.report(tmp_path, finished)
+        try_to_write_page(tmp_path, finished)
         assert words in caplog.text
         assert ("Traceback" in caplog.text) == (words == "Traceback")
 

@@ -14,7 +14,7 @@ from torch import Tensor
 from brushexp.compositing.layers import Layers, Size
 from brushexp.errors import UserError
 from brushexp.painting.components import Stage, standard_components
-from brushexp.painting.painter import Painter
+from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.plugins.blend.base import Blend, Compositor, pixel_centres
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.optimizer.torch import TorchOptim
@@ -164,7 +164,7 @@ def check_painting(
     timer = Timer(timedelta(seconds=patience), verbose=False)
     try:
         catalogue = Catalogue(strokes, components.optimizer.units)
-        painter = Painter(
+        painter = StrokeOptimizer(
             catalogue, components, exercise.target.to(kind), torch.tensor(BACKGROUND).to(kind), seed=0,
             focus=None if exercise.focus is None else exercise.focus.to(kind), budget=exercise.growth * len(strokes),
         )  # fmt: skip

@@ -16,14 +16,14 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.painting.assembly import components_of
+from brushexp.painting.build import build_painter
+from brushexp.painting.components import build_components
 from brushexp.painting.finished import bare_job
 from brushexp.painting.goals import goals_of
-from brushexp.painting.preparation import prepared
 from brushexp.pictures.load import planes_of, size_at
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.export.base import ExportJob
-from brushexp.runs.fitting import conclude, fit, trainer_of
+from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.device import device_of
 from brushexp.system.files import to_bytes
@@ -48,7 +48,7 @@ class PaintedFilm:
         self.clip = open_clip(Path(cfg.image))
         self.size = size_at(cfg.resolution, *self.clip.size)
         self.rate = Fraction(self.clip.rate / cfg.film.every).limit_denominator(MOST_TICKS)
-        parts = components_of(cfg)
+        parts = build_components(cfg)
         renderer = parts.stages[-1].renderer.to(self.device).requires_grad_(False)
         for loss in parts.losses.values():
             loss.to(self.device)
@@ -78,10 +78,10 @@ class PaintedFilm:
         """Paint the first picture of a scene as a single one is painted."""
         cfg = self.cfg
         L.seed_everything(cfg.seed, verbose=False)
-        painter = prepared(cfg, picture).painter.to(self.device)
+        painter = build_painter(cfg, picture).to(self.device)
         if painter.schedule.steps or cfg.seconds:
             goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
-            failure = fit(trainer_of(cfg, self.device, self.folder, [], goals, checkpoints=False), painter)
+            failure = fit(make_trainer(cfg, self.device, self.folder, [], goals, checkpoints=False), painter)
             conclude(painter, None, cfg, failure, painter.schedule.step)
         painter.hand_over()
         return Cel(painter.strokes(), painter.depth.front_to_back, painter.picture.background)

@@ -21,10 +21,10 @@ from brushexp.plugins.export.job import LARGEST_SIDE_PIXELS, ExportJob
 from brushexp.registry import build_named
 from brushexp.runs.run_folder import check_inputs, clear, note_words, release, take
 from brushexp.runs.runner import explaining_to_users
-from brushexp.runs.session import painted, painted_into, report
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.run_files import recorded
+from brushexp.tasks.paint import paint_picture, try_to_write_page
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -122,7 +122,7 @@ class Painting:
             finished.write(into, finished.pictures)
             if finished.timelapse is not None:
                 finished.timelapse.write(into)
-            report(into, finished)
+            try_to_write_page(into, finished)
             finished.conclude(into)
         return into / "report.html"
 
@@ -199,11 +199,11 @@ def painting_of(settings: Settings, callbacks: Sequence[L.Callback] = ()) -> Pai
     start, folder, cfg = time.monotonic(), settings.folder, settings.cfg
     with explaining_to_users(cfg), settings.as_asked():
         if folder is None:
-            return Painting(painted(cfg, callbacks), settings)
+            return Painting(paint_picture(cfg, callbacks=callbacks), settings)
         try:
             take(folder, cfg)
             settings = held_as_files(settings, folder)
             note_words(folder, settings.cfg, settings.words)
-            return Painting(painted_into(folder, settings.cfg, start, callbacks=callbacks), settings)
+            return Painting(paint_picture(settings.cfg, folder, start, callbacks=callbacks), settings)
         finally:
             release(folder)

@@ -14,6 +14,7 @@ from omegaconf import DictConfig
 from brushexp.bounds import Rule
 from brushexp.errors import UserError
 from brushexp.pictures.load import check_ratio, named_color, size_of_picture
+from brushexp.plugins.painter.base import Painter
 from brushexp.registry import build, plugin_of, plugins
 from brushexp.system.device import device_of
 from brushexp.system.runtime import check_memory
@@ -80,7 +81,8 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int]) -> None:
     """Refuse losses, strokes, a mask or a catalogue that do not fit a picture of this size (H, W), or the memory."""
-    from brushexp.painting.assembly import budget_of, check_losses, check_size  # noqa: PLC0415
+    from brushexp.painting.components import check_losses, check_size  # noqa: PLC0415
+    from brushexp.painting.first_strokes import stroke_budget  # noqa: PLC0415
     from brushexp.painting.metrics import official_lpips  # noqa: PLC0415
 
     names = [plugin.name for plugin in plugins("renderer")]
@@ -95,7 +97,7 @@ def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, i
     if cfg.catalogue is not None:
         in_catalogue, canvas = canvas_of(cfg.catalogue, "catalogue")
         check_ratio(cfg.catalogue, canvas, size, "catalogue")
-    strokes = budget_of(cfg, size, build(cfg.density), in_catalogue)
+    strokes = stroke_budget(cfg, size, build(cfg.density), in_catalogue)
     build(cfg.blend).check(strokes, size)
     check_size(cfg, strokes, size)
     if cfg.style.image is not None:
@@ -111,7 +113,7 @@ def tell_unused(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """Say in a line which typed keys a painter, or a catalogue, has no use for; in a sweep they may be for others."""
     keys = [override.lstrip("+~").partition("=")[0] for override in overrides]
     unused = sorted({key for key in keys if key.partition(".")[0] in OF_STEPS})
-    if unused and not build(cfg.painter).by_steps:
+    if unused and isinstance(build(cfg.painter), Painter):
         log.warning("painter=%s has no use for %s", plugin_of(cfg.painter).name, ", ".join(unused))
     starts = sorted({key for key in keys if key.partition(".")[0] == "init"})
     if starts and cfg.catalogue is not None:

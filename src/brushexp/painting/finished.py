@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 from omegaconf import DictConfig, OmegaConf
-from torch import Tensor
 
-from brushexp.painting.assembly import STYLE
+from brushexp.painting.components import STYLE
 from brushexp.painting.metrics import measure
 from brushexp.painting.wet import wetted
 from brushexp.pictures.similarity import picture_psnr
@@ -72,7 +71,7 @@ class Finished:
 
 def finish(
     painter: "PaintingModule", cfg: DictConfig, timelapse: "Timelapse", metrics: Mapping[str, Metric], *,
-    pictures: Mapping[str, Tensor] | None = None, start: float | None = None,
+    start: float | None = None,
 ) -> Finished:  # fmt: skip
     """Finish a painting; its lamp lights pictures, but not its catalogue and metrics.
 
@@ -81,7 +80,6 @@ def finish(
         cfg: settings of ``task=paint``.
         timelapse: frames of the steps, to which the finished painting is added.
         metrics: what the painting is measured by, by name.
-        pictures: what was painted from, (3, H, W) in [0, 1] by name; None for the target alone.
         start: `time.monotonic` when the program began; None for a run that was continued.
     """
     painter.schedule.pause()
@@ -91,7 +89,7 @@ def finish(
     colors = canvas.draw(strokes, front_to_back)
     job = bare_job(cfg, deepcopy(painter.renderer).cpu(), canvas.blend, canvas.size)
     job = replace(job, saved=job.saved.laid(strokes, front_to_back, canvas.background))
-    sources = {name: to_bytes(picture) for name, picture in (pictures or {"target": canvas.target}).items()}
+    sources = {name: to_bytes(picture) for name, picture in painter.pictures.items()}
     flat, target, lit = to_bytes(colors), sources["target"], dict[str, object]()
     results = {"painting": flat}
     if job.light.depth:

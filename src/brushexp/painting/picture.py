@@ -50,9 +50,9 @@ class Picture(nn.Module):
         self.renderer: Renderer  # draws the strokes; set before the first picture
         self.memory: CanvasMemory | None = None  # of the whole picture, while steps look at parts of it
         self._last: Tensor | None = None  # the picture, maybe a small one, if the last step looked at all of it
-        self._error_of_last: Callable[[], float]
         self._small: PyramidLevel | None = None
-        self._error = math.inf  # before there was one, or of the last one
+        self._error_of_last: Callable[[], float]
+        self._error = math.inf  # before the first picture, or of the last one
 
     @property
     def size(self) -> tuple[int, int]:
@@ -68,8 +68,8 @@ class Picture(nn.Module):
         """A function that computes the present `error` when it is first called, then or later."""
         if self._last is not None and self.memory is None:
             return self._error_of_last
-        known = self._error if self.memory is None else self.memory.error
-        return lambda: known
+        error = self._error if self.memory is None else self.memory.error
+        return lambda: error
 
     @property
     def last(self) -> Tensor | None:
@@ -108,15 +108,14 @@ class Picture(nn.Module):
         return image
 
     def see(
-        self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, coarse: bool, accuracy: bool
+        self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, accuracy: bool
     ) -> tuple[Canvas, PaintedView]:
-        """What a view shows of N ``strokes``; the active ones are ``moving``, with gradient.
+        """Paint what a view shows of N ``strokes``, of which the active ones are ``moving``, with gradient.
 
-        ``coarse``, for views of the whole only, looks at the smaller picture; ``accuracy`` measures that of the active
-        strokes, too.
+        ``accuracy`` measures that of the active strokes, too.
         """
         if view.active is None:
-            return self._see_whole(moving, front_to_back, self.level(coarse=coarse), accuracy)
+            return self._see_whole(moving, front_to_back, self.level(coarse=view.coarse), accuracy)
         if self.memory is None:
             self.memory = self.remembered(self.draw(strokes, front_to_back))
         self._last = None
