@@ -6,11 +6,12 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from brushexp.plugins.loss.base import Loss, PaintedView, at_least_single
+from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import SHORTEST_CHORD, bend_of, parameters_of, strokes_of
 from brushexp.system.checkpoint import CheckpointFormat
+from brushexp.system.precision import at_least_single
 
 NAME = "discriminator"
 DISCRIMINATORS = CheckpointFormat(
@@ -49,8 +50,8 @@ class Discriminator(nn.Module):
         square = (points[:, :2] - points[:, 4:]).square().sum(1, keepdim=True)
         length = (square + SHORTEST_CHORD**2).sqrt()  # with a slope where both ends are in one place
         bend = bend_of(strokes_of(functional.pad(shapes, (0, 3))))
-        seen = torch.cat([points.abs(), width, length, bend.abs()], dim=1)
-        return self.layers((STRETCH * seen).asinh())[:, 0]
+        inputs = torch.cat([points.abs(), width, length, bend.abs()], dim=1)
+        return self.layers((STRETCH * inputs).asinh())[:, 0]
 
 
 @register("loss", NAME)

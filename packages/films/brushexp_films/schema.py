@@ -10,10 +10,11 @@ from omegaconf import DictConfig, OmegaConf
 
 from brushexp.bounds import above, at_least, between
 from brushexp.config.keys import key
-from brushexp.config.rules import check_paint
+from brushexp.config.rules import check_painting
 from brushexp.config.schema import PaintTask
 from brushexp.errors import UserError
 from brushexp.pictures.load import size_at
+from brushexp.plugins.painter.base import Painter
 from brushexp.registry import build, plugin_of
 from brushexp_films.clips import is_film, open_clip
 
@@ -51,7 +52,7 @@ class FilmTask(PaintTask):
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
         size = size_at(cfg.resolution, *open_clip(Path(cfg.image)).size)
-        if not build(cfg.painter).by_steps:
+        if isinstance(build(cfg.painter), Painter):
             name = plugin_of(cfg.painter).name
             raise UserError(f"painter={name} paints single pictures, and {cfg.image} is a film; drop painter")
         for name, default in OF_PICTURES.items():
@@ -60,4 +61,4 @@ class FilmTask(PaintTask):
         start, stop = cfg.film.start, cfg.film.stop
         if stop is not None and stop <= start:
             raise UserError(f"film.stop={stop:g} is not after film.start={start:g}; give a later second")
-        check_paint(cfg, overrides, size)
+        check_painting(cfg, overrides, size)

@@ -10,10 +10,9 @@ from omegaconf import DictConfig
 from brushexp.errors import UserError
 from brushexp.results.runs import gather, words_of
 from brushexp_thesis.added import add_paintings
-from brushexp_thesis.leaderboard_page import write_leaderboard_page
+from brushexp_thesis.leaderboard_page import write_leaderboard_page, write_standings_plot
 from brushexp_thesis.published import SHIPPED_FIGURES, read_published
 from brushexp_thesis.standings import entries_of, sections_of
-from brushexp_thesis.standings_plot import write_standings_plot
 from brushexp_thesis.standings_tables import write_leaderboard_tables
 
 log = logging.getLogger(__name__)

@@ -112,7 +112,7 @@ def offer_presets(family: str, paths: dict[str, Path]) -> None:
 def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
     """Stop at what is wrong with a composed config and no error of Hydra; the UserError has the override to mend it."""
     schema = TASKS[cfg.task]
-    if (other := task_for(cfg.task, cfg)) != cfg.task:  # type: ignore[arg-type]
+    if (other := task_for(cfg.task, cfg)) != cfg.task:
         raise UserError(f"task={cfg.task} leaves this to task={other}; type brushexp task={other} and the same words")
     for family in MULTI_SELECT:
         if any(override.startswith(f"+{family}=") for override in overrides):

@@ -17,8 +17,9 @@ from omegaconf import DictConfig, OmegaConf
 
 from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import plugin_of
-from brushexp.runs.fitting import conclude, fit, interrupted_run, trainer_of
-from brushexp.runs.tracking import trackers_of
+from brushexp.runs.resume import resumed
+from brushexp.runs.tracking import make_trackers
+from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.system.callbacks import MovingAverage
 from brushexp.system.device import device_of
 from brushexp.system.files import write_json
@@ -52,16 +53,14 @@ def train_network(
     begin: Callable[[DictConfig, Path, torch.device], NetworkJob], cfg: DictConfig, folder: Path, start: float
 ) -> dict[str, object]:
     """Train one network, write it and its numbers into the run's folder, and return those of metrics.json."""
-    resumed = None
-    if cfg.get("resume") is not None:
-        resumed, cfg = interrupted_run(Path(cfg.resume), cfg)
+    cfg, checkpoint = resumed(cfg)
     device = device_of(cfg.device)
-    trackers = trackers_of(cfg, folder)  # refuses what they lack before strokes are simulated
+    trackers = make_trackers(cfg, folder)  # refuses what they lack before strokes are simulated
     L.seed_everything(cfg.seed, verbose=False)
     job = begin(cfg, folder, device)
     module = job.module
     with trackers:
-        failure = fit_network(module, job.data, cfg, folder, device, [trackers], job.callbacks, resumed)
+        failure = fit_network(module, job.data, cfg, folder, device, [trackers], job.callbacks, checkpoint)
         (folder / "metrics.json").unlink(missing_ok=True)  # of weights that are being replaced
         metrics = {
             **job.finish(),
@@ -70,7 +69,7 @@ def train_network(
             "strokes_per_second": module.seen / module.seconds if module.seconds else None,
             "seconds": module.seconds,
             "cpu_seconds": module.cpu_seconds,
-            "seconds_total": None if resumed else time.monotonic() - start,  # a resumed run has several starts
+            "seconds_total": None if checkpoint else time.monotonic() - start,  # a resumed run has several starts
             "peak_memory_mb": peak_memory(),
             "device": str(device),
             "status": module.stop or "completed",
@@ -110,7 +109,7 @@ def fit_network(
     averages = [MovingAverage(cfg.ema)] if cfg.ema else []
     beside = [*timers, *averages, *callbacks]
     kept = "resume" in cfg  # else no command goes on from a checkpoint
-    trainer = trainer_of(cfg, device, folder, loggers, beside, checkpoints=kept, num_sanity_val_steps=0)
+    trainer = make_trainer(cfg, device, folder, loggers, beside, checkpoints=kept, num_sanity_val_steps=0)
     failure = None if cfg.epochs == 0 else fit(trainer, module, data, resumed)
     if module.validated != module.global_step:
         try:
@@ -123,13 +122,13 @@ def fit_network(
 
 
 def renderer_settings(cfg: DictConfig) -> RendererSettings:
-    """What the config says about the training of a renderer; fine-tuning has no critic."""
+    """Take the settings of a renderer's training from the config; fine-tuning has no critic."""
     names = ("lr", "detail", "tone", "critic", "critic_lr", "critic_weight", "critic_width")
     return RendererSettings(**{name: cfg[name] for name in names if name in cfg})
 
 
 def training_recipe(module: NetworkModule, cfg: DictConfig) -> dict[str, object]:
-    """How a network was trained, for its recipe."""
+    """Describe how a network was trained, for its recipe."""
     recipe: dict[str, object] = {key: cfg[key] for key in ("batch_size", "lr", "epochs", "minutes", "ema", "seed")}
     recipe |= {"precision": cfg.trainer.precision, "steps": module.global_step, "seconds": module.seconds}
     if "detail" in cfg:
@@ -151,10 +150,10 @@ def save_renderer(
     chosen = OmegaConf.to_container(cfg.renderer, resolve=True, enum_to_str=True)
     assert isinstance(chosen, dict)
     before = cfg.renderer.get("checkpoint")
-    known = {} if before is None else RENDERERS.read_recipe(RENDERERS.path_of(before))["options"]
+    inherited = {} if before is None else RENDERERS.read_recipe(RENDERERS.path_of(before))["options"]
     started = {"started_from": before}
     recipe = {
-        "options": {str(key): known.get(key) if value is None else value for key, value in chosen.items()}
+        "options": {str(key): inherited.get(key) if value is None else value for key, value in chosen.items()}
         | (options or {}),
         "data": data_recipe(data, cfg),
         "training": training_recipe(module, cfg) | started | (training or {}),
