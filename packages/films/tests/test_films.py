@@ -315,7 +315,8 @@ def test_a_film_that_does_not_say_how_long_it_is_can_be_stopped(run_task, tmp_pa
 
 
 def test_a_picture_without_error_does_not_hide_the_others_of_a_film():
-    others = {"flicker": SimpleNamespace(value=0), "reel": SimpleNamespace(scenes=1, cel=SimpleNamespace(strokes=()))}
+    others = {"flicker": SimpleNamespace(value=0), "cfg": SimpleNamespace(loss=["mse"])}
+    others |= {"reel": SimpleNamespace(scenes=1, cel=SimpleNamespace(strokes=()))}
     for found, expected in (([math.inf, 20.0, 30.0], 25.0), ([math.inf], math.inf)):
         film = SimpleNamespace(psnr=found, seconds=[], device="cpu", **others)
         assert PaintedFilm.metrics(film, None, "completed")["psnr"] == expected
