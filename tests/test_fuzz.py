@@ -43,22 +43,23 @@ from brushexp.config.composition import check
 from brushexp.config.configs import composed, folders_of
 from brushexp.errors import UserError
 from brushexp.features.base import read_tensors
-from brushexp.pages.run_page import write_run_page
+from brushexp.pages.run_page import page_in
 from brushexp.pages.sweep_page import write_sweep_page
 from brushexp.painting.assembly import components_of
-from brushexp.painting.outputs import export_job, painted_with, renderer_of
 from brushexp.pictures.load import load_picture
+from brushexp.plugins.export.job import export_job
 from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.plugins.renderer.neural import Neural
 from brushexp.registry import build_named, options_of
 from brushexp.results.runs import JOBS, gather
 from brushexp.runs import fitting
-from brushexp.runs.fitting import CHECKPOINT, RECORD, RunRecord, interrupted_run
+from brushexp.runs.fitting import RECORD, RunRecord, interrupted_run
 from brushexp.runs.sweep_jobs import check_same
 from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.storage import load_catalogue, save_catalogue
-from brushexp.system.files import write_json
 from brushexp.system.hdf5 import fixed, numbers_of
+from brushexp.system.run_files import CHECKPOINT
+from brushexp.tasks.view import finished_in
 
 EXAMPLES = int(os.environ.get("BRUSHEXP_FUZZ", "12"))  # of damage of each kind of file; thousands search for more
 SLOW = 6  # times as many examples of the other kinds as of those that are read into a whole page or fit
@@ -100,9 +101,7 @@ def write_catalogue(folder: Path) -> Path:
 
 
 def write_text(folder: Path) -> Path:
-    saved = catalogue(3)
-    job = export_job(saved, renderer_of(saved), build_named("blend", "tiled", {}), saved.renderer, None, "a")
-    return build_named("to", "json", {}).write(job, folder)[0]
+    return build_named("to", "json", {}).write(export_job(catalogue(3)), folder)[0]
 
 
 def read_catalogue(path: Path) -> None:
@@ -110,8 +109,7 @@ def read_catalogue(path: Path) -> None:
     check_strokes(saved.strokes)
     assert sorted(saved.depth.tolist()) == list(range(len(saved.strokes)))
     assert bool(((saved.background >= 0) & (saved.background <= 1)).all())
-    painted_with(saved)
-    renderer_of(saved)
+    export_job(saved)
 
 
 def write_weights(folder: Path) -> Path:
@@ -149,9 +147,8 @@ def part(name: str) -> Callable[[Path], Path]:
 
     def write_run(folder: Path) -> Path:
         metrics = {"psnr": 20.0, "ssim": 0.5, "l1": 0.1, "seconds": 1.0, "n_strokes": 3, "steps": 9, "device": "cpu"}
-        metrics |= {"status": "completed", "anytime": [[0.0, 10.0], [1.0, 20.0]], "run": "0", "loss": "mse"}
+        metrics |= {"status": "completed", "anytime": [[0.0, 10.0], [1.0, 20.0]], "loss": "mse"}
         run = make_run(folder, {"steps": "9"}, name="0", target=90, color=80, size=(30, 50), **metrics)
-        write_json(run / "metrics.json", metrics)
         save_catalogue(run / "catalogue.h5", catalogue(30))
         text(".hydra/overrides.yaml", "- steps=9\n- loss=mse\n")(run)
         text(".hydra/config.yaml", "image: a.png\nsteps: 9\nloss: {mse: {weight: 1.0}}\n")(run)
@@ -162,7 +159,8 @@ def part(name: str) -> Callable[[Path], Path]:
 
 
 def read_run(path: Path) -> None:
-    write_run_page(next(folder for folder in path.parents if folder.name == "0"))
+    folder = next(folder for folder in path.parents if folder.name == "0")
+    page_in(folder, finished_in(folder, export_job(load_catalogue(folder / "catalogue.h5"))))
 
 
 def read_sweep(path: Path) -> None:
@@ -213,7 +211,7 @@ def read_image(path: Path) -> None:
 
 
 OF_RUN = ("metrics.json", "curves/metrics.csv", "target.png")
-OF_SWEEP = ("result.json", ".hydra/overrides.yaml", ".hydra/config.yaml")
+OF_SWEEP = (".hydra/overrides.yaml", ".hydra/config.yaml")
 KINDS: dict[str, tuple[Callable[[Path], Path], Callable[[Path], None]]] = {
     "catalogue": (write_catalogue, read_catalogue),
     "text": (write_text, read_catalogue),

@@ -12,11 +12,10 @@ from lightning.pytorch.callbacks import Timer
 from torch import Tensor
 
 from brushexp.compositing.layers import Layers, Size
-from brushexp.compositing.mixing import mixing
 from brushexp.errors import UserError
 from brushexp.painting.components import Stage, standard_components
 from brushexp.painting.painter import Painter
-from brushexp.plugins.blend.base import Blend, pixel_centres
+from brushexp.plugins.blend.base import Blend, Compositor, pixel_centres
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.optimizer.torch import TorchOptim
 from brushexp.plugins.renderer.base import Renderer
@@ -67,12 +66,7 @@ class Drawn:
     fault: str = ""
 
 
-def in_space(blend: Blend, color: str) -> Blend:
-    """The same blend in a colour space."""
-    return mixing(blend, build_named("color", color, {}))
-
-
-def draw(renderer: Renderer, blend: Blend, strokes: Strokes, target: Tensor, order: Tensor | None = None) -> Drawn:
+def draw(renderer: Renderer, blend: Compositor, strokes: Strokes, target: Tensor, order: Tensor | None = None) -> Drawn:
     """The picture of strokes, and the gradient of its mean squared error from a target (3, H, W).
 
     ``order`` (N,) are numbers of strokes, the uppermost first; None for as they come.
@@ -95,6 +89,7 @@ class SceneCheck:
     def __init__(self, renderer: Renderer, scene: Scene, most: int) -> None:
         self.renderer, self.precise = renderer, deepcopy(renderer).double()
         self.scene, self.strokes, self.target = scene, scene.strokes(most), scene.target(scene.canvas)
+        self.color = build_named("color", scene.color, {})
         self._exact: dict[tuple[Blend, str], Drawn] = {}
 
     def check(self, blend: Blend, dtype: str) -> Check:
@@ -110,7 +105,7 @@ class SceneCheck:
             if dtype == "float64":
                 return compare(dtype, self.exact(blend, dtype), self.exact(DENSE, dtype), self.strokes, note)
             rounded = self.strokes.map(lambda value: value.to(DTYPES[dtype]))
-            drawn = draw(self.renderer, in_space(blend, self.scene.color), rounded, self.target)
+            drawn = draw(self.renderer, Compositor(blend, self.color), rounded, self.target)
             return compare(dtype, drawn, self.exact(blend, dtype), self.strokes, note)
         except (UserError, *CRASHES) as error:
             return check_of_error(error)
@@ -120,7 +115,7 @@ class SceneCheck:
         kind = self.strokes.position.dtype if DTYPES[dtype] in PRECISE else DTYPES[dtype]
         if (blend, str(kind)) not in self._exact:
             strokes = drawable(self.strokes.map(lambda value: value.to(kind))).map(Tensor.double)
-            self._exact[blend, str(kind)] = draw(self.precise, in_space(blend, self.scene.color), strokes, self.target)
+            self._exact[blend, str(kind)] = draw(self.precise, Compositor(blend, self.color), strokes, self.target)
         return self._exact[blend, str(kind)]
 
 
@@ -129,9 +124,9 @@ def check_painting(name: str, renderer: Renderer, scene: Scene, patience: float,
 
     After ``patience`` seconds no further step is taken.
     """
-    precise, kind, blend = deepcopy(renderer).double(), DTYPES[dtype], in_space(blend, scene.color)
+    precise, kind, color = deepcopy(renderer).double(), DTYPES[dtype], build_named("color", scene.color, {})
     stage = Stage(name, precise if dtype == "float64" else renderer, scene.steps)
-    components = standard_components(stages=[stage], blend=blend, optimizer=TorchOptim(lr=scene.rate))
+    components = standard_components(stages=[stage], blend=blend, color=color, optimizer=TorchOptim(lr=scene.rate))
     components = replace(components, **{family: build_named(family, *part) for family, part in scene.parts.items()})
     strokes = scene.strokes(scene.n if renderer.warm_up is None else FEW).map(lambda value: value.to(kind))
     target, focus = scene.target(scene.canvas), scene.focus and scene.focus(scene.canvas).to(kind)
@@ -145,7 +140,7 @@ def check_painting(name: str, renderer: Renderer, scene: Scene, patience: float,
         )  # fmt: skip
         L.Trainer(accelerator="cpu", max_epochs=-1, callbacks=[timer], enable_model_summary=False, **quiet).fit(painter)
         picture, strokes = painter.drawn(), painter.catalogue().map(Tensor.detach)
-        exact = draw(precise, blend, strokes.map(Tensor.double), target, painter.depth.front_to_back)
+        exact = draw(precise, components.blend, strokes.map(Tensor.double), target, painter.depth.front_to_back)
     except (UserError, *CRASHES) as error:
         return check_of_error(error)
     n = painter.schedule.step

@@ -4,28 +4,26 @@ import logging
 import math
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import lightning as L
 import numpy as np
 import torch
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from torch import Tensor
 
 from brushexp.errors import UserError
 from brushexp.painting.assembly import components_of
+from brushexp.painting.finished import bare_job
 from brushexp.painting.goals import goals_of
 from brushexp.painting.metrics import psnr_of
 from brushexp.painting.preparation import prepared
 from brushexp.pictures.load import planes_of, size_at
 from brushexp.plugins.export.base import ExportJob
-from brushexp.plugins.export.png import pixels
-from brushexp.registry import plugin_of
 from brushexp.runs.fitting import conclude, fit, trainer_of
-from brushexp.shading.light import Light
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.device import device_of
 from brushexp.system.files import to_bytes
@@ -37,6 +35,7 @@ from brushexp_films.reel import Reel
 from brushexp_films.schema import FRAMES
 
 log = logging.getLogger(__name__)
+SAME = ("size", "renderer", "renderer_hash", "seed")  # fields that the catalogues of all pictures have in common
 MOST_TICKS = 65_535  # of a second, in which players count
 
 
@@ -54,8 +53,7 @@ class PaintedFilm:
         for loss in parts.losses.values():
             loss.to(self.device)
         self.reel = Reel(self.begin, Carrier(parts, renderer, cfg.film.steps, cfg.seed), cfg.film.change)
-        self.light = Light(**cfg.light)
-        self.name, self.settings = plugin_of(cfg.renderer).name, OmegaConf.to_yaml(cfg, resolve=True)
+        self.bare = bare_job(cfg, renderer, parts.blend, self.size)
         self.flicker, self.psnr, self.seconds = Flicker(), list[float](), list[float]()
 
     @property
@@ -66,13 +64,13 @@ class PaintedFilm:
         return max(1, math.ceil((end - first) / self.cfg.film.every))
 
     def targets(self) -> Iterator[Tensor]:
-        """The pictures (3, H, W) that are to be painted, one after another."""
+        """Decode the pictures (3, H, W) that are to be painted, one after another."""
         first, last = self._span()
         for picture in islice(decoded_pictures(self.clip), first, last, self.cfg.film.every):
             yield planes_of(picture, self.cfg.resolution).to(self.device)
 
     def _span(self) -> tuple[int, int | None]:
-        """Numbers of the first picture and of the one behind the last."""
+        """Number the first picture and the one behind the last."""
         film, rate = self.cfg.film, self.clip.rate
         return math.ceil(film.start * rate), None if film.stop is None else max(1, math.ceil(film.stop * rate))
 
@@ -88,14 +86,14 @@ class PaintedFilm:
         painter.hand_over()
         return Cel(painter.strokes(), painter.depth.front_to_back, painter.picture.background)
 
-    def known(self, number: int) -> Cel | None:
-        """The strokes of a picture that was painted before, and so were all before it."""
+    def painted_before(self, number: int) -> Cel | None:
+        """Load the strokes of a picture that an earlier run has painted, as it has all before it; None for others."""
         before, self.before = self.before, None  # from the first one that is missing on, all are painted anew
         if before is None or not (path := frame_in(before, number)).exists():
             return None
         try:
             saved = load_catalogue(path)
-            if any(getattr(saved, name) != value for name, value in self.saved_as.items()):
+            if any(getattr(saved, name) != getattr(self.bare.saved, name) for name in SAME):
                 raise UserError(f"{path} is of another film")
         except UserError as error:
             log.warning("%s; it and what follows it are painted anew", error)
@@ -104,49 +102,32 @@ class PaintedFilm:
         return cel_of(saved, self.device)
 
     def take(self, number: int, target: Tensor) -> np.ndarray:
-        """Paint a picture, or take over its strokes where they are known, and return it (H, W, 3) in its light."""
-        since, scenes, known = time.monotonic(), self.reel.scenes, self.known(number)
-        if known is None:
+        """Paint a picture, or take over its strokes of an earlier run, and return it (H, W, 3) in its light."""
+        since, scenes, cel = time.monotonic(), self.reel.scenes, self.painted_before(number)
+        if cel is None:
             self.reel.paint(target)
         else:
-            self.reel.follow(target, known)
+            self.reel.follow(target, cel)
         picture = self.lit()
         if self.before is None or self.before.resolve() != self.folder.resolve():
-            save_catalogue(frame_in(self.folder, number), self.saved())
+            save_catalogue(frame_in(self.folder, number), self.job().saved)
         self.psnr.append(psnr_of(float((self.reel.image - target).square().mean())))
         self.flicker.add(torch.from_numpy(np.moveaxis(picture, 2, 0) / np.float32(255)), target.cpu())
-        if known is None and self.reel.scenes == scenes:
+        if cel is None and self.reel.scenes == scenes:
             self.seconds.append(time.monotonic() - since)
         return picture
 
     def lit(self) -> np.ndarray:
-        """The last picture as painted, (H, W, 3), in its light."""
-        if not self.light.depth:
-            return to_bytes(self.reel.image)
-        saved, carrier = self.saved(), self.reel.carrier
-        painting = (saved.strokes, saved.depth, saved.size, saved.background)
-        made = (carrier.renderer, carrier.components.blend, self.name, self.cfg.image)
-        return pixels(ExportJob(*painting, *made, light=self.light), self.reel.image)
+        """Draw the last picture as painted, (H, W, 3), in its light."""
+        return self.job().picture(self.reel.image) if self.bare.light.depth else to_bytes(self.reel.image)
 
-    @property
-    def saved_as(self) -> dict[str, Any]:
-        """What the catalogues of all pictures have in common."""
-        weights = self.reel.carrier.renderer.weights_hash
-        return {"size": self.size, "renderer": self.name, "renderer_hash": weights, "seed": self.cfg.seed}
-
-    def saved(self) -> Saved:
-        """The strokes of the last picture as a catalogue."""
+    def job(self) -> ExportJob:
+        """The strokes of the last picture, to be drawn and saved."""
         cel = self.reel.cel
-        return Saved(
-            strokes=cel.strokes.map(Tensor.cpu),
-            depth=(len(cel.strokes) - 1 - cel.front_to_back.argsort()).int().cpu(),
-            background=cel.background.cpu(),
-            config=self.settings,
-            **self.saved_as,
-        )
+        return replace(self.bare, saved=self.bare.saved.laid(cel.strokes, cel.front_to_back, cel.background))
 
     def metrics(self, start: float | None, status: str) -> dict[str, object]:
-        """What metrics.json holds."""
+        """Collect the numbers of metrics.json."""
         count, carried = len(self.psnr), len(self.seconds)
         finite = [psnr for psnr in self.psnr if math.isfinite(psnr)]  # of black pictures it is inf
         return {
@@ -161,15 +142,16 @@ class PaintedFilm:
             "peak_memory_mb": peak_memory(),
             "device": str(self.device),
             "status": status,
+            "loss": "+".join(self.cfg.loss),
         }
 
 
 def frame_in(folder: Path, number: int) -> Path:
-    """Where a run keeps the strokes of a picture."""
+    """Name the file of a run with the strokes of a picture."""
     return folder / FRAMES / f"{number:06d}.h5"
 
 
 def cel_of(saved: Saved, device: torch.device) -> Cel:
-    """The strokes of a picture that was painted before."""
+    """Read the strokes of a picture from its catalogue."""
     above = saved.depth.argsort(descending=True)
     return Cel(saved.strokes.map(lambda value: value.to(device)), above.to(device), saved.background.to(device))

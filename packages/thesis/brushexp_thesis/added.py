@@ -11,14 +11,13 @@ import numpy as np
 from brushexp.errors import UserError
 from brushexp.features.distance import open_distance
 from brushexp.painting.metrics import measure
-from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.pictures.decode import FORMATS
 from brushexp.pictures.load import load_picture
-from brushexp.plugins.export.png import pixels as pixels_of
-from brushexp.registry import build_named
+from brushexp.plugins.export.job import export_job
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import to_bytes, write_json, write_picture
+from brushexp.system.run_files import METRICS_FILE
 
 CATALOGUES = (".h5", ".json")
 PICTURES = (*(f".{name.lower()}" for name in FORMATS), ".jpg", ".tif")
@@ -39,20 +38,21 @@ def add_paintings(
         target_pixels = to_bytes(load_picture(image, None, "target"))
         pixels, strokes = drawn(path, target_pixels.shape)
         run = folder / path.stem
-        run.mkdir(parents=True, exist_ok=True)
+        (run / ".hydra").mkdir(parents=True, exist_ok=True)
         write_picture(run / "painting.png", pixels)
         write_picture(run / "target.png", target_pixels)
+        write_json(run / ".hydra" / "config.yaml", {"image": image})  # of which YAML is a superset
         metrics = {key: value for key, value in {**numbers, **strokes}.items() if value is not None}
-        metrics |= {"status": "completed", "overrides": {"image": image}, "painter": name}
-        write_json(run / "result.json", measure(pixels, target_pixels, lpips) | metrics)
+        metrics |= {"status": "completed", "painter": name}
+        write_json(run / METRICS_FILE, measure(pixels, target_pixels, lpips) | metrics)
 
 
 def drawn(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, int]]:
     """A painting (H, W, 3) in 8 bits at the size of its target, its colours alone, and how many strokes it has."""
     if path.suffix.lower() in CATALOGUES:
         saved = load_catalogue(path, "add")
-        job = export_job(saved, renderer_of(saved), build_named("blend", "tiled", {}), saved.renderer, max(shape))
-        pixels, strokes = pixels_of(replace(job, light=UNLIT)), {"n_strokes": len(saved.strokes)}
+        job = replace(export_job(saved, resolution=max(shape)), light=UNLIT)
+        pixels, strokes = job.picture(), {"n_strokes": len(saved.strokes)}
     else:
         pixels, strokes = to_bytes(load_picture(str(path), None, "add")), {}
     if pixels.shape != shape:

@@ -39,7 +39,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     sections = sections_of(entries, published)
     beside = {id(one) for section in sections for one in section.published}
     elsewhere = [one for one in published if id(one) not in beside]
-    words = [word for word in words_of(folder) or [] if word.partition("=")[0] not in NOT_SHOWN]
+    words = [word for word in words_of(folder) if word.partition("=")[0] not in NOT_SHOWN]
     write_standings_plot(folder, sections)
     write_leaderboard_page(folder, sections, elsewhere, cfg.note or "")
     command = shlex.join(["brushexp", *words])

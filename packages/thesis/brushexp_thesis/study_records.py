@@ -15,10 +15,11 @@ import pandas as pd
 
 from brushexp.errors import UserError
 from brushexp.results.paired import Difference, paired_differences, paired_table
-from brushexp.results.runs import JOBS, UNFINISHED, gather
+from brushexp.results.runs import JOBS, gather
 from brushexp.results.tables import METRICS
 from brushexp.system.files import write_text
 from brushexp.system.reading import json_of, read_text
+from brushexp.system.run_files import METRICS_FILE, UNFINISHED
 from brushexp_thesis.claims import Claim
 
 EXPERIMENT = "experiment="
@@ -109,7 +110,7 @@ def _swept(folders: Sequence[Path], into: Path) -> Iterator[Study]:
         noted = json_of(read_text(path / JOBS, ""))
         words = [str(word) for word in noted.get("typed", [])]
         name = next((word.removeprefix(EXPERIMENT) for word in words if word.startswith(EXPERIMENT)), None)
-        if name is None or not any(path.glob("*/result.json")):
+        if name is None or not any(path.glob(f"*/{METRICS_FILE}")):
             continue
         frame = gather([path], into)
         if (table := paired_table(frame)) is not None:

@@ -20,13 +20,14 @@ from hydra.errors import CompactHydraException, HydraException
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.cli.help import help_text
-from brushexp.cli.many_pictures import PICTURES, as_sweep
+from brushexp.cli.many_pictures import as_sweep
 from brushexp.cli.mistakes import explanation
 from brushexp.config.composition import offer
 from brushexp.config.configs import chosen_groups, composed, folders_of, quoted
 from brushexp.config.keys import keys_of
 from brushexp.config.tasks import TASKS, load_tasks, suited
 from brushexp.errors import UserError
+from brushexp.pictures.folders import PICTURES
 from brushexp.pictures.load import samples
 from brushexp.plugin_loading import load_plugins
 from brushexp.registry import MULTI_SELECT, plugins

@@ -73,8 +73,13 @@ PAGE = Rule(lambda path, option: Path(path).is_dir() or canvas_of(path, option))
 STROKES = Rule(_is_set)
 
 
-def check_paint(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int] | None = None) -> None:
-    """Refuse losses, strokes, a mask or a catalogue that do not fit the size (H, W) of ``image``, or the memory."""
+def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """Check a painting of the picture that ``image`` names."""
+    check_painting(cfg, overrides, size_of_picture(cfg.image, "image", cfg.resolution))
+
+
+def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int]) -> None:
+    """Refuse losses, strokes, a mask or a catalogue that do not fit a picture of this size (H, W), or the memory."""
     from brushexp.painting.assembly import budget_of, check_losses, check_size  # noqa: PLC0415
 
     names = [plugin.name for plugin in plugins("renderer")]
@@ -83,13 +88,13 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int]
         raise UserError(f"warm_up={cfg.warm_up} is not a renderer; choose auto, null or one of {', '.join(names)}")
     check_losses(cfg)
     check_monitors(cfg, PAINTING_CURVES)
-    size, there = size or size_of_picture(cfg.image, "image", cfg.resolution), None
+    in_catalogue = None
     if cfg.focus not in (None, AUTO):
         check_ratio(cfg.focus, size_of_picture(cfg.focus, "focus"), size, "focus")
     if cfg.catalogue is not None:
-        there, canvas = canvas_of(cfg.catalogue, "catalogue")
+        in_catalogue, canvas = canvas_of(cfg.catalogue, "catalogue")
         check_ratio(cfg.catalogue, canvas, size, "catalogue")
-    strokes = budget_of(cfg, size, build(cfg.density), there)
+    strokes = budget_of(cfg, size, build(cfg.density), in_catalogue)
     build(cfg.blend).check(strokes, size)
     check_size(cfg, strokes, size)
     if cfg.style.image is not None:
@@ -168,17 +173,17 @@ def check_simulate(cfg: DictConfig, overrides: Sequence[str]) -> None:
 def check_export(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """That the renderer can be built, and the painting has room in memory and in what it is exported to."""
     from brushexp.compositing.bands import cuts  # noqa: PLC0415
-    from brushexp.painting.outputs import export_job, renderer_of  # noqa: PLC0415
+    from brushexp.plugins.export.job import export_job  # noqa: PLC0415
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415
 
     saved = load_catalogue(Path(cfg.catalogue))
-    renderer = renderer_of(saved) if cfg.get("renderer") is None else build(cfg.renderer)
-    job = export_job(saved, renderer, build(cfg.blend), saved.renderer, cfg.resolution, cfg.catalogue)
+    renderer = None if cfg.get("renderer") is None else build(cfg.renderer)
+    job = export_job(saved, renderer, build(cfg.blend), resolution=cfg.resolution)
     for node in cfg.to.values():
         build(node).check(len(job.strokes), job.size)
-    windows = max(len(number) for _, _, number in cuts(job.strokes, job.size, renderer))
+    windows = max(len(number) for _, _, number in cuts(job.strokes, job.size, job.renderer))
     needed = (
-        len(job.strokes) * BYTES_PER_STROKE + windows * getattr(renderer, "window", 0) ** 2 * BYTES_PER_WINDOW_PIXEL
+        len(job.strokes) * BYTES_PER_STROKE + windows * getattr(job.renderer, "window", 0) ** 2 * BYTES_PER_WINDOW_PIXEL
     )
     what = f"{len(job.strokes)} strokes on {job.size[1]} x {job.size[0]} pixels"
     check_memory(needed, what, "choose a smaller resolution=, or renderer=analytic")

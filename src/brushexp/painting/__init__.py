@@ -4,5 +4,5 @@ assembly (with init) -> components -> preparation
 -> painting_module (with schedule, picture, curves)
 -> procedure, painter (with canvas_memory, sampler, renderer, order, blend, loss, divergence, partial, optimizer,
 density, densification, painter_state)
--> goals -> wet -> timelapse -> metrics -> outputs -> finished
+-> goals -> wet -> timelapse -> metrics -> finished
 """

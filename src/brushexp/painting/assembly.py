@@ -9,12 +9,12 @@ import torch
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
-from brushexp.compositing.mixing import mixing
 from brushexp.errors import UserError
 from brushexp.painting.components import Components, Stage
 from brushexp.pictures.color import recolored
 from brushexp.pictures.focus import focus_map, focus_weights
 from brushexp.pictures.load import check_ratio
+from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.density.base import Density
 from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.loss.base import Loss
@@ -36,7 +36,7 @@ AUTO = "auto"  # warm_up that leaves it to the renderer
 def components_of(cfg: DictConfig) -> Components:
     """Build what the config names."""
     others = {family: build(cfg[family]) for family in ("order", "density", "sampler", "optimizer")}
-    blend = mixing(build(cfg.blend), build(cfg.color))
+    blend = Compositor(build(cfg.blend), build(cfg.color))
     return Components(stages=stages_of(cfg), blend=blend, losses=losses_of(cfg), **others)
 
 

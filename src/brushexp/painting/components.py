@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from brushexp.plugins.blend.base import Blend
+from brushexp.plugins.blend.base import Blend, Compositor
+from brushexp.plugins.color.base import ColorSpace
 from brushexp.plugins.density.base import Density
 from brushexp.plugins.loss.base import Loss
 from brushexp.plugins.optimizer.base import Optimizer
@@ -27,7 +28,7 @@ class Components:
     """What a painting is made with: one member of each family, but one renderer for each stage."""
 
     stages: Sequence[Stage]
-    blend: Blend
+    blend: Compositor
     order: Order
     losses: Mapping[str, Loss]
     density: Density
@@ -35,9 +36,13 @@ class Components:
     optimizer: Optimizer
 
 
-def standard_components(renderer: Renderer | None = None, *, steps: int = 500, **chosen: Any) -> Components:
+def standard_components(
+    renderer: Renderer | None = None, *, steps: int = 500, blend: Blend | None = None, color: ColorSpace | None = None,
+    **chosen: Any,
+) -> Components:  # fmt: skip
     """The defaults of ``task=paint`` without a config, for use from Python; ``chosen`` components differ."""
     from brushexp.plugins.blend.tiled import Tiled  # noqa: PLC0415  (the contracts above are all that others need)
+    from brushexp.plugins.color.rgb import Rgb  # noqa: PLC0415
     from brushexp.plugins.density.fixed import Fixed  # noqa: PLC0415
     from brushexp.plugins.loss.mse import MeanSquaredError  # noqa: PLC0415
     from brushexp.plugins.optimizer.torch import TorchOptim  # noqa: PLC0415
@@ -47,5 +52,6 @@ def standard_components(renderer: Renderer | None = None, *, steps: int = 500, *
 
     renderer = renderer or Analytic()
     stages = [Stage(type(renderer).__name__.lower(), renderer, steps)]
-    default = Components(stages, Tiled(), Area(), {"mse": MeanSquaredError()}, Fixed(), Whole(), TorchOptim())
+    compositor = Compositor(blend or Tiled(), color or Rgb())
+    default = Components(stages, compositor, Area(), {"mse": MeanSquaredError()}, Fixed(), Whole(), TorchOptim())
     return replace(default, **chosen)

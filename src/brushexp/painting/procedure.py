@@ -81,7 +81,7 @@ class Procedure(PaintingModule):
         strokes = self.renderer.convert(state.strokes.map(lambda value: value.detach().to(self.device)))
         shown = self.draw(strokes)
         if not shown.isfinite().all():
-            who = f"{named('renderer', self.renderer)} with {named('blend', self.components.blend)}"
+            who = f"{named('renderer', self.renderer)} with {named('blend', self.components.blend.blend)}"
             raise UserError(f"{who} makes a picture that is not finite; choose others")
         self._state = PaintingState(strokes, state.step, state.steps)
         self.depth.front_to_back = torch.arange(len(strokes) - 1, -1, -1, device=self.device)

@@ -11,12 +11,10 @@ from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.features.distance import open_distance
-from brushexp.painting.finished import Finished, finish
+from brushexp.painting.finished import Finished, finish, summary_line
 from brushexp.painting.goals import goals_of
-from brushexp.painting.outputs import summary_line
 from brushexp.painting.preparation import prepared
 from brushexp.painting.timelapse import Timelapse
-from brushexp.results.runs import AT_WORK
 from brushexp.runs.fitting import conclude, fit, trainer_of
 from brushexp.runs.tracking import Trackers, trackers_of
 from brushexp.system.device import device_of
@@ -54,9 +52,9 @@ class Session:
             trainer = trainer_of(self.cfg, self.device, self.folder, *around, checkpoints=self.painter.resumable)
             self.failure = fit(trainer, self.painter, checkpoint=checkpoint)
 
-    def finish(self) -> Finished:
-        """What the painter has come to."""
-        return finish(self.painter, self.cfg, self.timelapse, self.lpips)
+    def finish(self, start: float | None = None) -> Finished:
+        """Finish the painting; ``start`` is `time.monotonic` when the program began."""
+        return finish(self.painter, self.cfg, self.timelapse, self.lpips, pictures=self.pictures, start=start)
 
     def conclude(self) -> None:
         """Raise what has kept the fit from its end, if anything has; else its checkpoint is removed."""
@@ -81,26 +79,24 @@ def painted_into(
     """
     trackers = trackers_of(cfg, folder)  # says now what they lack
     session = Session(cfg, folder, callbacks)
-    for name, picture in session.pictures.items():
+    for name, picture in session.pictures.items():  # before the steps: a disk may be full
         write_picture(folder / f"{name}.png", picture)
     with trackers:
         session.fit(trackers, checkpoint)
-        finished = session.finish()
-        (folder / AT_WORK).parent.mkdir(exist_ok=True)
-        (folder / AT_WORK).touch()
-        finished.write(folder, start)
+        finished = session.finish(start)
+        finished.write(folder)
         trackers.report(
             finished.metrics,
             pictures={name: folder / f"{name}.png" for name in ("target", "painting")},
-            frames=some_of(finished.timelapse.frames),
+            frames=some_of(session.timelapse.frames),
             files={"catalogue": folder / "catalogue.h5"},
         )
     with ThreadPoolExecutor(1) as beside:  # to encode a film leaves Python to others
-        film = beside.submit(finished.timelapse.write, folder)
+        film = beside.submit(session.timelapse.write, folder)
         if cfg.report:
-            report(folder, film)
+            report(folder, finished, film)
     film.result()
-    (folder / AT_WORK).unlink()
+    finished.conclude(folder)
     log.info(summary_line(folder, finished.metrics))
     session.conclude()
     return finished
@@ -112,11 +108,11 @@ def some_of(frames: dict[int, bytes]) -> dict[int, bytes]:
     return {step: frames[step] for step in steps[:: max(1, -(-len(steps) // ON_THE_WAY))]}
 
 
-def report(folder: Path, film: Future[Any] | None = None) -> None:
+def report(folder: Path, finished: Finished, film: Future[Any] | None = None) -> None:
     """Write the page of the run, with its ``film``; whatever goes wrong with it, the run is not lost."""
     from brushexp.pages.run_page import write_run_page  # noqa: PLC0415  (runs without a page start sooner)
 
     try:
-        write_run_page(folder, film)
+        write_run_page(folder, finished, film)
     except Exception as error:
         log.error("no report.html of this run: %s", error, exc_info=not isinstance(error, UserError))
