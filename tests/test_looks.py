@@ -8,12 +8,12 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 from program import ended
 
-from brushexp.cli.command_line import in_full
-from brushexp.cli.help import presets_of
-from brushexp.config import configs
-from brushexp.config.composition import check, offer
-from brushexp.config.configs import SHIPPED, folders_of
+from brushexp.cli.program import expand_arguments
+from brushexp.config import compose
+from brushexp.config.check import check
+from brushexp.config.compose import SHIPPED, folders_of, presets_of
 from brushexp.config.looks import FACTORS
+from brushexp.config.publish import offer
 from brushexp.config.schema import PaintTask
 from brushexp.errors import UserError
 from brushexp.registry import plugin_of
@@ -39,7 +39,7 @@ loss:
 
 
 def composed(words: str = ""):
-    return configs.composed(in_full(words.split()))
+    return compose.composed(expand_arguments(words.split()))
 
 
 @pytest.fixture

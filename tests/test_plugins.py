@@ -2,7 +2,7 @@
 
 import pytest
 
-from brushexp.config.configs import SHIPPED
+from brushexp.config.compose import SHIPPED
 from brushexp.registry import FAMILIES, MULTI_SELECT, build, build_named, plugins
 from brushexp.testing import contract
 

@@ -102,6 +102,7 @@ class Plugin:
 
 
 _plugins: dict[tuple[str, str], Plugin] = {}
+_kept: dict[str, Any] = {}  # node of a config as YAML -> the plugin that a check has built of it
 
 
 def register(family: str, name: str) -> Callable[[C], C]:
@@ -190,6 +191,25 @@ def build(node: DictConfig, *runtime: object) -> Any:
     """
     plugin = plugin_of(node)
     return plugin.cls(*runtime, **options_in(node, plugin.path))
+
+
+def keep_built(node: DictConfig) -> Any:
+    """The plugin of a config node, built once for the check of a run and kept for the run itself (`take_built`)."""
+    text = OmegaConf.to_yaml(node, resolve=True)
+    if text not in _kept:
+        _kept[text] = build(node)
+    return _kept[text]
+
+
+def take_built(node: DictConfig) -> Any:
+    """The plugin that a check has kept for a config node, or else a new one; no other run gets the same object."""
+    text = OmegaConf.to_yaml(node, resolve=True)
+    return _kept.pop(text) if text in _kept else build(node)
+
+
+def drop_built() -> None:
+    """Forget what checks have built and no run has taken."""
+    _kept.clear()
 
 
 def options_in(node: DictConfig, path: str) -> dict[str, Any]:

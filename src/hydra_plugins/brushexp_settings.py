@@ -70,9 +70,9 @@ class SettingsSweeper(BasicSweeper):
         self, overrides: list[Override], max_batch_size: int | None
     ) -> list[list[list[str]]]:
         """The overrides of every job, in batches, each checked before anything of the sweep is written."""
-        from brushexp.cli.command_line import verbatim, written_out  # noqa: PLC0415  (Hydra imports this file for any program)
         from brushexp.cli.many_pictures import all_pictures, subfolders_for  # noqa: PLC0415
-        from brushexp.config.configs import folders_in  # noqa: PLC0415
+        from brushexp.config.compose import folders_in  # noqa: PLC0415
+        from brushexp.config.words import expand_shorthand, verbatim  # noqa: PLC0415  (Hydra imports this file for any program)
         from brushexp.runs.run_folder import SUBFOLDER  # noqa: PLC0415
         from brushexp.runs.sweep_jobs import begin_sweep, check_jobs  # noqa: PLC0415
 
@@ -82,7 +82,7 @@ class SettingsSweeper(BasicSweeper):
         parser = OverridesParser.create(config_loader=loader)
 
         def combined(words: Sequence[str]) -> list[list[str]]:
-            own = parser.parse_overrides([written_out(word, sweep=True) for word in words])
+            own = parser.parse_overrides([expand_shorthand(word, sweep=True) for word in words])
             return [list(job) for job in BasicSweeper.split_arguments([*overrides, *own], None)[0]]
 
         typed = any(override.get_key_element() == "image" for override in overrides)

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from brushexp.cli.help import presets_of
-from brushexp.config.configs import SHIPPED
+from brushexp.config.compose import SHIPPED, presets_of
 from brushexp.results.runs import words_of
 from brushexp_thesis.claims import SHIPPED_CLAIMS, read_claims
 from brushexp_thesis.studies_page import write_verdicts

@@ -10,14 +10,14 @@ from importlib.util import find_spec
 from itertools import chain, count
 from pathlib import Path
 
-from brushexp.config.configs import files_of, quoted
+from brushexp.config.compose import files_of, quoted
 from brushexp.errors import UserError
+from brushexp.pictures.folders import is_several, pictures_in
 from brushexp.pictures.load import samples
 from brushexp.results.runs import JOBS
 from brushexp.runs.sweep_jobs import PICTURE
 from brushexp.system.reading import read_text, yaml_of
 
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".gif")
 SETS = "pictures="
 GROUP_OF_SETS, ENDING = "pictures", ".yaml"  # folder of configs with sets of pictures, and how their files end
 PROCESSES, AUTO = "jobs=", "auto"  # of a sweep: how many at once
@@ -116,22 +116,6 @@ def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
         what = f"has no {', '.join(missing)}; put such files beside {path}" if missing else "is empty; list pictures"
         raise UserError(f"pictures={name} {what}, or give names of samples: {', '.join(sorted(known))}")
     return [str(place) if place.is_file() else one for one, place in places.items()]
-
-
-def is_several(image: str) -> bool:
-    """Whether what was typed names a folder or, being no file, is a pattern."""
-    path = os.path.expanduser(image)
-    return os.path.isdir(path) or (not os.path.exists(path) and glob.has_magic(image) and "(" not in image)
-
-
-def pictures_in(image: str) -> list[str]:
-    """The picture files that a folder holds, or a pattern names; a UserError if there are none."""
-    path = os.path.expanduser(image)
-    found = glob.glob(os.path.join(glob.escape(path), "*") if os.path.isdir(path) else path, recursive=True)
-    paths = sorted(name for name in found if name.lower().endswith(PICTURES) and os.path.isfile(name))
-    if not paths:
-        raise UserError(f"image={image}: no picture is there; give a folder or pattern of {', '.join(PICTURES)}")
-    return paths
 
 
 def name_of(image: str) -> str:

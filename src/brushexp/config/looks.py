@@ -15,10 +15,10 @@ from hydra.core.object_type import ObjectType
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.config.keys import OPTIONS
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, plugins
 
+LOOK_OPTIONS = "look_options"  # group of the options that looks set: look_options/<family>/<look>_<plugin>
 UNTUNED = "untuned"  # group of losses as they are without a look
 FACTORS = {"steps": ("effort", 1), "pixels_per_stroke": ("detail", -1), "max_strokes": ("detail", 1)}
 
@@ -47,7 +47,7 @@ def offer_looks(paths: Mapping[str, Path], schema: type[Any]) -> set[str]:
             check_options(path, family, plugin, options)
             tuned.setdefault(family, set()).add(plugin)
             ConfigStore.instance().store(
-                group=f"{OPTIONS}/{family}", name=f"{name}_{plugin}", node=options, provider=str(path)
+                group=f"{LOOK_OPTIONS}/{family}", name=f"{name}_{plugin}", node=options, provider=str(path)
             )
         for key in FACTORS:
             value = values.get(key, getattr(schema, key))
@@ -97,5 +97,9 @@ def hook(loss: str) -> None:
     if there == [True, False]:
         own = store.load(f"loss/{loss}.yaml")
         store.store(group=f"{UNTUNED}/loss", name=loss, node=own.node, provider=own.provider)
-        parts = ["_self_", f"/{UNTUNED}/loss/{loss}@_here_", {f"optional /{OPTIONS}/loss@_here_": f"${{look}}_{loss}"}]
+        parts = [
+            "_self_",
+            f"/{UNTUNED}/loss/{loss}@_here_",
+            {f"optional /{LOOK_OPTIONS}/loss@_here_": f"${{look}}_{loss}"},
+        ]
         store.store(group="loss", name=loss, node={"defaults": parts}, package=f"loss.{loss}", provider=own.provider)

@@ -2,11 +2,12 @@
 
 import logging
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import torch
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from torch import Tensor
 
 from brushexp.compositing.mixing import mixing
@@ -19,8 +20,9 @@ from brushexp.plugins.density.base import Density
 from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.loss.base import Loss
 from brushexp.plugins.loss.style import Style
+from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.whole import Whole
-from brushexp.registry import build, build_named, plugin_of
+from brushexp.registry import build_named, keep_built, plugin_of, take_built
 from brushexp.strokes.brushwork import load_brushwork, with_brushwork
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import load_catalogue
@@ -35,21 +37,21 @@ AUTO = "auto"  # warm_up that leaves it to the renderer
 
 def components_of(cfg: DictConfig) -> Components:
     """Build what the config names."""
-    others = {family: build(cfg[family]) for family in ("order", "density", "sampler", "optimizer")}
-    blend = mixing(build(cfg.blend), build(cfg.color))
+    others = {family: take_built(cfg[family]) for family in ("order", "density", "sampler", "optimizer")}
+    blend = mixing(take_built(cfg.blend), take_built(cfg.color))
     return Components(stages=stages_of(cfg), blend=blend, losses=losses_of(cfg), **others)
 
 
 def losses_of(cfg: DictConfig) -> dict[str, Loss]:
     """The chosen losses, and those that ``style.image`` and ``style.brushwork`` add to them."""
     content = 1.0 if cfg.style.image is None else cfg.style.content
-    losses: dict[str, Loss] = {
-        name: build(OmegaConf.create({**node, "weight": content * node.weight})) for name, node in cfg.loss.items()
-    }
+    losses: dict[str, Loss] = {str(name): take_built(node) for name, node in cfg.loss.items()}
+    for loss in losses.values():
+        loss.weight *= content
     if cfg.style.image is not None:
-        losses[STYLE] = build(cfg.style.loss)
+        losses[STYLE] = take_built(cfg.style.loss)
     if cfg.style.brushwork is not None:
-        losses[BRUSHWORK] = build(cfg.style.strokes, "style.brushwork")
+        losses[BRUSHWORK] = take_built(cfg.style.strokes)
     return losses
 
 
@@ -78,9 +80,9 @@ def focus_of(cfg: DictConfig, target: Tensor) -> tuple[Tensor | None, Tensor | N
     return focus_weights(attended, cfg.focus_strength), attended
 
 
-def stages_of(cfg: DictConfig) -> list[Stage]:
+def stages_of(cfg: DictConfig, make: Callable[[DictConfig], Renderer] = take_built) -> list[Stage]:
     """The renderers and their steps: the chosen one, and before it the one that ``warm_up`` asks for, if any."""
-    name, renderer = plugin_of(cfg.renderer).name, build(cfg.renderer)
+    name, renderer = plugin_of(cfg.renderer).name, make(cfg.renderer)
     first = renderer.warm_up if cfg.warm_up == AUTO else cfg.warm_up
     if first is None or not (cfg.steps or cfg.seconds):
         return [Stage(name, renderer, cfg.steps)]
@@ -105,8 +107,8 @@ def paced(parts: Components, steps_per_stroke: float | None, strokes: Strokes, s
 def check_size(cfg: DictConfig, strokes: int, size: tuple[int, int]) -> None:
     """Refuse (UserError) what memory cannot hold: pictures of a canvas of ``size``, and windows of its strokes."""
     pixels = math.prod(size)
-    window = max(getattr(stage.renderer, "window", 0) for stage in stages_of(cfg))
-    windows = strokes * window**2 * BYTES_PER_WINDOW_PIXEL if isinstance(build(cfg.sampler), Whole) else 0
+    window = max(getattr(stage.renderer, "window", 0) for stage in stages_of(cfg, keep_built))
+    windows = strokes * window**2 * BYTES_PER_WINDOW_PIXEL if isinstance(keep_built(cfg.sampler), Whole) else 0
     smaller = "resolution=, fewer strokes= or sampler=patches" if windows else "resolution="
     what = f"{strokes} strokes on {size[1]} x {size[0]} pixels"
     check_memory(pixels * BYTES_PER_PIXEL + windows, what, f"choose a smaller {smaller}")
@@ -125,7 +127,7 @@ def first_strokes(cfg: DictConfig, target: Tensor, density: Density, focus: Tens
         return strokes, budget_of(cfg, (height, width), density, len(strokes))
     n = budget_of(cfg, (height, width), density)
     generator = torch.Generator().manual_seed(cfg.seed)
-    initializer: Initializer = build(cfg.init)
+    initializer: Initializer = take_built(cfg.init)
     strokes = initializer(target, density.first(n, steps_planned(cfg)), generator, focus)
     if cfg.style.brushwork is not None:
         strokes = with_brushwork(strokes, load_brushwork(Path(cfg.style.brushwork)), (height, width), generator)

@@ -11,7 +11,7 @@ from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.procedure import Procedure
 from brushexp.pictures.load import background_color, load_picture
 from brushexp.plugins.painter.base import PaintingMethod
-from brushexp.registry import build
+from brushexp.registry import take_built
 from brushexp.strokes.catalogue import Catalogue
 
 
@@ -30,7 +30,7 @@ def prepared(cfg: DictConfig, target: Tensor | None = None) -> Prepared:
     """
     target = load_picture(cfg.image, cfg.resolution) if target is None else target
     size = (target.shape[1], target.shape[2])
-    method: PaintingMethod = build(cfg.painter)
+    method: PaintingMethod = take_built(cfg.painter)
     if not method.by_steps:
         parts, background = components_of(cfg), background_color(cfg.background, target)
         n = budget_of(cfg, size, parts.density)

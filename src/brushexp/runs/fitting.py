@@ -13,12 +13,12 @@ from hydra.core.hydra_config import HydraConfig
 from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.config.composition import check, leaves
+from brushexp.config.check import check, leaves
 from brushexp.config.keys import typed
 from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
 from brushexp.plugin_errors import SAID_ALREADY, mistake_of
-from brushexp.registry import build, plain_config, plugins
+from brushexp.registry import plain_config, plugins, take_built
 from brushexp.results.runs import words_of
 from brushexp.runs.run_folder import note_words
 from brushexp.runs.sweep_report import first_line
@@ -48,7 +48,7 @@ def trainer_of(
     it does not take), ``checkpoint_every`` and, if there is a folder that they may write into, ``callbacks`` (beside
     those given).
     """
-    chosen = [build(node).open(folder) for node in cfg.callbacks.values()] if folder else []
+    chosen = [take_built(node).open(folder) for node in cfg.callbacks.values()] if folder else []
     warnings.filterwarnings("ignore", ".*in eval mode at the start of training")  # networks are frozen on purpose
     warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)  # Lightning calls a name that torch deprecates
     record = RunRecord(cfg, folder)

@@ -12,8 +12,9 @@ from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.config.composition import check, leaves
+from brushexp.config.check import check, leaves
 from brushexp.errors import UserError
+from brushexp.pictures.folders import is_several, pictures_in
 from brushexp.registry import plugins
 from brushexp.results.runs import JOBS
 from brushexp.system.files import TEMPORARY, write_text
@@ -118,8 +119,6 @@ def check_inputs(folder: Path, cfg: DictConfig) -> None:
 
 def files_read(cfg: DictConfig) -> Iterator[tuple[str, str, Path]]:
     """Key, value and whole path of what may be files and folders that a run reads, and of each picture of a sweep."""
-    from brushexp.cli.many_pictures import is_several, pictures_in  # noqa: PLC0415
-
     for key, value in leaves(OmegaConf.to_container(cfg)):
         is_picture = key.startswith("hydra.sweeper.pictures.")
         is_other = key.startswith(("hydra.", "output")) and not is_picture

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Sequence
 from dataclasses import fields
-from difflib import get_close_matches
 from enum import EnumType
 from pathlib import Path
 from types import NoneType, UnionType
@@ -13,11 +12,12 @@ from hydra.errors import CompactHydraException
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.cli.help import as_typed
-from brushexp.config.configs import composed
+from brushexp.config.check import nearest_first, unknown_key, unknown_option
+from brushexp.config.compose import composed
 from brushexp.config.keys import groups_of, keys_of
 from brushexp.config.tasks import TASKS
-from brushexp.registry import MULTI_SELECT, Plugin, plugins
+from brushexp.config.words import as_typed
+from brushexp.registry import plugins
 
 KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", dict: "{name: value}"}
 
@@ -66,47 +66,6 @@ def choices(group: str, folders: Sequence[Path]) -> list[str]:
     names = [plugin.name for plugin in plugins(group)]
     presets = [path.stem for folder in folders for path in (folder / group).glob("*.yaml")]
     return names + presets + (list(TASKS) if group == "task" else [])
-
-
-def nearest_first(word: str, names: list[str]) -> str:
-    """The names as a list, those most like the word first."""
-    return ", ".join(get_close_matches(word, names, max(1, len(names)), 0))
-
-
-def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -> str:
-    """An option that a plugin does not have; of the others that have it, those come first that were typed."""
-    family, names = plugin.family, list(plugin.meanings)
-    text = f"{plugin.path}.{option} is no option of {family}={plugin.name}; "
-    text += f"its options, nearest first: {nearest_first(option, names)}" if names else "it has none"
-    owners = [other.name for other in plugins(family) if option in other.meanings]
-    typed = " ".join(word for word in arguments if word.startswith(f"{family}="))
-    owners.sort(key=lambda name: re.search(rf"\b{name}\b", typed) is None)
-    if arguments and not any(f"{plugin.path}.{option}" in word for word in arguments):
-        choices = " or ".join(f"{family}={name}" for name in owners)
-        return f"{family}={plugin.name} has no {option}, which this task sets; choose {choices}"
-    if owners and family not in MULTI_SELECT:
-        text += f". It is one of {', '.join(f'{family}={name}' for name in owners)}; a sweep over both: "
-        text += f"-m \"hydra.sweeper.settings=['{family}={plugin.name}','{family}={owners[0]} {family}.{option}=...']\""
-    return text
-
-
-def unknown_key(typed: str, task: str) -> str:
-    """A key that a task does not have, or below a family of which several can be chosen."""
-    family, _, rest = typed.partition(".")
-    if family in MULTI_SELECT and rest:
-        name, names = rest.partition(".")[0], [plugin.name for plugin in plugins(family)]
-        mend = f"add {name} to the list, '{family}=[{name},...]', or drop the keys below it"
-        mend = mend if name in names else f"there are: {nearest_first(name, names)}"
-        return f"{family}.{name} is tuned but not chosen; {mend}"
-    for plugin in plugins():
-        for option in plugin.meanings:
-            if typed.startswith(f"{plugin.path}.{option}."):
-                return f"{typed} is not there yet; what {plugin.path}.{option} gets anew has a plus: '+{typed}=...'"
-    above, names = typed.rpartition(".")[0], [*keys_of(TASKS[task]), *groups_of(TASKS[task])]
-    beside = [name for name in names if name.rpartition(".")[0] == above] or names
-    text = f"{typed} is no key of task={task}; nearest first: {nearest_first(typed, beside)}"
-    others = [f"task={name}" for name, schema in TASKS.items() if typed in (*keys_of(schema), *groups_of(schema))]
-    return text + (f". It is one of {', '.join(others)}" if others else "")
 
 
 def wrong_type(text: str, task: str) -> str | None:

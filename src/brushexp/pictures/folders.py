@@ -1,0 +1,24 @@
+"""Find the pictures that a folder holds or a pattern names."""
+
+import glob
+import os
+
+from brushexp.errors import UserError
+
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".gif")
+
+
+def is_several(image: str) -> bool:
+    """Whether what was typed names a folder or, being no file, is a pattern."""
+    path = os.path.expanduser(image)
+    return os.path.isdir(path) or (not os.path.exists(path) and glob.has_magic(image) and "(" not in image)
+
+
+def pictures_in(image: str) -> list[str]:
+    """The picture files that a folder holds, or a pattern names; a UserError if there are none."""
+    path = os.path.expanduser(image)
+    found = glob.glob(os.path.join(glob.escape(path), "*") if os.path.isdir(path) else path, recursive=True)
+    paths = sorted(name for name in found if name.lower().endswith(PICTURES) and os.path.isfile(name))
+    if not paths:
+        raise UserError(f"image={image}: no picture is there; give a folder or pattern of {', '.join(PICTURES)}")
+    return paths
