@@ -17,7 +17,7 @@ from brushexp.config.check import check
 from brushexp.config.compose import composed, folders_of
 from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
-from brushexp.config.words import as_typed, expand_shorthand, parse_value, types_of_keys, verbatim
+from brushexp.config.words import as_typed, expand_shorthand, parse_value, types_of_keys
 from brushexp.errors import UserError
 from brushexp.pictures.held import HeldPicture, is_picture
 from brushexp.registry import drop_built
@@ -121,17 +121,4 @@ def words_from(options: Mapping[str, Any], held: dict[str, HeldPicture], above: 
                 raise UserError(f"{name}={{}} says nothing; leave it out, or give a value")
             yield from words_from(value, held, f"{name}.")
         else:
-            yield f"{name}={in_grammar(value)}"
-
-
-def in_grammar(value: Any, *, inside: bool = False) -> str:
-    """A value as it is typed; texts ``inside`` of lists and mappings are quoted where Hydra would misread them."""
-    value = value.item() if hasattr(value, "item") else value
-    if isinstance(value, Mapping):
-        return "{" + ",".join(f"{key}:{in_grammar(item, inside=True)}" for key, item in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ",".join(in_grammar(item, inside=True) for item in value) + "]"
-    if isinstance(value, str | os.PathLike):
-        text = os.fspath(value)
-        return verbatim(text) if inside else text
-    return as_typed(value)
+            yield f"{name}={as_typed(value)}"

@@ -9,12 +9,11 @@ from typing import Any
 
 from hydra.core.config_store import ConfigStore
 from hydra.core.plugins import Plugins
-from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf import OmegaConf
 
 from brushexp.config.compose import files_of, folders_of
 from brushexp.config.keys import untied
-from brushexp.config.looks import LOOK_OPTIONS, offer_looks
+from brushexp.config.looks import LOOK_OPTIONS, check_options, offer_looks
 from brushexp.config.tasks import TASKS, load_tasks
 from brushexp.errors import UserError
 from brushexp.plugin_loading import load_plugins
@@ -38,8 +37,6 @@ def offer(folders: Sequence[Path]) -> None:
     looks = {name: path for folder in folders for name, path in files_of(folder, "look").items()}
     offer_tasks(TASKS, offer_looks(looks, TASKS["paint"]))
     offer_sweepers()
-    store = ConfigStore.instance()
-    store.repo = Uncopied(store.repo)
 
 
 def offer_tasks(tasks: Mapping[str, type[Any]], tuned: Collection[str] = ()) -> None:
@@ -55,36 +52,21 @@ def offer_tasks(tasks: Mapping[str, type[Any]], tuned: Collection[str] = ()) -> 
         ConfigStore.instance().store(group="task", name=name, node=node, package="_global_", provider=PUBLISHER)
 
 
-def offer_presets(family: str, paths: dict[str, Path]) -> None:
+def offer_presets(family: str, paths: Mapping[str, Path]) -> None:
     """Publish YAML files as members of a family of which several can be chosen: ``loss=name``.
 
     Hydra by itself would put the values of ``conf/loss/name.yaml`` beside the losses instead of below ``loss.name``.
     A file that lists several members, has keys below them, or says its package itself is left to Hydra; one that has
     the name of a plugin, or sets an option that its plugin does not have, is refused (UserError).
     """
-    members = {plugin.name: plugin for plugin in plugins(family)}
-
-    def resolved(name: str) -> DictConfig | None:
-        """The options of a plugin or preset with its class; None for anything else."""
-        if name in members:
-            return OmegaConf.structured(members[name].config)
-        if name not in paths or paths[name].read_text(encoding="utf-8").startswith("# @package"):
-            return None
-        values = OmegaConf.load(paths[name])
-        assert isinstance(values, DictConfig)
-        bases = [str(base).removesuffix("@_here_") for base in values.pop("defaults", []) if base != "_self_"]
-        base = resolved(bases[0]) if len(bases) == 1 and bases[0] != name else None
-        if base is None or (bases[0] in values and bases[0] not in base):
-            return None
-        try:
-            return OmegaConf.merge(base, values)  # type: ignore[return-value]
-        except OmegaConfBaseException as error:
-            raise UserError(f"{paths[name]} does not fit {family}={bases[0]}: {error.msg}; correct it") from error
-
     for name, path in paths.items():
-        if name in members:
+        if any(name == plugin.name for plugin in plugins(family)):
             raise UserError(f"{path} has the name of the plugin {family}={name}; give the file another name")
-        if (node := resolved(name)) is not None:
+        values: Any = {} if path.read_text(encoding="utf-8").startswith("# @package") else OmegaConf.load(path)
+        bases = [str(base).removesuffix("@_here_") for base in values.pop("defaults", []) if base != "_self_"]
+        if len(bases) == 1 and bases[0] not in (name, *values):
+            check_options(path, family, bases[0], values)
+            node = {"defaults": [f"{bases[0]}@_here_", "_self_"], **values}
             package = f"{family}.{name}"
             ConfigStore.instance().store(group=family, name=name, node=node, package=package, provider=str(path))
 
@@ -104,13 +86,6 @@ def offer_sweepers() -> None:
         ConfigStore.instance().store(group="hydra/sweeper", name=name, node=node, provider=PUBLISHER)
     groups = ConfigStore.instance().repo["hydra"]
     groups["sweeper"] = OursStay(groups["sweeper"])
-
-
-class Uncopied(dict[str, Any]):
-    """Published configs; Hydra copies all of them for each config that it composes, and then each part it takes."""
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> "Uncopied":
-        return self
 
 
 class OursStay(dict[str, Any]):

@@ -12,7 +12,7 @@ The path of a file or folder that exists means this path, whatever its letters. 
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from enum import Enum
 from functools import cache
@@ -151,11 +151,16 @@ def check_choice(group: str, value: str) -> None:
         raise UserError(f"{group}={value} is no name; choose one of {names}")
 
 
-def as_typed(value: Any) -> str:
-    """A value as it is typed."""
+def as_typed(value: Any, *, is_part: bool = False) -> str:
+    """A value as it is typed; texts that are part of a list or mapping are in quotes if they need them."""
     plain = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
+    plain = plain.item() if hasattr(plain, "item") else plain  # of NumPy and torch
     if plain is None or isinstance(plain, bool):
         return {None: "null", True: "true", False: "false"}[plain]
-    if isinstance(plain, Enum):
-        return plain.name
-    return str(plain) if not isinstance(plain, list) else f"[{','.join(map(as_typed, plain))}]"
+    if isinstance(plain, Mapping):
+        return "{" + ",".join(f"{key}:{as_typed(item, is_part=True)}" for key, item in plain.items()) + "}"
+    if isinstance(plain, list | tuple):
+        return "[" + ",".join(as_typed(item, is_part=True) for item in plain) + "]"
+    if isinstance(plain, str | os.PathLike):
+        return verbatim(os.fspath(plain)) if is_part else os.fspath(plain)
+    return plain.name if isinstance(plain, Enum) else str(plain)

@@ -1,4 +1,4 @@
-"""Starts that lead nowhere are noticed, and begun anew."""
+"""Callback: re-initialise a network whose output has collapsed."""
 
 import logging
 from collections.abc import Callable
