@@ -24,14 +24,17 @@ bench: $(VENV)/.dev  ## the figures of docs/performance.md (minutes, on an idle 
 docs: $(VENV)/.dev  ## the documentation as a site in site/, which opens from disk
 	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --quiet
 
-$(VENV)/.paint: pyproject.toml
+changes: $(VENV)/.dev  ## what the next version's entry in CHANGELOG.md will be
+	$(VENV)/bin/towncrier build --draft --version next
+
+$(VENV)/.paint: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(VENV)/bin/pip install --quiet -e '.[video]'
+	$(VENV)/bin/pip install --quiet -c constraints.txt -e '.[video]'
 	touch $@
 
-$(VENV)/.dev: pyproject.toml
+$(VENV)/.dev: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(VENV)/bin/pip install --quiet -e '.[dev]'
+	$(VENV)/bin/pip install --quiet -c constraints.txt -e '.[dev]'
 	touch $@
 
-.PHONY: paint test lint bench docs
+.PHONY: paint test lint bench docs changes

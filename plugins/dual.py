@@ -4,7 +4,7 @@ A colour need not be learned by convolutions: paint of any colour has the same s
 seven numbers of the shape and draws two planes, a mask (alpha) and a shading; the colour is put in afterwards, exactly.
 
 What the framework does with it: `PatchRenderer` brings parameters into the range of training, calls `draw`, places the
-windows on the canvas, saves memory and loads the weights of ``checkpoint``;
+windows on the canvas and saves memory; `restore` loads the weights of ``checkpoint``;
 ``brushexp task=train renderer=dual data=data/fluid`` trains it;
 ``brushexp renderer=dual renderer.checkpoint=outputs/x/dual.safetensors`` paints with it.
 """
@@ -67,6 +67,7 @@ class Dual(PatchRenderer):
         with torch.no_grad():
             self.last.weight.mul_(0.1)
             self.last.bias[:4] = -3.0  # most of a window is empty
+        self.restore(checkpoint, window=window, width=width, shading=shading)
 
     def draw(self, parameters: Tensor) -> Tensor:
         shape, color = parameters.split([7, 3], dim=1)  # the order is that of strokes.prior.parameters_of

@@ -92,6 +92,17 @@ def test_every_family_is_a_package_with_a_contract(family):
     assert f"{family}=" in (folder / "__init__.py").read_text()
 
 
+IN_ONE_FILE = {"callbacks"}  # families whose members wrap classes of Lightning in a few lines each
+
+
+@pytest.mark.parametrize("family", sorted(FAMILIES.keys() - IN_ONE_FILE))
+def test_a_member_of_a_family_stands_in_the_file_of_its_name(family):
+    from brushexp.registry import plugins  # noqa: PLC0415
+
+    shipped = [plugin for plugin in plugins(family) if plugin.cls.__module__.startswith("brushexp.")]
+    assert [plugin.cls.__module__.rpartition(".")[2] for plugin in shipped] == [plugin.name for plugin in shipped]
+
+
 def test_no_preset_has_the_name_of_a_plugin():
     from brushexp.registry import plugins  # noqa: PLC0415
 

@@ -10,14 +10,14 @@ from scenes import leaves, random_strokes
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.analysis.columns import measure_strokes
 from brushexp.errors import UserError
 from brushexp.painting.assembly import components_of, first_strokes
 from brushexp.pictures.region import Region
 from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.loss.base import PaintedView, Surroundings
-from brushexp.plugins.loss.stroke import BrushworkTransfer
+from brushexp.plugins.loss.brushwork import BrushworkTransfer
 from brushexp.registry import build
+from brushexp.results.stroke_table import measure_strokes
 from brushexp.strokes.bezier import curve_of, length_of
 from brushexp.strokes.brushwork import (
     MATCHED,

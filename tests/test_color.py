@@ -21,7 +21,7 @@ from brushexp.painting.wet import under_starts, wetted
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.blend.topk import TopK
 from brushexp.plugins.export.process import states
-from brushexp.plugins.order.orders import FixedOrder
+from brushexp.plugins.order.fixed import FixedOrder
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.catalogue import Catalogue, Strokes
@@ -138,7 +138,7 @@ def test_catalogues_remember_the_space_and_exports_mix_in_it(run_task, tmp_path)
     *_, last = states(job, iter([np.full(len(saved.strokes), share) for share in (0.0, 1.0)]))
     picture = torch.cat([band for _, band in job.bands()], dim=1)
     torch.testing.assert_close(last, picture, atol=2e-3, rtol=0)
-    for wrong in ("color: 7", "color: {_target_: brushexp.plugins.order.orders.Area}"):
+    for wrong in ("color: 7", "color: {_target_: brushexp.plugins.order.area.Area}"):
         with pytest.raises(UserError, match="color is"):
             space_of(replace(saved, config=wrong))
     save_catalogue(tmp_path / "old.h5", replace(saved, config=""))

@@ -6,18 +6,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from brushexp_discriminator.loss import Discriminated
+from brushexp_discriminator.discriminator import Discriminated
 from scenes import random_strokes
 from torch import Tensor
 from torch.testing import assert_close
 
 from brushexp.plugins.loss.base import Loss, PaintedView
-from brushexp.plugins.loss.perceptual import Lpips, Perceptual
-from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
+from brushexp.plugins.loss.brushwork import BrushworkTransfer
+from brushexp.plugins.loss.curvature import Curvature
+from brushexp.plugins.loss.direction import Direction
+from brushexp.plugins.loss.kl import KullbackLeibler
+from brushexp.plugins.loss.l1 import MeanAbsoluteError
+from brushexp.plugins.loss.lpips import Lpips
+from brushexp.plugins.loss.mse import MeanSquaredError
+from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.loss.sinkhorn import Sinkhorn
 from brushexp.plugins.loss.ssim import StructuralSimilarity
-from brushexp.plugins.loss.stroke import BrushworkTransfer, Curvature, Direction, KullbackLeibler, Width
 from brushexp.plugins.loss.style import KERNELS, Style, TapStyle
+from brushexp.plugins.loss.width import Width
 from brushexp.strokes.brushwork import Brushwork, brushwork_of
 from brushexp.strokes.catalogue import Strokes
 

@@ -19,7 +19,7 @@ from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.density.strays import Strays
 from brushexp.plugins.init.slic import Slic
 from brushexp.plugins.optimizer.torch import TorchOptim
-from brushexp.plugins.order.orders import Accuracy
+from brushexp.plugins.order.accuracy import Accuracy
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole

@@ -1,7 +1,8 @@
-"""Every command that the documentation shows can be typed: its task, plugins, keys and values are there."""
+"""The documentation is true of the program: its commands can be typed, its files exist, its lines can be read."""
 
 import re
 import shlex
+import tomllib
 
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -10,7 +11,15 @@ from program import ROOT
 from brushexp.cli.program import expand_arguments
 from brushexp.config.compose import composed
 
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
+WRITTEN_BY_TASKS = ("ablations.md", "extremes.md", "leaderboard.md")
+LONGEST_LINE = 120  # characters of a line of text; tables and code may be longer
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+PACKAGES = {
+    re.match(r"[\w-]+", requirement).group()
+    for group in (PROJECT["dependencies"], *PROJECT["optional-dependencies"].values())
+    for requirement in group
+} - {"brushexp"}
 SHOWN = {
     command: f"{page.name}: {command}"
     for page in PAGES
@@ -37,3 +46,29 @@ def test_a_command_that_is_shown_composes(command, tmp_path, monkeypatch):
         [f"{one.get_key_element()}={first_of(one)}" if one.is_sweep_override() else one.input_line
          for one in overrides if not one.key_or_group.startswith("hydra.")]
     )  # fmt: skip
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_lines_of_text_are_short(page):
+    if page.name not in WRITTEN_BY_TASKS:
+        text = [line for line in page.read_text().splitlines() if not line.startswith(("|", "    "))]
+        assert not [line for line in text if len(line) > LONGEST_LINE]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_files_of_the_program_that_a_page_names_exist(page):
+    roots = [ROOT, ROOT / "src" / "brushexp", *(ROOT / "packages").glob("*/brushexp_*")]
+    names = re.findall(r"(?<![\w/])([\w-]+/[\w./-]+\.(?:py|yaml))\b", page.read_text())
+    own = [name for name in names if not name.startswith(("conf/", "plugins/"))]  # of the program, not of a user
+    assert not [name for name in own if not any((root / name).is_file() for root in roots)]
+
+
+def test_design_gives_a_reason_for_every_dependency():
+    table = (ROOT / "docs" / "design.md").read_text().partition("## 6. Dependencies")[2]
+    names = re.sub(r"\(.*?\)", "", "\n".join(re.findall(r"^\| (.*?) \|", table, re.MULTILINE)[1:]))
+    assert {name.strip() for name in re.split(r"[,\n]", names)} == PACKAGES
+
+
+def test_constraints_name_the_version_that_was_tried_of_every_dependency():
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    assert {line.partition("==")[0] for line in lines if "==" in line} == PACKAGES

@@ -25,7 +25,7 @@ from brushexp.painting.painter import DIVERGED
 from brushexp.plugins.blend.base import Blend, Canvas
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.loss.base import Loss
-from brushexp.plugins.loss.pixel import MeanSquaredError
+from brushexp.plugins.loss.mse import MeanSquaredError
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.patches import Patches

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
-SOURCE = Path(__file__).parents[1] / "src"
-MODULES = [path for path in SOURCE.rglob("*.py") if ">>> " in path.read_text()]
+ROOT = Path(__file__).parents[1]
+SOURCE = ROOT / "src"
+FOLDERS = [SOURCE, *ROOT.glob("packages/*")]
+MODULES = {path: folder for folder in FOLDERS for path in folder.rglob("*.py") if ">>> " in path.read_text()}
 
 
 def test_every_contract_has_an_example():
@@ -16,9 +18,9 @@ def test_every_contract_has_an_example():
     assert not [path for path in contracts if path not in MODULES]
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(SOURCE)))
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_examples_in_docstrings_run(path):
-    module = import_module(".".join(path.relative_to(SOURCE).with_suffix("").parts))
+    module = import_module(".".join(path.relative_to(MODULES[path]).with_suffix("").parts))
     result = doctest.testmod(module)
     assert result.attempted > 0
     assert result.failed == 0

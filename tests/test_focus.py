@@ -21,8 +21,10 @@ from brushexp.pictures.focus import attention, faces, focus_map, focus_weights, 
 from brushexp.pictures.load import load_picture
 from brushexp.plugins.init.slic import Slic
 from brushexp.plugins.loss.base import Loss, PaintedView
-from brushexp.plugins.loss.perceptual import Lpips, Perceptual
-from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
+from brushexp.plugins.loss.l1 import MeanAbsoluteError
+from brushexp.plugins.loss.lpips import Lpips
+from brushexp.plugins.loss.mse import MeanSquaredError
+from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.loss.ssim import StructuralSimilarity, dissimilarity, statistics
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole

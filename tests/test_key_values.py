@@ -10,6 +10,7 @@ from inspect import signature
 from pathlib import Path
 
 import pytest
+from brushexp_inverse_vgg.inverse_vgg import InverseVGG
 from catalogues import catalogue
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -27,7 +28,6 @@ from brushexp.config.tasks import TASKS
 from brushexp.config.words import expand_positional, parse_value
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import RENDERERS
-from brushexp.plugins.renderer.inverse_vgg import InverseVGG
 from brushexp.registry import MULTI_SELECT, plugins
 from brushexp.strokes.storage import save_catalogue
 

@@ -15,9 +15,9 @@ from brushexp.painting import curves
 from brushexp.painting.components import Stage
 from brushexp.painting.metrics import psnr_of
 from brushexp.plugins.density.adaptive import Adaptive
+from brushexp.plugins.loss.direction import Direction
 from brushexp.plugins.loss.perceptual import Perceptual
-from brushexp.plugins.loss.stroke import Direction
-from brushexp.plugins.order.orders import Accuracy
+from brushexp.plugins.order.accuracy import Accuracy
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.system.callbacks import TimedCheckpoint

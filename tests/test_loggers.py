@@ -22,7 +22,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 
 from brushexp.errors import UserError
-from brushexp.plugins.logger import tensorboard
+from brushexp.plugins.logger import tensorboard, wandb
 from brushexp.plugins.logger.base import Logger, Run
 from brushexp.plugins.logger.wandb import WeightsAndBiases, mode_of
 from brushexp.runs.tracking import Trackers, trackers_of
@@ -220,10 +220,11 @@ def test_trackers_are_told_how_the_run_ended(error, status):
     assert set(tracker.end.row) == {"psnr", "ssim", "status"}
 
 
-def test_a_tracker_that_is_not_installed_is_refused_before_the_work(config, monkeypatch):
-    monkeypatch.setattr(tensorboard, "find_spec", lambda package: None)
-    with pytest.raises(UserError, match=r"needs the package tensorboard; pip install -e '\.\[tensorboard\]'"):
-        trackers_of(config("logger=tensorboard"), Path("x"))
+@pytest.mark.parametrize(("name", "module"), [("tensorboard", tensorboard), ("wandb", wandb)])
+def test_a_tracker_that_is_not_installed_is_refused_before_the_work(name, module, config, monkeypatch):
+    monkeypatch.setattr(module, "find_spec", lambda package: None)
+    with pytest.raises(UserError, match=rf"needs the package {name}; pip install -e '\.\[{name}\]'"):
+        trackers_of(config(f"logger={name}"), Path("x"))
 
 
 def test_a_part_of_a_run_has_a_name_of_its_own(config, monkeypatch):

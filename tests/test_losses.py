@@ -17,8 +17,10 @@ from brushexp.features.distance import open_distance, perceptual_distance
 from brushexp.painting.metrics import measure
 from brushexp.pictures.focus import focus_weights
 from brushexp.plugins.loss.base import Loss, PaintedView
-from brushexp.plugins.loss.perceptual import Lpips, Perceptual
-from brushexp.plugins.loss.pixel import MeanAbsoluteError, MeanSquaredError
+from brushexp.plugins.loss.l1 import MeanAbsoluteError
+from brushexp.plugins.loss.lpips import Lpips
+from brushexp.plugins.loss.mse import MeanSquaredError
+from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.plugins.loss.sinkhorn import Sinkhorn
 from brushexp.plugins.loss.ssim import StructuralSimilarity
 from brushexp.plugins.loss.style import KERNELS, Style

@@ -13,7 +13,6 @@ from brushexp.config.compose import SHIPPED
 from brushexp.errors import UserError
 from brushexp.painting.painter import Painter
 from brushexp.plugins.density.base import DensificationUpdate, Density
-from brushexp.plugins.loss.pixel import MeanSquaredError
 from brushexp.plugins.optimizer.base import Optimizer
 from brushexp.plugins.optimizer.torch import LIBRARIES, TorchOptim
 from brushexp.registry import build, build_named
@@ -32,7 +31,8 @@ def scene(optimizer: Optimizer, n: int = 20, **parts) -> Painter:
     """Strokes before a target of blocks, and an optimiser that moves them in 20 steps."""
     target = torch.rand(3, 4, 6, generator=torch.Generator().manual_seed(1))
     target = target.repeat_interleave(6, 1).repeat_interleave(6, 2)[:, : SIZE[0], : SIZE[1]]
-    losses = {"mse": MeanSquaredError(weight=SIZE[0] * SIZE[1] / 256**2)}  # gradients as at 256 px, which sgd feels
+    weight = SIZE[0] * SIZE[1] / 256**2  # gradients as at 256 px, which sgd feels
+    losses = {"mse": build_named("loss", "mse", {"weight": weight})}
     parts = {"strokes": random_strokes(n, SIZE), "target": target, "losses": losses} | parts
     return painter_of(steps=20, optimizer=optimizer, **parts)
 

@@ -12,7 +12,7 @@ from brushexp.painting.components import Stage
 from brushexp.painting.painter import Painter
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.strays import Strays
-from brushexp.plugins.order.orders import Area
+from brushexp.plugins.order.area import Area
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.prior import clamp_to_prior

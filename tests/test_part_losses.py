@@ -13,7 +13,8 @@ from brushexp.features import open_backbone
 from brushexp.pictures.focus import focus_weights
 from brushexp.pictures.region import Region
 from brushexp.plugins.loss.base import Loss, PaintedView, Surroundings, weighted_sum
-from brushexp.plugins.loss.perceptual import Lpips, Perceptual
+from brushexp.plugins.loss.lpips import Lpips
+from brushexp.plugins.loss.perceptual import Perceptual
 from brushexp.registry import plugins
 from brushexp.strokes.catalogue import Strokes
 

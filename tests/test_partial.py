@@ -12,16 +12,17 @@ from brushexp.compositing.layers import EDGE
 from brushexp.painting.canvas_memory import PatchCache, touched
 from brushexp.pictures.region import Region
 from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.loss.kl import KullbackLeibler
+from brushexp.plugins.loss.mse import MeanSquaredError
 from brushexp.plugins.loss.perceptual import Perceptual
-from brushexp.plugins.loss.pixel import MeanSquaredError
-from brushexp.plugins.loss.stroke import KullbackLeibler
 from brushexp.plugins.optimizer.torch import TorchOptim
-from brushexp.plugins.order.orders import Accuracy
+from brushexp.plugins.order.accuracy import Accuracy
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.textured import Textured
 from brushexp.plugins.sampler.base import View
 from brushexp.plugins.sampler.patches import Patches, places
 from brushexp.plugins.sampler.whole import Whole
+from brushexp.registry import build_named
 from brushexp.strokes.prior import clamp_to_prior
 
 RENDERERS = {"analytic": Analytic, "textured": Textured, "windowed": Windowed}
@@ -225,7 +226,7 @@ def test_a_round_is_as_many_steps_as_move_each_stroke_once(coverage, patch):
 
 
 def test_losses_keep_their_balance_on_parts():
-    losses = {"mse": MeanSquaredError(weight=3.0), "kl": KullbackLeibler(weight=2.0)}
+    losses = {name: build_named("loss", name, {"weight": weight}) for name, weight in (("mse", 3.0), ("kl", 2.0))}
     painter = painter_of(losses=losses)
     active, ring = torch.arange(60).chunk(2)
     gradient_of(painter, View(Region(7, 9, 24, 35), active, ring), painter.catalogue.part(active))

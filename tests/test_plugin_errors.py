@@ -52,8 +52,6 @@ HEAD = "import sys\nimport torch\nfrom brushexp.plugins.{0}.base import *\nfrom 
 CLASS = """
 @register("{family}", "{name}")
 class Bad{number}({contract}):
-    def __init__(self, *, weight: float = 1.0):
-        super().__init__()
     def encode(self, color):  # without which a colour space is none
         return color
     def {method}(self, *_, **__):

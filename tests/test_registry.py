@@ -40,7 +40,7 @@ def test_a_taken_name_and_an_unknown_family_are_refused():
     class Mse:
         def __init__(self, *, weight: float = 1.0) -> None: ...
 
-    with pytest.raises(UserError, match=r"loss=mse is taken by brushexp\.plugins\.loss\.pixel"):
+    with pytest.raises(UserError, match=r"loss=mse is taken by brushexp\.plugins\.loss\.mse"):
         register("loss", "mse")(Mse)
     with pytest.raises(UserError, match="unknown plugin family 'losses'; choose one of painter, init, "):
         register("losses", "x")

@@ -21,7 +21,6 @@ from omegaconf import OmegaConf
 from PIL import Image
 from scenes import random_strokes
 
-from brushexp.analysis.columns import measure_strokes
 from brushexp.errors import UserError
 from brushexp.pages.drawings import error_map, histogram_chart, line_chart, rose_chart, swatches_of
 from brushexp.pages.replay import FARTHEST, STEPS, replay_of
@@ -30,6 +29,7 @@ from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import build_named
 from brushexp.results.runs import read_curves
+from brushexp.results.stroke_table import measure_strokes
 from brushexp.runs import session
 from brushexp.shading.light import Light, normals_of, shaded
 from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, point_at

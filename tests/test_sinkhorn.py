@@ -8,7 +8,7 @@ from torch.testing import assert_close
 from brushexp.pictures.load import downsampled
 from brushexp.pictures.region import Region
 from brushexp.plugins.loss.base import PaintedView, Surroundings
-from brushexp.plugins.loss.pixel import MeanSquaredError
+from brushexp.plugins.loss.mse import MeanSquaredError
 from brushexp.plugins.loss.sinkhorn import Sinkhorn, masses
 from brushexp.strokes.catalogue import Strokes
 

@@ -6,14 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from brushexp_discriminator.loss import Discriminated
+from brushexp_discriminator.discriminator import Discriminated
 from scenes import leaves, random_strokes
 from torch import Tensor
 from torch.distributions import MultivariateNormal, kl_divergence
 from torch.testing import assert_close
 
 from brushexp.plugins.loss.base import Loss, PaintedView
-from brushexp.plugins.loss.stroke import SHRINK, Curvature, Direction, KullbackLeibler, Width
+from brushexp.plugins.loss.curvature import Curvature
+from brushexp.plugins.loss.direction import Direction
+from brushexp.plugins.loss.kl import SHRINK, KullbackLeibler
+from brushexp.plugins.loss.width import Width
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import INSET, clamp_to_prior, sample_prior

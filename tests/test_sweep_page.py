@@ -1,4 +1,4 @@
-"""The page of a sweep in a real browser: sorted, filtered, compared, pointed at; and what is in it."""
+"""The page of a sweep: sorted, filtered, compared and pointed at in a real browser; and what is in it."""
 
 import json
 import re
@@ -47,12 +47,6 @@ def page_of(folder: Path) -> Path:
     return write_sweep_page(folder, collect(folder))
 
 
-@pytest.fixture
-def page(sweep, opened):
-    """The page of the sweep, as it is opened."""
-    return opened(sweep).page
-
-
 def order(page) -> list[str]:
     """The names of the shown runs, from the top."""
     return page.evaluate("[...document.querySelectorAll('#table tr:not([hidden]) .name')].map(e => e.dataset.sort)")
@@ -62,7 +56,9 @@ def data_in(html: str) -> dict:
     return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.S)[1])
 
 
-def test_a_head_sorts_with_a_click_and_with_the_keyboard(page):
+def test_the_table_sorts_filters_and_shows_what_was_typed_as_text(sweep, opened):
+    watched = opened(sweep)
+    page = watched.page
     head = page.locator("#table th", has_text="PSNR")
     head.get_by_role("button").click()
     assert order(page) == ["2", "5", "0", "3", "1", "4", "6"]  # the better first; no number last
@@ -73,13 +69,10 @@ def test_a_head_sorts_with_a_click_and_with_the_keyboard(page):
     page.locator("#table th", has_text="steps").get_by_role("button").click()
     assert order(page) == ["4", "1", "3", "0", "5", "2", "6"]  # 30, 100, 1500; alike ones stay as they were
     assert head.get_attribute("aria-sort") == "none"
-
-
-def test_filters_leave_what_fits_and_say_how_many(page):
     page.locator("[popovertarget]", has_text="steps").press("Enter")
     page.get_by_label("100", exact=True).check()
     page.get_by_label("1500", exact=True).check()
-    assert order(page) == ["0", "2", "3", "5"]
+    assert order(page) == ["3", "0", "5", "2"]
     page.keyboard.press("Escape")
     assert page.evaluate("document.activeElement.textContent.trim().startsWith('steps')")
     page.get_by_label("Search in runs").fill("SSIM 1500")
@@ -90,30 +83,24 @@ def test_filters_leave_what_fits_and_say_how_many(page):
     page.get_by_label("Search in runs").fill("nothing like it")
     page.get_by_role("button", name="Clear").click()
     assert len(order(page)) == 7
+    row = page.locator("tr[data-row='6']")
+    assert row.locator(".error").text_content() == f"{EVIL} is no colour"
+    assert row.locator("td.repeat code").text_content() == f"brushexp 'background={EVIL}'"
+    page.locator("[popovertarget]", has_text="background").click()
+    page.locator(".choices .chip", has_text="script>").click()
+    assert order(page) == ["6"]
+    assert page.title() == "sweep & more – brushexp"
+    html = sweep.read_text()
+    assert EVIL not in html
+    assert 'http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:;' in html
 
 
-def test_two_runs_stand_side_by_side_under_the_wipe(page):
-    assert page.get_by_label("Compare run 6", exact=True).is_disabled()  # it has no picture
-    for name in ("1", "1", "2", "4"):  # a second click lets go
-        page.get_by_label(f"Compare run {name}", exact=True).click()
-    for k, name in enumerate(("2", "4")):
-        inside = page.locator(f"tr[data-row='{name}'] .pictured img").get_attribute("src")
-        assert page.locator("#beside .wipe img").nth(k).get_attribute("src") == inside
-    cells = page.locator("#differences tr", has_text="PSNR").locator("td").all_text_contents()
-    assert cells == ["33.00", "24.00", "−9.00"]
-    page.locator("#beside input[type=range]").press("Home")
-    assert page.evaluate("document.querySelector('.wipe').style.getPropertyValue('--split')") == "0%"
-    shape = page.locator("#beside .wipe").bounding_box()
-    assert shape["width"] / shape["height"] == pytest.approx(3 / 2, rel=0.02)
-    page.keyboard.press("Escape")
-    assert not page.locator("#beside").is_visible()
-    assert page.locator(".choose :checked").count() == 0
-    page.locator("tr[data-row='3'] .picture").click()  # beside its target
-    assert page.evaluate("[left.value, right.value]") == ["target 0", "run 3"]
-    assert page.locator("#beside .wipe-label").nth(1).text_content() == "run 3: steps=100 loss=ssim"
-
-
-def test_points_are_walked_with_the_keyboard_and_tell_their_command(page):
+def test_runs_are_compared_and_settings_pointed_at(sweep, opened):
+    page = opened(sweep).page
+    table = front_table(collect(sweep.parent))
+    labels = page.locator(".point.on").evaluate_all("found => found.map(e => e.getAttribute('aria-label'))")
+    assert {label.partition(":")[0] for label in labels} == set(table["overrides"][table["front_psnr"]])
+    assert all(label.endswith("on the front") for label in labels)
     label = page.locator("#pointed-label")
     page.locator("#points .point[tabindex='0']").focus()
     page.keyboard.press("Home")
@@ -134,28 +121,31 @@ def test_points_are_walked_with_the_keyboard_and_tell_their_command(page):
     page.get_by_role("button", name="Copied").wait_for()
     page.get_by_label("Search in runs").press("Control+V")
     assert page.get_by_label("Search in runs").input_value() == "brushexp steps=1500 loss=mse"
-
-
-def test_the_front_is_that_of_the_table_and_any_setting_can_be_plotted_against(sweep, page):
-    table = front_table(collect(sweep.parent))
-    labels = page.locator(".point.on").evaluate_all("found => found.map(e => e.getAttribute('aria-label'))")
-    assert {label.partition(":")[0] for label in labels} == set(table["overrides"][table["front_psnr"]])
-    assert all(label.endswith("on the front") for label in labels)
+    page.get_by_role("button", name="Clear").click()
+    assert page.get_by_label("Compare run 6", exact=True).is_disabled()  # it has no picture
+    page.get_by_label("Compare run 2", exact=True).click()  # a second click lets go
+    for name in ("1", "1", "2", "4"):
+        page.get_by_label(f"Compare run {name}", exact=True).click()
+    for k, name in enumerate(("2", "4")):
+        inside = page.locator(f"tr[data-row='{name}'] .pictured img").get_attribute("src")
+        assert page.locator("#beside .wipe img").nth(k).get_attribute("src") == inside
+    cells = page.locator("#differences tr", has_text="PSNR").locator("td").all_text_contents()
+    assert cells == ["33.00", "24.00", "−9.00"]
+    page.locator("#beside input[type=range]").press("Home")
+    assert page.evaluate("document.querySelector('.wipe').style.getPropertyValue('--split')") == "0%"
+    shape = page.locator("#beside .wipe").bounding_box()
+    assert shape["width"] / shape["height"] == pytest.approx(3 / 2, rel=0.02)
+    page.keyboard.press("Escape")
+    assert not page.locator("#beside").is_visible()
+    assert page.locator(".choose :checked").count() == 0
+    page.locator("tr[data-row='3'] .picture").click()  # beside its target
+    assert page.evaluate("[left.value, right.value]") == ["target 0", "run 3"]
+    assert page.locator("#beside .wipe-label").nth(1).text_content() == "run 3: steps=100 loss=ssim"
+    page.keyboard.press("Escape")
     page.locator("#along").select_option("axis:loss")
     page.locator("#up").select_option("ssim")
     assert {"mse", "ssim", "SSIM"} <= set(page.locator("#points .axes text").all_text_contents())
     assert page.locator("#points .point").count() == 6
-
-
-def test_of_many_settings_those_that_led_are_coloured(tmp_path, opened):
-    for k in range(12):
-        curve = [[0.1, 10], [1 + k, 20 + k]] if k in (0, 11) else [[0.1, 5], [2, 9]]
-        make_run(tmp_path, {"steps": str(k)}, psnr=float(curve[1][1]), seconds=1.0 + k, anytime=curve)
-    watched = opened(page_of(tmp_path))
-    assert watched.page.locator("#curves .curve").count() == 12
-    assert watched.page.locator("#curves .curve.other").count() == 12 - watched.page.locator("#legend li").count() > 5
-    assert "steps=11" in watched.page.locator("#legend").text_content()
-    assert "ahead at some time" in watched.page.locator("#curves-say").text_content()
 
 
 def test_the_page_fits_asks_nothing_and_complains_of_nothing(sweep, opened):
@@ -180,71 +170,55 @@ def test_the_page_fits_asks_nothing_and_complains_of_nothing(sweep, opened):
     assert not watched.foreign
 
 
-def test_what_users_typed_stays_text(sweep, opened):
-    watched = opened(sweep)
-    row = watched.page.locator("tr[data-row='6']")
-    assert row.locator(".error").text_content() == f"{EVIL} is no colour"
-    assert row.locator("td.repeat code").text_content() == f"brushexp 'background={EVIL}'"
-    watched.page.locator("[popovertarget]", has_text="background").click()
-    watched.page.locator(".choices .chip", has_text="script>").click()
-    assert order(watched.page) == ["6"]
-    assert watched.page.title() == "sweep & more – brushexp"
-    assert not watched.errors
-    html = sweep.read_text()
-    assert EVIL not in html
-    assert 'http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:;' in html
-
-
-def test_seeds_have_means(tmp_path, opened):
+def test_seeds_have_means_and_differences(tmp_path):
     for k, (steps, seed, psnr) in enumerate((("1", "0", 20.0), ("1", "1", 22.0), ("2", "0", 30.0), ("2", "1", 31.0))):
         make_run(tmp_path, {"steps": steps, "seed": seed}, color=50, psnr=psnr, seconds=1.0 + k)
-    page = opened(page_of(tmp_path)).page
-    assert page.locator("#means tbody tr").nth(0).locator("td").all_text_contents()[:3] == ["1", "2", "21.00 ± 1.41"]
-    page.locator("#means th", has_text="PSNR").get_by_role("button").click()
-    assert page.locator("#means tbody td").first.text_content() == "2"
-    assert page.locator(".point").count() == 2
-    told = page.locator(".point").first.get_attribute("aria-label")
-    assert "PSNR, dB 21, optimisation, s 1.5, mean of 2 runs" in told
-    assert page.locator("#paired tbody tr").count()
-    names = page.eval_on_selector_all("[id]", "found => found.map(one => one.id)")
-    assert len(names) == len(set(names))
+    html = page_of(tmp_path).read_text()
+    means = html[html.index('<section id="means"') : html.index('<section id="paired"')]
+    assert re.findall(r"<td.*?>(.*?)</td>", means)[:3] == ["1", "2", "21.00 ± 1.41"]
+    assert "<td>steps=2</td>" in html[html.index('<section id="paired"') :]
+    assert "the mean over its seeds" in html
+    ids = re.findall(r' id="([^"]+)"', html)
+    assert len(ids) == len(set(ids))
 
 
-def test_pictures_of_two_targets_are_not_plotted_together(tmp_path, opened):
+def test_many_settings_have_one_column(tmp_path):
+    for k in range(4):
+        chosen = {f"axis{n}": str(k // 2 + n) for n in range(5)} | {"seed": str(k % 2)}
+        make_run(tmp_path, chosen, psnr=20.0 + k, seconds=1.0)
+    html = page_of(tmp_path).read_text()
+    assert '<td role="cell" class="settings"><code>axis0=0</code>' in html
+    assert "<td>axis0=1 axis1=2 axis2=3 axis3=4 axis4=5</td>" in html  # of the means
+
+
+def test_settings_are_compared_on_one_picture_and_an_album_begins_with_its_paintings(tmp_path):
     for k, image in enumerate(("a.png", "a.png", "b.png", "b.png")):
-        chosen, grey = {"image": image, "steps": str(k % 2)}, ord(image[0])
-        make_run(tmp_path, chosen, target=grey, color=50, psnr=20.0 + k, seconds=1.0 + k)
-    watched = opened(page_of(tmp_path))
-    assert watched.page.locator(".point").count() == 2
-    watched.page.locator("#of-picture").select_option("1")
-    assert watched.evaluate("[...document.querySelectorAll('.point')].map(e => e.dataset.group)") == ["2", "3"]
-    assert watched.page.locator(".targets figure").count() == 2
+        chosen, curve = {"image": image, "steps": str(k % 2)}, [[0.1, 9.0], [1.0 + k, 20.0 + k]]
+        make_run(tmp_path, chosen, target=ord(image[0]), color=50, psnr=20.0 + k, seconds=1.0 + k, anytime=curve)
+    html = page_of(tmp_path).read_text()
+    groups = data_in(html)["groups"]
+    assert [group["picture"] for group in groups] == [0, 0, 1, 1]
+    assert [group["ahead_from"] is None for group in groups] == [False, False, False, False]
+    assert html.count("<figcaption>target: ") == 2
+    for k in (1, 3):
+        (tmp_path / str(k) / "result.json").unlink()
+    html = page_of(tmp_path).read_text()
+    assert html.index('alt="run 0') < html.index('alt="target: a')
+    assert 'value="cards" checked' in html
+    assert 'id="plots"' not in html
 
 
-def test_of_an_album_paintings_come_first_and_a_click_puts_one_beside_its_target(tmp_path, opened):
-    for k, image in enumerate(("a.png", "b.png", "c.png")):
-        make_run(tmp_path, {"image": image, "look": "ink"}, target=ord(image[0]), color=50, psnr=20.0 + k, seconds=1.0)
-    watched = opened(page_of(tmp_path))
-    assert "as-cards" in watched.page.locator("#runs").get_attribute("class")
-    shown = watched.page.locator("img").evaluate_all("all => all.map(one => one.alt.split(' ')[0])")
-    assert [name for name in shown if name in ("run", "target:")] == ["run"] * 3 + ["target:"] * 3
-    watched.page.locator("button.picture").nth(1).click()
-    sides = [watched.page.locator(f"#{side}").input_value() for side in ("left", "right")]
-    assert (sides, watched.errors, watched.page.locator("#plots").count()) == (["target 1", "run 1"], [], 0)
-
-
-def test_sweeps_of_other_tasks_and_of_one_failed_run_have_a_page_without_pictures(tmp_path, opened):
+def test_sweeps_of_other_tasks_and_of_one_failed_run_have_a_page_without_pictures(tmp_path):
     for k, width in enumerate(("16", "32", "64")):
         make_run(tmp_path, {"renderer.width": width}, l2=0.1 / (k + 1))
-    watched = opened(page_of(tmp_path))
-    assert watched.page.locator("#plots-head").text_content() == "What the settings do"
-    assert watched.page.locator(".point").count() == 3
-    assert watched.page.locator(".no-picture").count() == 3
-    assert not watched.errors
+    html = page_of(tmp_path).read_text()
+    assert "What the settings do</h2>" in html
+    assert html.count('class="no-picture"') == len(data_in(html)["groups"]) == 3
     make_run(tmp_path / "0", {}, status="failed", error="no")
     (tmp_path / "0" / "result.json").unlink()
-    watched = opened(page_of(tmp_path / "0"))
-    assert (watched.page.locator("#plots").count(), order(watched.page), watched.errors) == (0, ["0"], [])
+    html = page_of(tmp_path / "0").read_text()
+    assert 'id="plots"' not in html
+    assert [row["error"] for row in data_in(html)["rows"]] == ["no"]
 
 
 def test_links_lead_from_where_the_page_is(tmp_path):

@@ -14,8 +14,8 @@ from types import SimpleNamespace
 import lightning as L
 import pytest
 import torch
+from brushexp_discriminator.discriminator import Discriminator
 from brushexp_discriminator.discriminator_module import DiscriminatorModule, ShapeData
-from brushexp_discriminator.loss import Discriminator
 from lightning.pytorch.callbacks import Checkpoint
 from sweeps import read_csv
 from test_dataset import write
@@ -29,6 +29,7 @@ from brushexp.painting.metrics import psnr_of
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import RENDERERS, PatchRenderer, window_pictures
 from brushexp.registry import build, build_named
+from brushexp.runs.network_fitting import fit_network, renderer_settings
 from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.callbacks import DIVERGED, INTERRUPTED, MovingAverage, TimedCheckpoint
 from brushexp.system.checkpoint import weights_hash
@@ -42,7 +43,6 @@ from brushexp.training.evaluation import (
     premultiplied,
     squared_error,
 )
-from brushexp.training.network_fitting import fit_network, renderer_settings
 from brushexp.training.renderer_module import Critic, RendererModule, RendererSettings, balanced, relativistic_loss
 
 SIDE = 16

@@ -9,7 +9,7 @@ import pytest
 from films import decoded, unrolled
 from PIL import Image
 
-from brushexp.pictures.video import GIF_SIDE, LARGEST_SIDE, SAME, add_sound, filming, largest_side
+from brushexp.pictures.video import GIF_SIDE, LARGEST_SIDE, SAME, filming, largest_side
 
 
 def smooth(seed: int, height: int = 40, width: int = 60) -> np.ndarray:
@@ -116,31 +116,3 @@ def test_without_av_or_its_encoder_every_film_is_a_gif_which_is_smaller(tmp_path
         assert largest_side(kind) == GIF_SIDE
     monkeypatch.undo()
     assert [largest_side(kind) for kind in ("mp4", "gif", "both")] == [LARGEST_SIDE, GIF_SIDE, LARGEST_SIDE]
-
-
-@pytest.mark.parametrize("codec", ["aac", "pcm_s16le"])
-def test_sound_is_copied_from_its_second_on_or_told_and_left_out(tmp_path, caplog, codec):
-    av = pytest.importorskip("av")
-    with av.open(str(tmp_path / "heard.mkv"), "w") as container:
-        stream = container.add_stream(codec, rate=48_000)
-        silence = np.zeros((1, 4 * 48_000), np.float32)
-        silence[:, 96_000:] = np.sin(np.arange(96_000) / 20)  # a tone from the second second on
-        whole = av.AudioFrame.from_ndarray(silence, format="fltp", layout="mono")
-        whole.sample_rate = 48_000
-        fitting = av.AudioResampler(
-            stream.format.name, stream.layout.name, 48_000, stream.codec_context.frame_size or 1024
-        )
-        for frame in [*fitting.resample(whole), *fitting.resample(None), None]:
-            container.mux(stream.encode(frame))
-    (film,) = film_of([smooth(seed) for seed in range(8)], tmp_path, "mp4", rate=Fraction(4))
-    before = film.read_bytes()
-    add_sound(film, tmp_path / "heard.mkv", start=1.0)
-    assert len(decoded(film)[0]) == 8
-    if codec != "aac":
-        assert film.read_bytes() == before
-        assert "an MP4 cannot hold it" in caplog.text
-        return
-    with av.open(str(film)) as container:
-        loud = np.concatenate([frame.to_ndarray()[0] for frame in container.decode(audio=0)])
-    assert len(loud) == pytest.approx(2 * 48_000, abs=2100)
-    assert np.abs(loud[:44_000]).max() < 0.1 < np.abs(loud[52_000:90_000]).max()

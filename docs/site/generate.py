@@ -25,6 +25,15 @@ HEAD = "# @package _global_\n"  # first line of a config whose keys belong to th
 WORDS = {int: "whole number", float: "number", bool: "true or false", str: "text"}
 
 
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Add the page of each family and of each decision to the navigation; mkdocs calls it."""
+    chapters = {name: pages for chapter in config.nav or [] for name, pages in chapter.items()}
+    chapters["Plugins"][1:1] = [{family: f"plugins/{family}.md"} for family in FAMILIES]
+    decisions = sorted((ROOT / "docs" / "decisions").glob("[0-9]*.md"))
+    chapters["Design"] += [{path.stem[4:].replace("-", " "): f"decisions/{path.name}"} for path in decisions]
+    return config
+
+
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages; mkdocs calls it."""
     prepare(ROOT)
@@ -65,7 +74,7 @@ def tasks_page() -> str:
     """Every task: what it does, the plugins that it takes, and its keys with types, defaults and meaning."""
     parts = [
         "# Tasks",
-        "Made from `src/brushexp/config/schema.py` when this site is built. `brushexp task=name key=value ...`; "
+        "Made from the schemas of the tasks when this site is built. `brushexp task=name key=value ...`; "
         "`task=paint` is the default and need not be typed. Add `--help` for the same on the terminal.",
         "## Keys of every task",
         _keys(keys_of(Task)),

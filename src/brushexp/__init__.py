@@ -10,14 +10,13 @@ if TYPE_CHECKING:
     from brushexp.api.drawing import render
     from brushexp.api.iteration import State, iterate
     from brushexp.api.painting import Painting, paint
-    from brushexp.api.studies import analyse, simulate, train_renderer
+    from brushexp.api.studies import simulate, train_renderer
     from brushexp.errors import UserError
 
 __all__ = [
     "Painting",
     "State",
     "UserError",
-    "analyse",
     "create",
     "iterate",
     "list_plugins",
@@ -31,9 +30,10 @@ HOMES = {  # modules are loaded when one of these names is used: torch takes sec
     "brushexp.api.drawing": ("render",),
     "brushexp.api.iteration": ("State", "iterate"),
     "brushexp.api.painting": ("Painting", "paint"),
-    "brushexp.api.studies": ("analyse", "simulate", "train_renderer"),
+    "brushexp.api.studies": ("simulate", "train_renderer"),
     "brushexp.errors": ("UserError",),
 }
+FUNCTIONS = "brushexp.functions"  # entry-point group: what installed packages add, by its name here
 
 let_threads_sleep()
 keep_memory()
@@ -43,8 +43,18 @@ def __getattr__(name: str) -> Any:
     for module, names in HOMES.items():
         if name in names:
             return getattr(import_module(module), name)
+    if not name.startswith("_"):
+        for point in _published(name=name):
+            return point.load()
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return __all__
+    return [*__all__, *(point.name for point in _published())]
+
+
+def _published(**which: str) -> Any:
+    """The functions of installed packages."""
+    from importlib.metadata import entry_points  # noqa: PLC0415  (slow to import)
+
+    return entry_points(group=FUNCTIONS, **which)

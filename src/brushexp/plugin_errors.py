@@ -97,8 +97,6 @@ def check_results(family: str, name: str, cls: type, contract: str) -> None:
     if not bases or inspect.isabstract(cls):
         missing = ", ".join(sorted(getattr(cls, "__abstractmethods__", ()))) or f"a base class of {contract}"
         raise UserError(f"{family}={name} ({source}): class {cls.__name__} lacks {missing}")
-    if family == "loss" and "weight" not in inspect.signature(cls).parameters:
-        raise UserError(f"{family}={name} ({source}): {cls.__name__} lacks __init__(self, *, weight: float = 1.0)")
     for base in (base for base in cls.__mro__ if not base.__module__.startswith((OURS, "torch", "builtins", "abc"))):
         for method, function in list(vars(base).items()):
             owner = next((part for part in bases if method in vars(part)), None)

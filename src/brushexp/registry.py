@@ -1,6 +1,7 @@
 """Make a class choosable on the command line: ``@register("loss", "mse")`` gives ``loss=mse``.
 
-Keyword-only parameters of ``__init__`` are the plugin's config: typed, overridable, listed by --help.
+Keyword-only parameters of ``__init__`` are the plugin's config: typed, overridable, listed by --help. So are the class
+attributes that the contract of a family lists as ``tunable``, as the weight of a loss.
 Positional parameters are run-time objects; the framework passes them and no config mentions them.
 """
 
@@ -136,16 +137,27 @@ def register(family: str, name: str) -> Callable[[C], C]:
 
 
 def options_of(cls: type) -> list[tuple[str, Any, Any]]:
-    """Name, type and default (or ``MISSING``) of each keyword-only parameter of ``cls.__init__``; a type is a must."""
-    found = []
+    """Name, type and default (or ``MISSING``) of each option of a class: what is ``tunable``, then its parameters.
+
+    A parameter is an option if it is keyword-only; it must have a type.
+    """
+    options = [(name, kind, getattr(cls, name)) for name, kind in tunable_of(cls).items()]
     for parameter in inspect.signature(cls, eval_str=True).parameters.values():
         if parameter.kind is not parameter.KEYWORD_ONLY:
             continue
         if parameter.annotation is parameter.empty:
             raise TypeError(f"{cls.__qualname__}.__init__: give '{parameter.name}' a type; it is a config key")
+        if parameter.name in tunable_of(cls):
+            raise TypeError(f"{cls.__qualname__}: write '{parameter.name} = ...' in the class, not in __init__")
         default = MISSING if parameter.default is parameter.empty else parameter.default
-        found.append((parameter.name, parameter.annotation, default))
-    return found
+        options.append((parameter.name, parameter.annotation, default))
+    return options
+
+
+def tunable_of(cls: type) -> Mapping[str, Any]:
+    """Name and type of the class attributes that the contract of a family makes options of each member."""
+    attributes: Mapping[str, Any] = getattr(cls, "tunable", {})
+    return attributes
 
 
 def structured_config(cls: type) -> type:
@@ -190,7 +202,12 @@ def build(node: DictConfig, *runtime: object) -> Any:
     A UserError says which option does not fit the class.
     """
     plugin = plugin_of(node)
-    return plugin.cls(*runtime, **options_in(node, plugin.path))
+    options = options_in(node, plugin.path)
+    attributes = {name: options.pop(name) for name in tunable_of(plugin.cls)}
+    member = plugin.cls(*runtime, **options)
+    for name, value in attributes.items():
+        setattr(member, name, value)
+    return member
 
 
 def keep_built(node: DictConfig) -> Any:
@@ -240,7 +257,7 @@ def _hidden_key(data: Any) -> str:
     return next(filter(None, map(_hidden_key, data)), "") if isinstance(data, list) else ""
 
 
-def build_named(family: str, name: str, options: dict[str, Any]) -> Any:
+def build_named(family: str, name: str, options: dict[str, Any], *runtime: object) -> Any:
     """Build ``family=name`` with options read from a file: registered classes and their keys only (UserError)."""
     plugin = _plugins.get((family, name))
     if plugin is None:
@@ -248,7 +265,7 @@ def build_named(family: str, name: str, options: dict[str, Any]) -> Any:
         raise UserError(
             f"{family}={in_short(name)} is not among the plugins here ({choices}); add the file that defines it"
         )
-    return build(plain_config(options | {"_target_": plugin.target}))
+    return build(plain_config(options | {"_target_": plugin.target}), *runtime)
 
 
 def plain_config(values: dict[str, Any]) -> DictConfig:

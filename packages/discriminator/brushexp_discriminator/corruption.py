@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from brushexp.strokes.prior import INSET, SHORTEST_CHORD, WIDTH
-from brushexp_discriminator.loss import SHAPE
+from brushexp_discriminator.discriminator import SHAPE
 
 GROUPS = (2, 2, 2, 1)  # columns of start, control, end and width
 NEAREST = 0.005  # half-windows: distance from the valid square

@@ -16,7 +16,7 @@ from brushexp.training.datamodule import EPOCH_STEPS, HELD_OUT, StrokeLoader
 from brushexp.training.dataset import Split
 from brushexp.training.network_module import NetworkModule
 from brushexp_discriminator.corruption import CORRUPTIONS, corrupt
-from brushexp_discriminator.loss import DISCRIMINATORS, NAME, Discriminator, shapes_of
+from brushexp_discriminator.discriminator import DISCRIMINATORS, NAME, Discriminator, shapes_of
 
 THRESHOLD_QUANTILE = 0.05  # share of valid strokes whose score is below the threshold: a lower one lies well outside
 HELD_OUT_STROKES = 20_000  # of either sort
@@ -24,7 +24,7 @@ BETAS = (0.9, 0.99)  # of Adam
 
 
 class ShapeBatch(NamedTuple):
-    """Valid strokes as shapes (n, 7) of `plugins.loss.discriminator`, and others as `corrupt` returns them."""
+    """Valid strokes as shapes (n, 7) of `discriminator.shapes_of`, and others as `corrupt` returns them."""
 
     valid: Tensor
     corrupted: Tensor

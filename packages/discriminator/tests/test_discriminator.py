@@ -6,7 +6,9 @@ from pathlib import Path
 import lightning as L
 import pytest
 import torch
+from brushexp_discriminator import task
 from brushexp_discriminator.corruption import CORRUPTIONS, corrupt
+from brushexp_discriminator.discriminator import DISCRIMINATORS, NAME, Discriminated, Discriminator, shapes_of
 from brushexp_discriminator.discriminator_module import (
     DiscriminatorModule,
     ShapeData,
@@ -14,12 +16,12 @@ from brushexp_discriminator.discriminator_module import (
     held_out_shapes,
     save_discriminator,
 )
-from brushexp_discriminator.loss import DISCRIMINATORS, NAME, Discriminated, Discriminator, shapes_of
+from hydra.errors import CompactHydraException
 from test_trainer import StopAt
 from test_trainer import fit as fit_module
 from torch import Tensor
 
-from brushexp.config.rules import check_used
+from brushexp.config.composition import check
 from brushexp.errors import UserError
 from brushexp.plugins.loss.base import PaintedView
 from brushexp.plugins.renderer.base import RENDERERS
@@ -27,7 +29,6 @@ from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import INSET, SPREAD, WIDTH, bend_of, sample_prior, strokes_of
 from brushexp.system.callbacks import TimedCheckpoint
-from brushexp.tasks import train
 from brushexp.training.dataset import Split
 
 POINTS = ("start", "control", "end")
@@ -146,7 +147,7 @@ def test_other_checkpoints_are_refused(trained, tmp_path):
     for checkpoint, message in (
         (RENDERERS.path_of("neural"), "not the recipe of a discriminator; give"),
         ("yours", r"yours does not come with the program \(there are: discriminator\)"),
-        (tmp_path / "none.safetensors", r"give the \.safetensors of task=train model=discriminator"),
+        (tmp_path / "none.safetensors", r"give the \.safetensors of task=train_discriminator"),
     ):
         with pytest.raises(UserError, match=message):
             Discriminated(checkpoint=str(checkpoint))
@@ -180,16 +181,17 @@ def test_valid_strokes_cost_almost_nothing_and_worse_ones_more():
 
 
 def test_a_discriminator_has_defaults_of_its_own_and_what_it_has_no_use_for_is_refused(config):
-    cfg = config("task=train", "model=discriminator", "lr=0.1")
+    cfg = config("task=train", "model=discriminator", "lr=0.1", "~logger.csv", "trainer.profiler=simple")
+    assert cfg == config("task=train_discriminator", "lr=0.1", "~logger.csv", "trainer.profiler=simple")
     assert (cfg.lr, cfg.minutes, config("task=train").minutes) == (0.1, None, 60)
-    check_used(["task=train", "model=discriminator", "lr=0.1", "~logger.csv", "trainer.profiler=simple"])
+    assert (cfg.trainer.precision, cfg.trainer.log_every_n_steps) == ("32-true", 20)
     for word in ("critic=true", "renderer=dual", "+engine.window=64", "data=a.h5"):
-        with pytest.raises(UserError, match="means nothing to model=discriminator"):
-            check_used(["task=train", word])
+        with pytest.raises((CompactHydraException, UserError)):
+            check(config("task=train", "model=discriminator", word))
 
 
 def test_the_task_leaves_a_discriminator_with_its_numbers(run_task, tmp_path):
-    metrics = run_task(train, "task=train", "model=discriminator", "seed=7", "trainer.max_steps=50", "batch_size=16")
+    metrics = run_task(task, "task=train", "model=discriminator", "seed=7", "trainer.max_steps=50", "batch_size=16")
     assert (metrics["status"], metrics["steps"]) == ("completed", 50)
     path = tmp_path / "discriminator.safetensors"
     assert DISCRIMINATORS.read_recipe(path)["training"]["seed"] == 7

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
-from enum import Enum
 from typing import Any
 
 import lightning as L
@@ -12,7 +11,7 @@ import torch
 from lightning.pytorch.callbacks import Timer
 from torch import Tensor
 
-from brushexp.compositing.layers import Layers
+from brushexp.compositing.layers import Layers, Size
 from brushexp.compositing.mixing import mixing
 from brushexp.errors import UserError
 from brushexp.painting.components import Stage, standard_components
@@ -23,16 +22,9 @@ from brushexp.plugins.optimizer.torch import TorchOptim
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, PRECISE, Catalogue, Strokes, drawable
-from brushexp_extremes.scenes import (
-    BACKGROUND,
-    SPACES,
-    TARGETS,
-    StressScene,
-    one_bright_pixel,
-    random_strokes,
-    random_target,
-)
+from brushexp_extremes.scenes import SPACES, TARGETS, Scene, one_bright_pixel, random_strokes, random_target
 
+EXACT, DEGRADED, REFUSED, BROKEN = VERDICTS = ("exact", "degraded", "refused", "broken")  # see docs/numerics.md
 DTYPES = {"float64": torch.float64, "float32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16}
 # Largest difference of a pixel, in [0, 1]. Strokes of 16 bits are drawn in float32, so their pictures are as exact.
 PICTURE_BOUNDS = {"float64": 1e-9, "float32": 1e-4, "bfloat16": 1e-4, "float16": 1e-4}
@@ -41,35 +33,29 @@ GRADIENT_BOUNDS = {"float64": 1e-6, "float32": 1e-3, "bfloat16": 2**-8, "float16
 NEGLIGIBLE_SHARE = 1e-3  # of the sum of |dL/dI| over all pixels, below which a gradient moves nothing
 PROBED_STROKES, PROBED_PIXELS = 64, 2000  # at which alpha is looked at, at most
 CRASHES = (RuntimeError, TypeError, ValueError, LookupError, ArithmeticError, MemoryError, AssertionError)
-CANVAS, STROKES, FEW = (16, 25), 8, 2  # strokes; and of a renderer that is slow
+BACKGROUND = (0.2, 0.5, 0.9)
+SMALL, STROKES, FEW = (16, 25), 8, 2  # canvas of exercises; strokes; and of a renderer that is slow
 USUAL = 0.02  # learning rate
-
-
-class Outcome(Enum):
-    """What became of a scene."""
-
-    exact = "exact"  # picture and gradient agree with float64 within the bounds
-    degraded = "degraded"  # finite, but outside of them
-    refused = "refused"  # with a message that a user can act on
-    broken = "broken"  # NaN, Inf, an alpha or a picture outside [0, 1], or a crash
+SLACK = 1e-6  # of the bounds of a field, relative
+DENSE = Dense()
 
 
 @dataclass(frozen=True)
 class Check:
-    """An outcome and its reasons.
+    """A verdict and its reasons.
 
     ``picture`` is the largest difference of a pixel from float64, ``gradient`` the largest relative difference of a
     gradient, None without one. ``note`` is a message, what is broken, or how many strokes or steps it was.
     """
 
-    outcome: Outcome
+    verdict: str
     picture: float | None = None
     gradient: float | None = None
     note: str = ""
 
 
 @dataclass(frozen=True)
-class DrawnScene:
+class Drawn:
     """A picture (3, H, W), and the gradient of its mean squared error by field.
 
     ``pull`` is the sum of |dL/dI| over the picture, what a gradient is large or small against; ``fault`` is "" or what
@@ -77,7 +63,7 @@ class DrawnScene:
     """
 
     image: Tensor
-    gradient: dict[str, Tensor]
+    gradient: Mapping[str, Tensor]
     pull: float = 0.0
     fault: str = ""
 
@@ -90,7 +76,7 @@ class Exercise:
     many, ``focus`` (H, W), of mean 1, weighs the pixels, and ``color`` is the space in which the strokes mix.
     """
 
-    target: Tensor
+    target: Tensor = field(default_factory=lambda: random_target(SMALL))
     steps: int = 30
     rate: float = USUAL
     parts: Mapping[str, tuple[str, dict[str, Any]]] = field(default_factory=dict)
@@ -100,32 +86,14 @@ class Exercise:
 
 
 EXERCISES = {
-    "learning rate x 100": Exercise(random_target(CANVAS), 60, 100 * USUAL),
-    "1,000 steps": Exercise(random_target(CANVAS), 1000),
-    "parts of the canvas": Exercise(
-        random_target(CANVAS), parts={"sampler": ("patches", {"n_active": 2, "n_ring": 1, "patch": 9})}
-    ),
-    "strokes that come and go": Exercise(
-        random_target(CANVAS), parts={"density": ("adaptive", {"rounds": 3, "moved": 0.5})}, growth=4
-    ),
-    "focus on one pixel": Exercise(random_target(CANVAS), focus=one_bright_pixel(CANVAS)[0] * CANVAS[0] * CANVAS[1]),
-    **{f"mixing in {space}": Exercise(TARGETS["target 0"](CANVAS), color=space) for space in SPACES},
-    **{name: Exercise(target(CANVAS)) for name, target in TARGETS.items()},
+    "learning rate x 100": Exercise(steps=60, rate=100 * USUAL),
+    "1,000 steps": Exercise(steps=1000),
+    "parts of the canvas": Exercise(parts={"sampler": ("patches", {"n_active": 2, "n_ring": 1, "patch": 9})}),
+    "strokes that come and go": Exercise(parts={"density": ("adaptive", {"rounds": 3, "moved": 0.5})}, growth=4),
+    "focus on one pixel": Exercise(focus=one_bright_pixel(SMALL)[0] * SMALL[0] * SMALL[1]),
+    **{f"mixing in {space}": Exercise(TARGETS["target 0"](SMALL), color=space) for space in SPACES},
+    **{name: Exercise(target(SMALL)) for name, target in TARGETS.items()},
 }
-
-
-def draw_scene(renderer: Renderer, blend: Blend, scene: StressScene, strokes: Strokes) -> DrawnScene:
-    """The picture of ``strokes`` on the canvas of a scene, and the gradient of its mean squared error."""
-    strokes = strokes.map(lambda value: value.detach().clone().requires_grad_())
-    layers = renderer(strokes)
-    order = torch.arange(len(strokes)) if scene.order is None else scene.order
-    image = in_space(blend, scene.color)(layers, order, scene.size, torch.tensor(BACKGROUND)).image
-    error = image - scene.target.to(image)
-    if image.requires_grad:
-        error.square().mean().backward()
-    gradient = {name: torch.zeros_like(v) if v.grad is None else v.grad for name, v in strokes.items()}
-    pull = float(2 * error.detach().double().abs().mean())
-    return DrawnScene(image.detach(), gradient, pull, _alpha_fault(layers, scene.size))
 
 
 def in_space(blend: Blend, color: str) -> Blend:
@@ -133,41 +101,56 @@ def in_space(blend: Blend, color: str) -> Blend:
     return mixing(blend, build_named("color", color, {}))
 
 
-class Reference:
-    """A scene in float64, each picture drawn once."""
+def draw(renderer: Renderer, blend: Blend, strokes: Strokes, target: Tensor, order: Tensor | None = None) -> Drawn:
+    """The picture of strokes, and the gradient of its mean squared error from a target (3, H, W).
 
-    def __init__(self, renderer: Renderer, scene: StressScene) -> None:
-        self.renderer = deepcopy(renderer).double()
-        self.scene = scene
-        self._drawn: dict[tuple[Blend | None, str], DrawnScene] = {}
-
-    def by(self, blend: Blend | None, dtype: str) -> DrawnScene:
-        """The strokes as ``dtype`` holds them, drawn in float64; None for every stroke at every pixel."""
-        kind = DTYPES[dtype]
-        held = "" if kind in PRECISE else dtype
-        if (blend, held) not in self._drawn:
-            strokes = drawable(self.scene.strokes.map(lambda value: value.to(kind) if held else value))
-            strokes = strokes.map(Tensor.double)
-            self._drawn[blend, held] = draw_scene(self.renderer, blend or Dense(), self.scene, strokes)
-        return self._drawn[blend, held]
-
-
-def check_drawing(renderer: Renderer, reference: Reference, blend: Blend, dtype: str) -> Check:
-    """Check what a renderer and a blend make of a scene in one precision.
-
-    In float64 against every stroke at every pixel (``blend=dense``): this says what a blend leaves out by design. In
-    the others against the same blend in float64 and the same strokes as the precision holds them: this says what the
-    arithmetic costs.
+    ``order`` (N,) are numbers of strokes, the uppermost first; None for as they come.
     """
-    scene, strokes = reference.scene, reference.scene.strokes
-    note = f"{len(strokes)} of {scene.wanted:,} strokes" if len(strokes) < scene.wanted else ""
-    try:
-        if dtype == "float64":
-            return compare(dtype, reference.by(blend, dtype), reference.by(None, dtype), strokes, note)
-        drawn = draw_scene(renderer, blend, scene, strokes.map(lambda value: value.to(DTYPES[dtype])))
-        return compare(dtype, drawn, reference.by(blend, dtype), strokes, note)
-    except (UserError, *CRASHES) as error:
-        return check_of_error(error)
+    size: Size = (target.shape[1], target.shape[2])
+    strokes = strokes.map(lambda value: value.detach().clone().requires_grad_())
+    layers = renderer(strokes)
+    order = torch.arange(len(strokes)) if order is None else order
+    image = blend(layers, order, size, torch.tensor(BACKGROUND)).image
+    error = image - target.to(image)
+    if image.requires_grad:
+        error.square().mean().backward()
+    gradient = {name: torch.zeros_like(v) if v.grad is None else v.grad for name, v in strokes.items()}
+    return Drawn(image.detach(), gradient, float(2 * error.detach().double().abs().mean()), _alpha_fault(layers, size))
+
+
+class SceneCheck:
+    """Checks of what a renderer makes of a scene; each picture in float64 is drawn once."""
+
+    def __init__(self, renderer: Renderer, scene: Scene, most: int) -> None:
+        self.renderer, self.precise = renderer, deepcopy(renderer).double()
+        self.scene, self.strokes, self.target = scene, scene.strokes(most), scene.target(scene.canvas)
+        self._exact: dict[tuple[Blend, str], Drawn] = {}
+
+    def check(self, blend: Blend, dtype: str) -> Check:
+        """Check a blend in one precision.
+
+        In float64 against every stroke at every pixel (``blend=dense``): this says what a blend leaves out by design.
+        In the others against the same blend in float64 and the same strokes as the precision holds them: this says what
+        the arithmetic costs.
+        """
+        n = len(self.strokes)
+        note = f"{n} of {self.scene.n:,} strokes" if n < self.scene.n else ""
+        try:
+            if dtype == "float64":
+                return compare(dtype, self.exact(blend, dtype), self.exact(DENSE, dtype), self.strokes, note)
+            rounded = self.strokes.map(lambda value: value.to(DTYPES[dtype]))
+            drawn = draw(self.renderer, in_space(blend, self.scene.color), rounded, self.target)
+            return compare(dtype, drawn, self.exact(blend, dtype), self.strokes, note)
+        except (UserError, *CRASHES) as error:
+            return check_of_error(error)
+
+    def exact(self, blend: Blend, dtype: str) -> Drawn:
+        """The strokes as ``dtype`` holds them, drawn in float64."""
+        kind = self.strokes.position.dtype if DTYPES[dtype] in PRECISE else DTYPES[dtype]
+        if (blend, str(kind)) not in self._exact:
+            strokes = drawable(self.strokes.map(lambda value: value.to(kind))).map(Tensor.double)
+            self._exact[blend, str(kind)] = draw(self.precise, in_space(blend, self.scene.color), strokes, self.target)
+        return self._exact[blend, str(kind)]
 
 
 def check_painting(
@@ -177,12 +160,11 @@ def check_painting(
 
     After ``patience`` seconds no further step is taken.
     """
-    precise, kind = deepcopy(renderer).double(), DTYPES[dtype]
+    precise, kind, blend = deepcopy(renderer).double(), DTYPES[dtype], in_space(blend, exercise.color)
     stage = Stage(name, precise if dtype == "float64" else renderer, exercise.steps)
-    optimizer = TorchOptim(lr=exercise.rate)
-    components = standard_components(stages=[stage], blend=in_space(blend, exercise.color), optimizer=optimizer)
+    components = standard_components(stages=[stage], blend=blend, optimizer=TorchOptim(lr=exercise.rate))
     components = replace(components, **{family: build_named(family, *part) for family, part in exercise.parts.items()})
-    strokes = random_strokes(STROKES if renderer.warm_up is None else FEW, CANVAS).map(lambda value: value.to(kind))
+    strokes = random_strokes(STROKES if renderer.warm_up is None else FEW, SMALL).map(lambda value: value.to(kind))
     quiet: dict[str, Any] = dict.fromkeys(("logger", "enable_checkpointing", "enable_progress_bar"), False)
     timer = Timer(timedelta(seconds=patience), verbose=False)
     try:
@@ -192,37 +174,34 @@ def check_painting(
             focus=None if exercise.focus is None else exercise.focus.to(kind), budget=exercise.growth * len(strokes),
         )  # fmt: skip
         L.Trainer(accelerator="cpu", max_epochs=-1, callbacks=[timer], enable_model_summary=False, **quiet).fit(painter)
-        picture = painter.drawn()
-        strokes = painter.catalogue().map(Tensor.detach)
-        order = painter.depth.front_to_back
-        scene = StressScene(strokes, exercise.target, len(strokes), order, exercise.color)
-        exact = draw_scene(precise, blend, scene, strokes.map(Tensor.double))
+        picture, strokes = painter.drawn(), painter.catalogue().map(Tensor.detach)
+        exact = draw(precise, blend, strokes.map(Tensor.double), exercise.target, painter.depth.front_to_back)
     except (UserError, *CRASHES) as error:
         return check_of_error(error)
-    taken = painter.schedule.step
-    note = f"{taken} of {exercise.steps:,} steps" if taken < exercise.steps else ""
-    return compare(dtype, DrawnScene(picture, {}, fault=range_fault(strokes)), exact, strokes, note)
+    n = painter.schedule.step
+    note = f"{n} of {exercise.steps:,} steps" if n < exercise.steps else ""
+    return compare(dtype, Drawn(picture, {}, fault=range_fault(strokes)), exact, strokes, note)
 
 
 def check_of_error(error: Exception) -> Check:
     """Refused if a user can act on the message of an exception, else broken."""
     if isinstance(error, UserError):
-        return Check(Outcome.refused, note=str(error))
-    return Check(Outcome.broken, note=f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}")
+        return Check(REFUSED, note=str(error))
+    return Check(BROKEN, note=f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}")
 
 
-def compare(dtype: str, drawn: DrawnScene, exact: DrawnScene, strokes: Strokes, note: str = "") -> Check:
+def compare(dtype: str, drawn: Drawn, exact: Drawn, strokes: Strokes, note: str = "") -> Check:
     """Compare what was drawn of strokes that came in the precision ``dtype`` with the same in float64."""
     bound = PICTURE_BOUNDS[dtype]
-    wrong = [f"the gradient of {name} is not finite" for name, g in drawn.gradient.items() if not g.isfinite().all()]
-    faults = [drawn.fault, _interval_fault("the picture", drawn.image, -bound, 1 + bound), *wrong]
+    faults = [drawn.fault, _fault("the picture", drawn.image, -bound, 1 + bound)]
+    faults += [_fault(f"the gradient of {name}", gradient) for name, gradient in drawn.gradient.items()]
     if any(faults):
-        return Check(Outcome.broken, note=next(filter(None, faults)))
+        return Check(BROKEN, note=next(filter(None, faults)))
     picture = float((drawn.image.double() - exact.image).abs().max())
-    slopes = [gradient_error(g, exact.gradient[name], name, strokes, exact.pull) for name, g in drawn.gradient.items()]
-    slope = max(slopes, default=None)
-    within = picture <= bound and (slope is None or slope <= GRADIENT_BOUNDS[dtype])
-    return Check(Outcome.exact if within else Outcome.degraded, picture, slope, note)
+    errors = [gradient_error(g, exact.gradient[name], name, strokes, exact.pull) for name, g in drawn.gradient.items()]
+    gradient = max(errors, default=None)
+    is_exact = picture <= bound and (gradient is None or gradient <= GRADIENT_BOUNDS[dtype])
+    return Check(EXACT if is_exact else DEGRADED, picture, gradient, note)
 
 
 def gradient_error(value: Tensor, exact: Tensor, name: str, strokes: Strokes, pull: float) -> float:
@@ -238,31 +217,26 @@ def gradient_error(value: Tensor, exact: Tensor, name: str, strokes: Strokes, pu
     return float(difference.norm() / (size.norm() + NEGLIGIBLE_SHARE * pull + 1e-300))
 
 
-def range_fault(strokes: Strokes, slack: float = 1e-6) -> str:
+def range_fault(strokes: Strokes) -> str:
     """Which field of strokes is not finite or outside `FIELDS`; "" if none is."""
-    faults = []
-    for name, allowed in FIELDS.items():
-        room = slack * max(abs(allowed.low), abs(allowed.high))
-        faults.append(_interval_fault(name, getattr(strokes, name).detach(), allowed.low - room, allowed.high + room))
-    return next(filter(None, faults), "")
+    for name, bounds in FIELDS.items():
+        room = SLACK * max(abs(bounds.low), abs(bounds.high))
+        if fault := _fault(name, getattr(strokes, name).detach(), bounds.low - room, bounds.high + room):
+            return fault
+    return ""
 
 
 @torch.no_grad()
-def _alpha_fault(layers: Layers, size: tuple[int, int]) -> str:
+def _alpha_fault(layers: Layers, size: Size) -> str:
     """What is wrong with the alpha of some strokes at some pixels."""
-    index, pixel = _evenly(len(layers.reach), PROBED_STROKES), _evenly(size[0] * size[1], PROBED_PIXELS)
+    pairs = ((len(layers.reach), PROBED_STROKES), (size[0] * size[1], PROBED_PIXELS))
+    index, pixel = (torch.linspace(0, n - 1, min(n, most)).round().long()[None] for n, most in pairs)
     alpha, color = layers.sample(index, pixel_centres(pixel, size[1], layers.color.dtype))
     slack = PICTURE_BOUNDS["float32"]
-    wrong = _interval_fault("alpha of a stroke", alpha, -slack, 1 + slack)
-    return wrong or _interval_fault("colour of a stroke", color, -torch.inf, torch.inf)
+    return _fault("alpha of a stroke", alpha, -slack, 1 + slack) or _fault("colour of a stroke", color)
 
 
-def _evenly(n: int, most: int) -> Tensor:
-    """At most so many of n numbers from 0, evenly spaced (1, ...)."""
-    return torch.linspace(0, n - 1, min(n, most)).round().long()[None]
-
-
-def _interval_fault(name: str, value: Tensor, low: float, high: float) -> str:
+def _fault(name: str, value: Tensor, low: float = -torch.inf, high: float = torch.inf) -> str:
     """What is wrong with numbers that should be finite and between two others; "" if nothing is."""
     if not value.isfinite().all():
         return f"{name} is not finite"

@@ -1,7 +1,8 @@
-"""Reading films picture by picture; `video` writes them."""
+"""Films are read picture by picture; `brushexp.pictures.video` writes them."""
 
 import importlib
 import logging
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -46,6 +47,7 @@ def open_clip(path: Path, key: str = "image") -> Clip:
 
     UserError if there is no such file, no video or no picture in it, or the library PyAV is missing.
     """
+    path = Path(os.path.expanduser(path))
     with _decoding(path, key) as (container, stream):
         try:
             first = next(container.decode(stream), None)

@@ -1,4 +1,4 @@
-"""``image=clip.mp4`` of ``task=paint``: a film, painted picture by picture and written on the way."""
+"""A film that is being painted, picture by picture, and its numbers."""
 
 import logging
 import math
@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
-from threading import Event
 from typing import Any
 
 import lightning as L
@@ -21,27 +20,23 @@ from brushexp.painting.assembly import components_of
 from brushexp.painting.goals import goals_of
 from brushexp.painting.metrics import psnr_of
 from brushexp.painting.preparation import prepared
-from brushexp.pictures.load import planes_of, size_of_picture
-from brushexp.pictures.video import add_sound, filming
+from brushexp.pictures.load import planes_of, size_at
 from brushexp.plugins.export.base import ExportJob
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import plugin_of
-from brushexp.runs.fitting import CHECKPOINT, RECORD, conclude, fit, record_of, trainer_of
+from brushexp.runs.fitting import conclude, fit, trainer_of
 from brushexp.shading.light import Light
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
-from brushexp.system.callbacks import FAILED, INTERRUPTED
 from brushexp.system.device import device_of
-from brushexp.system.files import replacing, to_bytes, write_json, write_picture
-from brushexp.system.progress import showing
-from brushexp.system.runtime import interruptible, peak_memory
+from brushexp.system.files import to_bytes
+from brushexp.system.runtime import peak_memory
 from brushexp_films.carrying import Carrier, Cel
 from brushexp_films.changes import Flicker
 from brushexp_films.clips import decoded_pictures, open_clip
 from brushexp_films.reel import Reel
+from brushexp_films.schema import FRAMES
 
 log = logging.getLogger(__name__)
-FRAMES = "frames"  # folder of the catalogues, in a run's
-COMPLETED = "completed"
 MOST_TICKS = 65_535  # of a second, in which players count
 
 
@@ -52,7 +47,7 @@ class PaintedFilm:
         self.cfg, self.folder, self.device = cfg, folder, device_of(cfg.device)
         self.before = before  # a folder with pictures of this film that were painted before
         self.clip = open_clip(Path(cfg.image))
-        self.size = size_of_picture(cfg.image, "image", cfg.resolution)
+        self.size = size_at(cfg.resolution, *self.clip.size)
         self.rate = Fraction(self.clip.rate / cfg.film.every).limit_denominator(MOST_TICKS)
         parts = components_of(cfg)
         renderer = parts.stages[-1].renderer.to(self.device).requires_grad_(False)
@@ -178,62 +173,3 @@ def cel_of(saved: Saved, device: torch.device) -> Cel:
     """The strokes of a picture that was painted before."""
     above = saved.depth.argsort(descending=True)
     return Cel(saved.strokes.map(lambda value: value.to(device)), above.to(device), saved.background.to(device))
-
-
-def painted_film(folder: Path, cfg: DictConfig, start: float | None, before: Path | None = None) -> dict[str, object]:
-    """Paint the film that ``image`` names and write it, and the catalogues of its pictures, into the run's folder.
-
-    It goes on behind the pictures that are in the folder ``before``. Whatever ends it, it has all pictures that were
-    done, and what ended it is raised then.
-    """
-    film, stop = PaintedFilm(cfg, folder, before), Event()
-    failure: BaseException | None = None
-    (folder / FRAMES).mkdir(exist_ok=True)
-    (folder / "metrics.json").unlink(missing_ok=True)
-    with replacing(folder / CHECKPOINT) as temporary:  # its settings; what else there is to know are its pictures
-        torch.save({RECORD: record_of(cfg, folder)}, temporary)
-    with filming(folder / "film", "mp4", film.size, film.rate) as video, showing("painting the film") as show:
-        with interruptible(stop.set, "stopping after this picture; the film so far will be written"):
-            for number, target in enumerate(film.targets()):
-                if number and stop.is_set():  # there is a next picture, whatever the film says of its length
-                    failure = KeyboardInterrupt()
-                    break
-                try:
-                    picture = film.take(number, target)
-                except (Exception, KeyboardInterrupt, SystemExit) as error:
-                    if not number:
-                        raise
-                    failure = error
-                    break
-                video.show(picture, 1)
-                show(min(1.0, (number + 1) / film.planned), f"picture {number + 1}, {film.psnr[-1]:.2f} dB")
-        if not film.psnr:
-            (folder / CHECKPOINT).unlink()
-            raise UserError(f"film.start={cfg.film.start:g} is behind the end of {cfg.image}; give an earlier second")
-    for path in (path for path in video.paths if path.suffix == ".mp4"):
-        add_sound(path, film.clip.path, cfg.film.start)
-    return concluded(film, start, failure)
-
-
-def concluded(film: PaintedFilm, start: float | None, failure: BaseException | None) -> dict[str, object]:
-    """Write what is left to write of a film that has come to an end, and raise the ``failure`` that it was, if any."""
-    folder, count = film.folder, len(film.psnr)
-    pictures = []
-    for number in sorted({0, count // 2, count - 1}):
-        film.reel.show(cel_of(load_catalogue(frame_in(folder, number)), film.device))
-        pictures.append(film.lit())
-    ended = INTERRUPTED if isinstance(failure, KeyboardInterrupt) else FAILED
-    status = COMPLETED if failure is None else ended
-    write_picture(folder / "preview.png", np.concatenate(pictures, axis=1))
-    metrics = film.metrics(start, status)
-    write_json(folder / "metrics.json", metrics)
-    log.info(
-        "%s: %d pictures in %d scenes, %.2f dB, flicker %s, %s s a picture",
-        folder / "film.mp4", metrics["n_frames"], metrics["n_scenes"], metrics["psnr"],
-        *("-" if metrics[key] is None else f"{metrics[key]:.2g}" for key in ("flicker", "seconds_per_frame")),
-    )  # fmt: skip
-    if failure is not None:
-        log.warning("%s at picture %d; continue with: brushexp resume=%s", status, count, folder)
-        raise failure
-    (folder / CHECKPOINT).unlink(missing_ok=True)
-    return metrics

@@ -15,17 +15,22 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from brushexp_films import task
 from brushexp_films.carrying import Carrier, Cel, meeting, shares_within
 from brushexp_films.changes import Changes, Flicker, difference, is_cut
 from brushexp_films.clips import decoded_pictures, open_clip
 from brushexp_films.films import PaintedFilm
 from brushexp_films.motion import motion
 from brushexp_films.reel import Reel
+from brushexp_films.sound import add_sound
 from films import as_tensor, decoded, encoded, scene
 from painters import take
 from program import ended
 
+from brushexp.cli.command_line import in_full
 from brushexp.compositing.layers import EDGE
+from brushexp.config.composition import check
+from brushexp.config.configs import composed
 from brushexp.errors import UserError
 from brushexp.painting.canvas_memory import touched
 from brushexp.painting.components import standard_components
@@ -33,14 +38,14 @@ from brushexp.painting.painter import Painter
 from brushexp.pictures.decode import read_picture
 from brushexp.pictures.region import Region
 from brushexp.plugins.init.grid import Grid
+from brushexp.plugins.loss.direction import Direction
+from brushexp.plugins.loss.mse import MeanSquaredError
 from brushexp.plugins.loss.perceptual import Perceptual
-from brushexp.plugins.loss.pixel import MeanSquaredError
-from brushexp.plugins.loss.stroke import Direction
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, Catalogue, check_strokes
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import TEMPORARY
-from brushexp.tasks import export, paint
+from brushexp.tasks import export
 
 av = pytest.importorskip("av")
 
@@ -261,7 +266,7 @@ def test_shares_of_strokes_within_a_mask_and_strokes_that_meet_a_region_agree_wi
 def test_a_painted_film_has_its_pictures_their_strokes_and_its_numbers(run_task, tmp_path, look):
     clip = encoded(tmp_path / "clip.mp4", scene(7), rate=10)
     words = (f"image={clip}", look, "resolution=47", "steps=3", "film.every=2", "film.start=0.1", "film.steps=2")
-    metrics = run_task(paint, *words)
+    metrics = run_task(task, *words)
     frames, rate = decoded(tmp_path / "film.mp4")
     assert (len(frames), rate, frames[0].shape) == (3, Fraction(5), (48, 48, 3))
     assert (metrics["n_frames"], metrics["n_scenes"], metrics["status"]) == (3, 1, "completed")
@@ -291,7 +296,7 @@ def test_a_painted_film_has_its_pictures_their_strokes_and_its_numbers(run_task,
 def test_what_a_film_cannot_have_is_refused_in_one_line(run_task, tmp_path, words, message):
     clip = encoded(tmp_path / "clip.mp4", scene(2))
     with pytest.raises(UserError, match=message):
-        run_task(paint, f"image={clip}", "resolution=32", *words)
+        run_task(task, f"image={clip}", "resolution=32", *words)
     assert not (tmp_path / "checkpoint.ckpt").exists(), "nothing to go on with"
 
 
@@ -302,9 +307,9 @@ def test_a_film_that_does_not_say_how_long_it_is_can_be_stopped(run_task, tmp_pa
         yield
 
     monkeypatch.setattr(PaintedFilm, "planned", 1)
-    monkeypatch.setattr("brushexp_films.films.interruptible", at_once)
+    monkeypatch.setattr("brushexp_films.task.interruptible", at_once)
     with pytest.raises(KeyboardInterrupt):
-        run_task(paint, f"image={encoded(tmp_path / 'clip.mp4', scene(3))}", "resolution=32", "steps=1", "film.steps=1")
+        run_task(task, f"image={encoded(tmp_path / 'clip.mp4', scene(3))}", "resolution=32", "steps=1", "film.steps=1")
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert (metrics["n_frames"], metrics["status"]) == (1, "interrupted")
 
@@ -361,10 +366,51 @@ def test_what_ends_a_film_leaves_the_pictures_before_it(run_task, tmp_path, monk
             patched.setattr(MeanSquaredError, "forward", wrong)
         message = r"000002.h5: No space left" if what == "disk" else "step 1: loss=mse is nan; lower the rate"
         with pytest.raises(UserError, match=message):
-            run_task(paint, *words)
+            run_task(task, *words)
     assert (what == "nan") == ("the strokes stay as they were" in caplog.text)  # of the picture that is carried
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert (metrics["n_frames"], metrics["status"]) == (2, "failed")
     assert len(decoded(tmp_path / "film.mp4")[0]) == 2
     assert (tmp_path / "checkpoint.ckpt").exists()
     assert not list(tmp_path.rglob(TEMPORARY))
+
+
+@pytest.mark.parametrize("codec", ["aac", "pcm_s16le"])
+def test_sound_is_copied_from_its_second_on_or_told_and_left_out(tmp_path, caplog, codec):
+    with av.open(str(tmp_path / "heard.mkv"), "w") as container:
+        stream = container.add_stream(codec, rate=48_000)
+        silence = np.zeros((1, 4 * 48_000), np.float32)
+        silence[:, 96_000:] = np.sin(np.arange(96_000) / 20)  # a tone from the second second on
+        whole = av.AudioFrame.from_ndarray(silence, format="fltp", layout="mono")
+        whole.sample_rate = 48_000
+        fitting = av.AudioResampler(
+            stream.format.name, stream.layout.name, 48_000, stream.codec_context.frame_size or 1024
+        )
+        for frame in [*fitting.resample(whole), *fitting.resample(None), None]:
+            container.mux(stream.encode(frame))
+    film = encoded(tmp_path / "film.mp4", scene(8), rate=4)
+    before = film.read_bytes()
+    add_sound(film, tmp_path / "heard.mkv", start=1.0)
+    assert len(decoded(film)[0]) == 8
+    if codec != "aac":
+        assert film.read_bytes() == before
+        assert "an MP4 cannot hold it" in caplog.text
+        return
+    with av.open(str(film)) as container:
+        loud = np.concatenate([frame.to_ndarray()[0] for frame in container.decode(audio=0)])
+    assert len(loud) == pytest.approx(2 * 48_000, abs=2100)
+    assert np.abs(loud[:44_000]).max() < 0.1 < np.abs(loud[52_000:90_000]).max()
+
+
+@pytest.mark.parametrize(
+    "words", [["clip.mp4"], ["task=paint", "image=clip.mp4"], ["-m", "image=a.mp4,b.mp4", "seed=0,1"]]
+)
+def test_the_words_for_a_picture_paint_a_film_too(words):
+    assert "task=film" in in_full(words)
+    assert "task=paint" not in in_full(words)
+
+
+def test_a_painting_of_one_picture_leaves_films_to_their_task():
+    assert "task=film" not in in_full(["-m", "image=a.mp4,photo.jpg"])
+    with pytest.raises(UserError, match="task=paint leaves this to task=film"):
+        check(composed(["image=clip.mp4"]))

@@ -32,6 +32,11 @@ def strokes_from_arrays(curves: Array, thickness: Array, color: Array, opacity: 
     return strokes_along(line, thick, shade, torch.full((len(curves),), opacity))
 
 
+def vectors(length: Array, angle: Array) -> Array:
+    """Vectors (N, 2) of lengths (N,) in directions (N,) in radians."""
+    return length[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+
+
 def numpy_generator(generator: torch.Generator) -> np.random.Generator:
     """A generator of NumPy that follows from one of PyTorch."""
     return np.random.default_rng(int(torch.randint(2**62, (), generator=generator)))

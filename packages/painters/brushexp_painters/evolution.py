@@ -11,7 +11,7 @@ from brushexp.pictures.structure import sampled_at
 from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
-from brushexp_painters._laying import PORTIONS, Array, numpy_generator, strokes_from_arrays
+from brushexp_painters._laying import PORTIONS, Array, numpy_generator, strokes_from_arrays, vectors
 from brushexp_painters.greedy import LARGEST, SMALLEST, worst_places
 
 LEAST_HALF = 0.5  # of the thickness, pixels
@@ -161,7 +161,7 @@ def begun_genes(commission: Commission, target: Array, random: np.random.Generat
 def random_genes(middle: Array, length: Array, target: Array, depth: Array, random: np.random.Generator) -> Genes:
     """Strokes of half-lengths (n,) at places (n, 2), in the colours there, in random directions."""
     n, angle = len(length), random.uniform(0, np.pi, len(length))
-    along = length[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+    along = vectors(length, angle)
     half = (length * random.uniform(0.2, 0.7, n)).clip(LEAST_HALF, None)
     color = sampled_at(target.transpose(2, 0, 1), *middle.T).T
     return Genes(middle, along, random.normal(0, 0.25, n), half, color, depth)

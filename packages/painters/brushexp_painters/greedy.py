@@ -11,7 +11,7 @@ from brushexp.bounds import at_least, between
 from brushexp.compat.compiled import inline, kernel, prange
 from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
 from brushexp.registry import register
-from brushexp_painters._laying import PORTIONS, Array, numpy_generator, strokes_from_arrays
+from brushexp_painters._laying import PORTIONS, Array, numpy_generator, strokes_from_arrays, vectors
 
 SAMPLES = 400  # pixels of a candidate that are looked at, about
 PIECES = 8  # straight ones, as which a curve is measured
@@ -75,7 +75,7 @@ class Greedy(PaintingMethod):
         middle = places[random.integers(len(places), size=k)] + random.uniform(-0.5, 0.5, (k, 2))
         reach = np.exp(random.uniform(np.log(lengths[0]), np.log(lengths[1]), k))
         angle = random.uniform(0, np.pi, k)
-        along = reach[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+        along = vectors(reach, angle)
         bend = random.normal(0, 0.25, k)[:, None] * np.stack([-along[:, 1], along[:, 0]], 1)
         half = reach * random.uniform(0.2, 0.7, k)
         tried = np.concatenate([middle - along, middle + bend, middle + along, half[:, None]], 1).astype(np.float32)

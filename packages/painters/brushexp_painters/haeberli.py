@@ -11,7 +11,7 @@ from brushexp.bounds import above, between, one_of
 from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor
 from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
 from brushexp.registry import register
-from brushexp_painters._laying import laid, numpy_generator, strokes_from_arrays
+from brushexp_painters._laying import laid, numpy_generator, strokes_from_arrays, vectors
 
 
 @register("painter", "haeberli")
@@ -57,7 +57,7 @@ class Haeberli(PaintingMethod):
         tensor = structure_tensor(picture, max(0.5, commission.pitch * self.smallest))
         angle = along_edges(sampled_at(tensor, x, y)) + np.radians(self.stray) * random.standard_normal(n)
         reach = 0.5 * max(self.length - 1, 0) * thickness  # round ends add half a thickness each
-        along = reach[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+        along = vectors(reach, angle)
         middle = np.stack([x, y], 1)
         curves = np.stack([middle - along, middle, middle + along], 1)
         yield from laid(strokes_from_arrays(curves, thickness, sampled_at(picture, x, y).T, self.opacity))

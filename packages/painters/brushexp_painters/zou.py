@@ -14,7 +14,7 @@ from brushexp.plugins.loss.base import PaintedView
 from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
 from brushexp.registry import build_named, register
 from brushexp.strokes.catalogue import Catalogue, Strokes
-from brushexp_painters._laying import numpy_generator, strokes_from_arrays
+from brushexp_painters._laying import numpy_generator, strokes_from_arrays, vectors
 
 IN_A_BLOCK = 10  # strokes, about, where the number of levels is not chosen
 INSIDE = 0.9  # of a block, from its other side: as far as the middle of a stroke may be
@@ -124,7 +124,7 @@ def begun_strokes(commission: Commission, strokes: Strokes, m: int, random: np.r
     middle = np.array(places)
     block = max(height, width) / m
     angle, length, thickness = random.uniform(0, np.pi, m * m), *(block * random.uniform(*SIZES, (2, m * m)))
-    along = 0.5 * length[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+    along = vectors(0.5 * length, angle)
     curves = np.stack([middle - along, middle, middle + along], 1)
     color = sampled_at(commission.target.cpu().numpy(), *middle.T).T
     begun = in_windows(strokes_from_arrays(curves, thickness, color, OPACITY), block)

@@ -31,12 +31,14 @@ class Controls:
             with part("Look"), Tag("div", "looks", role="group", aria_label="Look"):
                 self.looks = {look: self._look(look) for look in visit.looks}
             with part("Strokes"):
-                self.number = Slide("How many", 0, NOTCHES, 1, 0, self._take_number)
-                self.size = Slide("How large", -1, 1, 0.05, 0, self._take_size)
+                self.number = Slide(self._take_number, name="How many", low=0, high=NOTCHES, step=1, value=0)
+                self.size = Slide(self._take_size, name="How large", low=-1, high=1, step=0.05, value=0)
             with part("Time"):
                 times = {name: name.capitalize() for name in (*QUALITIES, SECONDS)}
                 chips("Time", times, visit.wishes.quality, self._take_time)
-                self.seconds = Slide("Seconds of painting", 1, LONGEST, 1, 10, self._take_seconds)
+                self.seconds = Slide(
+                    self._take_seconds, name="Seconds of painting", low=1, high=LONGEST, step=1, value=10
+                )
                 self.seconds.set_visibility(False)
             with part("Canvas", "pixels of its longer side"):
                 chips("Canvas", {side: str(side) for side in SIDES}, visit.wishes.side, self._take_side)
@@ -63,7 +65,7 @@ class Controls:
             with place:
                 if name == "style":
                     Button("None", lambda: self._take_style(None), pressed=chosen is None, classes="drop")
-                Drop(f"Your own {name}", "Your own", "/photos", partial(self.receive, take=take))
+                Drop(partial(self.receive, take=take), name=f"Your own {name}", text="Your own", address="/photos")
                 for key in SAMPLES if chosen is None or chosen.key in SAMPLES else (chosen.key, *SAMPLES):
                     self._thumb(key, chosen, take)
 

@@ -36,19 +36,18 @@ class Easel:
 
     def show(self) -> None:
         """Everything, as it is now."""
-        there = self.visit.views()
-        if self.visit.view not in there:
-            self.visit.view = there[-1] if there else PHOTOGRAPH
+        views = self.visit.views()
+        if self.visit.view not in views:
+            self.visit.view = views[-1] if views else PHOTOGRAPH
         self.views.clear()
         with self.views:
-            for view in there:
+            for view in views:
                 Button(VIEWS[view], partial(self._choose, view), pressed=view == self.visit.view, classes="choice")
         self.live = None
         self.place.clear()
+        show = {PHOTOGRAPH: self._photograph, PAINTING: self._painting, COMPARE: self._compare, REPLAY: self._replay}
         with self.place:
-            {PHOTOGRAPH: self._photograph, PAINTING: self._painting, COMPARE: self._compare, REPLAY: self._replay}[
-                self.visit.view
-            ]()
+            show[self.visit.view]()
         self._show_files()
         self._show_strip()
         self.renew()
@@ -62,11 +61,9 @@ class Easel:
             self.show()
             return
         if work and work.frames and self.live:
-            self.live.say(src=address(work))
-        words = ""
-        if work and self.visit.view in (PAINTING, COMPARE):  # a replay has its own
-            words = work.captions.get(work.last, "")
-        self.caption.set_text(words)
+            self.live.say(src=address_of(work))
+        has_caption = work and work.frames and self.visit.view in (PAINTING, COMPARE)  # a replay has its own
+        self.caption.set_text(work.frames[work.last][1] if work and has_caption else "")
 
     def _choose(self, view: str) -> None:
         self.visit.view = view
@@ -76,15 +73,15 @@ class Easel:
         photo, wishes = self.visit.wishes.photo, self.visit.wishes
         if photo is None:
             with Tag("div", "empty"):
-                Drop("Your photograph", "Drop a photograph here, or choose one …", "/photos", self.receive)
+                text = "Drop a photograph here, or choose one …"
+                Drop(self.receive, name="Your photograph", text=text, address="/photos")
                 Tag("p", "hint", text="It stays on this machine. Or take one of the samples.")
             return
         shown = f"/photos/{photo.key}/shown.jpg"
         if wishes.focus == "mask":
-            before = f"/masks/{wishes.mask.stem}.png" if wishes.mask else ""
-            Mask(shown, photo.ratio, f"/photos/{photo.key}/masks", before, self._take_mask).style(
-                f"--ratio: {photo.ratio}"
-            )
+            before, address = f"/masks/{wishes.mask.stem}.png" if wishes.mask else "", f"/photos/{photo.key}/masks"
+            mask = Mask(self._take_mask, picture=shown, ratio=photo.ratio, address=address, before=before)
+            mask.style(f"--ratio: {photo.ratio}")
         else:
             with Tag("div", "stage").style(f"--ratio: {photo.ratio}"):
                 Tag("img", src=shown, alt=f"the photograph {photo.name}")
@@ -96,20 +93,15 @@ class Easel:
         work = self._work
         with Tag("div", "stage").style(f"--ratio: {work.ratio}"):
             if work.frames:
-                self.live = Tag("img", src=address(work), alt=f"painting {work.title}")
+                self.live = Tag("img", src=address_of(work), alt=f"painting {work.title}")
             else:
-                Tag(
-                    "img",
-                    "bare",
-                    src=f"/photos/{work.wishes.painted.key}/shown.jpg",
-                    alt="the photograph, to be painted",
-                )
+                Tag("img", "bare", src=shown_address(work), alt="the photograph, to be painted")
 
     def _compare(self) -> None:
         work, other = self._work, self.visit.against
-        photo = work.wishes.painted
-        left = (address(other), other.title) if other else (f"/photos/{photo.key}/shown.jpg", "photograph")
-        Wipe(left, (address(work), work.title)).style(f"--ratio: {work.ratio}")
+        left, name = (address_of(other), other.title) if other else (shown_address(work), "photograph")
+        wipe = Wipe(left=left, leftName=name, right=address_of(work), rightName=work.title)
+        wipe.style(f"--ratio: {work.ratio}")
         others = {each.number: each.title for each in self.visit.works.all if each is not work and each.frames}
         if others:
             with Tag("div", "row tools"):
@@ -123,7 +115,8 @@ class Easel:
     def _replay(self) -> None:
         work = self._work
         frames = [f"/works/{work.number}/{number}.jpg" for number in work.frames]
-        Frames(frames, list(work.captions.values())).style(f"--ratio: {work.ratio}")
+        captions = [caption for _, caption in work.frames.values()]
+        Frames(frames=frames, captions=captions).style(f"--ratio: {work.ratio}")
 
     def _show_files(self) -> None:
         self.files.clear()
@@ -151,7 +144,7 @@ class Easel:
         pressed = work is self.visit.work
         with Button("", lambda: self.visit.look_at(work), pressed=pressed, classes="thumb"):
             if work.frames:
-                Tag("img", src=address(work), alt=f"painting {work.title}")
+                Tag("img", src=address_of(work), alt=f"painting {work.title}")
             Tag("span", text=work.title)
 
     @property
@@ -160,6 +153,11 @@ class Easel:
         return self.visit.work
 
 
-def address(work: Work) -> str:
-    """Of the latest picture of a painting."""
+def address_of(work: Work) -> str:
+    """The address of the latest picture of a painting."""
     return f"/works/{work.number}/{work.last}.jpg"
+
+
+def shown_address(work: Work) -> str:
+    """The address of the photograph of a painting."""
+    return f"/photos/{work.wishes.painted.key}/shown.jpg"

@@ -43,54 +43,41 @@ class Button(Tag):
         self.say(disabled=None if allowed else True)
 
 
-class Drop(ui.element, component="web/drop.js"):
-    """A place for files; what the studio answers to one comes to ``answer``."""
+class Scripted(ui.element):
+    """An element with a script and its properties; what the studio answers to a file it sends comes to ``answer``."""
 
-    def __init__(self, name: str, text: str, address: str, answer: Callable[[dict[str, Any]], Any]) -> None:
+    def __init__(self, answer: Callable[[dict[str, Any]], Any] | None = None, **props: Any) -> None:
         super().__init__()
-        self.props.update(name=name, text=text, address=address)
-        self.on("answer", lambda event: answer(event.args))
+        self.props.update(props)
+        if answer is not None:
+            self.on("answer", lambda event: answer(event.args))
 
 
-class Slide(ui.element, component="web/slide.js"):
+class Drop(Scripted, component="web/drop.js"):
+    """A place for files: ``name``, ``text`` and the ``address`` to which they are sent."""
+
+
+class Wipe(Scripted, component="web/wipe.js"):
+    """Two pictures under a divider: addresses ``left`` and ``right``, ``leftName`` and ``rightName``."""
+
+
+class Frames(Scripted, component="web/frames.js"):
+    """Pictures one after another: addresses ``frames``, and ``captions``."""
+
+
+class Mask(Scripted, component="web/mask.js"):
+    """A mask over a ``picture`` of a ``ratio`` (width / height); ``before`` is the address of one to go on with."""
+
+
+class Slide(Scripted, component="web/slide.js"):
     """A slider with a name; ``change`` gets the value, and returns the words that are shown beside the name."""
 
-    def __init__(
-        self, name: str, low: float, high: float, step: float, value: float, change: Callable[[float], str]
-    ) -> None:
-        super().__init__()
-        self.props.update(name=name, low=low, high=high, step=step, value=value, shown=change(value))
+    def __init__(self, change: Callable[[float], str], **props: Any) -> None:
+        super().__init__(shown=change(props["value"]), **props)
         self.on("change", lambda event: self.show(change(float(event.args))), throttle=0.1)
 
     def show(self, words: str) -> None:
         self.props["shown"] = words
-
-
-class Wipe(ui.element, component="web/wipe.js"):
-    """Two pictures under a divider: addresses and names."""
-
-    def __init__(self, left: tuple[str, str], right: tuple[str, str]) -> None:
-        super().__init__()
-        self.props.update(left=left[0], leftName=left[1], right=right[0], rightName=right[1])
-
-
-class Frames(ui.element, component="web/frames.js"):
-    """Pictures one after another: addresses, and what is said beside each."""
-
-    def __init__(self, frames: list[str], captions: list[str]) -> None:
-        super().__init__()
-        self.props.update(frames=frames, captions=captions)
-
-
-class Mask(ui.element, component="web/mask.js"):
-    """A mask over a picture of a ratio (width / height); ``before`` is the address of one to go on with."""
-
-    def __init__(
-        self, picture: str, ratio: float, address: str, before: str, answer: Callable[[dict[str, Any]], Any]
-    ) -> None:
-        super().__init__()
-        self.props.update(picture=picture, ratio=ratio, address=address, before=before)
-        self.on("answer", lambda event: answer(event.args))
 
 
 def chips(name: str, choices: dict[Any, str], chosen: Any, choose: Callable[[Any], Any]) -> None:

@@ -35,6 +35,10 @@ POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
+GUARDS = [
+    (b"content-security-policy", POLICY.encode()), (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+]  # fmt: skip
 INLINE = {".html"}  # files that are looked at and not saved; the page of a run has a stricter policy of its own
 FOREVER = {"Cache-Control": "private, max-age=3600, immutable"}  # what lies at an address of a picture never changes
 READER = ThreadPoolExecutor(1, "reader")  # of files from the browser: each thread would keep the memory of a large one
@@ -48,8 +52,8 @@ def application(photos: Photos, works: Works) -> FastAPI:
     @app.get("/photos/{key}/{size}.jpg")
     def photo(key: str, size: str) -> Response:
         with _found():
-            found = photos[key]
-            return Response(found.thumb if size == "thumb" else found.shown, media_type="image/jpeg", headers=FOREVER)
+            picture = photos[key].thumb if size == "thumb" else photos[key].shown
+            return Response(picture, media_type="image/jpeg", headers=FOREVER)
 
     @app.get("/looks/{name}.webp")
     def look(name: str) -> Response:
@@ -64,7 +68,7 @@ def application(photos: Photos, works: Works) -> FastAPI:
     @app.get("/works/{number}/{frame}.jpg")
     def frame(number: int, frame: int) -> Response:
         with _found():
-            return Response(works[number].frames[frame], media_type="image/jpeg", headers=FOREVER)
+            return Response(works[number].frames[frame][0], media_type="image/jpeg", headers=FOREVER)
 
     @app.get("/works/{number}/files/{name:path}")
     def file(number: int, name: str) -> Response:
@@ -115,12 +119,7 @@ class OwnPages:
 
         async def guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
-                own = [
-                    ("content-security-policy", POLICY),
-                    ("x-content-type-options", "nosniff"),
-                    ("referrer-policy", "no-referrer"),
-                ]
-                message["headers"] = [*message["headers"], *((name.encode(), value.encode()) for name, value in own)]
+                message["headers"] = [*message["headers"], *GUARDS]
             await send(message)
 
         await self.app(scope, receive, guarded)

@@ -49,9 +49,9 @@ class Visit:
 
     def views(self) -> list[str]:
         """Ways to look that there are now."""
-        there = [PHOTOGRAPH] if self.wishes.photo else []
+        views = [PHOTOGRAPH] if self.wishes.photo else []
         if self.work:
-            there += [PAINTING]
-            there += [COMPARE] if self.work.frames else []
-            there += [REPLAY] if len(self.work.frames) > 1 and self.works.current is not self.work else []
-        return there
+            views += [PAINTING]
+            views += [COMPARE] if self.work.frames else []
+            views += [REPLAY] if len(self.work.frames) > 1 and self.works.current is not self.work else []
+        return views

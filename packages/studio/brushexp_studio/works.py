@@ -32,8 +32,7 @@ class Work:
     wishes: Wishes
     folder: Path
     status: str = PAINTING
-    frames: dict[int, bytes] = field(default_factory=dict)  # by their number, in order
-    captions: dict[int, str] = field(default_factory=dict)
+    frames: dict[int, tuple[bytes, str]] = field(default_factory=dict)  # pictures and captions by number, in order
     trouble: str = ""  # what went wrong, in one line
     stopped: Event = field(default_factory=Event)
 
@@ -59,17 +58,14 @@ class Work:
     @property
     def files(self) -> list[Path]:
         """What can be downloaded."""
-        there = self.status == DONE and self.folder.is_dir()
-        return sorted(path for path in self.folder.rglob("*") if path.is_file()) if there else []
+        return sorted(path for path in self.folder.rglob("*") if path.is_file()) if self.status == DONE else []
 
     def show(self, image: Any, caption: str) -> None:
         """Add a picture (H, W, 3) of bytes."""
-        number = self.last + 1
-        self.captions[number] = caption
-        self.frames[number] = encoded(Image.fromarray(image), SHOWN_SIDE, **JPEG)
+        self.frames[self.last + 1] = encoded(Image.fromarray(image), SHOWN_SIDE, **JPEG), caption
         if len(self.frames) > MOST_FRAMES:
             for other in list(self.frames)[1:-1:2]:
-                del self.frames[other], self.captions[other]
+                del self.frames[other]
 
 
 class Works:

@@ -12,29 +12,30 @@ from brushexp.pages.html import page
 from brushexp.pages.sweep_page import side_for, thumbnail
 from brushexp.system.files import write_text
 from brushexp_thesis.published import PublishedFigures
-from brushexp_thesis.standings import COLUMNS, Row, Section
+from brushexp_thesis.standings import COLUMNS, Row, Section, count_of
 from brushexp_thesis.standings_tables import (
     ELSEWHERE,
+    EQUAL_SECONDS,
     EXPLAINED,
     at_equal_seconds,
-    count_of,
     published_cells,
     table_cells,
     without_empty,
 )
 
+TEMPLATES = Path(__file__).with_name("templates")
 PLOT_SIDE = 1400  # pixels
-WORDS = ("painter", "settings", "pictures")  # columns that are no numbers
 
 
 def write_leaderboard_page(
     folder: Path, sections: Sequence[Section], elsewhere: Sequence[PublishedFigures], note: str = ""
 ) -> Path:
     """Write ``report.html``, with the plot beside it; each picture is shown in the first section that has it."""
-    where = {target: section for section in reversed(sections) for target in section.pictures}
-    count = sum((1 + len(section.rows)) for section in where.values())
+    home = {target: section for section in reversed(sections) for target in section.pictures}
+    side = side_for(sum((1 + len(section.rows)) for section in home.values()))
     html = page(
         "leaderboard.html.j2",
+        TEMPLATES,
         title="Leaderboard",
         note=note,
         plot=thumbnail(folder / "anytime.png", PLOT_SIDE),
@@ -45,38 +46,38 @@ def write_leaderboard_page(
                 "short": section.title.partition(":")[0],
                 "cells": without_empty(table_cells(section)),
                 "seconds": at_equal_seconds(section),
-                "paintings": list(_paintings(folder, section, where, side_for(count))),
+                "paintings": list(_paintings(folder, section, home, side)),
             }
             for section in sections
         ],
-        elsewhere=without_empty([published_cells(one, one.pictures) for one in elsewhere]),
+        equal_seconds=EQUAL_SECONDS,
+        elsewhere=without_empty([published_cells(one, one.of.pictures) for one in elsewhere]),
         elsewhere_explained=ELSEWHERE,
         better={metric.name: metric.better for metric in COLUMNS.values()},
-        words=WORDS,
+        words=("painter", "settings", "pictures"),
     )
     write_text(folder / "report.html", html)
     return folder / "report.html"
 
 
-def _paintings(folder: Path, section: Section, where: dict[str, Section], side: int) -> Iterator[dict[str, Any]]:
+def _paintings(folder: Path, section: Section, home: dict[str, Section], side: int) -> Iterator[dict[str, Any]]:
     """Of each picture that belongs to a section: its target, and what every row made of it."""
     for k, (target, name) in enumerate(section.pictures.items()):
-        if where[target] is section:
-            first = section.rows[0].entries[k].folder / "target.png"
-            shown = [{"name": "target", "told": "", "report": "", "command": "", "picture": thumbnail(first, side)}]
-            shown += [_painting(folder, row, k, side) for row in section.rows]
+        if home[target] is section:
+            picture = thumbnail(section.rows[0].entries[k].folder / "target.png", side)
+            shown = [{"name": "target", "picture": picture}, *(_painting(folder, row, k, side) for row in section.rows)]
             yield {"name": name, "shown": [one for one in shown if one["picture"]]}
 
 
 def _painting(folder: Path, row: Row, k: int, side: int) -> dict[str, Any]:
     entry = row.entries[k]
     report = entry.folder / "report.html"
-    address = PurePath(os.path.relpath(report, folder.resolve())).as_posix()
+    address = quote(PurePath(os.path.relpath(report, folder.resolve())).as_posix(), errors="surrogateescape")
     strokes = "" if entry.strokes is None else f", {count_of(entry.strokes)} strokes"
     return {
         "name": row.label,
-        "told": f"{row.numbers['psnr'][k]:.2f} dB{strokes}",
-        "report": quote(address, errors="surrogateescape") if report.is_file() else "",
+        "caption": f"{row.numbers['psnr'][k]:.2f} dB{strokes}",
+        "report": address if report.is_file() else "",
         "command": entry.command,
         "picture": thumbnail(entry.folder / "painting.png", side),
     }

@@ -1,4 +1,4 @@
-"""Keys of ``task=leaderboard`` and ``task=verdicts``."""
+"""Keys of ``task=departures``, ``task=leaderboard`` and ``task=verdicts``."""
 
 from dataclasses import dataclass
 
@@ -8,6 +8,17 @@ from brushexp.bounds import FILE, at_least, one_of
 from brushexp.config.keys import key
 from brushexp.config.rules import FOLDER
 from brushexp.config.schema import Task
+
+RUNS = "folder of a run, of a sweep, or above many of them; several with commas"
+
+
+@dataclass
+class DeparturesTask(Task):
+    """List every setting in which finished paintings differ from the procedure of the thesis."""
+
+    module = "brushexp_thesis.departures"
+
+    runs: list[str] = key(MISSING, RUNS, FOLDER)
 
 
 @dataclass
@@ -29,7 +40,7 @@ class LeaderboardTask(Task):
 
     module = "brushexp_thesis.leaderboard"
 
-    runs: list[str] = key([], "folder of a run, of a sweep, or above many of them; several with commas", FOLDER)
+    runs: list[str] = key([], RUNS, FOLDER)
     add: str | None = key(None, "a painting by others: a picture, a catalogue, or a folder of them; null = none")
     target: str | None = key(None, "what it was painted after; of a folder, one with files of the same names")
     name: str | None = key(None, "of the painter of add; null = as the file is called")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,7 @@ import numpy as np
 from brushexp.results.anytime_curves import TIMES, Curve, curve_from, mean_curve, quality_at
 from brushexp.results.paired import interval
 from brushexp.results.runs import UNFINISHED, differences, image_name, setting_of, words_of
-from brushexp.results.tables import METRICS, Metric
+from brushexp.results.tables import METRICS, MISSING, Metric
 from brushexp_thesis.published import PublishedFigures
 
 if TYPE_CHECKING:
@@ -45,12 +45,12 @@ class Entry:
 
     key: tuple[str, tuple[str, ...], int | None]  # painter, settings that not all have, strokes that were asked for
     target: str  # fingerprint of what was painted
-    name: str  # of it, with its size
+    name: str  # of the target, with its size
     strokes: float | None
     numbers: Mapping[str, float]  # by names of COLUMNS
     curve: Curve | None
     folder: Path
-    command: str  # that repeats it; "" if nobody knows
+    command: str  # that repeats it; "" if it is not known
 
 
 @dataclass(frozen=True)
@@ -65,15 +65,19 @@ class Row:
     entries: Sequence[Entry]  # of the first seed, one for each picture
 
     @property
+    def words(self) -> dict[str, str]:
+        """The first cells of the row in every table."""
+        return {"painter": self.painter, "settings": self.settings, "strokes": count_of(self.strokes)}
+
+    @property
     def label(self) -> str:
         """Painter and settings."""
         return " ".join(filter(None, (self.painter, self.settings)))
 
     def psnr_at(self, seconds: float) -> list[float]:
-        """PSNR in dB of each picture after so many seconds; what is done stays. None of them before all have begun."""
-        found = [quality_at(curve, seconds, kept=True) for curve in self.curves]
-        known = [psnr for psnr in found if psnr is not None]
-        return known if len(known) == len(found) else []
+        """PSNR in dB of each picture after so many seconds; what is done stays. Nothing before all have begun."""
+        psnr = [quality_at(curve, seconds, kept=True) for curve in self.curves]
+        return [] if None in psnr else psnr  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
@@ -82,18 +86,22 @@ class Section:
 
     pictures: Mapping[str, str]  # target -> name with its size
     rows: Sequence[Row]
-    published: Sequence[PublishedFigures] = field(default=())
+    published: Sequence[PublishedFigures]
+
+    @property
+    def stems(self) -> list[str]:
+        """Files of the pictures without their endings."""
+        return [stem_of(name) for name in self.pictures.values()]
 
     @property
     def title(self) -> str:
         """How many pictures, and which."""
-        names = list(self.pictures.values())
+        names, stems = list(self.pictures.values()), self.stems
         if len(names) == 1:
             return names[0]
         sizes = {name.rpartition(", ")[2] for name in names}
-        plain = [*map(stem_of, names)]
-        shown = ", ".join(plain if len(plain) <= FEW else [*plain[: FEW - 2], "...", plain[-1]])
-        return f"{len(names)} pictures: {shown}" + (f"; {sizes.pop()} each" if len(sizes) == 1 else "")
+        listed = ", ".join(stems if len(stems) <= FEW else [*stems[: FEW - 2], "...", stems[-1]])
+        return f"{len(names)} pictures: {listed}" + (f"; {sizes.pop()} each" if len(sizes) == 1 else "")
 
     @cached_property
     def times(self) -> list[float]:
@@ -105,21 +113,26 @@ class Section:
         return [time for time in TIMES if start <= time <= end][-MOST_TIMES:]
 
     def against_best(self, row: Row) -> tuple[float, float, float] | None:
-        """Mean and bounds of the differences in PSNR from the best row with as many strokes; None for itself.
+        """Mean and bounds of the differences in PSNR from the best row with as many strokes.
 
-        Likewise for a row of which nobody knows how many it has.
+        None for the best one itself, and for a row whose number of strokes is not known.
         """
         rivals = [one for one in self.rows if one.strokes == row.strokes and "psnr" in one.numbers]
         best = max(rivals, key=lambda one: one.numbers["psnr"].mean(), default=row)
-        is_known = row.strokes is not None and "psnr" in row.numbers and best is not row
-        return interval(row.numbers["psnr"] - best.numbers["psnr"]) if is_known else None
+        is_comparable = row.strokes is not None and "psnr" in row.numbers and best is not row
+        return interval(row.numbers["psnr"] - best.numbers["psnr"]) if is_comparable else None
 
     def relation(self, figures: PublishedFigures) -> str:
         """How the pictures of published figures are related to those here."""
-        there = len(figures.names & set(map(stem_of, self.pictures.values())))
-        if there == len(figures.names) == len(self.pictures):
+        shared = len({*figures.of.names} & {*self.stems})
+        if shared == len(figures.of.names) == len(self.pictures):
             return "the same pictures"
-        return f"{figures.pictures}, of which {there} are here"
+        return f"{figures.of.pictures}, of which {shared} are here"
+
+
+def count_of(strokes: float | None) -> str:
+    """A number of strokes."""
+    return MISSING if strokes is None else f"{strokes:,.0f}"
 
 
 def stem_of(name: str) -> str:
@@ -130,11 +143,12 @@ def stem_of(name: str) -> str:
 def entries_of(frame: DataFrame) -> list[Entry]:
     """The finished paintings among some runs, see `brushexp.results.runs`, whose targets are still there."""
     runs = [
-        (run, dict(frame["metric"].loc[name].dropna()))
+        (run, metrics)
         for name, run in frame["run"].iterrows()
         if run["status"] not in UNFINISHED and run["picture"] and (run["folder"] / "target.png").is_file()
+        if isinstance((metrics := dict(frame["metric"].loc[name].dropna())).get("psnr"), int | float)
+        if "l1" in metrics
     ]
-    runs = [(run, metrics) for run, metrics in runs if isinstance(metrics.get("psnr"), int | float) and "l1" in metrics]
     left_out = {*OF_THE_ROW, *OF_THE_FOLDER}
     chosen = [
         {key: value for key, value in run["overrides"].items() if key not in left_out and not key.startswith("hydra")}
@@ -144,11 +158,10 @@ def entries_of(frame: DataFrame) -> list[Entry]:
 
 
 def _entry(run: Any, metrics: Mapping[str, Any], settings: tuple[str, ...]) -> Entry:
-    asked = setting_of(run, "strokes")
-    budget = int(asked) if str(asked).isdecimal() else None
+    asked = str(setting_of(run, "strokes"))
     painter = run["overrides"].get("painter") or metrics.get("painter", DEFAULT_PAINTER)  # a preset by its own name
     return Entry(
-        key=(str(painter), settings, budget),
+        key=(str(painter), settings, int(asked) if asked.isdecimal() else None),
         target=run["target"],
         name=image_name(run),
         strokes=metrics.get("n_strokes"),
@@ -159,23 +172,21 @@ def _entry(run: Any, metrics: Mapping[str, Any], settings: tuple[str, ...]) -> E
     )
 
 
-def sections_of(entries: Iterable[Entry], published: Sequence[PublishedFigures] = ()) -> list[Section]:
+def sections_of(entries: Sequence[Entry], published: Sequence[PublishedFigures] = ()) -> list[Section]:
     """A section for every set of pictures that some painter has painted, the largest and those published of first."""
     painted: dict[Any, dict[str, list[Entry]]] = {}
-    names: dict[str, str] = {}
     for entry in entries:
         painted.setdefault(entry.key, {}).setdefault(entry.target, []).append(entry)
-        names.setdefault(entry.target, entry.name)
-    found = []
-    for wanted in sorted({frozenset(one) for one in painted.values()}, key=lambda one: (-len(one), sorted(one))):
-        targets = sorted(wanted, key=lambda target: names[target])
-        chosen = {key: [one[t] for t in targets] for key, one in painted.items() if wanted <= one.keys()}
+    names = {entry.target: entry.name for entry in reversed(entries)}
+    sections = []
+    for targets in sorted({frozenset(one) for one in painted.values()}, key=lambda one: (-len(one), sorted(one))):
+        pictures = {target: names[target] for target in sorted(targets, key=names.__getitem__)}
+        chosen = {key: [one[t] for t in pictures] for key, one in painted.items() if targets <= one.keys()}
         common = set.intersection(*(set(settings) for _, settings, _ in chosen)) if len(chosen) > 1 else set()
         rows = [_row(key, alike, common) for key, alike in chosen.items()]
         rows.sort(key=lambda row: (row.strokes or math.inf, -row.numbers.get("psnr", np.zeros(1)).mean()))
-        pictures = {target: names[target] for target in targets}
-        found.append(Section(pictures, rows, [one for one in published if _is_related(one, pictures.values())]))
-    return sorted(found, key=lambda section: (-len(section.pictures), not section.published))
+        sections.append(Section(pictures, rows, [one for one in published if _is_related(one, pictures.values())]))
+    return sorted(sections, key=lambda section: (-len(section.pictures), not section.published))
 
 
 def _row(
@@ -186,21 +197,21 @@ def _row(
     Settings that are ``common`` to all rows are left out.
     """
     painter, settings, budget = key
-    counts = [entry.strokes for one in alike for entry in one if entry.strokes is not None]
-    known = [column for column in COLUMNS if all(column in entry.numbers for one in alike for entry in one)]
+    every = [entry for one in alike for entry in one]
+    counts = [entry.strokes for entry in every if entry.strokes is not None]
+    columns = [column for column in COLUMNS if all(column in entry.numbers for entry in every)]
     curves = [[entry.curve for entry in one if entry.curve is not None] for one in alike]
-    whole = all(len(found) == len(one) for found, one in zip(curves, alike, strict=True))
     return Row(
         painter,
         " ".join(setting for setting in settings if setting not in common),
         budget or (float(np.mean(counts)) if counts else None),
-        {column: np.array([np.mean([entry.numbers[column] for entry in one]) for one in alike]) for column in known},
-        [mean_curve(found) for found in curves] if whole else [],
+        {column: np.array([np.mean([entry.numbers[column] for entry in one]) for one in alike]) for column in columns},
+        [mean_curve(one) for one in curves] if all(entry.curve is not None for entry in every) else [],
         [one[0] for one in alike],
     )
 
 
 def _is_related(figures: PublishedFigures, names: Iterable[str]) -> bool:
     """Whether published figures are of some of these pictures, at their size."""
-    size = "{} x {} pixels".format(*figures.size) if len(figures.size) == 2 else None
-    return any(stem_of(name) in figures.names and name.endswith(f", {size}") for name in names)
+    size = "{} x {} pixels".format(*figures.of.size) if len(figures.of.size) == 2 else None
+    return any(stem_of(name) in figures.of.names and name.endswith(f", {size}") for name in names)

@@ -11,8 +11,7 @@ import numpy as np
 from brushexp.reporting import plotting
 from brushexp.reporting.plotting import COLORS, DASHES, INK, SIZE
 from brushexp.results.paired import CONFIDENCE, interval
-from brushexp_thesis.standings import Section
-from brushexp_thesis.standings_tables import count_of
+from brushexp_thesis.standings import Section, count_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,12 +7,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from brushexp.results.paired import CONFIDENCE, interval
 from brushexp.results.runs import told_apart
-from brushexp.results.tables import METRICS, MISSING, csv_table, escaped, latex_table, markdown_table
+from brushexp.results.tables import MISSING, csv_table, escaped, latex_table, markdown_table
 from brushexp.system.files import write_text
 from brushexp_thesis.published import PublishedFigures
-from brushexp_thesis.standings import COLUMNS, Row, Section, stem_of
+from brushexp_thesis.standings import COLUMNS, Section, count_of
 
 MOST_PICTURES = 24  # with a column each
 EXPLAINED = (
@@ -22,6 +24,8 @@ EXPLAINED = (
     "optimisation, memory is of the process, on the machine that painted. *Rows in italics are published figures*: "
     "they were not measured here, enter no mean, and are of the pictures that their row names."
 )
+BEHIND = "behind, dB"
+EQUAL_SECONDS = "The best PSNR in dB within so many seconds of optimisation; a painting that is done stays."
 ELSEWHERE = "Figures that others have published, of pictures that are not here: they compare with nothing above."
 
 
@@ -30,92 +34,72 @@ def write_leaderboard_tables(
 ) -> Path:
     """Write ``leaderboard.md``, ``.csv`` and ``.tex``, and return the first; ``command`` is what has made them."""
     write_text(folder / "leaderboard.md", "\n".join(_markdown(sections, elsewhere, command, note)))
-    lines = [line | {"in": section.title} for section in sections for line in _numbers_of(section)]
-    write_text(folder / "leaderboard.csv", csv_table(lines))
-    tables = (latex_table(without_empty(table_cells(section))) for section in sections)
-    titles = ("% " + " ".join(section.title.split()) for section in sections)
-    text = "\n".join(f"{title}\n{table}" for title, table in zip(titles, tables, strict=True))
-    write_text(folder / "leaderboard.tex", text)
+    write_text(folder / "leaderboard.csv", csv_table([line for section in sections for line in _numbers_of(section)]))
+    tables = [f"% {' '.join(one.title.split())}\n{latex_table(without_empty(table_cells(one)))}" for one in sections]
+    write_text(folder / "leaderboard.tex", "\n".join(tables))
     return folder / "leaderboard.md"
 
 
 def table_cells(section: Section) -> list[dict[str, str]]:
     """The table of a section as it is shown: measured rows, then published ones, whose ``pictures`` are not "these"."""
-    return [_measured(row, section) for row in section.rows] + [
-        published_cells(one, section.relation(one)) for one in section.published
-    ]
-
-
-def _measured(row: Row, section: Section) -> dict[str, str]:
-    behind = section.against_best(row)
-    found = {"painter": row.painter, "settings": row.settings, "strokes": count_of(row.strokes)}
-    for key, metric in COLUMNS.items():
-        found[metric.name] = (
-            _with_interval(interval(row.numbers[key]), metric.digits) if key in row.numbers else MISSING
-        )
-    found["behind, dB"] = MISSING if behind is None else _with_interval(behind, 2)
-    return found | {"pictures": "these"}
+    rows = []
+    for row in section.rows:
+        means = {metric.name: _mean(row.numbers.get(key, ()), metric.digits) for key, metric in COLUMNS.items()}
+        behind = section.against_best(row)
+        means[BEHIND] = MISSING if behind is None else _with_interval(behind, 2)
+        rows.append(row.words | means | {"pictures": "these"})
+    return rows + [published_cells(one, section.relation(one)) for one in section.published]
 
 
 def published_cells(figures: PublishedFigures, pictures: str) -> dict[str, str]:
     """A row of published figures; its settings are the source."""
-    size = " at {} x {}".format(*figures.size) if len(figures.size) == 2 else ""
+    size = " at {} x {}".format(*figures.of.size) if len(figures.of.size) == 2 else ""
     machine = f", on {figures.machine}" if figures.machine else ""
     strokes = f"{count_of(figures.primitives)} {figures.what}" if figures.primitives else MISSING
-    found = {"painter": figures.painter, "settings": figures.source + machine, "strokes": strokes}
-    for key, metric in COLUMNS.items():
-        found[metric.name] = f"{figures.figures[key]:g}" if key in figures.figures else MISSING
-    return found | {"behind, dB": MISSING, "pictures": pictures + size}
+    values = {m.name: f"{figures.figures[key]:g}" if key in figures.figures else MISSING for key, m in COLUMNS.items()}
+    words = {"painter": figures.painter, "settings": figures.source + machine, "strokes": strokes}
+    return words | values | {BEHIND: MISSING, "pictures": pictures + size}
 
 
-def count_of(strokes: float | None) -> str:
-    """A number of strokes."""
-    return MISSING if strokes is None else f"{strokes:,.0f}"
+def _mean(values: Sequence[float] | np.ndarray, digits: int) -> str:
+    """The mean of values with half of its interval; a dash for none."""
+    return _with_interval(interval(values), digits) if len(values) else MISSING
 
 
-def _with_interval(found: tuple[float, float, float], digits: int) -> str:
-    mean, _, high = found
+def _with_interval(bounds: tuple[float, float, float], digits: int) -> str:
+    mean, _, high = bounds
     return f"{mean:.{digits}f}" + (f" ± {high - mean:.{digits}f}" if math.isfinite(high) else "")
 
 
 def at_equal_seconds(section: Section) -> list[dict[str, str]]:
     """Mean PSNR of each row with curves after so many seconds, and its interval; none if no two can be compared."""
-    return [
-        {"painter": row.painter, "settings": row.settings, "strokes": count_of(row.strokes)}
-        | {
-            f"{time:g} s": _with_interval(interval(psnr), METRICS["psnr"].digits)
-            if (psnr := row.psnr_at(time))
-            else MISSING
-            for time in section.times
-        }
-        for row in section.rows
-        if row.curves and section.times
-    ]
+    rows = [row for row in section.rows if row.curves and section.times]
+    return [row.words | {f"{time:g} s": _mean(row.psnr_at(time), 2) for time in section.times} for row in rows]
 
 
 def by_picture(section: Section) -> list[dict[str, str]]:
     """PSNR of each picture, means over seeds; nothing for one picture, or too many."""
-    names = told_apart(["painter", "settings", "strokes", *map(stem_of, section.pictures.values())])[3:]
+    names = told_apart([*section.rows[0].words, *section.stems])[3:]
     if not 1 < len(names) <= MOST_PICTURES:
         return []
     return [
-        {"painter": row.painter, "settings": row.settings, "strokes": count_of(row.strokes)}
-        | {name: f"{psnr:.2f}" for name, psnr in zip(names, row.numbers["psnr"], strict=True)}
+        row.words | {name: f"{psnr:.2f}" for name, psnr in zip(names, row.numbers["psnr"], strict=True)}
         for row in section.rows
     ]
 
 
 def _numbers_of(section: Section) -> Iterator[dict[str, Any]]:
     """The rows of a section in full precision."""
+    pictures = ", ".join(section.pictures.values())
     for row in section.rows:
-        found: dict[str, Any] = {"painter": row.painter, "settings": row.settings, "strokes": row.strokes}
+        line: dict[str, Any] = {"painter": row.painter, "settings": row.settings, "strokes": row.strokes}
         for key, values in row.numbers.items():
-            found[key], found[f"{key}_low"], found[f"{key}_high"] = interval(values)
-        pictures = ", ".join(section.pictures.values())
-        yield found | {"from": "measured", "pictures": pictures, "command": row.entries[0].command}
+            line[key], line[f"{key}_low"], line[f"{key}_high"] = interval(values)
+        line |= {"from": "measured", "pictures": pictures, "command": row.entries[0].command}
+        yield line | {"in": section.title}
     for one in section.published:
-        found = {"painter": one.painter, "settings": one.source, "strokes": one.primitives, **one.figures}
-        yield found | {"from": "published", "pictures": section.relation(one)}
+        line = {"painter": one.painter, "settings": one.source, "strokes": one.primitives, **one.figures}
+        yield line | {"from": "published", "pictures": section.relation(one), "in": section.title}
 
 
 def _markdown(
@@ -124,18 +108,17 @@ def _markdown(
     yield from ("# Leaderboard", "", f"Made by `{command}`.", "", *([escaped(note), ""] if note else []), EXPLAINED, "")
     for section in sections:
         yield from (f"## {escaped(section.title)}", "", _table(table_cells(section)), "")
-        for words, found in (
-            (
-                "The best PSNR in dB within so many seconds of optimisation; a painting that is done stays.",
-                at_equal_seconds(section),
-            ),
+        for words, cells in (
+            (EQUAL_SECONDS, at_equal_seconds(section)),
             ("PSNR in dB by picture.", by_picture(section)),
         ):
-            if found:
-                yield from (words, "", _table(found), "")
-        yield from _commands(section)
+            if cells:
+                yield from (words, "", _table(cells), "")
+        commands = [f"    {row.entries[0].command}" for row in section.rows if row.entries[0].command]
+        if commands:
+            yield from ("The first picture of each row:", "", *commands, "")
     if elsewhere:
-        cells = [published_cells(one, one.pictures) for one in elsewhere]
+        cells = [published_cells(one, one.of.pictures) for one in elsewhere]
         yield from ("## Published elsewhere", "", ELSEWHERE, "", _table(cells), "")
 
 
@@ -153,10 +136,3 @@ def _table(cells: Sequence[Mapping[str, str]]) -> str:
         rows.append({key: f"{italic}{escaped(text)}{italic}" if text else "" for key, text in row.items()})
     sides = "".join("l" if key in ("painter", "settings", "pictures") else "r" for key in rows[0])
     return markdown_table(rows, align=sides, escape=False)
-
-
-def _commands(section: Section) -> Iterator[str]:
-    """What repeats the first picture of each row."""
-    lines = [f"    {row.entries[0].command}" for row in section.rows if row.entries[0].command]
-    if lines:
-        yield from ("The first picture of each row:", "", *lines, "")

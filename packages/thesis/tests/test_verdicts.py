@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from brushexp_thesis import verdicts
 from brushexp_thesis.claims import Claim, read_claims
-from brushexp_thesis.studies_page import _study_table
+from brushexp_thesis.studies_page import study_rows
 from brushexp_thesis.study_records import Study, studies_in
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -112,15 +112,15 @@ def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_tas
     )
     text = page.read_text()
     assert (result["holds"], result.get("does_not_hold"), result["not_run"]) == (2, None, 1)
-    assert (
-        "| o1 is better | 6.3 | [mine](#mine) | order=o1 against order=o0 | PSNR, dB | holds | better: +0.50 [" in text
-    )
+    assert "| claim | verdict | measured | compared | metric | study | thesis |" in text
+    assert "| o1 is better | holds | better: +0.50 [" in text
+    assert " | order=o1 against order=o0 | PSNR, dB | [mine](#mine) | 6.3 |" in text
     assert f"`brushexp {shlex.join(SHORT)}`" in text
     assert "4 pictures (a, b, c, d), 12 runs; 3.00 CPU hours." in text
     assert "![Differences of mine](ablations/mine.png)" in text
     assert (tmp_path / "docs" / "ablations" / "mine.png").is_file()
     assert "Verdicts on 3 claims: holds 2, not run 1." in text
-    assert "| something else | 9 | brushexp experiment=other |" in text
+    assert "| something else | not run | 9 | brushexp experiment=other |" in text
     assert "## other" not in text
     assert "A claim of *no worse* holds if the interval allows no loss that matters" in text
     with pytest.raises(UserError, match="there is no sweep of an experiment=; run one first"):
@@ -135,30 +135,28 @@ def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_tas
 def test_what_a_study_took_is_told_by_what_its_runs_noted(tmp_path, noted, cost):
     (tmp_path / ".hydra").mkdir()
     write_json(tmp_path / ".hydra" / "jobs.json", {"typed": TYPED})
-    make_study(tmp_path, **noted)
+    folder = make_study(tmp_path, **noted)
     assert studies_in([tmp_path], tmp_path)["mine"].cost == cost
+    if "cpu_seconds" in noted:
+        note(folder, 5, cpu_seconds=None)
+        assert studies_in([tmp_path], tmp_path)["mine"].cost == "2.75 CPU hours for 11 of them"
 
 
 def test_a_study_of_other_numbers_than_quality_has_its_table():
     index = pd.MultiIndex.from_product([["engine=disc", "engine=fluid"], ["0", "1", "2"]], names=["option", "seed"])
     table = pd.DataFrame({"strokes_per_second": [10.0, 11.0, 12.0, 20.0, 21.0, 25.0]}, index)
-    text = _study_table(Study("mine", (), table, 6, 6, 6, ""), paired_differences(table))
-    assert "| engine=fluid |" in text
-    assert "3 of 3" in text
-
-
-def test_what_some_runs_of_a_study_took_is_told_as_that(tmp_path):
-    (tmp_path / ".hydra").mkdir()
-    write_json(tmp_path / ".hydra" / "jobs.json", {"typed": TYPED})
-    note(make_study(tmp_path, cpu_seconds=900.0), 5, cpu_seconds=None)
-    assert studies_in([tmp_path], tmp_path)["mine"].cost == "2.75 CPU hours for 11 of them"
+    _, fluid = study_rows(Study("mine", (), table, 6, 6, 6, ""), paired_differences(table))
+    assert (fluid["setting"], fluid["better on"]) == ("engine=fluid", "3 of 3")
 
 
 def test_an_incomplete_claim_is_explained(tmp_path):
     for wrong, message in (
-        ("s: [{says: x, section: 1}]", "each claim has the keys"),
+        (
+            "s: [{says: x, section: 1}]",
+            "entry 1 of s has no against and no expects and no metric and no setting; its keys",
+        ),
         (CLAIMS.replace("psnr", "nope"), "unknown metric"),
-        (CLAIMS.replace("psnr", "[psnr]"), "unknown metric"),
+        (CLAIMS.replace("psnr", "[psnr]"), "entry 1 of mine: metric: "),
         (CLAIMS.replace("order=o1", "order=o)"), r"claims=.*: 'order=o\)' is no setting as studies list them"),
         ("hello", "claims=.*: not a YAML mapping"),
         (CLAIMS.replace("expects: better", "expects: better, at_least: .nan"), "at_least=nan; give a ratio above 0"),

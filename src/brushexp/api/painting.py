@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from brushexp_films.clips import is_film
 from torch import Tensor
 
 from brushexp.api.settings import Settings, held_as_files, settings_of
@@ -185,10 +184,8 @@ def plan_of(
 ) -> Settings:
     """The checked settings of a painting; of ``main`` keys None is what is not given."""
     given = {key: value for key, value in main.items() if value is not None}
-    frames = {"frames": 0} if output is None else {}  # of a film that nobody has asked for
+    frames = {"frames": 0} if output is None else {}  # of a timelapse that nobody has asked for
     settings = settings_of("paint", {"image": image, **given, **frames, **overrides}, output)
-    if is_film(settings.cfg.image):
-        raise UserError(f"image={settings.cfg.image} is a film; paint it with: brushexp {settings.cfg.image}")
     loggers = [name for name in settings.cfg.logger if name != "csv"]
     for key, names in (("callbacks", list(settings.cfg.callbacks)), ("logger", loggers)):
         if output is None and names:

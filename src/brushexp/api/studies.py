@@ -1,46 +1,22 @@
-"""``brushexp.analyse``, ``brushexp.simulate`` and ``brushexp.train_renderer``: tasks about strokes."""
+"""``brushexp.simulate`` and ``brushexp.train_renderer``: strokes of a brush, and what is trained on them."""
 
 from __future__ import annotations
 
 import importlib
 import time
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from brushexp.api.choosing import create
-from brushexp.api.painting import Painting
 from brushexp.api.settings import settings_of
 from brushexp.registry import build, plugin_of
 from brushexp.runs.run_folder import note_words, release, take
 from brushexp.runs.runner import perform
 from brushexp.strokes.prior import parameters_of, sample_prior
-from brushexp.strokes.storage import load_catalogue
 
 if TYPE_CHECKING:
-    from brushexp.analysis.summary import Analysis
     from brushexp.plugins.engine.base import Simulated
     from brushexp.plugins.renderer.base import Renderer
-
-
-def analyse(painting: Painting | str | PathLike[str], *, radius: float | None = None, visible: float = 0) -> Analysis:
-    """Measure the brushwork of a painting, or of a catalogue.h5, as ``task=analyse`` does.
-
-    Args:
-        painting: what `paint` gave, or the path of a catalogue.
-        radius: pixels to neighbours; None for four pitches sqrt(pixels / strokes).
-        visible: share of a stroke that must be seen, or it is left out.
-
-    >>> from brushexp.api.painting import paint
-    >>> found = analyse(paint("astronaut", look="plain", resolution=32, strokes=20, steps=1))
-    >>> len(found.number)
-    20
-    """
-    from brushexp.analysis.summary import analysis_of  # noqa: PLC0415
-
-    saved = painting.finished.saved if isinstance(painting, Painting) else load_catalogue(Path(painting))
-    name = "painting" if isinstance(painting, Painting) else str(painting)
-    return analysis_of(saved, name, name, radius, visible, "catalogue")
 
 
 def simulate(n: int, *, engine: str = "fluid", seed: int = 0, **options: Any) -> tuple[Any, Simulated]:

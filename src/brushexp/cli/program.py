@@ -20,6 +20,7 @@ from brushexp.cli.many_pictures import as_sweep
 from brushexp.config.compose import composed, folders_of, search_path, without_folder
 from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
+from brushexp.config.tasks import suited
 from brushexp.config.words import expand_positional, expand_shorthand
 from brushexp.errors import UserError
 from brushexp.system.runtime import end_on_signals, interrupted_code
@@ -64,7 +65,7 @@ def expand_arguments(arguments: list[str]) -> list[str]:
     overrides = {*typed.overrides, *after_flags}
     words = [expand_positional(word) if word in overrides else word for word in arguments]
     typed_words = {word for word, argument in zip(words, arguments, strict=True) if argument in overrides}
-    plain = as_sweep(words, typed.multirun)
+    plain = as_sweep(suited(words), typed.multirun)
     return [expand_shorthand(word, typed.multirun) if word in typed_words else word for word in plain]
 
 

@@ -1,1 +1,1 @@
-"""All that leans on private parts of Hydra, Lightning, Numba and others, with the version that it was tried with."""
+"""Whatever leans on private parts of other libraries; each module names the version that it was tried with."""

@@ -1,9 +1,11 @@
-"""Functions that Numba compiles at their first call, so that nothing else waits for Numba to be imported (a second).
+"""Numba compiles these functions at their first call, so that nothing else waits a second for Numba to be imported.
 
 A kernel may have **parts**: functions that it calls by name and that are chosen for it (`Compiled.having`), so that one
 loop serves many formulas. Machine code is kept on disk, under a name made from the code of the function and of
 everything that it calls: a change in any file is noticed, and no two choices of parts are mixed up. Whoever compiles
 stores first and then loads, so that all processes run the same instructions, and a resumed run has the same bits.
+
+This replaces two private parts of Numba, its code generator and its function cache; it was tried with Numba 0.68.
 """
 
 from collections.abc import Iterator, Mapping
@@ -57,7 +59,7 @@ class Compiled:
         dispatcher._cache = _stored(function, self.options)
         return dispatcher
 
-    def _linked(self, function: FunctionType, known: dict[str, Any]) -> tuple[FunctionType, str]:
+    def _linked(self, function: FunctionType, inlined: dict[str, Any]) -> tuple[FunctionType, str]:
         """A copy that calls Numba's versions of what it calls, and a digest of all the code in it."""
         import numba  # noqa: PLC0415
         from numba.np.unsafe.ndarray import to_fixed_tuple  # noqa: PLC0415
@@ -66,8 +68,8 @@ class Compiled:
         for name in sorted(set(_names(code)) & (scope.keys() | self.parts.keys())):
             value = self.parts.get(name, scope.get(name))
             if isinstance(value, FunctionType) and getattr(value, "is_inline", False):
-                linked, digest = self._linked(value, known)
-                value = known.setdefault(digest, numba.njit(inline="always", **OPTIONS)(linked))
+                linked, digest = self._linked(value, inlined)
+                value = inlined.setdefault(digest, numba.njit(inline="always", **OPTIONS)(linked))
                 seen.append(digest)
             elif isinstance(value, Compiled):
                 value = value.dispatcher
@@ -108,13 +110,13 @@ def _stored(function: FunctionType, options: Mapping[str, Any]) -> Any:
     class Stored(FunctionCache):
         def load_overload(self, sig: Any, target_context: Any) -> Any:
             with _own_engine(target_context):
-                found = super().load_overload(sig, target_context)
-            if found is None:
+                overload = super().load_overload(sig, target_context)
+            if overload is None:
                 with _own_engine(target_context):
                     numba.njit(cache=True, **options)(function).compile(sig)
                 with _own_engine(target_context):
-                    found = super().load_overload(sig, target_context)
-            return found
+                    overload = super().load_overload(sig, target_context)
+            return overload
 
     return Stored(function)
 

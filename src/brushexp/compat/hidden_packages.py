@@ -1,4 +1,4 @@
-"""Packages that others would load on the way, for what no run needs."""
+"""Hide packages that lightning_utilities 0.15 would import for metrics that no run needs."""
 
 import sys
 from collections.abc import Iterator
@@ -16,13 +16,13 @@ def hidden(*packages: str) -> Iterator[None]:
     """
     from lightning_utilities.core import imports  # noqa: PLC0415  (only runs need it)
 
-    found = imports._version  # type: ignore[attr-defined]
+    installed = imports._version  # type: ignore[attr-defined]
     fresh = [name for name in packages if name not in sys.modules]
 
     def version(name: str) -> str:
         if name in fresh:
             raise PackageNotFoundError(name)
-        return found(name)
+        return installed(name)
 
     with patch.object(imports, "_version", version):
         sys.modules.update(dict.fromkeys(fresh))  # type: ignore[arg-type]  # None: it cannot be imported

@@ -29,7 +29,7 @@ _lock = Lock()  # Hydra is one for the whole process
 
 def chosen_groups() -> set[str]:
     """The groups of configs of which a run chooses members, as ``group=name``."""
-    return {name for schema in TASKS.values() for name in groups_of(schema)} - {"model"} | {"task", "experiment"}
+    return {name for schema in TASKS.values() for name in groups_of(schema)} | {"task", "experiment"}
 
 
 def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:

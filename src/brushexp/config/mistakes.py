@@ -15,7 +15,7 @@ from omegaconf.errors import OmegaConfBaseException
 from brushexp.config.check import nearest_first, unknown_key, unknown_option
 from brushexp.config.compose import composed
 from brushexp.config.keys import groups_of, keys_of
-from brushexp.config.tasks import TASKS
+from brushexp.config.tasks import TASKS, suited
 from brushexp.config.words import as_typed
 from brushexp.registry import plugins
 
@@ -54,7 +54,7 @@ def in_our_words(text: str, task: str, folders: Sequence[Path], arguments: Seque
 
 def task_of(arguments: Sequence[str], folders: Sequence[Path]) -> str:
     """The task that a command line is for; that of its experiment if it names one."""
-    kept = [word for word in arguments if re.fullmatch(r"(task|experiment)=\w+", word)]
+    kept = [word for word in suited(arguments) if re.fullmatch(r"(task|experiment)=\w+", word)]
     try:
         return str(composed(kept, folders).task)
     except (CompactHydraException, OmegaConfBaseException):

@@ -1,8 +1,8 @@
-"""Keys below a key of a task, ``style.``, ``film.``, ``light.`` and ``trainer.``; `schema` has the tasks."""
+"""Keys below a key of a task, ``style.``, ``light.`` and ``trainer.``; `schema` has the tasks."""
 
 from dataclasses import dataclass
 
-from brushexp.bounds import DURATION, above, at_least, between, one_of
+from brushexp.bounds import DURATION, above, at_least, one_of
 from brushexp.config.keys import key
 from brushexp.config.rules import CATALOGUE
 from brushexp.pictures.load import PICTURE
@@ -19,17 +19,6 @@ class StyleTransfer:
     brushwork: str | None = key(None, "catalogue.h5 of a painting whose strokes are imitated; null = none", CATALOGUE)
     content: float = key(0.5, "multiplies the weights of loss= while style.image is set", at_least(0))
     colors: str = key("style", "colours of the painting: of the style, or of the content", one_of("style", "content"))
-
-
-@dataclass
-class FilmOptions:
-    """Keys below ``film`` of ``task=paint``, for image=clip.mp4."""
-
-    every: int = key(1, "of a film, image=clip.mp4: paint every n-th frame only", at_least(1))
-    start: float = key(0, "of a film: start time in seconds", at_least(0))
-    stop: float | None = key(None, "of a film: end time in seconds; null = its end", above(0))
-    steps: int = key(8, "of a film: gradient steps per frame, from the strokes of the frame before", at_least(0))
-    change: float = key(0.04, "of a film: smallest difference that counts as a change, 0 to 1", between(0.001, 1))
 
 
 @dataclass

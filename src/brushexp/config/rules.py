@@ -9,8 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from brushexp_films.clips import is_film
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from brushexp.bounds import Rule
 from brushexp.errors import UserError
@@ -33,16 +32,8 @@ BYTES_PER_STROKE = 500  # that an export takes at least; a million were seen to 
 BYTES_PER_WINDOW_PIXEL = 16  # RGBA in 32 bits
 BYTES_PER_TRAINED_PIXEL = 48  # of a network's strokes: RGBA of the picture, of what it should be, and of its gradient
 AUTO = "auto"  # focus that is found in the picture, and a warm-up renderer that the chosen one names
-NOT_OF_FILMS = {"catalogue": None, "style.image": None, "wet": 0}  # keys, and what they are where nobody asks for them
-CURVES = {  # how the names of the curves begin that a callback may watch
-    "paint": ("psnr", "seconds", "loss/", "lr-"),
-    "train": ("validation/psnr_alpha", "validation/", "loss/", "lr-"),
-}
-DISCRIMINATOR = "discriminator"  # what task=train trains if it is no renderer
-USED_BY_DISCRIMINATOR = {
-    *("task", "model", "experiment", "logger", "callbacks", "trainer", "seed", "device", "threads", "output"),
-    *("overwrite", "batch_size", "epochs", "minutes", "lr", "ema", "checkpoint_every", "resume"),
-}
+PAINTING_CURVES = ("psnr", "seconds", "loss/", "lr-")  # how the names of the curves begin that a callback may watch
+TRAINING_CURVES = ("validation/psnr_alpha", "validation/", "loss/", "lr-")
 
 
 def canvas_of(path: str, option: str) -> tuple[int, tuple[int, int]]:
@@ -82,8 +73,8 @@ PAGE = Rule(lambda path, option: Path(path).is_dir() or canvas_of(path, option))
 STROKES = Rule(_is_set)
 
 
-def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """The losses, strokes, mask and catalogue for a picture of this size, and that memory holds it."""
+def check_paint(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int] | None = None) -> None:
+    """Refuse losses, strokes, a mask or a catalogue that do not fit the size (H, W) of ``image``, or the memory."""
     from brushexp.painting.assembly import budget_of, check_losses, check_size  # noqa: PLC0415
 
     names = [plugin.name for plugin in plugins("renderer")]
@@ -91,10 +82,8 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
     if cfg.warm_up not in (AUTO, None, *names):
         raise UserError(f"warm_up={cfg.warm_up} is not a renderer; choose auto, null or one of {', '.join(names)}")
     check_losses(cfg)
-    check_monitors(cfg)
-    if is_film(cfg.image):
-        check_film(cfg)
-    size, there = size_of_picture(cfg.image, "image", cfg.resolution), None
+    check_monitors(cfg, PAINTING_CURVES)
+    size, there = size or size_of_picture(cfg.image, "image", cfg.resolution), None
     if cfg.focus not in (None, AUTO):
         check_ratio(cfg.focus, size_of_picture(cfg.focus, "focus"), size, "focus")
     if cfg.catalogue is not None:
@@ -126,27 +115,12 @@ def tell_unused(cfg: DictConfig, overrides: Sequence[str]) -> None:
         log.warning("catalogue=%s says where strokes start: it has no use for %s", cfg.catalogue, ", ".join(starts))
 
 
-def check_film(cfg: DictConfig) -> None:
-    """That nothing is asked of a film that only single pictures have."""
-    if not keep_built(cfg.painter).by_steps:
-        name = plugin_of(cfg.painter).name
-        raise UserError(f"painter={name} paints single pictures, and {cfg.image} is a film; drop painter")
-    for name, usual in NOT_OF_FILMS.items():
-        if (value := OmegaConf.select(cfg, name)) != usual:
-            raise UserError(f"{name}={value} is for single pictures, and {cfg.image} is a film; drop {name}")
-    if cfg.film.stop is not None and cfg.film.stop <= cfg.film.start:
-        raise UserError(f"film.stop={cfg.film.stop:g} is not after film.start={cfg.film.start:g}; give a later second")
-
-
 def check_train(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """That training ends, and that the strokes fit what is trained."""
-    check_ends(cfg)
-    if cfg.model == DISCRIMINATOR:
-        check_used(overrides)
-        return
     from brushexp.plugins.renderer.base import check_trainable  # noqa: PLC0415
     from brushexp.training.stroke_data import origin_for  # noqa: PLC0415
 
+    check_ends(cfg)
     if cfg.data is None and cfg.simulate is None and cfg.limit is not None:
         raise UserError(f"limit={cfg.limit} is for sets, and these strokes are simulated on the way; drop limit")
     origin, seeds = origin_for(cfg)
@@ -210,10 +184,9 @@ def check_export(cfg: DictConfig, overrides: Sequence[str]) -> None:
     check_memory(needed, what, "choose a smaller resolution=, or renderer=analytic")
 
 
-def check_monitors(cfg: DictConfig) -> None:
-    """Stop with a UserError if a callback watches what is no curve of the task, or none to choose by."""
+def check_monitors(cfg: DictConfig, curves: tuple[str, ...]) -> None:
+    """Stop with a UserError if a callback watches none of the ``curves`` of the task, or has none to choose by."""
     for name, node in cfg.callbacks.items():
-        curves = CURVES["paint" if cfg.task == "paint" else "train"]
         if not (node.get("monitor") or curves[0]).startswith(curves):
             option = f"callbacks.{name}.monitor"
             raise UserError(f"{option}={node.monitor} is no curve of task={cfg.task}; try {option}={curves[0]}")
@@ -222,17 +195,9 @@ def check_monitors(cfg: DictConfig) -> None:
             raise UserError(f"{some} needs a curve to choose by; try callbacks.{name}.monitor={curves[0]}")
 
 
-def check_used(overrides: Sequence[str]) -> None:
-    """Stop with a UserError when the command line sets something that a discriminator has no use for."""
-    for override in overrides:
-        if override.lstrip("+~").partition("=")[0].partition(".")[0] not in USED_BY_DISCRIMINATOR:
-            reason = f"{override} means nothing to model=discriminator, which learns from the prior of strokes alone"
-            raise UserError(f"{reason}; drop it (there are: {', '.join(sorted(USED_BY_DISCRIMINATOR))})")
-
-
 def check_ends(cfg: DictConfig) -> None:
     """Stop with a UserError if nothing ends a training."""
-    check_monitors(cfg)
+    check_monitors(cfg, TRAINING_CURVES)
     limits = (cfg.epochs, cfg.minutes, cfg.trainer.max_time, cfg.callbacks.get("timer"))
     if all(limit is None for limit in limits) and max(cfg.trainer.max_steps, cfg.trainer.max_epochs or -1) < 0:
         raise UserError("neither epochs nor minutes is set, so training would never end; set minutes=60")

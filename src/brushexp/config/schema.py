@@ -9,7 +9,7 @@ from omegaconf import MISSING, DictConfig
 from brushexp.bounds import FILE, above, at_least, between, one_of
 from brushexp.config import rules
 from brushexp.config.keys import key
-from brushexp.config.options import FilmOptions, Lamp, OtherLamp, StyleTransfer, TrainerOptions
+from brushexp.config.options import Lamp, OtherLamp, StyleTransfer, TrainerOptions
 from brushexp.config.rules import CATALOGUE, COLOR, DEVICE, FOCUS, FOLDER, INTERRUPTED_RUN, PAGE, STROKES
 from brushexp.pictures.load import PICTURE
 
@@ -36,8 +36,8 @@ class Task:
     instead_of: ClassVar[str] = ""  # the task that this one takes the place of where it `suits` what was typed
 
     @staticmethod
-    def suits(typed: Mapping[str, str]) -> bool:
-        """Whether words of the command line, key -> value, ask for this task where they name ``instead_of``."""
+    def suits(typed: Mapping[str, Any]) -> bool:
+        """Whether values of keys, typed or of a config, ask for this task where ``instead_of`` is named."""
         return False
 
     @staticmethod
@@ -71,7 +71,7 @@ class PaintTask(Task):
         }
     }
 
-    image: str = key("astronaut", "a picture or film file, or the name of a picture that scikit-image ships", PICTURE)
+    image: str = key("astronaut", "a picture file, or the name of a picture that scikit-image ships", PICTURE)
     resolution: int | None = key(None, "resample to this longer side in pixels; null = as it is", between(1, 16384))
     strokes: int | None = key(None, "number of strokes; null = one for every pixels_per_stroke pixels", at_least(1))
     pixels_per_stroke: float = key(100, "area of the picture for each stroke, in pixels", at_least(1))
@@ -100,14 +100,10 @@ class PaintTask(Task):
     timelapse: str = key("mp4", "format of the timelapse: mp4, gif, or both", one_of("mp4", "gif", "both"))
     timelapse_seconds: float | None = key(None, "length of the timelapse in seconds; null = 15 frames/s", above(0))
     report: bool = key(True, "write report.html: the run on one page, with a replay of the painting")
-    follows: str | None = key(
-        None, "list in report.html every setting that differs from this published recipe", one_of("thesis")
-    )
     focus: str | None = key(None, "weights of errors: auto (saliency) or a mask, bright = important; null = 1", FOCUS)
     focus_strength: float = key(8, "weight of errors in the focus, relative to those elsewhere", between(1, 1000))
     lpips_backbone: str = key("alexnet", "network of lpips_weights", one_of("alexnet", "squeeze", "vgg16", "effl0"))
     lpips_weights: str | None = key(None, "file of weights; metrics then include the official LPIPS; null = none", FILE)
-    film: FilmOptions = field(default_factory=FilmOptions)
     light: Lamp = field(default_factory=Lamp)
     style: StyleTransfer = field(default_factory=StyleTransfer)
     trainer: TrainerOptions = field(default_factory=TrainerOptions)
@@ -141,15 +137,15 @@ class SimulateTask(Task):
 
 @dataclass
 class TrainTask(Task):
-    """Train a renderer on simulated strokes, or with model=discriminator a network that recognises valid strokes."""
+    """Train a renderer on simulated strokes."""
 
     module = "brushexp.tasks.train"
     check = staticmethod(rules.check_train)
     groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "engine": "fluid"} | NETWORK_FIT
-    presets: ClassVar[dict[str, str]] = {"trainer": "network", "model": "renderer"}
+    presets: ClassVar[dict[str, str]] = {"trainer": "network"}
     settings: ClassVar[dict[str, Any]] = {"renderer": {"checkpoint": None}}  # random weights
 
-    model: str = key("renderer", "the network to train", one_of("renderer", "discriminator"))
+    model: str = key("renderer", "the network to train", one_of("renderer"))
     data: list[str] | None = key(None, DATA, STROKES)
     simulate: int | None = key(
         10000,
@@ -196,17 +192,6 @@ class CompareTask(Task):
 
     module = "brushexp.tasks.compare"
     runs: list[str] = key(MISSING, "folders of runs or sweeps, or above many of them; several with commas", FOLDER)
-
-
-@dataclass
-class AnalyseTask(Task):
-    """Measure the brushwork of a saved painting, or of two side by side: table, summary, figures."""
-
-    module = "brushexp.tasks.analyse"
-    catalogue: str = key(MISSING, "catalogue.h5 of a run", CATALOGUE)
-    against: str | None = key(None, "catalogue.h5 of a second painting to compare with; null = none", CATALOGUE)
-    radius: float | None = key(None, "radius of neighbourhoods in pixels; null = 4 sqrt(pixels / strokes)", at_least(0))
-    visible: float = key(0, "smallest visible fraction of a stroke; strokes below it are left out", between(0, 1))
 
 
 @dataclass

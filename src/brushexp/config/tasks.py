@@ -1,6 +1,8 @@
 """All tasks by name: those of the program, and those that installed packages publish."""
 
+from collections.abc import Mapping, Sequence
 from importlib.metadata import entry_points
+from typing import Any
 
 from brushexp.config.schema import Task
 from brushexp.plugin_loading import import_or_explain
@@ -13,3 +15,26 @@ def load_tasks() -> None:
     """Add the tasks of installed packages; a UserError says which one cannot be imported."""
     for point in entry_points(group=ENTRY_POINTS):
         TASKS[point.name] = import_or_explain(point.load, f"entry point {point.name} ({point.value})")
+
+
+def task_for(name: str, values: Mapping[str, Any]) -> str:
+    """The task that takes the place of a task for such values, typed or of a config; as a rule it is the task itself.
+
+    >>> task_for("paint", {"image": "clip.mp4"}), task_for("paint", {"image": "photo.jpg"})
+    ('film', 'paint')
+    """
+    return next((other for other, task in TASKS.items() if task.instead_of == name and task.suits(values)), name)
+
+
+def suited(words: Sequence[str]) -> list[str]:
+    """The words of a command line, with ``task=`` of the task that suits them."""
+    typed: dict[str, str] = {}
+    for name, _, value in (word.partition("=") for word in words):
+        typed[name] = f"{typed[name]},{value}" if name in typed else value  # of several pictures, as in a sweep
+    named = typed.get("task", "paint")
+    other = task_for(named, typed)
+    if other == named:
+        return [*words]
+    first = next(k for k, word in enumerate(words) if word.partition("=")[0] in typed and "=" in word)
+    kept = [word for word in words if word != f"task={named}"]
+    return [*kept[:first], f"task={other}", *kept[first:]]

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from brushexp.analysis.samples import DIRECTION_BINS, direction_shares
 from brushexp.pages.html import embedded
 from brushexp.pages.replay import hex_of
 from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.pictures.color import nearest_ink, palette, to_lab
 from brushexp.registry import build_named
+from brushexp.results.stroke_table import DIRECTION_BINS, direction_shares
 from brushexp.strokes.storage import Saved
 
 MAX_POINTS = 400  # of a line: more cannot be seen

@@ -18,27 +18,29 @@ from brushexp.system.files import PNG
 TEMPLATES = Path(__file__).parent / "templates"
 
 
-def page(template: str, **context: Any) -> str:
-    """A whole page; the same for the same context.
+def page(template: str, folder: Path = TEMPLATES, **context: Any) -> str:
+    """A whole page of a template in a folder, beside which those here can be used; the same for the same context.
 
-    Templates escape what they show, and a name that is missing is an error. They write files of their folder into the
+    Templates escape what they show, and a name that is missing is an error. They write files of both folders into the
     page with ``{{ assets["page.css"] }}``; the policy allows only these, and pictures that are in the page itself. So
     neither ``style`` nor ``onclick`` attributes work in a template.
     """
-    return _environment().get_template(template).render(**context)
+    return _environment(folder).get_template(template).render(**context)
 
 
 @cache
-def _environment() -> Environment:
+def _environment(folder: Path) -> Environment:
     """Jinja with what all templates need."""
+    folders = dict.fromkeys((TEMPLATES, folder))
     policy = ["default-src 'none'; img-src data:; base-uri 'none'; form-action 'none'"]
     assets: dict[str, Markup] = {}
     for tag, suffix in (("style", "css"), ("script", "js")):
-        texts = {path.name: path.read_text(encoding="utf-8") for path in sorted(TEMPLATES.glob(f"*.{suffix}"))}
+        paths = [path for each in folders for path in sorted(each.glob(f"*.{suffix}"))]
+        texts = {path.name: path.read_text(encoding="utf-8") for path in paths}
         digests = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in texts.values()]
         policy.append(" ".join([f"{tag}-src", *(f"'sha256-{digest}'" for digest in digests)]))
         assets |= {name: Markup(f"<{tag}>{text}</{tag}>") for name, text in texts.items()}
-    loader = FileSystemLoader(TEMPLATES)
+    loader = FileSystemLoader(list(folders))
     made = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     made.globals |= {"policy": Markup("; ".join(policy)), "assets": assets, "version": version("brushexp")}
     made.filters["number"] = readable_number

@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from brushexp.analysis.columns import StrokeTable
 from brushexp.compositing.layers import SPREAD
 from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.textures import BYTE, HALF, LONG, Sheets
 from brushexp.errors import UserError
 from brushexp.painting.outputs import space_of
+from brushexp.results.stroke_table import StrokeTable
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.storage import Saved
 from brushexp.system.reading import yaml_of

@@ -12,10 +12,8 @@ from urllib.parse import quote
 
 import numpy as np
 import torch
-from brushexp_thesis.followed import PROCEDURES, departures
 from PIL import Image
 
-from brushexp.analysis.columns import StrokeTable, measure_strokes
 from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.errors import UserError
 from brushexp.pages import drawings
@@ -26,6 +24,7 @@ from brushexp.pictures.decode import opened_picture
 from brushexp.registry import plugins
 from brushexp.results.anytime_curves import curve_from
 from brushexp.results.runs import command_of, read_curves, read_result
+from brushexp.results.stroke_table import StrokeTable, measure_strokes
 from brushexp.shading.light import overlay
 from brushexp.strokes.storage import Saved, load_catalogue
 from brushexp.system.files import TEMPORARY, write_text
@@ -143,8 +142,7 @@ def run_page(
         curves=_curves(curves or {}, metrics),
         strokes=None if measures is None else _strokes(saved, measures),
         light=_light(saved) if measures is not None and "painting" in pictures else None,
-        settings=(settings := _settings(recorded_config(saved), shlex.split(command or "")[1:])),
-        departures=_departures(settings),
+        settings=settings_as_typed(recorded_config(saved), shlex.split(command or "")[1:]),
         line=line_of(recorded_config(saved)),
         command=command,
         files=files,
@@ -247,19 +245,12 @@ def _light(saved: Saved) -> dict[str, Any] | None:
         return None
 
 
-def _settings(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, str, bool]]:
+def settings_as_typed(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, str, bool]]:
     """Dotted keys, values as they would be typed (a class by its name as a plugin), and whether they were typed."""
     typed = {word.lstrip("+~").partition("=")[0] for word in overrides}
     names = {plugin.target: plugin.name for plugin in plugins()}
     rows = ((key.removesuffix("._target_"), names.get(value, value)) for key, value in _flat(config))
     return [(key, value, key in typed) for key, value in rows]
-
-
-def _departures(settings: Sequence[tuple[str, str, bool]]) -> dict[str, Any] | None:
-    """Which procedure the run follows, and where it differs; None if it follows none."""
-    values = {key: value for key, value, _ in settings}
-    name = values.get("follows", "null")
-    return {"name": name, "rows": list(departures(name, values))} if name in PROCEDURES else None
 
 
 def line_of(config: Mapping[str, Any]) -> str:

@@ -26,7 +26,6 @@ CURVE_DIGITS = 4  # after the point
 AREA = 16_000_000  # pixels: of all pictures of a page together
 SIDES = (640, 452, 320, 226, 160, 113, 80)  # pixels: each half the area of the one before
 QUALITY = 80  # of WebP
-PLOT_SIDE = 1400  # pixels: of the plot of differences
 KEPT = 4096  # pictures: more than a page holds at its smallest side, so memory stays below some pages
 
 
@@ -49,7 +48,7 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
         shown=shown,
         metrics=tables.METRICS,
         means=_means(frame),
-        paired=_paired(folder, frame),
+        paired=_paired(frame),
         best=_best(shown),
         plotted=_plotted(shown),
         data=_script_data(shown),
@@ -152,13 +151,12 @@ def _means(frame: DataFrame) -> DataFrame | None:
     return means
 
 
-def _paired(folder: Path, frame: DataFrame) -> dict[str, Any] | None:
-    """Differences to the first setting by picture or seed, and their plot; None if nothing is paired."""
-    found = paired_differences(paired_table(frame))
-    if not found:
+def _paired(frame: DataFrame) -> dict[str, Any] | None:
+    """Differences to the first setting by picture or seed; None if nothing is paired."""
+    paired = paired_differences(paired_table(frame))
+    if not paired:
         return None
-    told = told_of(found).replace("*", "").replace("`", "")
-    return {"told": told, "rows": difference_rows(found), "plot": thumbnail(folder / "differences.png", PLOT_SIDE)}
+    return {"told": told_of(paired).replace("*", "").replace("`", ""), "rows": difference_rows(paired)}
 
 
 def _best(shown: dict[str, Any]) -> dict[str, str]:

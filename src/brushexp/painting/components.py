@@ -39,9 +39,9 @@ def standard_components(renderer: Renderer | None = None, *, steps: int = 500, *
     """The defaults of ``task=paint`` without a config, for use from Python; ``chosen`` components differ."""
     from brushexp.plugins.blend.tiled import Tiled  # noqa: PLC0415  (the contracts above are all that others need)
     from brushexp.plugins.density.fixed import Fixed  # noqa: PLC0415
-    from brushexp.plugins.loss.pixel import MeanSquaredError  # noqa: PLC0415
+    from brushexp.plugins.loss.mse import MeanSquaredError  # noqa: PLC0415
     from brushexp.plugins.optimizer.torch import TorchOptim  # noqa: PLC0415
-    from brushexp.plugins.order.orders import Area  # noqa: PLC0415
+    from brushexp.plugins.order.area import Area  # noqa: PLC0415
     from brushexp.plugins.renderer.analytic import Analytic  # noqa: PLC0415
     from brushexp.plugins.sampler.whole import Whole  # noqa: PLC0415
 

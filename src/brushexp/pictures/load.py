@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from brushexp_films.clips import is_film, open_clip
 from PIL import Image
 from torch import Tensor
 from torch.nn import functional
@@ -38,7 +37,7 @@ def load_picture(image: str, resolution: int | None, key: str = "image") -> Tens
 def planes_of(picture: np.ndarray, resolution: int | None) -> Tensor:
     """A picture (H, W, 3), uint8 or in [0, 1], as `load_picture` gives one."""
     if resolution is not None:
-        picture = _resample(picture, _size_at(resolution, *picture.shape[:2]))
+        picture = _resample(picture, size_at(resolution, *picture.shape[:2]))
     planes = np.ascontiguousarray(np.moveaxis(picture, 2, 0), dtype=np.float32)
     if picture.dtype == np.uint8:
         planes /= 255
@@ -53,13 +52,13 @@ def downsampled(picture: Tensor, side: int) -> Tensor:
 
 
 def size_of_picture(image: str, key: str, resolution: int | None = None, also: str = "") -> tuple[int, int]:
-    """Height and width of what `load_picture` makes, and its errors, without decoding a picture; of a film, too."""
+    """Height and width of what `load_picture` makes, and its errors, without decoding a picture."""
     if (held := pixels_of(image)) is not None:
         height, width = held.shape[:2]
     else:
         path = _path_of(image, key, also)
         height, width = _size_of_file(path, key, path.stat().st_mtime_ns)
-    return (height, width) if resolution is None else _size_at(resolution, height, width)
+    return size_at(resolution, height, width)
 
 
 def _pixels_of(image: str, key: str, also: str = "", backdrop: float = 1.0) -> np.ndarray:
@@ -70,8 +69,6 @@ def _pixels_of(image: str, key: str, also: str = "", backdrop: float = 1.0) -> n
 
 @cache
 def _size_of_file(path: Path, key: str, changed: int) -> tuple[int, int]:
-    if is_film(path):
-        return open_clip(path, key).size
     return picture_size(path, key=key)  # of a PNG it may take as long as decoding
 
 
@@ -148,8 +145,10 @@ def _path_of(image: str, key: str, also: str = "") -> Path:
     raise UserError(f"{key}={image} is {there}; give {choices}")
 
 
-def _size_at(resolution: int, height: int, width: int) -> tuple[int, int]:
-    """Height and width in proportion, with the longer side at ``resolution``."""
+def size_at(resolution: int | None, height: int, width: int) -> tuple[int, int]:
+    """Height and width in proportion, with the longer side at ``resolution``; None changes nothing."""
+    if resolution is None:
+        return height, width
     longer = max(height, width)
     size = (max(1, round(height * resolution / longer)), max(1, round(width * resolution / longer)))
     if math.prod(size) > MAX_PIXELS:

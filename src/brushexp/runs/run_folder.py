@@ -72,7 +72,7 @@ def take(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
         note_others(folder)  # first: a refusal, too, leaves the folder to the next run
     resumed = cfg.get("resume")
     goes_on = goes_on or (resumed is not None and Path(resumed).resolve() == folder.resolve())
-    if not goes_on and cfg.task in ("paint", "train", "prune"):
+    if not goes_on and "trainer" in cfg:  # it fits something to what it reads
         check_inputs(folder, cfg)
     if is_new or goes_on or grows(folder, cfg):
         return

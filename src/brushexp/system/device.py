@@ -7,9 +7,9 @@ from brushexp.errors import UserError
 
 def device_of(name: str, key: str = "device") -> torch.device:
     """The device called ``name``; auto is the first CUDA device, or the CPU where there is none."""
-    found = 0 if name == "cpu" else torch.cuda.device_count()
+    count = 0 if name == "cpu" else torch.cuda.device_count()
     if name == "auto":
-        return torch.device("cuda" if found else "cpu")
-    if name not in ("cpu", *(["cuda"] if found else []), *(f"cuda:{k}" for k in range(found))):
-        raise UserError(f"{key}={name}, but PyTorch finds {found} CUDA devices; use device=cpu")
+        return torch.device("cuda" if count else "cpu")
+    if name not in ("cpu", *(["cuda"] if count else []), *(f"cuda:{k}" for k in range(count))):
+        raise UserError(f"{key}={name}, but PyTorch finds {count} CUDA devices; use device=cpu")
     return torch.device(name)

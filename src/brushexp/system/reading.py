@@ -1,4 +1,4 @@
-"""Files of others are data: nothing in them is run or looked up, and nothing is made as large as they claim unchecked.
+"""Readers treat every file as untrusted data: they run nothing in it and bound all that it claims.
 
 Whatever reads a file begins here; docs/security.md lists the files and their limits. What is wrong is a UserError of
 one line. Functions of a path name it there, functions of a text leave that to who knows where it came from.
@@ -40,19 +40,19 @@ ROOTS: dict[type, Any] = {
 
 
 def in_short(value: object) -> str:
-    """A value of a file, or an error that it has caused, as messages show it: on one line, and not too long."""
+    """Shorten a value of a file, or an error that it caused, to one line of a message."""
     text = " ".join(str(value).split())
     return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."
 
 
 def check_file(path: Path, cure: str, largest: float = math.inf) -> None:
-    """Refuse what is no file, cannot be opened or has more than ``largest`` bytes; nothing waits for a pipe.
+    """Refuse what is no regular file, cannot be opened or has more than ``largest`` bytes, without waiting for a pipe.
 
     The UserError ends with ``cure``, what would be right.
     """
     try:
-        found = path.stat()
-        if regular := stat.S_ISREG(found.st_mode):
+        status = path.stat()
+        if regular := stat.S_ISREG(status.st_mode):
             path.open("rb").close()
     except FileNotFoundError as error:
         raise UserError(f"there is no file {path}; {cure}") from error
@@ -60,8 +60,8 @@ def check_file(path: Path, cure: str, largest: float = math.inf) -> None:
         raise UserError(f"{path} cannot be read ({getattr(error, 'strerror', error)}); {cure}") from error
     if not regular:
         raise UserError(f"{path} is a folder, a device or a pipe, not a file; {cure}")
-    if found.st_size > largest:
-        raise UserError(f"{path} has {found.st_size / 1e6:.0f} MB, more than {largest / 1e6:.0f}; {cure}")
+    if status.st_size > largest:
+        raise UserError(f"{path} has {status.st_size / 1e6:.0f} MB, more than {largest / 1e6:.0f}; {cure}")
 
 
 @contextmanager
@@ -77,7 +77,7 @@ def explaining(path: Path, cure: str) -> Iterator[None]:
 
 
 def read_text(path: Path, cure: str, largest: int = LARGEST_TEXT) -> str:
-    """A file of UTF-8; a mark of the byte order is left out. UserError as of `check_file`."""
+    """Read a text file in UTF-8, without a byte order mark; it raises the UserError of `check_file`."""
     check_file(path, cure, largest)
     with explaining(path, cure):
         return path.read_bytes().decode("utf-8-sig")
@@ -93,19 +93,19 @@ def read_table(path: Path) -> list[dict[str, str]]:
 
 
 def digest_of(path: Path) -> str:
-    """SHA-256 of what a file holds."""
+    """Compute the SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def json_of(text: str) -> Any:
-    """What JSON says; a key that comes twice is a mistake, not the last one."""
+    """Parse JSON; a duplicate key is an error."""
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        found = dict(pairs)
-        if len(found) < len(pairs):
+        mapping = dict(pairs)
+        if len(mapping) < len(pairs):
             raise ValueError(f"a key comes twice in {{{', '.join(key for key, _ in pairs)}}}")
-        return found
+        return mapping
 
     try:
         return json.loads(text, object_pairs_hook=unique)
@@ -156,23 +156,23 @@ def _yaml_of(text: str, root: type) -> Any:
         raise UserError(f"not YAML of plain values ({in_short(error)})") from error
 
 
-def check_plain(data: Any, levels: int = DEEPEST, left: list[int] | None = None) -> Any:
-    """The same data, if it is made of text, numbers, lists and dictionaries alone, and of few enough of them."""
-    left = left or [MOST_VALUES]
-    left[0] -= 1
-    if left[0] == 0 or levels == 0:
+def check_plain(data: Any, levels: int = DEEPEST, budget: list[int] | None = None) -> Any:
+    """Return the data if it consists of text, numbers, lists and dictionaries alone, and of few enough of them."""
+    budget = budget or [MOST_VALUES]
+    budget[0] -= 1
+    if budget[0] == 0 or levels == 0:
         raise UserError(f"settings of more than {MOST_VALUES} values or {DEEPEST} levels")
     plain = isinstance(data, dict | list | tuple | str | int | float | None)
     if not plain or (isinstance(data, int) and abs(data) >= 2**64):
         raise UserError(f"a value is of the kind {type(data).__name__}; text, lists and numbers of 64 bits are read")
     parts = [*data, *data.values()] if isinstance(data, dict) else data if isinstance(data, list | tuple) else ()
     for part in parts:
-        check_plain(part, levels - 1, left)
+        check_plain(part, levels - 1, budget)
     return data
 
 
 def read_safetensors(path: Path, cure: str) -> dict[str, Tensor]:
-    """Finite tensors of a .safetensors file, by name."""
+    """Read the tensors of a .safetensors file by name; all of them must be finite."""
     from safetensors.torch import load  # noqa: PLC0415  (--help needs none of it)
 
     check_file(path, cure, LARGEST_WEIGHTS)
@@ -191,13 +191,13 @@ def read_pickled(path: Path, cure: str) -> Any:
                 if packed or file.testzip() is not None:  # PyTorch itself looks at no checksum
                     raise UserError(f"parts of it are compressed, or others than were written; {cure}")
         with warnings.catch_warnings(action="ignore"):
-            found = torch.load(path, map_location="cpu", weights_only=True, mmap=zipped)
-        _check_tensors(found)
-        return found
+            data = torch.load(path, map_location="cpu", weights_only=True, mmap=zipped)
+        _check_tensors(data)
+        return data
 
 
 def check_finite(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    """The same, if all numbers are."""
+    """Return the tensors if all their numbers are finite."""
     for name, value in tensors.items():
         if not bool((value.float() if value.is_floating_point() else value).isfinite().all()):
             raise UserError(f"{name} has numbers that are not finite; train it again, or give another file")

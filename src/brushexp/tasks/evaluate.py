@@ -12,6 +12,7 @@ from omegaconf import DictConfig
 from brushexp.plugins.engine.base import Engine
 from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import build, build_named, plugin_of
+from brushexp.results.stroke_sheets import sheet_of_extremes, sheet_of_strokes
 from brushexp.results.tables import csv_table
 from brushexp.system.checkpoint import weights_hash
 from brushexp.system.device import device_of
@@ -21,7 +22,6 @@ from brushexp.training.datamodule import SimulatedData, StoredData, StrokeData
 from brushexp.training.dataset import Split, origin_of
 from brushexp.training.evaluation import effl0_distance, inception_distance
 from brushexp.training.stroke_data import engine_node, seed_of_strokes
-from brushexp.training.stroke_sheets import sheet_of_extremes, sheet_of_strokes
 
 SIMULATED_STROKES = 1000  # if no number is asked for
 SHOWN_STROKES = 24  # in the picture

@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-from brushexp_films.clips import is_film
-from brushexp_films.films import painted_film
 from omegaconf import DictConfig
 
 from brushexp.runs.fitting import interrupted_run
@@ -11,10 +9,8 @@ from brushexp.runs.session import painted_into
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Paint one picture, or a film, write everything into the run's folder, and return the numbers of metrics.json."""
+    """Paint a picture, write everything into the run's folder, and return the numbers of metrics.json."""
     checkpoint = None
     if cfg.get("resume") is not None:
         checkpoint, cfg = interrupted_run(Path(cfg.resume), cfg)
-    if is_film(cfg.image):
-        return painted_film(folder, cfg, None if checkpoint else start, checkpoint and checkpoint.parent)
     return painted_into(folder, cfg, None if checkpoint else start, checkpoint).metrics

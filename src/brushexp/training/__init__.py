@@ -1,6 +1,5 @@
 """From simulated strokes to a trained renderer, in the order of the data.
 
 engine -> writer -> dataset -> datamodule (with stroke_data)
--> renderer_module (with network_module, fresh_start, renderer) -> network_fitting
--> evaluation (with stroke_sheets) -> benchmark
+-> renderer_module (with network_module, fresh_start, renderer) -> evaluation -> benchmark
 """

@@ -18,6 +18,7 @@ from torch.nn import functional
 from torchmetrics.image.fid import FrechetInceptionDistance
 from torchmetrics.image.kid import KernelInceptionDistance
 
+from brushexp.compat.torch_script import load_torch_script
 from brushexp.errors import UserError
 from brushexp.features import open_backbone
 from brushexp.painting.metrics import psnr_of
@@ -212,9 +213,7 @@ def inception_distance(path: Path, device: torch.device) -> FeatureDistance:
     if not path.is_file():
         raise UserError(f"inception={path}: there is no such file; give inception-2015-12-05.pt, or null")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # of TorchScript as a whole
-            network = torch.jit.load(str(path), map_location=device).eval()
+        network = load_torch_script(path, device)
 
         def features(pictures: Tensor) -> Tensor:
             return network((pictures * 255 + 0.5).to(torch.uint8), return_features=True)

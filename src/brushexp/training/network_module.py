@@ -1,4 +1,4 @@
-"""What the LightningModules of renderer and discriminator share: progress, learning rate, curves."""
+"""The LightningModule of a network: its progress, its learning rate, and its curves."""
 
 import math
 import time

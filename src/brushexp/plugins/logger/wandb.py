@@ -6,6 +6,7 @@ import io
 import logging
 import os
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
@@ -58,6 +59,8 @@ class WeightsAndBiases(Logger):
         group: str | None = None,
         tags: list[str] = [],  # noqa: B006
     ) -> None:
+        if find_spec("wandb") is None:
+            raise UserError("logger=wandb needs the package wandb; pip install -e '.[wandb]'")
         for key, value in HABITS.items():
             os.environ.setdefault(key, value)
         if mode == "online" and not is_logged_in():

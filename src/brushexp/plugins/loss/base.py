@@ -6,11 +6,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import torch
 from torch import Tensor, nn
 
+from brushexp.bounds import at_least
 from brushexp.pictures.focus import resized
 from brushexp.pictures.region import Region
 from brushexp.strokes.catalogue import Strokes
@@ -97,19 +98,19 @@ class Loss(nn.Module, ABC):
     >>> from brushexp.strokes.catalogue import Strokes
     >>> class MeanColour(Loss):
     ...     '''Squared difference of the mean colours.'''
-    ...     looks_at = "canvas"
-    ...     def forward(self, painting):
-    ...         return (painting.image - painting.whole_target).mean((1, 2)).square().sum()
-    >>> painting = PaintedView(torch.ones(3, 4, 6), torch.zeros(3, 4, 6), Strokes.none())
-    >>> total, terms = weighted_sum({"mean_colour": MeanColour(weight=0.5)}, painting)
+    ...     weight, looks_at = 0.5, "canvas"
+    ...     def forward(self, view):
+    ...         return (view.image - view.whole_target).mean((1, 2)).square().sum()
+    >>> view = PaintedView(torch.ones(3, 4, 6), torch.zeros(3, 4, 6), Strokes.none())
+    >>> total, terms = weighted_sum({"mean_colour": MeanColour()}, view)
     >>> float(total), float(terms["mean_colour"])
     (1.5, 3.0)
     >>> MeanColour.facts()["gradient"]
     'picture'
 
-    It ``looks_at`` pixels: the value is a mean over the pixels of ``painting.image``, weighted by the focus, and a part
+    It ``looks_at`` pixels: the value is a mean over the pixels of ``view.image``, weighted by the focus, and a part
     of the canvas counts by its share of the pixels; at the canvas: the value is one of the whole canvas, which the loss
-    looks at through ``painting.surroundings``; or at strokes: it has no gradient in the picture. The last two leave the
+    looks at through ``view.surroundings``; or at strokes: it has no gradient in the picture. The last two leave the
     focus aside. With ``context`` it receives a part of the canvas with so many pixels around it, which begins at
     multiples of ``grid`` pixels: those that a network's positions are apart.
 
@@ -117,6 +118,8 @@ class Loss(nn.Module, ABC):
         weight: factor in the sum of losses; logs show the loss without it.
     """
 
+    tunable: ClassVar[dict[str, Any]] = {"weight": Annotated[float, at_least(0)]}  # an option of every loss
+    weight: float = 1.0  # its default
     label: str = ""  # what logs call it; "" for the name it was chosen by
     looks_at: ClassVar[Literal["pixels", "canvas", "strokes"]] = "pixels"
     cost: ClassVar[str] = ""  # of a step with this loss alone, in steps of ``mse`` (benchmarks/losses.py)
@@ -124,14 +127,13 @@ class Loss(nn.Module, ABC):
     context: int = 0
     grid: int = 1
 
-    def __init__(self, weight: float = 1.0) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self.weight = weight
         self._target: Tensor | None = None  # the last one that `of_target` was asked about
         self._found: dict[Hashable, Any] = {}  # and what was computed from it
 
     @abstractmethod
-    def forward(self, painting: PaintedView) -> Tensor:
+    def forward(self, view: PaintedView) -> Tensor:
         """Return a scalar, 0 for a perfect painting."""
 
     def of_target(self, target: Tensor, compute: Callable[[Tensor], T], key: Hashable = None) -> T:
@@ -173,11 +175,11 @@ def restore(losses: Mapping[str, Loss], state: Mapping[str, Mapping[str, Any]]) 
         loss.load_state_dict(state[name])
 
 
-def weighted_sum(losses: Mapping[str, Loss], painting: PaintedView) -> tuple[Tensor, dict[str, Tensor]]:
+def weighted_sum(losses: Mapping[str, Loss], view: PaintedView) -> tuple[Tensor, dict[str, Tensor]]:
     """The objective: the sum of the losses times their weights, and each of them unweighted."""
     terms, weighted = {}, []
     for name, loss in losses.items():
-        view = painting.around(loss.context, loss.grid)
-        terms[name] = loss(view)
-        weighted.append(loss.weight * (view.share if loss.looks_at == "pixels" else 1) * terms[name])
+        wider = view.around(loss.context, loss.grid)
+        terms[name] = loss(wider)
+        weighted.append(loss.weight * (wider.share if loss.looks_at == "pixels" else 1) * terms[name])
     return torch.stack(weighted).sum(), terms

@@ -1,4 +1,4 @@
-"""Losses that compare what a feature network sees."""
+"""A loss that compares the features of a network."""
 
 import math
 from typing import Annotated
@@ -10,7 +10,6 @@ from torch.nn import functional
 from brushexp.bounds import FILE, between, one_of
 from brushexp.features import NETWORKS, open_backbone
 from brushexp.features.base import mean_squares
-from brushexp.features.distance import CALIBRATED, open_distance
 from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.registry import register
 
@@ -38,6 +37,7 @@ class Perceptual(Loss):
             depends on the call: set 0 for an optimiser with a line search.
     """
 
+    weight = 0.0015
     cost = "3.8 x mse"
     exact_on_parts = False
     calls: Tensor
@@ -45,13 +45,12 @@ class Perceptual(Loss):
     def __init__(
         self,
         *,
-        weight: float = 0.0015,
         backbone: Annotated[str, one_of(*NETWORKS)] = "effl0",
         weights: Annotated[str | None, FILE] = None,
         taps: list[str] | None = None,
         jitter: Annotated[int, between(0, 3)] = 3,
     ) -> None:
-        super().__init__(weight)
+        super().__init__()
         self.network = open_backbone(backbone, weights)
         self.taps = list(taps or self.network.default_taps)
         self.network.check(self.taps)
@@ -60,15 +59,15 @@ class Perceptual(Loss):
         self.register_buffer("calls", torch.zeros((), dtype=torch.long))  # which shift is next, also after a restart
         self.context, self.grid = self.network.context, self.network.grid
 
-    def forward(self, painting: PaintedView) -> Tensor:
+    def forward(self, view: PaintedView) -> Tensor:
         shift = self.shifts[int(self.calls) % len(self.shifts)]
         self.calls += 1
-        wanted = self.of_target(painting.target, lambda target: self._features(target, shift), key=shift)
+        wanted = self.of_target(view.target, lambda target: self._features(target, shift), key=shift)
         terms = [
-            mean_squares(ours, theirs, painting.weights(ours)).mean()
-            for ours, theirs in zip(self._features(painting.image, shift), wanted, strict=True)
+            mean_squares(ours, theirs, view.weights(ours)).mean()
+            for ours, theirs in zip(self._features(view.image, shift), wanted, strict=True)
         ]
-        return torch.stack(terms).mean() * (self._enlarged(painting.image) / self._enlarged(painting.whole_target))
+        return torch.stack(terms).mean() * (self._enlarged(view.image) / self._enlarged(view.whole_target))
 
     def _enlarged(self, picture: Tensor) -> float:
         """By how much the margin for the shifts makes a picture larger, so that a part counts by its own pixels."""
@@ -79,40 +78,3 @@ class Perceptual(Loss):
         padding = (shift[0], self.jitter - shift[0], shift[1], self.jitter - shift[1])
         found = self.network(functional.pad(picture[None], padding, mode="replicate"), self.taps)
         return [found[tap] for tap in self.taps]
-
-
-@register("loss", "lpips")
-class Lpips(Loss):
-    """LPIPS perceptual distance (Zhang et al.) between painting and target, in the features of a network.
-
-    Source: Zhang et al., 2018, arXiv:1801.03924. With alexnet, squeeze or vgg16 it is that distance, with its published
-    weights, and logs call it lpips-alexnet and so on. Differs from it by default: ``effl0``, the network that is always
-    there, has one weight for all channels of an activation; logs call it effl0.
-
-    Args:
-        weight: factor in the sum of losses. With the default, the gradient in the picture is about as long as that of
-            ``mse`` for pictures of 256 pixels blurred by two; for alexnet that is at 0.0025, for squeeze at 0.0015.
-            Beside ``mse`` it cost less than 0.1 dB of PSNR and took a fifth to a quarter off the distance.
-        backbone: feature network: effl0, or alexnet, squeeze or vgg16 (need ``weights``).
-        weights: file with the network's features, under torchvision's names.
-    """
-
-    cost = "5.9 x mse"
-    exact_on_parts = False
-
-    def __init__(
-        self,
-        *,
-        weight: float = 0.0012,
-        backbone: Annotated[str, one_of("effl0", *CALIBRATED)] = "effl0",
-        weights: Annotated[str | None, FILE] = None,
-    ) -> None:
-        super().__init__(weight)
-        self.distance = open_distance(backbone, weights)
-        self.label = self.distance.label
-        self.context, self.grid = self.distance.network.context, self.distance.network.grid
-
-    def forward(self, painting: PaintedView) -> Tensor:
-        wanted = self.of_target(painting.target, self.distance.look)
-        seen = self.distance.look(painting.image)
-        return self.distance.compare(seen, wanted, [painting.weights(value) for value in seen])

@@ -42,19 +42,19 @@ class Sinkhorn(Loss):
         floor: mass that every pixel has beside its colour, so that black pictures have some.
     """
 
+    weight = 2.0
     cost = "1.9 x mse"
     looks_at = "canvas"
 
     def __init__(
         self,
         *,
-        weight: float = 2.0,
         side: Annotated[int, at_least(1)] = 24,
         epsilon: Annotated[float, at_least(MIN_EPSILON)] = 0.01,
         iterations: Annotated[int, at_least(1)] = 5,
         floor: Annotated[float, at_least(1e-4)] = 0.001,
     ) -> None:
-        super().__init__(weight)
+        super().__init__()
         self.side, self.floor = side, floor
         halvings = math.ceil(math.log2(FIRST_BLUR / epsilon))
         coarse = [FIRST_BLUR / 2**i for i in range(halvings)]
@@ -63,25 +63,25 @@ class Sinkhorn(Loss):
         self._rest = torch.empty(0)  # (3, h, w) what its pixels outside the part give to the shrunk picture
         self._shares: tuple[Tensor, Tensor] = (self._rest, self._rest)  # `pooling_weights` of its rows and columns
 
-    def forward(self, painting: PaintedView) -> Tensor:
+    def forward(self, view: PaintedView) -> Tensor:
         # Debiased: OT(a, b) - OT(a, a) / 2 - OT(b, b) / 2, each after as many updates, so that equal masses have 0.
-        theirs, rest = self.of_target(painting.whole_target, self._look)
-        ours = masses(self._downsampled(painting), self.floor)
+        theirs, rest = self.of_target(view.whole_target, self._look)
+        ours = masses(self._downsampled(view), self.floor)
         a, b = ours.log(), theirs.log()
         there, back, own = potentials(torch.stack([b, a, a]), [1, 0, 2], self.blurs)
         found = (ours * (there - own) + theirs * (back - rest)).sum((1, 2))
-        return found.mean().to(at_least_single(painting.image))
+        return found.mean().to(at_least_single(view.image))
 
     def _look(self, target: Tensor) -> tuple[Tensor, Tensor]:
         """Masses b of the target, and the potential (C, h, w) of OT(b, b)."""
         theirs = masses(downsampled(at_least_single(target), self.side), self.floor)
         return theirs, potentials(theirs.log()[None], [0], self.blurs)[0]
 
-    def _downsampled(self, painting: PaintedView) -> Tensor:
+    def _downsampled(self, view: PaintedView) -> Tensor:
         """The whole canvas (3, h, w), shrunk; differentiable in the part that the step looks at."""
-        around = painting.surroundings
+        around = view.surroundings
         if around is None:
-            return downsampled(at_least_single(painting.image), self.side)
+            return downsampled(at_least_single(view.image), self.side)
         if around is not self._surroundings:
             self._surroundings = around
             region, small = around.region, downsampled(at_least_single(around.picture), self.side)
@@ -90,7 +90,7 @@ class Sinkhorn(Loss):
                 pooling_weights(region.left, region.width, around.picture.shape[2], small.shape[2]).to(small),
             )
             self._rest = small - self._downsampled_part(region.of(around.picture))
-        return self._rest + self._downsampled_part(painting.image)
+        return self._rest + self._downsampled_part(view.image)
 
     def _downsampled_part(self, part: Tensor) -> Tensor:
         rows, columns = self._shares

@@ -25,15 +25,13 @@ class StructuralSimilarity(Loss):
             ``mse`` for pictures of 256 pixels blurred by two. Beside ``mse`` it raised SSIM by 0.02.
     """
 
+    weight = 0.01
     cost = "3.1 x mse"
     context = 2 * RADIUS  # the windows that touch a part of the canvas, and all that they see
 
-    def __init__(self, *, weight: float = 0.01) -> None:
-        super().__init__(weight)
-
-    def forward(self, painting: PaintedView) -> Tensor:
-        mean, variance = self.of_target(painting.target, statistics)
-        return painting.mean(dissimilarity(painting.image, painting.target, mean, variance))
+    def forward(self, view: PaintedView) -> Tensor:
+        mean, variance = self.of_target(view.target, statistics)
+        return view.mean(dissimilarity(view.image, view.target, mean, variance))
 
 
 def statistics(picture: Tensor) -> tuple[Tensor, Tensor]:

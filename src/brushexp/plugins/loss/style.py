@@ -130,7 +130,6 @@ class Style(Loss):
     def __init__(
         self,
         *,
-        weight: float = 1.0,
         image: Annotated[str | None, PICTURE] = None,
         kernel: Annotated[str, one_of(*KERNELS)] = "poly",
         backbone: Annotated[str, one_of(*NETWORKS)] = "effl0",
@@ -139,7 +138,7 @@ class Style(Loss):
         scale: Annotated[float, above(0)] = 1.0,
         colors: Annotated[str, one_of("style", "content")] = "style",
     ) -> None:
-        super().__init__(weight)
+        super().__init__()
         self.image, self.kernel, self.scale, self.colors = image, kernel, scale, colors
         self.network = open_backbone(backbone, weights, "style.loss.weights")
         known = (row for row in STYLE_TAPS if set(row) <= set(self.network.taps))
@@ -171,16 +170,16 @@ class Style(Loss):
         picture = load_picture(self.image, side, key="style").to(target)
         return recolored(picture, like=target) if self.colors == "content" else picture
 
-    def forward(self, painting: PaintedView) -> Tensor:
-        styles = self._styles(painting.whole_target, self.kernel)
-        sums = self._sums(styles, painting.image)
-        if painting.surroundings is None:
+    def forward(self, view: PaintedView) -> Tensor:
+        styles = self._styles(view.whole_target, self.kernel)
+        sums = self._sums(styles, view.image)
+        if view.surroundings is None:
             self._surroundings = None
         else:
-            if painting.surroundings is not self._surroundings:
-                self._turn_to(painting.surroundings, styles)
+            if view.surroundings is not self._surroundings:
+                self._turn_to(view.surroundings, styles)
             sums = [rest + part for rest, part in zip(self._rest, sums, strict=True)]
-        return _distance(styles, sums).to(painting.image.dtype)
+        return _distance(styles, sums).to(view.image.dtype)
 
     @torch.no_grad()
     def measured(self, picture: Tensor, target: Tensor) -> dict[str, float]:

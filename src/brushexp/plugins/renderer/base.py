@@ -8,8 +8,7 @@ Layers are formulas that are evaluated where the stroke is (`Profile`, `Textured
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial, wraps
-from inspect import signature
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -37,10 +36,20 @@ RENDERERS = CheckpointFormat(
 
 
 class Renderer(nn.Module, ABC):
-    """Turns stroke parameters into layers.
+    """Turns stroke parameters into layers: a subclass defines `forward`, and where it needs to, any of these.
 
-    A renderer with an option ``checkpoint`` loads the weights of that file when it has been made, and refuses those
-    that were trained with other options; without a checkpoint it keeps those that it was made with.
+    ==================  ===============================================================================
+    ``clamp``           bring strokes to the nearest ones that it can draw
+    ``convert``         change strokes of another renderer into those that it draws best
+    ``distil``          read its parameters directly off simulated strokes, before it is trained
+    ``rows``            bound the rows of pixels that a stroke touches, so that bands are drawn faster
+    ``edge``            distance beyond the outline at which a stroke may still paint
+    ``at_once``         largest number of strokes whose layers are held in memory
+    ``warm_up``         name of the fast renderer that takes most steps of a painting in its place
+    ``cost`` and so on  facts that ``--help`` lists: its time, its weights, the strokes that it can draw
+    ==================  ===============================================================================
+
+    A renderer that is trained has an option ``checkpoint`` and calls `restore` at the end of its ``__init__``.
 
     >>> from brushexp.registry import build_named
     >>> from brushexp.strokes.prior import sample_prior
@@ -54,28 +63,19 @@ class Renderer(nn.Module, ABC):
     weights: ClassVar[str] = "none"  # what has to be trained
     strokes: ClassVar[str] = "all"  # which it can draw
     warm_up: str | None = None  # of a slow one, the renderer that had better take most of the steps of a painting
-    weights_hash: str = ""  # of the trained weights, see `renderer.checkpoint`; "" without any
+    weights_hash: str = ""  # of the trained weights; "" without any
     edge: float = EDGE  # pixels beyond ``REACH`` half widths in which a stroke may still paint
     at_once: int | None = None  # strokes whose layers should be held at once at most; None if they are small
 
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        make = vars(cls).get("__init__")
-        if make is None or "checkpoint" not in signature(make).parameters:
-            return
+    def restore(self, checkpoint: str | None, **options: Any) -> None:
+        """Load the trained weights of a checkpoint; None keeps those that the renderer was made with.
 
-        @wraps(make)
-        def make_and_restore(self: Renderer, *args: Any, **given: Any) -> None:
-            make(self, *args, **given)
-            known = signature(make).bind(self, *args, **given)
-            known.apply_defaults()
-            chosen = {key: value for key, value in list(known.arguments.items())[1:] if value is not None}
-            for option in ("precision", "project"):  # the weights do not depend on them
-                chosen.pop(option, None)
-            name = next((plugin.name for plugin in plugins("renderer") if plugin.cls is cls), cls.__name__)
-            self.weights_hash = RENDERERS.restore(self, name, chosen.pop("checkpoint", None), chosen)
-
-        cls.__init__ = make_and_restore  # type: ignore[method-assign, assignment]
+        ``options`` are those that the weights depend on. A checkpoint that was trained with others is refused
+        (UserError); an option that is None is not compared.
+        """
+        name = next((plugin.name for plugin in plugins("renderer") if plugin.cls is type(self)), type(self).__name__)
+        compared = {key: value for key, value in options.items() if value is not None}
+        self.weights_hash = RENDERERS.restore(self, name, checkpoint, compared)
 
     @classmethod
     def facts(cls) -> dict[str, str]:

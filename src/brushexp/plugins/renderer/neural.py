@@ -90,6 +90,7 @@ class Neural(Renderer):
             assert self.last.bias is not None
             self.last.bias[:4] = EMPTY
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # a fifth faster on a processor
+        self.restore(checkpoint, window=window, brushes=brushes, code=code, dense=dense, width=width, stages=stages)
 
     def forward(self, strokes: Strokes) -> TexturedProfile:
         half = half_width_of(strokes)

@@ -71,6 +71,7 @@ class Textured(Renderer):
         self.loop = Loop(3 * columns // 8, 3 * columns // 8)
         self.textures = nn.Parameter(bristles(variants, rows, columns))
         self._ready: tuple[object, Sheets] | None = None
+        self.restore(checkpoint, variants=variants, rows=rows, columns=columns)
 
     def forward(self, strokes: Strokes) -> TexturedProfile:
         curve, half = curve_of(strokes), half_width_of(strokes)

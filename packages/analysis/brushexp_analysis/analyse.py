@@ -1,0 +1,26 @@
+"""``brushexp.analyse``: the brushwork of a painting in numbers, from Python."""
+
+from os import PathLike
+from pathlib import Path
+
+from brushexp import Painting
+from brushexp.strokes.storage import load_catalogue
+from brushexp_analysis.summary import Analysis, analysis_of
+
+
+def analyse(painting: Painting | str | PathLike[str], *, radius: float | None = None, visible: float = 0) -> Analysis:
+    """Measure the brushwork of a painting, or of a catalogue.h5, as ``task=analyse`` does.
+
+    Args:
+        painting: what `paint` gave, or the path of a catalogue.
+        radius: pixels to neighbours; None for four pitches sqrt(pixels / strokes).
+        visible: share of a stroke that must be seen, or it is left out.
+
+    >>> import brushexp
+    >>> analysis = brushexp.analyse(brushexp.paint("astronaut", look="plain", resolution=32, strokes=20, steps=1))
+    >>> len(analysis.number)
+    20
+    """
+    saved = painting.finished.saved if isinstance(painting, Painting) else load_catalogue(Path(painting))
+    name = "painting" if isinstance(painting, Painting) else str(painting)
+    return analysis_of(saved, name, name, radius, visible)

@@ -1,0 +1,204 @@
+"""One sheet that shows the brushwork of a painting, or of two with the same axes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.reporting.plotting import COLORS, FAINT, INK, new_figure, save_figure, tidy, without_math
+from brushexp.results.stroke_table import DIRECTION_BINS, MEASURES, Array, direction_shares
+from brushexp.strokes.bezier import curve_of
+from brushexp.strokes.measures import NEIGHBOURS, centre_of, direction_of, mean_direction, nearest_strokes
+from brushexp_analysis.summary import OVERALL, Analysis, overall_of
+from brushexp_analysis.summary_text import relative_unit, strokes_in, three_digits, with_unit
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import SubFigure
+
+PRINT_DPI = 200  # dots per inch: sharp on paper
+PAINTING, PANELS_HEIGHT = 5.2, 5.2  # inches: of a painting with its rose, and of the histograms
+MAP_CELLS = 160  # places along the longer side where coherence is looked at
+DASHES = 26  # lines of flow along the longer side
+SCALE_SHARE = 0.6  # share of the colours of a scale: on darker ones lines are not seen
+PANELS = ("length", "width", "straightness", "curvature", "elongatedness", "visible", "coherence", "homogeneity")
+FULL_RANGE = ("curvature", "visible", "coherence")  # shown from 0 to their highest value
+TAIL_SHARE = 0.02  # share of strokes that a panel may leave out at its long end
+HISTOGRAM_BINS = 32
+RINGS = (0.05, 0.1, 0.2, 0.5, 1.0)  # shares of directions
+TOLD = ("direction", "agreement", "coherence", "disorder", "entropy", "layers", "hidden")  # below the rose
+MUTED = "#6a6a6a"
+STROKES_SIDE = 900  # pixels: longer side of the strokes as they are drawn
+LEAST_AROUND = 3  # strokes within the radius of a place below which nothing is said of it
+CHROMA, LIGHTNESS, LIGHTNESS_SPAN = 32.0, 64.0, 12.0  # of the colours of directions, CIE LCh; more is not in sRGB
+LEVEL_HUE = math.radians(85)  # of level strokes, ochre; upright ones are blue
+
+
+def write_figure(path: Path, found: Sequence[Analysis]) -> Path:
+    """Write the sheet as PNG: for each painting its strokes by direction, coherence and rose; histograms below."""
+    heights = [PAINTING] * len(found) + [PANELS_HEIGHT]
+    figure = new_figure(sum(heights))
+    figure.set_dpi(PRINT_DPI)
+    *parts, panels = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
+    largest = max(float(direction_shares(one.values("orientation")).max()) for one in found)
+    for part, one, color in zip(parts, found, COLORS, strict=False):
+        _painting(part, one, color if len(found) > 1 else INK, largest)
+    for axes, key in zip(panels.subplots(2, 4).flat, PANELS, strict=True):
+        _histogram(axes, key, found)
+    return save_figure(figure, path)
+
+
+def _painting(part: SubFigure, found: Analysis, ink: str, largest: float) -> None:
+    name, canvas = without_math(found.name)[:60], f"{found.size[1]} x {found.size[0]} px"
+    heading = f"{name}: {strokes_in(found)} on {canvas}; a pitch between neighbours is {three_digits(found.pitch)} px"
+    part.suptitle(heading, x=0.01, ha="left", fontsize=12, color=ink)
+    axes: dict[str, Any] = part.subplot_mosaic(
+        [["strokes", "coherence", "rose"], ["strokes", "coherence", "told"]], width_ratios=(5, 5, 3),
+        height_ratios=(3, 1.3), per_subplot_kw={"rose": {"projection": "polar"}},
+    )  # fmt: skip
+    axes["strokes"].imshow(stroke_map(found), extent=(0, found.size[1], found.size[0], 0), interpolation="antialiased")
+    axes["strokes"].set_title("strokes in the colours of their directions", fontsize=10)
+    _coherence(axes["coherence"], part, found)
+    axes["coherence"].set_title(f"coherence of the directions of the {NEIGHBOURS} nearest strokes", fontsize=10)
+    for picture in (axes["strokes"], axes["coherence"]):
+        picture.set(xticks=[], yticks=[], anchor="N")
+        picture.spines[:].set_color(ink)
+    _rose(axes["rose"], found, largest)
+    axes["rose"].set_title("directions as they lie; dotted: all equal", fontsize=10)
+    numbers, told = overall_of(found), axes["told"]
+    look = {"va": "top", "fontsize": 8.5, "linespacing": 1.5, "in_layout": False}
+    told.text(0.1, 1, "\n".join(OVERALL[key].name for key in TOLD), color=MUTED, **look)
+    told.text(0.75, 1, "\n".join(with_unit(numbers[key], OVERALL[key].unit) for key in TOLD), color=INK, **look)
+    told.axis("off")
+
+
+def _coherence(axes: Axes, part: SubFigure, found: Analysis) -> None:
+    """How parallel strokes are, with lines that follow them, longer where they agree."""
+    from matplotlib import colormaps  # noqa: PLC0415
+    from matplotlib.colors import ListedColormap  # noqa: PLC0415
+
+    colors = ListedColormap(colormaps["YlGnBu"](np.linspace(0, SCALE_SHARE, 256)))
+    coherence = np.linalg.norm(coherence_map(found, MAP_CELLS)[1], axis=-1)
+    place = (0, found.size[1], found.size[0], 0)
+    image = axes.imshow(coherence, extent=place, cmap=colors, vmin=0, vmax=1, interpolation="bilinear")
+    axes.set_facecolor(FAINT)  # where there are too few strokes
+    points, mean = coherence_map(found, DASHES)
+    length = 0.94 * max(found.size) / DASHES * np.hypot(mean[..., 0], mean[..., 1])
+    way = 0.5 * np.arctan2(mean[..., 1], mean[..., 0])
+    axes.quiver(
+        points[..., 0], points[..., 1], length * np.cos(way), length * np.sin(way), color=INK, width=0.003,
+        pivot="middle", angles="xy", scale_units="xy", scale=1, headwidth=0, headlength=0, headaxislength=0,
+    )  # fmt: skip
+    scale = part.colorbar(image, ax=axes, shrink=0.5, panchor=False)
+    scale.set_ticks([0, 0.5, 1], labels=["0 disorder", "0.5", "1 parallel"], fontsize=8)
+
+
+def _rose(axes: Any, found: Analysis, largest: float) -> None:
+    """Shares of directions as areas, each drawn both ways."""
+    share = np.sqrt(direction_shares(found.values("orientation")))
+    middle = np.arange(DIRECTION_BINS) * math.pi / DIRECTION_BINS
+    look = {"color": direction_colors(middle), "edgecolor": "white", "linewidth": 0.6}
+    for way in (middle, middle + math.pi):
+        axes.bar(way, share, math.pi / DIRECTION_BINS, **look)
+    axes.plot(np.linspace(0, 2 * math.pi, 200), np.full(200, DIRECTION_BINS**-0.5), ":", color=INK, linewidth=1)
+    top = max(largest, 1.3 / DIRECTION_BINS)
+    rings = [ring for ring in RINGS if ring <= top]
+    axes.set_theta_direction(-1)
+    axes.set_ylim(0, math.sqrt(top) * 1.03)
+    axes.set_yticks(np.sqrt(rings), [f"{ring:.0%}" for ring in rings], fontsize=7.5)
+    axes.set_xticks(np.arange(8) * math.pi / 4, [f"{45 * k % 180}°" for k in range(8)], fontsize=9)
+    axes.tick_params(pad=-1)
+    axes.grid(color=FAINT, linewidth=0.6)
+    axes.spines["polar"].set_visible(False)
+
+
+def _histogram(axes: Axes, key: str, found: Sequence[Analysis]) -> None:
+    """Shares of strokes by one measure, and the median; in pitches if paintings are compared."""
+    tidy(axes)
+    axes.grid(axis="x", visible=False)
+    axes.yaxis.set_major_formatter("{x:g} %")
+    compared = len(found) > 1
+    samples = [one.relative(key) if compared else one.values(key) for one in found]
+    unit = relative_unit(key) if compared else MEASURES[key].unit
+    label = MEASURES[key].name + f", {unit}" * bool(unit)
+    filled = [values for values in samples if len(values)]
+    low, high = _range(key, filled) if filled else (0.0, 1.0)
+    for values, color, dash in zip(samples, COLORS, ("-", "--"), strict=False):
+        if len(values):
+            weights, median = np.full(len(values), 100 / len(values)), float(np.median(values))
+            look: Any = {"histtype": "stepfilled", "facecolor": (color, 0.25), "edgecolor": color}
+            axes.hist(values, HISTOGRAM_BINS, range=(low, high), weights=weights, **look)
+            axes.axvline(median, color=color, linewidth=1.2, linestyle=dash, label=f"median {three_digits(median)}")
+    if filled:
+        beyond = max(float(((values < low) | (values > high)).mean()) for values in filled)
+        label += f" ({beyond:.1%} lie beyond)" * (beyond >= 0.0005)
+        axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, fontsize=8.5, frameon=False, borderaxespad=0)
+    axes.set_xlabel(label if filled else f"{label}: not defined", fontsize=10)
+    axes.set_xlim(low, high)
+
+
+def _range(key: str, samples: Sequence[Array]) -> tuple[float, float]:
+    """Where an axis begins and ends: all strokes but the ``TAIL_SHARE`` at the long end."""
+    high = MEASURES[key].high
+    if high < math.inf:
+        low = 0.0 if key in FULL_RANGE else min(float(np.quantile(values, TAIL_SHARE)) for values in samples)
+        return min(math.floor(20 * low) / 20, 0.95), high
+    return 0.0, max(float(np.quantile(values, 1 - TAIL_SHARE)) for values in samples) or 1.0
+
+
+def direction_colors(angle: Array) -> Array:
+    """Colours (N, 3) of directions in radians: hues go round once in half a turn; grey for NaN.
+
+    Level strokes are lighter than upright ones, and the hues between which they differ are those that most of the
+    colour-blind tell apart.
+    """
+    from skimage.color import lab2rgb  # noqa: PLC0415  (slow to import)
+
+    known, turn = np.isfinite(angle), 2 * np.nan_to_num(angle)
+    lightness = LIGHTNESS + LIGHTNESS_SPAN * np.where(known, np.cos(turn), 0.0)
+    chroma = np.where(known, CHROMA, 0.0) * np.array([np.cos(turn + LEVEL_HUE), np.sin(turn + LEVEL_HUE)])
+    return np.clip(lab2rgb(np.stack([lightness, *chroma], axis=-1)), 0, 1)
+
+
+@torch.no_grad()
+def stroke_map(found: Analysis) -> NDArray[np.float32]:
+    """The strokes (H, W, 3) as they lie over each other, in the colours of their directions, on white."""
+    zoom = STROKES_SIDE / max(found.size)
+    size = (max(1, round(found.size[0] * zoom)), max(1, round(found.size[1] * zoom)))
+    color = torch.from_numpy(direction_colors(found.measures.orientation)).float()
+    strokes = replace(found.strokes.map(Tensor.float), color=color).moved(zoom=zoom)
+    above = torch.from_numpy(found.depth).argsort(descending=True)
+    picture: NDArray[np.float32] = Tiled()(Analytic()(strokes), above, size, torch.ones(3)).image.numpy()
+    return picture.transpose(1, 2, 0).clip(0, 1)
+
+
+@torch.no_grad()
+def coherence_map(found: Analysis, cells: int) -> tuple[Array, Array]:
+    """Places (h, w, 2) in pixels of a grid, ``cells`` on the longer side, and doubled directions (h, w, 2) around them.
+
+    These are means of the nearest strokes, as long as the coherence; NaN where fewer than ``LEAST_AROUND`` strokes are
+    within the radius of the analysis.
+    """
+    from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
+
+    height, width = found.size
+    step = max(height, width) / cells
+    columns, rows = max(1, round(width / step)), max(1, round(height / step))
+    x, y = (np.arange(columns) + 0.5) * width / columns, (np.arange(rows) + 0.5) * height / rows
+    points = np.stack(np.meshgrid(x, y), axis=-1)
+    curve = curve_of(found.strokes.map(Tensor.double))
+    centre, places = centre_of(curve), torch.from_numpy(points.reshape(-1, 2))
+    mean = mean_direction(direction_of(curve), nearest_strokes(places, centre, exclude_self=False)).numpy()
+    near = cKDTree(centre.numpy()).query_ball_point(places.numpy(), found.radius, return_length=True)
+    mean[near < LEAST_AROUND] = np.nan
+    return points, mean.reshape(rows, columns, 2)

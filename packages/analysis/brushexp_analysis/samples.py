@@ -1,0 +1,103 @@
+"""Statistics of samples of numbers and of directions, and how far two samples are apart."""
+
+import math
+
+import numpy as np
+
+from brushexp.results.stroke_table import DIRECTION_BINS, Array, direction_shares
+
+EFFECT_SIZES = ((0.147, "negligible"), (0.33, "small"), (0.474, "medium"), (1.0, "large"))  # Romano et al., 2006
+STATISTICS = ("n", "mean", "sd", "q25", "median", "q75")
+COMPARISONS = ("difference", "standardised", "delta", "effect", "distance")
+
+
+def statistics_of(values: Array, axial: bool = False) -> dict[str, float | int | None]:
+    """Number, mean, standard deviation, quartiles; None where there is none.
+
+    Of directions in degrees the mean is the mean direction, the standard deviation the angular deviation (Batschelet,
+    1981) about it, sqrt((1 - R) / 2) in radians; quartiles they have none.
+    """
+    found: dict[str, float | int | None] = dict.fromkeys(STATISTICS) | {"n": len(values)}
+    if not len(values):
+        return found
+    if axial:
+        mean = mean_of_directions(values)
+        spread = math.degrees(math.sqrt(0.5 * max(1 - abs(mean), 0)))
+        return found | {"mean": degrees_of(mean), "sd": spread}
+    low, middle, high = np.quantile(values, (0.25, 0.5, 0.75)).tolist()
+    sd = float(values.std(ddof=1)) if len(values) > 1 else None
+    return found | {"mean": float(values.mean()), "sd": sd, "q25": low, "median": middle, "q75": high}
+
+
+def mean_of_directions(angle: Array) -> complex:
+    """Mean of e^{2 i angle}, of degrees: its absolute value is the coherence, half its argument the mean direction."""
+    return complex(np.exp(2j * np.radians(angle)).mean())
+
+
+def degrees_of(mean: complex) -> float:
+    """Direction in [0, 180) of a mean of doubled ones."""
+    return math.degrees(0.5 * math.atan2(mean.imag, mean.real)) % 180 % 180
+
+
+def entropy_of(angle: Array) -> float:
+    """Entropy of the shares of directions, 1 where all are equally frequent."""
+    from scipy.stats import entropy  # noqa: PLC0415  (slow to import)
+
+    return float(entropy(direction_shares(angle), base=DIRECTION_BINS))
+
+
+def compared(a: Array, b: Array, *, axial: bool) -> dict[str, float | str | None]:
+    """How far two samples are apart, the numbers of `summary.comparison_of`; None where one is not defined."""
+    found: dict[str, float | str | None] = dict.fromkeys(COMPARISONS)
+    if not len(a) or not len(b):
+        return found
+    if axial:
+        turn = mean_of_directions(a) * mean_of_directions(b).conjugate()
+        angle = math.degrees(0.5 * math.atan2(turn.imag, turn.real))
+        return found | {"difference": angle, "distance": turning_distance(a, b)}
+    from scipy.stats import wasserstein_distance  # noqa: PLC0415  (slow to import)
+
+    delta = cliffs_delta(a, b)
+    return {
+        "difference": float(a.mean() - b.mean()),
+        "standardised": standardised(a, b),
+        "delta": delta,
+        "effect": effect_size(delta),
+        "distance": float(wasserstein_distance(a, b)),
+    }
+
+
+def standardised(a: Array, b: Array) -> float | None:
+    """Difference of means in pooled standard deviations (Cohen's d); None if both samples are of single values."""
+    freedom = len(a) + len(b) - 2
+    if freedom < 1:
+        return None
+    spread = math.sqrt((len(a) * a.var() + len(b) * b.var()) / freedom)
+    return float(a.mean() - b.mean()) / spread if spread > 0 else None
+
+
+def cliffs_delta(a: Array, b: Array) -> float:
+    """P(a > b) - P(a < b) over all pairs of two samples (Cliff, 1993), in [-1, 1]."""
+    from scipy.stats import mannwhitneyu  # noqa: PLC0415  (slow to import)
+
+    return float(2 * mannwhitneyu(a, b, method="asymptotic").statistic / (len(a) * len(b)) - 1)
+
+
+def effect_size(delta: float) -> str:
+    """Cliff's delta in words, with the limits of Romano et al. (2006)."""
+    return next(word for limit, word in EFFECT_SIZES if abs(delta) <= limit)
+
+
+def turning_distance(a: Array, b: Array) -> float:
+    """Wasserstein-1 distance of two samples of directions in degrees.
+
+    The integral of |F - G - m| over a half turn, F and G being the distribution functions and m the median of their
+    difference, which is the best place to cut the circle (Rabin, Delon and Gousseau, 2011).
+    """
+    places = np.concatenate([a, b])
+    order = places.argsort(kind="stable")
+    gap = np.cumsum(np.concatenate([np.full(len(a), 1 / len(a)), np.full(len(b), -1 / len(b))])[order])
+    width = np.diff(places[order], append=places.min() + 180)
+    rising = gap.argsort()
+    half = min(int(np.searchsorted(np.cumsum(width[rising]), 90)), len(gap) - 1)
+    return float((np.abs(gap - gap[rising[half]]) * width).sum())

@@ -1,0 +1,154 @@
+"""The brushwork of a painting in numbers, and how far two of them are apart."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from brushexp.errors import UserError
+from brushexp.results.stroke_table import DIRECTION_BINS, MEASURES, RADIUS_PITCHES, Array, StrokeTable, measure_strokes
+from brushexp.strokes.brushwork import MIN_OPACITY, MIN_WIDTH_PITCHES, is_visible, pitch_of
+from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.measures import NEIGHBOURS, Measure
+from brushexp.strokes.storage import Saved
+from brushexp_analysis import samples
+
+FEW_STROKES = 400  # in smaller catalogues a stroke counts that would count among so many
+HIDDEN_SHARE = 0.05  # of a stroke: if no more is seen, it is hidden
+
+OVERALL = {
+    "per_1000_px": Measure("strokes per 1000 px^2", "how dense the strokes lie"),
+    "layers": Measure("layers", "areas of all strokes / area of the canvas"),
+    "hidden": Measure("hidden strokes", f"share that others hide but for {HIDDEN_SHARE:.0%} or less", unit="%"),
+    "direction": Measure("prevailing direction", "mean direction of all strokes", unit="°"),
+    "agreement": Measure("agreement", "coherence of all strokes together; 1 is parallel, 0 no direction prevails"),
+    "coherence": Measure("local coherence", "mean of the coherence around each stroke"),
+    "disorder": Measure("coherence in disorder", f"what chance makes of n = {NEIGHBOURS + 1} strokes, sqrt(pi / 4 n)"),
+    "entropy": Measure("entropy of directions", f"1: all {DIRECTION_BINS} equally frequent, 0: there is one"),
+}
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """A painting and what was measured of it."""
+
+    name: str  # in tables and figures
+    source: str  # its file
+    size: tuple[int, int]  # height and width of the canvas, pixels
+    total: int  # strokes of the catalogue
+    number: NDArray[np.intp]  # (N,) which of them count, in the order of the catalogue
+    strokes: Strokes  # those N
+    depth: NDArray[np.intp]  # (N,) their ranks among each other, 0 is the bottom one
+    pitch: float  # sqrt(pixels of the canvas / N)
+    radius: float  # pixels: within which neighbours were counted
+    measures: StrokeTable  # of the N strokes, see `measure_strokes`
+
+    def values(self, key: str) -> Array:
+        """One measure of the strokes for which it is defined, in the unit in which it is shown."""
+        found: Array = self.measures[key]
+        return in_units(found[np.isfinite(found)], MEASURES[key])
+
+    def relative(self, key: str) -> Array:
+        """The same in a unit that does not depend on the size of the canvas: pitches instead of pixels."""
+        return self.values(key) / self.pitch ** MEASURES[key].power
+
+
+def analysis_of(
+    saved: Saved, name: str, source: str, radius: float | None = None, visible: float = 0.0, option: str = "catalogue"
+) -> Analysis:
+    """Measure the strokes of a catalogue that count, see `strokes.brushwork.is_visible` and `thinnest_of`.
+
+    Neighbours are counted within ``radius`` pixels, None means ``RADIUS_PITCHES`` pitches. A stroke of which less than
+    the share ``visible`` is seen is left out and is no neighbour of others. If none counts, there is a UserError about
+    the ``option`` that sets the file.
+    """
+    thinnest = thinnest_of(len(saved.strokes), saved.size)
+    number = is_visible(saved.strokes, thinnest / MIN_WIDTH_PITCHES).nonzero()[:, 0]
+    found = measure_strokes(saved.strokes[number], saved.depth[number], saved.size, radius)
+    if visible > 0:
+        seen = found.visible[found.visible >= visible]
+        number = number[torch.from_numpy(found.visible >= visible)]
+        found = measure_strokes(saved.strokes[number], saved.depth[number], saved.size, radius)
+        found.visible = seen  # with the hidden ones among them
+    if not len(number):
+        rules = f"opacity {MIN_OPACITY} or more, thickness {thinnest:.3g} pixels or more"
+        rules += f", {visible:.0%} of it not hidden" * (visible > 0)
+        raise UserError(
+            f"{option}={source}: none of its {len(saved.strokes)} strokes can be seen ({rules}); give another painting"
+        )
+    strokes, depth = saved.strokes[number], saved.depth[number].argsort().argsort().numpy()
+    pitch = pitch_of(strokes, saved.size)
+    radius = RADIUS_PITCHES * pitch if radius is None else radius
+    return Analysis(name, source, saved.size, len(saved.strokes), number.numpy(), strokes, depth, pitch, radius, found)
+
+
+def thinnest_of(total: int, size: tuple[int, int]) -> float:
+    """Thickness in pixels below which a stroke does not count: ``MIN_WIDTH_PITCHES``, of at least ``FEW_STROKES``.
+
+    The pitch of a single stroke is the whole canvas, of which a fiftieth would be a thick stroke.
+    """
+    return MIN_WIDTH_PITCHES * math.sqrt(size[0] * size[1] / max(total, FEW_STROKES))
+
+
+def in_units(values: Array, measure: Measure) -> Array:
+    """Numbers as they are shown: angles in degrees."""
+    return np.degrees(values) if measure.unit == "°" else values
+
+
+def overall_of(found: Analysis) -> dict[str, float | None]:
+    """The numbers of ``OVERALL``; None where one is not defined."""
+    measures, pixels = found.measures, found.size[0] * found.size[1]
+    angle = found.values("orientation")
+    mean = samples.mean_of_directions(angle) if len(angle) else None
+    around = min(NEIGHBOURS, len(measures) - 1) + 1
+    return {
+        "per_1000_px": 1000 * len(measures) / pixels,
+        "layers": float(measures.area.sum()) / pixels,
+        "hidden": float((measures.visible <= HIDDEN_SHARE).mean()),
+        "direction": None if mean is None else samples.degrees_of(mean),
+        "agreement": None if mean is None else min(abs(mean), 1.0),
+        "coherence": float(measures.coherence.mean()) if around > 1 else None,
+        "disorder": math.sqrt(math.pi / (4 * around)) if around > 1 else None,
+        "entropy": samples.entropy_of(angle) if len(angle) else None,
+    }
+
+
+def summary_of(found: Analysis) -> dict[str, object]:
+    """All of it as plain data, in pixels and in pitches."""
+    measures: dict[str, dict[str, object]] = {}
+    for key, measure in MEASURES.items():
+        measures[key] = {"unit": measure.unit, **samples.statistics_of(found.values(key), measure.axial)}
+        if measure.power:
+            relative = samples.statistics_of(found.relative(key))
+            measures[key]["in_pitches"] = {name: value for name, value in relative.items() if name != "n"}
+    return {
+        "name": found.name,
+        "catalogue": found.source,
+        "height": found.size[0],
+        "width": found.size[1],
+        "strokes": found.total,
+        "counted": len(found.number),
+        "pitch": found.pitch,
+        "radius": found.radius,
+        "overall": overall_of(found),
+        "measures": measures,
+    }
+
+
+def comparison_of(one: Analysis, other: Analysis) -> dict[str, dict[str, float | str | None]]:
+    """How far two paintings are apart in each measure; lengths in pitches, areas in square pitches.
+
+    Of each: ``difference``, mean of the first less that of the other (of directions, the angle from the other to the
+    first, in (-90, 90]); ``standardised``, that in pooled standard deviations (Cohen's d); ``delta`` of Cliff and its
+    ``effect`` in words, see `samples`; and ``distance``, Wasserstein-1: how far a stroke's value must move on average
+    to turn one distribution into the other.
+    """
+    pairs = {key: (one.relative(key), other.relative(key)) for key in MEASURES}
+    return {key: samples.compared(*pair, axial=MEASURES[key].axial) for key, pair in pairs.items()}
+
+
+def mean_measures(found: Analysis) -> dict[str, float | int | None]:
+    """One number per measure, for the table of a sweep."""
+    return {key: samples.statistics_of(found.values(key), measure.axial)["mean"] for key, measure in MEASURES.items()}

@@ -1,0 +1,41 @@
+"""``task=analyse``: the brushwork of a saved painting in numbers and figures, alone or beside another."""
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+from omegaconf import DictConfig
+
+from brushexp.results.runs import shortened
+from brushexp.strokes.storage import load_catalogue
+from brushexp_analysis.figures import write_figure
+from brushexp_analysis.summary import analysis_of, mean_measures
+from brushexp_analysis.summary_text import write_summary
+
+log = logging.getLogger(__name__)
+
+
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
+    """Measure ``cfg.catalogue``, and ``cfg.against`` if there is one, into the run's folder."""
+    options = [option for option in ("catalogue", "against") if cfg[option] is not None]
+    found = []
+    for option, name in zip(options, names_of([cfg[option] for option in options]), strict=True):
+        saved = load_catalogue(Path(cfg[option]), option)
+        found.append(analysis_of(saved, name, cfg[option], cfg.radius, cfg.visible, option))
+        left_out = found[-1].total - len(found[-1].number)
+        log.info("%s: %d strokes measured, %d left out", cfg[option], len(found[-1].number), left_out)
+    paths = [write_figure(folder / "brushwork.png", found), *write_summary(folder, found)]
+    log.info("%s: %s", folder, ", ".join(path.name for path in paths))
+    return {
+        "n_strokes": len(found[0].number),
+        **{f"brushwork_{key}": value for key, value in mean_measures(found[0]).items()},
+    }
+
+
+def names_of(paths: Sequence[str]) -> list[str]:
+    """What to call catalogues: the folder of one that has the usual name, as much of it as tells them apart."""
+    plain = [str(Path(path).resolve()).removesuffix("/catalogue.h5").removesuffix(".h5") for path in paths]
+    if len(set(plain)) < len(plain):  # one beside itself
+        return [f"{Path(path).name} ({k + 1})" for k, path in enumerate(plain)]
+    short = shortened(plain)
+    return [short[path] for path in plain]

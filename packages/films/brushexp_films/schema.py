@@ -1,0 +1,63 @@
+"""Keys of ``task=film``."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from brushexp.bounds import above, at_least, between
+from brushexp.config.keys import key
+from brushexp.config.rules import check_paint
+from brushexp.config.schema import PaintTask
+from brushexp.errors import UserError
+from brushexp.pictures.load import size_at
+from brushexp.registry import build, plugin_of
+from brushexp_films.clips import is_film, open_clip
+
+FRAMES = "frames"  # folder of the catalogues, in a run's
+OF_PICTURES = {"catalogue": None, "style.image": None, "wet": 0}  # keys that a film does not heed, and their defaults
+
+
+@dataclass
+class FilmOptions:
+    """Keys below ``film``."""
+
+    every: int = key(1, "of a film, image=clip.mp4: paint only every n-th picture", at_least(1))
+    start: float = key(0, "of a film: the second at which it begins", at_least(0))
+    stop: float | None = key(None, "of a film: the second at which it ends; null = at its end", above(0))
+    steps: int = key(8, "of a film: gradient steps of a picture that carries strokes on", at_least(0))
+    change: float = key(0.04, "of a film: difference from which a place has changed, 0 to 1", between(0.001, 1))
+
+
+@dataclass
+class FilmTask(PaintTask):
+    """Paint a film picture by picture, the strokes of one carried to the next; image=clip.mp4 asks for this task."""
+
+    module = "brushexp_films.task"
+    instead_of = "paint"
+
+    image: str = key("clip.mp4", "a film file")
+    film: FilmOptions = field(default_factory=FilmOptions)
+
+    @staticmethod
+    def suits(typed: Mapping[str, Any]) -> bool:
+        image, resumed = str(typed.get("image") or ""), typed.get("resume")
+        files = [image] if os.path.exists(image) else image.split(",")
+        return all(map(is_film, files)) or (resumed is not None and (Path(resumed) / FRAMES).is_dir())
+
+    @staticmethod
+    def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
+        size = size_at(cfg.resolution, *open_clip(Path(cfg.image)).size)
+        if not build(cfg.painter).by_steps:
+            name = plugin_of(cfg.painter).name
+            raise UserError(f"painter={name} paints single pictures, and {cfg.image} is a film; drop painter")
+        for name, default in OF_PICTURES.items():
+            if (value := OmegaConf.select(cfg, name)) != default:
+                raise UserError(f"{name}={value} is for single pictures, and {cfg.image} is a film; drop {name}")
+        start, stop = cfg.film.start, cfg.film.stop
+        if stop is not None and stop <= start:
+            raise UserError(f"film.stop={stop:g} is not after film.start={start:g}; give a later second")
+        check_paint(cfg, overrides, size)

@@ -1,1 +1,0 @@
-"""Trained renderers made smaller: ``task=prune``."""

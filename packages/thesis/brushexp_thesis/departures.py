@@ -1,0 +1,69 @@
+"""``task=departures``: every setting in which finished paintings differ from the procedure of the thesis."""
+
+import json
+import logging
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig
+
+from brushexp.errors import UserError
+from brushexp.pages.replay import recorded_config
+from brushexp.pages.run_page import settings_as_typed
+from brushexp.results.runs import gather
+from brushexp.results.tables import escaped, markdown_table
+from brushexp.strokes.storage import load_catalogue
+from brushexp.system.files import write_text
+from brushexp.system.reading import read_text, yaml_of
+
+log = logging.getLogger(__name__)
+THESIS = Path(__file__).with_name("thesis.yaml")
+ABSENT = "absent"  # in place of a setting that a run does not have
+
+
+def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
+    """Write ``departures.md``: a table for each painting among the runs in ``cfg.runs``."""
+    folders = gather([Path(path) for path in cfg.runs], folder)["run", "folder"]
+    catalogues = {name: path / "catalogue.h5" for name, path in folders.items() if (path / "catalogue.h5").is_file()}
+    if not catalogues:
+        raise UserError(f"runs={','.join(cfg.runs)}: there is no finished painting; give folders of such with runs=")
+    lines, counts = ["# Beside the thesis", ""], []
+    for name, path in catalogues.items():
+        settings = settings_as_typed(recorded_config(load_catalogue(path)), [])
+        rows = list(departures({key: value for key, value, _ in settings}))
+        lines += [f"## {escaped(str(name))}", "", f"{len(rows)} settings differ.", "", markdown_table(rows), ""]
+        counts.append(len(rows))
+    write_text(folder / "departures.md", "\n".join(lines))
+    log.info("%s: %s settings differ", folder / "departures.md", ", ".join(map(str, counts)))
+    return {"paintings": len(counts), "departures": max(counts)}
+
+
+def departures(settings: Mapping[str, str]) -> Iterator[dict[str, str]]:
+    """Where a run departs from the thesis: the ``setting``, both values, and the section of the thesis.
+
+    ``settings`` are dotted keys and values as they would be typed, plugins by their names.
+    """
+    for row in yaml_of(read_text(THESIS, ""), list):
+        condition, _, value = row.get("with", "").partition("=")
+        if condition and settings.get(condition) != value:
+            continue
+        allowed = row["value"] if isinstance(row["value"], list) else [row["value"]]
+        own = settings.get(row["key"], ABSENT)
+        if not any(_same(own, one) for one in allowed):
+            words = row.get("thesis") or " or ".join(map(_typed, allowed))
+            run = row.get("run", own)
+            yield {"setting": row["key"], "thesis": words, "this run": run, "where": row["source"]}
+
+
+def _typed(value: Any) -> str:
+    """A value as settings have it."""
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _same(own: str, allowed: Any) -> bool:
+    """Whether a setting has a value, whichever way its number is written."""
+    try:
+        return float(own) == float(_typed(allowed))
+    except ValueError:
+        return own == _typed(allowed)

@@ -1,0 +1,16 @@
+"""The mean squared error."""
+
+from torch import Tensor
+
+from brushexp.plugins.loss.base import Loss, PaintedView
+from brushexp.registry import register
+
+
+@register("loss", "mse")
+class MeanSquaredError(Loss):
+    """Mean squared difference over pixels and channels (thesis 2020, eq. 6.22)."""
+
+    cost = "1.0 x mse"
+
+    def forward(self, view: PaintedView) -> Tensor:
+        return view.mean((view.image - view.target).square())

@@ -1,0 +1,18 @@
+"""The order of the catalogue."""
+
+import torch
+from torch import Tensor
+
+from brushexp.plugins.order.base import Order
+from brushexp.registry import register
+from brushexp.strokes.catalogue import Strokes
+
+
+@register("order", "fixed")
+class FixedOrder(Order):
+    """As the strokes come: the last one of the catalogue on top."""
+
+    every = 2**31  # never again
+
+    def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
+        return torch.zeros_like(strokes.opacity)
