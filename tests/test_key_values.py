@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from brushexp_inverse_vgg.inverse_vgg import InverseVGG
 from catalogues import catalogue
+from films import encoded, scene
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import CompactHydraException
@@ -23,7 +24,7 @@ from brushexp.config import compose
 from brushexp.config.check import check
 from brushexp.config.compose import SHIPPED, chosen_groups
 from brushexp.config.keys import keys_of
-from brushexp.config.mistakes import in_our_words
+from brushexp.config.mistakes import translated
 from brushexp.config.tasks import TASKS
 from brushexp.config.words import expand_positional, parse_value
 from brushexp.errors import UserError
@@ -36,8 +37,9 @@ save_catalogue(FILES / "a.h5", catalogue(60))
 DEFAULTS = {name: one.default for name, one in signature(InverseVGG).parameters.items() if name != "checkpoint"}
 RENDERERS.save(FILES / "a.safetensors", "inverse_vgg", InverseVGG(), {"options": DEFAULTS})
 NEEDED = {task: f"catalogue={FILES}/a.h5" for task in ("export", "analyse", "view")} | dict.fromkeys(
-    ("compare", "verdicts"), f"runs={FILES}"
+    ("compare", "departures", "verdicts"), f"runs={FILES}"
 )
+NEEDED["film"] = f"image={encoded(FILES / 'a.mp4', scene(2))}"
 NEEDED["prune"] = f"renderer.checkpoint={FILES}/a.safetensors"
 TASK_OF = {"engine": "simulate", "to": "export"}  # families that task=paint does not have
 NEVER = ["nan", "-inf", "1e39", "9" * 23, "text", "''", "[1]", "[nan]", "[[mse]]", "{a: 1}", "true"]  # of a number
@@ -69,7 +71,7 @@ def refusal(cfg, task, words):
         return str(error)
     except (CompactHydraException, OmegaConfBaseException) as error:
         cause = f": {error.__cause__}" if error.__cause__ else ""
-        said = in_our_words(" ".join(f"{error}{cause}".split()), task, [SHIPPED])
+        said = translated(" ".join(f"{error}{cause}".split()), task, [SHIPPED])
         return said or f"in words of Hydra: {error}\n"
     return ""
 

@@ -183,8 +183,8 @@ def plain_type(annotation: Any) -> Any:
 
 def plugins(family: str | None = None) -> list[Plugin]:
     """All registered plugins, or those of one family, by family and name."""
-    found = [plugin for plugin in _plugins.values() if family in (None, plugin.family)]
-    return sorted(found, key=lambda plugin: (list(FAMILIES).index(plugin.family), plugin.name))
+    chosen = [plugin for plugin in _plugins.values() if family in (None, plugin.family)]
+    return sorted(chosen, key=lambda plugin: (list(FAMILIES).index(plugin.family), plugin.name))
 
 
 def plugin_of(node: DictConfig) -> Plugin:
@@ -272,5 +272,5 @@ def plain_config(values: dict[str, Any]) -> DictConfig:
     """Values from a file as a config; an interpolation, which could read what is not the file's, is a UserError."""
     if "${" in json.dumps(check_plain(values)):
         raise UserError("a config from a file holds an interpolation, ${...}; write the value instead")
-    found: DictConfig = OmegaConf.create(values)
-    return found
+    config: DictConfig = OmegaConf.create(values)
+    return config

@@ -1,4 +1,4 @@
-"""The text of ``--help``: every key of the task with its meaning, and every plugin that can be chosen."""
+"""Write the text of ``--help``: every key of the task with its meaning, and every plugin that can be chosen."""
 
 from collections.abc import Sequence
 from functools import reduce

@@ -7,14 +7,12 @@ from typing import Any
 
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
-from brushexp.bounds import at_least
 from brushexp.config.keys import groups_of, keys_of
-from brushexp.config.tasks import TASKS
+from brushexp.config.tasks import TASKS, task_for
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, keep_built, options_in, plugin_of, plugins
 
 NOT_KEYS = {"task", "hydra", "experiment"}  # names beside keys and groups at the top of a config
-WEIGHT = at_least(0)  # of a loss
 STYLE_PARTS = {"style.loss": "style.image", "style.strokes": "style.brushwork"}  # losses, and keys that add them
 
 
@@ -24,6 +22,8 @@ def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
     Each plugin is built for that, and kept for the run (`registry.take_built`).
     """
     schema = TASKS[cfg.task]
+    if (other := task_for(cfg.task, cfg)) != cfg.task:  # type: ignore[arg-type]
+        raise UserError(f"task={cfg.task} leaves this to task={other}; type brushexp task={other} and the same words")
     for family in MULTI_SELECT:
         if any(override.startswith(f"+{family}=") for override in overrides):
             raise UserError(f"+{family}=... is ignored by Hydra beside a list; name them all: '{family}=[mse,...]'")
@@ -65,8 +65,6 @@ def check_plugin(path: str, node: DictConfig, is_used: bool) -> None:
     except UserError as error:
         subject = re.split(r"\W", str(error), maxsplit=1)[0]  # some options do not know what is typed before them
         raise UserError(f"{path}.{error}" if subject in options else str(error)) from error
-    if "weight" in options:
-        WEIGHT.check(f"{path}.weight", options["weight"])
 
 
 def leaves(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:

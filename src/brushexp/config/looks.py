@@ -1,4 +1,4 @@
-"""Looks: files of overrides, ``conf/look/<name>.yaml``, that say how a painting is made: ``look=oil``.
+"""Publish looks, files of overrides ``conf/look/<name>.yaml`` that say how a painting is made: ``look=oil``.
 
 A look chooses plugins, sets keys of the task, and options of plugins. Those options are taken out of it here and
 offered to Hydra one by one, each under the names of the look and of the plugin that it is for: the defaults list of the
@@ -54,7 +54,7 @@ def offer_looks(paths: Mapping[str, Path], schema: type[Any]) -> set[str]:
             values[key] = f"${{scaled:{key},{value}}}" if isinstance(value, int | float) else value
         ConfigStore.instance().store(group="look", name=name, node=values, package="_global_", provider=str(path))
     for loss in tuned.pop("loss", ()):
-        hook(loss)
+        make_tunable(loss)
     return set(tuned)
 
 
@@ -71,13 +71,13 @@ def taken_out(look: DictConfig, groups: Mapping[str, Any]) -> list[tuple[str, st
     chosen = dict(groups)
     for entry in look.get("defaults", []):
         chosen |= {str(key).removeprefix("override /"): value for key, value in dict(entry).items()}
-    found = []
+    parts = []
     for family in FAMILIES:
         if family == "loss":
-            found += [(family, str(name), options) for name, options in look.pop(family, {}).items()]
+            parts += [(family, str(name), options) for name, options in look.pop(family, {}).items()]
         elif family in look and isinstance(chosen.get(family), str):
-            found.append((family, chosen[family], look.pop(family)))
-    return found
+            parts.append((family, chosen[family], look.pop(family)))
+    return parts
 
 
 def check_options(path: Path, family: str, name: str, options: DictConfig) -> None:
@@ -90,11 +90,11 @@ def check_options(path: Path, family: str, name: str, options: DictConfig) -> No
                 raise UserError(f"{path} does not fit {family}={name}: {error.msg}; correct it") from error
 
 
-def hook(loss: str) -> None:
-    """Let a loss take what the chosen look sets of it, where it stands in a list."""
+def make_tunable(loss: str) -> None:
+    """Publish a loss anew, so that ``look=`` sets its options wherever it is chosen."""
     store = ConfigStore.instance()
-    there = [store.get_type(f"{group}/{loss}.yaml") is ObjectType.CONFIG for group in ("loss", f"{UNTUNED}/loss")]
-    if there == [True, False]:
+    published = [store.get_type(f"{group}/{loss}.yaml") is ObjectType.CONFIG for group in ("loss", f"{UNTUNED}/loss")]
+    if published == [True, False]:
         own = store.load(f"loss/{loss}.yaml")
         store.store(group=f"{UNTUNED}/loss", name=loss, node=own.node, provider=own.provider)
         parts = [

@@ -1,4 +1,4 @@
-"""What is wrong with a command line, in the words of the program; Hydra and OmegaConf have their own."""
+"""Explain errors of Hydra and OmegaConf in the words of the program: what is wrong, and what to type instead."""
 
 import re
 from collections.abc import Sequence
@@ -23,32 +23,32 @@ KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "
 
 
 def explanation(error: BaseException, folders: Sequence[Path], arguments: Sequence[str]) -> str:
-    """What is wrong by an error of Hydra, OmegaConf or the program, and what to type instead."""
+    """One line that says what is wrong by an error of Hydra, OmegaConf or the program, and what to type instead."""
     if isinstance(error, OSError) and not isinstance(error, CompactHydraException):
         return f"cannot use {error.filename or 'the disk'}: {error.strerror}; choose another place with output=..."
     text = " ".join(str(error).partition("Config search path")[0].split())
     if isinstance(error, CompactHydraException) and isinstance(error.__cause__, OmegaConfBaseException):
         text += f": {' '.join(str(error.__cause__).split())}"
-    if found := re.search(r"interpolation '\$\{look\}_\$\{(\w+)\}'", text):
-        return f"{found[1]} is not chosen; choose one of {', '.join(choices(found[1], folders))}"
-    return in_our_words(text, task_of(arguments, folders), folders, arguments) or text
+    if match := re.search(r"interpolation '\$\{look\}_\$\{(\w+)\}'", text):
+        return f"{match[1]} is not chosen; choose one of {', '.join(choices(match[1], folders))}"
+    return translated(text, task_of(arguments, folders), folders, arguments) or text
 
 
-def in_our_words(text: str, task: str, folders: Sequence[Path], arguments: Sequence[str] = ()) -> str | None:
-    """What a message of Hydra or OmegaConf means for a task; None for one that is not known."""
-    if found := re.match(r"LexerNoViableAltException: (.*?) \^ See |Ambiguous value for argument '(.*?)' ", text):
-        reason = "has letters that must stand in quotes" if found[1] else "are several values; add -m for a sweep"
-        return f"{found[1] or found[2]} {reason}; one text is put into both kinds of quotes: 'catalogue=\"a, b.h5\"'"
-    if found := re.search(r"Could not (?:find|load) '(\w+)/([^']+)'", text):
-        names = choices(found[1], folders)
-        return f"{found[1]}={found[2]} is not there; choose one of {nearest_first(found[2], names)}" if names else None
-    if found := re.search(r"Could not override '([\w.@/]+)'.*No match in the defaults list", text):
-        return f"task={task} has no {found[1]}; it takes {', '.join(groups_of(TASKS[task])) or 'no plugins'}"
-    if found := re.search(r"Key '(\w+)' not in '(\w+)'", text):
-        owners = [plugin for plugin in plugins() if plugin.config.__name__ == found[2]]
-        return unknown_option(found[1], owners[0], arguments) if owners else None
-    if found := re.search(r"Key '[^']*' is not in struct full_key: (\S+)", text):
-        return unknown_key(found[1], task)
+def translated(text: str, task: str, folders: Sequence[Path], arguments: Sequence[str] = ()) -> str | None:
+    """The meaning of a message of Hydra or OmegaConf for a task; None for an unknown message."""
+    if match := re.match(r"LexerNoViableAltException: (.*?) \^ See |Ambiguous value for argument '(.*?)' ", text):
+        reason = "has letters that must stand in quotes" if match[1] else "are several values; add -m for a sweep"
+        return f"{match[1] or match[2]} {reason}; one text is put into both kinds of quotes: 'catalogue=\"a, b.h5\"'"
+    if match := re.search(r"Could not (?:find|load) '(\w+)/([^']+)'", text):
+        names = choices(match[1], folders)
+        return f"{match[1]}={match[2]} is not there; choose one of {nearest_first(match[2], names)}" if names else None
+    if match := re.search(r"Could not override '([\w.@/]+)'.*No match in the defaults list", text):
+        return f"task={task} has no {match[1]}; it takes {', '.join(groups_of(TASKS[task])) or 'no plugins'}"
+    if match := re.search(r"Key '(\w+)' not in '(\w+)'", text):
+        owners = [plugin for plugin in plugins() if plugin.config.__name__ == match[2]]
+        return unknown_option(match[1], owners[0], arguments) if owners else None
+    if match := re.search(r"Key '[^']*' is not in struct full_key: (\S+)", text):
+        return unknown_key(match[1], task)
     return wrong_type(text, task)
 
 
@@ -62,14 +62,14 @@ def task_of(arguments: Sequence[str], folders: Sequence[Path]) -> str:
 
 
 def choices(group: str, folders: Sequence[Path]) -> list[str]:
-    """What can be chosen of a group of configs."""
+    """The names that can be chosen of a group of configs."""
     names = [plugin.name for plugin in plugins(group)]
     presets = [path.stem for folder in folders for path in (folder / group).glob("*.yaml")]
     return names + presets + (list(TASKS) if group == "task" else [])
 
 
 def wrong_type(text: str, task: str) -> str | None:
-    """A value that its key or option does not take."""
+    """The message for a value that its key or option does not take; None for other errors."""
     typed = re.search(r"full_key: ([^\s\[]+)", text)
     if typed is None or (declared := declaration_of(path := typed[1], task)) is None:
         return None
@@ -98,7 +98,7 @@ def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:
 
 
 def in_words(annotation: Any) -> str:
-    """What a type takes."""
+    """The values that a type takes, in words."""
     parts = get_args(annotation)
     if isinstance(annotation, UnionType) or get_origin(annotation) is Union:
         return in_words(next(part for part in parts if part is not NoneType))

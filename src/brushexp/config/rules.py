@@ -83,13 +83,13 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int]
         raise UserError(f"warm_up={cfg.warm_up} is not a renderer; choose auto, null or one of {', '.join(names)}")
     check_losses(cfg)
     check_monitors(cfg, PAINTING_CURVES)
-    size, there = size or size_of_picture(cfg.image, "image", cfg.resolution), None
+    size, strokes_given = size or size_of_picture(cfg.image, "image", cfg.resolution), None
     if cfg.focus not in (None, AUTO):
         check_ratio(cfg.focus, size_of_picture(cfg.focus, "focus"), size, "focus")
     if cfg.catalogue is not None:
-        there, canvas = canvas_of(cfg.catalogue, "catalogue")
+        strokes_given, canvas = canvas_of(cfg.catalogue, "catalogue")
         check_ratio(cfg.catalogue, canvas, size, "catalogue")
-    strokes = budget_of(cfg, size, keep_built(cfg.density), there)
+    strokes = budget_of(cfg, size, keep_built(cfg.density), strokes_given)
     keep_built(cfg.blend).check(strokes, size)
     check_size(cfg, strokes, size)
     if cfg.style.image is not None:
