@@ -19,7 +19,8 @@ def make_run(
     """A run with its result, and its target and painting in one grey each."""
     run = folder / (name or str(len([path for path in folder.iterdir() if path.is_dir()])))
     run.mkdir(parents=True)
-    write_json(run / "result.json", {"status": "completed", "overrides": chosen} | noted)
+    write_words(run, *(f"{key}={value}" for key, value in chosen.items()))
+    write_json(run / "metrics.json", {"status": "completed"} | noted)
     for picture, grey in (("target.png", target), ("painting.png", color)):
         if grey is not None:
             write_picture(run / picture, np.full((*size, 3), grey, np.uint8))
@@ -33,9 +34,15 @@ def make_grid(folder: Path, axes: dict[str, list[str]], **noted: object) -> None
         make_run(folder, dict(zip(axes, values, strict=True)), **(numbers | noted))
 
 
+def write_words(run: Path, *words: str) -> None:
+    """What Hydra notes of the command line of a run."""
+    (run / ".hydra").mkdir(parents=True, exist_ok=True)
+    write_json(run / ".hydra" / "overrides.yaml", words)  # of which YAML is a superset
+
+
 def note(folder: Path, number: object, **noted: object) -> None:
     """Change what a run has noted."""
-    path = folder / str(number) / "result.json"
+    path = folder / str(number) / "metrics.json"
     write_json(path, json.loads(path.read_text()) | noted)
 
 

@@ -12,7 +12,7 @@ from brushexp.cli.program import expand_arguments
 from brushexp.config.compose import composed
 
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
-WRITTEN_BY_TASKS = ("ablations.md", "extremes.md", "leaderboard.md")
+WRITTEN_BY_TASKS = ("ablations.md", "leaderboard.md")
 LONGEST_LINE = 120  # characters of a line of text; tables and code may be longer
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 PACKAGES = {

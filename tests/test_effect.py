@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from sweeps import collect, make_grid, make_run, note
+from sweeps import collect, make_grid, make_run, note, write_words
 
 from brushexp.results.anytime_curves import MOST_CURVES, write_curves
 from brushexp.results.effect import effects, write_effect
@@ -55,7 +55,7 @@ def test_numbers_are_put_in_order(tmp_path):
     make_grid(tmp_path, {"lr": ["1e-1", "0.003", "2"]})
     assert means(tmp_path) == {"default": {0.003: 21.0, 0.1: 20.0, 2.0: 22.0}}
     for value in ("inf", "null", ""):
-        note(tmp_path, 0, overrides={"lr": value})
+        write_words(tmp_path / "0", f"lr={value}")
         assert list(means(tmp_path)["default"]) == [value, "0.003", "2"]
 
 
@@ -128,4 +128,4 @@ def test_a_report_has_its_plots(tmp_path):
     assert (tmp_path / "effect.png").read_bytes() == before, "the same every time"
     assert {path.name for path in tmp_path.glob("*.png")} == {"effect.png", "curves.png", "pareto.png"}
     assert {path.name for path in tmp_path.glob("*.md")} == {"table.md", "anytime.md", "pareto.md"}
-    assert json.loads((tmp_path / "0" / "result.json").read_text())["psnr"] == 20.0
+    assert json.loads((tmp_path / "0" / "metrics.json").read_text())["psnr"] == 20.0

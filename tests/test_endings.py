@@ -16,7 +16,7 @@ from filelock import FileLock
 from omegaconf import OmegaConf
 from painters import fit, painter_of
 from PIL import Image
-from program import ended
+from program import ended, run
 from scenes import random_strokes
 
 from brushexp.config.check import check
@@ -31,59 +31,80 @@ from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named
-from brushexp.results.runs import AT_WORK, has_finished
+from brushexp.results.runs import has_finished
 from brushexp.runs import fitting
-from brushexp.runs.fitting import CHECKPOINT, RECORD, interrupted_run
-from brushexp.runs.run_folder import is_ours, take
+from brushexp.runs.fitting import RECORD, interrupted_run
+from brushexp.runs.run_folder import take
 from brushexp.strokes.catalogue import FIELDS
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.files import TEMPORARY, write_json
+from brushexp.system.run_files import CHECKPOINT, MANIFEST, note_files, recorded
 from brushexp.system.runtime import free_memory
 from brushexp.tasks import paint
 from brushexp.training.dataset import Origin
 from brushexp.training.writer import simulate_set
 
 
-def test_a_run_goes_on_with_its_own_settings_and_files_alone(config, tmp_path, monkeypatch):
+@pytest.fixture
+def resumed(config, tmp_path, monkeypatch):
+    """What resumes a run in this process, of which there is a checkpoint; it has begun with some words."""
+    hydra = OmegaConf.create({"overrides": {"task": []}, "runtime": {"output_dir": str(tmp_path)}})
+    monkeypatch.setattr(fitting, "HydraConfig", SimpleNamespace(get=lambda: hydra))
+
+    def resume(*typed, task="paint", begun=()):
+        if begun:
+            torch.save({RECORD: fitting.record_of(config(f"task={task}", *begun), tmp_path)}, tmp_path / CHECKPOINT)
+        hydra.overrides.task = [*typed]
+        return interrupted_run(tmp_path, config(f"task={task}"))[1]
+
+    return resume
+
+
+def test_a_run_goes_on_with_its_own_settings_and_files_alone(resumed, tmp_path):
     photo = tmp_path / "photo (1).png"
     Image.new("RGB", (40, 30), "navy").save(photo)
-    cfg = config(f"image='{photo}'", "steps=900")
-    torch.save({RECORD: fitting.record_of(cfg, tmp_path)}, tmp_path / CHECKPOINT)
-    hydra = OmegaConf.create({"overrides": {"task": []}, "runtime": {"output_dir": str(tmp_path)}})
-    monkeypatch.setattr(fitting, "HydraConfig", SimpleNamespace(get=lambda: hydra))
-    _, kept = interrupted_run(tmp_path, config())
+    kept = resumed(begun=[f"image='{photo}'", "steps=900"])
     assert (kept.image, kept.steps) == (str(photo), 900)
-    hydra.overrides.task = ["steps=9"]
     with pytest.raises(UserError, match="drop steps=9"):
-        interrupted_run(tmp_path, config())
-    hydra.overrides.task = []
+        resumed("steps=9")
     photo.write_bytes(photo.read_bytes()[:-1])
     with pytest.raises(UserError, match="is not the file that the run began with"):
-        interrupted_run(tmp_path, config())
+        resumed()
 
 
-def test_a_training_goes_on_with_the_sets_that_it_began_with_alone(config, tmp_path, monkeypatch):
-    def simulated(n: int, seed: int = 0) -> None:
-        engine = build_named("engine", "disc", {"window": 64})
-        simulate_set(tmp_path / "set", engine, Origin("disc", {"window": 64}, 64), seed, n)
+def test_a_training_goes_on_with_the_sets_that_it_began_with_alone(resumed, tmp_path):
+    place = tmp_path / "set"
 
-    simulated(40)
-    cfg = config("task=train", f"data={tmp_path / 'set'}")
-    torch.save({RECORD: fitting.record_of(cfg, tmp_path)}, tmp_path / CHECKPOINT)
-    hydra = OmegaConf.create({"overrides": {"task": []}, "runtime": {"output_dir": str(tmp_path)}})
-    monkeypatch.setattr(fitting, "HydraConfig", SimpleNamespace(get=lambda: hydra))
-    assert interrupted_run(tmp_path, config("task=train"))[1].data == [str(tmp_path / "set")]
-    simulated(60)
-    with pytest.raises(
-        UserError, match="set has 60 strokes of seed 0 now, and the run began with 40 of seed 0; put it"
-    ):
-        interrupted_run(tmp_path, config("task=train"))
-    shutil.rmtree(tmp_path / "set")
-    simulated(40, seed=1)
-    with pytest.raises(
-        UserError, match="set has 40 strokes of seed 1 now, and the run began with 40 of seed 0; put it"
-    ):
-        interrupted_run(tmp_path, config("task=train"))
+    def simulate(n: int, seed: int = 0) -> None:
+        simulate_set(place, build_named("engine", "disc", {"window": 64}), Origin("disc", {"window": 64}, 64), seed, n)
+
+    simulate(40)
+    assert resumed(task="train", begun=[f"data={place}"]).data == [str(place)]
+    simulate(60)
+    with pytest.raises(UserError, match="set has 60 strokes of seed 0 now, and the run began with 40 of seed 0; put"):
+        resumed(task="train")
+    shutil.rmtree(place)
+    simulate(40, seed=1)
+    with pytest.raises(UserError, match="set has 40 strokes of seed 1 now, and the run began with 40 of seed 0; put"):
+        resumed(task="train")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"text", b"\x80\x04.", pickle.dumps({RECORD: 1}), {"state_dict": {}}, [1], {RECORD: {"settings": {}}}, None],
+    ids=["empty", "text", "binary", "pickle", "foreign", "list", "no-task", "cut"],
+)
+def test_what_is_no_checkpoint_is_refused(content, resumed, tmp_path):
+    path = tmp_path / CHECKPOINT
+    if content is None:
+        resumed(begun=["steps=9"])
+        path.write_bytes(path.read_bytes()[:-100])
+    elif isinstance(content, bytes):
+        path.write_bytes(content)
+    else:
+        torch.save(content, path)
+    with pytest.raises(UserError, match=r"checkpoint\.ckpt is (damaged|no checkpoint) .*; start anew"):
+        resumed()
 
 
 class Breaking(Loss):
@@ -152,22 +173,6 @@ def test_who_made_the_first_number_that_is_none_is_named(parts, said):
     assert (painter.stop, painter.trouble) == (DIVERGED, f"step 1: {said}")
 
 
-@pytest.mark.parametrize(
-    "content",
-    [b"", b"text", b"\x80\x04.", pickle.dumps({RECORD: 1}), {"state_dict": {}}, [1], {RECORD: {"settings": {}}}],
-    ids=["empty", "text", "binary", "pickle", "foreign", "list", "no-task"],
-)
-def test_what_is_no_checkpoint_is_refused(content, tmp_path, monkeypatch):
-    hydra = OmegaConf.create({"overrides": {"task": []}})
-    monkeypatch.setattr(fitting, "HydraConfig", SimpleNamespace(get=lambda: hydra))
-    if isinstance(content, bytes):
-        (tmp_path / CHECKPOINT).write_bytes(content)
-    else:
-        torch.save(content, tmp_path / CHECKPOINT)
-    with pytest.raises(UserError, match=r"checkpoint\.ckpt is (damaged|no checkpoint) .*; start anew"):
-        interrupted_run(tmp_path, OmegaConf.create({"task": "paint"}))
-
-
 def test_a_config_from_a_file_runs_and_looks_up_nothing(tmp_path):
     touch = {"_target_": "pathlib.Path.touch", "_args_": [str(tmp_path / "it")]}
     with pytest.raises(UserError, match="optimizer has an option _target_; nothing below a plugin is built"):
@@ -194,6 +199,7 @@ def test_every_field_is_watched():
 
 TINY = ["image=chelsea", "resolution=32", "strokes=12", "steps=8", "threads=1", "frames=0", "report=false"]
 TINY += ["checkpoint_every=0", "device=cpu"]
+PLAIN = Saved(random_strokes(2, (30, 9)), torch.arange(2), (30, 9), torch.ones(3), "analytic", "", 0, "")
 
 
 @pytest.mark.parametrize(("error", "message"), [
@@ -275,134 +281,151 @@ def test_a_full_disk_costs_no_more_than_what_it_cannot_hold(full, run_task, tmp_
 )
 def test_what_has_no_room_is_refused_before_any_job_starts(words, message, config, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    parts = {"depth": torch.arange(2), "size": (30, 9), "background": torch.ones(3), "renderer_hash": "", "seed": 0}
-    plain = Saved(strokes=random_strokes(2, (30, 9)), renderer="analytic", config="", **parts)
-    save_catalogue(Path("c.h5"), plain)
-    save_catalogue(Path("other.h5"), replace(plain, renderer="neural", config="renderer: {width: -3}"))
+    save_catalogue(Path("c.h5"), PLAIN)
+    save_catalogue(Path("other.h5"), replace(PLAIN, renderer="neural", config="renderer: {width: -3}"))
     assert 10 < free_memory() < 1e9
     monkeypatch.setattr("brushexp.system.runtime.free_memory", lambda: 400)
     with pytest.raises(UserError, match=message):
         check(config(*words), words)
 
 
+def leave(folder, *names):
+    """Create files as a run does."""
+    (folder / ".hydra").mkdir(exist_ok=True, parents=True)
+    with recorded(folder):
+        for name in names:
+            (folder / name).parent.mkdir(exist_ok=True, parents=True)
+            (folder / name).write_text("a run's")
+
+
+def files_in(folder):
+    files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    return files - {".hydra/lock", ".hydra/files.txt"}
+
+
 def test_a_run_replaces_no_other_and_removes_nothing_but_what_runs_leave(tmp_path, config):
-    folder = tmp_path / "a"
+    folder, mine = tmp_path / "a", {"notes.txt", "report.html", "pictures/holiday.jpg", ".hidden"}
     (folder / "pictures").mkdir(parents=True)
-    mine = {"notes.txt", "table.csv", "pictures/holiday.jpg", "metrics.xlsx", "neural.txt", ".hidden"}
     for name in mine:
         (folder / name).write_text("mine")
     take(folder, config())  # of the user alone: nothing is refused, nothing goes
-    run_leaves = {".hydra/config.yaml", "run.log", "target.png", "neural.safetensors", "pictures/epoch_001.png"}
-    temporary = f"{TEMPORARY[:-1]}0123.png"
-    for name in [*run_leaves, temporary]:
-        (folder / name).write_text("a run's")
-
-    def there():
-        found = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
-        return found - {".hydra/lock", ".hydra/others.txt"}
-
-    (folder / CHECKPOINT).touch()
+    run_leaves = {".hydra/config.yaml", "run.log", "target.png", "x.foo", "pictures/epoch_001.png", CHECKPOINT}
+    leave(folder, *run_leaves, "report.html", f"{TEMPORARY[:-1]}0123.png")
     with pytest.raises(UserError, match=r"output=.* holds a run already \(checkpoint.ckpt\); continue it with resume="):
         take(folder, config())
-    assert there() == mine | run_leaves | {CHECKPOINT}, "but for what writing that was killed has left"
+    assert files_in(folder) == mine | run_leaves, "but for what writing that was killed has left"
     take(folder, config(f"resume={folder}"))
     with pytest.raises(UserError, match=r"a run in output=.* would replace focus=.*target.png; choose another folder"):
         take(folder, config("overwrite=true", f"focus={folder}/target.png"))
     (folder / CHECKPOINT).rename(folder / "metrics.json")
     with pytest.raises(UserError, match=r"holds a run already \(metrics.json\); choose another folder, or replace"):
         take(folder, config())
-    assert there() == mine | run_leaves | {"metrics.json"}
-    take(folder, config("overwrite=true"))
-    assert there() == mine
-    (folder / ".hydra" / "config.yaml").touch()
-    (folder / "target.png").touch()  # of a run that came to nothing
-    take(folder, config())
-    assert there() == mine
+    (folder / "metrics.json").unlink()
+    take(folder, config())  # over a run that came to nothing
+    assert files_in(folder) == mine
+
+
+def test_a_manifest_of_a_stranger_names_nothing_outside_of_its_folder(tmp_path, config):
+    leave(tmp_path / "a", "run.log", "0/metrics.json")
+    for name in ("mine.txt", "b/mine.txt"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("mine")
+    (tmp_path / "a" / "link").symlink_to(tmp_path / "b")
+    lines = ["../mine.txt", f"{tmp_path}/mine.txt", "link/mine.txt", "0/../../mine.txt", ".hydra/files.txt"]
+    with (tmp_path / "a" / MANIFEST).open("a") as manifest:
+        manifest.write("\n".join(lines))
+    take(tmp_path / "a", config("overwrite=true"))
+    assert files_in(tmp_path) - {"a/.hydra/lock", "a/.hydra/files.txt"} == {"mine.txt", "b/mine.txt"}
+
+
+EXPORTER = """
+from brushexp.plugins.export.base import Exporter
+from brushexp.registry import register
+
+
+@register("to", "foo")
+class Foo(Exporter):
+    "Two files."
+
+    def write(self, job, folder):
+        (folder / "parts").mkdir(exist_ok=True)
+        (folder / "parts" / "y.foo").write_text("foo")
+        (folder / "x.foo").write_text("foo")
+        return [folder / "x.foo"]
+"""
+
+
+def test_an_exporter_in_one_file_leaves_nothing_after_overwriting(tmp_path):
+    save_catalogue(tmp_path / "c.h5", PLAIN)
+    (tmp_path / "plugins").mkdir()
+    (tmp_path / "plugins" / "foo.py").write_text(EXPORTER)
+    for form, names in (("foo", {"parts/y.foo", "x.foo"}), ("json", {"strokes.json"})):
+        words = ["task=export", "catalogue=c.h5", f"to={form}", "output=b", "overwrite=true"]
+        done = run(*words, cwd=tmp_path, BRUSHEXP_PLUGINS=str(tmp_path / "plugins"))
+        assert done.returncode == 0, done.stderr
+        written = {name for name in files_in(tmp_path / "b") if not name.startswith(".hydra")}
+        assert written == names | {"metrics.json", "run.log"}
+    assert not (tmp_path / "b" / "parts").exists()
 
 
 def test_a_run_never_replaces_what_it_is_made_from(tmp_path, config, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     (folder := tmp_path / "a").mkdir()
-    for name in ("target.png", "style.png", "photo.jpg"):
+    for name in ("target.png", "style.png", "photo.jpg", "neural.safetensors"):
         (folder / name).write_text("mine")
     before = {path.name for path in folder.iterdir()}
 
-    def refused(*words, pictures=()):
+    def refuse(*words, pictures=()):
         cfg = config(*words)
         OmegaConf.set_struct(cfg, False)
         cfg.hydra = {"sweeper": {"pictures": [*pictures]}}
-        with pytest.raises(UserError, match=r"a run in output=.*a would replace .*[.]png; choose another folder"):
+        with pytest.raises(UserError, match=r"a run in output=.*a would replace .*; choose another folder"):
             take(folder, cfg)
         assert before <= {path.name for path in folder.iterdir()}
 
-    refused(f"image={folder}/target.png")
-    refused("style=~/a/style.png")
-    refused("overwrite=true", pictures=[f"{folder}/*.png"])
+    refuse(f"image={folder}/target.png")
+    refuse("style=~/a/style.png")
+    refuse("overwrite=true", pictures=[f"{folder}/*.png"])
+    refuse("task=train", f"renderer.checkpoint={folder}/neural.safetensors")
     take(folder, config(f"image={folder}/photo.jpg", "style=~nobody.there/style.png"))
-    (folder / "painting.png").write_text("a run's")
+    leave(folder, "painting.png")
     before.add("painting.png")
-    refused("image=~/a/painting.png", "overwrite=true")
-    refused("overwrite=true", pictures=["~/a/painting.png"])
+    refuse("image=~/a/painting.png", "overwrite=true")
+    refuse("overwrite=true", pictures=["~/a/painting.png"])
 
 
 def test_what_is_read_below_a_folder_of_a_run_stays_and_a_link_goes_alone(tmp_path, config):
     folder, disk = tmp_path / "a", tmp_path / "disk"
-    for path in (folder / "added" / "theirs" / "painting.png", disk / "catalogue.h5"):
-        path.parent.mkdir(parents=True)
-        path.write_text("mine")
-    (folder / ".hydra").mkdir()
-    (folder / ".hydra" / "config.yaml").touch()
+    leave(disk, "catalogue.h5")
+    leave(folder, "catalogue.h5", "added/theirs.png")
+    (folder / "catalogue.h5").unlink()
     (folder / "catalogue.h5").symlink_to(disk / "catalogue.h5")
     with pytest.raises(UserError, match=r"would replace runs.0=.*added; choose another folder"):
         take(folder, config("task=leaderboard", f"runs={folder}/added", "overwrite=true"))
     with pytest.raises(UserError, match=r"would replace catalogue=.*catalogue.h5; choose another folder"):
         take(folder, config(f"catalogue={folder}/catalogue.h5", "overwrite=true"))
     take(folder, config("overwrite=true"))
-    assert not (folder / "added" / "theirs").exists()
+    assert not (folder / "added").exists()
     assert not (folder / "catalogue.h5").is_symlink()
-    assert (disk / "catalogue.h5").read_text() == "mine"
+    assert (disk / "catalogue.h5").exists()
 
 
-def test_jobs_that_were_killed_are_replaced_with_their_album_and_others_stay(tmp_path, config):
-    words = [["image=1_2.jpg", 'hydra.sweep.subdir="1_2"'], ["image=b.jpg", "hydra.sweep.subdir=b"]]
-    (tmp_path / ".hydra").mkdir()
-    write_json(tmp_path / ".hydra" / "jobs.json", {"typed": [], "jobs": words})
-    for name in ("1_2", "b", "mine"):
-        (tmp_path / name / ".hydra").mkdir(parents=True)
-        for file in (CHECKPOINT, ".hydra/others.txt"):
-            (tmp_path / name / file).touch()
-    with pytest.raises(UserError, match=r"holds a run already \(1_2/checkpoint.ckpt\)"):
+def test_jobs_are_replaced_with_their_sweep_and_other_runs_in_its_folder_stay(tmp_path, config):
+    leave(tmp_path, "multirun.yaml")
+    for name in ("1_2", "3"):
+        leave(tmp_path / name, CHECKPOINT, "painting.png")
+    with recorded(tmp_path):
+        note_files(tmp_path, [tmp_path / "1_2" / MANIFEST])
+    with pytest.raises(UserError, match=r"holds a run already \(1_2/checkpoint.ckpt\); type the same and resume=sweep"):
         take(tmp_path, config())
     take(tmp_path, config("overwrite=true"))
-    assert [path.parent.name for path in tmp_path.glob(f"*/{CHECKPOINT}")] == ["mine"]
-
-
-def test_a_training_never_replaces_the_weights_it_begins_with(tmp_path, config):
-    (tmp_path / "neural.safetensors").touch()
-    with pytest.raises(UserError, match=r"would replace renderer.checkpoint=.*; choose another folder"):
-        take(tmp_path, config("task=train", f"renderer.checkpoint={tmp_path}/neural.safetensors"))
+    assert files_in(tmp_path) == {f"3/{name}" for name in (CHECKPOINT, "painting.png", MANIFEST)}
 
 
 def test_a_painting_without_its_film_and_page_has_not_finished(tmp_path):
-    write_json(tmp_path / "metrics.json", {"status": "completed", "psnr": 20.0})
-    assert has_finished(tmp_path)
-    (tmp_path / ".hydra").mkdir()
-    (tmp_path / AT_WORK).touch()
-    assert not has_finished(tmp_path)
-
-
-@pytest.mark.parametrize("name", ["painting.pdf", "painting.gcode.svg", "painting.hpgl.txt", "relief.png"])
-def test_files_of_exports_are_known_as_a_runs_own(name):
-    assert is_ours(name)
-
-
-def test_runs_in_numbered_folders_of_a_run_are_others(tmp_path, config):
-    for folder in (tmp_path / "1", tmp_path):
-        take(folder, config())
-        (folder / "metrics.json").write_text("{}")
-    take(tmp_path, config("overwrite=true"))
-    assert (tmp_path / "1" / "metrics.json").is_file()
-    assert not (tmp_path / "metrics.json").exists()
+    for status, is_over in (("completed", True), ("stopped early", True), ("at work", False), ("interrupted", False)):
+        write_json(tmp_path / "metrics.json", {"status": status, "psnr": 20.0})
+        assert has_finished(tmp_path) == is_over
 
 
 def test_one_run_at_a_time_is_in_a_folder(tmp_path):

@@ -33,6 +33,7 @@ from brushexp.training.evaluation import (
     inception_distance,
     over_white,
 )
+from brushexp.training.stroke_data import stroke_data
 from brushexp.training.writer import simulate_set
 
 NAMES = [plugin.name for plugin in plugins("renderer")]
@@ -232,8 +233,8 @@ def test_the_size_of_a_trained_renderer_is_told_and_that_it_is_not_trained(run, 
 )
 def test_strokes_are_simulated_with_the_brushes_of_the_training(typed, brushes, seed, config):
     cfg = config("task=evaluate", *typed)
-    data, engine, found = evaluate.held_out_data(cfg)
-    assert (data.origin.engine_config["brushes"], engine.brushes, data.seed, found) == (brushes, brushes, seed, seed)
+    data = stroke_data(cfg)
+    assert (data.origin.engine_config["brushes"], data.engine.brushes, data.first_seed) == (brushes, brushes, seed)
 
 
 @pytest.mark.parametrize(
@@ -244,9 +245,9 @@ def test_what_is_typed_of_the_engine_wins_also_where_it_is_the_default(word, wan
     typed = SimpleNamespace(overrides=SimpleNamespace(task=["task=evaluate", word]))
     monkeypatch.setattr(HydraConfig, "initialized", lambda: True)
     monkeypatch.setattr(HydraConfig, "get", lambda: typed)
-    data, _, seed = evaluate.held_out_data(config("task=evaluate", word))
+    data = stroke_data(config("task=evaluate", word))
     options = data.origin.engine_config
-    assert (options["brushes"], options["supersample"], seed) == (*wanted, 7)
+    assert (options["brushes"], options["supersample"], data.first_seed) == (*wanted, 7)
 
 
 def test_strokes_of_the_brushes_of_another_seed_are_refused_unless_wanted(config, tmp_path):
@@ -259,7 +260,7 @@ def test_strokes_of_the_brushes_of_another_seed_are_refused_unless_wanted(config
         check(config(*refused))
     check(config(*refused, "other_data=true"))
     check(cfg := config("task=evaluate", f"data={tmp_path / '7'}"))
-    assert evaluate.held_out_data(cfg)[2] == 7
+    assert stroke_data(cfg).first_seed == 7
 
 
 def test_strokes_outside_the_range_are_painted_with_the_brushes_of_the_seed():

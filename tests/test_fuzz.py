@@ -53,12 +53,12 @@ from brushexp.plugins.renderer.neural import Neural
 from brushexp.registry import build_named, options_of
 from brushexp.results.runs import JOBS, gather
 from brushexp.runs import fitting
-from brushexp.runs.fitting import CHECKPOINT, RECORD, RunRecord, interrupted_run
+from brushexp.runs.fitting import RECORD, RunRecord, interrupted_run
 from brushexp.runs.sweep_jobs import check_same
 from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.storage import load_catalogue, save_catalogue
-from brushexp.system.files import write_json
 from brushexp.system.hdf5 import fixed, numbers_of
+from brushexp.system.run_files import CHECKPOINT
 
 EXAMPLES = int(os.environ.get("BRUSHEXP_FUZZ", "12"))  # of damage of each kind of file; thousands search for more
 SLOW = 6  # times as many examples of the other kinds as of those that are read into a whole page or fit
@@ -149,9 +149,8 @@ def part(name: str) -> Callable[[Path], Path]:
 
     def write_run(folder: Path) -> Path:
         metrics = {"psnr": 20.0, "ssim": 0.5, "l1": 0.1, "seconds": 1.0, "n_strokes": 3, "steps": 9, "device": "cpu"}
-        metrics |= {"status": "completed", "anytime": [[0.0, 10.0], [1.0, 20.0]], "run": "0", "loss": "mse"}
+        metrics |= {"status": "completed", "anytime": [[0.0, 10.0], [1.0, 20.0]], "loss": "mse"}
         run = make_run(folder, {"steps": "9"}, name="0", target=90, color=80, size=(30, 50), **metrics)
-        write_json(run / "metrics.json", metrics)
         save_catalogue(run / "catalogue.h5", catalogue(30))
         text(".hydra/overrides.yaml", "- steps=9\n- loss=mse\n")(run)
         text(".hydra/config.yaml", "image: a.png\nsteps: 9\nloss: {mse: {weight: 1.0}}\n")(run)
@@ -213,7 +212,7 @@ def read_image(path: Path) -> None:
 
 
 OF_RUN = ("metrics.json", "curves/metrics.csv", "target.png")
-OF_SWEEP = ("result.json", ".hydra/overrides.yaml", ".hydra/config.yaml")
+OF_SWEEP = (".hydra/overrides.yaml", ".hydra/config.yaml")
 KINDS: dict[str, tuple[Callable[[Path], Path], Callable[[Path], None]]] = {
     "catalogue": (write_catalogue, read_catalogue),
     "text": (write_text, read_catalogue),

@@ -17,7 +17,7 @@ from brushexp.config.words import parse_value, verbatim
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
 from brushexp.results.runs import JOBS
-from brushexp.runs.run_folder import SUBFOLDER, place_of
+from brushexp.runs.sweep_jobs import SUBFOLDER, place_of
 from brushexp.system import device, runtime
 
 pytestmark = pytest.mark.slow
@@ -42,7 +42,7 @@ def test_all_pictures_are_painted_and_the_same_command_goes_on(tmp_path, jobs):
     assert code == 1
     assert "broken.jpg is not a picture of a known format" in said
     assert "1 of 3 jobs failed: 1" in said
-    status = {path.parent.name: json.loads(path.read_text())["status"] for path in folder.glob("*/result.json")}
+    status = {path.parent.name: json.loads(path.read_text())["status"] for path in folder.glob("*/metrics.json")}
     assert status == {"a_b_c": "completed", "second": "completed", "broken": "failed"}
     page = (folder / "report.html").read_text()
     assert "a_b_c" in page

@@ -1,8 +1,6 @@
 """The report of a sweep: results, tables and sheet, whatever the runs did."""
 
-import json
 import logging
-import os
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -13,14 +11,15 @@ from hydra.core.utils import JobReturn, JobStatus
 from hydra.types import RunMode
 from omegaconf import OmegaConf
 from PIL import Image
-from sweeps import collect, make_grid, make_run, note, read_csv
+from sweeps import collect, make_grid, make_run, note, read_csv, write_words
 
 from brushexp.errors import UserError
-from brushexp.results import contact_sheet, sweep
+from brushexp.results import contact_sheet
 from brushexp.results.contact_sheet import LIMIT, SIDE, SheetCell, draw_sheet
 from brushexp.results.runs import parse_overrides
 from brushexp.results.tables import csv_table, latex_table, markdown_table, write_run_tables
-from brushexp.runs.sweep_report import SweepReport, first_line, renew
+from brushexp.runs import sweep_report
+from brushexp.runs.sweep_report import SweepReport, first_line, note_failure, renew
 from brushexp.system.files import write_picture
 
 METRICS = {
@@ -28,18 +27,6 @@ METRICS = {
     **{"peak_memory_mb": 512.0, "n_strokes": 2600, "steps": 500, "device": "cpu"},
 }
 ERROR = "RuntimeError: stroke 17 | is *singular*"
-
-
-def test_a_job_that_went_on_by_itself_is_no_longer_interrupted(tmp_path):
-    run = make_run(tmp_path, {"steps": "7"}, name="0")
-    noted = json.loads((run / "result.json").read_text()) | {"status": "interrupted", "psnr": None}
-    (run / "result.json").write_text(json.dumps(noted))
-    (run / "metrics.json").write_text(json.dumps({"psnr": 30.0, "seconds": 1.0, "status": "completed"}))
-    os.utime(run / "result.json", (0, 0))
-    row = collect(tmp_path).iloc[0]
-    assert (row["run", "status"], row["metric", "psnr"], row["setting", "steps"]) == ("completed", 30.0, "7")
-    os.utime(run / "metrics.json", (0, 0))
-    assert collect(tmp_path).iloc[0]["run", "status"] == "interrupted"
 
 
 def fail(folder: Path, number: int, error: str = ERROR) -> None:
@@ -98,13 +85,13 @@ def test_a_table_is_csv_markdown_and_latex():
 
 def test_results_come_in_the_order_of_the_job_numbers_and_an_unreadable_one_counts_as_failed(tmp_path):
     for name, text in {"10": "", "2": "{", "0": "[1, 2]", "1": "\x00", "x": "{}"}.items():
-        (make_run(tmp_path, {}, name=name) / "result.json").write_text(text)
+        (make_run(tmp_path, {}, name=name) / "metrics.json").write_text(text)
     tables(tmp_path)
     rows = read_csv(tmp_path / "table.csv")
     assert [row["run"] for row in rows] == ["0", "1", "2", "10", "x"]
     for row in rows[:-1]:
         assert row["status"] == "failed"
-        assert "result.json cannot be read" in row["error"]
+        assert "metrics.json cannot be read" in row["error"]
 
 
 def test_the_csv_has_every_column_in_full_precision(tmp_path):
@@ -176,7 +163,7 @@ def test_the_target_comes_first_and_every_run_follows(tmp_path, axes, expected):
 
 def test_an_incomplete_matrix_is_laid_out_row_by_row_and_a_failed_run_is_a_grey_box(tmp_path):
     painted(tmp_path, {"loss": ["mse", "kl"], "init": ["grid", "slic", "fill"]})
-    (tmp_path / "5" / "result.json").unlink()
+    (tmp_path / "5" / "metrics.json").unlink()
     fail(tmp_path, 1)
     assert greys(sheet(tmp_path)) == [[200, 20, 22, 23, 24]]
     assert (pixels_of(tmp_path / "sheet.png") == 0xED).all(-1).sum() > 30_000
@@ -188,7 +175,7 @@ def test_every_target_stands_where_its_runs_are(tmp_path):
         write_picture(tmp_path / str(number) / "target.png", np.full((24, 32, 3), 100, np.uint8))
     assert greys(sheet(tmp_path)) == [[200, 20, 21], [100, 22, 23]]
     for number in range(4):
-        note(tmp_path, number, overrides={"seed": str(number)})
+        write_words(tmp_path / str(number), f"seed={number}")
     assert greys(sheet(tmp_path)) == [[200, 20, 21, 100, 22, 23]]
 
 
@@ -241,34 +228,27 @@ def test_large_sheets_stay_within_bounds(count, long):
     assert max(draw_sheet([cells[i : i + columns] for i in range(0, count, columns)], "title").size) <= LIMIT
 
 
-CONFIG = {"loss": {"mse": {}, "kl": {}}, "hydra": {"mode": "MULTIRUN", "overrides": {"task": ["loss=[mse,kl]", "~b"]}}}
-
-
-def end_job(folder: Path, number: int, outcome: object, mode: str = "MULTIRUN") -> Path:
+def end_job(folder: Path, number: int, outcome: object, mode: str = "MULTIRUN") -> None:
     """What Hydra does at the end of a job: the outcome is a dict of numbers, or an exception; the report is due."""
-    sweep._next_report = 0.0
-    run = folder / str(number)
-    run.mkdir(parents=True, exist_ok=True)
-    config = OmegaConf.merge(CONFIG, {"hydra": {"runtime": {"output_dir": str(run)}, "sweep": {"dir": str(folder)}}})
-    config.hydra.mode = RunMode[mode]
+    sweep_report._next_report = 0.0
+    config = OmegaConf.create({"hydra": {"runtime": {"output_dir": str(folder / str(number))}, "mode": RunMode[mode]}})
     status = JobStatus.FAILED if isinstance(outcome, Exception) else JobStatus.COMPLETED
     SweepReport().on_job_end(config, JobReturn(status=status, _return_value=outcome))
-    return run
 
 
-def test_every_job_of_a_sweep_leaves_its_result_and_renews_the_table(tmp_path):
-    run = end_job(tmp_path, 0, METRICS)
-    result = json.loads((run / "result.json").read_text())
-    assert result["overrides"] == {"loss": "[mse,kl]", "b": "(removed)"}
-    assert (result["run"], result["status"], result["loss"]) == ("0", "completed", "mse+kl")
-    assert {key: result[key] for key in METRICS} == METRICS
-    end_job(tmp_path, 1, RuntimeError("first line\nsecond line"))
-    end_job(tmp_path, 2, None)
+def test_every_job_of_a_sweep_renews_the_table_and_one_that_failed_says_why_beside_its_numbers(tmp_path):
+    for number in range(4):
+        make_run(tmp_path, {"loss": "[mse,kl]"}, name=str(number), **METRICS)
+    (tmp_path / "2" / "metrics.json").unlink()
+    note_failure(tmp_path / "1", RuntimeError("first line\nsecond line"))
+    note_failure(tmp_path / "2", KeyboardInterrupt())
+    end_job(tmp_path, 3, METRICS)
     rows = read_csv(tmp_path / "table.csv")
-    assert [row["status"] for row in rows] == ["completed", "failed", "completed"]
-    assert rows[1]["error"] == "RuntimeError: first line"
+    assert [row["status"] for row in rows] == ["completed", "failed", "interrupted", "completed"]
+    assert (rows[1]["error"], rows[1]["steps"], rows[2]["steps"]) == ("RuntimeError: first line", "500", "")
+    make_run(tmp_path / "single", {}, name="0", **METRICS)
     end_job(tmp_path / "single", 0, METRICS, mode="RUN")
-    assert [path.name for path in (tmp_path / "single").rglob("*")] == ["0"]
+    assert [path.name for path in (tmp_path / "single").iterdir()] == ["0"]
 
 
 def test_overrides_and_errors_of_every_form_are_read_and_trouble_with_the_report_is_logged(tmp_path, caplog):
@@ -278,6 +258,7 @@ def test_overrides_and_errors_of_every_form_are_read_and_trouble_with_the_report
     errors = UserError("a; b"), KeyError(), ValueError("\nx\ny")
     assert [first_line(error) for error in errors] == ["a; b", "KeyError", "ValueError: x"]
     (tmp_path / "table.csv").mkdir()
+    make_run(tmp_path, {}, name="0", **METRICS)
     end_job(tmp_path, 0, METRICS)
     record = caplog.records[-1]
     assert record.levelno == logging.ERROR

@@ -86,7 +86,7 @@ def run_in(folder: Path, *, image: str = "astronaut", overrides: tuple[str, ...]
 
 def test_files_of_a_run_are_those_that_stay_its_film_too(tmp_path):
     folder = run_in(tmp_path / "run")
-    for name in (".hydra/at_work", ".hydra/lock", f"{TEMPORARY[:-1]}0123.mp4", "report.html"):
+    for name in (".hydra/files.txt", ".hydra/lock", f"{TEMPORARY[:-1]}0123.mp4", "report.html"):
         (folder / name).touch()
 
     def film():

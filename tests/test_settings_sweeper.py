@@ -1,13 +1,11 @@
 """A sweep over a list of settings: each is a job of its own, and all are checked before the first starts."""
 
-import json
 from itertools import product
 from types import SimpleNamespace
 
 import pytest
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
-from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.plugins import Plugins
 from hydra.core.singleton import Singleton
 from hydra.errors import ConfigCompositionException, HydraException
@@ -16,23 +14,26 @@ from program import run
 from brushexp.config.compose import SHIPPED
 from brushexp.config.mistakes import explanation
 from brushexp.errors import UserError
+from brushexp.results.runs import read_result
+from brushexp.runs.sweep_jobs import check_jobs
 
 
-def jobs(settings, arguments=(), batch=None, pictures=()):
-    """The overrides of every job, in batches."""
+def jobs(settings, arguments=(), pictures=()):
+    """The overrides of every job, which are checked."""
     with initialize_config_dir(version_base="1.3", config_dir=str(SHIPPED)):
         loader = GlobalHydra.instance().config_loader()
-        found = Plugins.instance().class_name_to_class["hydra_plugins.brushexp_settings.SettingsSweeper"]
-        sweeper = found(batch, None, settings, list(pictures), False, False)
+        kind = Plugins.instance().class_name_to_class["hydra_plugins.brushexp_settings.SettingsSweeper"]
+        sweeper = kind(None, None, settings, list(pictures), False, False)
         sweeper.hydra_context = SimpleNamespace(config_loader=loader)
         sweeper.config = compose("config", return_hydra_config=True)
-        overrides = OverridesParser.create(config_loader=loader).parse_overrides(list(arguments))
-        return sweeper.split_arguments(overrides, batch)
+        jobs = sweeper.combine(arguments)
+        check_jobs(loader, sweeper.config, jobs)
+        return jobs
 
 
 def test_every_setting_is_one_job():
     settings = ["", "steps=100", "init=grid 'loss=[mse,kl]'"]
-    assert jobs(settings) == [[[], ["steps=100"], ["init=grid", "loss=[mse,kl]"]]]
+    assert jobs(settings) == [[], ["steps=100"], ["init=grid", "loss=[mse,kl]"]]
     with pytest.raises(UserError, match="steps is no key=value"):
         jobs(["steps"])
 
@@ -46,22 +47,24 @@ def test_a_process_of_a_parallel_sweep_knows_lists_of_settings():
 
 
 def test_settings_stand_above_the_command_line_and_are_combined_with_what_it_sweeps():
-    (found,) = jobs(["", "steps=9", "steps=1,2"], ["steps=50", "seed=0,1"])
-    assert found == [[f"steps={steps}", f"seed={seed}"] for steps, seed in product((50, 9, 1, 2), (0, 1))]
-    assert [len(batch) for batch in jobs(["", "steps=1", "steps=2"], ["seed=1,2"], batch=4)] == [4, 2]
+    combined = jobs(["", "steps=9", "steps=1,2"], ["steps=50", "seed=0,1"])
+    assert combined == [[f"steps={steps}", f"seed={seed}"] for steps, seed in product((50, 9, 1, 2), (0, 1))]
+    with pytest.raises(UserError, match=r"interval\(1,9\) is no list of values; try hydra/sweeper=optuna"):
+        jobs(["", "steps=interval(1,9)"])
 
 
 def test_every_setting_is_painted_of_every_picture_unless_another_one_is_typed():
-    (found,) = jobs(["", "steps=9"], ["seed=1"], pictures=["camera", "coffee"])
-    assert found == [
+    painted = jobs(["", "steps=9"], ["seed=1"], pictures=["camera", "coffee"])
+    assert painted == [
         [*words, f"image={name}"] if not words[1:] else [words[0], f"image={name}", words[1]]
         for words in (["seed=1"], ["seed=1", "steps=9"])
         for name in ("camera", "coffee")
     ]
-    (alone,) = jobs([""], pictures=["camera", "coffee"])
+    alone = jobs([""], pictures=["camera", "coffee"])
     assert alone == [[f"image={name}", f"hydra.sweep.subdir={name}"] for name in ("camera", "coffee")]
     assert jobs(["", "steps=9"], ["image=logo"], pictures=["camera", "coffee"]) == [
-        [["image=logo"], ["image=logo", "steps=9"]]
+        ["image=logo"],
+        ["image=logo", "steps=9"],
     ]
 
 
@@ -102,5 +105,5 @@ def test_a_list_of_settings_on_the_command_line_is_a_sweep(tmp_path):
     words = ["-m", settings, "image=chelsea", "resolution=16", "steps=0", "frames=0", "report=false", "threads=1"]
     done = run(*words, f"output={tmp_path}/s", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    chosen = [json.loads((tmp_path / "s" / name / "result.json").read_text())["overrides"] for name in ("0", "1")]
+    chosen = [read_result(tmp_path / "s" / name)["overrides"] for name in ("0", "1")]
     assert [(values["steps"], values.get("seed")) for values in chosen] == [("1", None), ("0", "6")]

@@ -11,7 +11,7 @@ from sweeps import collect, make_run
 
 from brushexp.pages.sweep_page import AREA, SIDES, _encoded, side_for, sweep_page, thumbnail, write_sweep_page
 from brushexp.results.pareto import front_table
-from brushexp.results.runs import frame_of
+from brushexp.results.runs import gather
 from brushexp.system.files import write_picture
 
 EVIL = "<script>document.title=1</script>"
@@ -201,7 +201,7 @@ def test_settings_are_compared_on_one_picture_and_an_album_begins_with_its_paint
     assert [group["ahead_from"] is None for group in groups] == [False, False, False, False]
     assert html.count("<figcaption>target: ") == 2
     for k in (1, 3):
-        (tmp_path / str(k) / "result.json").unlink()
+        (tmp_path / str(k) / "metrics.json").unlink()
     html = page_of(tmp_path).read_text()
     assert html.index('alt="run 0') < html.index('alt="target: a')
     assert 'value="cards" checked' in html
@@ -214,8 +214,8 @@ def test_sweeps_of_other_tasks_and_of_one_failed_run_have_a_page_without_picture
     html = page_of(tmp_path).read_text()
     assert "What the settings do</h2>" in html
     assert html.count('class="no-picture"') == len(data_in(html)["groups"]) == 3
+    (tmp_path / "0" / "metrics.json").unlink()
     make_run(tmp_path / "0", {}, status="failed", error="no")
-    (tmp_path / "0" / "result.json").unlink()
     html = page_of(tmp_path / "0").read_text()
     assert 'id="plots"' not in html
     assert [row["error"] for row in data_in(html)["rows"]] == ["no"]
@@ -224,9 +224,7 @@ def test_sweeps_of_other_tasks_and_of_one_failed_run_have_a_page_without_picture
 def test_links_lead_from_where_the_page_is(tmp_path):
     make_sweep(tmp_path / "sweep?")
     (tmp_path / "comparison").mkdir()
-    names = {f"../sweep?/{path.parent.name}": path for path in sorted((tmp_path / "sweep?").glob("*/result.json"))}
-    results = {name: json.loads(path.read_text()) for name, path in names.items()}
-    html = sweep_page(tmp_path / "comparison", frame_of(tmp_path / "comparison", results))
+    html = sweep_page(tmp_path / "comparison", gather([tmp_path / "sweep?"], tmp_path / "comparison"))
     assert '<a href="../sweep%3F/2/report.html">' in html
     assert [row["name"] for row in data_in(html)["rows"]] == list("0123456")
 

@@ -13,6 +13,7 @@ import torch
 from omegaconf import OmegaConf
 from program import Program, ask
 from scenes import random_strokes
+from sweeps import write_words
 
 from brushexp.errors import UserError
 from brushexp.pages.serving import served
@@ -32,7 +33,7 @@ def make_run(folder, **chosen):
     make_catalogue(folder / "catalogue.h5")
     metrics = {"psnr": 20.0, "ssim": 0.5, "l1": 0.1, "seconds": 1.0, "n_strokes": 3, "status": "completed"}
     write_json(folder / "metrics.json", metrics)
-    write_json(folder / "result.json", metrics | {"overrides": chosen})
+    write_words(folder, *(f"{key}={value}" for key, value in chosen.items()))
     for name in ("target.png", "painting.png"):
         write_picture(folder / name, np.full((32, 48, 3), 90, np.uint8))
     return folder

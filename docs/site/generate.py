@@ -13,15 +13,15 @@ from mkdocs.structure.files import File, Files
 from omegaconf import MISSING
 
 from brushexp.bounds import Bounds, Rule
-from brushexp.config.compose import SHIPPED
+from brushexp.config.compose import SHIPPED, presets_of
 from brushexp.config.keys import Key, groups_of, keys_of
 from brushexp.config.publish import prepare
 from brushexp.config.schema import Task
 from brushexp.config.tasks import TASKS
+from brushexp.config.words import as_typed
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, options_of, plain_type, plugins
 
 ROOT = Path(__file__).parents[2]
-HEAD = "# @package _global_\n"  # first line of a config whose keys belong to the task
 WORDS = {int: "whole number", float: "number", bool: "true or false", str: "text"}
 
 
@@ -63,9 +63,9 @@ def family_page(family: str) -> str:
     """Every plugin of a family with its options, and its presets."""
     several = f" Several at once: `'{family}=[a,b]'`." if family in MULTI_SELECT else ""
     parts = [f"# {family}", f"*{_sentence(FAMILIES[family])}*{several}", *map(_plugin, plugins(family))]
-    presets = sorted((SHIPPED / family).glob("*.yaml"))
+    presets = sorted(presets_of(SHIPPED / family).items())
     if presets:
-        rows = [f"| `{family}={path.stem}` | {_comment(path)} |" for path in presets]
+        rows = [f"| `{family}={name}` | {_cell(comment)} |" for name, comment in presets]
         parts.append("\n".join(["## Presets", "", "| preset | what it is |", "|---|---|", *rows]))
     return "\n\n".join(parts) + "\n"
 
@@ -90,7 +90,7 @@ def tasks_page() -> str:
 def _keys(keys: dict[str, Key]) -> str:
     """A table of keys."""
     rows = [
-        f"| `{key.name}` | {_kind(key.annotation, key.bounds)} | `{_value(key.default)}` | {_cell(key.meaning)} |"
+        f"| `{key.name}` | {_kind(key.annotation, key.bounds)} | `{as_typed(key.default)}` | {_cell(key.meaning)} |"
         for key in keys.values()
     ]
     return "\n".join(["| key | type | default | |", "|---|---|---|---|", *rows])
@@ -108,7 +108,7 @@ def _plugin(plugin: Plugin) -> str:
         parts.append("*An example plugin, in `plugins/`.*")
     rows = []
     for name, annotation, value in options_of(plugin.cls):
-        default = "must be given" if value == MISSING else f"`{_value(value)}`"
+        default = "must be given" if value == MISSING else f"`{as_typed(value)}`"
         kind = _kind(plain_type(annotation), plugin.bounds.get(name))
         rows.append(f"| `{name}` | {_cell(kind)} | {default} | {_cell(plugin.meanings[name])} |")
     if rows:
@@ -127,20 +127,6 @@ def _kind(annotation: Any, bounds: Bounds | Rule | None = None) -> str:
     if isinstance(annotation, type) and issubclass(annotation, enum.Enum):
         return f"one of {', '.join(annotation.__members__)}"
     return WORDS.get(annotation, getattr(annotation, "__name__", str(annotation)))
-
-
-def _value(default: object) -> str:
-    """A default as it would be typed."""
-    if default is None:
-        return "null"
-    if isinstance(default, bool):
-        return str(default).lower()
-    return default.name if isinstance(default, enum.Enum) else str(default)
-
-
-def _comment(path: Path) -> str:
-    """First comment of a preset."""
-    return path.read_text(encoding="utf-8").removeprefix(HEAD).partition("\n")[0].lstrip("# ")
 
 
 def _sentence(text: str) -> str:

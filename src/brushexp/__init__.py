@@ -44,8 +44,9 @@ def __getattr__(name: str) -> Any:
         if name in names:
             return getattr(import_module(module), name)
     if not name.startswith("_"):
-        for point in _published(name=name):
-            return point.load()
+        for point in _published():
+            if point.name == name:
+                return point.load()
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
@@ -53,8 +54,8 @@ def __dir__() -> list[str]:
     return [*__all__, *(point.name for point in _published())]
 
 
-def _published(**which: str) -> Any:
-    """The functions of installed packages."""
+def _published() -> Any:
+    """The functions of installed packages, as entry points."""
     from importlib.metadata import entry_points  # noqa: PLC0415  (slow to import)
 
-    return entry_points(group=FUNCTIONS, **which)
+    return entry_points(group=FUNCTIONS)

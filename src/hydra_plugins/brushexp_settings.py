@@ -1,37 +1,43 @@
 """Hydra sweeper: all combinations of values, or of a list of settings; every job is checked before the first starts.
 
-It is here and not in brushexp because Hydra takes sweepers from the namespace package ``hydra_plugins`` alone.
+It is here and not in brushexp because Hydra takes sweepers from the namespace package ``hydra_plugins`` alone. Hydra
+imports this file for any program, so what a sweep needs is imported when it begins.
 """
 
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from itertools import product
+from pathlib import Path
 
-from hydra._internal.core_plugins.basic_sweeper import BasicSweeper, BasicSweeperConf
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
-from hydra.core.utils import JobReturn
+from hydra.core.plugins import Plugins
 from hydra.plugins.search_path_plugin import SearchPathPlugin
+from hydra.plugins.sweeper import Sweeper
+from hydra.types import HydraContext, TaskFunction
+from omegaconf import DictConfig, OmegaConf
 
 
 @dataclass
-class SettingsSweeperConf(BasicSweeperConf):
-    """Options of ``hydra/sweeper=basic`` (`offer_sweepers`): Hydra's, ``settings``, and ``resume`` to go on.
+class SettingsSweeperConf:
+    """Options of ``hydra/sweeper=basic`` (`offer_sweepers`): Hydra's two, ``settings``, and ``resume`` to go on.
 
     ``pictures`` are what ``pictures=`` takes. A ``lenient`` sweep, where they were typed, runs though some jobs are
     refused, and may have more ones later.
     """
 
     _target_: str = "hydra_plugins.brushexp_settings.SettingsSweeper"
+    max_batch_size: int | None = None
+    params: dict[str, str] | None = None
     settings: list[str] = field(default_factory=lambda: [""])
     pictures: list[str] = field(default_factory=list)
     resume: bool = False
     lenient: bool = False
 
 
-class SettingsSweeper(BasicSweeper):
+class SettingsSweeper(Sweeper):
     """One job for every picture and setting, times all combinations of what else is swept.
 
     ``settings`` are overrides as the command line has them, such as ``"density=adaptive steps=200"``; ``""`` is none.
@@ -39,6 +45,9 @@ class SettingsSweeper(BasicSweeper):
     and so do ``pictures`` below an ``image=`` that was typed. A job has the subfolder of its picture's name, if it is
     the only one of this picture.
     """
+
+    config: DictConfig
+    hydra_context: HydraContext
 
     def __init__(
         self,
@@ -49,60 +58,67 @@ class SettingsSweeper(BasicSweeper):
         resume: bool,
         lenient: bool,
     ) -> None:
-        super().__init__(max_batch_size, params)
+        self.max_batch_size, self.params = max_batch_size, params or {}
         self.settings, self.pictures, self.resume, self.lenient = settings, pictures, resume, lenient
 
-    def setup(self, **options: Any) -> None:
-        """As in Hydra; jobs that a sweep has when it goes on are left out, and failed ones are told in one line."""
-        super().setup(**options)
+    def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
+        """As in Hydra."""
+        self.hydra_context, self.config = hydra_context, config
+        self.launcher = Plugins.instance().instantiate_launcher(
+            hydra_context=hydra_context, task_function=task_function, config=config
+        )
+
+    def sweep(self, arguments: list[str]) -> None:
+        """Check all jobs before anything of the sweep is written, then launch them, so many at once as a batch has."""
+        from brushexp.runs.sweep_jobs import begin_sweep, check_jobs, launch_left  # noqa: PLC0415
+
+        jobs = self.combine([*(f"{key}={value}" for key, value in self.params.items()), *arguments])
+        check_jobs(self.hydra_context.config_loader, self.config, jobs, self.lenient)
+        begin_sweep(self.config, jobs, self.resume, self.lenient)
+        OmegaConf.save(self.config, Path(self.config.hydra.sweep.dir) / "multirun.yaml")
         assert self.launcher is not None
-        launch = self.launcher.launch
+        size = self.max_batch_size or len(jobs)
+        for first in range(0, len(jobs), size):
+            launch_left(self.launcher.launch, self.config, jobs[first : first + size], first, self.resume)
 
-        def launch_all(batch: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
-            from brushexp.runs.sweep_jobs import launch_left  # noqa: PLC0415
-
-            assert self.config is not None
-            return launch_left(launch, self.config, batch, initial_job_idx, self.resume)
-
-        self.launcher.launch = launch_all  # type: ignore[method-assign, assignment]
-
-    def split_arguments(  # type: ignore[override]  # a static method there
-        self, overrides: list[Override], max_batch_size: int | None
-    ) -> list[list[list[str]]]:
-        """The overrides of every job, in batches, each checked before anything of the sweep is written."""
+    def combine(self, arguments: Sequence[str]) -> list[list[str]]:
+        """The overrides of every job."""
         from brushexp.cli.many_pictures import all_pictures, subfolders_for  # noqa: PLC0415
         from brushexp.config.compose import folders_in  # noqa: PLC0415
-        from brushexp.config.words import expand_shorthand, verbatim  # noqa: PLC0415  (Hydra imports this file for any program)
-        from brushexp.runs.run_folder import SUBFOLDER  # noqa: PLC0415
-        from brushexp.runs.sweep_jobs import begin_sweep, check_jobs  # noqa: PLC0415
+        from brushexp.config.words import expand_shorthand, verbatim  # noqa: PLC0415
+        from brushexp.runs.sweep_jobs import SUBFOLDER  # noqa: PLC0415
 
-        assert self.hydra_context is not None
-        assert self.config is not None
-        loader = self.hydra_context.config_loader
-        parser = OverridesParser.create(config_loader=loader)
-
-        def combined(words: Sequence[str]) -> list[list[str]]:
-            own = parser.parse_overrides([expand_shorthand(word, sweep=True) for word in words])
-            return [list(job) for job in BasicSweeper.split_arguments([*overrides, *own], None)[0]]
-
+        parser = OverridesParser.create(config_loader=self.hydra_context.config_loader)
+        overrides = parser.parse_overrides([*arguments])
         typed = any(override.get_key_element() == "image" for override in overrides)
         pictures = [] if typed else all_pictures(self.pictures, folders_in(self.config))
         settings = [shlex.split(setting) for setting in self.settings]
-        jobs = [
-            job
-            for words in settings  # of a sweep that is stopped, some settings then have all pictures
-            for picture in [[f"image={one}"] for one in pictures] or [[]]
-            for job in combined([*picture, *words])
-        ]
+        jobs = []
+        for words in settings:  # of a sweep that is stopped, some settings then have all pictures
+            for picture in [[f"image={one}"] for one in pictures] or [[]]:
+                own = [expand_shorthand(word, sweep=True) for word in [*picture, *words]]
+                jobs += combinations_of([*overrides, *parser.parse_overrides(own)])
         if pictures and len(jobs) == len(pictures):
             places = map(verbatim, subfolders_for(pictures))
             jobs = [[*job, SUBFOLDER + place] for job, place in zip(jobs, places, strict=True)]
-        check_jobs(loader, self.config, jobs, self.lenient)
-        begin_sweep(self.config, jobs, self.resume, self.lenient)
-        return [list(batch) for batch in self.split_overrides_to_chunks(jobs, max_batch_size)]
+        return jobs
 
-    def validate_batch_is_legal(self, batch: Sequence[Sequence[str]]) -> None:
-        """Nothing: all jobs have been composed already."""
+
+def combinations_of(overrides: Sequence[Override]) -> list[list[str]]:
+    """Every combination of the values of overrides; of two with one key the later one counts."""
+    from brushexp.errors import UserError  # noqa: PLC0415
+
+    choices: dict[str, list[str]] = {}
+    for override in overrides:
+        key = override.get_key_element()
+        if not override.is_sweep_override():
+            values = [override.get_value_element_as_str()]
+        elif override.is_discrete_sweep():
+            values = list(override.sweep_string_iterator())
+        else:
+            raise UserError(f"{override.input_line} is no list of values; try hydra/sweeper=optuna objective=psnr")
+        choices[key] = [f"{key}={value}" for value in values]
+    return [list(job) for job in product(*choices.values())]
 
 
 class RegistryFirst(SearchPathPlugin):

@@ -44,56 +44,60 @@ CHROMA, LIGHTNESS, LIGHTNESS_SPAN = 32.0, 64.0, 12.0  # of the colours of direct
 LEVEL_HUE = math.radians(85)  # of level strokes, ochre; upright ones are blue
 
 
-def write_figure(path: Path, found: Sequence[Analysis]) -> Path:
+def write_figure(path: Path, analyses: Sequence[Analysis]) -> Path:
     """Write the sheet as PNG: for each painting its strokes by direction, coherence and rose; histograms below."""
-    heights = [PAINTING] * len(found) + [PANELS_HEIGHT]
+    heights = [PAINTING] * len(analyses) + [PANELS_HEIGHT]
     figure = new_figure(sum(heights))
     figure.set_dpi(PRINT_DPI)
     *parts, panels = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
-    largest = max(float(direction_shares(one.values("orientation")).max()) for one in found)
-    for part, one, color in zip(parts, found, COLORS, strict=False):
-        _painting(part, one, color if len(found) > 1 else INK, largest)
+    largest = max(float(direction_shares(one.values("orientation")).max()) for one in analyses)
+    for part, one, color in zip(parts, analyses, COLORS, strict=False):
+        _painting(part, one, color if len(analyses) > 1 else INK, largest)
     for axes, key in zip(panels.subplots(2, 4).flat, PANELS, strict=True):
-        _histogram(axes, key, found)
+        _histogram(axes, key, analyses)
     return save_figure(figure, path)
 
 
-def _painting(part: SubFigure, found: Analysis, ink: str, largest: float) -> None:
-    name, canvas = without_math(found.name)[:60], f"{found.size[1]} x {found.size[0]} px"
-    heading = f"{name}: {strokes_in(found)} on {canvas}; a pitch between neighbours is {three_digits(found.pitch)} px"
+def _painting(part: SubFigure, analysis: Analysis, ink: str, largest: float) -> None:
+    name, canvas = without_math(analysis.name)[:60], f"{analysis.size[1]} x {analysis.size[0]} px"
+    heading = (
+        f"{name}: {strokes_in(analysis)} on {canvas}; a pitch between neighbours is {three_digits(analysis.pitch)} px"
+    )
     part.suptitle(heading, x=0.01, ha="left", fontsize=12, color=ink)
     axes: dict[str, Any] = part.subplot_mosaic(
         [["strokes", "coherence", "rose"], ["strokes", "coherence", "told"]], width_ratios=(5, 5, 3),
         height_ratios=(3, 1.3), per_subplot_kw={"rose": {"projection": "polar"}},
     )  # fmt: skip
-    axes["strokes"].imshow(stroke_map(found), extent=(0, found.size[1], found.size[0], 0), interpolation="antialiased")
+    axes["strokes"].imshow(
+        stroke_map(analysis), extent=(0, analysis.size[1], analysis.size[0], 0), interpolation="antialiased"
+    )
     axes["strokes"].set_title("strokes in the colours of their directions", fontsize=10)
-    _coherence(axes["coherence"], part, found)
+    _coherence(axes["coherence"], part, analysis)
     axes["coherence"].set_title(f"coherence of the directions of the {NEIGHBOURS} nearest strokes", fontsize=10)
     for picture in (axes["strokes"], axes["coherence"]):
         picture.set(xticks=[], yticks=[], anchor="N")
         picture.spines[:].set_color(ink)
-    _rose(axes["rose"], found, largest)
+    _rose(axes["rose"], analysis, largest)
     axes["rose"].set_title("directions as they lie; dotted: all equal", fontsize=10)
-    numbers, told = overall_of(found), axes["told"]
+    numbers, told = overall_of(analysis), axes["told"]
     look = {"va": "top", "fontsize": 8.5, "linespacing": 1.5, "in_layout": False}
     told.text(0.1, 1, "\n".join(OVERALL[key].name for key in TOLD), color=MUTED, **look)
     told.text(0.75, 1, "\n".join(with_unit(numbers[key], OVERALL[key].unit) for key in TOLD), color=INK, **look)
     told.axis("off")
 
 
-def _coherence(axes: Axes, part: SubFigure, found: Analysis) -> None:
+def _coherence(axes: Axes, part: SubFigure, analysis: Analysis) -> None:
     """How parallel strokes are, with lines that follow them, longer where they agree."""
     from matplotlib import colormaps  # noqa: PLC0415
     from matplotlib.colors import ListedColormap  # noqa: PLC0415
 
     colors = ListedColormap(colormaps["YlGnBu"](np.linspace(0, SCALE_SHARE, 256)))
-    coherence = np.linalg.norm(coherence_map(found, MAP_CELLS)[1], axis=-1)
-    place = (0, found.size[1], found.size[0], 0)
+    coherence = np.linalg.norm(coherence_map(analysis, MAP_CELLS)[1], axis=-1)
+    place = (0, analysis.size[1], analysis.size[0], 0)
     image = axes.imshow(coherence, extent=place, cmap=colors, vmin=0, vmax=1, interpolation="bilinear")
     axes.set_facecolor(FAINT)  # where there are too few strokes
-    points, mean = coherence_map(found, DASHES)
-    length = 0.94 * max(found.size) / DASHES * np.hypot(mean[..., 0], mean[..., 1])
+    points, mean = coherence_map(analysis, DASHES)
+    length = 0.94 * max(analysis.size) / DASHES * np.hypot(mean[..., 0], mean[..., 1])
     way = 0.5 * np.arctan2(mean[..., 1], mean[..., 0])
     axes.quiver(
         points[..., 0], points[..., 1], length * np.cos(way), length * np.sin(way), color=INK, width=0.003,
@@ -103,9 +107,9 @@ def _coherence(axes: Axes, part: SubFigure, found: Analysis) -> None:
     scale.set_ticks([0, 0.5, 1], labels=["0 disorder", "0.5", "1 parallel"], fontsize=8)
 
 
-def _rose(axes: Any, found: Analysis, largest: float) -> None:
+def _rose(axes: Any, analysis: Analysis, largest: float) -> None:
     """Shares of directions as areas, each drawn both ways."""
-    share = np.sqrt(direction_shares(found.values("orientation")))
+    share = np.sqrt(direction_shares(analysis.values("orientation")))
     middle = np.arange(DIRECTION_BINS) * math.pi / DIRECTION_BINS
     look = {"color": direction_colors(middle), "edgecolor": "white", "linewidth": 0.6}
     for way in (middle, middle + math.pi):
@@ -122,13 +126,13 @@ def _rose(axes: Any, found: Analysis, largest: float) -> None:
     axes.spines["polar"].set_visible(False)
 
 
-def _histogram(axes: Axes, key: str, found: Sequence[Analysis]) -> None:
+def _histogram(axes: Axes, key: str, analyses: Sequence[Analysis]) -> None:
     """Shares of strokes by one measure, and the median; in pitches if paintings are compared."""
     tidy(axes)
     axes.grid(axis="x", visible=False)
     axes.yaxis.set_major_formatter("{x:g} %")
-    compared = len(found) > 1
-    samples = [one.relative(key) if compared else one.values(key) for one in found]
+    compared = len(analyses) > 1
+    samples = [one.relative(key) if compared else one.values(key) for one in analyses]
     unit = relative_unit(key) if compared else MEASURES[key].unit
     label = MEASURES[key].name + f", {unit}" * bool(unit)
     filled = [values for values in samples if len(values)]
@@ -171,19 +175,19 @@ def direction_colors(angle: Array) -> Array:
 
 
 @torch.no_grad()
-def stroke_map(found: Analysis) -> NDArray[np.float32]:
+def stroke_map(analysis: Analysis) -> NDArray[np.float32]:
     """The strokes (H, W, 3) as they lie over each other, in the colours of their directions, on white."""
-    zoom = STROKES_SIDE / max(found.size)
-    size = (max(1, round(found.size[0] * zoom)), max(1, round(found.size[1] * zoom)))
-    color = torch.from_numpy(direction_colors(found.measures.orientation)).float()
-    strokes = replace(found.strokes.map(Tensor.float), color=color).moved(zoom=zoom)
-    above = torch.from_numpy(found.depth).argsort(descending=True)
+    zoom = STROKES_SIDE / max(analysis.size)
+    size = (max(1, round(analysis.size[0] * zoom)), max(1, round(analysis.size[1] * zoom)))
+    color = torch.from_numpy(direction_colors(analysis.measures.orientation)).float()
+    strokes = replace(analysis.strokes.map(Tensor.float), color=color).moved(zoom=zoom)
+    above = torch.from_numpy(analysis.depth).argsort(descending=True)
     picture: NDArray[np.float32] = Tiled()(Analytic()(strokes), above, size, torch.ones(3)).image.numpy()
     return picture.transpose(1, 2, 0).clip(0, 1)
 
 
 @torch.no_grad()
-def coherence_map(found: Analysis, cells: int) -> tuple[Array, Array]:
+def coherence_map(analysis: Analysis, cells: int) -> tuple[Array, Array]:
     """Places (h, w, 2) in pixels of a grid, ``cells`` on the longer side, and doubled directions (h, w, 2) around them.
 
     These are means of the nearest strokes, as long as the coherence; NaN where fewer than ``LEAST_AROUND`` strokes are
@@ -191,14 +195,14 @@ def coherence_map(found: Analysis, cells: int) -> tuple[Array, Array]:
     """
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 
-    height, width = found.size
+    height, width = analysis.size
     step = max(height, width) / cells
     columns, rows = max(1, round(width / step)), max(1, round(height / step))
     x, y = (np.arange(columns) + 0.5) * width / columns, (np.arange(rows) + 0.5) * height / rows
     points = np.stack(np.meshgrid(x, y), axis=-1)
-    curve = curve_of(found.strokes.map(Tensor.double))
+    curve = curve_of(analysis.strokes.map(Tensor.double))
     centre, places = centre_of(curve), torch.from_numpy(points.reshape(-1, 2))
     mean = mean_direction(direction_of(curve), nearest_strokes(places, centre, exclude_self=False)).numpy()
-    near = cKDTree(centre.numpy()).query_ball_point(places.numpy(), found.radius, return_length=True)
+    near = cKDTree(centre.numpy()).query_ball_point(places.numpy(), analysis.radius, return_length=True)
     mean[near < LEAST_AROUND] = np.nan
     return points, mean.reshape(rows, columns, 2)

@@ -17,16 +17,16 @@ def statistics_of(values: Array, axial: bool = False) -> dict[str, float | int |
     Of directions in degrees the mean is the mean direction, the standard deviation the angular deviation (Batschelet,
     1981) about it, sqrt((1 - R) / 2) in radians; quartiles they have none.
     """
-    found: dict[str, float | int | None] = dict.fromkeys(STATISTICS) | {"n": len(values)}
+    statistics: dict[str, float | int | None] = dict.fromkeys(STATISTICS) | {"n": len(values)}
     if not len(values):
-        return found
+        return statistics
     if axial:
         mean = mean_of_directions(values)
         spread = math.degrees(math.sqrt(0.5 * max(1 - abs(mean), 0)))
-        return found | {"mean": degrees_of(mean), "sd": spread}
+        return statistics | {"mean": degrees_of(mean), "sd": spread}
     low, middle, high = np.quantile(values, (0.25, 0.5, 0.75)).tolist()
     sd = float(values.std(ddof=1)) if len(values) > 1 else None
-    return found | {"mean": float(values.mean()), "sd": sd, "q25": low, "median": middle, "q75": high}
+    return statistics | {"mean": float(values.mean()), "sd": sd, "q25": low, "median": middle, "q75": high}
 
 
 def mean_of_directions(angle: Array) -> complex:
@@ -48,13 +48,13 @@ def entropy_of(angle: Array) -> float:
 
 def compared(a: Array, b: Array, *, axial: bool) -> dict[str, float | str | None]:
     """How far two samples are apart, the numbers of `summary.comparison_of`; None where one is not defined."""
-    found: dict[str, float | str | None] = dict.fromkeys(COMPARISONS)
+    comparison: dict[str, float | str | None] = dict.fromkeys(COMPARISONS)
     if not len(a) or not len(b):
-        return found
+        return comparison
     if axial:
         turn = mean_of_directions(a) * mean_of_directions(b).conjugate()
         angle = math.degrees(0.5 * math.atan2(turn.imag, turn.real))
-        return found | {"difference": angle, "distance": turning_distance(a, b)}
+        return comparison | {"difference": angle, "distance": turning_distance(a, b)}
     from scipy.stats import wasserstein_distance  # noqa: PLC0415  (slow to import)
 
     delta = cliffs_delta(a, b)

@@ -47,8 +47,8 @@ class Analysis:
 
     def values(self, key: str) -> Array:
         """One measure of the strokes for which it is defined, in the unit in which it is shown."""
-        found: Array = self.measures[key]
-        return in_units(found[np.isfinite(found)], MEASURES[key])
+        values: Array = self.measures[key]
+        return in_units(values[np.isfinite(values)], MEASURES[key])
 
     def relative(self, key: str) -> Array:
         """The same in a unit that does not depend on the size of the canvas: pitches instead of pixels."""
@@ -61,17 +61,17 @@ def analysis_of(
     """Measure the strokes of a catalogue that count, see `strokes.brushwork.is_visible` and `thinnest_of`.
 
     Neighbours are counted within ``radius`` pixels, None means ``RADIUS_PITCHES`` pitches. A stroke of which less than
-    the share ``visible`` is seen is left out and is no neighbour of others. If none counts, there is a UserError about
+    the share ``visible`` is seen is left out and is no neighbour of others. If none counts, it is a UserError about
     the ``option`` that sets the file.
     """
     thinnest = thinnest_of(len(saved.strokes), saved.size)
     number = is_visible(saved.strokes, thinnest / MIN_WIDTH_PITCHES).nonzero()[:, 0]
-    found = measure_strokes(saved.strokes[number], saved.depth[number], saved.size, radius)
+    table = measure_strokes(saved.strokes[number], saved.depth[number], saved.size, radius)
     if visible > 0:
-        seen = found.visible[found.visible >= visible]
-        number = number[torch.from_numpy(found.visible >= visible)]
-        found = measure_strokes(saved.strokes[number], saved.depth[number], saved.size, radius)
-        found.visible = seen  # with the hidden ones among them
+        seen = table.visible[table.visible >= visible]
+        number = number[torch.from_numpy(table.visible >= visible)]
+        table = measure_strokes(saved.strokes[number], saved.depth[number], saved.size, radius)
+        table.visible = seen  # with the hidden ones among them
     if not len(number):
         rules = f"opacity {MIN_OPACITY} or more, thickness {thinnest:.3g} pixels or more"
         rules += f", {visible:.0%} of it not hidden" * (visible > 0)
@@ -81,7 +81,7 @@ def analysis_of(
     strokes, depth = saved.strokes[number], saved.depth[number].argsort().argsort().numpy()
     pitch = pitch_of(strokes, saved.size)
     radius = RADIUS_PITCHES * pitch if radius is None else radius
-    return Analysis(name, source, saved.size, len(saved.strokes), number.numpy(), strokes, depth, pitch, radius, found)
+    return Analysis(name, source, saved.size, len(saved.strokes), number.numpy(), strokes, depth, pitch, radius, table)
 
 
 def thinnest_of(total: int, size: tuple[int, int]) -> float:
@@ -97,10 +97,10 @@ def in_units(values: Array, measure: Measure) -> Array:
     return np.degrees(values) if measure.unit == "°" else values
 
 
-def overall_of(found: Analysis) -> dict[str, float | None]:
+def overall_of(analysis: Analysis) -> dict[str, float | None]:
     """The numbers of ``OVERALL``; None where one is not defined."""
-    measures, pixels = found.measures, found.size[0] * found.size[1]
-    angle = found.values("orientation")
+    measures, pixels = analysis.measures, analysis.size[0] * analysis.size[1]
+    angle = analysis.values("orientation")
     mean = samples.mean_of_directions(angle) if len(angle) else None
     around = min(NEIGHBOURS, len(measures) - 1) + 1
     return {
@@ -115,24 +115,24 @@ def overall_of(found: Analysis) -> dict[str, float | None]:
     }
 
 
-def summary_of(found: Analysis) -> dict[str, object]:
+def summary_of(analysis: Analysis) -> dict[str, object]:
     """All of it as plain data, in pixels and in pitches."""
     measures: dict[str, dict[str, object]] = {}
     for key, measure in MEASURES.items():
-        measures[key] = {"unit": measure.unit, **samples.statistics_of(found.values(key), measure.axial)}
+        measures[key] = {"unit": measure.unit, **samples.statistics_of(analysis.values(key), measure.axial)}
         if measure.power:
-            relative = samples.statistics_of(found.relative(key))
+            relative = samples.statistics_of(analysis.relative(key))
             measures[key]["in_pitches"] = {name: value for name, value in relative.items() if name != "n"}
     return {
-        "name": found.name,
-        "catalogue": found.source,
-        "height": found.size[0],
-        "width": found.size[1],
-        "strokes": found.total,
-        "counted": len(found.number),
-        "pitch": found.pitch,
-        "radius": found.radius,
-        "overall": overall_of(found),
+        "name": analysis.name,
+        "catalogue": analysis.source,
+        "height": analysis.size[0],
+        "width": analysis.size[1],
+        "strokes": analysis.total,
+        "counted": len(analysis.number),
+        "pitch": analysis.pitch,
+        "radius": analysis.radius,
+        "overall": overall_of(analysis),
         "measures": measures,
     }
 
@@ -149,6 +149,8 @@ def comparison_of(one: Analysis, other: Analysis) -> dict[str, dict[str, float |
     return {key: samples.compared(*pair, axial=MEASURES[key].axial) for key, pair in pairs.items()}
 
 
-def mean_measures(found: Analysis) -> dict[str, float | int | None]:
+def mean_measures(analysis: Analysis) -> dict[str, float | int | None]:
     """One number per measure, for the table of a sweep."""
-    return {key: samples.statistics_of(found.values(key), measure.axial)["mean"] for key, measure in MEASURES.items()}
+    return {
+        key: samples.statistics_of(analysis.values(key), measure.axial)["mean"] for key, measure in MEASURES.items()
+    }

@@ -18,67 +18,67 @@ HEADINGS = {"n": "n", "mean": "mean", "sd": "standard deviation", "q25": "25 %",
 DIFFERENCES = {"difference": "difference", "in sd": "standardised", "Cliff's delta": "delta"}
 
 
-def write_summary(folder: Path, found: Sequence[Analysis]) -> list[Path]:
+def write_summary(folder: Path, analyses: Sequence[Analysis]) -> list[Path]:
     """Write ``brushwork.csv``, ``summary.json`` and ``summary.md`` of one painting, or of two side by side."""
     paths = []
-    for one, name in zip(found, ("brushwork.csv", "brushwork_against.csv"), strict=False):
+    for one, name in zip(analyses, ("brushwork.csv", "brushwork_against.csv"), strict=False):
         paths.append(folder / name)
         write_text(paths[-1], strokes_csv(one))
-    data = summary_of(found[0])
-    if len(found) > 1:
-        data |= {"against": summary_of(found[1]), "comparison": comparison_of(*found)}
+    data = summary_of(analyses[0])
+    if len(analyses) > 1:
+        data |= {"against": summary_of(analyses[1]), "comparison": comparison_of(*analyses)}
     write_json(folder / "summary.json", data)
-    write_text(folder / "summary.md", brushwork_text(found))
+    write_text(folder / "summary.md", brushwork_text(analyses))
     return [*paths, folder / "summary.json", folder / "summary.md"]
 
 
-def strokes_csv(found: Analysis) -> str:
+def strokes_csv(analysis: Analysis) -> str:
     """A row per stroke that counts, in the order of the catalogue; what is not defined is empty."""
-    columns: dict[str, Any] = {"stroke": found.number, "depth": found.depth}
-    for key in found.measures.dtype.names or ():
+    columns: dict[str, Any] = {"stroke": analysis.number, "depth": analysis.depth}
+    for key in analysis.measures.dtype.names or ():
         measure = MEASURES.get(key, Measure(key, "place", unit="px"))
         unit = f" [{measure.unit}]".replace("°", "deg") * bool(measure.unit)
-        columns[key + unit] = in_units(found.measures[key], measure)
+        columns[key + unit] = in_units(analysis.measures[key], measure)
     return csv_table(columns, significant=6)
 
 
-def brushwork_text(found: Sequence[Analysis]) -> str:
+def brushwork_text(analyses: Sequence[Analysis]) -> str:
     """Markdown with all statistics and definitions."""
-    lines = [f"# Brushwork of {' and '.join(escaped(one.name) for one in found)}", ""]
+    lines = [f"# Brushwork of {' and '.join(escaped(one.name) for one in analyses)}", ""]
     overall: dict[str, list[str]] = {"": [meant.name for meant in OVERALL.values()]}
-    for one in found:
+    for one in analyses:
         lines += [_counted(one), ""]
         numbers = overall_of(one)
         overall[one.name] = [with_unit(numbers[key], meant.unit) for key, meant in OVERALL.items()]
-    lines += ["## The whole", "", markdown_table(overall, align="l" + "r" * len(found)), ""]
-    if len(found) > 1:
-        lines += [*_comparison(found[0], found[1]), ""]
-    for one in found:
+    lines += ["## The whole", "", markdown_table(overall, align="l" + "r" * len(analyses)), ""]
+    if len(analyses) > 1:
+        lines += [*_comparison(analyses[0], analyses[1]), ""]
+    for one in analyses:
         lines += [f"## Strokes of {escaped(one.name)}", "", _statistics(one), ""]
     return "\n".join([*lines, *_definitions(), ""])
 
 
-def _counted(found: Analysis) -> str:
+def _counted(analysis: Analysis) -> str:
     return (
-        f"**{escaped(found.name)}**: {strokes_in(found)} on {found.size[1]} x {found.size[0]} px; "
-        f"{found.total - len(found.number):,} left out (fainter than {MIN_OPACITY}, thinner than "
-        f"{three_digits(thinnest_of(found.total, found.size))} px, or hidden more than was asked for). "
-        f"A pitch is {three_digits(found.pitch)} px. Neighbours are counted within {three_digits(found.radius)} px "
-        f"({three_digits(found.radius / found.pitch)} pitches)."
+        f"**{escaped(analysis.name)}**: {strokes_in(analysis)} on {analysis.size[1]} x {analysis.size[0]} px; "
+        f"{analysis.total - len(analysis.number):,} left out (fainter than {MIN_OPACITY}, thinner than "
+        f"{three_digits(thinnest_of(analysis.total, analysis.size))} px, or hidden more than was asked for). "
+        f"A pitch is {three_digits(analysis.pitch)} px. Neighbours are counted within "
+        f"{three_digits(analysis.radius)} px ({three_digits(analysis.radius / analysis.pitch)} pitches)."
     )
 
 
-def strokes_in(found: Analysis) -> str:
+def strokes_in(analysis: Analysis) -> str:
     """How many strokes were measured, in words."""
-    return f"{len(found.number):,} stroke{'s' * (len(found.number) != 1)}"
+    return f"{len(analysis.number):,} stroke{'s' * (len(analysis.number) != 1)}"
 
 
-def _statistics(found: Analysis) -> str:
+def _statistics(analysis: Analysis) -> str:
     """Every measure in pixels, and lengths and areas in pitches too."""
     rows = []
     for key, measure in MEASURES.items():
         # Both are the same unless it is a length or an area.
-        for unit, values in {measure.unit: found.values(key), relative_unit(key): found.relative(key)}.items():
+        for unit, values in {measure.unit: analysis.values(key), relative_unit(key): analysis.relative(key)}.items():
             shown = {HEADINGS[name]: three_digits(x) for name, x in statistics_of(values, measure.axial).items()}
             rows.append({"measure": measure.name, "unit": unit} | shown)
     return markdown_table(rows, align="ll" + "r" * len(HEADINGS))

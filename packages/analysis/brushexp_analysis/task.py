@@ -18,17 +18,17 @@ log = logging.getLogger(__name__)
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Measure ``cfg.catalogue``, and ``cfg.against`` if there is one, into the run's folder."""
     options = [option for option in ("catalogue", "against") if cfg[option] is not None]
-    found = []
+    analyses = []
     for option, name in zip(options, names_of([cfg[option] for option in options]), strict=True):
         saved = load_catalogue(Path(cfg[option]), option)
-        found.append(analysis_of(saved, name, cfg[option], cfg.radius, cfg.visible, option))
-        left_out = found[-1].total - len(found[-1].number)
-        log.info("%s: %d strokes measured, %d left out", cfg[option], len(found[-1].number), left_out)
-    paths = [write_figure(folder / "brushwork.png", found), *write_summary(folder, found)]
+        analyses.append(analysis_of(saved, name, cfg[option], cfg.radius, cfg.visible, option))
+        left_out = analyses[-1].total - len(analyses[-1].number)
+        log.info("%s: %d strokes measured, %d left out", cfg[option], len(analyses[-1].number), left_out)
+    paths = [write_figure(folder / "brushwork.png", analyses), *write_summary(folder, analyses)]
     log.info("%s: %s", folder, ", ".join(path.name for path in paths))
     return {
-        "n_strokes": len(found[0].number),
-        **{f"brushwork_{key}": value for key, value in mean_measures(found[0]).items()},
+        "n_strokes": len(analyses[0].number),
+        **{f"brushwork_{key}": value for key, value in mean_measures(analyses[0]).items()},
     }
 
 

@@ -44,8 +44,8 @@ class DaskLauncher(Launcher):
     def launch(self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
         """Run the jobs, and wait for all of them."""
         from distributed import Client, LocalCluster  # noqa: PLC0415
-        from hydra_plugins.hydra_joblib_launcher._core import execute_job  # noqa: PLC0415
 
+        from brushexp.compat.joblib import execute_job  # noqa: PLC0415
         from brushexp.errors import UserError  # noqa: PLC0415
 
         setup_globals()

@@ -14,6 +14,8 @@ from hydra.plugins.sweeper import Sweeper
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import MISSING, DictConfig
 
+DIRECTIONS = {"higher": "maximize", "lower": "minimize"}  # as Optuna calls them
+
 
 @dataclass
 class StudySweeperConf:
@@ -43,17 +45,15 @@ class StudySweeper(Sweeper):
 
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
         """As in Hydra; a UserError if the objective and the direction do not agree."""
-        from hydra_plugins.hydra_optuna_sweeper._impl import OptunaSweeperImpl  # noqa: PLC0415  (optuna is slow to load)
-
+        from brushexp.compat.optuna import make_sweeper  # noqa: PLC0415
         from brushexp.errors import UserError  # noqa: PLC0415
-        from brushexp.results.objective import better_direction  # noqa: PLC0415
 
         if self.options["storage"] and int(version("sqlalchemy").partition(".")[0]) > 1:
             cure = "type: pip install 'sqlalchemy<2' 'alembic<1.14', or leave it out: the sweep's folder has all trials"
             raise UserError(f"hydra.sweeper.storage={self.options['storage']} needs SQLAlchemy 1; {cure}")
         self.config, self.loader = config, hydra_context.config_loader
         self.direction = better_direction(config.objective, self.direction)
-        self.study = OptunaSweeperImpl(direction=self.direction, search_space=None, **self.options)
+        self.study = make_sweeper(direction=self.direction, **self.options)
         self.study.setup(hydra_context=hydra_context, task_function=task_function, config=config)
 
     def sweep(self, arguments: list[str]) -> None:
@@ -79,48 +79,78 @@ class StudySweeper(Sweeper):
             renew(folder)
 
     def go_on(self, words: list[str]) -> None:
-        """Tell Optuna of the trials that the folder holds; those that were killed are tried first, anew.
-
-        A database knows of them already, and takes those that were killed for being at work.
-        """
+        """Tell Optuna of the trials in the folder of the sweep; trials that were killed are tried first, anew."""
         import optuna  # noqa: PLC0415
-        from hydra_plugins.hydra_optuna_sweeper._impl import create_params_from_overrides  # noqa: PLC0415
 
-        from brushexp.results.objective import objective_in  # noqa: PLC0415
-        from brushexp.results.runs import result_in, words_of  # noqa: PLC0415
+        from brushexp.compat.optuna import search_space  # noqa: PLC0415
+        from brushexp.results.runs import has_ended, read_result, words_of  # noqa: PLC0415
 
-        space, _ = create_params_from_overrides(words)
-        name = self.study.study_name = self.options["study_name"]
-        storage = self.study.storage = self.options["storage"] or optuna.storages.InMemoryStorage()
-        known = optuna.create_study(storage=storage, study_name=name, direction=self.direction, load_if_exists=True)
-        told = [trial.params for trial in known.trials if trial.state.is_finished()]
-        for trial in known.trials:
-            if trial.state is optuna.trial.TrialState.RUNNING:
-                known.tell(trial.number, state=optuna.trial.TrialState.FAIL)
-                self.study.n_trials += 1
+        space, study = search_space(words), self.open_study()
+        recorded = [trial.params for trial in study.trials if trial.state.is_finished()]
         folders = [path for path in Path(self.config.hydra.sweep.dir).iterdir() if path.name.isdecimal()]
         killed, ended = [], []
         for folder in sorted(folders, key=lambda path: int(path.name)):
-            typed = dict(word.split("=", 1) for word in words_of(folder) or [] if "=" in word)
+            typed = dict(word.split("=", 1) for word in words_of(folder) if "=" in word)
             values = {key: value_in(one, typed[key]) for key, one in space.items() if key in typed}
-            noted = result_in(folder)
-            if noted["status"] == "interrupted" or not (folder / "result.json").is_file():
-                killed.append(values)
-                continue
-            ended.append(values)
-            if values in told:
-                continue
-            failed = noted["status"] == "failed"
-            state = optuna.trial.TrialState.FAIL if failed else optuna.trial.TrialState.COMPLETE
-            value = None if failed else objective_in(noted, self.config.objective)
-            known.add_trial(optuna.trial.create_trial(state=state, value=value, params=values, distributions=space))
+            (ended if has_ended(folder) else killed).append(values)
+            if has_ended(folder) and values not in recorded:
+                study.add_trial(frozen_trial(read_result(folder), values, space, self.config.objective))
         for k, values in enumerate(killed):
             if values not in (*ended, *killed[:k]):  # else an earlier resume has tried them
-                known.enqueue_trial(values)
-        self.study.n_trials -= sum(trial.state.is_finished() for trial in known.trials)
+                study.enqueue_trial(values)
+        self.study.n_trials -= sum(trial.state.is_finished() for trial in study.trials)
         self.study.job_idx = 1 + max((int(path.name) for path in folders), default=-1)
         if isinstance(self.study.sampler, optuna.samplers.BaseSampler):
             self.study.sampler.reseed_rng()  # or it would begin as it has begun before
+
+    def open_study(self) -> Any:
+        """The study of Optuna; a database has it already, and takes trials that were killed for being at work."""
+        import optuna  # noqa: PLC0415
+
+        name = self.study.study_name = self.options["study_name"]
+        storage = self.study.storage = self.options["storage"] or optuna.storages.InMemoryStorage()
+        study = optuna.create_study(storage=storage, study_name=name, direction=self.direction, load_if_exists=True)
+        for trial in study.trials:
+            if trial.state is optuna.trial.TrialState.RUNNING:
+                study.tell(trial.number, state=optuna.trial.TrialState.FAIL)
+                self.study.n_trials += 1
+        return study
+
+
+def better_direction(objective: str | None, typed: str | None) -> str:
+    """``maximize`` or ``minimize``: as the tables know it, or as ``typed`` for a metric that they do not know.
+
+    A UserError without an objective, with a direction that is not its own, or if neither says which it is.
+    """
+    from brushexp.errors import UserError  # noqa: PLC0415
+    from brushexp.results.tables import METRICS  # noqa: PLC0415
+
+    option, choices = "hydra.sweeper.direction", tuple(DIRECTIONS.values())
+    if objective is None:
+        raise UserError("Optuna needs objective=: the number of metrics.json that it improves; try objective=psnr")
+    if typed is not None and typed not in choices:
+        raise UserError(f"{option}={typed} is not one of {', '.join(choices)}; drop it")
+    metric = METRICS.get(objective)
+    own = DIRECTIONS.get(metric.better) if metric else None
+    if own and typed not in (None, own):
+        raise UserError(f"{option}={typed} looks for the worst {objective}; drop it")
+    if not (own or typed):
+        names = ", ".join(name for name, metric in METRICS.items() if metric.better)
+        raise UserError(f"nobody knows which {objective} is better; add {option}=minimize or maximize (known: {names})")
+    return own or str(typed)
+
+
+def frozen_trial(result: dict[str, Any], values: dict[str, Any], space: dict[str, Any], objective: str) -> Any:
+    """A trial that has ended, as Optuna records it."""
+    import optuna  # noqa: PLC0415
+
+    from brushexp.results.runs import objective_in  # noqa: PLC0415
+
+    if result["status"] == "failed":
+        state, value = optuna.trial.TrialState.FAIL, None
+    else:
+        state, value = optuna.trial.TrialState.COMPLETE, objective_in(result, objective)
+    return optuna.trial.create_trial(state=state, value=value, params=values, distributions=space)
 
 
 def value_in(space: Any, typed: str) -> Any:
@@ -134,11 +164,11 @@ def ends_of(override: Override) -> list[str]:
     """The values of an override: all of a choice, the first and last of a range or interval."""
     if not override.is_sweep_override():
         return [override.get_value_element_as_str()]
-    found: Any = override.value()
+    sweep: Any = override.value()
     if override.is_interval_sweep():
-        return [str(found.start), str(found.end)]
+        return [str(sweep.start), str(sweep.end)]
     if override.is_range_sweep():
-        return [str(found.start), str(found.stop)]  # which Optuna counts in
+        return [str(sweep.start), str(sweep.stop)]  # which Optuna counts in
     return list(override.sweep_string_iterator())
 
 

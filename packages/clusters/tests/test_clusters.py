@@ -6,11 +6,12 @@ import re
 import signal
 
 import pytest
+from hydra_plugins.brushexp_optuna import better_direction
 from program import ROOT, run
 from sweeps import read_csv
 
 from brushexp.errors import UserError
-from brushexp.results.objective import better_direction, objective_in
+from brushexp.results.runs import objective_in
 from brushexp.system.runtime import interruptible, pass_signal_on
 
 pytestmark = pytest.mark.slow
@@ -60,16 +61,16 @@ def test_a_search_marks_what_fails_and_goes_on(tmp_path):
     assert done.returncode == 0, done.stderr
     values = [float(row["l1"]) for row in read_csv(study / "table.csv")]
     assert f"best_value: {min(values)}" in (study / "optimization_results.yaml").read_text()
-    failed = json.loads((study / "1" / "result.json").read_text()) | {"status": "failed"}
-    (study / "1" / "result.json").write_text(json.dumps(failed))
+    failed = json.loads((study / "1" / "metrics.json").read_text()) | {"status": "failed"}
+    (study / "1" / "metrics.json").write_text(json.dumps(failed))
     done = run(*words, "hydra.sweeper.n_trials=3", "resume=sweep", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     rows = read_csv(study / "table.csv")
     assert [row["status"] for row in rows] == ["completed", "failed", "completed"]
     assert len({row["optimizer.lr"] for row in rows}) == 3
     assert (study / "table.tex").exists()
-    killed = json.loads((study / "0" / "result.json").read_text()) | {"status": "interrupted"}
-    (study / "0" / "result.json").write_text(json.dumps(killed))
+    killed = json.loads((study / "0" / "metrics.json").read_text()) | {"status": "interrupted"}
+    (study / "0" / "metrics.json").write_text(json.dumps(killed))
     for n in (4, 5):  # first the one that was killed anew, which is tried once
         done = run(*words, f"hydra.sweeper.n_trials={n}", "resume=sweep", cwd=tmp_path)
         assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""Corruption of valid strokes: the negatives that a discriminator learns to tell from them."""
+"""Valid strokes are corrupted: these are the negative examples that a discriminator learns from."""
 
 import math
 from collections.abc import Callable
@@ -33,7 +33,7 @@ def corrupt(valid: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, 
 
 
 def _boxed(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Anything in a box that is larger than that of valid strokes: up to 3000 half-windows, thousand sides thick."""
+    """Draw points from a larger box than that of valid strokes, up to 3000 half-windows, and widths to 1000 sides."""
     n = len(valid)
     points = (2 * _uniform(n, 6, generator) - 1) * _log_uniform(n, INSET, FARTHEST, generator)
     width = torch.where(_uniform(n, 1, generator) < 0.5, valid[:, 6:], _thickness(n, generator))
@@ -41,14 +41,14 @@ def _boxed(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _enlarged(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """As large as it must be to leave the window, and as much again or a thousand times; the curve keeps its form."""
+    """Enlarge a stroke until it leaves the window, or a thousand times farther; the curve keeps its form."""
     points, width = valid.split([6, 1], dim=1)
     reach = (INSET + _log_uniform(len(valid), NEAREST, FARTHEST, generator)) / points.abs().amax(1, keepdim=True)
     return torch.cat([points * reach, width], dim=1)
 
 
 def _shifted(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """All of it is moved until some of it is outside of the window, or all; the curve keeps its form."""
+    """Move a stroke until some of it, or all, is outside of the window; the curve keeps its form."""
     n = len(valid)
     points, width = valid.split([6, 1], dim=1)
     side = torch.where(_uniform(n, 2, generator) < 0.5, -1.0, 1.0)
@@ -60,28 +60,28 @@ def _shifted(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _mixed(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """One group of numbers (start, control, end or width) is that of another stroke."""
+    """Take one group of numbers (start, control, end or width) from another stroke."""
     return torch.where(_one_group(len(valid), generator), valid.roll(1, 0), valid)
 
 
 def _noisy(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Normal noise on all numbers, of a strength between a tenth of a half-window and many windows."""
+    """Add normal noise to all numbers, of a strength between a tenth of a half-window and many windows."""
     strength = _log_uniform(len(valid), 0.1, FARTHEST, generator)
     return valid + strength * torch.randn(valid.shape, generator=generator)
 
 
 def _partly_noisy(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Such noise on one group of numbers."""
+    """Add such noise to one group of numbers."""
     return torch.where(_one_group(len(valid), generator), _noisy(valid, generator), valid)
 
 
 def _off_width(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Thinner or thicker than any valid stroke."""
+    """Make a stroke thinner or thicker than any valid one."""
     return torch.cat([valid[:, :6], _thickness(len(valid), generator)], dim=1)
 
 
 def _outside(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """One coordinate of one point is beyond the square that all points of valid strokes are in, often just beyond."""
+    """Put one coordinate of one point beyond the square of all points of valid strokes, often just beyond."""
     n = len(valid)
     where = functional.one_hot(torch.randint(6, (n,), generator=generator), SHAPE).bool()
     beyond = INSET + _log_uniform(n, NEAREST, FARTHEST, generator)
@@ -89,7 +89,7 @@ def _outside(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _shortened(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Too short for its thickness, down to a point, bent as before."""
+    """Make a stroke too short for its thickness, down to a point; its bend stays."""
     start, control, end, width = valid.split([2, 2, 2, 1], dim=1)
     middle, chord = 0.5 * (start + end), end - start
     length = torch.linalg.vector_norm(chord, dim=1, keepdim=True)
@@ -99,7 +99,7 @@ def _shortened(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _bent(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """The control point goes off by many times the spread that valid strokes have, in any direction."""
+    """Move the control point by many times the spread that valid strokes have, in any direction."""
     start, _, end, width = valid.split([2, 2, 2, 1], dim=1)
     length = torch.linalg.vector_norm(end - start, dim=1, keepdim=True)
     angle = 2 * math.pi * _uniform(len(valid), 1, generator)
@@ -116,19 +116,19 @@ def _uniform(n: int, columns: int, generator: torch.Generator) -> Tensor:
 
 
 def _log_uniform(n: int, low: float, high: float, generator: torch.Generator) -> Tensor:
-    """(n, 1), as often between 1 and 10 as between 10 and 100."""
+    """Draw numbers (n, 1) whose logarithm is uniform."""
     return low * (high / low) ** _uniform(n, 1, generator)
 
 
 def _thickness(n: int, generator: torch.Generator) -> Tensor:
-    """Widths (n, 1) outside `WIDTH`, as `strokes.prior.parameters_of` writes them."""
+    """Draw widths (n, 1) outside `WIDTH`, as `strokes.prior.parameters_of` writes them."""
     thin, thick = WIDTH[0] * _uniform(n, 1, generator), _log_uniform(n, WIDTH[1], THICKEST, generator)
     width = torch.where(_uniform(n, 1, generator) < 0.5, thin, thick)
     return (2 * width - (WIDTH[1] + WIDTH[0])) / (WIDTH[1] - WIDTH[0])
 
 
 def _one_group(n: int, generator: torch.Generator) -> Tensor:
-    """Mask (n, 7) of one of the `GROUPS`."""
+    """Draw masks (n, 7), each of one of the `GROUPS`."""
     return _columns(functional.one_hot(torch.randint(len(GROUPS), (n,), generator=generator), len(GROUPS)).bool())
 
 

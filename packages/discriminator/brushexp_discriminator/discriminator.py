@@ -49,8 +49,8 @@ class Discriminator(nn.Module):
         square = (points[:, :2] - points[:, 4:]).square().sum(1, keepdim=True)
         length = (square + SHORTEST_CHORD**2).sqrt()  # with a slope where both ends are in one place
         bend = bend_of(strokes_of(functional.pad(shapes, (0, 3))))
-        seen = torch.cat([points.abs(), width, length, bend.abs()], dim=1)
-        return self.layers((STRETCH * seen).asinh())[:, 0]
+        inputs = torch.cat([points.abs(), width, length, bend.abs()], dim=1)
+        return self.layers((STRETCH * inputs).asinh())[:, 0]
 
 
 @register("loss", NAME)

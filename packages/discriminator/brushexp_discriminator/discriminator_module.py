@@ -1,4 +1,4 @@
-"""Teaching a network to tell valid strokes from corrupted ones, and measuring how well it does."""
+"""A network is trained to tell valid strokes from corrupted ones, and measured on held-out ones."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -84,20 +84,20 @@ class DiscriminatorModule(NetworkModule):
 
 
 def shape_batch(n: int, seed: int, first: int) -> ShapeBatch:
-    """``n`` valid strokes, number ``first`` and on of the prior, and the ``n`` after them corrupted."""
-    known = shapes_of(sample_prior(2 * n, seed, first))
+    """Draw ``n`` valid strokes, number ``first`` and on of the prior, and corrupt the ``n`` after them."""
+    shapes = shapes_of(sample_prior(2 * n, seed, first))
     state = np.random.SeedSequence([seed, first]).generate_state(1, np.uint64)
-    return ShapeBatch(known[:n], *corrupt(known[n:], torch.Generator().manual_seed(int(state[0]))))
+    return ShapeBatch(shapes[:n], *corrupt(shapes[n:], torch.Generator().manual_seed(int(state[0]))))
 
 
 def held_out_shapes(seed: int, split: Split) -> ShapeBatch:
-    """Strokes for validation or test."""
+    """Draw the strokes for validation or test."""
     return shape_batch(HELD_OUT_STROKES, seed, HELD_OUT[split])
 
 
 @torch.no_grad()
 def discriminator_figures(network: Discriminator, batch: ShapeBatch) -> dict[str, float]:
-    """How well valid and corrupted strokes are told apart.
+    """Measure how well valid and corrupted strokes are told apart.
 
     ``accuracy`` at a score of 0, ``auc`` (a corrupted stroke scores below a valid one so often) of all and by the kind
     of corruption, ``threshold``, and the ``hinge`` max(0, threshold - score) of valid and of corrupted strokes. Some
@@ -117,7 +117,7 @@ def discriminator_figures(network: Discriminator, batch: ShapeBatch) -> dict[str
 
 
 def save_discriminator(network: Discriminator, path: Path, seed: int, training: dict[str, Any]) -> dict[str, object]:
-    """Set the threshold, measure on test strokes, and write the discriminator with its recipe; what it is in numbers.
+    """Set the threshold, measure on test strokes, write the discriminator with its recipe, and return its numbers.
 
     The threshold is the score that `THRESHOLD_QUANTILE` of held-out valid strokes stay below; ``seed`` is the data's.
     """
@@ -138,7 +138,7 @@ def save_discriminator(network: Discriminator, path: Path, seed: int, training: 
 
 
 def area_under_curve(above: Tensor, below: Tensor) -> float:
-    """Share of pairs in which the first scores higher, ties half: the area under the ROC curve (Mann and Whitney)."""
+    """Compute the area under the ROC curve: the share of pairs in which the first scores higher, ties half."""
     from scipy.stats import mannwhitneyu  # noqa: PLC0415  (half a second)
 
     return float(mannwhitneyu(above, below, method="asymptotic").statistic) / (len(above) * len(below))

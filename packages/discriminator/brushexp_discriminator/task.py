@@ -18,6 +18,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 class DiscriminatorJob(NetworkJob):
     """Train a discriminator on strokes of the prior."""
 
+    module: DiscriminatorModule
+
     def __init__(self, cfg: DictConfig, folder: Path, device: torch.device) -> None:
         self.cfg = cfg
         self.data = ShapeData(batch_size=cfg.batch_size, seed=cfg.seed)

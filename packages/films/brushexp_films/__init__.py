@@ -1,1 +1,1 @@
-"""Films painted picture by picture, their strokes carried from one to the next."""
+"""Films are painted picture by picture, and strokes are carried from one picture to the next."""

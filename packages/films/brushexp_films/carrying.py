@@ -1,4 +1,4 @@
-"""Strokes carried to the next picture of a film: those move where it changes, and all others stay as they are."""
+"""Strokes are carried to the next picture of a film: they move where it changes, and all others stay as they are."""
 
 import logging
 import math
@@ -61,7 +61,7 @@ class Carrier:
         vars(self)["unused"] = state_of(self.components.losses)
 
     def __call__(self, cel: Cel, painted: Tensor, target: Tensor, changed: Tensor, motion: Tensor) -> Cel:
-        """The strokes for a ``target`` (3, H, W) that is another where ``changed`` (H, W) is true.
+        """Return the strokes for a ``target`` (3, H, W) that differs where ``changed`` (H, W) is true.
 
         ``painted`` (3, H, W) is the painting of the picture before, and ``motion`` (2, H, W) says where its pixels have
         gone.
@@ -103,7 +103,7 @@ class Carrier:
         return replace(cel, strokes=cel.strokes.with_rows(taken, new), front_to_back=front_to_back)
 
     def _optimised(self, cel: Cel, painted: Tensor, target: Tensor, moves: Tensor, region: Region) -> Strokes:
-        """Gradient steps of the strokes that move; the others around them are drawn and stay."""
+        """Take gradient steps with the strokes that move; the others around them are drawn and stay."""
         active, around = moves.nonzero()[:, 0], torch.zeros_like(moves)
         around[meeting(cel.strokes, region, self.renderer.edge)] = True
         view = View(region, active, (around & ~moves).nonzero()[:, 0])
@@ -146,7 +146,7 @@ class Carrier:
 
 @torch.no_grad()
 def shares_within(strokes: Strokes, mask: Tensor) -> Tensor:
-    """Share (N,) of each stroke that lies in a mask (H, W) of the canvas; it is seen at some points."""
+    """Estimate the share (N,) of each stroke that lies in a mask (H, W) of the canvas, from some of its points."""
     curve, half = curve_of(strokes), half_width_of(strokes)
     chord = curve[:, 2] - curve[:, 0]
     normal = torch.stack([-chord[:, 1], chord[:, 0]], 1) / chord.norm(dim=1, keepdim=True).clamp_min(1e-6)
@@ -158,24 +158,24 @@ def shares_within(strokes: Strokes, mask: Tensor) -> Tensor:
 
 @torch.no_grad()
 def advected(strokes: Strokes, which: Tensor, motion: Tensor) -> Strokes:
-    """Strokes ``which`` (N,), bool, moved by the median of a motion (2, H, W) along their curve."""
+    """Move the strokes ``which`` (N,), bool, by the median of a motion (2, H, W) along their curve."""
     median = at(motion, spine_of(strokes)).median(2).values.T
     return replace(strokes, position=torch.where(which[:, None], strokes.position + median, strokes.position))
 
 
 def spine_of(strokes: Strokes) -> Tensor:
-    """Points (N, ALONG, 2) on the curve of each stroke."""
+    """Place points (N, ALONG, 2) on the curve of each stroke."""
     return point_at(curve_of(strokes)[:, None], torch.linspace(0, 1, ALONG, device=strokes.position.device))
 
 
 def at(picture: Tensor, points: Tensor) -> Tensor:
-    """Pixels (..., N, P) of a picture (..., H, W) in which points (N, P, 2) lie; the nearest ones for those outside."""
+    """Look up the pixels (..., N, P) of a picture (..., H, W) nearest to points (N, P, 2)."""
     column, row = (points[..., k].clamp(0, picture.shape[-1 - k] - 1).long() for k in (0, 1))
     return picture[..., row, column]
 
 
 def region_around(low: Tensor, high: Tensor, size: tuple[int, int]) -> Region | None:
-    """The part of a canvas of ``size`` (H, W) that boxes, (N, 2) and (N, 2), touch; None if they touch none of it."""
+    """Bound the part of a canvas of ``size`` (H, W) that boxes, (N, 2) and (N, 2), touch; None if they touch none."""
     if not len(low):
         return None
     left, top = (max(0, int(x)) for x in low.amin(0).floor().tolist())
@@ -184,14 +184,14 @@ def region_around(low: Tensor, high: Tensor, size: tuple[int, int]) -> Region | 
 
 
 def meeting(strokes: Strokes, region: Region, edge: float) -> Tensor:
-    """Numbers (n,) of the strokes that may cover some of a region."""
+    """Return the numbers (n,) of the strokes that may cover some of a region."""
     low, high = boxes_of(strokes, edge)
     corner = low.new_tensor([region.left, region.top])
     return ((high > corner) & (low < corner + low.new_tensor([region.width, region.height]))).all(1).nonzero()[:, 0]
 
 
 def in_manner_of(new: Strokes, old: Strokes, units: Mapping[str, float]) -> Strokes:
-    """New strokes, each with the opacity of an ``old`` one, and its colour and shape where these have no unit."""
+    """Give new strokes the opacity of ``old`` ones, and their colour and shape where these have no unit."""
     kept = {"opacity"} | ({"color"} if not units.get("color") else set())
     if not any(units.get(name) for name in SHAPE):
         kept |= {"scale", "width", *SHAPE}

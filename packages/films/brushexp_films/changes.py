@@ -1,4 +1,4 @@
-"""Where a film changes, above the noise of its codec; where it is cut; and how much a painted film flickers."""
+"""Changes of a film above the noise of its codec, its cuts, and the flicker of a painted film are measured."""
 
 import numpy as np
 import torch
@@ -15,7 +15,7 @@ STILL = 0.02  # root mean square difference, 0 to 1, below which the target coun
 
 
 def difference(first: Tensor, second: Tensor) -> Tensor:
-    """Root mean square difference (H, W), over channels and ``BLUR`` pixels, of two pictures (3, H, W)."""
+    """Compute the root mean square difference (H, W), over channels and ``BLUR`` pixels, of two pictures (3, H, W)."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
     squares = (first - second).square().mean(0).cpu().numpy()
@@ -23,12 +23,12 @@ def difference(first: Tensor, second: Tensor) -> Tensor:
 
 
 def is_cut(first: Tensor, second: Tensor) -> bool:
-    """Whether two successive pictures (3, H, W) show different scenes."""
+    """Decide whether two successive pictures (3, H, W) show different scenes."""
     return float((downsampled(first, CUT_SIDE) - downsampled(second, CUT_SIDE)).abs().mean()) > CUT
 
 
 class Changes:
-    """What of a film has changed since it was last painted, picture by picture.
+    """Finds what of a film has changed since it was last painted, picture by picture.
 
     Each pixel is compared with what it was when it last changed, and not with the picture before: so what fades slowly
     is seen in the end, and noise never adds up.
@@ -45,20 +45,20 @@ class Changes:
         self._last: Tensor | None = None
 
     def __call__(self, picture: Tensor) -> Tensor:
-        """Where (H, W), bool, the next picture (3, H, W) differs; everywhere after a cut."""
+        """Return where (H, W), bool, the next picture (3, H, W) differs; after a cut it is everywhere."""
         self.begins = self._last is None or is_cut(self._last, picture)
         self._last = picture
         if self.begins:
             self.held = picture
             return torch.ones_like(picture[0], dtype=torch.bool)
-        found = (difference(picture, self.held) > self.threshold).float()
-        changed = functional.max_pool2d(found[None], 2 * GROWN + 1, 1, GROWN)[0] > 0
+        differs = (difference(picture, self.held) > self.threshold).float()
+        changed = functional.max_pool2d(differs[None], 2 * GROWN + 1, 1, GROWN)[0] > 0
         self.held = torch.where(changed, picture, self.held)
         return changed
 
 
 class Flicker:
-    """Mean absolute change, 0 to 1, of a painted film from picture to picture where its target stays as it is.
+    """Measures the mean absolute change, 0 to 1, of a painted film between pictures where its target stays as it is.
 
     Those are the pixels where two successive targets differ by less than ``still``, see `difference`.
 

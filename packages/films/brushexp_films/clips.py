@@ -43,7 +43,7 @@ def is_film(path: str | Path) -> bool:
 
 
 def open_clip(path: Path, key: str = "image") -> Clip:
-    """What a film is, read off its header and first picture; ``key`` is what sets the path, for messages.
+    """Open a film and read its header and first picture; ``key`` is what sets the path, for messages.
 
     UserError if there is no such file, no video or no picture in it, or the library PyAV is missing.
     """
@@ -62,7 +62,7 @@ def open_clip(path: Path, key: str = "image") -> Clip:
 
 
 def decoded_pictures(clip: Clip) -> Iterator[np.ndarray]:
-    """Its pictures (H, W, 3) uint8, sRGB, upright, one after another, none of which is kept.
+    """Decode the pictures (H, W, 3) uint8, sRGB, upright, one after another; none is kept.
 
     A film that breaks off ends with the last picture that can be decoded, and the log says so.
     """
@@ -80,14 +80,14 @@ def decoded_pictures(clip: Clip) -> Iterator[np.ndarray]:
 
 
 def _upright(frame: Any) -> np.ndarray:
-    """Pixels of a decoded frame, turned as the film says."""
+    """Turn the pixels of a decoded frame as the film says."""
     turns = round(frame.rotation / QUARTER) % 4
     return np.ascontiguousarray(np.rot90(frame.to_ndarray(format="rgb24"), turns))
 
 
 @contextmanager
 def _decoding(path: Path, key: str) -> Iterator[tuple[Any, Any]]:
-    """The open file and its first video."""
+    """Open a file and choose its first video."""
     check_file(path, f"give a film, {key}=clip.mp4")
     av = _library(path, key)
     try:
@@ -112,5 +112,5 @@ def _library(path: Path, key: str) -> ModuleType:
 
 
 def _errors() -> tuple[type[Exception], ...]:
-    """What decoding may raise."""
+    """List what decoding may raise."""
     return (importlib.import_module("av").error.FFmpegError, OSError, ValueError, RuntimeError)

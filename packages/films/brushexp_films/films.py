@@ -66,13 +66,13 @@ class PaintedFilm:
         return max(1, math.ceil((end - first) / self.cfg.film.every))
 
     def targets(self) -> Iterator[Tensor]:
-        """The pictures (3, H, W) that are to be painted, one after another."""
+        """Decode the pictures (3, H, W) that are to be painted, one after another."""
         first, last = self._span()
         for picture in islice(decoded_pictures(self.clip), first, last, self.cfg.film.every):
             yield planes_of(picture, self.cfg.resolution).to(self.device)
 
     def _span(self) -> tuple[int, int | None]:
-        """Numbers of the first picture and of the one behind the last."""
+        """Number the first picture and the one behind the last."""
         film, rate = self.cfg.film, self.clip.rate
         return math.ceil(film.start * rate), None if film.stop is None else max(1, math.ceil(film.stop * rate))
 
@@ -88,8 +88,8 @@ class PaintedFilm:
         painter.hand_over()
         return Cel(painter.strokes(), painter.depth.front_to_back, painter.picture.background)
 
-    def known(self, number: int) -> Cel | None:
-        """The strokes of a picture that was painted before, and so were all before it."""
+    def painted_before(self, number: int) -> Cel | None:
+        """Load the strokes of a picture that an earlier run has painted, as it has all before it; None for others."""
         before, self.before = self.before, None  # from the first one that is missing on, all are painted anew
         if before is None or not (path := frame_in(before, number)).exists():
             return None
@@ -104,23 +104,23 @@ class PaintedFilm:
         return cel_of(saved, self.device)
 
     def take(self, number: int, target: Tensor) -> np.ndarray:
-        """Paint a picture, or take over its strokes where they are known, and return it (H, W, 3) in its light."""
-        since, scenes, known = time.monotonic(), self.reel.scenes, self.known(number)
-        if known is None:
+        """Paint a picture, or take over its strokes of an earlier run, and return it (H, W, 3) in its light."""
+        since, scenes, cel = time.monotonic(), self.reel.scenes, self.painted_before(number)
+        if cel is None:
             self.reel.paint(target)
         else:
-            self.reel.follow(target, known)
+            self.reel.follow(target, cel)
         picture = self.lit()
         if self.before is None or self.before.resolve() != self.folder.resolve():
             save_catalogue(frame_in(self.folder, number), self.saved())
         self.psnr.append(psnr_of(float((self.reel.image - target).square().mean())))
         self.flicker.add(torch.from_numpy(np.moveaxis(picture, 2, 0) / np.float32(255)), target.cpu())
-        if known is None and self.reel.scenes == scenes:
+        if cel is None and self.reel.scenes == scenes:
             self.seconds.append(time.monotonic() - since)
         return picture
 
     def lit(self) -> np.ndarray:
-        """The last picture as painted, (H, W, 3), in its light."""
+        """Draw the last picture as painted, (H, W, 3), in its light."""
         if not self.light.depth:
             return to_bytes(self.reel.image)
         saved, carrier = self.saved(), self.reel.carrier
@@ -146,7 +146,7 @@ class PaintedFilm:
         )
 
     def metrics(self, start: float | None, status: str) -> dict[str, object]:
-        """What metrics.json holds."""
+        """Collect the numbers of metrics.json."""
         count, carried = len(self.psnr), len(self.seconds)
         finite = [psnr for psnr in self.psnr if math.isfinite(psnr)]  # of black pictures it is inf
         return {
@@ -161,15 +161,16 @@ class PaintedFilm:
             "peak_memory_mb": peak_memory(),
             "device": str(self.device),
             "status": status,
+            "loss": "+".join(self.cfg.loss),
         }
 
 
 def frame_in(folder: Path, number: int) -> Path:
-    """Where a run keeps the strokes of a picture."""
+    """Name the file of a run with the strokes of a picture."""
     return folder / FRAMES / f"{number:06d}.h5"
 
 
 def cel_of(saved: Saved, device: torch.device) -> Cel:
-    """The strokes of a picture that was painted before."""
+    """Read the strokes of a picture from its catalogue."""
     above = saved.depth.argsort(descending=True)
     return Cel(saved.strokes.map(lambda value: value.to(device)), above.to(device), saved.background.to(device))

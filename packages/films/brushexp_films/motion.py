@@ -1,4 +1,4 @@
-"""How the parts of a film move from one picture to the next."""
+"""The motion between two pictures of a film is estimated."""
 
 import torch
 from torch import Tensor
@@ -12,7 +12,7 @@ WARPS = 3  # refinements of each level of the pyramid
 
 
 def motion(first: Tensor, second: Tensor) -> Tensor:
-    """Where each pixel of the ``first`` picture goes, (2, H, W): x to the right and y down, in pixels.
+    """Estimate where each pixel of the ``first`` picture goes, (2, H, W): x to the right and y down, in pixels.
 
     By the iterative Lucas-Kanade method of scikit-image (Le Besnerais and Champagnat, 2005) on the brightness of
     small copies of the pictures (3, H, W).
@@ -24,5 +24,5 @@ def motion(first: Tensor, second: Tensor) -> Tensor:
         return torch.zeros_like(first[:2])
     down, across = optical_flow_ilk(*small, radius=RADIUS, num_warp=WARPS)
     zoom = max(1.0, max(first.shape[1:]) / SIDE)
-    found = torch.stack([torch.from_numpy(across), torch.from_numpy(down)]).to(first) * zoom
-    return functional.interpolate(found[None], first.shape[1:], mode="bilinear", align_corners=False)[0]
+    flow = torch.stack([torch.from_numpy(across), torch.from_numpy(down)]).to(first) * zoom
+    return functional.interpolate(flow[None], first.shape[1:], mode="bilinear", align_corners=False)[0]

@@ -27,7 +27,7 @@ class Reel:
         self.scenes = 0
 
     def paint(self, picture: Tensor) -> None:
-        """The next picture (3, H, W), in [0, 1]."""
+        """Paint the next picture (3, H, W), in [0, 1]."""
         before = self.changes.held
         changed = self._see(picture)
         if self.changes.begins:
@@ -37,7 +37,7 @@ class Reel:
             self.show(self.carrier(self.cel, self.image, held, changed, motion(before, held)))
 
     def follow(self, picture: Tensor, cel: Cel) -> None:
-        """The next picture, which has been painted already."""
+        """Take over the strokes of the next picture, which has been painted already."""
         self._see(picture)
         self.show(cel)
 

@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from brushexp.bounds import above, at_least, between
 from brushexp.config.keys import key
-from brushexp.config.rules import check_paint
+from brushexp.config.rules import check_painting
 from brushexp.config.schema import PaintTask
 from brushexp.errors import UserError
 from brushexp.pictures.load import size_at
@@ -60,4 +60,4 @@ class FilmTask(PaintTask):
         start, stop = cfg.film.start, cfg.film.stop
         if stop is not None and stop <= start:
             raise UserError(f"film.stop={stop:g} is not after film.start={start:g}; give a later second")
-        check_paint(cfg, overrides, size)
+        check_painting(cfg, overrides, size)

@@ -21,15 +21,15 @@ def add_sound(film: Path, source: Path, start: float = 0.0) -> None:
     """
     av = importlib.import_module("av")
     local = {"protocol_whitelist": "file"}
-    with av.open(str(source), options=local) as heard, av.open(str(film), options=local) as seen:
-        if not heard.streams.audio:
+    with av.open(str(source), options=local) as original, av.open(str(film), options=local) as painted:
+        if not original.streams.audio:
             return
-        sound, end = heard.streams.audio[0], start + (seen.duration or 0) / av.time_base
+        sound, end = original.streams.audio[0], start + (painted.duration or 0) / av.time_base
         try:
             with replacing(film) as temporary, av.open(str(temporary), "w", options=FAST_START) as both:
-                into = [both.add_stream_from_template(stream) for stream in (seen.streams.video[0], sound)]
-                pictures = _packets(seen, seen.streams.video[0], into[0], 0.0, math.inf)
-                sounds = _packets(heard, sound, into[1], start, end)
+                into = [both.add_stream_from_template(stream) for stream in (painted.streams.video[0], sound)]
+                pictures = _packets(painted, painted.streams.video[0], into[0], 0.0, math.inf)
+                sounds = _packets(original, sound, into[1], start, end)
                 for packet in heapq.merge(pictures, sounds, key=lambda packet: packet.dts * packet.time_base):
                     both.mux(packet)
         except (av.error.FFmpegError, ValueError):
@@ -37,7 +37,7 @@ def add_sound(film: Path, source: Path, start: float = 0.0) -> None:
 
 
 def _packets(container: Any, stream: Any, into: Any, start: float, end: float) -> Iterator[Any]:
-    """Packets of a stream between two seconds, as those of a stream ``into`` which they are to go, from 0 on."""
+    """Copy the packets of a stream between two seconds into another stream, from second 0 on."""
     before = round(start / stream.time_base)
     for packet in container.demux(stream):
         if packet.pts is not None and start <= packet.pts * packet.time_base < end:

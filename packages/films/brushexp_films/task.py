@@ -10,11 +10,12 @@ from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.pictures.video import filming
-from brushexp.runs.fitting import CHECKPOINT, RECORD, interrupted_run, record_of
+from brushexp.runs.fitting import RECORD, interrupted_run, record_of
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.callbacks import FAILED, INTERRUPTED
 from brushexp.system.files import replacing, write_json, write_picture
 from brushexp.system.progress import showing
+from brushexp.system.run_files import CHECKPOINT
 from brushexp.system.runtime import interruptible
 from brushexp_films.films import PaintedFilm, cel_of, frame_in
 from brushexp_films.schema import FRAMES

@@ -1,4 +1,4 @@
-"""The thesis's neural renderer: ten numbers in, the picture of a stroke's window out."""
+"""The thesis's neural renderer draws the picture of a stroke's window from ten numbers."""
 
 import math
 from collections.abc import Callable
@@ -162,7 +162,7 @@ class InverseVGG(PatchRenderer):
 
 
 def _checked(widths: list[int], channels: list[int] | None) -> list[int]:
-    """The ``channels`` of a pruned network in place of the usual widths; what cannot be is refused (UserError)."""
+    """Take the ``channels`` of a pruned network in place of the usual widths; refuse what cannot be (UserError)."""
     if channels is not None:
         possible = isinstance(channels, list) and all(isinstance(n, int) and 1 <= n <= 65536 for n in channels)
         if not possible or len(channels) != len(widths):
@@ -218,7 +218,7 @@ class _Layer(nn.Module):
 
 
 def stroke_planes(parameters: Tensor, side: int, zoom: int = 1) -> Tensor:
-    """Planes (n, PLANES, side, side) of strokes (n, 10) as `strokes.prior.parameters_of` writes them.
+    """Compute planes (n, PLANES, side, side) of strokes (n, 10) as `strokes.prior.parameters_of` writes them.
 
     With a ``zoom`` z they are folded as pixel_unshuffle does it: (n, PLANES * z * z, side / z, side / z).
 

@@ -1,4 +1,4 @@
-"""Removing whole channels from a trained network, so that it gets smaller and faster on any machine."""
+"""Whole channels are removed from a trained network, so that it gets smaller and faster on any machine."""
 
 import warnings
 from collections.abc import Iterable
@@ -16,7 +16,7 @@ MULTIPLE = 8  # widths stay multiples of this: processors compute so many channe
 
 
 def prune(renderer: InverseVGG, ratio: float, batches: Iterable[StrokeBatch]) -> InverseVGG:
-    """A copy of the network without those channels that its pictures depend on least.
+    """Copy the network without those channels that its pictures depend on least.
 
     Of every layer but the last, the share ``ratio``, 0 to below 1, of its channels goes; what is left is rounded to
     multiples of `MULTIPLE`, and no layer gets narrower than that. Channels that are used together are found by
@@ -71,7 +71,7 @@ def check_prunable(renderer: nn.Module) -> None:
 
 
 def _ratios(renderer: InverseVGG, ratio: float) -> dict[nn.Module, float]:
-    """For every layer but the last the exact share that goes."""
+    """Compute for every layer but the last the exact share that goes."""
     layers: dict[nn.Module, int] = {layer: len(layer.weight) for layer in renderer.dense}  # type: ignore[arg-type]
     layers[renderer.first.convolution] = renderer.first.convolution.out_channels  # type: ignore[index, union-attr, assignment]
     for layer in renderer.convolving:
@@ -99,7 +99,7 @@ class _Spread(nn.Module):
         return spread + self.bias
 
     def as_linear(self) -> Coarsest:
-        """The other way round, with the channels that are left."""
+        """Convert back, with the channels that are left."""
         weight = self.convolution.weight
         layer = Coarsest(len(weight), len(self.bias)).to(weight)
         with torch.no_grad():

@@ -53,8 +53,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         row, renderers[f"{100 * ratio:g} % pruned"] = carry_out(cfg, folder, data, n, trained, ratio)
         rows.append(row)
         write_text(folder / "pruning.csv", csv_table(rows))
-        shown = [{key: row[key] for key in DIGITS} for row in rows]
-        write_text(folder / "pruning.md", markdown_table(shown, DIGITS, escape=False) + "\n")
+        columns = [{key: row[key] for key in DIGITS} for row in rows]
+        write_text(folder / "pruning.md", markdown_table(columns, DIGITS, escape=False) + "\n")
     examples = data.first_batch(Split.TEST, min(COLUMNS, n))
     write_picture(folder / "strokes.png", np.asarray(sheet_of_strokes(renderers, examples, data.origin)))
     metrics: dict[str, object] = {

@@ -14,11 +14,12 @@ from brushexp.painting.metrics import measure
 from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.pictures.decode import FORMATS
 from brushexp.pictures.load import load_picture
-from brushexp.plugins.export.png import pixels
+from brushexp.plugins.export.png import pixels as pixels_of
 from brushexp.registry import build_named
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import to_bytes, write_json, write_picture
+from brushexp.system.run_files import METRICS_FILE
 
 CATALOGUES = (".h5", ".json")
 PICTURES = (*(f".{name.lower()}" for name in FORMATS), ".jpg", ".tif")
@@ -36,32 +37,32 @@ def add_paintings(
     """
     lpips = None if lpips_weights is None else open_distance(lpips_backbone, lpips_weights, "lpips_weights")
     for path, image in _pairs(painting, target):
-        wanted = to_bytes(load_picture(image, None, "target"))
-        found, strokes = drawn(path, wanted.shape)
-        into = folder / Path(path.name).stem
-        into.mkdir(parents=True, exist_ok=True)
-        write_picture(into / "painting.png", found)
-        write_picture(into / "target.png", wanted)
-        known = {key: value for key, value in {**numbers, **strokes}.items() if value is not None}
-        result = {"status": "completed", "overrides": {"image": image}, "painter": name}
-        write_json(into / "result.json", result | measure(found, wanted, lpips) | known)
+        target_pixels = to_bytes(load_picture(image, None, "target"))
+        pixels, strokes = drawn(path, target_pixels.shape)
+        run = folder / path.stem
+        (run / ".hydra").mkdir(parents=True, exist_ok=True)
+        write_picture(run / "painting.png", pixels)
+        write_picture(run / "target.png", target_pixels)
+        write_json(run / ".hydra" / "config.yaml", {"image": image})  # of which YAML is a superset
+        metrics = {key: value for key, value in {**numbers, **strokes}.items() if value is not None}
+        metrics |= {"status": "completed", "painter": name}
+        write_json(run / METRICS_FILE, measure(pixels, target_pixels, lpips) | metrics)
 
 
 def drawn(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, int]]:
     """A painting (H, W, 3) in 8 bits at the size of its target, its colours alone, and how many strokes it has."""
-    strokes = {}
     if path.suffix.lower() in CATALOGUES:
         saved = load_catalogue(path, "add")
         job = export_job(saved, renderer_of(saved), build_named("blend", "tiled", {}), saved.renderer, max(shape))
-        found, strokes = pixels(replace(job, light=UNLIT)), {"n_strokes": len(saved.strokes)}
+        pixels, strokes = pixels_of(replace(job, light=UNLIT)), {"n_strokes": len(saved.strokes)}
     else:
-        found = to_bytes(load_picture(str(path), None, "add"))
-    if found.shape != shape:
-        sizes = f"{found.shape[1]} x {found.shape[0]} pixels and its target {shape[1]} x {shape[0]}"
+        pixels, strokes = to_bytes(load_picture(str(path), None, "add")), {}
+    if pixels.shape != shape:
+        sizes = f"{pixels.shape[1]} x {pixels.shape[0]} pixels and its target {shape[1]} x {shape[0]}"
         raise UserError(
             f"add={path} has {sizes}; metrics compare pictures of one size: give the target it was painted in"
         )
-    return found, strokes
+    return pixels, strokes
 
 
 def _pairs(painting: Path, target: str | None) -> Iterator[tuple[Path, str]]:

@@ -37,7 +37,7 @@ def entry_of(kind: type[Kind], given: Any, where: str) -> Kind:
     if not isinstance(given, dict):
         raise UserError(f"{where} is {in_short(given)}; give a mapping of {keys}")
     try:
-        config = OmegaConf.merge(kind, given)  # type: ignore[arg-type]
+        config = OmegaConf.merge(kind, given)
         if missing := OmegaConf.missing_keys(config):
             raise UserError(f"{where} has no {' and no '.join(sorted(missing))}; its keys are {keys}")
         entry: Kind = OmegaConf.to_object(config)  # type: ignore[assignment]

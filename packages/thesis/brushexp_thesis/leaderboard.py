@@ -10,10 +10,9 @@ from omegaconf import DictConfig
 from brushexp.errors import UserError
 from brushexp.results.runs import gather, words_of
 from brushexp_thesis.added import add_paintings
-from brushexp_thesis.leaderboard_page import write_leaderboard_page
+from brushexp_thesis.leaderboard_page import write_leaderboard_page, write_standings_plot
 from brushexp_thesis.published import SHIPPED_FIGURES, read_published
 from brushexp_thesis.standings import entries_of, sections_of
-from brushexp_thesis.standings_plot import write_standings_plot
 from brushexp_thesis.standings_tables import write_leaderboard_tables
 
 log = logging.getLogger(__name__)
@@ -40,7 +39,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     sections = sections_of(entries, published)
     beside = {id(one) for section in sections for one in section.published}
     elsewhere = [one for one in published if id(one) not in beside]
-    words = [word for word in words_of(folder) or [] if word.partition("=")[0] not in NOT_SHOWN]
+    words = [word for word in words_of(folder) if word.partition("=")[0] not in NOT_SHOWN]
     write_standings_plot(folder, sections)
     write_leaderboard_page(folder, sections, elsewhere, cfg.note or "")
     command = shlex.join(["brushexp", *words])

@@ -17,8 +17,9 @@ import numpy as np
 
 from brushexp.results.anytime_curves import TIMES, Curve, curve_from, mean_curve, quality_at
 from brushexp.results.paired import interval
-from brushexp.results.runs import UNFINISHED, differences, image_name, setting_of, words_of
+from brushexp.results.runs import differences, image_name, setting_of, words_of
 from brushexp.results.tables import METRICS, MISSING, Metric
+from brushexp.system.run_files import UNFINISHED
 from brushexp_thesis.published import PublishedFigures
 
 if TYPE_CHECKING:
@@ -168,7 +169,7 @@ def _entry(run: Any, metrics: Mapping[str, Any], settings: tuple[str, ...]) -> E
         numbers={key: float(metrics[key]) for key in COLUMNS if isinstance(metrics.get(key), int | float)},
         curve=curve_from(run["anytime"]),
         folder=run["folder"],
-        command=run["command"] if words_of(run["folder"]) is not None else "",
+        command=run["command"] if words_of(run["folder"]) else "",
     )
 
 

@@ -15,10 +15,11 @@ import pandas as pd
 
 from brushexp.errors import UserError
 from brushexp.results.paired import Difference, paired_differences, paired_table
-from brushexp.results.runs import JOBS, UNFINISHED, gather
+from brushexp.results.runs import JOBS, gather
 from brushexp.results.tables import METRICS
 from brushexp.system.files import write_text
 from brushexp.system.reading import json_of, read_text
+from brushexp.system.run_files import METRICS_FILE, UNFINISHED
 from brushexp_thesis.claims import Claim
 
 EXPERIMENT = "experiment="
@@ -26,7 +27,7 @@ RECORD = "# {"  # how a record begins
 DIGITS = 7  # of a recorded number
 HOUR = 3600
 # Words that say where and by how many processes, not what.
-UNTOLD = ("hydra.sweeper.lenient=", "hydra.searchpath=", "hydra/launcher=", "hydra.launcher.")
+NOT_SHOWN = ("hydra.sweeper.lenient=", "hydra.searchpath=", "hydra/launcher=", "hydra.launcher.")
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class Study:
 
     name: str
     words: tuple[str, ...]
-    table: pd.DataFrame | None
+    table: pd.DataFrame
     n_jobs: int
     n_runs: int
     n_finished: int
@@ -48,8 +49,6 @@ class Study:
     @property
     def units(self) -> list[str]:
         """Names of the pictures or seeds that have every setting."""
-        if self.table is None:
-            return []
         whole = self.table.groupby(level=1, sort=False).size() == len(self.table.groupby(level=0))
         return [str(unit) for unit in whole.index[whole]]
 
@@ -64,44 +63,43 @@ class Study:
         Its interval is one of all comparisons with the study's reference together or, where it compares two others,
         of all pairs of settings.
         """
-        options = [] if self.table is None else list(dict.fromkeys(self.table.index.get_level_values(0)))
-        if self.table is None or not {claim.setting, claim.against} <= set(options):
+        options = list(dict.fromkeys(self.table.index.get_level_values(0)))
+        if not {claim.setting, claim.against} <= set(options):
             return None
         with_reference = options[0] in (claim.setting, claim.against)
         comparisons = len(options) - 1 if with_reference else math.comb(len(options), 2)
-        found = paired_differences(self.table, claim.against, [claim.metric], comparisons)
-        return next((one for one in found if one.option == claim.setting), None)
+        differences = paired_differences(self.table, claim.against, [claim.metric], comparisons)
+        return next((one for one in differences if one.option == claim.setting), None)
 
     def record(self, path: Path) -> None:
-        """Keep it as a file from which `studies_in` reads it again."""
-        assert self.table is not None
-        known = self.table[[key for key in METRICS if key in self.table and self.table[key].notna().any()]]
-        told = {name: getattr(self, name) for name in ("name", "words", "n_jobs", "n_runs", "n_finished", "cost")}
-        write_text(path, f"# {json.dumps(told)}\n{known.to_csv(float_format=f'%.{DIGITS}g', lineterminator=chr(10))}")
+        """Keep the study as a file from which `studies_in` reads it again."""
+        metrics = self.table[[key for key in METRICS if key in self.table and self.table[key].notna().any()]]
+        head = {name: getattr(self, name) for name in ("name", "words", "n_jobs", "n_runs", "n_finished", "cost")}
+        write_text(path, f"# {json.dumps(head)}\n{metrics.to_csv(float_format=f'%.{DIGITS}g', lineterminator=chr(10))}")
 
 
 def studies_in(folders: Sequence[Path], into: Path) -> dict[str, Study]:
     """The studies in some folders, records first; of two of one experiment, the larger, or the later."""
-    found: dict[str, Study] = {}
+    studies: dict[str, Study] = {}
     for one in (*_recorded(folders), *_swept(folders, into)):
-        if one.units and (one.name not in found or one.extent >= found[one.name].extent):
-            found[one.name] = one
-    if not found:
+        if one.units and (one.name not in studies or one.extent >= studies[one.name].extent):
+            studies[one.name] = one
+    if not studies:
         raise UserError(f"runs={','.join(map(str, folders))}: there is no sweep of an experiment=; run one first")
-    return found
+    return studies
 
 
 def _recorded(folders: Sequence[Path]) -> Iterator[Study]:
     """Those of which a folder holds records."""
     for path in sorted(path for folder in folders for path in folder.glob("*.csv")):
         with path.open(encoding="utf-8", errors="replace") as file:
-            first = file.readline()
-            if not first.startswith(RECORD):
+            head = file.readline()
+            if not head.startswith(RECORD):
                 continue
             try:
-                told = json_of(first[1:])
+                fields = json_of(head[1:])
                 table = pd.read_csv(file, index_col=[0, 1], dtype={0: str, 1: str})
-                yield Study(**told | {"words": tuple(told["words"]), "table": table})
+                yield Study(**fields | {"words": tuple(fields["words"]), "table": table})
             except (ValueError, TypeError, KeyError, UserError) as error:
                 raise UserError(f"{path} is no record of a study ({error}); write it anew or move it away") from error
 
@@ -112,37 +110,38 @@ def _swept(folders: Sequence[Path], into: Path) -> Iterator[Study]:
         noted = json_of(read_text(path / JOBS, ""))
         words = [str(word) for word in noted.get("typed", [])]
         name = next((word.removeprefix(EXPERIMENT) for word in words if word.startswith(EXPERIMENT)), None)
-        if name is not None and any(path.glob("*/result.json")):
-            frame = gather([path], into)
-            finished = int((~frame["run", "status"].isin(UNFINISHED)).sum())
-            sizes = (len(noted.get("jobs", [])), len(frame), finished)
-            yield Study(name, tuple(_short(words)), paired_table(frame), *sizes, _cost(frame))
+        if name is None or not any(path.glob(f"*/{METRICS_FILE}")):
+            continue
+        frame = gather([path], into)
+        if (table := paired_table(frame)) is not None:
+            finished = frame[~frame["run", "status"].isin(UNFINISHED)]
+            sizes = (len(noted.get("jobs", [])), len(frame), len(finished))
+            yield Study(name, tuple(_short(words)), table, *sizes, _cost(finished["metric"]))
 
 
-def _cost(frame: pd.DataFrame) -> str:
-    """What the finished runs took, in words."""
-    metrics = frame["metric"][~frame["run", "status"].isin(UNFINISHED)]
+def _cost(metrics: pd.DataFrame) -> str:
+    """What finished runs took, in words."""
     wall = "hours, CPU time not noted"
-    for key, told in (("cpu_seconds", "CPU hours"), ("seconds_total", wall), ("seconds", wall)):
-        noted = metrics[key].dropna().astype(float) if key in metrics else []
-        if len(noted):
-            of_some = "" if len(noted) == len(metrics) else f" for {len(noted)} of them"
-            return f"{sum(noted) / HOUR:.2f} {told}{of_some}"
+    for key, unit in (("cpu_seconds", "CPU hours"), ("seconds_total", wall), ("seconds", wall)):
+        seconds = metrics[key].dropna().astype(float) if key in metrics else []
+        if len(seconds):
+            of_some = "" if len(seconds) == len(metrics) else f" for {len(seconds)} of them"
+            return f"{sum(seconds) / HOUR:.2f} {unit}{of_some}"
     return "cost not noted"
 
 
 def _short(words: Sequence[str]) -> list[str]:
     """A command line as it was typed, without the folders of this machine; a part with a comma keeps its quotes.
 
-    Paths below the current folder are told from there on, as a repetition has them, others by their names.
+    Paths below the current folder are shown from there on, as a repetition has them, others by their names.
     """
-    plain = [re.sub(r'"([^",]*)"', r"\1", word) for word in words if not word.startswith(UNTOLD)]
+    plain = [re.sub(r'"([^",]*)"', r"\1", word) for word in words if not word.startswith(NOT_SHOWN)]
     plain = [re.sub(r'^hydra\.sweeper\.pictures=\[([^"]*)\]$', r"pictures=\1", word) for word in plain]
     parts = [word.partition("=") for word in sorted(plain, key=lambda word: not word.startswith(EXPERIMENT))]
     here = f"{Path.cwd().as_posix()}/"
 
-    def told(path: re.Match[str]) -> str:
+    def short(path: re.Match[str]) -> str:
         below = path[0].removeprefix(here)
         return path[1] if below.startswith(("/", "~", "..")) else below
 
-    return [key + equals + re.sub(r"""[^,\["'={:]*/([^/,]+)""", told, value) for key, equals, value in parts]
+    return [key + equals + re.sub(r"""[^,\["'={:]*/([^/,]+)""", short, value) for key, equals, value in parts]

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from browser import NARROW
 from brushexp_thesis import leaderboard as task
-from brushexp_thesis.leaderboard_page import write_leaderboard_page
+from brushexp_thesis.leaderboard_page import write_leaderboard_page, write_standings_plot
 from brushexp_thesis.published import read_published
 from brushexp_thesis.standings import entries_of, sections_of
-from brushexp_thesis.standings_plot import write_standings_plot
 from brushexp_thesis.standings_tables import at_equal_seconds, by_picture, table_cells
 from PIL import Image
 from scipy import stats

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 from brushexp_thesis import verdicts
 from brushexp_thesis.claims import Claim, read_claims
-from brushexp_thesis.studies_page import study_rows
 from brushexp_thesis.study_records import Study, studies_in
+from brushexp_thesis.verdicts import study_rows
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from scipy.stats import t

@@ -20,12 +20,13 @@ from brushexp.painting.finished import Finished
 from brushexp.plugins.export.base import LARGEST_SIDE_PIXELS, ExportJob
 from brushexp.plugins.export.png import pixels
 from brushexp.registry import build_named
-from brushexp.runs.run_folder import check_inputs, clear, is_unused, note_others, note_words, release, take
+from brushexp.runs.run_folder import check_inputs, clear, note_words, release, take
 from brushexp.runs.runner import explaining_to_users
 from brushexp.runs.session import painted, painted_into, report
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.files import write_picture
+from brushexp.system.run_files import recorded
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -110,20 +111,19 @@ class Painting:
         curves.
         """
         into = Path(folder)
-        is_new = is_unused(into)
         (into / ".hydra").mkdir(parents=True, exist_ok=True)
-        if is_new:
-            note_others(into)
         check_inputs(into, self.settings.cfg)
-        if not is_new and into.resolve() != self.settings.folder:
+        if into.resolve() != self.settings.folder:
             clear(into, self.settings.cfg)
-        settings = held_as_files(self.settings, into)
-        note_words(into, settings.cfg, settings.words)
-        write_picture(into / "target.png", self.target)
-        saved = replace(self.finished.saved, config=settings.yaml)
-        replace(self.finished, saved=saved).write(into)
-        self.finished.timelapse.write(into)
-        report(into)
+        with recorded(into):
+            settings = held_as_files(self.settings, into)
+            note_words(into, settings.cfg, settings.words)
+            write_picture(into / "target.png", self.target)
+            finished = replace(self.finished, saved=replace(self.finished.saved, config=settings.yaml))
+            finished.write(into)
+            finished.timelapse.write(into)
+            report(into)
+            finished.conclude(into)
         return into / "report.html"
 
     def _repr_html_(self) -> str:

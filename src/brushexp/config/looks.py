@@ -23,7 +23,7 @@ UNTUNED = "untuned"  # group of losses as they are without a look
 FACTORS = {"steps": ("effort", 1), "pixels_per_stroke": ("detail", -1), "max_strokes": ("detail", 1)}
 
 
-def scaled(key: str, value: float, *, _root_: DictConfig) -> float:
+def scaled(key: str, value: int | float, *, _root_: DictConfig) -> int | float:
     """The value that a look gives to a key, times what ``quality=`` says, in some power."""
     factor, power = FACTORS[key]
     product = value * _root_[factor] ** power

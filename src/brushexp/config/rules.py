@@ -73,8 +73,13 @@ PAGE = Rule(lambda path, option: Path(path).is_dir() or canvas_of(path, option))
 STROKES = Rule(_is_set)
 
 
-def check_paint(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int] | None = None) -> None:
-    """Refuse losses, strokes, a mask or a catalogue that do not fit the size (H, W) of ``image``, or the memory."""
+def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """Check a painting of the picture that ``image`` names."""
+    check_painting(cfg, overrides, size_of_picture(cfg.image, "image", cfg.resolution))
+
+
+def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int]) -> None:
+    """Refuse losses, strokes, a mask or a catalogue that do not fit a picture of this size (H, W), or the memory."""
     from brushexp.painting.assembly import budget_of, check_losses, check_size  # noqa: PLC0415
 
     names = [plugin.name for plugin in plugins("renderer")]
@@ -83,13 +88,13 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int]
         raise UserError(f"warm_up={cfg.warm_up} is not a renderer; choose auto, null or one of {', '.join(names)}")
     check_losses(cfg)
     check_monitors(cfg, PAINTING_CURVES)
-    size, strokes_given = size or size_of_picture(cfg.image, "image", cfg.resolution), None
+    in_catalogue = None
     if cfg.focus not in (None, AUTO):
         check_ratio(cfg.focus, size_of_picture(cfg.focus, "focus"), size, "focus")
     if cfg.catalogue is not None:
-        strokes_given, canvas = canvas_of(cfg.catalogue, "catalogue")
+        in_catalogue, canvas = canvas_of(cfg.catalogue, "catalogue")
         check_ratio(cfg.catalogue, canvas, size, "catalogue")
-    strokes = budget_of(cfg, size, keep_built(cfg.density), strokes_given)
+    strokes = budget_of(cfg, size, keep_built(cfg.density), in_catalogue)
     keep_built(cfg.blend).check(strokes, size)
     check_size(cfg, strokes, size)
     if cfg.style.image is not None:

@@ -42,7 +42,7 @@ FILES = {  # of a run, in the order in which the page has them
     "metrics.json": "its numbers",
     "curves/metrics.csv": "the curves, as a table",
 }
-OF_THE_FOLDER = ("lock", "others.txt", "at_work", TEMPORARY)
+OF_THE_FOLDER = ("lock", "files.txt", TEMPORARY)
 LEFT_OUT = (PAGE_NAME, "checkpoint.ckpt", *OF_THE_FOLDER)  # of what a run has left
 PICTURES = ("target", "painting", "flat", "style", "focus")  # flat: the painting without its light
 LARGEST_SIDE = 1600  # pixels of the longer side of a picture in a page
@@ -71,7 +71,7 @@ def write_run_page(folder: Path, film: Future[Any] | None = None) -> Path:
 def page_of_run(folder: Path, film: Future[Any] | None = None) -> str:
     """The page of a run, from what it has left in its folder; a UserError without a whole catalogue."""
     saved = load_catalogue(folder / "catalogue.h5")
-    metrics = read_result(folder / "metrics.json") if (folder / "metrics.json").is_file() else {}
+    metrics = read_result(folder) if (folder / "metrics.json").is_file() else {}
     image = recorded_config(saved).get("image")
     return run_page(
         saved,

@@ -26,6 +26,7 @@ from brushexp.shading.light import Light
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, save_catalogue
 from brushexp.system.files import to_bytes, write_json, write_picture
+from brushexp.system.run_files import AT_WORK, METRICS_FILE, UNFINISHED
 from brushexp.system.runtime import peak_memory
 
 
@@ -48,11 +49,11 @@ class Finished:
         return self.compare() | self.others
 
     def write(self, folder: Path, start: float | None = None) -> None:
-        """Write pictures, catalogue, SVG and, when they are there, ``metrics.json``.
+        """Write pictures, catalogue, SVG and, when these are written, ``metrics.json``.
 
         ``start`` is `time.monotonic` when the program began; a run that went on has no one start.
         """
-        (folder / "metrics.json").unlink(missing_ok=True)  # those of the painting that is being replaced
+        (folder / METRICS_FILE).unlink(missing_ok=True)  # that of the painting that is being replaced
         if self.flat is not self.picture:
             write_picture(folder / "flat.png", self.flat)
         write_picture(folder / "painting.png", self.picture)
@@ -60,7 +61,12 @@ class Finished:
         Svg().write(self.job, folder)
         self.metrics["peak_memory_mb"] = peak_memory()
         self.metrics["seconds_total"] = None if start is None else time.monotonic() - start
-        write_json(folder / "metrics.json", self.metrics)
+        others_follow = {} if self.metrics["status"] in UNFINISHED else {"status": AT_WORK}
+        write_json(folder / METRICS_FILE, self.metrics | others_follow)
+
+    def conclude(self, folder: Path) -> None:
+        """Write into ``metrics.json`` how the painting ended: now all other files are written."""
+        write_json(folder / METRICS_FILE, self.metrics)
 
 
 def finish(painter: PaintingModule, cfg: DictConfig, timelapse: Timelapse, lpips: Distance | None = None) -> Finished:
@@ -79,7 +85,7 @@ def finish(painter: PaintingModule, cfg: DictConfig, timelapse: Timelapse, lpips
         lit = {"psnr_lit": picture_psnr(picture, target)}
     timelapse.add(torch.from_numpy(picture).permute(2, 0, 1) / 255, painter.schedule.step)
     painter.anytime.add(painter.schedule.seconds, picture_psnr(flat, target))
-    others = lit | style_of(painter, cfg) | {"painter": plugin_of(cfg.painter).name}
+    others = lit | style_of(painter, cfg) | {"painter": plugin_of(cfg.painter).name, "loss": "+".join(cfg.loss)}
     others |= effort_of(painter, len(strokes))
     compare = partial(measure, flat, target, lpips, canvas.focus)
     return Finished(saved, job, picture, flat, target, compare, others, timelapse)

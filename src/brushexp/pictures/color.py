@@ -22,14 +22,14 @@ def recolored(picture: Tensor, like: Tensor) -> Tensor:
     Both are (3, H, W) in [0, 1], of any sizes; what is returned is like ``picture`` in shape and dtype, and clipped.
     """
     mean, covariance = _moments(picture)
-    wanted_mean, wanted = _moments(like)
+    like_mean, like_covariance = _moments(like)
     spread, axes = torch.linalg.eigh(covariance)
-    wanted_spread, wanted_axes = torch.linalg.eigh(wanted)
+    like_spread, like_axes = torch.linalg.eigh(like_covariance)
     narrow = (axes * spread.clamp_min(LEAST_VARIANCE).rsqrt()) @ axes.T
-    widen = (wanted_axes * wanted_spread.clamp_min(0).sqrt()) @ wanted_axes.T
+    widen = (like_axes * like_spread.clamp_min(0).sqrt()) @ like_axes.T
     u, gains, v = torch.linalg.svd(widen @ narrow)
     change = (u * gains.clamp_max(MOST_GAIN)) @ v
-    colors = change @ (picture.flatten(1).to(torch.float64) - mean) + wanted_mean
+    colors = change @ (picture.flatten(1).to(torch.float64) - mean) + like_mean
     return colors.clamp(0, 1).to(picture.dtype).reshape(picture.shape)
 
 

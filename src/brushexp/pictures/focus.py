@@ -36,8 +36,8 @@ def resized(weights: Tensor, size: tuple[int, int]) -> Tensor:
     """Weights (H, W) at another resolution, of a smaller picture or of features: means over areas, of the same mean."""
     if weights.shape == size:
         return weights
-    found = functional.adaptive_avg_pool2d(weights[None].double(), size)[0]
-    return (found * (weights.double().mean() / found.mean())).to(weights.dtype)
+    means = functional.adaptive_avg_pool2d(weights[None].double(), size)[0]
+    return (means * (weights.double().mean() / means.mean())).to(weights.dtype)
 
 
 def attention(picture: Tensor) -> Tensor:
@@ -63,13 +63,13 @@ def attention(picture: Tensor) -> Tensor:
     height, width = lab.shape[:2]
     rows, columns = (np.arange(height) + 0.5) / height - 0.5, (np.arange(width) + 0.5) / width - 0.5
     middle = np.exp(-(rows[:, None] ** 2 + columns**2) / (2 * CENTRE**2))
-    found = np.sqrt((saliency - saliency.min()) * (detail - detail.min())) * middle
-    highest = found.max()
-    found = found / highest if highest > SAME else np.zeros_like(found)
-    wide = functional.interpolate(torch.from_numpy(found)[None, None], size, mode="bilinear", align_corners=False)
-    seen = faces(picture)
-    attended = wide[0, 0] * (BESIDE_FACES if seen else 1)
-    for (y, x), side in seen:  # a round plateau, 1 in the middle, 1/e at ``FACE_REACH`` sides, and soon 0 beyond
+    salient = np.sqrt((saliency - saliency.min()) * (detail - detail.min())) * middle
+    highest = salient.max()
+    salient = salient / highest if highest > SAME else np.zeros_like(salient)
+    wide = functional.interpolate(torch.from_numpy(salient)[None, None], size, mode="bilinear", align_corners=False)
+    squares = faces(picture)
+    attended = wide[0, 0] * (BESIDE_FACES if squares else 1)
+    for (y, x), side in squares:  # a round plateau, 1 in the middle, 1/e at ``FACE_REACH`` sides, and soon 0 beyond
         down, across = torch.arange(size[0]) + 0.5 - y, torch.arange(size[1]) + 0.5 - x
         distance = (down[:, None].square() + across.square()) / (FACE_REACH * side) ** 2
         attended = torch.maximum(attended, torch.exp(-distance.square()))
@@ -108,15 +108,15 @@ def faces(picture: Tensor) -> list[tuple[tuple[float, float], float]]:
 
     def look(at: np.ndarray) -> list[tuple[float, float, float]]:
         pixels = np.ascontiguousarray(np.rint(255 * at).astype(np.uint8))
-        found = cascade.detect_multi_scale(pixels, FACE_SCALES, 1, (FACE_LEAST,) * 2, (short,) * 2)
-        return [(face["r"] + face["height"] / 2, face["c"] + face["width"] / 2, face["width"]) for face in found]
+        detected = cascade.detect_multi_scale(pixels, FACE_SCALES, 1, (FACE_LEAST,) * 2, (short,) * 2)
+        return [(face["r"] + face["height"] / 2, face["c"] + face["width"] / 2, face["width"]) for face in detected]
 
-    found = look(light)
-    mirrored = [(y, light.shape[1] - x) for y, x, _ in look(light[:, ::-1])] if found else []
+    detected = look(light)
+    mirrored = [(y, light.shape[1] - x) for y, x, _ in look(light[:, ::-1])] if detected else []
     zoom = max(picture.shape[1:]) / max(small.shape[:2])
     return [
         ((zoom * y, zoom * x), zoom * side)
-        for y, x, side in found  # most of what it takes for a face by mistake is none in the mirror
+        for y, x, side in detected  # most of what it takes for a face by mistake is none in the mirror
         if any(max(abs(y - other_y), abs(x - other_x)) < side / 2 for other_y, other_x in mirrored)
     ]
 

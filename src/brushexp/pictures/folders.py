@@ -1,11 +1,11 @@
-"""Find the pictures that a folder holds or a pattern names."""
+"""Find the pictures of a folder, or of a pattern such as ``photos/*.jpg``."""
 
 import glob
 import os
 
 from brushexp.errors import UserError
 
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".gif")
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".gif")  # endings of files
 
 
 def is_several(image: str) -> bool:
@@ -17,8 +17,10 @@ def is_several(image: str) -> bool:
 def pictures_in(image: str) -> list[str]:
     """The picture files that a folder holds, or a pattern names; a UserError if there are none."""
     path = os.path.expanduser(image)
-    found = glob.glob(os.path.join(glob.escape(path), "*") if os.path.isdir(path) else path, recursive=True)
-    paths = sorted(name for name in found if name.lower().endswith(PICTURES) and os.path.isfile(name))
+    pattern = os.path.join(glob.escape(path), "*") if os.path.isdir(path) else path
+    paths = sorted(
+        name for name in glob.glob(pattern, recursive=True) if name.lower().endswith(PICTURES) and os.path.isfile(name)
+    )
     if not paths:
         raise UserError(f"image={image}: no picture is there; give a folder or pattern of {', '.join(PICTURES)}")
     return paths

@@ -50,8 +50,8 @@ _numbers = count(1)
 
 def pixels_of(name: str) -> np.ndarray | None:
     """The picture (H, W, 3) of this name; None if none is held."""
-    found = _held.get(name)
-    return None if found is None else found.pixels
+    picture = _held.get(name)
+    return None if picture is None else picture.pixels
 
 
 def is_picture(value: Any) -> bool:

@@ -93,7 +93,7 @@ def check_ratio(image: str, sides: Sequence[int], size: tuple[int, int], key: st
     """Stop with a UserError if a picture of these ``sides`` (H, W) cannot lie over one of another ``size``."""
     height, width = sides[:2]
     zoom = max(size) / max(height, width)
-    if any(abs(zoom * side - wanted) > max(1, zoom) for side, wanted in zip((height, width), size, strict=True)):
+    if any(abs(zoom * side - expected) > max(1, zoom) for side, expected in zip((height, width), size, strict=True)):
         cure = "give one whose sides have the same ratio"
         raise UserError(f"{key}={image} has {width} x {height} pixels, the picture {size[1]} x {size[0]}; {cure}")
 
@@ -122,14 +122,14 @@ def samples() -> dict[str, Path]:
     import skimage.data  # noqa: PLC0415  (``--help`` does not need it)
 
     folder = Path(skimage.data.__file__).parent
-    found = {path.stem: path for path in folder.iterdir() if path.suffix in SAMPLE_SUFFIXES}
+    pictures = {path.stem: path for path in folder.iterdir() if path.suffix in SAMPLE_SUFFIXES}
     portrait = (
         Path(str(getattr(find_spec("matplotlib"), "origin", ""))).parent
         / "mpl-data"
         / "sample_data"
         / "grace_hopper.jpg"
     )
-    return found | ({portrait.stem: portrait} if portrait.is_file() else {})
+    return pictures | ({portrait.stem: portrait} if portrait.is_file() else {})
 
 
 def _path_of(image: str, key: str, also: str = "") -> Path:
@@ -137,12 +137,12 @@ def _path_of(image: str, key: str, also: str = "") -> Path:
     path = os.path.expanduser(image)  # these three functions of os, unlike those of pathlib, never raise
     if os.path.isfile(path):
         return Path(path)
-    found = samples()
-    if image in found:
-        return found[image]
-    there = "a folder" if os.path.isdir(path) else "a device or a pipe" if os.path.exists(path) else "not there"
-    choices = f"{also}the path of a picture or one of the samples {', '.join(sorted(found))}"
-    raise UserError(f"{key}={image} is {there}; give {choices}")
+    shipped = samples()
+    if image in shipped:
+        return shipped[image]
+    state = "a folder" if os.path.isdir(path) else "a device or a pipe" if os.path.exists(path) else "not there"
+    choices = f"{also}the path of a picture or one of the samples {', '.join(sorted(shipped))}"
+    raise UserError(f"{key}={image} is {state}; give {choices}")
 
 
 def size_at(resolution: int | None, height: int, width: int) -> tuple[int, int]:

@@ -135,10 +135,10 @@ def _gif(path: Path, rate: Fraction) -> Iterator[Show]:
 
 def _cut_out(picture: Array, changed: Array) -> Image.Image:
     """Some pixels of a picture in 255 colours of their own, everything else transparent."""
-    found = Image.fromarray(picture[changed][None]).quantize(255)
-    palette = found.getpalette() or []
+    small = Image.fromarray(picture[changed][None]).quantize(255)
+    palette = small.getpalette() or []
     index = np.full(changed.shape, len(palette) // 3, np.uint8)
-    index[changed] = np.asarray(found)[0]
+    index[changed] = np.asarray(small)[0]
     image = Image.fromarray(index)
     image.putpalette([*palette, 0, 0, 0])
     image.info["transparency"] = len(palette) // 3

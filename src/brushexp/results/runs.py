@@ -26,14 +26,13 @@ from brushexp.errors import UserError
 from brushexp.pictures.decode import opened_picture
 from brushexp.results.tables import numbers
 from brushexp.system.reading import digest_of, json_of, read_table, read_text, yaml_of
+from brushexp.system.run_files import AT_WORK, METRICS_FILE, UNFINISHED
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 Result = dict[str, Any]
 JOBS = ".hydra/jobs.json"  # in the folder of a sweep: what was typed, and the words of each job
-AT_WORK = ".hydra/at_work"  # in the folder of a painting until its film and page are there, too
-UNFINISHED = ("failed", "interrupted", "diverged")  # states of runs that are not compared
 REMOVED = "(removed)"  # value of an override "~key"
 TEXTS = ("status", "error", "loss", "picture")  # keys of a result that are words
 LARGEST_NUMBER = 1e300
@@ -47,7 +46,7 @@ def gather(folders: Iterable[Path], into: Path) -> DataFrame:
     UserError.
     """
     into = into.resolve()
-    found: dict[str, Result] = {}
+    results: dict[str, Result] = {}
     for folder in folders:
         if not folder.is_dir():
             raise UserError(f"runs={folder}: there is no such folder; give the folder of a run or of a sweep")
@@ -55,28 +54,26 @@ def gather(folders: Iterable[Path], into: Path) -> DataFrame:
         if not paths:
             raise UserError(f"runs={folder}: there is no finished run in it; give the folder of a run or of a sweep")
         for path in paths:
-            found[os.path.relpath(path, into)] = result_in(path)
-    return frame_of(into, found)
-
-
-def result_in(folder: Path) -> Result:
-    """What a run has noted last: a job of a sweep its result, unless it went on by itself later."""
-    noted, measured = folder / "result.json", folder / "metrics.json"
-    if not noted.is_file():
-        return read_result(measured) | {"overrides": parse_overrides(words_of(folder) or [])}
-    result = read_result(noted)
-    if result["status"] in UNFINISHED and measured.is_file() and measured.stat().st_mtime > noted.stat().st_mtime:
-        result = {key: result[key] for key in ("overrides", "loss") if key in result} | {
-            key: value for key, value in read_result(measured).items() if key != "overrides"
-        }
-    return result
+            results[os.path.relpath(path, into)] = read_result(path)
+    return frame_of(into, results)
 
 
 def has_finished(folder: Path) -> bool:
-    """Whether a run has come to its end, and left all that it leaves."""
-    is_left = any((folder / name).exists() for name in (AT_WORK, "checkpoint.ckpt"))
-    is_whole = (folder / "metrics.json").is_file() and not is_left
-    return is_whole and result_in(folder)["status"] not in UNFINISHED
+    """Whether a run has come to its end, and written all its files: the status in its metrics.json says so last."""
+    return (folder / METRICS_FILE).is_file() and read_result(folder)["status"] not in UNFINISHED
+
+
+def has_ended(folder: Path) -> bool:
+    """Whether a run has finished or failed, and was not killed or interrupted."""
+    return (folder / METRICS_FILE).is_file() and read_result(folder)["status"] not in ("interrupted", AT_WORK)
+
+
+def objective_in(result: Mapping[str, Any], name: str) -> float:
+    """The number of a run's metrics.json that has this name; a UserError names the numbers of the run."""
+    found = {key: float(value) for key, value in result.items() if type(value) in (int, float)}
+    if name not in found:
+        raise UserError(f"objective={name} is no number of this run; choose one of {', '.join(found)}")
+    return found[name]
 
 
 def frame_of(folder: Path, results: Mapping[str, Result]) -> DataFrame:
@@ -172,34 +169,31 @@ def _told(folder: Path, result: Result) -> dict[str, Any]:
         "target": digest_of(target) if target.is_file() else str(asked),
         "overrides": overrides,
         "anytime": result.get("anytime"),
-        "command": command_of(folder, overrides),
+        "command": command_of(folder),
     }
 
 
 def _metrics(result: Result) -> dict[str, Any]:
     """What a run has returned; what holds many numbers, a curve for instance, is no metric."""
-    others = ("run", "status", "error", "overrides", "loss", "picture")
-    found = {key: value for key, value in result.items() if key not in others and not isinstance(value, list | dict)}
-    if found.get("psnr") is None and found.get("l1") == 0:
-        found["psnr"] = math.inf  # which JSON does not know
-    return found
+    metrics = {k: v for k, v in result.items() if k not in (*TEXTS, "overrides") and not isinstance(v, list | dict)}
+    if metrics.get("psnr") is None and metrics.get("l1") == 0:
+        metrics["psnr"] = math.inf  # which JSON does not know
+    return metrics
 
 
-def command_of(folder: Path, overrides: Mapping[str, str] | None = None) -> str:
+def command_of(folder: Path) -> str:
     """What repeats a run: its overrides without its folder; a study that is a sweep then runs once."""
     typed = words_of(folder)
-    if typed is None:
-        typed = [f"~{key}" if value == REMOVED else f"{key}={value}" for key, value in (overrides or {}).items()]
     single = ["hydra.mode=RUN"] * any(word.startswith(("experiment=", "+experiment=")) for word in typed)
     return shlex.join(["brushexp", *(word for word in typed if not word.startswith("output=")), *single])
 
 
-def words_of(folder: Path) -> list[str] | None:
-    """The overrides of a run as they were typed, None if they were not kept."""
+def words_of(folder: Path) -> list[str]:
+    """The overrides of a run as they were typed, none if they were not kept."""
     try:
         return [str(word) for word in yaml_of(read_text(folder / ".hydra" / "overrides.yaml", ""), list)]
     except UserError:
-        return None
+        return []
 
 
 def image_name(run: Any) -> str:
@@ -222,23 +216,21 @@ def setting_of(run: Any, key: str) -> Any:
 def _runs_below(folder: Path) -> Iterator[Path]:
     """Folders with a result, but not what is inside of them."""
     for path, folders, files in os.walk(folder):
-        if "result.json" in files or "metrics.json" in files:
+        if METRICS_FILE in files:
             yield Path(path)
             folders.clear()
 
 
-def read_result(path: Path) -> Result:
-    """What a file says of the run in whose folder it is, of the kinds that runs write; else it failed."""
-    found: Any = None
+def read_result(folder: Path) -> Result:
+    """The metrics.json of a run, of the kinds of values that runs write, and its overrides; failed if unreadable."""
+    overrides, data = parse_overrides(words_of(folder)), None
     with suppress(UserError):
-        found = json_of(read_text(path, ""))
-    if not isinstance(found, dict):
-        return {"status": "failed", "error": f"its {path.name} cannot be read", "overrides": {}}
-    plain = {key: _measured(value) for key, value in found.items() if not isinstance(value, list | dict)}
-    words = {key: str(found[key]) for key in TEXTS if found.get(key) is not None}
-    typed = found.get("overrides")
-    overrides = {key: str(value) for key, value in typed.items()} if isinstance(typed, dict) else {}
-    return {"status": "completed", **plain, **words, "overrides": overrides, "anytime": found.get("anytime")}
+        data = json_of(read_text(folder / METRICS_FILE, ""))
+    if not isinstance(data, dict):
+        return {"status": "failed", "error": f"its {METRICS_FILE} cannot be read", "overrides": overrides}
+    plain = {key: _measured(value) for key, value in data.items() if not isinstance(value, list | dict)}
+    texts = {key: str(data[key]) for key in TEXTS if data.get(key) is not None}
+    return {"status": "completed", **plain, **texts, "overrides": overrides, "anytime": data.get("anytime")}
 
 
 def read_curves(path: Path) -> dict[str, list[float]]:

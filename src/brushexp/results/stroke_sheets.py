@@ -1,4 +1,4 @@
-"""Sheets of strokes with labels: what renderers draw above what the engine painted."""
+"""Sheets show strokes with labels, as renderers draw them and as the engine painted them."""
 
 from PIL import Image
 from torch import Tensor
@@ -16,7 +16,7 @@ ZOOM = 2  # pixels on the sheets per pixel of a window
 
 
 def sheet_of_strokes(renderers: dict[str, Renderer], batch: StrokeBatch, origin: Origin) -> Image.Image:
-    """Some strokes, the true ones above those that each of the renderers draws."""
+    """Draw a sheet of strokes, the true ones above those of each renderer."""
     kinds = {origin.engine: batch.images}
     for name, renderer in renderers.items():
         kinds[name] = drawn_and_true(renderer, batch, origin.window)[0]
@@ -25,7 +25,7 @@ def sheet_of_strokes(renderers: dict[str, Renderer], batch: StrokeBatch, origin:
 
 
 def sheet_of_extremes(name: str, engine: str, drawings: ExtremeDrawings) -> Image.Image:
-    """The strokes at and beyond the edge of the range: the nearest ones in it, painted, and drawn as they are."""
+    """Draw a sheet of strokes beyond the range of training, below the nearest ones in it."""
     kinds = {f"{engine}, nearest": drawings.nearest} | {f"{name}, {kind}": p for kind, p in drawings.pictures.items()}
     labels: list[tuple[str, ...]] = [(label,) for label in EXTREMES]
     side = ZOOM * drawings.nearest.shape[-1]
@@ -33,7 +33,7 @@ def sheet_of_extremes(name: str, engine: str, drawings: ExtremeDrawings) -> Imag
 
 
 def _sheet(kinds: dict[str, Tensor], labels: list[tuple[str, ...]], side: int, title: str) -> Image.Image:
-    """Pictures (n, 4, S, S) over white, of each kind a row after its name; the labels are below those of the last."""
+    """Lay out pictures (n, 4, S, S) over white, a named row of each kind; labels stand below the last."""
     rows = []
     for k in range(0, len(labels), COLUMNS):
         here = slice(k, k + COLUMNS)

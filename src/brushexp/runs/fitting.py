@@ -24,10 +24,10 @@ from brushexp.runs.run_folder import note_words
 from brushexp.runs.sweep_report import first_line
 from brushexp.system.callbacks import DIVERGED, FAILED, INTERRUPTED, ProgressBar, TimedCheckpoint
 from brushexp.system.reading import check_plain, digest_of, in_short, read_pickled
+from brushexp.system.run_files import CHECKPOINT
 
 log = logging.getLogger(__name__)
 
-CHECKPOINT = "checkpoint.ckpt"  # in a run's folder
 RECORD = "brushexp"  # key of the settings in it
 OVERRIDABLE = ("output", "overwrite", "resume", "device", "threads", "checkpoint_every")  # may change in a resumed run
 
@@ -174,7 +174,7 @@ def record_of(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     """What a checkpoint tells of its run: its settings, files and sets that they name, and the words typed."""
     settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)
     sets = strokes_and_seeds(settings.get("data") or [])
-    return {"settings": settings, "files": digests(settings), "sets": sets, "words": words_of(folder) or []}
+    return {"settings": settings, "files": digests(settings), "sets": sets, "words": words_of(folder)}
 
 
 def strokes_and_seeds(sets: Sequence[str]) -> list[list[int]]:

@@ -123,13 +123,13 @@ def fit_network(
 
 
 def renderer_settings(cfg: DictConfig) -> RendererSettings:
-    """What the config says about the training of a renderer; fine-tuning has no critic."""
+    """Take the settings of a renderer's training from the config; fine-tuning has no critic."""
     names = ("lr", "detail", "tone", "critic", "critic_lr", "critic_weight", "critic_width")
     return RendererSettings(**{name: cfg[name] for name in names if name in cfg})
 
 
 def training_recipe(module: NetworkModule, cfg: DictConfig) -> dict[str, object]:
-    """How a network was trained, for its recipe."""
+    """Describe how a network was trained, for its recipe."""
     recipe: dict[str, object] = {key: cfg[key] for key in ("batch_size", "lr", "epochs", "minutes", "ema", "seed")}
     recipe |= {"precision": cfg.trainer.precision, "steps": module.global_step, "seconds": module.seconds}
     if "detail" in cfg:
@@ -151,10 +151,10 @@ def save_renderer(
     chosen = OmegaConf.to_container(cfg.renderer, resolve=True, enum_to_str=True)
     assert isinstance(chosen, dict)
     before = cfg.renderer.get("checkpoint")
-    known = {} if before is None else RENDERERS.read_recipe(RENDERERS.path_of(before))["options"]
+    inherited = {} if before is None else RENDERERS.read_recipe(RENDERERS.path_of(before))["options"]
     started = {"started_from": before}
     recipe = {
-        "options": {str(key): known.get(key) if value is None else value for key, value in chosen.items()}
+        "options": {str(key): inherited.get(key) if value is None else value for key, value in chosen.items()}
         | (options or {}),
         "data": data_recipe(data, cfg),
         "training": training_recipe(module, cfg) | started | (training or {}),

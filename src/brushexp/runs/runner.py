@@ -21,10 +21,11 @@ from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
 from brushexp.plugin_errors import plugins_named
 from brushexp.registry import plugins
-from brushexp.results.objective import objective_in
-from brushexp.runs.run_folder import release, take_job
-from brushexp.runs.sweep_report import note_result
+from brushexp.results.runs import objective_in
+from brushexp.runs.run_folder import lock, release, take_job
+from brushexp.runs.sweep_report import note_failure
 from brushexp.system.files import write_json
+from brushexp.system.run_files import METRICS_FILE
 from brushexp.system.runtime import cores, forget_peak_memory, pass_signal_on, peak_memory, was_signalled
 
 NO_MEMORY = ("can't allocate memory", "not enough memory", "Unable to allocate")  # what torch and NumPy say
@@ -40,39 +41,50 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object] | float:
     """
     hydra = HydraConfig.get()
     if hydra.mode is RunMode.MULTIRUN:
-        start = time.monotonic()  # each job counts from its own start
-        forget_peak_memory()
-    try:
-        if hydra.mode is RunMode.MULTIRUN:  # of another sweeper than ours; of a single run `RunFolder` has done it
-            check(cfg, list(hydra.overrides.task))
-            take_job(Path(hydra.runtime.output_dir).resolve(), cfg)
-        with hidden("scipy", "matplotlib"):
-            task = importlib.import_module(TASKS[cfg.task].module)
-        logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware on every run
-        if not gc.isenabled():  # until its first job, the program has disabled it
-            gc.freeze()  # what is loaded now stays
-            gc.enable()
-        torch.set_num_threads(cfg.threads or fair_share(hydra))
-        result = perform(task, cfg, Path(hydra.runtime.output_dir).resolve(), start)
-        found = result if cfg.objective is None else objective_in(result, cfg.objective)
+        return run_job_of_sweep(cfg, hydra)
+    try:  # `RunFolder` has checked the config and taken the folder
+        return run_in(Path(hydra.runtime.output_dir).resolve(), cfg, start)
     except UserError as error:
-        if hydra.mode is RunMode.MULTIRUN:
-            raise  # the other jobs go on, and this one is marked in the table
         log.error(error)
         raise SystemExit(1) from error
-    except KeyboardInterrupt as error:
-        if hydra.mode is RunMode.MULTIRUN:  # Hydra tells its callbacks nothing
-            note_result(Path(hydra.runtime.output_dir), cfg, hydra.overrides.task, error)
+
+
+def run_job_of_sweep(cfg: DictConfig, hydra: HydraConf) -> dict[str, object] | float:
+    """Run a job, whose time counts from now; the others go on if it fails, and its metrics.json says why.
+
+    An interruption, of which Hydra tells no callback, ends the sweep.
+    """
+    start, folder, sweep = time.monotonic(), Path(hydra.runtime.output_dir).resolve(), Path(hydra.sweep.dir).resolve()
+    forget_peak_memory()
+    lock(folder)
+    try:
+        check(cfg, list(hydra.overrides.task))
+        take_job(folder, cfg, sweep)
+        result = run_in(folder, cfg, start)
+    except BaseException as error:
+        note_failure(folder, error)
+        if isinstance(error, KeyboardInterrupt):
             log.warning("to go on with this sweep, type the same and: output=%s resume=sweep", hydra.sweep.dir)
             pass_signal_on()
         raise
     finally:
-        if hydra.mode is RunMode.MULTIRUN:
-            release(Path(hydra.runtime.output_dir).resolve())
-    if hydra.mode is RunMode.MULTIRUN and was_signalled():  # in its last step: this job is done, and the sweep ends
-        note_result(Path(hydra.runtime.output_dir), cfg, hydra.overrides.task, result)
+        release(folder)
+    if was_signalled():  # in its last step: this job is done, and the sweep ends
         raise KeyboardInterrupt
-    return found
+    return result
+
+
+def run_in(folder: Path, cfg: DictConfig, start: float) -> dict[str, object] | float:
+    """Run the task of a checked config in a folder that is taken."""
+    with hidden("scipy", "matplotlib"):
+        task = importlib.import_module(TASKS[cfg.task].module)
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # else it reports its hardware on every run
+    if not gc.isenabled():  # until its first job, the program has disabled it
+        gc.freeze()  # what is loaded now stays
+        gc.enable()
+    torch.set_num_threads(cfg.threads or fair_share(HydraConfig.get()))
+    result = perform(task, cfg, folder, start)
+    return result if cfg.objective is None else objective_in(result, cfg.objective)
 
 
 def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
@@ -82,7 +94,7 @@ def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> di
         if "status" not in result:
             spent = {"seconds_total": time.monotonic() - start, "peak_memory_mb": peak_memory()}
             result |= {**spent, "status": "completed"}
-            write_json(folder / "metrics.json", result)
+            write_json(folder / METRICS_FILE, result)
         return result
 
 

@@ -16,7 +16,6 @@ from brushexp.painting.goals import goals_of
 from brushexp.painting.outputs import summary_line
 from brushexp.painting.preparation import prepared
 from brushexp.painting.timelapse import Timelapse
-from brushexp.results.runs import AT_WORK
 from brushexp.runs.fitting import conclude, fit, trainer_of
 from brushexp.runs.tracking import Trackers, trackers_of
 from brushexp.system.device import device_of
@@ -86,8 +85,6 @@ def painted_into(
     with trackers:
         session.fit(trackers, checkpoint)
         finished = session.finish()
-        (folder / AT_WORK).parent.mkdir(exist_ok=True)
-        (folder / AT_WORK).touch()
         finished.write(folder, start)
         trackers.report(
             finished.metrics,
@@ -100,7 +97,7 @@ def painted_into(
         if cfg.report:
             report(folder, film)
     film.result()
-    (folder / AT_WORK).unlink()
+    finished.conclude(folder)
     log.info(summary_line(folder, finished.metrics))
     session.conclude()
     return finished

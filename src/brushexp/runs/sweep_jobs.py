@@ -17,14 +17,16 @@ from brushexp.config.check import check
 from brushexp.errors import UserError
 from brushexp.registry import drop_built
 from brushexp.results.runs import JOBS, has_finished
-from brushexp.runs.run_folder import SUBFOLDER, check_free, place_of, take
+from brushexp.runs.run_folder import check_free, take
 from brushexp.runs.sweep_report import first_line, renew
 from brushexp.system.files import write_json
 from brushexp.system.reading import in_short, json_of, read_text
+from brushexp.system.run_files import CHECKPOINT
 
 ANY_TIME = ("output", "overwrite")  # keys that may be others when a sweep goes on
 ENGINES = ("joblib.", "submitit.", "distributed.")  # whose errors tell of jobs that were killed
 PICTURE = "image="
+SUBFOLDER = "hydra.sweep.subdir="  # of the sweep's folder, where a job is
 Words = Sequence[str]
 
 log = logging.getLogger(__name__)
@@ -135,8 +137,16 @@ def in_place(job: Words, number: int) -> list[str]:
     return [*(word for word in job if not word.startswith(SUBFOLDER)), named[-1]]
 
 
+def place_of(word: str) -> str:
+    """The folder of a job, by the word that names it."""
+    return str(OverridesParser.create().parse_override(word).value())
+
+
 def is_done(folder: Path) -> bool:
     """Whether the job of this folder needs not be launched; UserError if it is at work."""
     if (folder / ".hydra").is_dir():
         check_free(folder)
-    return has_finished(folder)
+    if not has_finished(folder):
+        return False
+    (folder / CHECKPOINT).unlink(missing_ok=True)  # the job may have been killed before it did so
+    return True

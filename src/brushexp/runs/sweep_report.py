@@ -1,24 +1,25 @@
-"""Hydra callback: the result of every run of a sweep; and page, tables, sheet and plots renewed after each.
+"""Hydra callback that renews page, tables, sheet and plots of a sweep after each of its jobs.
 
 Loaded with the program: what it needs to write a report is imported when it does.
 """
 
 import logging
 import time
-from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from hydra.core.utils import JobReturn, JobStatus
 from hydra.experimental.callback import Callback
 from hydra.types import RunMode
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from brushexp.errors import UserError
-from brushexp.results.runs import gather, parse_overrides
+from brushexp.results.runs import gather
 from brushexp.results.tables import is_album, write_run_tables
 from brushexp.system.files import write_json
 from brushexp.system.reading import json_of, read_text
+from brushexp.system.run_files import METRICS_FILE
 
 FIRST_REPORT = 30  # seconds from the start of the program, for what a report needs takes two to load
 SHARE = 0.1  # of a sweep's time that its report may take, which grows with the number of runs
@@ -28,31 +29,32 @@ _next_report = time.monotonic() + FIRST_REPORT
 
 
 class SweepReport(Callback):
-    """Write ``result.json`` into every run of a sweep and renew its ``report.html``, tables, ``sheet.png`` and plots.
+    """Log the failure of a run, and renew ``report.html``, tables, ``sheet.png`` and plots of a sweep.
 
-    Does it after jobs and not once at the end, because Hydra 1.3 ends a sweep with a failed job without a word to its
-    callbacks. A single run has its metrics.json and needs none of this.
+    It does so after jobs and not once at the end, because Hydra 1.3 ends a sweep with a failed job without a word to
+    its callbacks.
     """
 
     def on_job_end(self, config: DictConfig, job_return: JobReturn, **_: Any) -> None:
         run_folder = Path(config.hydra.runtime.output_dir)
-        sweep = config.hydra.mode is RunMode.MULTIRUN
-        if job_return.status is JobStatus.FAILED:
+        sweep, failed = config.hydra.mode is RunMode.MULTIRUN, job_return.status is JobStatus.FAILED
+        if failed:
             log_failure(run_folder, job_return._return_value, everywhere=sweep)
-        if sweep:
-            note_result(run_folder, config, config.hydra.overrides.task, job_return._return_value)
+        if sweep and (failed or time.monotonic() >= _next_report):
+            try:  # Hydra would turn an exception into a warning
+                renew(run_folder.parent)
+            except Exception as error:
+                log.error("no report of this sweep: %s", error, exc_info=not isinstance(error, UserError))
 
 
-def note_result(folder: Path, cfg: DictConfig, overrides: Sequence[str], result: Any) -> None:
-    """Write the ``result.json`` of a job, of what its task returned or raised, and renew the report of its sweep."""
-    try:  # Hydra would turn an exception into a warning
-        if isinstance(result, float):  # the one that was its objective
-            result = json_of(read_text(folder / "metrics.json", ""))
-        write_json(folder / "result.json", result_of(folder.name, cfg, overrides, result))
-        if time.monotonic() >= _next_report or isinstance(result, BaseException):
-            renew(folder.parent)
-    except Exception as error:
-        log.error("no report of this run: %s", error, exc_info=not isinstance(error, UserError))
+def note_failure(folder: Path, error: BaseException) -> None:
+    """Note in the ``metrics.json`` of a job what ended it, beside the numbers that it has written itself."""
+    path, numbers = folder / METRICS_FILE, {}
+    with suppress(UserError):
+        numbers = json_of(read_text(path, ""))
+    status = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
+    with suppress(UserError):  # a full disk may be what has ended it
+        write_json(path, numbers | {"status": status, "error": first_line(error)})
 
 
 def renew(folder: Path) -> None:
@@ -63,7 +65,7 @@ def renew(folder: Path) -> None:
     from filelock import FileLock  # noqa: PLC0415
 
     global _next_report  # noqa: PLW0603
-    if not any(folder.glob("*/result.json")):
+    if not any(folder.glob(f"*/{METRICS_FILE}")):
         return
     start = time.monotonic()
     with FileLock(folder / ".hydra" / "report.lock"):
@@ -105,18 +107,6 @@ def write_comparison(folder: Path, frame: Any) -> Path | None:
     write_curves(folder, frame)
     write_tables_and_page(folder, frame)
     return front
-
-
-def result_of(run: str, cfg: DictConfig, overrides: Sequence[str], result: Any) -> dict[str, Any]:
-    """What ``result.json`` of a run holds: its settings, how it ended, and the numbers that the task returned."""
-    found: dict[str, Any] = {"run": run, "status": "completed", "overrides": parse_overrides(overrides)}
-    losses = OmegaConf.select(cfg, "loss")
-    if losses is not None:
-        found["loss"] = "+".join(losses)  # the choices that Hydra records leave out groups chosen by a list
-    if isinstance(result, BaseException):
-        status = "interrupted" if isinstance(result, KeyboardInterrupt) else "failed"
-        return found | {"status": status, "error": first_line(result)}
-    return found | (result or {})
 
 
 def first_line(error: BaseException) -> str:

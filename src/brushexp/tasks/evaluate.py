@@ -18,12 +18,10 @@ from brushexp.system.checkpoint import weights_hash
 from brushexp.system.device import device_of
 from brushexp.system.files import write_picture, write_text
 from brushexp.training.benchmark import draw_extremes, evaluate, for_painting, speed_and_size
-from brushexp.training.datamodule import SimulatedData, StoredData, StrokeData
-from brushexp.training.dataset import Split, origin_of
+from brushexp.training.dataset import Split
 from brushexp.training.evaluation import effl0_distance, inception_distance
-from brushexp.training.stroke_data import engine_node, seed_of_strokes
+from brushexp.training.stroke_data import stroke_data
 
-SIMULATED_STROKES = 1000  # if no number is asked for
 SHOWN_STROKES = 24  # in the picture
 
 log = logging.getLogger(__name__)
@@ -35,8 +33,9 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     device = device_of(cfg.device)
     name, checkpoint = plugin_of(cfg.renderer).name, cfg.renderer.get("checkpoint")
     renderer = for_painting(build(cfg.renderer), device)
-    data, engine, seed = held_out_data(cfg)
-    window = data.origin.window
+    data = stroke_data(cfg)
+    window, seed = data.origin.window, data.first_seed
+    engine: Engine = build_named("engine", data.origin.engine, data.origin.engine_config)
     if checkpoint is None and any(True for _ in renderer.parameters()):
         log.warning("%s has random weights; give those of task=train: renderer.checkpoint=...", name)
     before = time.monotonic()
@@ -76,15 +75,3 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         *(costs["strokes_per_second"], costs["strokes_per_second_backward"], folder / "strokes.png"),
     )
     return metrics
-
-
-def held_out_data(cfg: DictConfig) -> tuple[StrokeData, Engine, int]:
-    """The strokes, and the engine that made them with which seed; of several sets, the first."""
-    if cfg.data is None:
-        node = engine_node(cfg)
-        engine: Engine = build(node)
-        held_out = cfg.n or SIMULATED_STROKES
-        seed = seed_of_strokes(cfg)
-        return SimulatedData(engine, origin_of(node, engine), seed=seed, held_out=held_out), engine, seed
-    data = StoredData([Path(path) for path in cfg.data])
-    return data, build_named("engine", data.origin.engine, data.origin.engine_config), data.sets[0].seed

@@ -10,6 +10,7 @@ from omegaconf import DictConfig
 from brushexp.painting.outputs import export_job, with_renderer
 from brushexp.registry import build
 from brushexp.strokes.storage import load_catalogue
+from brushexp.system.run_files import note_files
 
 log = logging.getLogger(__name__)
 
@@ -21,11 +22,12 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     job = export_job(saved, renderer, build(cfg.blend), saved.renderer, cfg.resolution, cfg.catalogue)
     typed = {name: value for name, value in cfg.light.items() if value is not None}
     job = replace(job, light=replace(job.light, **typed))
-    before = time.monotonic()
+    present, before = set(folder.iterdir()), time.monotonic()
     for exporter in exporters.values():
         begin = time.monotonic()
         paths = exporter.write(job, folder)
         seconds = time.monotonic() - begin
+        note_files(folder, set(paths) - present)  # a library in C may have written them
         for path in paths:
             log.info("%s: %.3g MB (%.1f s)", path, path.stat().st_size / 1e6, seconds)
     return {

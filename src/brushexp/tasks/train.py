@@ -34,6 +34,9 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 class RendererJob(NetworkJob):
     """Train a renderer on strokes of an engine."""
 
+    module: RendererModule
+    data: StrokeData
+
     def __init__(self, cfg: DictConfig, folder: Path, device: torch.device) -> None:
         self.cfg, self.device, self.name = cfg, device, plugin_of(cfg.renderer).name
         self.data = stroke_data(cfg)
@@ -63,27 +66,26 @@ class RendererJob(NetworkJob):
 
 
 def with_weights(node: DictConfig, weights: Path) -> str:
-    """The words that give a renderer these weights, and the options of its node that are not the usual ones."""
+    """Write the words that give a renderer these weights and those options that differ from their defaults."""
     usual = OmegaConf.structured(plugin_of(node).config)
-    given = {str(key): value for key, value in {**node, "checkpoint": str(weights)}.items() if value != usual[key]}
-    typed = {key: value if isinstance(value, str) else json.dumps(value, default=list) for key, value in given.items()}
+    chosen = {str(key): value for key, value in {**node, "checkpoint": str(weights)}.items() if value != usual[key]}
+    typed = {key: value if isinstance(value, str) else json.dumps(value, default=list) for key, value in chosen.items()}
     return shlex.join(f"renderer.{key}={value}" for key, value in typed.items())
 
 
 def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:
-    """The renderer to be trained; one without weights may first look at strokes of the engine, enlarged."""
+    """Build the renderer to be trained; one without weights may first look at strokes of the engine, enlarged."""
     renderer: Renderer = build(cfg.renderer)
     if cfg.renderer.get("checkpoint") is None:
         engine = cache(partial(enlarged, data.origin))  # not made if nothing is distilled
-        seed = data.sets[0].seed if data.sets else cfg.seed
-        renderer.distil(lambda parameters, first: engine()(parameters, seed=seed, first=first))
+        renderer.distil(lambda parameters, first: engine()(parameters, seed=data.first_seed, first=first))
     return renderer
 
 
 def enlarged(origin: Origin) -> Engine:
-    """What made some strokes, as it paints them in the window `DISTILLED`, or in the largest that it takes."""
+    """Build the engine that made some strokes with the window `DISTILLED`, or the largest that it takes."""
     options = {key: DISTILLED.get(key, value) for key, value in origin.engine_config.items()}
-    bounds = next((found.bounds.get("window") for found in plugins("engine") if found.name == origin.engine), None)
+    bounds = next((one.bounds.get("window") for one in plugins("engine") if one.name == origin.engine), None)
     if "window" in options and isinstance(bounds, Bounds):
         options["window"] = int(min(options["window"], bounds.high))
     engine: Engine = build_named("engine", origin.engine, options)

@@ -17,6 +17,7 @@ from brushexp.results.runs import gather
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import write_text
+from brushexp.system.run_files import METRICS_FILE
 
 log = logging.getLogger(__name__)
 
@@ -42,7 +43,7 @@ def pages_of(cfg: DictConfig, folder: Path) -> dict[str, Path]:
         write_text(page, page_of_catalogue(cfg))
     elif (source / "catalogue.h5").is_file():
         write_text(page, page_of_run(source))  # the run's own folder stays as it is
-    elif any(source.glob("*/result.json")):
+    elif any(source.glob(f"*/{METRICS_FILE}")):
         runs = gather([source], folder)
         write_sweep_page(folder, runs)
         links = [Path(name, PAGE_NAME) for name in runs.index]  # a browser goes from / by ../../sweep/3 to /sweep/3

@@ -1,4 +1,4 @@
-"""A renderer measured: its errors on held-out strokes, its speed, and what it does outside the range of training."""
+"""A renderer is measured: its errors on held-out strokes, its speed, and its drawings outside the range of training."""
 
 import time
 from collections.abc import Iterable, Sequence
@@ -43,7 +43,7 @@ EXTREMES: dict[str, dict[str, object]] = {
 def evaluate(
     renderer: Renderer, batches: Iterable[StrokeBatch], n: int, window: int, distances: Sequence[FeatureDistance]
 ) -> dict[str, float]:
-    """`error_figures`, `bristle_figures` and those of the distances, of ``n`` strokes that a renderer has not seen."""
+    """Measure `error_figures`, `bristle_figures` and distances on ``n`` strokes that a renderer has not seen."""
     sums, bristles = torch.zeros(5, dtype=torch.float64), torch.zeros(2, 2, 2, dtype=torch.float64)
     for batch in with_progress(batches, n, "evaluating strokes", lambda batch: len(batch.number)):
         drawn, truth = drawn_and_true(renderer, batch, window)
@@ -59,14 +59,14 @@ def evaluate(
 
 @torch.no_grad()
 def drawn_and_true(renderer: Renderer, batch: StrokeBatch, window: int) -> tuple[Tensor, Tensor]:
-    """Pictures (B, 4, S, S) of a batch by the renderer, in [0, 1], and as they should be."""
+    """Draw the pictures (B, 4, S, S) of a batch, in [0, 1]; return them and the true ones."""
     device = device_of_weights(renderer)
     drawn = window_pictures(renderer, batch.parameters.to(device), window, batch.number.to(device))
     return drawn.clamp(0, 1), batch.images.to(device)
 
 
 def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backward: bool) -> float:
-    """How fast strokes are painted, `ACROSS` x `DOWN` at once, each alone in its window's place on a canvas.
+    """Measure how fast `ACROSS` x `DOWN` strokes are painted at once, each alone in its window's place on a canvas.
 
     The best of some repetitions after a first one; ``backward``, with the gradient of the sum of all pixels.
     """
@@ -130,19 +130,19 @@ def draw_extremes(renderer: Renderer, engine: Engine, seed: int) -> ExtremeDrawi
 
 
 def extreme_strokes() -> Strokes:
-    """The strokes `EXTREMES` at position 0 in a window of 64 pixels."""
+    """Make the strokes `EXTREMES` at position 0 in a window of 64 pixels."""
     chosen = [{**ORDINARY, **changes} for changes in EXTREMES.values()]
     values = {name: torch.tensor([stroke[name] for stroke in chosen]) for name in ORDINARY}
     return replace(strokes_of(torch.zeros(len(chosen), 10)), **values)
 
 
 def for_painting(renderer: Renderer, device: torch.device) -> Renderer:
-    """The renderer as painting uses it: on the device, in ``eval`` mode, its weights frozen."""
+    """Put a renderer on the device, in ``eval`` mode and with frozen weights, as painting uses it."""
     return renderer.to(device).eval().requires_grad_(False)
 
 
 def speed_and_size(renderer: Renderer, blend: Blend, window: int) -> dict[str, float]:
-    """Speed forward and backward (`strokes_per_second`), and the number of weights."""
+    """Measure the speed forward and backward (`strokes_per_second`), and count the weights."""
     return {
         "strokes_per_second": strokes_per_second(renderer, blend, window, backward=False),
         "strokes_per_second_backward": strokes_per_second(renderer, blend, window, backward=True),
@@ -151,5 +151,5 @@ def speed_and_size(renderer: Renderer, blend: Blend, window: int) -> dict[str, f
 
 
 def device_of_weights(renderer: Renderer) -> torch.device:
-    """Where its weights are; the CPU if it has none."""
+    """Return the device of its weights; the CPU if it has none."""
     return next((weight.device for weight in renderer.parameters()), torch.device("cpu"))

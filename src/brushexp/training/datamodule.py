@@ -1,4 +1,4 @@
-"""Batches of strokes for training: shuffled from files without holding them in memory, or simulated on the way."""
+"""Batches of strokes are shuffled from files without holding them in memory, or simulated on the way."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
@@ -64,13 +64,18 @@ class StrokeData(L.LightningDataModule, ABC):
     batch_size: int
     seed: int  # of strokes simulated on the way; else of their order
 
+    @property
+    def first_seed(self) -> int:
+        """The seed of the strokes; of several sets, that of the first."""
+        return self.sets[0].seed if self.sets else self.seed
+
     @abstractmethod
     def size(self, split: Split) -> int:
-        """How many strokes of a split there are, of those for training in an epoch."""
+        """Count the strokes of a split, of those for training in an epoch."""
 
     @abstractmethod
     def batches(self, split: Split, epoch: int, first: int) -> Iterator[StrokeBatch]:
-        """Batches number ``first`` and on of an epoch: training strokes shuffled, held-out ones in order."""
+        """Yield batches number ``first`` and on of an epoch: training strokes shuffled, held-out ones in order."""
 
     def train_dataloader(self) -> StrokeLoader:
         return self._loader(Split.TRAINING)
@@ -81,12 +86,12 @@ class StrokeData(L.LightningDataModule, ABC):
     def test_dataloader(self) -> StrokeLoader:
         return self._loader(Split.TEST)
 
-    def count(self, split: Split, wanted: int | None) -> int:
-        """Strokes of a split: as many as wanted, and there."""
-        return min(self.size(split), wanted or self.size(split))
+    def count(self, split: Split, most: int | None) -> int:
+        """Count the strokes of a split, up to ``most``; None for all."""
+        return min(self.size(split), most or self.size(split))
 
     def first(self, split: Split, n: int) -> Iterator[StrokeBatch]:
-        """The first n held-out strokes of a split."""
+        """Yield the first n held-out strokes of a split."""
         for batch in self._loader(split):
             if n <= 0:
                 break
@@ -94,7 +99,7 @@ class StrokeData(L.LightningDataModule, ABC):
             n -= len(batch.number)
 
     def first_batch(self, split: Split, n: int) -> StrokeBatch:
-        """The same in one batch."""
+        """Return the same in one batch."""
         return StrokeBatch(*map(torch.cat, zip(*self.first(split, n), strict=True)))
 
     def _loader(self, split: Split) -> StrokeLoader:
@@ -151,8 +156,8 @@ class StoredData(StrokeData):
         self.numbers = np.concatenate([np.arange(len(strokes)) for strokes in self.sets])
         self.places = {split: split.places(self.numbers) for split in Split}
         self.places[Split.TRAINING] = self.places[Split.TRAINING][:limit]
-        for split, found in self.places.items():
-            if not len(found):
+        for split, places in self.places.items():
+            if not len(places):
                 wrong = f"{', '.join(map(str, paths))}: no stroke is for {split.name.lower()} (limit={limit})"
                 raise UserError(f"{wrong}; simulate more than {2 * BLOCK} strokes, and set limit to 1 or more")
 
@@ -168,9 +173,9 @@ class StoredData(StrokeData):
         skip, waiting = first * n, places[:0]  # strokes that are read and not handed out yet
         images = pictures_of(self.shards, waiting)
         for group in groups:
-            wanted, skip = group[skip:], max(0, skip - len(group))
-            waiting = np.concatenate([waiting, wanted])
-            images = np.concatenate([images, pictures_of(self.shards, wanted)])
+            rest, skip = group[skip:], max(0, skip - len(group))
+            waiting = np.concatenate([waiting, rest])
+            images = np.concatenate([images, pictures_of(self.shards, rest)])
             while len(waiting) >= n:
                 yield self._batch(waiting[:n], images[:n])
                 waiting, images = waiting[n:], images[n:]
@@ -198,7 +203,7 @@ def require_compatible(sets: Sequence[StrokeSet]) -> None:
 
 
 def shuffled_groups(places: Numbers, blocks: Numbers, random: np.random.Generator) -> list[Numbers]:
-    """Places (n,), in order, as groups of whole blocks; blocks and the places in a group in random order."""
+    """Shuffle places (n,) in groups of whole blocks: the blocks, and the places in a group."""
     parts = np.split(places, 1 + np.flatnonzero(np.diff(blocks)))
     order = random.permutation(len(parts))
     groups = (order[k : k + GROUP] for k in range(0, len(order), GROUP))

@@ -51,7 +51,7 @@ class Split(Enum):
     TRAINING = 2
 
     def places(self, numbers: Numbers) -> Numbers:
-        """Where in ``numbers`` the strokes of this split are, in order."""
+        """Find where in ``numbers`` the strokes of this split are, in order."""
         return np.flatnonzero(np.minimum(numbers // BLOCK % PERIOD, Split.TRAINING.value) == self.value)
 
 
@@ -64,13 +64,13 @@ class Origin:
     window: int  # pixels on the side of a picture
 
     def settings(self) -> dict[str, object]:
-        """One value for each thing that can differ, as one would type it."""
+        """List one value for each thing that can differ, as one would type it."""
         options = {f"engine.{key}": value for key, value in sorted(self.engine_config.items())}
         return {"engine": self.engine, **options, "the window": self.window}
 
 
 def origin_of(node: DictConfig, engine: Engine) -> Origin:
-    """Of what an engine simulates that was built from this config node."""
+    """Describe the origin of strokes of an engine that was built from this config node."""
     options = OmegaConf.to_container(node, resolve=True, enum_to_str=True)
     assert isinstance(options, dict)
     config = {str(key): value for key, value in options.items() if not str(key).startswith("_")}
@@ -78,7 +78,7 @@ def origin_of(node: DictConfig, engine: Engine) -> Origin:
 
 
 def first_difference(here: dict[str, object], there: dict[str, object]) -> tuple[str, str] | None:
-    """The first setting that differs, as ``key=value`` here and there; None if all are the same."""
+    """Find the first setting that differs, as ``key=value`` of each side; None if all are the same."""
     for key in here | there:
         one, other = (f"{key}={side[key]}" if key in side else f"no {key}" for side in (here, there))
         if one != other:
@@ -134,8 +134,8 @@ class Shard:
         return len(self.parameters)
 
     def rows(self, dataset: h5py.Dataset, rows: Numbers) -> NDArray[Any]:
-        """These rows of ``images`` or ``heights``, whose blocks are read once each; UserError if they are damaged."""
-        found = np.empty((len(rows), *dataset.shape[1:]), dataset.dtype)
+        """Read rows of ``images`` or ``heights``, each block once; UserError if one is damaged."""
+        values = np.empty((len(rows), *dataset.shape[1:]), dataset.dtype)
         blocks = rows // BLOCK
         with explaining(self.path, AGAIN):
             for block in np.unique(blocks):
@@ -143,8 +143,8 @@ class Shard:
                     check_chunk(dataset, (int(block) * BLOCK, *(0 for _ in dataset.shape[1:])))
                     self._checked.add((dataset.name, block))
                 here = np.flatnonzero(blocks == block)
-                found[here] = dataset[block * BLOCK : (block + 1) * BLOCK][rows[here] - block * BLOCK]
-        return found
+                values[here] = dataset[block * BLOCK : (block + 1) * BLOCK][rows[here] - block * BLOCK]
+        return values
 
 
 class StrokeSet:
@@ -162,14 +162,14 @@ class StrokeSet:
             raise UserError(f"there is no set of strokes at {path}; {cure}")
         self.shards = [Shard(file) for file in paths]
         self.origin, self.seed = self.shards[0].origin, self.shards[0].seed
-        there = 0
+        count = 0
         for shard in self.shards:
-            if shard.first != there:
+            if shard.first != count:
                 raise UserError(
-                    f"{shard.path} begins at stroke {shard.first}, but only {there} strokes are before it; "
+                    f"{shard.path} begins at stroke {shard.first}, but only {count} strokes are before it; "
                     "give the folder of the whole set, and simulate again what it lacks"
                 )
-            there += len(shard)
+            count += len(shard)
             if (shard.origin, shard.seed) != (self.origin, self.seed):
                 raise UserError(f"{shard.path} is of another set than {paths[0]}; give each a folder of its own")
 
@@ -178,17 +178,17 @@ class StrokeSet:
 
 
 def pictures_of(shards: Sequence[Shard], places: Numbers) -> Bytes:
-    """Images (n, S, S, 4) of strokes, counted through all the shards; quickest where many of them share a block."""
+    """Read the images (n, S, S, 4) of strokes, numbered through all shards, block by block."""
     starts = np.cumsum([0, *map(len, shards)])
     owner = np.searchsorted(starts, places, side="right") - 1
-    found = np.empty((len(places), *shards[0].images.shape[1:]), np.uint8)
+    pictures = np.empty((len(places), *shards[0].images.shape[1:]), np.uint8)
     for k in np.unique(owner):
-        found[owner == k] = shards[k].rows(shards[k].images, places[owner == k] - starts[k])
-    return found
+        pictures[owner == k] = shards[k].rows(shards[k].images, places[owner == k] - starts[k])
+    return pictures
 
 
 def _whole_dataset(file: h5py.File, name: str, dtype: type, shape: tuple[int, ...]) -> h5py.Dataset:
-    """The dataset, if it is what the format says and every chunk of it was written; its numbers are not read yet."""
+    """Open a dataset, and check that it is what the format says and complete; its numbers are not read yet."""
     dataset = dataset_of(file, name, dtype, shape)
     if dataset.chunks is None or dataset.chunks[0] != BLOCK:
         raise UserError(f"{name} has chunks {dataset.chunks}; {BLOCK} strokes in each are needed")

@@ -1,4 +1,4 @@
-"""How good the pictures of a renderer are: errors of single strokes, distances of sample sets, contact sheets.
+"""The pictures of a renderer are judged: errors of single strokes, distances of sample sets, contact sheets.
 
 During training two callbacks show them: `HeldOutSheet` and `FrechetDistance`.
 """
@@ -44,7 +44,7 @@ Features = Callable[[Tensor], Tensor]  # pictures (n, 3, H, W) in [0, 1] -> (n, 
 
 
 def premultiplied(images: Tensor) -> Tensor:
-    """RGBA with straight alpha -> colour times alpha, and alpha; (..., 4, H, W).
+    """Multiply colour by alpha: straight RGBA (..., 4, H, W) becomes premultiplied.
 
     A stroke adds alpha * colour - alpha * below to a picture, so errors in paintings come from those of these four
     channels. Hence renderers are trained on them, and a critic looks at them.
@@ -54,19 +54,19 @@ def premultiplied(images: Tensor) -> Tensor:
 
 
 def squared_error(images: Tensor, truth: Tensor) -> Tensor:
-    """L2 of pictures (..., 4, H, W): mean squared difference of the four `premultiplied` channels; a number."""
+    """Compute L2 of pictures (..., 4, H, W): the mean squared difference of the four `premultiplied` channels."""
     return (premultiplied(images) - premultiplied(truth)).square().mean()
 
 
 def fine_detail(planes: Tensor) -> Tensor:
-    """What planes (..., H, W) have beside the mean of the 5 x 5 pixels around: bristles, in windows of 64 pixels."""
+    """Subtract from planes (..., H, W) the mean of 5 x 5 pixels; in windows of 64 pixels bristles are left."""
     with torch.autocast(planes.device.type, enabled=False):  # of 16 bits little would be left of a difference
         rows, columns = (_mean_of_five(side, planes) for side in planes.shape[-2:])
         return planes - rows @ planes @ columns.T
 
 
 def _mean_of_five(side: int, like: Tensor) -> Tensor:
-    """The matrix (side, side) that takes numbers in a row to the means of five of them, of fewer at the ends.
+    """Build the matrix (side, side) of a moving mean over five numbers, over fewer at the ends.
 
     Two products with it take a tenth of the time of avg_pool2d, which counts for an eighth of a step of training.
     """
@@ -77,7 +77,7 @@ def _mean_of_five(side: int, like: Tensor) -> Tensor:
 
 @torch.no_grad()
 def error_sums(images: Tensor, truth: Tensor) -> Tensor:
-    """Sums (5,) over pictures (n, 4, S, S), RGBA in [0, 1], straight alpha, which can be added; float64.
+    """Compute sums (5,) over pictures (n, 4, S, S), RGBA in [0, 1], straight alpha; sums of batches can be added.
 
     They are the pixels, the squared error of the four premultiplied channels (their mean per pixel), that of alpha, the
     true alpha, and the squared error of the straight colour (mean of R, G, B) times true alpha.
@@ -89,7 +89,7 @@ def error_sums(images: Tensor, truth: Tensor) -> Tensor:
 
 
 def error_figures(sums: Tensor) -> dict[str, float]:
-    """``l2``, ``psnr_alpha`` (dB, over all pixels) and ``psnr_color`` (dB, weighted by true alpha) of `error_sums`."""
+    """Compute ``l2``, ``psnr_alpha`` (dB, over all pixels) and ``psnr_color`` (dB, by true alpha) of `error_sums`."""
     pixels, squared, alpha, paint, color = sums.tolist()
     psnr_color = psnr_of(color / paint) if paint else math.nan
     return {"l2": squared / pixels, "psnr_alpha": psnr_of(alpha / pixels), "psnr_color": psnr_color}
@@ -97,7 +97,7 @@ def error_figures(sums: Tensor) -> dict[str, float]:
 
 @torch.no_grad()
 def bristle_sums(images: Tensor, truth: Tensor, parameters: Tensor) -> Tensor:
-    """Energies (2, 2, 2) of pictures (n, 4, S, S), which can be added: thin or thick, of alpha or light, drawn or true.
+    """Compute energies (2, 2, 2) of pictures (n, 4, S, S): thin or thick, of alpha or light, drawn or true.
 
     The energy is that of `fine_detail` inside of strokes, where a quarter of the 5 x 5 pixels around is truly covered.
     Strokes (n, 10) are thick from `THICK` windows on. The light is how much brighter paint is than its colour, by true
@@ -117,7 +117,7 @@ def bristle_sums(images: Tensor, truth: Tensor, parameters: Tensor) -> Tensor:
 
 
 def bristle_figures(energies: Tensor) -> dict[str, float]:
-    """Shares of the true energy of `bristle_sums` that are drawn: ``bristles_thin``, ``light_thick`` and so on."""
+    """Compute the drawn shares of the true energies of `bristle_sums`: ``bristles_thin``, ``light_thick`` and so on."""
     drawn, true = energies.unbind(-1)
     share = (drawn / true).tolist()  # not a number where there is no such stroke, or no light
     return {
@@ -126,7 +126,7 @@ def bristle_figures(energies: Tensor) -> dict[str, float]:
 
 
 class FeatureDistance:
-    """How different two sample sets look, drawn strokes and the true ones: FID and KID over white.
+    """Measures how different two sample sets look, drawn strokes and true ones: FID and KID over white.
 
     FID is the Frechet distance of two normal distributions of features (Heusel et al., 2017, arXiv:1706.08500), here
     in double precision; KID the squared maximum mean discrepancy with the cubic kernel (Binkowski et al., 2018,
@@ -150,19 +150,19 @@ class FeatureDistance:
 
     def compare(self, drawn: Tensor, true: Tensor) -> None:
         """Take features (n, count) of as many strokes."""
-        for found, real in ((drawn, False), (true, True)):
-            self.fid.update(found, real=real)
-            self.kid.update(found, real=real)
+        for features, real in ((drawn, False), (true, True)):
+            self.fid.update(features, real=real)
+            self.kid.update(features, real=real)
 
     def figures(self) -> dict[str, float]:
-        """``fid_<name>`` and ``kid_<name>``; not a number where there are fewer than two strokes."""
+        """Compute ``fid_<name>`` and ``kid_<name>``; not a number where there are fewer than two strokes."""
         seen = int(self.fid.real_features_num_samples)
         self.kid.subset_size = min(seen, KID_PICTURES)
         fid, kid = (float(self.fid.compute()), float(self.kid.compute()[0])) if seen > 1 else (math.nan, math.nan)
         return {f"fid_{self.name}": fid, f"kid_{self.name}": kid}
 
     def by_number(self) -> list[dict[str, object]]:
-        """How both depend on the number of strokes: a row for 64, twice as many, ... of the strokes seen.
+        """Tabulate how both depend on the number of strokes: a row for 64, twice as many, ... of the strokes seen.
 
         A row has ``n``, into how many disjoint ``sets`` of n the strokes were divided, mean and standard deviation of
         the distances over them, and the mean FID of one set of true strokes to the next, which a perfect renderer of
@@ -173,11 +173,11 @@ class FeatureDistance:
         n = SMALLEST_SET
         while n <= len(drawn):
             parts = [part for part in zip(drawn.split(n), true.split(n), strict=True) if len(part[0]) == n]
-            found = [self._of(*part) for part in parts]
+            distances = [self._of(*part) for part in parts]
             bias = [self._of(a, b) for (_, a), (_, b) in pairwise(parts)]
             row: dict[str, object] = {"n": n, "sets": len(parts)}
-            for key in found[0]:
-                values = torch.tensor([figures[key] for figures in found], dtype=torch.float64)
+            for key in distances[0]:
+                values = torch.tensor([figures[key] for figures in distances], dtype=torch.float64)
                 row |= {key: float(values.mean()), f"{key}_sd": float(values.std()) if len(values) > 1 else math.nan}
             key = f"fid_{self.name}"
             row[f"{key}_bias"] = sum(figures[key] for figures in bias) / len(bias) if bias else math.nan
@@ -192,7 +192,7 @@ class FeatureDistance:
 
 
 def effl0_distance(device: torch.device) -> FeatureDistance:
-    """`FeatureDistance` "effl0": 112 channels of a network that comes with a package, averaged over a picture."""
+    """Make the `FeatureDistance` "effl0": 112 channels of a packaged network, averaged over a picture."""
     network = _known("effl0").to(device)
 
     def features(pictures: Tensor) -> Tensor:
@@ -204,7 +204,7 @@ def effl0_distance(device: torch.device) -> FeatureDistance:
 
 
 def inception_distance(path: Path, device: torch.device) -> FeatureDistance:
-    """`FeatureDistance` "inception": the published FID and KID, in the 2048 features of Inception v3.
+    """Make the `FeatureDistance` "inception": the published FID and KID, in the 2048 features of Inception v3.
 
     ``path`` holds the network as TorchScript, which takes bytes (n, 3, H, W) and ``return_features=True`` and enlarges
     the pictures itself; such a one was published as inception-2015-12-05.pt beside StyleGAN2-ADA. An FID of fewer than
@@ -230,13 +230,13 @@ def inception_distance(path: Path, device: torch.device) -> FeatureDistance:
 
 
 def over_white(images: Tensor) -> Tensor:
-    """RGBA (n, 4, H, W), straight alpha, on white paper: (n, 3, H, W) in [0, 1]."""
+    """Lay RGBA (n, 4, H, W), straight alpha, over white: (n, 3, H, W) in [0, 1]."""
     alpha = images[:, 3:]
     return (alpha * images[:, :3] + (1 - alpha)).clamp(0, 1)
 
 
 def stroke_sheet(images: Tensor, columns: int) -> Tensor:
-    """Pictures (n, 4, H, W), RGBA in [0, 1], straight alpha, over white in rows: (3, height, width) in [0, 1]."""
+    """Lay out pictures (n, 4, H, W), RGBA in [0, 1], straight alpha, over white in rows: (3, height, width)."""
     from skimage.util import montage  # noqa: PLC0415  (a second)
 
     zoom, columns = max(1, SHOWN_SIDE // images.shape[-2]), min(columns, len(images))
@@ -246,7 +246,7 @@ def stroke_sheet(images: Tensor, columns: int) -> Tensor:
 
 
 class HeldOutSheet(L.Callback):
-    """After every validation ``pictures/epoch_XXX.png``: held-out strokes as drawn on the left, the truth on the right.
+    """Draws held-out strokes beside the true ones after every validation, in ``pictures/epoch_XXX.png``.
 
     The latest sheet is also ``validation.png`` in the run's folder.
     """

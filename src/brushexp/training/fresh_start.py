@@ -1,4 +1,4 @@
-"""Callback: re-initialise a network whose output has collapsed."""
+"""Trainings whose random start leads nowhere are begun anew."""
 
 import logging
 from collections.abc import Callable
@@ -55,5 +55,5 @@ class FreshStart(L.Callback):
 
 
 def variance_of(pictures: Tensor) -> float:
-    """Of alpha among pictures (n, 4, S, S), the mean over their pixels."""
+    """Compute the variance of alpha among pictures (n, 4, S, S), averaged over their pixels."""
     return float(pictures[:, 3].float().var(0, unbiased=False).mean())

@@ -63,7 +63,7 @@ class NetworkModule(L.LightningModule):
         raise NotImplementedError
 
     def schedule(self, optimizer: Optimizer) -> LambdaLR:
-        """A linear rise of the learning rate, then half a cosine down to `FINAL_RATE` of it at the end of training."""
+        """Raise the learning rate linearly, then lower it by half a cosine to `FINAL_RATE` of it at the end."""
 
         def factor(_: int) -> float:
             share, rise = self.progress, (self.global_step + 1) / WARMUP_STEPS
@@ -109,7 +109,7 @@ class NetworkModule(L.LightningModule):
             nn.utils.clip_grads_with_norm_(weights, longest, norm)
 
     def goes_well(self, norm: Tensor) -> bool:
-        """Whether a gradient of this norm and the losses are finite; if not, training ends with this step."""
+        """Decide whether a gradient of this norm and the losses are finite; if not, training ends with this step."""
         well = bool(torch.stack([norm, *self.terms.values()]).isfinite().all())
         if not well and not self.trouble and getattr(self.trainer.precision_plugin, "scaler", None) is None:
             wrong = next((name for name, term in self.terms.items() if not term.isfinite()), None)
@@ -120,4 +120,4 @@ class NetworkModule(L.LightningModule):
 
     def _timers(self) -> list[Timer]:
         callbacks = self.trainer.callbacks if self._trainer is not None else []  # type: ignore[attr-defined]
-        return [found for found in callbacks if isinstance(found, Timer)]
+        return [callback for callback in callbacks if isinstance(callback, Timer)]

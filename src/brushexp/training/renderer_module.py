@@ -1,4 +1,4 @@
-"""Training a renderer on pictures of strokes, beside a critic if one is wanted."""
+"""A renderer is trained on pictures of strokes, with or without a critic."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -74,7 +74,7 @@ class Critic(nn.Module):
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # a fifth faster on a processor
 
     def forward(self, pictures: Tensor) -> Tensor:
-        """Raw scores (n,) of premultiplied RGBA (n, 4, S, S)."""
+        """Score premultiplied RGBA (n, 4, S, S): raw numbers (n,)."""
         scores: Tensor = self.layers(2 * pictures - 1)[:, 0]
         return scores.float()
 
@@ -99,9 +99,9 @@ class RendererModule(NetworkModule):
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         settings = self.settings
-        found = [parameter for parameter in self.renderer.parameters() if parameter.requires_grad]
+        trained = [parameter for parameter in self.renderer.parameters() if parameter.requires_grad]
         betas = BETAS if self.critic is None else CRITIC_BETAS
-        optimizer = optim.AdamW(found, settings.lr, betas, weight_decay=WEIGHT_DECAY)
+        optimizer = optim.AdamW(trained, settings.lr, betas, weight_decay=WEIGHT_DECAY)
         if self.critic is not None:
             weights = self.critic.parameters()
             self.critic_optimizer = optim.AdamW(weights, settings.critic_lr, CRITIC_BETAS, weight_decay=0.0)
@@ -137,7 +137,7 @@ class RendererModule(NetworkModule):
         self._sums = torch.zeros(5, dtype=torch.float64)
 
     def validation_step(self, batch: StrokeBatch, batch_idx: int) -> Tensor:
-        """The pictures (B, 4, S, S) of a batch, for callbacks; in 32 bits, as in painting."""
+        """Draw the pictures (B, 4, S, S) of a batch, for callbacks; in 32 bits, as in painting."""
         with torch.autocast(self.device.type, enabled=False):
             drawn = window_pictures(self.renderer, batch.parameters, self.window, batch.number)
         self._sums += error_sums(drawn, batch.images)
@@ -175,7 +175,7 @@ class RendererModule(NetworkModule):
         return f"L2 {loss:.5f} ({psnr_of(loss):.2f} dB){quality}  {speed:.0f} strokes/s"
 
     def _step_critic(self, critic: Critic, drawn: Tensor, truth: Tensor) -> None:
-        """One step of the critic, true pictures above drawn ones."""
+        """Take one step of the critic, true pictures above drawn ones."""
         critic.requires_grad_(True)
         loss = relativistic_loss(critic(truth), critic(drawn))
         self.critic_optimizer.zero_grad(set_to_none=True)
@@ -185,7 +185,7 @@ class RendererModule(NetworkModule):
             self.critic_optimizer.step()
 
     def _ask_critic(self, critic: Critic, drawn: Tensor, truth: Tensor, error: Tensor) -> tuple[Tensor, Tensor]:
-        """The renderer's side, drawn pictures above true ones: its loss, and where error and critic push them."""
+        """Compute the renderer's loss, drawn pictures above true ones, and where error and critic push them."""
         critic.requires_grad_(False)
         loss = relativistic_loss(critic(drawn), critic(truth))
         (pull,) = torch.autograd.grad(loss, drawn)
@@ -194,7 +194,7 @@ class RendererModule(NetworkModule):
 
 
 def balanced(push: Tensor, pull: Tensor, weight: float) -> Tensor:
-    """``push``, and ``weight`` times a vector of the same length in the direction of ``pull``.
+    """Add to ``push`` a vector of ``weight`` times its length, in the direction of ``pull``.
 
     The scores of a critic have no scale: in 80 steps their gradients grew a thousandfold against those of L2, so no
     fixed weight of the losses would do (Esser et al., 2021, arXiv:2012.09841, balance them at the last layer).

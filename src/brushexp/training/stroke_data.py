@@ -1,11 +1,10 @@
-"""Where a task finds the strokes that it trains on, as its config says."""
+"""The config of a task names the strokes that it trains or measures on."""
 
 import hashlib
 import json
 import logging
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
@@ -19,29 +18,32 @@ from brushexp.training.datamodule import SimulatedData, StoredData, StrokeData
 from brushexp.training.dataset import Origin, first_difference, origin_of
 from brushexp.training.writer import simulate_set
 
+BATCH_STROKES = 64  # where the task has no batch_size
+HELD_OUT = 1000  # strokes of a split that are simulated on the way, if no number is asked for
+
 log = logging.getLogger(__name__)
 
 
 def stroke_data(cfg: DictConfig) -> StrokeData:
-    """Strokes from the sets of ``data``; without any, from a set that is simulated first, or on the way."""
-    if cfg.data is not None:
-        paths = [Path(path) for path in cfg.data]
-    else:
+    """Open the sets of ``data``; without any, simulate a set first, or strokes on the way."""
+    batch_size, paths = cfg.get("batch_size", BATCH_STROKES), [Path(path) for path in cfg.data or ()]
+    if not paths:
         node = engine_node(cfg)
         engine: Engine = build(node)
         origin = origin_of(node, engine)
         if cfg.get("simulate") is None:
-            return SimulatedData(engine, origin, batch_size=cfg.batch_size, seed=seed_of_strokes(cfg))
+            seed = next(iter(training_of(cfg)[1]), cfg.seed)  # brushes are drawn from it
+            return SimulatedData(engine, origin, batch_size=batch_size, seed=seed, held_out=cfg.get("n") or HELD_OUT)
         mark = hashlib.sha256(json.dumps(origin.settings(), sort_keys=True).encode()).hexdigest()[:8]
         path = Path(cfg.sets) / f"{origin.engine}-{origin.window}-{mark}-seed{cfg.seed}-{cfg.simulate}"
         log.info("the strokes of this and later runs: %s", path)
         simulate_set(path, engine, origin, cfg.seed, cfg.simulate, wait=True)  # jobs of a sweep may need the same one
         paths = [path]
-    return StoredData(paths, batch_size=cfg.batch_size, seed=cfg.seed, limit=cfg.limit)
+    return StoredData(paths, batch_size=batch_size, seed=cfg.seed, limit=cfg.get("limit"))
 
 
 def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:
-    """Where the strokes came from."""
+    """Describe where the strokes came from, for a recipe."""
     origin = data.origin
     return {
         "engine": origin.engine,
@@ -54,7 +56,7 @@ def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:
 
 
 def origin_for(cfg: DictConfig) -> tuple[Origin, list[int]]:
-    """Where the strokes of `stroke_data` come from, before any are simulated, and the seeds of the sets, if any.
+    """Describe the origin of the strokes of `stroke_data`, before any are simulated, and the seeds of the sets, if any.
 
     UserError if the sets are none.
     """
@@ -66,11 +68,11 @@ def origin_for(cfg: DictConfig) -> tuple[Origin, list[int]]:
 
 
 def engine_node(cfg: DictConfig) -> DictConfig:
-    """The engine's part of the config; for a renderer that is measured, with the options of its own training.
+    """Take the engine's node of the config; a renderer that is measured has the options of its own training.
 
     Options that are typed win over those.
     """
-    plugin, trained = plugin_of(cfg.engine), None if cfg.get("other_data", True) else trained_on(cfg)
+    plugin, (trained, _) = plugin_of(cfg.engine), training_of(cfg)
     if trained is None or trained.engine != plugin.name:
         return cfg.engine
     usual = OmegaConf.structured(plugin.config)
@@ -83,51 +85,38 @@ def engine_node(cfg: DictConfig) -> DictConfig:
         return cfg.engine
 
 
-def trained_on(cfg: DictConfig) -> Origin | None:
-    """What made the strokes that a renderer was trained on; None if its file does not tell."""
-    recipe = _data_of_training(cfg)
-    if not isinstance(recipe.get("engine_config"), dict):
-        return None
-    return Origin(str(recipe.get("engine")), recipe["engine_config"], recipe.get("window", 0))
+def training_of(cfg: DictConfig) -> tuple[Origin | None, list[int]]:
+    """Read what made the strokes that a renderer was trained on, and their seeds, as far as its recipe says.
 
-
-def seed_of_strokes(cfg: DictConfig) -> int:
-    """The seed of strokes that are simulated; for a renderer that is measured, that of its training.
-
-    Brushes are drawn from it.
+    It is (None, []), too, where ``other_data`` allows other strokes, or the task has no such key.
     """
-    trained = None if cfg.get("other_data", True) else trained_on(cfg)
-    return next(iter([] if trained is None else seeds_of_training(cfg)), cfg.seed)
-
-
-def seeds_of_training(cfg: DictConfig) -> list[int]:
-    """The seeds of the strokes that a renderer was trained on; none if its file does not tell."""
-    told = _data_of_training(cfg).get("seed")
-    seeds = told if isinstance(told, list) else [told]
-    return [seed for seed in seeds if isinstance(seed, int) and seed >= 0]
-
-
-def _data_of_training(cfg: DictConfig) -> dict[str, Any]:
     checkpoint = cfg.renderer.get("checkpoint")
-    recipe = {} if checkpoint is None else RENDERERS.read_recipe(RENDERERS.path_of(checkpoint)).get("data")
-    return recipe if isinstance(recipe, dict) else {}
+    if checkpoint is None or cfg.get("other_data", True):
+        return None, []
+    recipe = RENDERERS.read_recipe(RENDERERS.path_of(checkpoint)).get("data")
+    if not isinstance(recipe, dict) or not isinstance(recipe.get("engine_config"), dict):
+        return None, []
+    seeds = recipe.get("seed")
+    valid = [seed for seed in (seeds if isinstance(seeds, list) else [seeds]) if isinstance(seed, int) and seed >= 0]
+    return Origin(str(recipe.get("engine")), recipe["engine_config"], recipe.get("window", 0)), valid
 
 
-def check_origin(cfg: DictConfig, found: Origin, seeds: Sequence[int]) -> None:
+def check_origin(cfg: DictConfig, origin: Origin, seeds: Sequence[int]) -> None:
     """Stop with a UserError if a trained renderer knows other brushes than those of the strokes, unless wanted.
 
     ``seeds`` are those of the sets, if there are any: an engine's brushes are drawn from its seed.
     """
-    trained = None if cfg.other_data else trained_on(cfg)
-    if trained is not None and (difference := first_difference(trained.settings(), found.settings())):
-        name = f"engine={found.engine}" if cfg.data is None else cfg.data[0]
+    trained, trained_seeds = training_of(cfg)
+    if trained is not None and (difference := first_difference(trained.settings(), origin.settings())):
+        name = f"engine={origin.engine}" if cfg.data is None else cfg.data[0]
         raise UserError(
             f"{name} was made with {difference[1]}, but the renderer was trained on strokes made with {difference[0]}; "
             "give a set made as that one was, or train a renderer on this one; other_data=true takes it all the same"
         )
-    known = [] if trained is None or "brushes" not in trained.engine_config else seeds_of_training(cfg)
-    if known and (others := [k for k, seed in enumerate(seeds) if seed not in known]):
+    if trained is None or "brushes" not in trained.engine_config or not trained_seeds:
+        return
+    if others := [k for k, seed in enumerate(seeds) if seed not in trained_seeds]:
         raise UserError(
             f"{cfg.data[others[0]]} holds strokes of brushes of seed {seeds[others[0]]}, but the renderer was trained "
-            f"on those of seed {', '.join(map(str, known))}; give a set of that seed, or set other_data=true"
+            f"on those of seed {', '.join(map(str, trained_seeds))}; give a set of that seed, or set other_data=true"
         )

@@ -1,4 +1,4 @@
-"""How a set of strokes comes to disk: shard by shard, each moved to its place when it is complete.
+"""A set of strokes is written shard by shard, each moved to its place when it is complete.
 
 So at any moment the folder holds only whole shards, which are a smaller set, and what is missing can be made later:
 the strokes are the same however often the making was interrupted, and however often the set grew.
@@ -44,7 +44,7 @@ Rows = dict[str, NDArray[Any]]  # of some strokes, by name of the dataset
 
 
 def simulate_set(path: Path, engine: Engine, origin: Origin, seed: int, n: int, *, wait: bool = False) -> int:
-    """Simulate what a set of ``n`` strokes lacks, with a progress bar, and return how many that were.
+    """Simulate what a set of ``n`` strokes lacks, with a progress bar, and return their number.
 
     ``origin`` describes the engine, ``seed`` is that of the prior, too. ``wait`` for another process that makes the
     same set, instead of stopping. A set that was made otherwise or is larger is refused (UserError). Ctrl-C stops after
@@ -54,11 +54,11 @@ def simulate_set(path: Path, engine: Engine, origin: Origin, seed: int, n: int, 
         for rest in path.glob(TEMPORARY):  # of writing that was killed
             rest.unlink()
         kept = whole_shards(path, origin, seed, n)
-        there = sum(map(len, kept.values()))
-        if there:
-            log.info("%s: %d of %d strokes are there already%s", path, there, n, "; going on" if there < n else "")
+        done = sum(map(len, kept.values()))
+        if done:
+            log.info("%s: %d of %d strokes are there already%s", path, done, n, "; going on" if done < n else "")
         _simulate_missing(path, engine, origin, seed, n, kept)
-    return n - there
+    return n - done
 
 
 def _simulate_missing(path: Path, engine: Engine, origin: Origin, seed: int, n: int, kept: dict[int, Shard]) -> None:
@@ -94,8 +94,8 @@ def _locked(path: Path, wait: bool) -> AbstractContextManager[object]:
 
 
 def whole_shards(path: Path, origin: Origin, seed: int, n: int) -> dict[int, Shard]:
-    """The shards that are there, by their first strokes; a UserError if they do not belong to this set."""
-    found = {}
+    """Open the finished shards, by their first strokes; a UserError if they do not belong to this set."""
+    shards = {}
     for file in sorted(path.glob("[0-9]*.h5")):
         try:
             shard = Shard(file)
@@ -107,12 +107,12 @@ def whole_shards(path: Path, origin: Origin, seed: int, n: int) -> dict[int, Sha
             raise UserError(
                 f"{path} was made with {difference[0]}, this run has {difference[1]}; take the same or another path"
             )
-        if (there := shard.first + len(shard)) > n:
+        if (end := shard.first + len(shard)) > n:
             raise UserError(
-                f"{path} has {there} strokes already, more than n={n}; ask for at least as many or choose another path"
+                f"{path} has {end} strokes already, more than n={n}; ask for at least as many or choose another path"
             )
-        found[shard.first] = shard
-    return found
+        shards[shard.first] = shard
+    return shards
 
 
 def _write(path: Path, parts: list[Rows], first: int, origin: Origin, seed: int) -> None:
@@ -139,14 +139,14 @@ def _write(path: Path, parts: list[Rows], first: int, origin: Origin, seed: int)
 
 
 def shard_rows(shard: Shard) -> Rows:
-    """All that a shard holds, as it is on disk."""
+    """Read all that a shard holds, as it is on disk."""
     numbers = np.arange(len(shard))
     pictures, heights = shard.rows(shard.images, numbers), shard.rows(shard.heights, numbers)
     return {"params": shard.parameters.numpy(), "images": pictures, "heights": heights}
 
 
 def to_rows(parameters: Tensor, simulated: Simulated, first: int) -> Rows:
-    """What a shard keeps of n strokes; UserError if the engine made something that is not finite."""
+    """Convert n strokes to what a shard keeps; UserError if the engine made something that is not finite."""
     images, heights = simulated.images.detach().cpu(), simulated.heights.detach().cpu()
     for value in (images, heights):
         broken = ~value.flatten(1).sum(1).isfinite()  # one pass, and no sum of finite numbers here is infinite

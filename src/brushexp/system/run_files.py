@@ -1,0 +1,95 @@
+"""The files in the folder of a run: their names, and a manifest of what runs have created there.
+
+``overwrite=true`` removes the files of the manifest and no others.
+
+Python reports every file that it is about to open or rename (audit hooks, PEP 578). So the manifest also has what
+Hydra, Lightning and plugins write, and a file of which the writing was killed. A library in C reports nothing: what it
+writes goes through `replacing`, which renames it, or is named to `note_files`.
+"""
+
+import os
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from brushexp.system.files import TEMPORARY
+
+METRICS_FILE = "metrics.json"  # how the run ended (``status``), and the numbers that it returned
+CHECKPOINT = "checkpoint.ckpt"  # of a run that has not come to its end
+MANIFEST = ".hydra/files.txt"  # the files that runs have created there, a relative path a line
+AT_WORK = "at work"  # status of a painting until its timelapse and page are written
+UNFINISHED = ("failed", "interrupted", "diverged", AT_WORK)  # status of runs that are not compared
+UNNOTED = ("files.txt", "lock", "report.lock")  # files that outlast the runs of a folder
+_recorded: set[str] = set()  # real paths of the folders in which this process is at work
+
+
+def record_files(folder: Path) -> None:
+    """Note from now on, in its manifest, each file that this process creates below a folder."""
+    _install_hook()
+    _recorded.add(os.path.realpath(folder))
+    (folder / MANIFEST).touch()
+
+
+def stop_recording(folder: Path) -> None:
+    """Note no more files of a folder."""
+    _recorded.discard(os.path.realpath(folder))
+
+
+@contextmanager
+def recorded(folder: Path) -> Iterator[None]:
+    """Note in its manifest each file that is created below a folder inside ``with``."""
+    record_files(folder)
+    try:
+        yield
+    finally:
+        stop_recording(folder)
+
+
+def note_files(folder: Path, paths: Iterable[Path]) -> None:
+    """Add files to the manifest of a recorded folder, and those outside of it to none."""
+    if os.path.realpath(folder) not in _recorded:
+        return
+    names = [os.path.relpath(path, folder) for path in paths]
+    lines = [f"{name}\n" for name in names if not name.startswith("..") and "\n" not in name]
+    with (folder / MANIFEST).open("a", encoding="utf-8", errors="surrogateescape") as manifest:
+        manifest.write("".join(lines))
+
+
+def files_written(folder: Path) -> Iterator[Path]:
+    """Files that runs have created in a folder and that still exist; of a sweep, those of its jobs, too."""
+    manifest, root = folder / MANIFEST, folder.resolve()
+    if not manifest.is_file():
+        return
+    for name in dict.fromkeys(manifest.read_text(encoding="utf-8", errors="surrogateescape").splitlines()):
+        path = folder / name
+        if not path.parent.resolve().is_relative_to(root) or ".." in path.parts[len(folder.parts) :]:
+            continue  # a manifest may come from a stranger
+        if path.name == manifest.name and path.parents[1] != folder:  # of a job
+            yield from files_written(path.parents[1])
+        if path.is_file() or path.is_symlink():
+            yield path
+
+
+@cache
+def _install_hook() -> None:
+    """Python can remove no audit hook, so there is one, once."""
+    sys.addaudithook(_on_event)
+
+
+def _on_event(event: str, arguments: tuple[Any, ...]) -> None:
+    """Note a file that does not exist yet and is about to be created in a recorded folder."""
+    if not _recorded or event not in ("open", "os.rename"):
+        return
+    path, flags = (arguments[0], arguments[2]) if event == "open" else (arguments[1], os.O_CREAT)
+    if isinstance(path, int) or not flags & os.O_CREAT or os.path.lexists(path):
+        return
+    whole = os.path.join(os.path.realpath(os.path.dirname(os.fsdecode(path))), os.path.basename(os.fsdecode(path)))
+    if os.path.basename(whole) in UNNOTED or os.path.basename(whole).startswith(TEMPORARY[:-1]):
+        return
+    around = [folder for folder in tuple(_recorded) if whole.startswith(f"{folder}{os.sep}")]
+    if around:
+        with suppress(OSError):  # whoever opens the file reports a full disk
+            note_files(Path(max(around, key=len)), [Path(whole)])
