@@ -75,9 +75,9 @@ class SettingsSweeper(Sweeper):
 
     def combine(self, arguments: Sequence[str]) -> list[list[str]]:
         """The overrides of every job."""
-        from brushexp.cli.command_line import verbatim, written_out  # noqa: PLC0415
         from brushexp.cli.many_pictures import all_pictures, subfolders_for  # noqa: PLC0415
-        from brushexp.config.configs import folders_in  # noqa: PLC0415
+        from brushexp.config.compose import folders_in  # noqa: PLC0415
+        from brushexp.config.words import expand_shorthand, verbatim  # noqa: PLC0415
         from brushexp.runs.sweep_jobs import SUBFOLDER  # noqa: PLC0415
 
         parser = OverridesParser.create(config_loader=self.hydra_context.config_loader)
@@ -88,7 +88,7 @@ class SettingsSweeper(Sweeper):
         jobs = []
         for words in settings:  # of a sweep that is stopped, some settings then have all pictures
             for picture in [[f"image={one}"] for one in pictures] or [[]]:
-                own = [written_out(word, sweep=True) for word in [*picture, *words]]
+                own = [expand_shorthand(word, sweep=True) for word in [*picture, *words]]
                 jobs += combinations_of([*overrides, *parser.parse_overrides(own)])
         if pictures and len(jobs) == len(pictures):
             places = map(verbatim, subfolders_for(pictures))

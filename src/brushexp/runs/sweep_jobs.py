@@ -15,8 +15,9 @@ from hydra.core.utils import JobReturn, JobStatus, run_job
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from brushexp.config.composition import check
+from brushexp.config.check import check
 from brushexp.errors import UserError
+from brushexp.registry import drop_built
 from brushexp.results.runs import JOBS, has_finished
 from brushexp.runs.run_folder import check_free, take
 from brushexp.runs.sweep_report import first_line, renew
@@ -50,6 +51,7 @@ def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: 
             refused.append(f"job {number} of the sweep ({' '.join(job)}): {error}")
             if not lenient or len(refused) == len(jobs):
                 raise UserError(refused[0]) from error
+    drop_built()  # each job builds its own
     for reason in refused:
         log.warning("%s; it is skipped", reason)
 
