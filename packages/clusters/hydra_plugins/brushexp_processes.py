@@ -94,7 +94,8 @@ class ProcessesLauncher(Launcher):
         ctypes.CDLL(None).prctl(PARENT_DEATH, signal.SIGINT)
         with suppress(KeyboardInterrupt, EOFError):
             while os.getppid() == parent and (job := pipe.recv()) is not None:
-                result = execute_job(*job, self.hydra_context, self.config, self.task_function)
+                number, words = job
+                result = execute_job(number, words, self.hydra_context, self.config, self.task_function)
                 pipe.send(replace(result, cfg=None, hydra_cfg=None))  # which not all can be sent
 
 

@@ -1,6 +1,6 @@
 """The whole matrix of extremes: every scene with every renderer, blend and precision, and a picture of all cells."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -60,7 +60,7 @@ def examine(axes: Mapping[str, Sequence[str]], patience: float) -> Iterator[Cell
         for kind, title in rows_in(axes):
             scene = KINDS[kind][title]
             if scene.steps:
-                check = partial(check_painting, name, renderer, scene, patience)
+                check: Callable[[Any, str], Any] = partial(check_painting, name, renderer, scene, patience)
             else:
                 check = SceneCheck(renderer, scene, most).check
             for blend, dtype in product(blends, axes["dtypes"]):
