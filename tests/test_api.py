@@ -19,7 +19,7 @@ from PIL import Image
 from torch.testing import assert_close
 
 import brushexp
-from brushexp.config.configs import SHIPPED
+from brushexp.config.compose import SHIPPED
 from brushexp.pictures.load import load_picture, samples
 from brushexp.results.runs import command_of
 from brushexp.runs import run_folder
@@ -244,7 +244,7 @@ def test_a_painting_ends_when_nobody_wants_more(end):
 
 
 def test_what_goes_wrong_on_the_way_is_raised_in_the_caller(monkeypatch):
-    monkeypatch.setattr("brushexp.painting.finished.measure", lambda *_: 1 / 0)
+    monkeypatch.setattr("brushexp.painting.finished.measure", lambda *_, **__: 1 / 0)
     states = brushexp.iterate("chelsea", every=2, **SMALL)
     with pytest.raises(ZeroDivisionError):
         list(states)

@@ -15,17 +15,18 @@ from torch.testing import assert_close
 
 from brushexp.errors import UserError
 from brushexp.painting.build import compute_focus
-from brushexp.painting.metrics import measure
+from brushexp.painting.metrics import measure, standard_metrics
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.pictures.focus import attention, faces, focus_map, focus_weights, resized
 from brushexp.pictures.load import load_picture
+from brushexp.pictures.similarity import dissimilarity, statistics
 from brushexp.plugins.init.slic import Slic
 from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.plugins.loss.l1 import MeanAbsoluteError
 from brushexp.plugins.loss.lpips import Lpips
 from brushexp.plugins.loss.mse import MeanSquaredError
 from brushexp.plugins.loss.perceptual import Perceptual
-from brushexp.plugins.loss.ssim import StructuralSimilarity, dissimilarity, statistics
+from brushexp.plugins.loss.ssim import StructuralSimilarity
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named
@@ -264,11 +265,12 @@ def test_the_focused_psnr_weighs_the_errors_of_the_saved_pictures():
     focus = focus_weights(torch.rand(12, 17), 8)
     squares = ((a.astype(float) - b) / 255) ** 2
     wanted = -10 * math.log10((squares.mean(2) * focus.numpy()).sum() / focus.numpy().sum())
-    found = measure(a, b, focus=focus)
+    metrics = standard_metrics()
+    found = measure(metrics, a, b, focus=focus)
     assert found["psnr_focus"] == pytest.approx(wanted)
-    assert measure(a, a, focus=focus)["psnr_focus"] == math.inf
-    assert "psnr_focus" not in measure(a, b)
-    assert measure(a, b, focus=torch.ones(12, 17))["psnr_focus"] == pytest.approx(found["psnr"], abs=1e-4)
+    assert measure(metrics, a, a, focus=focus)["psnr_focus"] == math.inf
+    assert "psnr_focus" not in measure(metrics, a, b)
+    assert measure(metrics, a, b, focus=torch.ones(12, 17))["psnr_focus"] == pytest.approx(found["psnr"], abs=1e-4)
 
 
 def test_the_keys_make_weights_and_leave_the_map(config, run_task, tmp_path):

@@ -38,16 +38,16 @@ from test_leaderboard import PUBLISHED
 from test_verdicts import CLAIMS
 from tifffile import imwrite
 
-from brushexp.cli.mistakes import explanation
-from brushexp.config.composition import check
-from brushexp.config.configs import composed, folders_of
+from brushexp.config.check import check
+from brushexp.config.compose import composed, folders_of
+from brushexp.config.mistakes import explanation
 from brushexp.errors import UserError
 from brushexp.features.base import read_tensors
-from brushexp.pages.run_page import write_run_page
+from brushexp.pages.run_page import page_in
 from brushexp.pages.sweep_page import write_sweep_page
 from brushexp.painting.components import build_components
-from brushexp.painting.outputs import export_job, painted_with, renderer_of
 from brushexp.pictures.load import load_picture
+from brushexp.plugins.export.job import export_job
 from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.plugins.renderer.neural import Neural
 from brushexp.registry import build_named, options_of
@@ -60,6 +60,7 @@ from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.storage import load_catalogue, save_catalogue
 from brushexp.system.hdf5 import fixed, numbers_of
 from brushexp.system.run_files import CHECKPOINT
+from brushexp.tasks.view import finished_in
 
 EXAMPLES = int(os.environ.get("BRUSHEXP_FUZZ", "12"))  # of damage of each kind of file; thousands search for more
 SLOW = 6  # times as many examples of the other kinds as of those that are read into a whole page or fit
@@ -101,9 +102,7 @@ def write_catalogue(folder: Path) -> Path:
 
 
 def write_text(folder: Path) -> Path:
-    saved = catalogue(3)
-    job = export_job(saved, renderer_of(saved), build_named("blend", "tiled", {}), saved.renderer, None, "a")
-    return build_named("to", "json", {}).write(job, folder)[0]
+    return build_named("to", "json", {}).write(export_job(catalogue(3)), folder)[0]
 
 
 def read_catalogue(path: Path) -> None:
@@ -111,8 +110,7 @@ def read_catalogue(path: Path) -> None:
     check_strokes(saved.strokes)
     assert sorted(saved.depth.tolist()) == list(range(len(saved.strokes)))
     assert bool(((saved.background >= 0) & (saved.background <= 1)).all())
-    painted_with(saved)
-    renderer_of(saved)
+    export_job(saved)
 
 
 def write_weights(folder: Path) -> Path:
@@ -162,7 +160,8 @@ def part(name: str) -> Callable[[Path], Path]:
 
 
 def read_run(path: Path) -> None:
-    write_run_page(next(folder for folder in path.parents if folder.name == "0"))
+    folder = next(folder for folder in path.parents if folder.name == "0")
+    page_in(folder, finished_in(folder, export_job(load_catalogue(folder / "catalogue.h5"))))
 
 
 def read_sweep(path: Path) -> None:

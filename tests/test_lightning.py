@@ -13,7 +13,7 @@ from torch.testing import assert_close
 
 from brushexp.painting import painting_module
 from brushexp.painting.components import Stage
-from brushexp.painting.metrics import psnr_of
+from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.density.adaptive import Adaptive
 from brushexp.plugins.loss.direction import Direction
 from brushexp.plugins.loss.perceptual import Perceptual

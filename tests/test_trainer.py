@@ -20,10 +20,10 @@ from test_dataset import write
 from torch import nn
 from torch.utils.data import DataLoader, IterableDataset
 
-from brushexp.config.composition import check
+from brushexp.config.check import check
 from brushexp.config.rules import check_brushes, check_ends
 from brushexp.errors import UserError
-from brushexp.painting.metrics import psnr_of
+from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import RENDERERS, PatchRenderer, window_pictures
 from brushexp.registry import build, build_named

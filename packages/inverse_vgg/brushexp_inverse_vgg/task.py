@@ -12,8 +12,8 @@ from omegaconf import DictConfig
 
 from brushexp.plugins.renderer.base import RENDERERS, Renderer
 from brushexp.registry import build, plugin_of
+from brushexp.reporting.tables import csv_table, markdown_table
 from brushexp.results.stroke_sheets import COLUMNS, sheet_of_strokes
-from brushexp.results.tables import csv_table, markdown_table
 from brushexp.runs.network_fitting import fit_network, renderer_settings, save_renderer
 from brushexp.runs.tracking import make_trackers
 from brushexp.runs.trainer import conclude

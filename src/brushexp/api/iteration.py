@@ -17,7 +17,7 @@ import numpy as np
 
 from brushexp.api.painting import Painting, painting_of, plan_of
 from brushexp.bounds import at_least
-from brushexp.painting.metrics import psnr_of
+from brushexp.pictures.similarity import psnr_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.callbacks import INTERRUPTED
 from brushexp.system.files import to_bytes

@@ -76,7 +76,7 @@ class OtherPainter(PaintingModule):
         strokes = self.renderer.convert(state.strokes.map(Tensor.detach))
         image = self.draw(strokes)
         if not image.isfinite().all():
-            who = f"{named('renderer', self.renderer)} with {named('blend', self.components.blend)}"
+            who = f"{named('renderer', self.renderer)} with {named('blend', self.components.blend.blend)}"
             raise UserError(f"{who} makes a picture that is not finite; choose others")
         self._strokes = strokes
         self.depth.front_to_back = torch.arange(len(strokes) - 1, -1, -1, device=self.device)

@@ -13,9 +13,9 @@ from torch import Tensor, nn
 
 from brushexp.painting.components import Components
 from brushexp.painting.curves import Anytime, Lazy
-from brushexp.painting.metrics import psnr_of
 from brushexp.painting.picture import Depth, Picture
 from brushexp.painting.schedule import Schedule
+from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.callbacks import publish_values

@@ -11,10 +11,11 @@ from torch import Tensor, nn
 from torch.nn.functional import interpolate, mse_loss
 
 from brushexp.compositing.bands import bands
+from brushexp.compositing.layers import Canvas
 from brushexp.painting.canvas_memory import CanvasMemory
 from brushexp.painting.schedule import Schedule
 from brushexp.pictures.focus import resized
-from brushexp.plugins.blend.base import Blend, Canvas
+from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.loss.base import PaintedView
 from brushexp.plugins.order.base import Order, front_to_back
 from brushexp.plugins.renderer.base import Renderer
@@ -40,7 +41,7 @@ class Picture(nn.Module):
     focus: Tensor | None  # (H, W) how much each pixel counts, of mean 1; None for all alike
     background: Tensor  # (3,) colour of the bare canvas
 
-    def __init__(self, target: Tensor, focus: Tensor | None, background: Tensor, blend: Blend) -> None:
+    def __init__(self, target: Tensor, focus: Tensor | None, background: Tensor, blend: Compositor) -> None:
         super().__init__()
         self.register_buffer("target", target, persistent=False)
         self.register_buffer("focus", focus, persistent=False)

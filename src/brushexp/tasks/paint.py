@@ -10,11 +10,10 @@ import lightning as L
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
-from brushexp.features.distance import open_distance
 from brushexp.painting.build import build_painter
-from brushexp.painting.finished import Finished, finish
+from brushexp.painting.finished import Finished, finish, summary_line
 from brushexp.painting.goals import goals_of
-from brushexp.painting.outputs import summary_line
+from brushexp.painting.metrics import metrics_of
 from brushexp.painting.timelapse import Timelapse
 from brushexp.runs.resume import resumed
 from brushexp.runs.tracking import Trackers, make_trackers
@@ -41,9 +40,7 @@ def paint_picture(
     ``start`` is `time.monotonic` when the program began; None for a run that goes on from its ``checkpoint``. The
     ``callbacks`` come after those of the timelapse and the goals.
     """
-    trackers, device = make_trackers(cfg, folder), device_of(cfg.device)
-    weights = cfg.lpips_weights
-    lpips = None if weights is None else open_distance(cfg.lpips_backbone, weights, "lpips_weights")
+    trackers, device, metrics = make_trackers(cfg, folder), device_of(cfg.device), metrics_of(cfg)
     L.seed_everything(cfg.seed, verbose=False)
     painter = build_painter(cfg).to(device)
     timelapse = Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds, kind=cfg.timelapse)
@@ -56,20 +53,20 @@ def paint_picture(
         failure = fit(trainer, painter, checkpoint=checkpoint) if painter.schedule.steps or cfg.seconds else None
         if folder is None:
             conclude(painter, None, cfg, failure, painter.schedule.step)
-        finished = finish(painter, cfg, timelapse, lpips)
+        finished = finish(painter, cfg, timelapse, metrics, start=start)
         if folder is not None:
-            write_painting(folder, finished, start, trackers)
+            write_painting(folder, finished, timelapse, trackers)
     if folder is not None:
-        write_film_and_page(folder, finished, page=cfg.report)
+        write_film_and_page(folder, finished, timelapse, page=cfg.report)
         log.info(summary_line(folder, finished.metrics))
         conclude(painter, folder, cfg, failure, painter.schedule.step)
     return finished
 
 
-def write_painting(folder: Path, finished: Finished, start: float | None, trackers: Trackers) -> None:
+def write_painting(folder: Path, finished: Finished, timelapse: Timelapse, trackers: Trackers) -> None:
     """Write a painting; until `write_film_and_page` is done, the run counts as one at work."""
-    finished.write(folder, start)
-    frames = finished.timelapse.frames
+    finished.write(folder)
+    frames = timelapse.frames
     steps = sorted(frames)[:-1]  # without the last, which is the painting
     trackers.report(
         finished.metrics,
@@ -79,21 +76,21 @@ def write_painting(folder: Path, finished: Finished, start: float | None, tracke
     )
 
 
-def write_film_and_page(folder: Path, finished: Finished, *, page: bool) -> None:
+def write_film_and_page(folder: Path, finished: Finished, timelapse: Timelapse, *, page: bool) -> None:
     """Write the timelapse, and beside it the ``page`` of the run: to encode a film leaves Python to others."""
     with ThreadPoolExecutor(1) as beside:
-        film = beside.submit(finished.timelapse.write, folder)
+        film = beside.submit(timelapse.write, folder)
         if page:
-            try_to_write_page(folder, film)
+            try_to_write_page(folder, finished, film)
     film.result()
     finished.conclude(folder)
 
 
-def try_to_write_page(folder: Path, film: Future[Any] | None = None) -> None:
+def try_to_write_page(folder: Path, finished: Finished, film: Future[Any] | None = None) -> None:
     """Write the page of the run, with its ``film``; whatever goes wrong with it, the run is not lost."""
     from brushexp.pages.run_page import write_run_page  # noqa: PLC0415  (runs without a page start sooner)
 
     try:
-        write_run_page(folder, film)
+        write_run_page(folder, finished, film)
     except Exception as error:
         log.error("no report.html of this run: %s", error, exc_info=not isinstance(error, UserError))

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from brushexp_losses.sinkhorn import Sinkhorn, masses
 from torch import Tensor
 from torch.testing import assert_close
 
@@ -9,7 +10,6 @@ from brushexp.pictures.load import downsampled
 from brushexp.pictures.region import Region
 from brushexp.plugins.loss.base import PaintedView, Surroundings
 from brushexp.plugins.loss.mse import MeanSquaredError
-from brushexp.plugins.loss.sinkhorn import Sinkhorn, masses
 from brushexp.strokes.catalogue import Strokes
 
 

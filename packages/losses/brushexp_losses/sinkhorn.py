@@ -10,8 +10,9 @@ from torch.nn import functional
 
 from brushexp.bounds import at_least
 from brushexp.pictures.load import downsampled
-from brushexp.plugins.loss.base import Loss, PaintedView, Surroundings, at_least_single
+from brushexp.plugins.loss.base import Loss, PaintedView, Surroundings
 from brushexp.registry import register
+from brushexp.system.precision import at_least_single
 
 FIRST_BLUR = 2.0  # with which the potentials begin: the largest cost on a square
 MIN_EPSILON = 0.01  # exp(-4 / epsilon) is then no zero in double precision
