@@ -22,7 +22,7 @@ def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
     Each plugin is built for that, and kept for the run (`registry.take_built`).
     """
     schema = TASKS[cfg.task]
-    if (other := task_for(cfg.task, cfg)) != cfg.task:  # type: ignore[arg-type]
+    if (other := task_for(cfg.task, cfg)) != cfg.task:
         raise UserError(f"task={cfg.task} leaves this to task={other}; type brushexp task={other} and the same words")
     for family in MULTI_SELECT:
         if any(override.startswith(f"+{family}=") for override in overrides):

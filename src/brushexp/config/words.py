@@ -153,7 +153,7 @@ def check_choice(group: str, value: str) -> None:
 
 def as_typed(value: Any, *, is_part: bool = False) -> str:
     """A value as it is typed; texts that are part of a list or mapping are in quotes if they need them."""
-    plain = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
+    plain: Any = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
     plain = plain.item() if hasattr(plain, "item") else plain  # of NumPy and torch
     if plain is None or isinstance(plain, bool):
         return {None: "null", True: "true", False: "false"}[plain]
