@@ -24,9 +24,9 @@ from PIL import Image
 from torch import Tensor
 
 from brushexp.compositing.passes import sum_by_stroke
+from brushexp.pictures.similarity import dissimilarity, statistics
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.loss.ssim import dissimilarity, statistics
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.renderer.textured import Textured

@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from brushexp.reporting import plotting
+from brushexp.reporting.tables import markdown_table
 from brushexp.results.pareto import front
+from brushexp.results.quantities import quantities
 from brushexp.results.runs import gather
-from brushexp.results.tables import METRICS, markdown_table
 
 SHOWN = ["l2", "psnr_alpha", "psnr_color", "bristles_thick", "bristles_thin", "light_thick", "fid_effl0"]
 SHOWN += ["strokes_per_second", "strokes_per_second_backward", "parameters", "file_mb"]
@@ -31,7 +32,7 @@ def main(picture: Path, folders: list[Path]) -> None:
     """Print the table of all runs, and draw their fronts."""
     metrics = gather(folders, Path())["metric"].reindex(columns=SHOWN).astype(float)
     metrics.insert(0, "renderer", [folder.name for folder in folders])
-    print(markdown_table(metrics, {name: metric.digits for name, metric in METRICS.items()}))
+    print(markdown_table(metrics, {name: metric.digits for name, metric in quantities().items()}))
     metrics = metrics.sort_values("strokes_per_second")
     speed, figure = metrics["strokes_per_second"], plotting.new_figure()
     for axes, (name, (title, miss)) in zip(figure.subplots(1, 2), MISSES.items(), strict=True):

@@ -14,6 +14,7 @@ from torch import Tensor
 from brushexp.bounds import above, between
 from brushexp.plugins.init.base import Initializer
 from brushexp.registry import register
+from brushexp.strokes.bezier import roomy_window, strokes_along
 from brushexp.strokes.catalogue import Strokes
 
 
@@ -40,16 +41,13 @@ class Scatter(Initializer):
         pixel = torch.multinomial(chance.flatten() + 1e-12, n, replacement=False, generator=generator)
         row, column = pixel // width, pixel % width
         pitch = math.sqrt(height * width / n)  # mean distance between strokes, pixels
-        window = max(6.4 * pitch, 4.0)  # pixels; all lengths below are in (half-)windows
         angle = math.pi * torch.rand(n, generator=generator)
-        along = torch.stack([angle.cos(), angle.sin()], -1) * self.size * pitch / window
-        return Strokes(
+        half = torch.stack([angle.cos(), angle.sin()], -1) * self.size * pitch / 2
+        return strokes_along(
+            torch.stack([-half, torch.zeros(n, 2), half], 1),  # from the positions, in pixels
+            self.size * pitch,
+            target[:, row, column].T.contiguous(),
+            0.95,
+            window=roomy_window(pitch),
             position=torch.stack([column, row], -1) + 0.5,
-            scale=torch.full((n,), window),
-            start=-along,
-            control=torch.zeros(n, 2),
-            end=along,
-            width=torch.full((n,), self.size * pitch / window),
-            color=target[:, row, column].T.contiguous(),
-            opacity=torch.full((n,), 0.95),
         )

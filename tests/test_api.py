@@ -244,11 +244,11 @@ def test_a_painting_ends_when_nobody_wants_more(end):
 
 
 def test_what_goes_wrong_on_the_way_is_raised_in_the_caller(monkeypatch):
-    monkeypatch.setattr("brushexp.painting.finished.measure", lambda *_: 1 / 0)
+    monkeypatch.setattr("brushexp.painting.finished.measure", lambda *_, **__: 1 / 0)
     states = brushexp.iterate("chelsea", every=2, **SMALL)
     with pytest.raises(ZeroDivisionError):
         list(states)
-    monkeypatch.setattr("brushexp.painting.preparation.components_of", lambda _: (_ for _ in ()).throw(MemoryError))
+    monkeypatch.setattr("brushexp.painting.build.build_components", lambda _: (_ for _ in ()).throw(MemoryError))
     with pytest.raises(brushexp.UserError, match="not enough memory; take a smaller resolution="):
         next(brushexp.iterate("chelsea", **SMALL))
     assert not painters()

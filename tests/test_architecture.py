@@ -56,7 +56,11 @@ def test_no_task_imports_a_task():
 
 
 def plugin_files() -> list[Path]:
-    return [*(SOURCE / "plugins").glob("*/*.py"), *(ROOT / "plugins").glob("*.py")]
+    return [
+        *(SOURCE / "plugins").glob("*/*.py"),
+        *(ROOT / "plugins").glob("*.py"),
+        *(ROOT / "examples" / "plugins").glob("*.py"),
+    ]
 
 
 @pytest.mark.parametrize("path", plugin_files(), ids=lambda path: f"{path.parent.name}/{path.stem}")

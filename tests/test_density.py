@@ -10,8 +10,8 @@ from painters import painter_of as some_painter
 from scenes import Windowed, random_strokes
 
 from brushexp.painting.densification import importance
-from brushexp.painting.metrics import psnr_of
 from brushexp.painting.picture import Depth, Picture
+from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.adaptive import Adaptive, new_strokes
 from brushexp.plugins.density.base import DensificationState

@@ -23,7 +23,7 @@ def jobs(settings, arguments=(), pictures=()):
     with initialize_config_dir(version_base="1.3", config_dir=str(SHIPPED)):
         loader = GlobalHydra.instance().config_loader()
         kind = Plugins.instance().class_name_to_class["hydra_plugins.brushexp_settings.SettingsSweeper"]
-        sweeper = kind(None, None, settings, list(pictures), False, False)
+        sweeper = kind(settings=settings, pictures=list(pictures))
         sweeper.hydra_context = SimpleNamespace(config_loader=loader)
         sweeper.config = compose("config", return_hydra_config=True)
         jobs = sweeper.combine(arguments)

@@ -23,7 +23,7 @@ from torch.utils.data import DataLoader, IterableDataset
 from brushexp.config.check import check
 from brushexp.config.rules import check_brushes, check_ends
 from brushexp.errors import UserError
-from brushexp.painting.metrics import psnr_of
+from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import RENDERERS, PatchRenderer, window_pictures
 from brushexp.registry import build, build_named

@@ -46,15 +46,19 @@ def installed(package: Path, folder: Path) -> str:
 @pytest.mark.slow
 def test_the_plugins_of_the_tutorial_and_of_the_package_keep_their_contracts(tmp_path):
     assert {"calm", "raster", "marker", "glaze"} == NAMES
+    examples = [path.stem for path in (ROOT / "examples" / "plugins").glob("*.py")]
     for name in NAMES:
         (tmp_path / f"{name}.py").write_text(BLOCKS[f"plugins/{name}.py"])
     command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider"]
-    command += ["-k", " or ".join([*NAMES, "dabs"]), "tests/test_plugins.py", str(PACKAGE)]
+    command += ["-k", " or ".join([*NAMES, *examples, "dabs"]), "tests/test_plugins.py", str(PACKAGE)]
     found = [installed(PACKAGE, tmp_path), os.environ.get("PYTHONPATH", "")]
-    environment = os.environ | {"BRUSHEXP_PLUGINS": str(tmp_path), "PYTHONPATH": os.pathsep.join(found)}
+    environment = os.environ | {
+        "BRUSHEXP_PLUGINS": f"{tmp_path}{os.pathsep}{ROOT / 'examples' / 'plugins'}",
+        "PYTHONPATH": os.pathsep.join(found),
+    }
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-4000:]
-    assert int(re.search(r"(\d+) passed", done.stdout)[1]) >= 40
+    assert int(re.search(r"(\d+) passed", done.stdout)[1]) >= 56
 
 
 PRESETS = {
@@ -62,6 +66,7 @@ PRESETS = {
     "loss/stronger": "defaults: [mse_strong]\nweight: 3.0\n",
     "loss/own_package": "# @package loss.own_package\ndefaults: [mse@_here_, _self_]\nweight: 4.0\n",
     "loss/both": "defaults: [mse, l1, _self_]\nmse:\n  weight: 5.0\n",
+    "metric/likeness": "defaults: [ssim]\n",
     "to/large": "defaults: [png]\n",
     "logger/table": "defaults: [csv]\n",
     "callbacks/rates": "defaults: [learning_rate_monitor]\n",

@@ -33,6 +33,7 @@ FAMILIES = {
     "color": "in which space paint is laid over paint",
     "order": "strokes -> depth",
     "loss": "painting -> number to minimise",
+    "metric": "finished painting -> number that says how good it is",
     "density": "when strokes are added and removed",
     "sampler": "which part of the canvas a step looks at",
     "optimizer": "how strokes move",
@@ -42,7 +43,7 @@ FAMILIES = {
     "to": "finished painting -> files that other programs read",
 }
 PACKAGES = {family: family for family in FAMILIES} | {"to": "export"}  # folder of each below `brushexp.plugins`
-MULTI_SELECT = ("loss", "callbacks", "logger", "to")  # families of which one run may use several members
+MULTI_SELECT = ("loss", "metric", "callbacks", "logger", "to")  # families of which one run may use several members
 SEARCH_PATH = "BRUSHEXP_PLUGINS"  # environment variable: more plugin folders
 
 C = TypeVar("C", bound=type)

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from brushexp.reporting.tables import MISSING, csv_table, escaped, markdown_table
 from brushexp.results.stroke_table import MEASURES
-from brushexp.results.tables import MISSING, csv_table, escaped, markdown_table
 from brushexp.strokes.brushwork import MIN_OPACITY
 from brushexp.strokes.measures import Measure
 from brushexp.system.files import write_json, write_text

@@ -88,7 +88,8 @@ class StudySweeper(Sweeper):
         space, study = search_space(words), self.open_study()
         recorded = [trial.params for trial in study.trials if trial.state.is_finished()]
         folders = [path for path in Path(self.config.hydra.sweep.dir).iterdir() if path.name.isdecimal()]
-        killed, ended = [], []
+        killed: list[dict[str, Any]] = []
+        ended: list[dict[str, Any]] = []
         for folder in sorted(folders, key=lambda path: int(path.name)):
             typed = dict(word.split("=", 1) for word in words_of(folder) if "=" in word)
             values = {key: value_in(one, typed[key]) for key, one in space.items() if key in typed}
@@ -123,19 +124,19 @@ def better_direction(objective: str | None, typed: str | None) -> str:
     A UserError without an objective, with a direction that is not its own, or if neither says which it is.
     """
     from brushexp.errors import UserError  # noqa: PLC0415
-    from brushexp.results.tables import METRICS  # noqa: PLC0415
+    from brushexp.results.quantities import quantities  # noqa: PLC0415
 
     option, choices = "hydra.sweeper.direction", tuple(DIRECTIONS.values())
     if objective is None:
         raise UserError("Optuna needs objective=: the number of metrics.json that it improves; try objective=psnr")
     if typed is not None and typed not in choices:
         raise UserError(f"{option}={typed} is not one of {', '.join(choices)}; drop it")
-    metric = METRICS.get(objective)
+    metric = quantities().get(objective)
     own = DIRECTIONS.get(metric.better) if metric else None
     if own and typed not in (None, own):
         raise UserError(f"{option}={typed} looks for the worst {objective}; drop it")
     if not (own or typed):
-        names = ", ".join(name for name, metric in METRICS.items() if metric.better)
+        names = ", ".join(name for name, metric in quantities().items() if metric.better)
         raise UserError(f"nobody knows which {objective} is better; add {option}=minimize or maximize (known: {names})")
     return own or str(typed)
 

@@ -8,7 +8,7 @@ import lightning as L
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
-from brushexp.results.tables import csv_table
+from brushexp.reporting.tables import csv_table
 from brushexp.system.files import write_json, write_text
 from brushexp.system.progress import with_progress
 from brushexp.system.runtime import peak_memory

@@ -14,7 +14,8 @@ from brushexp.config.rules import check_painting
 from brushexp.config.schema import PaintTask
 from brushexp.errors import UserError
 from brushexp.pictures.load import size_at
-from brushexp.registry import build, plugin_of
+from brushexp.plugins.painter.base import Painter
+from brushexp.registry import keep_built, plugin_of
 from brushexp_films.clips import is_film, open_clip
 
 FRAMES = "frames"  # folder of the catalogues, in a run's
@@ -51,7 +52,7 @@ class FilmTask(PaintTask):
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
         size = size_at(cfg.resolution, *open_clip(Path(cfg.image)).size)
-        if not build(cfg.painter).by_steps:
+        if isinstance(keep_built(cfg.painter), Painter):
             name = plugin_of(cfg.painter).name
             raise UserError(f"painter={name} paints single pictures, and {cfg.image} is a film; drop painter")
         for name, default in OF_PICTURES.items():

@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 
 from brushexp.errors import UserError
-from brushexp.features.distance import open_distance
-from brushexp.painting.metrics import measure
-from brushexp.painting.outputs import export_job, renderer_of
+from brushexp.painting.metrics import measure, official_lpips, standard_metrics
 from brushexp.pictures.decode import FORMATS
 from brushexp.pictures.load import load_picture
-from brushexp.plugins.export.png import pixels as pixels_of
-from brushexp.registry import build_named
+from brushexp.plugins.export.job import export_job
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import to_bytes, write_json, write_picture
@@ -35,7 +32,7 @@ def add_paintings(
     belong together. ``name`` is that of the painter, ``numbers`` are what else is known. UserError if they do not
     match.
     """
-    lpips = None if lpips_weights is None else open_distance(lpips_backbone, lpips_weights, "lpips_weights")
+    metrics = standard_metrics() | official_lpips(lpips_backbone, lpips_weights)
     for path, image in _pairs(painting, target):
         target_pixels = to_bytes(load_picture(image, None, "target"))
         pixels, strokes = drawn(path, target_pixels.shape)
@@ -44,17 +41,17 @@ def add_paintings(
         write_picture(run / "painting.png", pixels)
         write_picture(run / "target.png", target_pixels)
         write_json(run / ".hydra" / "config.yaml", {"image": image})  # of which YAML is a superset
-        metrics = {key: value for key, value in {**numbers, **strokes}.items() if value is not None}
-        metrics |= {"status": "completed", "painter": name}
-        write_json(run / METRICS_FILE, measure(pixels, target_pixels, lpips) | metrics)
+        others = {key: value for key, value in {**numbers, **strokes}.items() if value is not None}
+        others |= {"status": "completed", "painter": name}
+        write_json(run / METRICS_FILE, measure(metrics, pixels, target_pixels) | others)
 
 
 def drawn(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, int]]:
     """A painting (H, W, 3) in 8 bits at the size of its target, its colours alone, and how many strokes it has."""
     if path.suffix.lower() in CATALOGUES:
         saved = load_catalogue(path, "add")
-        job = export_job(saved, renderer_of(saved), build_named("blend", "tiled", {}), saved.renderer, max(shape))
-        pixels, strokes = pixels_of(replace(job, light=UNLIT)), {"n_strokes": len(saved.strokes)}
+        job = replace(export_job(saved, resolution=max(shape)), light=UNLIT)
+        pixels, strokes = job.picture(), {"n_strokes": len(saved.strokes)}
     else:
         pixels, strokes = to_bytes(load_picture(str(path), None, "add")), {}
     if pixels.shape != shape:

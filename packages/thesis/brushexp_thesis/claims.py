@@ -10,7 +10,7 @@ from hydra.errors import HydraException
 
 from brushexp.errors import UserError
 from brushexp.results.paired import NOT_DECIDED, Difference
-from brushexp.results.tables import METRICS
+from brushexp.results.quantities import quantities
 from brushexp_thesis.entries import entries_in, read_plain_yaml
 
 SHIPPED_CLAIMS = Path(__file__).with_suffix(".yaml")
@@ -52,7 +52,7 @@ def read_claims(path: Path = SHIPPED_CLAIMS) -> dict[str, list[Claim]]:
         data = read_plain_yaml(path, "give a file of claims")
         claims = {study: entries_in(Claim, listed, study) for study, listed in data.items()}
         for study, claim in ((study, claim) for study, listed in claims.items() for claim in listed):
-            if claim.metric not in METRICS or claim.expects not in (BETTER, NO_WORSE, OPEN):
+            if claim.metric not in quantities() or claim.expects not in (BETTER, NO_WORSE, OPEN):
                 raise UserError(f"'{claim.says}' has an unknown metric or expects; see the first lines")
             if not 0 < claim.at_least < math.inf:
                 raise UserError(f"'{claim.says}' has at_least={claim.at_least}; give a ratio above 0")

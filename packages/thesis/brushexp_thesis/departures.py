@@ -11,8 +11,8 @@ from omegaconf import DictConfig
 from brushexp.errors import UserError
 from brushexp.pages.replay import recorded_config
 from brushexp.pages.run_page import settings_as_typed
+from brushexp.reporting.tables import escaped, markdown_table
 from brushexp.results.runs import gather
-from brushexp.results.tables import escaped, markdown_table
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import write_text
 from brushexp.system.reading import read_text, yaml_of

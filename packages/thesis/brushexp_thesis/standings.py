@@ -15,26 +15,27 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from brushexp.reporting.tables import MISSING
 from brushexp.results.anytime_curves import TIMES, Curve, curve_from, mean_curve, quality_at
 from brushexp.results.paired import interval
+from brushexp.results.quantities import Quantity, quantities
 from brushexp.results.runs import differences, image_name, setting_of, words_of
-from brushexp.results.tables import METRICS, MISSING, Metric
 from brushexp.system.run_files import UNFINISHED
 from brushexp_thesis.published import PublishedFigures
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-QUALITY = {key: METRICS[key] for key in ("psnr", "ssim")} | {"ms_ssim": Metric("MS-SSIM", 4, "higher")}
-QUALITY |= {key: METRICS[key] for key in ("l1", "perceptual", "lpips_alexnet", "lpips_squeeze", "lpips_vgg16")}
-COSTS = {"seconds": METRICS["seconds"], "cpu_seconds": METRICS["cpu_seconds"]}
-COSTS |= {"peak_memory_mb": Metric("memory, MB", 0, "lower")}
+QUALITY = {key: quantities()[key] for key in ("psnr", "ssim")} | {"ms_ssim": Quantity("MS-SSIM", 4, "higher")}
+QUALITY |= {key: quantities()[key] for key in ("l1", "perceptual", "lpips_alexnet", "lpips_squeeze", "lpips_vgg16")}
+COSTS = {"seconds": quantities()["seconds"], "cpu_seconds": quantities()["cpu_seconds"]}
+COSTS |= {"peak_memory_mb": Quantity("memory, MB", 0, "lower")}
 COLUMNS = QUALITY | COSTS
 DEFAULT_PAINTER = "gradient"  # of runs that do not say which
 OF_THE_ROW = ("image", "pictures", "seed", "painter", "strokes", "task")  # keys that rows and sections are made of
 OF_THE_FOLDER = (  # keys that change nothing of a painting
     *("output", "overwrite", "resume", "report", "frames", "frame_side", "timelapse", "timelapse_seconds", "logger"),
-    *("checkpoint_every", "lpips_weights", "lpips_backbone"),
+    *("checkpoint_every", "metric", "lpips_weights", "lpips_backbone"),
 )
 FEW = 6  # pictures that a heading names
 MOST_TIMES = 7

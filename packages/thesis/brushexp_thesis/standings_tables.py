@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from brushexp.reporting.tables import MISSING, csv_table, escaped, latex_table, markdown_table
 from brushexp.results.paired import CONFIDENCE, interval
 from brushexp.results.runs import told_apart
-from brushexp.results.tables import MISSING, csv_table, escaped, latex_table, markdown_table
 from brushexp.system.files import write_text
 from brushexp_thesis.published import PublishedFigures
 from brushexp_thesis.standings import COLUMNS, Section, count_of

@@ -15,8 +15,8 @@ import pandas as pd
 
 from brushexp.errors import UserError
 from brushexp.results.paired import Difference, paired_differences, paired_table
+from brushexp.results.quantities import quantities
 from brushexp.results.runs import JOBS, gather
-from brushexp.results.tables import METRICS
 from brushexp.system.files import write_text
 from brushexp.system.reading import json_of, read_text
 from brushexp.system.run_files import METRICS_FILE, UNFINISHED
@@ -73,7 +73,7 @@ class Study:
 
     def record(self, path: Path) -> None:
         """Keep the study as a file from which `studies_in` reads it again."""
-        metrics = self.table[[key for key in METRICS if key in self.table and self.table[key].notna().any()]]
+        metrics = self.table[[key for key in quantities() if key in self.table and self.table[key].notna().any()]]
         head = {name: getattr(self, name) for name in ("name", "words", "n_jobs", "n_runs", "n_finished", "cost")}
         write_text(path, f"# {json.dumps(head)}\n{metrics.to_csv(float_format=f'%.{DIGITS}g', lineterminator=chr(10))}")
 

@@ -13,9 +13,10 @@ from typing import Any
 from omegaconf import DictConfig
 
 from brushexp.config.compose import SHIPPED
+from brushexp.reporting.tables import markdown_table
 from brushexp.results.paired import PANELS, PICTURE, Difference, paired_differences, rule_for, write_paired_plot
+from brushexp.results.quantities import quantities
 from brushexp.results.runs import words_of
-from brushexp.results.tables import METRICS, markdown_table
 from brushexp.system.files import write_text
 from brushexp_thesis.claims import SHIPPED_CLAIMS, Claim, read_claims
 from brushexp_thesis.study_records import EXPERIMENT, Study, studies_in
@@ -57,7 +58,7 @@ def write_verdicts(
         else:
             words |= {"measured": difference.sentence, "compared": f"{claim.setting} against {claim.against}"}
             study = f"[{claim.study}](#{claim.study})"
-            judged.append(words | {"metric": METRICS[claim.metric].name, "study": study, "thesis": claim.section})
+            judged.append(words | {"metric": quantities()[claim.metric].name, "study": study, "thesis": claim.section})
     verdicts = Counter(row["verdict"] for row in judged + left)
     counts = ", ".join(f"{verdict} {count}" for verdict, count in verdicts.most_common())
     lines = ["# Ablations", "", f"Written by `{command}`, and no number in it by hand.", ""]
@@ -88,7 +89,9 @@ def _explained(claims: Mapping[str, list[Claim]]) -> Iterator[str]:
         "the answer does not depend on the picture; what was measured is told by the rule above all the same."
     )
     metrics = dict.fromkeys([*PANELS, *(claim.metric for listed in claims.values() for claim in listed)])
-    matters = ", ".join(f"{METRICS[key].name} {METRICS[key].matters:g}" for key in metrics if METRICS[key].matters)
+    matters = ", ".join(
+        f"{quantities()[key].name} {quantities()[key].matters:g}" for key in metrics if quantities()[key].matters
+    )
     yield f"What matters: {matters} (of ratios: of their natural logarithm)."
 
 
@@ -134,7 +137,7 @@ def study_rows(study: Study, differences: Sequence[Difference]) -> list[dict[str
     metrics = [key for key in PANELS if key in of_metric][: SHOWN - 1]
     metrics += [key for key in ("cpu_seconds",) if key in of_metric and key not in metrics]
     metrics = metrics or [differences[0].metric]
-    first = METRICS[metrics[0]]
+    first = quantities()[metrics[0]]
     means = study.table.loc[(slice(None), study.units), metrics[0]].groupby(level=0, sort=False).mean()
     by_cell = {(one.option, one.metric): one for one in differences}
     rows = []
@@ -142,7 +145,9 @@ def study_rows(study: Study, differences: Sequence[Difference]) -> list[dict[str
         row = {"setting": str(option), first.name: f"{mean:.{first.digits}f}"}
         for key in metrics:
             one = by_cell.get((option, key))
-            row[f"{METRICS[key].name}, change"] = "reference" if one is None else f"{one.shown(one.mean)} {one.bounds}"
+            row[f"{quantities()[key].name}, change"] = (
+                "reference" if one is None else f"{one.shown(one.mean)} {one.bounds}"
+            )
         gains = [] if (one := by_cell.get((option, metrics[0]))) is None else list(one.gains.values())
         rows.append(row | {"better on": f"{sum(gain > 0 for gain in gains)} of {len(gains)}" if gains else ""})
     return rows

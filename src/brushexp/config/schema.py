@@ -12,6 +12,7 @@ from brushexp.config.keys import key
 from brushexp.config.options import Lamp, OtherLamp, StyleTransfer, TrainerOptions
 from brushexp.config.rules import CATALOGUE, COLOR, DEVICE, FOCUS, FOLDER, INTERRUPTED_RUN, PAGE, STROKES
 from brushexp.pictures.load import PICTURE
+from brushexp.plugins.metric.base import STANDARD
 
 LARGEST_SEED = 2**32 - 1  # of NumPy's generator
 LARGEST_SEED_SIMULATED = 2**64 - 1  # of the generator of strokes
@@ -62,6 +63,7 @@ class PaintTask(Task):
     groups |= {"init": "slic", "renderer": "analytic", "blend": "tiled"}
     groups |= {"color": "rgb", "order": "area"}
     groups |= {"loss": ["mse"], "density": "fixed", "sampler": "whole", "optimizer": "adam", "callbacks": []}
+    groups |= {"metric": list(STANDARD)}
     groups |= {"logger": ["csv"], "loss@style.loss": "style", "loss@style.strokes": "brushwork"}
     presets: ClassVar[dict[str, str]] = {"trainer": "default", "look": "oil", "quality": "normal"}
     settings: ClassVar[dict[str, Any]] = {

@@ -10,9 +10,11 @@ from urllib.parse import quote
 from brushexp.errors import UserError
 from brushexp.pages.html import embedded, page
 from brushexp.pictures.decode import opened_picture
+from brushexp.reporting.tables import as_text
 from brushexp.results import tables
 from brushexp.results.anytime_curves import ahead, curve_from, curves_by_image, mean_curves
 from brushexp.results.paired import difference_rows, paired_differences, paired_table, told_of
+from brushexp.results.quantities import digits, quantities
 from brushexp.results.runs import differences, shortened
 from brushexp.system.files import write_text
 
@@ -46,7 +48,7 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
         title=folder.resolve().name,
         summary=tables.run_count(frame),
         shown=shown,
-        metrics=tables.METRICS,
+        metrics=quantities(),
         means=_means(frame),
         paired=_paired(frame),
         best=_best(shown),
@@ -73,7 +75,11 @@ def _page_data(frame: DataFrame) -> dict[str, Any]:
     return {
         "axes": axes,
         "same": {key: value for key, value in settings.items() if key not in typed and value},
-        "metrics": [{"key": key, **vars(tables.METRICS[key])} for key in tables.shown_metrics(frame)],
+        "metrics": [
+            {"key": key, "name": shown.name, "digits": shown.digits, "better": shown.better}
+            for key, shown in quantities().items()
+            if key in tables.shown_metrics(frame)
+        ],
         "album": tables.is_album(frame),
         "groups": groups,
         "pictures": pictures,
@@ -93,7 +99,7 @@ def _rows(frame: DataFrame, targets: list[str], groups: dict[tuple[str, str], in
     ``report``, the address of a run's own page, is quoted, so that it is no address of another kind.
     """
     settings, values = frame["setting"].fillna(""), tables.numbers(frame)
-    texts = tables.as_text(tables.shown_metrics(frame), tables.DIGITS)
+    texts = as_text(tables.shown_metrics(frame), digits())
     called = shortened([PurePath(name).as_posix() for name in frame.index])
     rows = []
     for (name, run), parts in zip(frame["run"].iterrows(), differences(list(frame["run", "overrides"])), strict=True):
@@ -182,7 +188,7 @@ def _plotted(shown: dict[str, Any]) -> dict[str, Any]:
         if len({row["group"] for row in rows if metric["key"] in row["numbers"]}) > 1
     }
     axes = sorted((key for key in shown["axes"] if key != "seed"), key=lambda key: -len(shown["axes"][key]))
-    y = next((key for key in names if tables.METRICS[key].better and key != COST), "")
+    y = next((key for key in names if quantities()[key].better and key != COST), "")
     front = bool(y) and COST in names
     x = COST if front else f"axis:{axes[0]}" if y and axes else ""
     return {

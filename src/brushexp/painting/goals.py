@@ -14,7 +14,7 @@ import lightning as L
 import torch
 from lightning.pytorch.callbacks import EarlyStopping
 
-from brushexp.painting.metrics import psnr_of
+from brushexp.pictures.similarity import psnr_of
 from brushexp.system.callbacks import INTERRUPTED
 
 log = logging.getLogger(__name__)

@@ -9,7 +9,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from brushexp.results.tables import METRICS
 from brushexp.system.files import write_bytes
 
 if TYPE_CHECKING:
@@ -68,11 +67,6 @@ def fit_scale(axes: Axes, name: str, values: Iterable[float]) -> None:
 def entitle(figure: Figure, folder: Path, text: str) -> None:
     """Write the name of a sweep's folder and a text above all panels."""
     figure.suptitle(f"{without_math(folder.resolve().name)[:60]}: {text}", fontsize=11, x=0.01, ha="left")
-
-
-def metric_label(metric: str) -> str:
-    """Of an axis: the name of a metric, and which end of it is better."""
-    return f"{METRICS[metric].name} ({METRICS[metric].better} is better)"
 
 
 def without_math(text: str) -> str:

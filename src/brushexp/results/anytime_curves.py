@@ -11,7 +11,8 @@ import numpy as np
 
 from brushexp.reporting import plotting
 from brushexp.reporting.plotting import COLORS, DASHES, FAINT, INK, SIZE
-from brushexp.results.tables import markdown_table, run_count
+from brushexp.reporting.tables import markdown_table
+from brushexp.results.tables import run_count
 from brushexp.system.files import write_text
 
 if TYPE_CHECKING:

@@ -15,8 +15,9 @@ from PIL import Image, ImageDraw, ImageFont
 from brushexp.errors import UserError
 from brushexp.pictures.decode import opened_picture
 from brushexp.reporting.plotting import folded
+from brushexp.results.quantities import digits
 from brushexp.results.runs import shortened
-from brushexp.results.tables import DIGITS, is_album, numbers, run_count, varying
+from brushexp.results.tables import is_album, numbers, run_count, varying
 from brushexp.system.files import write_picture
 
 if TYPE_CHECKING:
@@ -92,7 +93,7 @@ def _cells(frame: DataFrame, axes: dict[str, list[str]]) -> list[SheetCell]:
 def _cell(name: str, run: Series, label: str, found: Series) -> SheetCell:
     if run["status"] == "failed":
         return SheetCell(None, (label, f"run {name}"), f"failed: {run['error']}")
-    told = [f"{value:.{DIGITS[key]}f} {UNITS[key]}" for key, value in found.reindex(list(UNITS)).dropna().items()]
+    told = [f"{value:.{digits()[key]}f} {UNITS[key]}" for key, value in found.reindex(list(UNITS)).dropna().items()]
     state = [] if run["status"] == "completed" else [run["status"]]
     return SheetCell(run["picture"], (label, "   ".join([*state, *told, f"run {name}"])), "no picture")
 

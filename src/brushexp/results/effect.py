@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 
 from brushexp.reporting import plotting
 from brushexp.reporting.plotting import COLORS, MARKERS, SIZE
+from brushexp.results.quantities import quantities
 from brushexp.results.runs import differences, shortened
 from brushexp.results.tables import over_seeds, run_count, varying
 
@@ -85,7 +86,7 @@ def _over_numbers(axes: Axes, series: dict[str, pd.DataFrame], metric: str) -> N
     plotting.fit_scale(axes, "x", [value for one in series.values() for value in one.index])
     plotting.fit_scale(axes, "y", [value for one in series.values() for value in one["mean"][metric]])
     axes.set_xlabel(plotting.label_lines(next(iter(series.values())).index.name, 50), fontsize=10)
-    axes.set_ylabel(plotting.metric_label(metric), fontsize=10)
+    axes.set_ylabel(quantities()[metric].label, fontsize=10)
 
 
 def _in_rows(axes: Axes, series: dict[str, pd.DataFrame], metric: str) -> None:
@@ -94,7 +95,7 @@ def _in_rows(axes: Axes, series: dict[str, pd.DataFrame], metric: str) -> None:
         places = np.arange(len(one)) + 0.7 * ((k + 0.5) / len(series) - 0.5)
         axes.errorbar(one["mean"][metric], places, xerr=one["std"][metric], **_look(k, name) | {"linestyle": "none"})
     plotting.fit_scale(axes, "x", [value for one in series.values() for value in one["mean"][metric]])
-    axes.set_xlabel(plotting.metric_label(metric), fontsize=10)
+    axes.set_xlabel(quantities()[metric].label, fontsize=10)
     words = [word or "not set" for word in shortened(list(one.index), 2 * LABEL).values()]
     axes.set_yticks(range(len(words)), [plotting.label_lines(word, LABEL) for word in words])
     axes.set_ylim(len(words) - 0.5, -0.5)

@@ -17,8 +17,10 @@ import numpy as np
 
 from brushexp.reporting import plotting
 from brushexp.reporting.plotting import COLORS, GREY, INK
+from brushexp.reporting.tables import csv_table, markdown_table
+from brushexp.results.quantities import Quantity, quantities
 from brushexp.results.runs import differences
-from brushexp.results.tables import METRICS, csv_table, markdown_table, numbers
+from brushexp.results.tables import numbers
 from brushexp.system.files import write_text
 
 if TYPE_CHECKING:
@@ -41,7 +43,7 @@ DEPENDS = (  # of pictures only
     "direction; it "
 )
 
-# Panels of the plot: as many of these as have room.
+# Panels of the plot: as many as have room, of these and then of the other metrics.
 PANELS = ("psnr", "psnr_alpha", "ssim", "edges", "perceptual", "fid_effl0", "cpu_seconds")
 MOST_PANELS = 4
 ROW, TALLEST = 0.16, 30.0  # inches: of a letter, of a figure
@@ -68,21 +70,26 @@ class Difference:
     high: float
 
     @property
+    def quantity(self) -> Quantity:
+        """What the metric is."""
+        return quantities()[self.metric]
+
+    @property
     def better(self) -> list[str]:
         """The units on which the setting is better by more than what matters."""
-        return [unit for unit, gain in self.gains.items() if gain > METRICS[self.metric].matters]
+        return [unit for unit, gain in self.gains.items() if gain > self.quantity.matters]
 
     @property
     def worse(self) -> list[str]:
         """Those on which it is worse by more."""
-        return [unit for unit, gain in self.gains.items() if gain < -METRICS[self.metric].matters]
+        return [unit for unit, gain in self.gains.items() if gain < -self.quantity.matters]
 
     @property
     def verdict(self) -> str:
         """One of ``depends``, ``better``, ``worse``, ``same`` and ``not decided``, by `RULE`."""
         if len(self.gains) < LEAST_UNITS or not math.isfinite(self.low):
             return NOT_DECIDED
-        matters = METRICS[self.metric].matters
+        matters = self.quantity.matters
         if self.unit == PICTURE and matters and min(len(self.better), len(self.worse)) >= LEAST_ODD:
             return "depends"
         if self.low > 0 or self.high < 0:
@@ -92,13 +99,13 @@ class Difference:
     @property
     def is_no_worse(self) -> bool:
         """Whether the interval allows no loss that matters, and the answer does not depend on the picture."""
-        allows_none = self.low >= -METRICS[self.metric].matters
+        allows_none = self.low >= -self.quantity.matters
         return len(self.gains) >= LEAST_UNITS and allows_none and self.verdict != "depends"
 
     @property
     def bounds(self) -> str:
         """The interval, in the metric's own direction."""
-        ends = (self.low, self.high) if METRICS[self.metric].better == "higher" else (self.high, self.low)
+        ends = (self.low, self.high) if self.quantity.better == "higher" else (self.high, self.low)
         return f"[{', '.join(map(self.shown, ends))}]"
 
     @property
@@ -106,7 +113,7 @@ class Difference:
         """The verdict in words, with its numbers."""
         found = f"{self.shown(self.mean)} {self.bounds}"
         if self.verdict == "same":
-            metric, most = METRICS[self.metric], max(abs(self.low), abs(self.high))
+            metric, most = self.quantity, max(abs(self.low), abs(self.high))
             largest = times(most) if metric.ratio else f"{most:.{metric.digits}f}"
             return f"no difference larger than {largest}"
         if self.verdict == "depends":
@@ -118,7 +125,7 @@ class Difference:
 
     def shown(self, gain: float) -> str:
         """A gain in the metric's own direction: ``+0.31``, or ``x 1.50`` for ratios."""
-        metric = METRICS[self.metric]
+        metric = self.quantity
         change = gain if metric.better == "higher" else -gain
         if metric.ratio:
             return times(change)
@@ -178,7 +185,7 @@ def paired_differences(
     options, units = (list(dict.fromkeys(table.index.get_level_values(level))) for level in (0, 1))
     reference = options[0] if reference is None else reference
     confidence = 1 - (1 - CONFIDENCE) / max(1, len(options) - 1 if comparisons is None else comparisons)
-    wanted = metrics or [key for key in table if METRICS[key].better]
+    wanted = metrics or [key for key in table if quantities()[key].better]
     found = []
     for metric in wanted:
         by_unit = table[metric].unstack(level=0).reindex(units) if metric in table else None
@@ -194,10 +201,10 @@ def paired_differences(
 def gains_of(values: Any, others: Any, metric: str) -> dict[str, float]:
     """By how much values are better than others, by unit, where both are known; see `Difference`."""
     both = values.notna() & others.notna()
-    if METRICS[metric].ratio:
+    if quantities()[metric].ratio:
         both &= (values > 0) & (others > 0)
         values, others = np.log(values[both]), np.log(others[both])
-    sign = 1 if METRICS[metric].better == "higher" else -1
+    sign = 1 if quantities()[metric].better == "higher" else -1
     return {str(unit): float(gain) for unit, gain in (sign * (values[both] - others[both])).items()}
 
 
@@ -207,7 +214,7 @@ def difference_rows(found: Sequence[Difference]) -> list[dict[str, Any]]:
         {
             "setting": one.option,
             "against": one.reference,
-            "metric": METRICS[one.metric].name,
+            "metric": one.quantity.name,
             "difference": one.shown(one.mean),
             "interval": one.bounds,
             "better on": f"{sum(gain > 0 for gain in one.gains.values())} of {len(one.gains)}",
@@ -249,8 +256,8 @@ def write_differences(folder: Path, frame: DataFrame) -> list[Difference]:
 
 def write_paired_plot(path: Path, found: Sequence[Difference], title: str) -> Path:
     """Write a PNG with a panel per metric; a bar is the mean with its interval."""
-    metrics = [key for key in PANELS if any(one.metric == key for one in found)][:MOST_PANELS]
-    metrics = metrics or [found[0].metric]
+    compared = {one.metric for one in found}
+    metrics = [key for key in dict.fromkeys([*PANELS, *quantities()]) if key in compared][:MOST_PANELS]
     shown = [one for one in found if one.metric in metrics]
     options = list(dict.fromkeys(one.option for one in shown))
     units = list(dict.fromkeys(unit for one in shown for unit in one.gains))
@@ -259,9 +266,8 @@ def write_paired_plot(path: Path, found: Sequence[Difference], title: str) -> Pa
     for axes, metric in zip(panels, metrics, strict=True):
         plotting.tidy(axes)
         _panel(axes, {one.option: one for one in shown if one.metric == metric}, options, units)
-        axes.set_xlabel(
-            f"{METRICS[metric].name}\n{'natural log of the ratio, ' * METRICS[metric].ratio}better to the right"
-        )
+        quantity = quantities()[metric]
+        axes.set_xlabel(f"{quantity.name}\n{'natural log of the ratio, ' * quantity.ratio}better to the right")
     panels[0].set_yticks(range(len(options)), [plotting.label_lines(option, LABEL) for option in options])
     panels[0].set_ylim(len(options) - 0.5, -0.5)
     reference = plotting.without_math(found[0].reference)

@@ -10,7 +10,9 @@ import numpy as np
 
 from brushexp.reporting import plotting
 from brushexp.reporting.plotting import COLORS, GREY, INK
-from brushexp.results.tables import csv_table, markdown_table, over_seeds
+from brushexp.reporting.tables import csv_table, markdown_table
+from brushexp.results.quantities import quantities
+from brushexp.results.tables import over_seeds
 from brushexp.system.files import write_text
 
 if TYPE_CHECKING:
@@ -103,7 +105,7 @@ def _panel(axes: Axes, points: DataFrame, metric: str) -> None:
     """All points, and the numbered front of one metric, near which the axis ends."""
     plotting.tidy(axes)
     axes.set_xlabel("optimisation, s", fontsize=10)
-    axes.set_ylabel(plotting.metric_label(metric), fontsize=10)
+    axes.set_ylabel(quantities()[metric].label, fontsize=10)
     points = points.dropna(subset=[metric])
     if points.empty:
         axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", color=GREY)

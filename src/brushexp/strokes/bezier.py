@@ -34,18 +34,46 @@ def half_width_of(strokes: Strokes) -> Tensor:
     return 0.5 * strokes.width * strokes.scale
 
 
-def strokes_along(curve: Tensor, thickness: Tensor, color: Tensor, opacity: Tensor) -> Strokes:
-    """Strokes along curves (N, 3, 2) in pixels, ``thickness`` (N,) pixels thick, each in the middle of its window.
+def roomy_window(pitch: float) -> float:
+    """Side in pixels of a window in which a stroke has room to move, where strokes are a ``pitch`` (pixels) apart.
+
+    It is that of the thesis: 64 pixels for a stroke on every 100 pixels of the canvas.
+    """
+    return max(6.4 * pitch, 4.0)
+
+
+def strokes_along(
+    curve: Tensor, thickness: Tensor | float, color: Tensor, opacity: Tensor | float,
+    *, window: Tensor | float | None = None, position: Tensor | None = None,
+) -> Strokes:  # fmt: skip
+    """Strokes along curves (N, 3, 2) in pixels, of the precision of the curves.
+
+    Args:
+        curve: start, control and end of each stroke.
+        thickness: in pixels, one for all strokes or (N,).
+        color: (N, 3), clamped to [0, 1].
+        opacity: one for all strokes or (N,).
+        window: side in pixels, beyond which a stroke cannot move, as `roomy_window`; None for one that fits closely.
+        position: (N, 2) centres of the windows, from which curves are then given; None for the middle of each curve.
 
     >>> curve = torch.tensor([[[2.0, 3.0], [6.0, 3.0], [10.0, 5.0]]])
-    >>> strokes = strokes_along(curve, torch.tensor([4.0]), torch.rand(1, 3), torch.ones(1))
+    >>> strokes = strokes_along(curve, 4.0, torch.rand(1, 3), 0.95)
     >>> curve_of(strokes).tolist(), half_width_of(strokes).tolist()
     ([[[2.0, 3.0], [6.0, 3.0], [10.0, 5.0]]], [2.0])
     """
+
+    def each(value: Tensor | float) -> Tensor:
+        return torch.as_tensor(value, dtype=curve.dtype, device=curve.device).expand(len(curve)).clone()
+
     low, high = curve.amin(1), curve.amax(1)
-    position, scale = (low + high) / 2, (high - low).amax(1) + thickness + MARGIN_PX
-    start, control, end = ((curve - position[:, None]) / (0.5 * scale)[:, None, None]).unbind(1)
-    return Strokes(position, scale, start, control, end, thickness / scale, color.clamp(0, 1), opacity)
+    if position is None:
+        position = (low + high) / 2
+        curve = curve - position[:, None]
+    scale = (high - low).amax(1) + thickness + MARGIN_PX if window is None else window
+    start, control, end = (curve / (0.5 * each(scale))[:, None, None]).unbind(1)
+    return Strokes(
+        position, each(scale), start, control, end, each(thickness / scale), color.clamp(0, 1), each(opacity)
+    )
 
 
 def unfinished(strokes: Strokes, share: Tensor) -> Strokes:

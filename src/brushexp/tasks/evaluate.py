@@ -12,8 +12,8 @@ from omegaconf import DictConfig
 from brushexp.plugins.engine.base import Engine
 from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import build, build_named, plugin_of
+from brushexp.reporting.tables import csv_table
 from brushexp.results.stroke_sheets import sheet_of_extremes, sheet_of_strokes
-from brushexp.results.tables import csv_table
 from brushexp.system.checkpoint import weights_hash
 from brushexp.system.device import device_of
 from brushexp.system.files import write_picture, write_text

@@ -13,11 +13,7 @@ pytest; ``pytest.register_assert_rewrite("brushexp.testing")`` in a conftest.py 
 run the same checks over every plugin and preset that is registered.
 """
 
-from collections.abc import Callable
-from typing import Any
-
-Make = Callable[..., Any]  # options -> a fresh plugin
-Check = Callable[[Make], None]
+from brushexp.testing.checks import Check
 
 
 def contract(family: str) -> list[Check]:

@@ -21,7 +21,7 @@ from torchmetrics.image.kid import KernelInceptionDistance
 from brushexp.compat.torch_script import load_torch_script
 from brushexp.errors import UserError
 from brushexp.features import open_backbone
-from brushexp.painting.metrics import psnr_of
+from brushexp.pictures.similarity import psnr_of
 from brushexp.strokes.prior import strokes_of
 from brushexp.system.files import write_picture
 

@@ -8,7 +8,7 @@ from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn, optim
 from torch.nn import functional
 
-from brushexp.painting.metrics import psnr_of
+from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.renderer.base import Renderer, check_trainable, window_pictures
 from brushexp.training.datamodule import StrokeBatch
 from brushexp.training.evaluation import error_figures, error_sums, fine_detail, premultiplied

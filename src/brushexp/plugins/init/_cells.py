@@ -12,10 +12,9 @@ from torch import Tensor
 from brushexp.bounds import above, between, one_of
 from brushexp.pictures.structure import along_edges, structure_tensor
 from brushexp.plugins.init.base import Initializer
+from brushexp.strokes.bezier import roomy_window, strokes_along
 from brushexp.strokes.catalogue import Strokes
 
-WINDOW_PITCHES = 6.4  # side of a stroke's window: the thesis's 64 px at 100 px per stroke
-MIN_WINDOW_PIXELS = 4.0
 RANDOM_SPREAD, RANDOM_WIDTH = 0.1, 0.03  # the thesis's random start: points in half-windows, width in windows
 ELONGATION_WEIGHT = 0.25  # of the cell's own elongation beside the picture's structure
 MIN_GRADIENT_POWER = 1e-4  # squared grey levels per pixel: gradients below 1 % of the range say little of direction
@@ -53,31 +52,23 @@ class CellInitializer(Initializer):
         centre, covariance, area = _moments(_coordinates(height, width), flat, n)
         color = cell_means(picture.reshape(3, -1), flat, n)
         pitch = math.sqrt(height * width / n)
-        scale = max(WINDOW_PITCHES * pitch, MIN_WINDOW_PIXELS)
+        window = roomy_window(pitch)
         if self.orient == "random":
-            start, control, end = (RANDOM_SPREAD * torch.randn(3, n, 2, generator=generator)).clamp(-1, 1)
-            thickness = torch.full((n,), RANDOM_WIDTH)
+            curve = (RANDOM_SPREAD * torch.randn(3, n, 2, generator=generator)).clamp(-1, 1).double()
+            curve = curve.transpose(0, 1) * (window / 2)
+            thickness = torch.full((n,), RANDOM_WIDTH * window, dtype=torch.float64)
         else:
             side = np.sqrt(area).clip(0.4 * pitch, 2.5 * pitch)
             angle = _direction(picture, flat, n, covariance)
-            along = np.stack([np.cos(angle), np.sin(angle)], 1) * (self.length * side / scale)[:, None]
-            end = torch.from_numpy(along).float()
-            start, control = -end, torch.zeros(n, 2)
-            thickness = torch.from_numpy(self.width * side / scale).float()
+            half = torch.from_numpy(np.stack([np.cos(angle), np.sin(angle)], 1) * (0.5 * self.length * side)[:, None])
+            curve = torch.stack([-half, torch.zeros(n, 2), half], 1)
+            thickness = torch.from_numpy(self.width * side)
         position = torch.tensor(centre.T, dtype=torch.float32)
         if self.jitter:
             position = position + self.jitter * pitch * torch.randn(n, 2, generator=generator)
             position = torch.minimum(position.clamp_min(0.5), torch.tensor([width, height]) - 0.5)
-        return Strokes(
-            position=position,
-            scale=torch.full((n,), scale),
-            start=start,
-            control=control,
-            end=end,
-            width=thickness,
-            color=torch.tensor(color.T, dtype=torch.float32).clamp(0, 1),
-            opacity=torch.full((n,), self.opacity),
-        )
+        mean = torch.from_numpy(color.T)
+        return strokes_along(curve, thickness, mean, self.opacity, window=window, position=position).map(Tensor.float)
 
 
 def joined(labels: Array, n: int) -> Array:

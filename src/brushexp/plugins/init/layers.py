@@ -14,10 +14,10 @@ from torch import Tensor
 from brushexp.bounds import Rule, above, at_least, between
 from brushexp.pictures.load import named_color
 from brushexp.pictures.structure import FarStructure, along_edges, sampled_at
-from brushexp.plugins.init._cells import MIN_WINDOW_PIXELS, WINDOW_PITCHES
 from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.init.grid import lattice
 from brushexp.registry import register
+from brushexp.strokes.bezier import roomy_window, strokes_along
 from brushexp.strokes.catalogue import Strokes
 
 Array = np.ndarray
@@ -103,22 +103,17 @@ class InLayers(Initializer):
         start, end = (self._traced(picture, flow, places, color, sign * 0.5 * self.length * side) for sign in (-1, 1))
         chord = (start + end) / 2
         middle = chord.clip(0.5, limit)
-        scale = max(WINDOW_PITCHES * side, 1.2 * self.length * side, MIN_WINDOW_PIXELS)
+        window = max(roomy_window(side), 1.2 * self.length * side)
         # The curve goes through its place.
-        points = [
-            torch.from_numpy((point - middle) / (scale / 2)).float() for point in (start, 2 * places - chord, end)
-        ]
-        own = torch.from_numpy(color).float().clamp(0, 1)
-        return Strokes(
-            position=torch.from_numpy(middle).float(),
-            scale=torch.full((n,), scale),
-            start=points[0].clamp(-1, 1),
-            control=points[1].clamp(-1, 1),
-            end=points[2].clamp(-1, 1),
-            width=torch.full((n,), min(1.0, self.width * side / scale)),
-            color=_ink(self.color, own),
-            opacity=torch.full((n,), self.opacity),
-        )
+        offsets = np.stack([start, 2 * places - chord, end], 1) - middle[:, None]
+        return strokes_along(
+            torch.from_numpy(offsets.clip(-window / 2, window / 2)),
+            min(window, self.width * side),
+            _ink(self.color, torch.from_numpy(color).float()),
+            self.opacity,
+            window=window,
+            position=torch.from_numpy(middle),
+        ).map(Tensor.float)
 
     def _traced(self, picture: Array, flow: Array, places: Array, color: Array, reach: float) -> Array:
         """Ends (n, 2) of strokes that go from their places along the flow (H, W), radians, to where colours differ."""

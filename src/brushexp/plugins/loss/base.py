@@ -155,15 +155,6 @@ class Loss(nn.Module, ABC):
         }
 
 
-def at_least_single(value: Tensor) -> Tensor:
-    """The same in float32 if it is in half precision (bfloat16, float16); otherwise untouched.
-
-    A mean over a picture overflows in float16, and the difference of two squares (a variance, a determinant) has no
-    correct digit in bfloat16. The gradient goes back in the precision that the value came in.
-    """
-    return value.to(torch.promote_types(value.dtype, torch.float32))
-
-
 def state_of(losses: Mapping[str, Loss]) -> dict[str, dict[str, Any]]:
     """A copy of what losses remember from one call to the next, and of what they have learnt, by name."""
     return {name: deepcopy(loss.state_dict()) for name, loss in losses.items()}

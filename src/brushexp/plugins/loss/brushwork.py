@@ -4,9 +4,10 @@ from pathlib import Path
 
 from torch import Tensor
 
-from brushexp.plugins.loss.base import Loss, PaintedView, at_least_single
+from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.registry import register
 from brushexp.strokes.brushwork import distances, load_brushwork
+from brushexp.system.precision import at_least_single
 
 
 @register("loss", "brushwork")

@@ -2,10 +2,11 @@
 
 from torch import Tensor
 
-from brushexp.plugins.loss.base import Loss, PaintedView, at_least_single
+from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.registry import register
 from brushexp.strokes.bezier import shape_of
 from brushexp.strokes.measures import curvature_of
+from brushexp.system.precision import at_least_single
 
 
 @register("loss", "curvature")

@@ -6,10 +6,11 @@ import torch
 from torch import Tensor
 
 from brushexp.bounds import at_least
-from brushexp.plugins.loss.base import Loss, PaintedView, at_least_single
+from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.registry import register
 from brushexp.strokes.bezier import shape_of
 from brushexp.strokes.measures import NEIGHBOURS, direction_of, neighbours_of
+from brushexp.system.precision import at_least_single
 
 
 @register("loss", "direction")

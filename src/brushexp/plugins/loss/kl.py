@@ -2,9 +2,10 @@
 
 from torch import Tensor
 
-from brushexp.plugins.loss.base import Loss, PaintedView, at_least_single
+from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.registry import register
 from brushexp.strokes.prior import SPREAD, bend_of
+from brushexp.system.precision import at_least_single
 
 SHRINK = 1e-3  # share of the wanted covariance that is mixed into the measured one
 

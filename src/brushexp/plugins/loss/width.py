@@ -2,9 +2,10 @@
 
 from torch import Tensor
 
-from brushexp.plugins.loss.base import Loss, PaintedView, at_least_single
+from brushexp.plugins.loss.base import Loss, PaintedView
 from brushexp.registry import register
 from brushexp.strokes.prior import INSET
+from brushexp.system.precision import at_least_single
 
 
 @register("loss", "width")

@@ -1,0 +1,29 @@
+"""A colour space in one file: ``color=gamma``."""
+
+from typing import Annotated
+
+from torch import Tensor
+
+from brushexp.bounds import above
+from brushexp.plugins.color.base import ColorSpace
+from brushexp.registry import register
+
+
+@register("color", "gamma")
+class Gamma(ColorSpace):
+    """Powers of the colours as they come: above 1 mixtures are lighter, below 1 darker.
+
+    Args:
+        exponent: of each channel.
+    """
+
+    mixes = "light grey"
+
+    def __init__(self, *, exponent: Annotated[float, above(0, 10)] = 2.0) -> None:
+        self.exponent = exponent
+
+    def encode(self, color: Tensor) -> Tensor:
+        return color.clamp(1e-6, 1) ** self.exponent  # the root has no slope at 0
+
+    def decode(self, picture: Tensor) -> Tensor:
+        return picture.clamp(1e-6, 1) ** (1 / self.exponent)

@@ -1,0 +1,26 @@
+"""A sampler in one file: ``sampler=halves``."""
+
+import torch
+
+from brushexp.pictures.region import Region
+from brushexp.plugins.sampler.base import Sampler, View
+from brushexp.registry import register
+from brushexp.strokes.catalogue import Strokes
+
+
+@register("sampler", "halves")
+class Halves(Sampler):
+    """Each step looks at one half of the canvas, the left and the right one in turn, and moves the strokes in it."""
+
+    cost, moves = "half", "those in one half of the canvas"
+
+    def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> View:
+        height, width = size
+        middle = max(1, width // 2)
+        is_left = step % 2 == 0 or width == 1
+        region = Region(0, 0, height, middle) if is_left else Region(0, middle, height, width - middle)
+        inside = (strokes.position[:, 0] < middle) == is_left
+        return View(region, inside.nonzero()[:, 0], (~inside).nonzero()[:, 0])
+
+    def steps_per_round(self, strokes: Strokes, size: tuple[int, int]) -> int:
+        return 2

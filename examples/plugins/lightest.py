@@ -1,0 +1,25 @@
+"""An order in one file: ``order=lightest``."""
+
+from typing import Annotated
+
+from torch import Tensor
+
+from brushexp.bounds import at_least
+from brushexp.plugins.order.base import Order
+from brushexp.registry import register
+from brushexp.strokes.catalogue import Strokes
+
+
+@register("order", "lightest")
+class Lightest(Order):
+    """Light strokes lie on dark ones, as painters set highlights last.
+
+    Args:
+        every: steps between two computations of the order.
+    """
+
+    def __init__(self, *, every: Annotated[int, at_least(1)] = 20) -> None:
+        self.every = every
+
+    def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
+        return strokes.color.mean(1)

@@ -1,0 +1,16 @@
+"""A metric in one file: ``'metric=[psnr,ssim,tint]'``."""
+
+from brushexp.plugins.metric.base import Comparison, Metric
+from brushexp.registry import register
+
+
+@register("metric", "tint")
+class Tint(Metric):
+    """Distance of the mean colours of painting and target: how far the whole is tinted, 0 to 1."""
+
+    title = "tint"
+    higher_is_better = False
+    matters = 0.002  # differences of less are none to speak of
+
+    def __call__(self, comparison: Comparison) -> float:
+        return float((comparison.image - comparison.target).mean((1, 2)).abs().max())

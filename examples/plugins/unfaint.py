@@ -1,0 +1,26 @@
+"""A density policy in one file: ``density=unfaint``."""
+
+from typing import Annotated
+
+from brushexp.bounds import between
+from brushexp.plugins.density.base import DensificationState, DensificationUpdate, Density
+from brushexp.registry import register
+from brushexp.strokes.catalogue import Strokes
+
+
+@register("density", "unfaint")
+class Unfaint(Density):
+    """Remove strokes that hardly cover anything, once, after half of the steps; none are added.
+
+    Args:
+        opacity: below which a stroke is removed.
+    """
+
+    def __init__(self, *, opacity: Annotated[float, between(0, 1)] = 0.1) -> None:
+        self.opacity = opacity
+
+    def due(self, step: int, steps: int) -> bool:
+        return step == steps // 2
+
+    def revise(self, state: DensificationState) -> DensificationUpdate:
+        return DensificationUpdate(keep=state.strokes.opacity >= self.opacity, new=Strokes.none())

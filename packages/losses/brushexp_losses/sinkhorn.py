@@ -1,0 +1,136 @@
+"""Optimal transport of colour as a loss."""
+
+import math
+from collections.abc import Sequence
+from typing import Annotated
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from brushexp.bounds import at_least
+from brushexp.pictures.load import downsampled
+from brushexp.plugins.loss.base import Loss, PaintedView, Surroundings
+from brushexp.registry import register
+from brushexp.system.precision import at_least_single
+
+FIRST_BLUR = 2.0  # with which the potentials begin: the largest cost on a square
+MIN_EPSILON = 0.01  # exp(-4 / epsilon) is then no zero in double precision
+
+
+@register("loss", "sinkhorn")
+class Sinkhorn(Loss):
+    """Sinkhorn divergence (optimal transport) of the colours to the target's; pulls strokes over large distances.
+
+    Each channel of the shrunk pictures is mass on the pixel grid; moving it costs the squared distance, in longer sides
+    of the picture. The value is the debiased Sinkhorn divergence (Feydy et al., 2019, arXiv:1810.08278), mean over
+    channels: 0 for equal pictures and otherwise more. It sees how light is spread, not how much there is: add ``mse``.
+
+    Source of the idea: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114). Differs from it: that takes one
+    random channel a step and the plain transport cost, which is not least for equal pictures, with five unstable steps
+    from a bad start; here are all channels, the debiased cost, and a blur that is halved until it is ``epsilon``.
+
+    It looks at the whole canvas, also where a step looks at a part: that as it is now, the rest as it was last seen.
+    A focus changes nothing: colour that has to move has to come from somewhere.
+
+    Args:
+        weight: factor in the sum of losses. At 4 the gradient in the picture is as long as that of ``mse`` on a canvas
+            of the mean colour; where only details are missing it is a hundred times shorter. Beside ``mse`` the default
+            changed the PSNR by 0.0 and +0.1 dB, a weight of 10 by -0.1 and -0.4 dB (two pictures).
+        side: longer side in pixels to which pictures are shrunk, by averaging; smaller ones stay as they are.
+        epsilon: blur of the transport, in squared longer sides, from 0.01.
+        iterations: steps with the final blur.
+        floor: mass that every pixel has beside its colour, so that black pictures have some.
+    """
+
+    weight = 2.0
+    cost = "1.9 x mse"
+    looks_at = "canvas"
+
+    def __init__(
+        self,
+        *,
+        side: Annotated[int, at_least(1)] = 24,
+        epsilon: Annotated[float, at_least(MIN_EPSILON)] = 0.01,
+        iterations: Annotated[int, at_least(1)] = 5,
+        floor: Annotated[float, at_least(1e-4)] = 0.001,
+    ) -> None:
+        super().__init__()
+        self.side, self.floor = side, floor
+        halvings = math.ceil(math.log2(FIRST_BLUR / epsilon))
+        coarse = [FIRST_BLUR / 2**i for i in range(halvings)]
+        self.blurs = [*coarse, *[epsilon] * (iterations + 1)]  # of each update, from coarse to fine
+        self._surroundings: Surroundings | None = None  # the canvas of the last step, to which the following belongs
+        self._rest = torch.empty(0)  # (3, h, w) what its pixels outside the part give to the shrunk picture
+        self._shares: tuple[Tensor, Tensor] = (self._rest, self._rest)  # `pooling_weights` of its rows and columns
+
+    def forward(self, view: PaintedView) -> Tensor:
+        # Debiased: OT(a, b) - OT(a, a) / 2 - OT(b, b) / 2, each after as many updates, so that equal masses have 0.
+        theirs, rest = self.of_target(view.whole_target, self._look)
+        ours = masses(self._downsampled(view), self.floor)
+        a, b = ours.log(), theirs.log()
+        there, back, own = potentials(torch.stack([b, a, a]), [1, 0, 2], self.blurs)
+        found = (ours * (there - own) + theirs * (back - rest)).sum((1, 2))
+        return found.mean().to(at_least_single(view.image))
+
+    def _look(self, target: Tensor) -> tuple[Tensor, Tensor]:
+        """Masses b of the target, and the potential (C, h, w) of OT(b, b)."""
+        theirs = masses(downsampled(at_least_single(target), self.side), self.floor)
+        return theirs, potentials(theirs.log()[None], [0], self.blurs)[0]
+
+    def _downsampled(self, view: PaintedView) -> Tensor:
+        """The whole canvas (3, h, w), shrunk; differentiable in the part that the step looks at."""
+        around = view.surroundings
+        if around is None:
+            return downsampled(at_least_single(view.image), self.side)
+        if around is not self._surroundings:
+            self._surroundings = around
+            region, small = around.region, downsampled(at_least_single(around.picture), self.side)
+            self._shares = (
+                pooling_weights(region.top, region.height, around.picture.shape[1], small.shape[1]).to(small),
+                pooling_weights(region.left, region.width, around.picture.shape[2], small.shape[2]).to(small),
+            )
+            self._rest = small - self._downsampled_part(region.of(around.picture))
+        return self._rest + self._downsampled_part(view.image)
+
+    def _downsampled_part(self, part: Tensor) -> Tensor:
+        rows, columns = self._shares
+        return rows.T @ at_least_single(part) @ columns
+
+
+def pooling_weights(first: int, count: int, side: int, small: int) -> Tensor:
+    """How much of each of ``small`` means over a side a pixel gives to it (count, small), from pixel ``first`` on."""
+    pixels = functional.pad(torch.eye(count, dtype=torch.float64), (first, side - first - count))
+    return functional.adaptive_avg_pool1d(pixels, small)
+
+
+def masses(small: Tensor, floor: float) -> Tensor:
+    """The channels of a picture (3, h, w) as mass, each of sum 1."""
+    mass = small.double().clamp_min(0) + floor
+    return mass / mass.sum((1, 2), keepdim=True)
+
+
+def potentials(scores: Tensor, partners: Sequence[int], blurs: Sequence[float]) -> Tensor:
+    """K potentials (K, C, h, w) by the symmetric updates of Feydy et al. (2019): all go half of the way at once.
+
+    ``scores`` are the logarithms of the masses that they look at, ``partners`` the numbers of the potentials that
+    belong to those. Each update has its blur; the first one is in full, and so is one more with the last.
+    """
+    found = torch.zeros_like(scores)
+    for number, blur in enumerate([*blurs, blurs[-1]]):
+        new = softened(scores + found[partners] / blur, blur)
+        found = (found + new) / 2 if 0 < number < len(blurs) else new
+    return found
+
+
+def softened(scores: Tensor, blur: float) -> Tensor:
+    """-blur log sum_j exp(score_j - cost_ij / blur) at each place i of a grid; scores (K, C, h, w).
+
+    The exponentials are taken relative to the largest score. In double precision none that counts vanishes: scores lie
+    within 2 / blur + log(1 / floor + 1) of each other, and costs within 2 / blur. Their kernel is separable.
+    """
+    height, width = scores.shape[-2:]
+    places = [torch.arange(n, dtype=scores.dtype, device=scores.device) / max(height, width) for n in (height, width)]
+    rows, columns = (torch.exp(-((p[:, None] - p).square()) / blur) for p in places)
+    top = scores.detach().amax((-2, -1), keepdim=True)
+    return -blur * ((rows @ torch.exp(scores - top) @ columns).log() + top)

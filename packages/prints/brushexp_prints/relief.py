@@ -1,0 +1,67 @@
+"""The painting as an object under a light, and its shape for printers and 3D programs."""
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+
+from brushexp.plugins.export.base import Exporter, ExportJob
+from brushexp.registry import register
+from brushexp.shading.light import UNLIT, normals_of, shaded
+from brushexp.system.files import replacing, to_bytes, write_picture
+from brushexp.system.runtime import check_memory
+
+log = logging.getLogger(__name__)
+WHITE = 2**16 - 1  # level of the highest point in height.png
+BYTES_PER_PIXEL = 14  # memory of heights in 32 bits, two pictures, and the copy that Pillow makes of one
+
+
+@register("to", "relief")
+class Relief(Exporter):
+    """``relief.png``: thick paint under a lamp, ``light=315,45``; ``height.png`` and ``normals.png`` are its shape.
+
+    The lamp is that of the painting unless ``light.*`` says another; one painted without light gets ``light.depth=1``.
+
+    ``height.png`` has 16 bits: black is the bare canvas, white the highest point; how high that is stands in the log
+    and in the texts of the file, ``Description`` and ``HeightOfWhite`` (pixels). ``normals.png`` is a tangent-space
+    normal map in the convention of OpenGL: red to the right, green up, blue to the viewer, -1 to 1 as 0 to 255.
+    """
+
+    def check(self, count: int, size: tuple[int, int]) -> None:
+        what = f"to=relief: {size[1]} x {size[0]} pixels"
+        check_memory(BYTES_PER_PIXEL * size[0] * size[1], what, "choose a smaller resolution=")
+
+    def write(self, job: ExportJob, folder: Path) -> list[Path]:
+        light = job.light if job.light.depth else replace(job.light, depth=1.0)
+        height = job.height()
+        relief, normals = np.empty((*job.size, 3), np.uint8), np.empty((*job.size, 3), np.uint8)
+        for top, band in replace(job, light=UNLIT).bands():
+            rows = slice(top, top + band.shape[1])
+            facing = normals_of(height, light.depth, rows)
+            normals[rows] = to_bytes(torch.from_numpy(0.5 * facing + 0.5))
+            lit = shaded(band.float().cpu().numpy(), facing, light)
+            relief[rows] = to_bytes(torch.from_numpy(lit))
+        paths = [folder / name for name in ("relief.png", "height.png", "normals.png")]
+        write_picture(paths[0], relief)
+        write_picture(paths[2], normals)
+        white = light.depth * float(height.max())
+        share = 100 * white / max(job.size)
+        highest = f"{white:.6g} pixels above the bare canvas, {share:.4g} % of the longer side"
+        log.info("%s: white is %s", paths[1], highest)
+        texts = PngInfo()
+        texts.add_text("Description", f"height of the paint: 0 is the bare canvas, {WHITE} is {highest}")
+        texts.add_text("HeightOfWhite", f"{white:.9g}")
+        with replacing(paths[1]) as temporary:
+            Image.fromarray(levels_of(height)).save(temporary, format="PNG", pnginfo=texts)
+        return paths
+
+
+def levels_of(height: np.ndarray) -> np.ndarray:
+    """Round heights (H, W), >= 0, to 16 bits, the highest one white; they are scaled in place, to save memory."""
+    highest = float(height.max())
+    height *= WHITE / highest if highest > 1e-6 else 0.0  # what is lower is rounding
+    return np.rint(height, out=height).clip(0, WHITE).astype(np.uint16)

@@ -1,0 +1,94 @@
+"""Pictures for print: a size on paper, the weave of the canvas, and rows packed in bands, for several exporters."""
+
+import re
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+import torch
+
+from brushexp.bounds import between
+from brushexp.errors import UserError
+from brushexp.plugins.export._packing import UP
+from brushexp.plugins.export.base import Exporter, ExportJob
+from brushexp.plugins.export.job import LARGEST_SIDE_PIXELS
+from brushexp.shading.light import normals_of, shaded
+from brushexp.system.files import to_bytes
+
+CM = 2.54  # centimetres in an inch
+DPI = 300.0  # pixels per inch of a size on paper, unless ``dpi`` is set
+THREADS_PER_CM = 14  # threads of painters' linen
+THREAD_PIXELS = 4.0  # pixels from thread to thread where the picture has no size on paper
+
+
+@dataclass(kw_only=True)
+class PrintExporter(Exporter):
+    """Writes a picture with a size on paper. Its fields are options of every such exporter.
+
+    Args:
+        size_cm: 60x40: so many centimetres wide and high at most, the picture is as large as fits; null = as many
+            pixels as ``resolution`` says.
+        dpi: pixels per inch, written into the file; null = 300 where there is a size on paper.
+        weave: how much the threads of the canvas show under the light, 0 (not) to 1.
+        compression: 1 is fast, 9 small.
+    """
+
+    size_cm: str | None = None
+    dpi: Annotated[float, between(1, 10_000)] | None = None
+    weave: Annotated[float, between(0, 1)] = 0.0
+    compression: Annotated[int, between(1, 9)] = 6
+
+    def __post_init__(self) -> None:
+        if self.size_cm is not None and not re.fullmatch(r"\d+(\.\d+)?x\d+(\.\d+)?", self.size_cm):
+            raise UserError(f"{self.key}.size_cm={self.size_cm} is no width and height; try {self.key}.size_cm=60x40")
+
+    @property
+    def density(self) -> float | None:
+        """Pixels per inch that the file states; None if it states none."""
+        return self.dpi or (None if self.size_cm is None else DPI)
+
+    def sized(self, job: ExportJob) -> ExportJob:
+        """Scale the painting to its size on paper; a UserError if that has too many pixels."""
+        if self.size_cm is None:
+            return job
+        width, height = (float(side) for side in self.size_cm.split("x"))
+        pixels = round(max(job.size) * min(width / job.size[1], height / job.size[0]) * (self.density or DPI) / CM)
+        if not 1 <= pixels <= LARGEST_SIDE_PIXELS:
+            reason = f"{self.key}.size_cm={self.size_cm} at {self.density:g} dpi is {pixels} pixels"
+            raise UserError(f"{reason}, not 1 to {LARGEST_SIDE_PIXELS}; try {self.key}.dpi=100")
+        return job.scaled(pixels / max(job.size))
+
+    def packed(self, job: ExportJob) -> Iterator[bytes]:
+        """Pack the picture as PNG (ISO/IEC 15948) and PDF store it: filtered rows, as pieces of a zlib stream."""
+        width = job.size[1]
+        packer, above = zlib.compressobj(self.compression), np.zeros((1, 3 * width), dtype=np.uint8)
+        for top, band in job.bands():
+            rows = to_bytes(self.woven(band, top, job)).reshape(-1, 3 * width)
+            filtered = np.full((len(rows), 1 + 3 * width), UP, dtype=np.uint8)
+            np.subtract(rows, np.concatenate([above, rows[:-1]]), out=filtered[:, 1:])
+            yield packer.compress(filtered.data)
+            above = rows[-1:]
+        yield packer.flush()
+
+    def woven(self, band: torch.Tensor, top: int, job: ExportJob) -> torch.Tensor:
+        """Light the threads of a canvas below rows (3, h, W) of the picture, from row ``top`` on."""
+        if not self.weave:
+            return band
+        pitch = (self.density or 0) / CM / THREADS_PER_CM or THREAD_PIXELS
+        height = weave_height(top - 1, band.shape[1] + 2, band.shape[2] + 2, pitch)
+        facing = normals_of(height, self.weave, slice(1, -1))[:, :, 1:-1]
+        return torch.from_numpy(shaded(band.float().cpu().numpy(), facing, replace(job.light, gloss=0.0)))
+
+
+def weave_height(top: int, rows: int, columns: int, pitch: float) -> np.ndarray:
+    """Height (rows, columns) of a plain weave in pixels; threads lie ``pitch`` pixels apart and cross in turn.
+
+    A thread is a round ridge that rises over one and dips under the next; what is seen is the higher of the two.
+    """
+    y = (np.arange(top, top + rows, dtype=np.float32)[:, None] + 0.5) / pitch
+    x = (np.arange(-1, columns - 1, dtype=np.float32)[None] + 0.5) / pitch
+    sway = np.where((np.floor(x) + np.floor(y)) % 2 == 0, 1, -1) * np.abs(np.sin(np.pi * x) * np.sin(np.pi * y))
+    warp, weft = np.abs(np.sin(np.pi * x)) + 0.6 * sway, np.abs(np.sin(np.pi * y)) - 0.6 * sway
+    return (0.15 * pitch * np.maximum(warp, weft)).astype(np.float32)

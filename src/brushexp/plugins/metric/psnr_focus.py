@@ -1,0 +1,21 @@
+"""The peak signal-to-noise ratio where it matters."""
+
+from brushexp.pictures.similarity import psnr_of
+from brushexp.plugins.metric.base import Comparison, Metric
+from brushexp.registry import register
+
+
+@register("metric", "psnr_focus")
+class FocusedSignalToNoise(Metric):
+    """PSNR of the mean squared error, weighted by the focus; left out without one."""
+
+    title, unit, digits = "PSNR in focus", "dB", 2
+    higher_is_better = True
+    matters = 0.1
+    needs = ("focus",)
+
+    def __call__(self, comparison: Comparison) -> float:
+        assert comparison.focus is not None
+        weights = comparison.focus.cpu().double()
+        squares = (comparison.image - comparison.target).double().square()
+        return psnr_of(float((squares * weights / weights.mean()).mean()))

@@ -1,0 +1,75 @@
+"""What the numbers of metrics.json are: how tables, plots and pages show them, and which way each is better."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from brushexp.plugins.metric.base import STANDARD
+from brushexp.registry import Plugin, plugins
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """How a number is shown: its name for people, digits after the point, and which is better ("" for neither).
+
+    Differences up to ``matters`` are none to speak of; those of a ``ratio`` are of its logarithm.
+    """
+
+    title: str
+    digits: int
+    better: str
+    matters: float = 0.0
+    ratio: bool = False
+    unit: str = ""
+    about: str = ""
+
+    @property
+    def name(self) -> str:
+        """Its title with its unit."""
+        return f"{self.title}, {self.unit}" if self.unit else self.title
+
+    @property
+    def label(self) -> str:
+        """What stands along an axis: the name, and which end is better."""
+        return f"{self.name} ({self.better} is better)"
+
+
+OTHERS: Mapping[str, Quantity] = {  # numbers of a run that no metric gives
+    **{f"style_{kind}": Quantity(f"style {kind}", 4, "lower") for kind in ("poly", "linear", "gaussian", "meanstd")},
+    "accuracy": Quantity("accuracy", 4, "higher"),
+    "auc": Quantity("AUC", 4, "higher"),
+    "l2": Quantity("L2", 6, "lower", 0.05, ratio=True),
+    "psnr_alpha": Quantity("PSNR of alpha", 2, "higher", 0.1, unit="dB"),
+    "psnr_color": Quantity("PSNR of colour", 2, "higher", 0.1, unit="dB"),
+    "bristles_thick": Quantity("bristle energy, thick", 3, ""),
+    "bristles_thin": Quantity("bristle energy, thin", 3, ""),
+    "light_thick": Quantity("energy of light, thick", 3, ""),
+    "fid_effl0": Quantity("FID (effl0)", 2, "lower", 0.05, ratio=True),
+    "kid_effl0": Quantity("KID (effl0)", 2, "lower", 0.05, ratio=True),
+    "fid_inception": Quantity("FID (Inception)", 2, "lower", 0.05, ratio=True),
+    "strokes_per_second": Quantity("strokes per second", 0, "higher", 0.05, ratio=True),
+    "strokes_per_second_backward": Quantity("strokes per second backward", 0, "higher", 0.05, ratio=True),
+    "parameters": Quantity("parameters", 0, ""),
+    "file_mb": Quantity("file", 2, "", unit="MB"),
+    "seconds": Quantity("optimisation", 1, "lower", 0.1, ratio=True, unit="s"),
+    "cpu_seconds": Quantity("CPU", 1, "lower", 0.1, ratio=True, unit="s"),
+    "n_strokes": Quantity("strokes painted", 0, ""),
+}
+
+
+def quantities() -> dict[str, Quantity]:
+    """The numbers that tables and plots show, in this order, if some run has them: those of metrics come first."""
+    rank = {name: place for place, name in enumerate(STANDARD)}
+    ranked = sorted(plugins("metric"), key=lambda plugin: rank.get(plugin.name, len(rank)))
+    return {key: quantity for plugin in ranked for key, quantity in _measured(plugin).items()} | dict(OTHERS)
+
+
+def _measured(plugin: Plugin) -> dict[str, Quantity]:
+    """What a metric gives, by the name that metrics.json has for it."""
+    cls = plugin.cls
+    facts = cls.digits, "higher" if cls.higher_is_better else "lower", cls.matters, False, cls.unit, plugin.summary
+    return {key: Quantity(title, *facts) for key, title in (cls.variants or {plugin.name: cls.title}).items()}
+
+
+def digits() -> dict[str, int]:
+    """Digits after the point of each number."""
+    return {key: quantity.digits for key, quantity in quantities().items()}
