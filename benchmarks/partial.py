@@ -20,7 +20,7 @@ import torch
 from step import scene
 
 from brushexp.painting.components import standard_components
-from brushexp.painting.painter import Painter
+from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.strokes.catalogue import Catalogue
@@ -48,7 +48,7 @@ def row(side: int, sampler: str) -> None:
     parts = standard_components(steps=10**6, sampler=Whole() if sampler == "whole" else Patches())
     strokes = scene(side * side // 105, side)
     before = peak_memory()
-    painter = Painter(Catalogue(strokes, parts.optimizer.units), parts, target, torch.ones(3), seed=0)
+    painter = StrokeOptimizer(Catalogue(strokes, parts.optimizer.units), parts, target, torch.ones(3), seed=0)
     times = StepTimes()
     options: dict[str, Any] = {"enable_progress_bar": False, "enable_checkpointing": False, "logger": False}
     L.Trainer(max_steps=STEPS, accelerator="cpu", enable_model_summary=False, callbacks=[times], **options).fit(painter)

@@ -165,13 +165,13 @@ def lightning_cost(blocks: int = 12, steps: int = 15) -> None:
     """
     import lightning as L  # noqa: PLC0415
 
-    from brushexp.painting.painter import Painter  # noqa: PLC0415
+    from brushexp.painting.stroke_optimizer import StrokeOptimizer  # noqa: PLC0415
     from brushexp.painting.timelapse import Timelapse  # noqa: PLC0415
     from brushexp.system.callbacks import ProgressBar, TimedCheckpoint  # noqa: PLC0415
 
     target, strokes = torch.rand(3, 512, 512), scene(2621, 512)
     parts = standard_components(steps=10**6)
-    painter = Painter(Catalogue(strokes, parts.optimizer.units), parts, target, BACKGROUND, seed=0)
+    painter = StrokeOptimizer(Catalogue(strokes, parts.optimizer.units), parts, target, BACKGROUND, seed=0)
     bare = bare_step(Catalogue(strokes, parts.optimizer.units), parts, target)
     times: dict[str, list[float]] = {"bare": [], "lightning": [], "of it, the check for finite numbers": []}
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -10,6 +11,13 @@ import pytest
 import torch
 
 from brushexp.errors import UserError
+from brushexp.plugins.blend.base import Blend
+from brushexp.plugins.blend.tiled import Tiled
+from brushexp.plugins.color.rgb import Rgb
+from brushexp.plugins.export.base import ExportJob
+from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.renderer.base import Renderer
+from brushexp.shading.light import UNLIT, Light
 from brushexp.strokes.catalogue import FIELDS, Strokes
 from brushexp.strokes.storage import Saved, load_catalogue
 from brushexp.system.hdf5 import fixed
@@ -22,6 +30,22 @@ def catalogue(n: int = 7) -> Saved:
     torch.manual_seed(n)
     strokes = {name: torch.rand(field.shape(n)).clamp(min=0.01) for name, field in FIELDS.items()}
     return Saved(Strokes(**strokes), torch.randperm(n).int(), (30, 50), torch.rand(3), "analytic", "", 3, CONFIG)
+
+
+def job_of(
+    strokes: Strokes, size: tuple[int, int], *, depth: torch.Tensor | None = None, renderer: Renderer | None = None,
+    blend: Blend | None = None, light: Light = UNLIT, source: str = "a test", **saved: object,
+) -> ExportJob:  # fmt: skip
+    """Strokes as exporters take them, the first at the bottom unless ``depth`` says otherwise."""
+    depth = torch.arange(len(strokes)) if depth is None else depth
+    saved = {"background": torch.full((3,), 0.5), "renderer": "analytic"} | saved
+    record = Saved(strokes, depth.int(), size, **saved)
+    return ExportJob(record, (renderer or Analytic()).eval(), blend or Tiled(), Rgb(), light, source)
+
+
+def changed(job: ExportJob, **fields: object) -> ExportJob:
+    """The same job of a catalogue with other fields."""
+    return replace(job, saved=replace(job.saved, **fields))
 
 
 def assert_same(read: Saved, saved: Saved) -> None:

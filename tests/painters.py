@@ -1,6 +1,8 @@
 """Painters for tests, and steps of one without a Trainer."""
 
 from collections.abc import Callable
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +13,7 @@ from scenes import random_strokes
 from torch.testing import assert_close
 
 from brushexp.painting.components import Stage, standard_components
-from brushexp.painting.painter import Painter
-from brushexp.painting.painter_state import compile_kernels
+from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.base import View
@@ -37,30 +38,31 @@ def painter_of(
     strokes = clamp_to_prior(random_strokes(n, size)) if strokes is None else strokes
     target = torch.rand(3, *size) if target is None else target
     catalogue = Catalogue(strokes, components.optimizer.units)
-    return Painter(catalogue, components, target, BACKGROUND, seed=0, **(options or {}))
+    return StrokeOptimizer(catalogue, components, target, BACKGROUND, seed=0, **(options or {}))
 
 
-def take(painter: Painter, steps: int, loop: Any = None) -> Any:
+def take(painter: StrokeOptimizer, steps: int, loop: Any = None) -> Any:
     """Take steps in a bare loop; what it returns continues them."""
     if loop is None:
         loop = painter.configure_optimizers()
-        compile_kernels(painter)
+        painter.prepare()
     optimizer, scheduler = loop["optimizer"], loop["lr_scheduler"]["scheduler"]
 
-    def closure() -> torch.Tensor:
+    def closure(view: View) -> torch.Tensor:
         with torch.enable_grad():
-            loss = painter.training_step(None, 0)
+            loss = painter.training_step(view, 0)
             optimizer.zero_grad()
             loss.backward()
         return loss.detach()
 
-    for _ in range(steps):
-        painter.optimizer_step(0, 0, optimizer, closure)
+    for view in islice(painter.train_dataloader(), steps):
+        painter.on_train_batch_start(view, 0)
+        painter.optimizer_step(0, 0, optimizer, partial(closure, view))
         scheduler.step()
     return loop
 
 
-def fit(painter: Painter, callbacks=(), ckpt_path=None, **options: Any) -> L.Trainer:
+def fit(painter: StrokeOptimizer, callbacks=(), ckpt_path=None, **options: Any) -> L.Trainer:
     """Fit as a user of Lightning would."""
     options = {"enable_checkpointing": any(isinstance(found, Checkpoint) for found in callbacks)} | options
     trainer = L.Trainer(**{**QUIET, **options}, callbacks=list(callbacks))
@@ -68,7 +70,7 @@ def fit(painter: Painter, callbacks=(), ckpt_path=None, **options: Any) -> L.Tra
     return trainer
 
 
-def assert_resumes(make: Callable[[], Painter], steps: int, folder: Path) -> None:
+def assert_resumes(make: Callable[[], StrokeOptimizer], steps: int, folder: Path) -> None:
     """A fit that is interrupted after some steps ends as one that is not."""
     straight, first, second = (make() for _ in range(3))
     fit(straight)
@@ -79,15 +81,14 @@ def assert_resumes(make: Callable[[], Painter], steps: int, folder: Path) -> Non
     assert straight.evaluations == second.evaluations
 
 
-def error_of(painter: Painter) -> float:
+def error_of(painter: StrokeOptimizer) -> float:
     """Mean squared error of the picture as it is now."""
     return float((painter.drawn() - painter.picture.target).square().mean())
 
 
-def gradient_of(painter: Painter, view: View, part: Catalogue | None = None) -> dict[str, torch.Tensor]:
+def gradient_of(painter: StrokeOptimizer, view: View, part: Catalogue | None = None) -> dict[str, torch.Tensor]:
     """Gradient of the loss of what a view shows, in the strokes of ``part`` (all for None)."""
-    moving = painter.catalogue if part is None else part
-    painter.look_at(view, painter.strokes(), moving)
-    moving.zero_grad()
-    painter.training_step(None, 0).backward()
-    return {name: value.grad for name, value in moving.named_parameters()}
+    painter.moving = painter.catalogue if part is None else part
+    painter.moving.zero_grad()
+    painter.training_step(view, 0).backward()
+    return {name: value.grad for name, value in painter.moving.named_parameters()}

@@ -19,7 +19,7 @@ from PIL import Image
 from torch.testing import assert_close
 
 import brushexp
-from brushexp.config.configs import SHIPPED
+from brushexp.config.compose import SHIPPED
 from brushexp.pictures.load import load_picture, samples
 from brushexp.results.runs import command_of
 from brushexp.runs import run_folder
@@ -248,7 +248,7 @@ def test_what_goes_wrong_on_the_way_is_raised_in_the_caller(monkeypatch):
     states = brushexp.iterate("chelsea", every=2, **SMALL)
     with pytest.raises(ZeroDivisionError):
         list(states)
-    monkeypatch.setattr("brushexp.painting.preparation.components_of", lambda _: (_ for _ in ()).throw(MemoryError))
+    monkeypatch.setattr("brushexp.painting.build.build_components", lambda _: (_ for _ in ()).throw(MemoryError))
     with pytest.raises(brushexp.UserError, match="not enough memory; take a smaller resolution="):
         next(brushexp.iterate("chelsea", **SMALL))
     assert not painters()

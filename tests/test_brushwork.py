@@ -11,7 +11,8 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from brushexp.errors import UserError
-from brushexp.painting.assembly import components_of, first_strokes
+from brushexp.painting.components import build_components
+from brushexp.painting.first_strokes import first_strokes
 from brushexp.pictures.region import Region
 from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.loss.base import PaintedView, Surroundings
@@ -244,7 +245,7 @@ def test_style_brushwork_draws_the_first_strokes_and_adds_the_loss(config, tmp_p
     path = saved(tmp_path / "catalogue.h5", visible(60, dtype=torch.float32))
     cfg = config("strokes=60", f"style.brushwork={path}")
     target = torch.rand(3, 40, 56)
-    losses = components_of(cfg).losses
+    losses = build_components(cfg).losses
     assert set(losses) == {"mse", "brushwork"}
     plain = first_strokes(config("strokes=60"), target, Fixed(), None)[0]
     drawn = first_strokes(cfg, target, Fixed(), None)[0]

@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 
 from brushexp.errors import UserError
 from brushexp.registry import plugins
-from brushexp.runs.fitting import trainer_of
+from brushexp.runs.trainer import make_trainer
 from brushexp.system.callbacks import INTERRUPTED, MovingAverage
 
 
@@ -52,7 +52,7 @@ def fit(folder, module, *, chosen=(), resume=None, every=None, callbacks=(), **t
     options = {"enable_progress_bar": False, "max_epochs": 1, "enable_model_summary": False, "log_every_n_steps": 1}
     cfg = {"callbacks": dict(chosen), "trainer": options | trainer, "checkpoint_every": every}
     logger = CSVLogger(tempfile.mkdtemp(dir=folder), name="", version="")
-    made = trainer_of(OmegaConf.create(cfg), torch.device("cpu"), folder, [logger], callbacks)
+    made = make_trainer(OmegaConf.create(cfg), torch.device("cpu"), folder, [logger], callbacks)
     made.fit(module, ckpt_path=resume)
     return made
 

@@ -19,9 +19,8 @@ from PIL import Image
 from program import ended, run
 from scenes import random_strokes
 
-from brushexp.config.composition import check
+from brushexp.config.check import check
 from brushexp.errors import UserError
-from brushexp.painting.painter import DIVERGED
 from brushexp.plugins.blend.base import Blend, Canvas
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.loss.base import Loss
@@ -32,11 +31,12 @@ from brushexp.plugins.sampler.patches import Patches
 from brushexp.plugins.sampler.whole import Whole
 from brushexp.registry import build_named
 from brushexp.results.runs import has_finished
-from brushexp.runs import fitting
-from brushexp.runs.fitting import RECORD, interrupted_run
+from brushexp.runs import resume
+from brushexp.runs.resume import RECORD, interrupted_run
 from brushexp.runs.run_folder import take
 from brushexp.strokes.catalogue import FIELDS
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
+from brushexp.system.callbacks import DIVERGED
 from brushexp.system.files import TEMPORARY, write_json
 from brushexp.system.run_files import CHECKPOINT, MANIFEST, note_files, recorded
 from brushexp.system.runtime import free_memory
@@ -49,15 +49,15 @@ from brushexp.training.writer import simulate_set
 def resumed(config, tmp_path, monkeypatch):
     """What resumes a run in this process, of which there is a checkpoint; it has begun with some words."""
     hydra = OmegaConf.create({"overrides": {"task": []}, "runtime": {"output_dir": str(tmp_path)}})
-    monkeypatch.setattr(fitting, "HydraConfig", SimpleNamespace(get=lambda: hydra))
+    monkeypatch.setattr(resume, "HydraConfig", SimpleNamespace(get=lambda: hydra))
 
-    def resume(*typed, task="paint", begun=()):
+    def go_on(*typed, task="paint", begun=()):
         if begun:
-            torch.save({RECORD: fitting.record_of(config(f"task={task}", *begun), tmp_path)}, tmp_path / CHECKPOINT)
+            torch.save({RECORD: resume.record_of(config(f"task={task}", *begun), tmp_path)}, tmp_path / CHECKPOINT)
         hydra.overrides.task = [*typed]
-        return interrupted_run(tmp_path, config(f"task={task}"))[1]
+        return interrupted_run(tmp_path, config(f"task={task}"))[0]
 
-    return resume
+    return go_on
 
 
 def test_a_run_goes_on_with_its_own_settings_and_files_alone(resumed, tmp_path):

@@ -11,10 +11,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import catalogues
 import numpy as np
 import pytest
 import torch
-from catalogues import CONFIG, assert_same, catalogue, refused
+from catalogues import CONFIG, assert_same, catalogue, changed, refused
 from films import decoded, pixels_of
 from hypothesis import given
 from hypothesis import strategies as st
@@ -25,16 +26,16 @@ from scenes import random_strokes, straight
 
 from brushexp.compositing.profile import smooth_rise
 from brushexp.errors import UserError
-from brushexp.painting.assembly import strokes_from
-from brushexp.painting.outputs import export_job, renderer_of, with_renderer
+from brushexp.painting.first_strokes import load_strokes
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export._packing import bitmap
 from brushexp.plugins.export._sprites import sprites_of
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.plugins.export.csv import Csv
+from brushexp.plugins.export.job import export_job, renderer_of, with_renderer
 from brushexp.plugins.export.json import Json
-from brushexp.plugins.export.png import Png, pixels
+from brushexp.plugins.export.png import Png
 from brushexp.plugins.export.svg import Svg, soft_edge
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build_named, plugins
@@ -53,9 +54,10 @@ resvg = pytest.importorskip("resvg_py", reason="pip install resvg-py: it draws o
 
 def job_of(strokes: Strokes, size: tuple[int, int] = SIZE, *, soft: float = 2.0, taper: float = 0.0) -> ExportJob:
     """Strokes in a random order on a coloured canvas."""
-    depth = torch.randperm(len(strokes), generator=torch.Generator().manual_seed(0)).int()
-    background, renderer = torch.tensor([0.9, 0.85, 0.7]), Analytic(soft=soft, taper=taper)
-    return ExportJob(strokes, depth, size, background, renderer, Tiled(), "analytic", "run <1> & more.h5", 7, CONFIG)
+    depth = torch.randperm(len(strokes), generator=torch.Generator().manual_seed(0))
+    canvas = {"background": torch.tensor([0.9, 0.85, 0.7]), "seed": 7, "config": CONFIG}
+    renderer, source = Analytic(soft=soft, taper=taper), "run <1> & more.h5"
+    return catalogues.job_of(strokes, size, depth=depth, renderer=renderer, source=source, **canvas)
 
 
 def some(n: int = 9, size: tuple[int, int] = SIZE) -> Strokes:
@@ -116,13 +118,13 @@ EXTREMES = {
 def test_an_exporter_writes_the_same_files_again_and_leaves_the_work_as_it_was(name, tmp_path):
     strokes = some()
     what = job_of(strokes.map(torch.clone))
-    depth = what.depth.clone()
+    depth = what.saved.depth.clone()
     first = written(name, what, tmp_path / "a")
     assert all(first.values()), "no file is empty"
     assert written(name, what, tmp_path / "b") == first
     for field in FIELDS:
         assert torch.equal(getattr(what.strokes, field), getattr(strokes, field))
-    assert torch.equal(what.depth, depth)
+    assert torch.equal(what.saved.depth, depth)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
 
 
@@ -152,7 +154,7 @@ def test_another_renderer_draws_the_svg_like_the_painting(taper, outlines, least
     strokes = random_strokes(150, (96, 128), width=(0.1, 0.4), bend=0.3)
     what = job_of(strokes, (96, 128), taper=taper)
     (path,) = Svg(outlines=outlines).write(what, tmp_path)
-    assert psnr(drawn(path.read_bytes()), pixels(what)) > least
+    assert psnr(drawn(path.read_bytes()), what.picture()) > least
 
 
 @pytest.mark.parametrize("taper", [0.0, 0.6])
@@ -170,14 +172,14 @@ def test_curves_that_fold_and_strokes_without_length_are_drawn(taper, tmp_path):
         stroke = Strokes(*window, *(torch.tensor([point]) for point in points), *look)
         what = replace(job_of(stroke, taper=taper), blend=Dense())
         (path,) = Svg(outlines=2).write(what, tmp_path)
-        assert psnr(drawn(path.read_bytes()), pixels(what)) > 30, name
+        assert psnr(drawn(path.read_bytes()), what.picture()) > 30, name
 
 
 @pytest.mark.parametrize("width", [0.05, 0.3, 1.0, 1.9, 2.1, 5.0])
 def test_a_thin_stroke_fades_as_it_does_in_the_painting(width, tmp_path):
     what = job_of(straight((8, 6.3), (44, 29.6), width=width, color=(0.0, 0.0, 0.0)))
-    bare = to_bytes(what.background[:, None, None])[0, 0].astype(float)
-    ours, theirs = pixels(what), drawn(Svg().write(what, tmp_path)[0].read_bytes())
+    bare = to_bytes(what.saved.background[:, None, None])[0, 0].astype(float)
+    ours, theirs = what.picture(), drawn(Svg().write(what, tmp_path)[0].read_bytes())
     assert (bare - theirs).sum() == pytest.approx((bare - ours).sum(), rel=0.03, abs=260)
 
 
@@ -217,7 +219,8 @@ def test_the_svg_has_a_path_for_each_stroke_that_can_be_seen_bottom_first_and_te
     assert float(dot.get("stroke-opacity")) == pytest.approx(float(what.strokes.opacity[0]), abs=1e-3)
     sizes = [Svg(digits=digits).write(what, tmp_path)[0].stat().st_size for digits in (0, 2, 6)]
     assert sizes == sorted(sizes)
-    textured = replace(job_of(some(4)), renderer=build_named("renderer", "textured", {}).eval(), name="textured")
+    textured = replace(job_of(some(4)), renderer=build_named("renderer", "textured", {}).eval())
+    textured = changed(textured, renderer="textured")
     (path,) = Svg(paths=True).write(textured, tmp_path)
     assert "The renderer textured gives them a texture, which paths cannot hold." in path.read_text()
     assert path.read_text().count("<path") == 4 + 2
@@ -240,7 +243,7 @@ def test_textured_strokes_in_the_light_are_in_the_svg_as_they_are(zoom, least, t
     textured = build_named("renderer", "textured", {}).eval()
     what = replace(job_of(strokes, (96 * zoom, 128 * zoom)), renderer=textured, light=Light(depth=1.0))
     (path,) = Svg().write(what, tmp_path)
-    assert psnr(drawn(path.read_bytes()), pixels(what)) > least
+    assert psnr(drawn(path.read_bytes()), what.picture()) > least
     numbers = re.findall('id="stroke-([0-9]+)"', path.read_text())
     order = [number for number in what.bottom_up.tolist() if str(number) in numbers]
     assert numbers == [str(number) for number in order]
@@ -273,7 +276,7 @@ def test_sprites_are_the_strokes_alone_without_colour_where_there_is_no_paint():
     textured = build_named("renderer", "textured", {}).eval()
     strokes = random_strokes(12, SIZE, width=(0.1, 0.4), bend=0.3)
     what = replace(job_of(strokes), renderer=textured, light=Light(depth=1.0))
-    for number, (left, top), sprite in what.sprites.bitmaps():
+    for number, (left, top), sprite in sprites_of(what).bitmaps():
         moved, size = strokes[[number]].moved(shift=(-left, -top)), sprite.shape[:2]
         black, white = (
             Tiled()(textured(moved), torch.tensor([0]), size, torch.full((3,), shade)).image for shade in (0.0, 1.0)
@@ -286,14 +289,16 @@ def test_sprites_are_the_strokes_alone_without_colour_where_there_is_no_paint():
         np.testing.assert_allclose(sprite[seen][:, :3] / 255, color[seen], atol=LEVELS)
 
 
-def test_a_job_draws_its_pictures_once_and_a_changed_one_draws_its_own():
-    what = replace(job_of(some()), light=Light(depth=1.0))
-    flat, lit = what.pictures
-    assert what.pictures[1] is lit
-    np.testing.assert_array_equal(flat, pixels(replace(what, light=Light())))
-    np.testing.assert_array_equal(lit, pixels(what))
-    assert what.at_most(26).pictures[0].shape == (18, 26, 3)
-    assert not np.array_equal(replace(what, light=Light(depth=3.0)).pictures[1], lit)
+def test_pictures_that_are_painted_already_make_the_same_svg(tmp_path):
+    job = replace(job_of(some()), light=Light(depth=1.0))
+    flat = replace(job, light=Light()).picture()
+    (path,) = Svg().write(job, tmp_path)
+    text = path.read_bytes()
+    Svg().write(job, tmp_path, (flat, job.picture()))
+    assert path.read_bytes() == text
+    Svg().write(job, tmp_path, (flat, flat))
+    assert path.read_bytes() != text
+    assert job.at_most(26).size == (18, 26)
 
 
 @pytest.mark.parametrize("name", ["png", "pdf"])
@@ -316,7 +321,7 @@ def test_a_print_has_its_size_on_paper_and_the_same_pixels(name, tmp_path):
         rows = np.frombuffer(zlib.decompress(data[begin : begin + length]), np.uint8).reshape(79, 1 + 3 * 114)
         assert (rows[:, 0] == 2).all()
         read = np.cumsum(rows[:, 1:], axis=0, dtype=np.uint8).reshape(79, 114, 3)
-    np.testing.assert_array_equal(read, pixels(large))
+    np.testing.assert_array_equal(read, large.picture())
 
 
 @pytest.mark.parametrize("options", [{"size_cm": "60"}, {"size_cm": "600x400", "dpi": 9000}, {"size_cm": "0x0"}])
@@ -332,13 +337,13 @@ def test_the_weave_of_the_canvas_is_the_same_in_bands_and_keeps_the_colours(tmp_
         (path,) = Png(weave=0.5).write(job_of(some()), tmp_path)
         pictures.append(np.asarray(Image.open(path)).astype(int))
     assert np.abs(pictures[0] - pictures[1]).max() <= 1
-    away = pictures[0] - pixels(job_of(some())).astype(int)
+    away = pictures[0] - job_of(some()).picture().astype(int)
     assert np.abs(away).max() > 8
     assert np.abs(away.mean()) < 3
 
 
 def exported(what: Saved, folder: Path) -> Path:
-    (path,) = Json().write(export_job(what, renderer_of(what), Tiled(), what.renderer), folder)
+    (path,) = Json().write(export_job(what), folder)
     return path
 
 
@@ -349,12 +354,10 @@ def test_a_catalogue_comes_back_from_json_as_it_was(n, tmp_path):
 
 @given(st.lists(st.floats(width=32, allow_nan=False, allow_infinity=False), min_size=6, max_size=6))
 def test_every_number_comes_back_to_the_last_bit(numbers):
-    what, attributes = (
-        catalogue(1).strokes,
-        {"height": 3, "width": 4, "renderer": "analytic", "renderer_hash": "", "seed": 0},
-    )
+    saved = catalogue(1)
+    what = saved.strokes
     what.start[0], what.control[0], what.end[0] = torch.tensor(numbers).split(2)
-    read, *_ = parse("".join(json_lines(what, torch.tensor([0]), torch.zeros(3), "", attributes)))
+    read = parse("".join(json_lines(saved))).strokes
     for name in FIELDS:
         assert getattr(read, name).numpy().tobytes() == getattr(what, name).numpy().tobytes()
 
@@ -377,8 +380,8 @@ def test_edited_strokes_are_painted(tmp_path):
     read = load_catalogue(path)
     assert read.depth.tolist() == list(range(6)), "without depth, the first is at the bottom"
     assert read.strokes.color[0].tolist() == [1, 0, 0.5]
-    assert pixels(export_job(read, renderer_of(read), Tiled(), "", 100)).shape == (60, 100, 3)
-    assert len(strokes_from(path, (60, 100))) == 6, "and task=paint goes on from them"
+    assert export_job(read, resolution=100).picture().shape == (60, 100, 3)
+    assert len(load_strokes(path, (60, 100))) == 6, "and task=paint goes on from them"
     path, data = edited(tmp_path)
     bottom = min(range(7), key=lambda k: data["strokes"][k]["depth"])
     del data["strokes"][bottom]
@@ -420,7 +423,7 @@ def test_a_wrong_value_is_explained(change, message, tmp_path):
 
 def test_strokes_that_could_not_be_read_back_are_not_written(tmp_path):
     small = replace(catalogue(), strokes=replace(catalogue().strokes, scale=torch.full((7,), 0.01)))
-    job = export_job(small, renderer_of(small), Tiled(), small.renderer, resolution=1)
+    job = export_job(small, resolution=1)
     with pytest.raises(UserError, match=r"to=json .*scale is .*; choose another resolution"):
         Json().write(job, tmp_path)
     assert not list(tmp_path.iterdir())
@@ -453,7 +456,7 @@ def test_the_table_has_the_strokes_in_pixels_bottom_first(tmp_path):
     strokes = Strokes.join(
         straight((10, 20), (30, 20), width=4), straight((5, 30), (5, 10), width=1, color=(0, 0.5, 1), opacity=0.25)
     )
-    what = replace(job_of(strokes), depth=torch.tensor([1, 0]).int())
+    what = changed(job_of(strokes), depth=torch.tensor([1, 0]).int())
     (path,) = Csv().write(what, tmp_path)
     first, second = csv.DictReader(path.read_text().splitlines())
     numbers = {key: float(value) for key, value in first.items()}
@@ -473,9 +476,9 @@ def test_the_table_has_the_strokes_in_pixels_bottom_first(tmp_path):
 @pytest.mark.parametrize("compression", [1, 9])
 def test_the_png_has_the_pixels_of_the_painting(compression, tmp_path, monkeypatch):
     what = job_of(some(40))
-    expected = pixels(what)
+    expected = what.picture()
     monkeypatch.setattr("brushexp.compositing.bands.BAND", 52 * 7)
-    monkeypatch.setattr("brushexp.plugins.export.base.LARGE", 1)  # as large pictures are painted, with a bar
+    monkeypatch.setattr("brushexp.plugins.export.job.LARGE", 1)  # as large pictures are painted, with a bar
     (path,) = Png(compression=compression).write(what, tmp_path)
     assert np.array_equal(pixels_of(path), expected)
 
@@ -486,7 +489,7 @@ def test_other_weights_are_told_and_a_chosen_renderer_becomes_that_of_the_catalo
     chosen = OmegaConf.create({"_target_": "brushexp.plugins.renderer.analytic.Analytic", "soft": 5.0, "taper": 0.5})
     made, renderer = with_renderer(catalogue(), chosen, "a.h5")
     assert (renderer.soft, renderer.taper) == (5.0, 0.5)
-    (path,) = Json().write(export_job(made, renderer, Tiled(), made.renderer), tmp_path)
+    (path,) = Json().write(export_job(made, renderer), tmp_path)
     again = renderer_of(load_catalogue(path))
     assert (again.soft, again.taper) == (5.0, 0.5)
     assert OmegaConf.create(made.config).image == "größe.png"

@@ -14,9 +14,9 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from brushexp.errors import UserError
-from brushexp.painting.assembly import focus_of
+from brushexp.painting.build import compute_focus
 from brushexp.painting.metrics import measure, standard_metrics
-from brushexp.painting.painter import Painter
+from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.pictures.focus import attention, faces, focus_map, focus_weights, resized
 from brushexp.pictures.load import load_picture
 from brushexp.pictures.similarity import dissimilarity, statistics
@@ -207,14 +207,14 @@ def test_the_example_of_a_loss_heeds_it():
 CANVAS = (60, 90)
 
 
-def painter_of(focus: Tensor | None, *, sampler=None, losses=None, init_focus: Tensor | None = None) -> Painter:
+def painter_of(focus: Tensor | None, *, sampler=None, losses=None, init_focus: Tensor | None = None) -> StrokeOptimizer:
     target = load_picture("chelsea", CANVAS[1])
     strokes = Slic()(target, 80, torch.Generator().manual_seed(0), init_focus)
     chosen = {"sampler": sampler or Whole(), "losses": losses or {"mse": MeanSquaredError()}}
     return some_painter(strokes=strokes, target=target, steps=200, options={"focus": focus}, **chosen)
 
 
-def painted(painter: Painter, steps: int) -> Tensor:
+def painted(painter: StrokeOptimizer, steps: int) -> Tensor:
     take(painter, steps)
     return painter.drawn()
 
@@ -225,7 +225,7 @@ FOCUSED = focus_weights(SQUARE, 8)
 
 
 def test_a_focus_is_painted_better_and_the_rest_worse():
-    def errors(painter: Painter) -> list[float]:
+    def errors(painter: StrokeOptimizer) -> list[float]:
         squares = (painted(painter, 80) - painter.picture.target).square().mean(0)
         return [float(squares[SQUARE.eq(value)].mean()) for value in (1, 0)]
 
@@ -275,11 +275,11 @@ def test_the_focused_psnr_weighs_the_errors_of_the_saved_pictures():
 
 def test_the_keys_make_weights_and_leave_the_map(config, run_task, tmp_path):
     target = load_picture("coffee", 64)
-    assert focus_of(config(), target) == (None, None)
-    weights, attended = focus_of(config("focus=auto", "focus_strength=4"), target)
+    assert compute_focus(config(), target) == (None, None)
+    weights, attended = compute_focus(config("focus=auto", "focus_strength=4"), target)
     assert weights.shape == attended.shape == target.shape[1:]
     write_picture(tmp_path / "mask.png", attended.expand(3, -1, -1))
-    again, _ = focus_of(config(f"focus={tmp_path / 'mask.png'}", "focus_strength=4"), target)
+    again, _ = compute_focus(config(f"focus={tmp_path / 'mask.png'}", "focus_strength=4"), target)
     assert_close(again, weights, rtol=0, atol=0.01)
     chosen = ["image=chelsea", "resolution=48", "steps=3", "frames=0", "report=false", "device=cpu", "focus=auto"]
     assert run_task(paint, *chosen)["psnr_focus"] > 5

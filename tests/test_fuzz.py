@@ -38,27 +38,29 @@ from test_leaderboard import PUBLISHED
 from test_verdicts import CLAIMS
 from tifffile import imwrite
 
-from brushexp.cli.mistakes import explanation
-from brushexp.config.composition import check
-from brushexp.config.configs import composed, folders_of
+from brushexp.config.check import check
+from brushexp.config.compose import composed, folders_of
+from brushexp.config.mistakes import explanation
 from brushexp.errors import UserError
 from brushexp.features.base import read_tensors
-from brushexp.pages.run_page import write_run_page
+from brushexp.pages.run_page import page_in
 from brushexp.pages.sweep_page import write_sweep_page
-from brushexp.painting.assembly import components_of
-from brushexp.painting.outputs import export_job, painted_with, renderer_of
+from brushexp.painting.components import build_components
 from brushexp.pictures.load import load_picture
+from brushexp.plugins.export.job import export_job
 from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.plugins.renderer.neural import Neural
 from brushexp.registry import build_named, options_of
 from brushexp.results.runs import JOBS, gather
-from brushexp.runs import fitting
-from brushexp.runs.fitting import RECORD, RunRecord, interrupted_run
+from brushexp.runs import resume
+from brushexp.runs.resume import RECORD, RunRecord, interrupted_run
 from brushexp.runs.sweep_jobs import check_same
+from brushexp.runs.trainer import fit as fit_module
 from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.storage import load_catalogue, save_catalogue
 from brushexp.system.hdf5 import fixed, numbers_of
 from brushexp.system.run_files import CHECKPOINT
+from brushexp.tasks.view import finished_in
 
 EXAMPLES = int(os.environ.get("BRUSHEXP_FUZZ", "12"))  # of damage of each kind of file; thousands search for more
 SLOW = 6  # times as many examples of the other kinds as of those that are read into a whole page or fit
@@ -100,9 +102,7 @@ def write_catalogue(folder: Path) -> Path:
 
 
 def write_text(folder: Path) -> Path:
-    saved = catalogue(3)
-    job = export_job(saved, renderer_of(saved), build_named("blend", "tiled", {}), saved.renderer, None, "a")
-    return build_named("to", "json", {}).write(job, folder)[0]
+    return build_named("to", "json", {}).write(export_job(catalogue(3)), folder)[0]
 
 
 def read_catalogue(path: Path) -> None:
@@ -110,8 +110,7 @@ def read_catalogue(path: Path) -> None:
     check_strokes(saved.strokes)
     assert sorted(saved.depth.tolist()) == list(range(len(saved.strokes)))
     assert bool(((saved.background >= 0) & (saved.background <= 1)).all())
-    painted_with(saved)
-    renderer_of(saved)
+    export_job(saved)
 
 
 def write_weights(folder: Path) -> Path:
@@ -138,9 +137,9 @@ def write_checkpoint(folder: Path) -> Path:
 
 
 def read_checkpoint(path: Path) -> None:
-    components_of(interrupted_run(path.parent, OmegaConf.create(SETTINGS))[1])
+    build_components(interrupted_run(path.parent, OmegaConf.create(SETTINGS))[0])
     painter = painter_of(n=8, size=(12, 16), steps=3)
-    fitting.fit(L.Trainer(**QUIET, callbacks=[RunRecord(OmegaConf.create({}), path.parent)]), painter, None, path)
+    fit_module(L.Trainer(**QUIET, callbacks=[RunRecord(OmegaConf.create({}), path.parent)]), painter, None, path)
     check_strokes(painter.strokes())
 
 
@@ -161,7 +160,8 @@ def part(name: str) -> Callable[[Path], Path]:
 
 
 def read_run(path: Path) -> None:
-    write_run_page(next(folder for folder in path.parents if folder.name == "0"))
+    folder = next(folder for folder in path.parents if folder.name == "0")
+    page_in(folder, finished_in(folder, export_job(load_catalogue(folder / "catalogue.h5"))))
 
 
 def read_sweep(path: Path) -> None:
@@ -373,7 +373,7 @@ def _composed(config, monkeypatch, tmp_path):
     output = SimpleNamespace(output_dir=str(tmp_path))
     hydra = SimpleNamespace(overrides=SimpleNamespace(task=[]), runtime=output)
     (tmp_path / ".hydra").mkdir()
-    monkeypatch.setattr(fitting, "HydraConfig", SimpleNamespace(get=lambda: hydra))
+    monkeypatch.setattr(resume, "HydraConfig", SimpleNamespace(get=lambda: hydra))
 
 
 def attempt(kind: str, path: Path) -> str:

@@ -11,7 +11,7 @@ from painters import assert_resumes, error_of, fit, painter_of, take
 from scenes import Windowed
 from torch.testing import assert_close
 
-from brushexp.painting import curves
+from brushexp.painting import painting_module
 from brushexp.painting.components import Stage
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.density.adaptive import Adaptive
@@ -80,7 +80,7 @@ def test_callbacks_see_the_values_of_the_step(plan, tmp_path):
 
 def test_values_are_computed_only_for_who_looks(monkeypatch):
     looks = []
-    monkeypatch.setattr(curves, "psnr_of", lambda error: looks.append(error) or 0.0)
+    monkeypatch.setattr(painting_module, "psnr_of", lambda error: looks.append(error) or 0.0)
     fit(painter_of(steps=30), log_every_n_steps=100)
     assert len(looks) <= 5, "at the first step and at the end"
 
@@ -92,7 +92,7 @@ def test_callbacks_and_loggers_of_lightning_work(tmp_path):
     trainer = fit(painter, [timer, rates], logger=logger, log_every_n_steps=1, profiler="simple")
     assert trainer.global_step == 30
     assert timer.time_elapsed("train") > 0
-    assert "[LightningModule]Painter.optimizer_step" in trainer.profiler.summary()
+    assert "[LightningModule]StrokeOptimizer.optimizer_step" in trainer.profiler.summary()
     rows = (tmp_path / "curves" / "metrics.csv").read_text().splitlines()
     columns = rows[0].split(",")
     assert {"loss/mse", "psnr", "step", "seconds", "lr-Adam"} <= set(columns)

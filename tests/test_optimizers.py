@@ -9,9 +9,9 @@ from painters import assert_resumes, error_of, painter_of, take
 from scenes import random_strokes
 from torch import Tensor
 
-from brushexp.config.configs import SHIPPED
+from brushexp.config.compose import SHIPPED
 from brushexp.errors import UserError
-from brushexp.painting.painter import Painter
+from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.plugins.density.base import DensificationUpdate, Density
 from brushexp.plugins.optimizer.base import Optimizer
 from brushexp.plugins.optimizer.torch import LIBRARIES, TorchOptim
@@ -27,7 +27,7 @@ def soap(**options) -> TorchOptim:
     return TorchOptim(**{"name": "SOAP", "library": "pytorch_optimizer"} | options)
 
 
-def scene(optimizer: Optimizer, n: int = 20, **parts) -> Painter:
+def scene(optimizer: Optimizer, n: int = 20, **parts) -> StrokeOptimizer:
     """Strokes before a target of blocks, and an optimiser that moves them in 20 steps."""
     target = torch.rand(3, 4, 6, generator=torch.Generator().manual_seed(1))
     target = target.repeat_interleave(6, 1).repeat_interleave(6, 2)[:, : SIZE[0], : SIZE[1]]

@@ -1,26 +1,31 @@
 """The painter goes through its stages, and a large picture is drawn in bands."""
 
+from copy import deepcopy
+
 import pytest
 import torch
+from brushexp.plugins.loss.stroke import KullbackLeibler
+from painters import error_of, take
 from painters import painter_of as some_painter
-from painters import take
 from scenes import Windowed, random_strokes
+from torch.testing import assert_close
 
 from brushexp.compositing import bands
-from brushexp.painting import painter_state
+from brushexp.painting import stroke_optimizer
 from brushexp.painting.components import Stage
-from brushexp.painting.painter import Painter
+from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.strays import Strays
 from brushexp.plugins.order.area import Area
 from brushexp.plugins.renderer.analytic import Analytic
+from brushexp.plugins.sampler.patches import Patches
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.prior import clamp_to_prior
 
 SIZE = (24, 33)
 
 
-def painter_of(*stages: Stage, n: int = 20) -> Painter:
+def painter_of(*stages: Stage, n: int = 20) -> StrokeOptimizer:
     return some_painter(*stages, strokes=random_strokes(n, SIZE), size=SIZE, blend=Tiled())
 
 
@@ -89,30 +94,16 @@ def test_bands_draw_only_the_strokes_that_touch_them_and_get_lower_where_those_a
     assert sum(held) < 2 * 60
 
 
-def test_kernels_are_gone_through_once_for_painters_of_the_same_parts(monkeypatch):
-    monkeypatch.setattr(painter_state, "_compiled", set())
-    monkeypatch.setattr(torch.Tensor, "backward", lambda self: gone.append(1))
-    gone, errors = [], []
-    for options in ({}, {}, {"renderer": Analytic(soft=3.0)}, {"blend": Tiled(opaque=0.1)}):
-        painter = some_painter(**options)
-        painter_state.compile_kernels(painter)
-        errors.append(painter.picture.error)
-    assert len(gone) == 3
-    assert errors[0] == errors[1] != errors[2], "each has looked at its picture"
-
-
-def test_the_kernels_of_importance_are_gone_through_with_one_stroke(monkeypatch):
-    monkeypatch.setattr(painter_state, "_compiled", set())
-    seen, found = [], painter_state.importance
-    monkeypatch.setattr(painter_state, "importance", lambda one, *rest: seen.append((len(one), found(one, *rest))))
-    painter = some_painter(density=Strays())
-    drawn = painter.generator.get_state(), torch.get_rng_state()
-    painter_state.compile_kernels(painter)
-    ((count, value),) = seen
-    assert count == 1
-    assert value.isfinite().all()
-    for before, now in zip(drawn, (painter.generator.get_state(), torch.get_rng_state()), strict=True):
-        assert torch.equal(before, now)
+def test_to_prepare_leaves_nothing_but_the_error_of_the_picture(monkeypatch):
+    counts, real = [], stroke_optimizer.importance
+    monkeypatch.setattr(stroke_optimizer, "importance", lambda one, *rest: counts.append(len(one)) or real(one, *rest))
+    painter = some_painter(density=Strays(), sampler=Patches(coverage="random"), losses={"kl": KullbackLeibler()})
+    before = deepcopy(painter.state())
+    painter.prepare()
+    assert counts == [1]
+    assert_close(painter.state(), before, rtol=0, atol=0)
+    assert all(parameter.grad is None for parameter in painter.parameters())
+    assert painter.picture.error == pytest.approx(error_of(painter))
 
 
 def test_a_line_search_may_look_anywhere():

@@ -16,8 +16,8 @@ from brushexp.plugin_errors import plugins_named
 from brushexp.plugin_loading import load_plugins
 from brushexp.plugins.loss.base import PaintedView
 from brushexp.registry import PACKAGES, build_named, plugins
-from brushexp.runs import fitting
-from brushexp.runs.fitting import RunRecord
+from brushexp.runs import trainer as runs_trainer
+from brushexp.runs.resume import RunRecord
 from brushexp.tasks import paint
 
 SIZE = (8, 12)
@@ -34,7 +34,7 @@ METHODS = {  # family: contract, method that it wants, a call
     "sampler": ("Sampler", "__call__", lambda it: it(STROKES, SIZE, 0, torch.Generator())),
     "engine": ("Engine", "__call__", lambda it: it(torch.zeros(2, 10), seed=0)),
     "color": ("ColorSpace", "decode", lambda it: it.decode(TARGET)),
-    "painter": ("PaintingMethod", "__call__", lambda it: it(None)),
+    "painter": ("Painter", "__call__", lambda it: it(None)),
     "callbacks": ("Callback", "open", lambda it: it.open(None)),
     "to": ("Exporter", "write", lambda it: it.write(None, None)),
 }
@@ -110,7 +110,7 @@ def test_a_plugin_that_fails_where_a_run_goes_on_is_no_fault_of_the_checkpoint(l
     painter = painter_of(n=4, steps=4, losses={"trips": build_named("loss", "trips", {})})
     trainer = L.Trainer(**QUIET, callbacks=[RunRecord(OmegaConf.create({}), tmp_path)])
     with pytest.raises(UserError, match=r"loss=trips .*AttributeError"), plugins_named(plugins()):
-        fitting.fit(trainer, painter, checkpoint=tmp_path / "c.ckpt")
+        runs_trainer.fit(trainer, painter, checkpoint=tmp_path / "c.ckpt")
 
 
 def test_a_painting_tells_of_the_plugin_and_its_log_has_the_traceback(loaded, run_task, tmp_path):

@@ -1,8 +1,9 @@
 """The contract of each family, checked for every registered plugin and preset, yours included."""
 
 import pytest
+from omegaconf import OmegaConf
 
-from brushexp.config.configs import SHIPPED
+from brushexp.config.compose import SHIPPED
 from brushexp.registry import FAMILIES, MULTI_SELECT, build, build_named, plugins
 from brushexp.testing import contract
 
@@ -39,6 +40,6 @@ def test_a_plugin_keeps_the_contract_of_its_family(config, family, name, check, 
     def make(**options):
         if cfg is None:
             return build_named(family, name, options)
-        return build(cfg[family][name] if family in MULTI_SELECT else cfg[family])
+        return build(OmegaConf.merge(cfg[family][name] if family in MULTI_SELECT else cfg[family], options))
 
     check(make)

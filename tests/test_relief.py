@@ -1,24 +1,20 @@
-"""The painting as an object: heights of the paint, light on them, and `to=relief`."""
+"""The painting as an object: heights of the paint, and light on them."""
 
-import logging
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
-from catalogues import catalogue
+from catalogues import catalogue, job_of
 from dabs import DabRenderer
-from films import pixels_of
 from PIL import Image
 from scenes import Windowed, random_strokes, straight
 
 from brushexp.compositing import bands as banding
 from brushexp.errors import UserError
-from brushexp.painting import outputs
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.export.base import ExportJob
-from brushexp.plugins.export.relief import Relief
+from brushexp.plugins.export.job import export_job, light_of
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.textured import Textured
 from brushexp.registry import build_named, plugins
@@ -34,9 +30,8 @@ RENDERERS |= {"windows": Windowed(), "another kind": DabRenderer()}
 TILED = Tiled(opaque=0.0)
 
 
-def export_job(strokes, size, *, renderer=RENDERERS["plain"], blend=TILED, depth=None):
-    depth = torch.arange(len(strokes), dtype=torch.int32) if depth is None else depth
-    return ExportJob(strokes, depth, size, torch.full((3,), 0.5), renderer.eval(), blend, "analytic", "a test")
+def painted(strokes, size, *, renderer=RENDERERS["plain"], blend=TILED, depth=None):
+    return job_of(strokes, size, renderer=renderer, blend=blend, depth=depth)
 
 
 def thick(n, size, **options):
@@ -49,7 +44,7 @@ def thick(n, size, **options):
 def test_heights_are_those_of_strokes_laid_one_after_another(name):
     size, strokes = (26, 39), thick(25, (26, 39))
     depth = torch.randperm(25).int()
-    job = export_job(strokes, size, renderer=RENDERERS[name], depth=depth)
+    job = painted(strokes, size, renderer=RENDERERS[name], depth=depth)
     with torch.no_grad():  # textures as in painting
         layers = Impasto(RENDERERS[name], typical_width(strokes))(strokes)
     y, x = torch.meshgrid(torch.arange(size[0]), torch.arange(size[1]), indexing="ij")
@@ -72,7 +67,7 @@ def test_every_renderer_has_heights_between_the_canvas_and_the_thickest_paint(na
     renderer = build_named("renderer", name, {})
     strokes = renderer.clamp(thick(6, (20, 30)))
     with torch.no_grad():
-        height = export_job(strokes, (20, 30), renderer=renderer).height()
+        height = painted(strokes, (20, 30), renderer=renderer).height()
     assert np.isfinite(height).all()
     assert height.min() >= 0
     thickest = 2 * float(half_width_of(strokes).max())
@@ -83,11 +78,11 @@ def test_every_renderer_has_heights_between_the_canvas_and_the_thickest_paint(na
 def test_transparent_strokes_and_strokes_without_width_add_nothing(name):
     strokes = Strokes.join(straight((2, 3), (14, 9), opacity=0.0), straight((2, 9), (14, 3), width=0.0))
     strokes = strokes[:1] if name == "windows" else strokes  # a network draws no thinner ones than it knows
-    assert (export_job(strokes, (12, 17), renderer=RENDERERS[name]).height() == 0).all()
+    assert (painted(strokes, (12, 17), renderer=RENDERERS[name]).height() == 0).all()
 
 
 def test_there_is_paint_where_the_stroke_is_and_nowhere_else():
-    height = export_job(straight((20, 15), (60, 15), width=12), (30, 80)).height()
+    height = painted(straight((20, 15), (60, 15), width=12), (30, 80)).height()
     y, x = np.mgrid[:30, :80] + 0.5
     distance = np.hypot(y - 15, np.maximum(0, np.maximum(20 - x, x - 60)))
     assert (height[distance < 0.6 * 6] > 0.05 * FILM * 12).all()
@@ -97,7 +92,7 @@ def test_there_is_paint_where_the_stroke_is_and_nowhere_else():
 def test_paint_is_pushed_aside_and_stands_about_as_high_on_either_side():
     stroke, clear = (straight((20, 15), (60, 15), width=12, opacity=opacity) for opacity in (1.0, 0.0))
     brushes = [Strokes.join(*[clear] * number, stroke) for number in range(8)]
-    mean = np.mean([export_job(strokes, (30, 80)).height()[:, 25:55].mean(1) for strokes in brushes], axis=0)
+    mean = np.mean([painted(strokes, (30, 80)).height()[:, 25:55].mean(1) for strokes in brushes], axis=0)
     middle, sides = mean[13:17].mean(), (mean[9:12].mean(), mean[18:21].mean())
     assert np.mean(sides) > 1.1 * middle
     assert sides[0] == pytest.approx(sides[1], rel=0.25)
@@ -106,8 +101,8 @@ def test_paint_is_pushed_aside_and_stands_about_as_high_on_either_side():
 
 def test_a_stroke_on_top_leaves_some_of_the_paint_below():
     across, below = straight((0, 15), (80, 15), width=10), straight((40, 0), (40, 30), width=10)
-    alone = export_job(across, (30, 80)).height()
-    both = export_job(Strokes.join(across, below), (30, 80), depth=torch.tensor([1, 0])).height()
+    alone = painted(across, (30, 80)).height()
+    both = painted(Strokes.join(across, below), (30, 80), depth=torch.tensor([1, 0])).height()
     crossing = np.s_[13:17, 38:42]
     added = (both - alone)[crossing].mean()
     assert 0.2 * (1 - CARRIED) * FILM * 10 < added < (1 - CARRIED) * FILM * 10
@@ -120,7 +115,7 @@ def test_where_bristles_are_large_enough_to_be_seen_slopes_do_not_depend_on_the_
     slopes = []
     for zoom in (8, 16):
         size = (100 * zoom, 120 * zoom)
-        height = export_job(strokes.moved(zoom=zoom), size, renderer=RENDERERS[name]).height()
+        height = painted(strokes.moved(zoom=zoom), size, renderer=RENDERERS[name]).height()
         slopes.append(np.hypot(*np.gradient(height)).mean())
     assert slopes[0] > 0.01
     assert slopes[1] == pytest.approx(slopes[0], rel=0.1)
@@ -187,46 +182,10 @@ def test_gloss_brightens_what_mirrors_the_lamp():
     assert lit_grey(0.2, slope, 90, 45, 1.0)[1, 2] < 0.2
 
 
-@pytest.mark.parametrize(("depth", "thick_as"), [(2.0, 2.0), (0.0, 1.0)])
-def test_the_three_files_agree_with_the_heights(depth, thick_as, tmp_path, caplog):
-    job = replace(export_job(thick(20, (21, 34)), (21, 34)), light=Light(200, 30, depth))
-    with caplog.at_level(logging.INFO, logger="brushexp.plugins.export.relief"):
-        paths = Relief().write(job, tmp_path)
-    assert [path.name for path in paths] == ["relief.png", "height.png", "normals.png"]
-    height = job.height()
-    with Image.open(tmp_path / "height.png") as image:
-        levels, text = np.asarray(image), image.text
-    assert levels.max() == 65535
-    white = float(text["HeightOfWhite"])
-    assert white == pytest.approx(thick_as * height.max(), rel=1e-6)
-    assert f"{white:.6g} pixels above the bare canvas" in text["Description"]
-    assert f"{white:.6g} pixels above the bare canvas" in caplog.text
-    np.testing.assert_allclose(levels * (white / 65535), thick_as * height, atol=white / 65535)
-    with Image.open(tmp_path / "normals.png") as image:
-        assert image.mode == "RGB"
-        normals = np.asarray(image) / 127.5 - 1
-    np.testing.assert_allclose(normals.transpose(2, 0, 1), normals_of(height, thick_as), atol=0.006)
-    picture = next(replace(job, light=Light()).bands())[1].numpy()
-    lit = pixels_of(tmp_path / "relief.png") / 255
-    expected = shaded(picture, normals_of(height, thick_as), Light(200, 30))
-    np.testing.assert_allclose(lit.transpose(2, 0, 1), expected, atol=0.003)
-
-
-def test_files_are_the_same_in_bands(tmp_path, monkeypatch):
-    job = export_job(thick(20, (40, 23)), (40, 23))
-    for name, pixels in (("whole", 2**20), ("bands", 23 * 7)):
-        monkeypatch.setattr(banding, "BAND", pixels)
-        (tmp_path / name).mkdir()
-        Relief().write(job, tmp_path / name)
-    for name, step in (("relief.png", 1), ("height.png", 8), ("normals.png", 1)):
-        whole, parts = (np.asarray(Image.open(tmp_path / kind / name)).astype(int) for kind in ("whole", "bands"))
-        assert np.abs(whole - parts).max() <= step
-
-
 @pytest.mark.parametrize("name", RENDERERS)
 def test_the_picture_under_a_lamp_is_the_flat_one_shaded_by_the_slopes_of_its_paint(name, monkeypatch):
     lamp = Light(30, 25, depth=1.5, gloss=0.6)
-    job = replace(export_job(thick(25, (70, 31)), (70, 31), renderer=RENDERERS[name]), light=lamp)
+    job = replace(painted(thick(25, (70, 31)), (70, 31), renderer=RENDERERS[name]), light=lamp)
     flat = next(replace(job, light=Light()).bands())[1].numpy()
     wanted = shaded(flat, normals_of(job.height(), 1.5), lamp)
     assert np.abs(wanted - flat).max() > 0.05
@@ -244,7 +203,7 @@ def test_a_lit_painting_is_its_flat_one_under_the_lamp_and_every_export_shows_th
         error = np.square(picture[name] - picture["target"]).mean()
         assert metrics[key] == pytest.approx(10 * math.log10(255**2 / error), abs=1e-3), key
     saved = load_catalogue(tmp_path / "catalogue.h5")
-    job = outputs.export_job(saved, outputs.renderer_of(saved), Tiled(), saved.renderer)
+    job = export_job(saved)
     assert job.light == Light(200, 30, depth=2.0)
     color = (picture["flat"] / 255).transpose(2, 0, 1).astype(np.float32)
     lit = 255 * shaded(color, normals_of(job.height(), 2.0), job.light).transpose(1, 2, 0)
@@ -262,4 +221,4 @@ def test_a_lit_painting_is_its_flat_one_under_the_lamp_and_every_export_shows_th
 def test_a_lamp_that_is_none_in_a_catalogue_is_refused(light):
     saved = replace(catalogue(3), config=f"light: {light}")
     with pytest.raises(UserError, match=r"light(\.\w+| is)"):
-        outputs.light_of(saved)
+        light_of(saved)

@@ -10,6 +10,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -25,17 +26,17 @@ from brushexp.errors import UserError
 from brushexp.pages.drawings import error_map, histogram_chart, line_chart, rose_chart, swatches_of
 from brushexp.pages.replay import FARTHEST, STEPS, replay_of
 from brushexp.pages.run_page import LARGEST_SIDE, _shown, files_in, line_of, run_page, write_run_page
-from brushexp.painting.outputs import export_job, renderer_of
-from brushexp.plugins.export.png import pixels
-from brushexp.registry import build_named
+from brushexp.painting.finished import Finished
+from brushexp.plugins.export.job import export_job
 from brushexp.results.runs import read_curves
 from brushexp.results.stroke_table import measure_strokes
-from brushexp.runs import session
 from brushexp.shading.light import Light, normals_of, shaded
 from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, point_at
 from brushexp.strokes.catalogue import Strokes
-from brushexp.strokes.storage import Saved, save_catalogue
+from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.files import TEMPORARY, write_json, write_picture, write_text
+from brushexp.tasks.paint import try_to_write_page
+from brushexp.tasks.view import finished_in
 
 SIZE = (120, 160)
 COUNT = 300
@@ -43,7 +44,7 @@ WRITTEN = "<script>alert(1)</script>\"'&amp;.png"
 CONFIG = """
 image: astronaut
 steps: 30
-renderer: {{_target_: x, soft: 2.0, taper: {taper}}}
+renderer: {options}
 loss: {{mse: {{weight: 1.0}}}}
 """
 METRICS = {
@@ -57,19 +58,27 @@ def saved_with(count: int, size: tuple[int, int] = SIZE, *, taper: float = 0.0, 
     strokes = random_strokes(count, size, width=(0.05, 0.4))
     strokes = replace(strokes, opacity=0.3 + 0.7 * strokes.opacity)
     depth = torch.randperm(count, generator=torch.Generator().manual_seed(3)).to(torch.int32)
-    background, config = torch.tensor([0.8, 0.7, 0.6]), CONFIG.format(taper=taper)
-    return Saved(strokes, depth, size, background, renderer, "", 0, config)
+    config = CONFIG.format(options=f"{{soft: 2.0, taper: {taper}}}" if renderer == "analytic" else "{}")
+    return Saved(strokes, depth, size, torch.tensor([0.8, 0.7, 0.6]), renderer, config=config)
 
 
-def painting_of(saved: Saved) -> np.ndarray:
-    return pixels(export_job(saved, renderer_of(saved), build_named("blend", "tiled", {}), saved.renderer))
+def page_of(
+    saved: Saved, name: str = "x", *, metrics: dict | None = None, command: str | None = None, **pictures
+) -> str:
+    """The page of a painting in memory."""
+    return run_page(Finished(export_job(saved), pictures, lambda: metrics or {}), name="x", command=command)
+
+
+def page_from(folder: Path) -> Path:
+    """Write the page of a run from its folder."""
+    return write_run_page(folder, finished_in(folder, export_job(load_catalogue(folder / "catalogue.h5"))))
 
 
 def run_in(folder: Path, *, image: str = "astronaut", overrides: tuple[str, ...] = ("steps=30",)) -> Path:
     """What a run leaves, without the run."""
     saved = saved_with(COUNT)
     saved = replace(saved, config=saved.config.replace("astronaut", json.dumps(image)))
-    painting = painting_of(saved)
+    painting = export_job(saved).picture()
     noise = np.random.default_rng(0).integers(-20, 21, painting.shape)
     target = (painting + noise).clip(0, 255).astype(np.uint8)
     (folder / "curves").mkdir(parents=True)
@@ -104,7 +113,7 @@ def test_files_of_a_run_are_those_that_stay_its_film_too(tmp_path):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> Path:
     folder = run_in(tmp_path_factory.mktemp("page") / "run")
-    write_run_page(folder)
+    page_from(folder)
     return folder
 
 
@@ -179,7 +188,13 @@ def test_a_page_shows_all_that_a_run_has_left_and_asks_nothing_of_any_other_plac
     assert len(menu) == 7
     for part, word in menu:
         assert f'<h2 id="{part}-head">{word}</h2>' in html
-    assert write_run_page(run).read_text() == html  # the same run makes the same page
+    (run / "a b.txt").write_text("x")
+    again = page_from(run).read_text()
+    (run / "a b.txt").unlink()
+    names = ["painting.png", "catalogue.h5", "metrics.json", "curves/metrics.csv", ".hydra/overrides.yaml", "a%20b.txt"]
+    assert all(f'href="{name}" download' in again for name in names)
+    assert 'href="report.html"' not in again
+    assert page_from(run).read_text() == html, "the same run makes the same page"
 
 
 def test_all_settings_in_one_line_are_the_same_settings(config):
@@ -189,25 +204,8 @@ def test_all_settings_in_one_line_are_the_same_settings(config):
     assert again | {"output": resolved["output"]} == resolved
 
 
-def test_every_file_of_the_run_can_be_had(run):
-    (run / "a b.txt").write_text("x")
-    write_run_page(run)
-    html = (run / "report.html").read_text()
-    (run / "a b.txt").unlink()
-    for name in [
-        "painting.png",
-        "catalogue.h5",
-        "metrics.json",
-        "curves/metrics.csv",
-        ".hydra/overrides.yaml",
-        "a%20b.txt",
-    ]:
-        assert f'href="{name}" download' in html
-    assert 'href="report.html"' not in html
-
-
 def test_what_is_not_known_is_left_out():
-    html = run_page(saved_with(50), name="somewhere.h5")
+    html = page_of(saved_with(50))
     assert '<section id="replay"' in html
     assert '<section id="strokes-section"' in html
     for part in ("error", "curves", "light"):
@@ -215,33 +213,34 @@ def test_what_is_not_known_is_left_out():
         assert f'href="#{part}"' not in html
     assert "repeats the run" not in html
     nothing = replace(saved_with(1), strokes=Strokes.none(), depth=torch.zeros(0, dtype=torch.int32))
-    html = run_page(nothing, name="nothing", pictures={"painting": np.zeros((*SIZE, 3), np.uint8)})
+    html = page_of(nothing, painting=np.zeros((*SIZE, 3), np.uint8))
     assert "0 strokes" in html
     assert 'id="replay"' not in html
-    html = run_page(saved_with(1, renderer="neural"), name="one", metrics={"psnr": None, "l1": 0.0})
+    html = page_of(saved_with(1, renderer="neural"), metrics={"psnr": None, "l1": 0.0})
     for part in ("1 stroke on", "The only stroke is", "<code>renderer=neural</code>", "∞"):
         assert part in html
 
 
 def test_a_run_is_not_lost_with_its_page(tmp_path, caplog, monkeypatch):
-    with pytest.raises(UserError, match=r"give the catalogue\.h5"):
-        write_run_page(tmp_path)
-    session.report(tmp_path)
-    assert "no report.html of this run" in caplog.text
-    assert "Traceback" not in caplog.text
-    monkeypatch.setattr("brushexp.pages.run_page.write_run_page", lambda *_: 1 / 0)
-    session.report(tmp_path)
-    assert "ZeroDivisionError" in caplog.text
+    finished = Finished(export_job(saved_with(3)), {}, lambda: {"status": "completed"})
+    for error, words in (
+        (UserError("no room"), "no report.html of this run: no room"),
+        (ZeroDivisionError(), "Traceback"),
+    ):
+        monkeypatch.setattr("brushexp.pages.run_page.page_in", Mock(side_effect=error))
+        caplog.clear()
+        try_to_write_page(tmp_path, finished)
+        assert words in caplog.text
+        assert ("Traceback" in caplog.text) == (words == "Traceback")
 
 
 def test_settings_name_plugins_and_what_was_typed():
     renderer = "{_target_: brushexp.plugins.renderer.analytic.Analytic, soft: 2.0}"
     config = f"steps: 5\nseed: null\nrenderer: {renderer}\n1: {{2: 3}}\n"
-    html = run_page(replace(saved_with(5), config=config), name="x", command="brushexp steps=5 renderer=analytic")
+    html = page_of(replace(saved_with(5), config=config), command="brushexp steps=5 renderer=analytic")
     text = re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", html.partition("All settings")[2]))
     assert "steps 5 typed seed null renderer analytic typed renderer.soft 2.0 1.2 3" in text
-    for other in ("{[1]: 2}", "a: !!python/name:os.system x", ""):  # from elsewhere, without settings
-        assert 'id="settings"' not in run_page(replace(saved_with(5), config=other), name="x")
+    assert 'id="settings"' not in page_of(replace(saved_with(5), config=""))
 
 
 def test_damaged_files_are_left_out(tmp_path, caplog):
@@ -249,7 +248,7 @@ def test_damaged_files_are_left_out(tmp_path, caplog):
     whole = (folder / "painting.png").read_bytes()
     for damaged in (b"nothing", whole[: len(whole) // 2]):
         (folder / "painting.png").write_bytes(damaged)
-        assert 'id="painting"' not in write_run_page(folder).read_text()
+        assert 'id="painting"' not in page_from(folder).read_text()
         assert "painting.png is left out" in caplog.text
         caplog.clear()
     path = folder / "curves" / "metrics.csv"
@@ -264,7 +263,7 @@ def test_damaged_files_are_left_out(tmp_path, caplog):
 def test_packed_strokes_are_the_strokes_and_those_far_away_do_not_coarsen_the_others():
     saved = saved_with(200)
     measures = measure_strokes(saved.strokes, saved.depth, saved.size)
-    packed = replay_of(saved, measures)
+    packed = replay_of(export_job(saved), measures)
     data = base64.b64decode(packed["data"])
     assert len(data) == 34 * 200
     found, at = {}, 800
@@ -278,7 +277,7 @@ def test_packed_strokes_are_the_strokes_and_those_far_away_do_not_coarsen_the_ot
     assert_allclose(found["paint"], saved.strokes.color.numpy()[order], atol=1e-4)
     assert_allclose(found["layer"][:, 0].round(3).sum(), 200 - 1, atol=2)  # 0, 1 and 2 are thirds
     saved.strokes.position[0], saved.strokes.width[1] = 1e6, 1e3
-    packed = replay_of(saved, measure_strokes(saved.strokes, saved.depth, saved.size))
+    packed = replay_of(export_job(saved), measure_strokes(saved.strokes, saved.depth, saved.size))
     highest = {name: high for name, _, _, high in packed["columns"]}
     assert highest["points"] <= (1 + FARTHEST) * max(SIZE)
     assert highest["half"] <= FARTHEST * max(SIZE)
@@ -319,7 +318,7 @@ def test_charts_need_something_to_show():
     assert shares[::9] == pytest.approx([2 / 3, 1 / 3])
 
 
-def test_the_divider_follows_keys_and_pointer(shown):
+def test_a_visitor_compares_the_painting_with_its_target_and_reads_the_charts(shown):
     wipe = shown.page.locator(".hero .wipe")
 
     def split() -> float:
@@ -333,11 +332,8 @@ def test_the_divider_follows_keys_and_pointer(shown):
     point(shown, ".hero .wipe", 0.25, 0.6)
     shown.page.mouse.up()
     assert split() == pytest.approx(25, abs=0.5)
-
-
-def test_charts_are_drawn_with_ticks_inside(shown):
-    drawn = "() => [...document.querySelectorAll('.chart')].map(e => e.querySelectorAll('.line, .bin').length)"
-    assert shown.evaluate(drawn) == [1, 1, 1, 28, 28, 28, 28, 28, 36]
+    marks = "() => [...document.querySelectorAll('.chart')].map(e => e.querySelectorAll('.line, .bin').length)"
+    assert shown.evaluate(marks) == [1, 1, 1, 28, 28, 28, 28, 28, 36]
     titles = shown.page.locator(".chart").nth(3).locator("title").all_text_contents()
     assert sum(int(re.search(r": (\d+) strokes", title)[1]) for title in titles) == COUNT
     assert shown.page.locator(".chart .axis-name").nth(5).text_content() == "logarithmic"
@@ -357,66 +353,57 @@ def test_charts_are_drawn_with_ticks_inside(shown):
     assert shown.evaluate(ticks) == []
 
 
-def test_the_scrubber_goes_forwards_and_back_to_the_same_pixels(shown):
-    pixels = {}
-    for count in (120, 299, 121, 120, 0, 299):  # the last from a key frame
-        scrub(shown, count)
-        picture = seen(shown)
-        assert_array_equal(picture, pixels.setdefault(count, picture))
-    assert (pixels[120] != pixels[121]).any()
-    assert_array_equal(np.unique(pixels[0].reshape(-1, 3), axis=0), [[204, 179, 153]])
-
-
-def test_the_replay_of_textured_strokes_ends_as_the_painting_under_its_lamp(opened, tmp_path):
-    saved = saved_with(200, (300, 400), renderer="textured")
-    strokes = replace(saved.strokes, scale=3 * saved.strokes.scale)
-    flat, saved = (replace(saved, strokes=strokes, config=text) for text in ("", "light: {depth: 1.5}"))
-    pictures = {"flat": painting_of(flat), "painting": painting_of(saved)}
-    write_text(tmp_path / "report.html", run_page(saved, name="x", pictures=pictures))
-    watched = opened(tmp_path / "report.html", (1440, round(300 / 0.64)))
-    see(watched, "#replay")
-    idle(watched)
-    lit = np.asarray(Image.fromarray(seen(watched)).resize((400, 300)), float)
-    scrub(watched, 199)
-    almost = np.asarray(Image.fromarray(seen(watched)).resize((400, 300)), float)
-    worst = 10  # 38 dB
-    assert np.square(lit - pictures["painting"]).mean() < worst
-    assert np.square(almost - pictures["flat"]).mean() < 2 * worst  # the lamp goes on at the end
-    assert np.square(almost - pictures["painting"]).mean() > 1.5 * np.square(lit - pictures["painting"]).mean()
-    assert not watched.errors
-
-
-@pytest.mark.parametrize("taper", [0.0, 0.8])
-def test_the_replay_ends_as_the_painting(taper, opened, tmp_path):
-    saved = saved_with(200, (300, 400), taper=taper)
+@pytest.mark.parametrize(
+    ("renderer", "taper", "worst"), [("analytic", 0.0, 1), ("analytic", 0.8, 1), ("textured", 0, 10)]
+)
+def test_the_replay_ends_as_the_painting_and_its_lamp_goes_on_at_the_end(renderer, taper, worst, opened, tmp_path):
+    saved = saved_with(200, (300, 400), taper=taper, renderer=renderer)
     width = torch.where(torch.arange(200) % 4 == 0, 0.008, saved.strokes.width)  # thin ones fade
     saved = replace(saved, strokes=replace(saved.strokes, scale=4 * saved.strokes.scale, width=width))
-    write_text(tmp_path / "report.html", run_page(saved, name="x"))
+    lamp = Light(depth=1.5) if renderer == "textured" else Light()
+    saved = replace(saved, config="light: {depth: 1.5}" if lamp.depth else saved.config)
+    job = export_job(saved)
+    flat, painting = replace(job, light=Light()).picture(), job.picture()
+    pictures = {"flat": flat, "painting": painting} if lamp.depth else {}
+    write_text(tmp_path / "report.html", page_of(saved, **pictures))
     watched = opened(tmp_path / "report.html", (1440, round(300 / 0.64)))  # a pixel of the page is one of the painting
     see(watched, "#replay")
     idle(watched)
-    picture = seen(watched)
-    assert abs(picture.shape[0] - 300) <= 1
-    away = np.asarray(Image.fromarray(picture).resize((400, 300)), float) - painting_of(saved)
-    assert np.square(away).mean() < 1  # 48 dB
+    assert abs(seen(watched).shape[0] - 300) <= 1
+
+    def error(picture: np.ndarray) -> float:
+        return np.square(np.asarray(Image.fromarray(seen(watched)).resize((400, 300)), float) - picture).mean()
+
+    lit = error(painting)
+    assert lit < worst
+    if lamp.depth:
+        scrub(watched, 199)
+        assert error(flat) < 2 * worst
+        assert error(painting) > 1.5 * lit
     assert not watched.errors
 
 
-def test_play_lays_strokes_and_stops_at_the_end_and_arrow_keys_step_through_them(shown):
-    scrub(shown, 100)
+def test_a_visitor_replays_strokes_back_and_forth_and_leaves_layers_out(shown):
+    pictures = {}
+    for count in (120, 299, 121, 120, 0, 299):  # the last from a key frame
+        scrub(shown, count)
+        picture = seen(shown)
+        assert_array_equal(picture, pictures.setdefault(count, picture))
+    assert (pictures[120] != pictures[121]).any()
+    assert_array_equal(np.unique(pictures[0].reshape(-1, 3), axis=0), [[204, 179, 153]])
     play = shown.page.locator("#play")
     shown.page.select_option("#speed", "10")
     play.click()
-    assert play.text_content() == "Pause"
     shown.page.wait_for_selector(f"#replay-stage[data-playing=false][data-shown='{COUNT}']")
-    assert play.text_content() == "Play"
     play.click()  # from the beginning
+    assert play.text_content() == "Pause"
     play.click()
+    assert play.text_content() == "Play"
     assert int(shown.page.locator("#scrubber").input_value()) < COUNT
     order = saved_with(COUNT).depth.argsort().tolist()
     scrub(shown, 50)
     stage = shown.page.locator("#replay-stage")
-    for key, count in (("ArrowRight", 51), ("ArrowLeft", 50), ("Shift+ArrowRight", 150), ("End", COUNT), ("Home", 0)):
+    for key, count in (("ArrowRight", 51), ("ArrowLeft", 50), ("Shift+ArrowRight", 150), ("Home", 0), ("End", COUNT)):
         stage.press(key)
         idle(shown, count)
         if count:
@@ -424,6 +411,18 @@ def test_play_lays_strokes_and_stops_at_the_end_and_arrow_keys_step_through_them
     stage.press("Space")
     assert stage.get_attribute("data-playing") == "true"
     stage.press("Space")
+    scrub(shown, COUNT)
+    whole = seen(shown)
+    boxes = [shown.page.locator(f"[data-layer={layer}]") for layer in ("large", "medium", "small")]
+    for box in boxes:
+        box.uncheck()
+        idle(shown)
+        assert (seen(shown) != whole).any()
+    assert len(np.unique(seen(shown).reshape(-1, 3), axis=0)) == 1
+    for box in boxes:
+        box.check()
+    idle(shown)
+    assert_array_equal(seen(shown), whole)
 
 
 def oracle(saved: Saved, points: np.ndarray) -> list[int | None]:
@@ -470,21 +469,6 @@ def test_pointing_tells_the_uppermost_stroke(shown):
     assert card.get_attribute("data-empty") == "true"
 
 
-def test_layers_can_be_left_out(shown):
-    scrub(shown, COUNT)
-    whole = seen(shown)
-    boxes = [shown.page.locator(f"[data-layer={layer}]") for layer in ("large", "medium", "small")]
-    for box in boxes:
-        box.uncheck()
-        idle(shown)
-        assert (seen(shown) != whole).any()
-    assert len(np.unique(seen(shown).reshape(-1, 3), axis=0)) == 1
-    for box in boxes:
-        box.check()
-    idle(shown)
-    assert_array_equal(seen(shown), whole)
-
-
 def test_the_lamp_follows_the_pointer_and_its_light_is_that_of_the_program(shown, run):
     data = json.loads(shown.page.locator("#heights").text_content())
     levels = decoded(data["source"]).astype(np.float32)
@@ -503,48 +487,6 @@ def test_the_lamp_follows_the_pointer_and_its_light_is_that_of_the_program(shown
     shown.page.mouse.down()
     shown.page.mouse.up()
     assert float(shown.page.locator("#azimuth").input_value()) == pytest.approx(90, abs=1)
-
-
-def test_it_fits_every_screen_can_be_read_and_printed(shown):
-    page, paper = shown.page, "getComputedStyle(document.body).backgroundColor"
-    shown.evaluate("() => document.querySelectorAll('details').forEach((one) => { one.open = true; })")
-    for width, height in (NARROW, WIDE):
-        page.set_viewport_size({"width": width, "height": height})
-        for scheme in ("light", "dark"):
-            page.emulate_media(color_scheme=scheme)
-            assert not shown.is_too_wide()
-            assert shown.evaluate(TOO_FAINT) == []
-    dark = shown.evaluate(paper)
-    toggle = page.get_by_role("button", name="Dark colours")
-    toggle.click()
-    assert shown.evaluate(paper) != dark
-    toggle.click()  # dark is chosen now, and not only the system's
-    assert (shown.evaluate(paper), toggle.get_attribute("aria-pressed")) == (dark, "true")
-    page.click("[data-copy]")
-    page.wait_for_selector("[data-copy]:has-text('Copied')")
-    page.emulate_media(media="print")
-    levels = "['color', 'backgroundColor'].map(k => getComputedStyle(document.body)[k].match(/[0-9]+/g).slice(0, 3))"
-    ink, ground = shown.evaluate(levels)
-    assert max(map(int, ink)) < 80
-    assert min(map(int, ground)) > 240
-    assert not page.locator("#play").is_visible()
-    page.emulate_media(media="screen")
-    assert shown.evaluate(NAMELESS) == []
-    names = shown.evaluate("() => [...document.querySelectorAll('[id]')].map((e) => e.id)")
-    assert len(set(names)) == len(names)
-    assert not shown.errors
-    assert not shown.foreign
-
-
-def test_long_and_narrow_pictures_fit_into_the_window(opened, tmp_path):
-    for size in ((400, 4), (1, 90)):
-        pictures = dict.fromkeys(("target", "painting"), np.zeros((*size, 3), np.uint8))
-        write_text(tmp_path / "a.html", run_page(saved_with(20, size), name="narrow", pictures=pictures))
-        watched = opened(tmp_path / "a.html")
-        assert not watched.is_too_wide()
-        heights = watched.evaluate("[...document.querySelectorAll('.stage')].map(e => e.clientHeight)")
-        assert max(heights) <= WIDE[1]
-        assert not watched.errors
 
 
 NAMELESS = """() => [...document.querySelectorAll("button, input, select, [tabindex='0'], img, [role=img]")]
@@ -578,16 +520,48 @@ TOO_FAINT = """() => {
 }"""
 
 
-def test_without_scripts_what_needs_them_is_left_out(run, opened):
-    page = opened(run / "report.html", java_script_enabled=False).page
-    assert page.locator("noscript p").is_visible()
-    for gone in ("#replay", "#light", "[data-copy]", ".nav [href='#replay']"):
-        assert not page.locator(gone).first.is_visible(), gone
+def test_it_fits_every_screen_can_be_read_and_printed(shown, opened, tmp_path):
+    page, paper = shown.page, "getComputedStyle(document.body).backgroundColor"
+    shown.evaluate("() => document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+    for width, height in (NARROW, WIDE):
+        page.set_viewport_size({"width": width, "height": height})
+        for scheme in ("light", "dark"):
+            page.emulate_media(color_scheme=scheme)
+            assert not shown.is_too_wide()
+            assert shown.evaluate(TOO_FAINT) == []
+    dark = shown.evaluate(paper)
+    toggle = page.get_by_role("button", name="Dark colours")
+    toggle.click()
+    assert shown.evaluate(paper) != dark
+    toggle.click()  # dark is chosen now, and not only the system's
+    assert (shown.evaluate(paper), toggle.get_attribute("aria-pressed")) == (dark, "true")
+    page.click("[data-copy]")
+    page.wait_for_selector("[data-copy]:has-text('Copied')")
+    page.emulate_media(media="print")
+    levels = "['color', 'backgroundColor'].map(k => getComputedStyle(document.body)[k].match(/[0-9]+/g).slice(0, 3))"
+    ink, ground = shown.evaluate(levels)
+    assert max(map(int, ink)) < 80
+    assert min(map(int, ground)) > 240
+    assert not page.locator("#play").is_visible()
+    page.emulate_media(media="screen")
+    assert shown.evaluate(NAMELESS) == []
+    names = shown.evaluate("() => [...document.querySelectorAll('[id]')].map((e) => e.id)")
+    assert len(set(names)) == len(names)
+    assert not shown.errors
+    assert not shown.foreign
+    for size in ((400, 4), (1, 90)):  # long and narrow pictures fit into the window
+        pictures = dict.fromkeys(("target", "painting"), np.zeros((*size, 3), np.uint8))
+        write_text(tmp_path / "a.html", page_of(saved_with(20, size), **pictures))
+        watched = opened(tmp_path / "a.html")
+        assert not watched.is_too_wide()
+        heights = watched.evaluate("[...document.querySelectorAll('.stage')].map(e => e.clientHeight)")
+        assert max(heights) <= WIDE[1]
+        assert not watched.errors
 
 
 def test_the_policy_runs_no_scripts_in_names_and_nothing_that_is_not_in_the_page(opened, tmp_path):
     folder = run_in(tmp_path / "x", image=WRITTEN, overrides=(f"image={WRITTEN}", "steps=<b onclick=alert(1)>"))
-    watched = opened(write_run_page(folder))
+    watched = opened(page_from(folder))
     assert watched.page.locator("h1").text_content() == "script>\"'&amp;.png"  # the file's name, after the last slash
     assert "<b onclick=alert(1)>" in watched.page.locator(".command code").first.text_content()
     assert watched.page.locator("main b").count() == 0
@@ -600,3 +574,7 @@ def test_the_policy_runs_no_scripts_in_names_and_nothing_that_is_not_in_the_page
     watched.page.wait_for_timeout(100)
     assert watched.evaluate("() => window.evil") is None
     assert len([error for error in watched.errors if "Content Security Policy" in error]) >= 2
+    page = opened(folder / "report.html", java_script_enabled=False).page
+    assert page.locator("noscript p").is_visible()
+    for gone in ("#replay", "#light", "[data-copy]", ".nav [href='#replay']"):
+        assert not page.locator(gone).first.is_visible(), gone

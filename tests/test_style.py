@@ -11,7 +11,7 @@ from torch.testing import assert_close
 
 from brushexp.errors import UserError
 from brushexp.features import base as features
-from brushexp.painting.assembly import losses_of
+from brushexp.painting.components import build_losses
 from brushexp.pictures.color import recolored
 from brushexp.pictures.load import load_picture
 from brushexp.pictures.region import Region
@@ -196,11 +196,11 @@ def test_colors_content_gives_the_style_picture_the_colours_of_the_target(tmp_pa
 @pytest.mark.parametrize("content", [0, 0.25])
 def test_the_style_is_added_and_the_others_are_weakened(config, content):
     settings = ["style.image=coffee", "style.colors=content", "style.loss.kernel=meanstd", f"style.content={content}"]
-    losses = losses_of(config(*settings, "loss=[mse,l1]", "loss.l1.weight=2"))
+    losses = build_losses(config(*settings, "loss=[mse,l1]", "loss.l1.weight=2"))
     assert list(losses) == ["mse", "l1", "style"]
     assert [loss.weight for loss in losses.values()] == [content, 2 * content, 1.0]
     assert (losses["style"].image, losses["style"].colors, losses["style"].kernel) == ("coffee", "content", "meanstd")
-    assert list(losses_of(config())) == ["mse"]
+    assert list(build_losses(config())) == ["mse"]
 
 
 def test_a_picture_is_painted_in_the_style_and_the_colours_of_another(run_task, tmp_path):

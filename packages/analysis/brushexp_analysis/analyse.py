@@ -21,6 +21,6 @@ def analyse(painting: Painting | str | PathLike[str], *, radius: float | None = 
     >>> len(analysis.number)
     20
     """
-    saved = painting.finished.saved if isinstance(painting, Painting) else load_catalogue(Path(painting))
+    saved = painting.finished.job.saved if isinstance(painting, Painting) else load_catalogue(Path(painting))
     name = "painting" if isinstance(painting, Painting) else str(painting)
     return analysis_of(saved, name, name, radius, visible)

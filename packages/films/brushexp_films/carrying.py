@@ -3,7 +3,8 @@
 import logging
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import torch
@@ -55,10 +56,11 @@ class Carrier:
     renderer: Renderer
     steps: int
     seed: int = 0  # of the importance of strokes, where it is estimated
-    unused: dict[str, Any] = field(init=False)  # the losses as they are before the first picture
 
-    def __post_init__(self) -> None:
-        vars(self)["unused"] = state_of(self.components.losses)
+    @cached_property
+    def unused(self) -> dict[str, Any]:
+        """State of the losses before the first picture."""
+        return state_of(self.components.losses)
 
     def __call__(self, cel: Cel, painted: Tensor, target: Tensor, changed: Tensor, motion: Tensor) -> Cel:
         """Return the strokes for a ``target`` (3, H, W) that differs where ``changed`` (H, W) is true.

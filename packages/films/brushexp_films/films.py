@@ -4,28 +4,26 @@ import logging
 import math
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import lightning as L
 import numpy as np
 import torch
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.painting.assembly import components_of
+from brushexp.painting.build import build_painter
+from brushexp.painting.components import build_components
+from brushexp.painting.finished import bare_job
 from brushexp.painting.goals import goals_of
-from brushexp.painting.preparation import prepared
 from brushexp.pictures.load import planes_of, size_at
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.export.base import ExportJob
-from brushexp.plugins.export.png import pixels
-from brushexp.registry import plugin_of
-from brushexp.runs.fitting import conclude, fit, trainer_of
-from brushexp.shading.light import Light
+from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.device import device_of
 from brushexp.system.files import to_bytes
@@ -37,6 +35,7 @@ from brushexp_films.reel import Reel
 from brushexp_films.schema import FRAMES
 
 log = logging.getLogger(__name__)
+SAME = ("size", "renderer", "renderer_hash", "seed")  # fields that the catalogues of all pictures have in common
 MOST_TICKS = 65_535  # of a second, in which players count
 
 
@@ -49,13 +48,12 @@ class PaintedFilm:
         self.clip = open_clip(Path(cfg.image))
         self.size = size_at(cfg.resolution, *self.clip.size)
         self.rate = Fraction(self.clip.rate / cfg.film.every).limit_denominator(MOST_TICKS)
-        parts = components_of(cfg)
+        parts = build_components(cfg)
         renderer = parts.stages[-1].renderer.to(self.device).requires_grad_(False)
         for loss in parts.losses.values():
             loss.to(self.device)
         self.reel = Reel(self.begin, Carrier(parts, renderer, cfg.film.steps, cfg.seed), cfg.film.change)
-        self.light = Light(**cfg.light)
-        self.name, self.settings = plugin_of(cfg.renderer).name, OmegaConf.to_yaml(cfg, resolve=True)
+        self.bare = bare_job(cfg, renderer, parts.blend, self.size)
         self.flicker, self.psnr, self.seconds = Flicker(), list[float](), list[float]()
 
     @property
@@ -80,10 +78,10 @@ class PaintedFilm:
         """Paint the first picture of a scene as a single one is painted."""
         cfg = self.cfg
         L.seed_everything(cfg.seed, verbose=False)
-        painter = prepared(cfg, picture).painter.to(self.device)
+        painter = build_painter(cfg, picture).to(self.device)
         if painter.schedule.steps or cfg.seconds:
             goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
-            failure = fit(trainer_of(cfg, self.device, self.folder, [], goals, checkpoints=False), painter)
+            failure = fit(make_trainer(cfg, self.device, self.folder, [], goals, checkpoints=False), painter)
             conclude(painter, None, cfg, failure, painter.schedule.step)
         painter.hand_over()
         return Cel(painter.strokes(), painter.depth.front_to_back, painter.picture.background)
@@ -95,7 +93,7 @@ class PaintedFilm:
             return None
         try:
             saved = load_catalogue(path)
-            if any(getattr(saved, name) != value for name, value in self.saved_as.items()):
+            if any(getattr(saved, name) != getattr(self.bare.saved, name) for name in SAME):
                 raise UserError(f"{path} is of another film")
         except UserError as error:
             log.warning("%s; it and what follows it are painted anew", error)
@@ -112,7 +110,7 @@ class PaintedFilm:
             self.reel.follow(target, cel)
         picture = self.lit()
         if self.before is None or self.before.resolve() != self.folder.resolve():
-            save_catalogue(frame_in(self.folder, number), self.saved())
+            save_catalogue(frame_in(self.folder, number), self.job().saved)
         self.psnr.append(psnr_of(float((self.reel.image - target).square().mean())))
         self.flicker.add(torch.from_numpy(np.moveaxis(picture, 2, 0) / np.float32(255)), target.cpu())
         if cel is None and self.reel.scenes == scenes:
@@ -121,29 +119,12 @@ class PaintedFilm:
 
     def lit(self) -> np.ndarray:
         """Draw the last picture as painted, (H, W, 3), in its light."""
-        if not self.light.depth:
-            return to_bytes(self.reel.image)
-        saved, carrier = self.saved(), self.reel.carrier
-        painting = (saved.strokes, saved.depth, saved.size, saved.background)
-        made = (carrier.renderer, carrier.components.blend, self.name, self.cfg.image)
-        return pixels(ExportJob(*painting, *made, light=self.light), self.reel.image)
+        return self.job().picture(self.reel.image) if self.bare.light.depth else to_bytes(self.reel.image)
 
-    @property
-    def saved_as(self) -> dict[str, Any]:
-        """What the catalogues of all pictures have in common."""
-        weights = self.reel.carrier.renderer.weights_hash
-        return {"size": self.size, "renderer": self.name, "renderer_hash": weights, "seed": self.cfg.seed}
-
-    def saved(self) -> Saved:
-        """The strokes of the last picture as a catalogue."""
+    def job(self) -> ExportJob:
+        """The strokes of the last picture, to be drawn and saved."""
         cel = self.reel.cel
-        return Saved(
-            strokes=cel.strokes.map(Tensor.cpu),
-            depth=(len(cel.strokes) - 1 - cel.front_to_back.argsort()).int().cpu(),
-            background=cel.background.cpu(),
-            config=self.settings,
-            **self.saved_as,
-        )
+        return replace(self.bare, saved=self.bare.saved.laid(cel.strokes, cel.front_to_back, cel.background))
 
     def metrics(self, start: float | None, status: str) -> dict[str, object]:
         """Collect the numbers of metrics.json."""

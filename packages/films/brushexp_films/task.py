@@ -10,7 +10,7 @@ from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.pictures.video import filming
-from brushexp.runs.fitting import RECORD, interrupted_run, record_of
+from brushexp.runs.resume import RECORD, record_of, resumed
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.callbacks import FAILED, INTERRUPTED
 from brushexp.system.files import replacing, write_json, write_picture
@@ -31,11 +31,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     With ``resume`` it goes on behind the pictures of that run. Whatever ends it, the film has all pictures that were
     done, and what ended it is raised then.
     """
-    before = None
-    if cfg.resume is not None:
-        checkpoint, cfg = interrupted_run(Path(cfg.resume), cfg)
-        before = checkpoint.parent
-    film, stop = PaintedFilm(cfg, folder, before), Event()
+    cfg, checkpoint = resumed(cfg)
+    film, stop = PaintedFilm(cfg, folder, checkpoint and checkpoint.parent), Event()
     failure: BaseException | None = None
     (folder / FRAMES).mkdir(exist_ok=True)
     (folder / "metrics.json").unlink(missing_ok=True)
@@ -61,7 +58,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
             raise UserError(f"film.start={cfg.film.start:g} is behind the end of {cfg.image}; give an earlier second")
     for path in (path for path in video.paths if path.suffix == ".mp4"):
         add_sound(path, film.clip.path, cfg.film.start)
-    return conclude_film(film, None if before else start, failure)
+    return conclude_film(film, None if checkpoint else start, failure)
 
 
 def conclude_film(film: PaintedFilm, start: float | None, failure: BaseException | None) -> dict[str, object]:

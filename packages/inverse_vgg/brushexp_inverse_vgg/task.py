@@ -14,9 +14,9 @@ from brushexp.plugins.renderer.base import RENDERERS, Renderer
 from brushexp.registry import build, plugin_of
 from brushexp.reporting.tables import csv_table, markdown_table
 from brushexp.results.stroke_sheets import COLUMNS, sheet_of_strokes
-from brushexp.runs.fitting import conclude
 from brushexp.runs.network_fitting import fit_network, renderer_settings, save_renderer
-from brushexp.runs.tracking import trackers_of
+from brushexp.runs.tracking import make_trackers
+from brushexp.runs.trainer import conclude
 from brushexp.system.device import device_of
 from brushexp.system.files import write_picture, write_text
 from brushexp.training.benchmark import device_of_weights, evaluate, for_painting, speed_and_size
@@ -84,7 +84,7 @@ def carry_out(
     pruned = prune(trained, ratio, islice(data.train_dataloader(), RANKING_BATCHES))
     before = measured()
     module = RendererModule(pruned.requires_grad_(True), window, renderer_settings(cfg))
-    with trackers_of(cfg, folder) as trackers:
+    with make_trackers(cfg, folder) as trackers:
         failure = fit_network(module, data, cfg, folder, device, [trackers], [HeldOutSheet(folder)])
         started = RENDERERS.read_recipe(RENDERERS.path_of(cfg.renderer.checkpoint)).get("training")
         figures, more = {"validation": module.figures}, {"pruned": ratio, "before": started}

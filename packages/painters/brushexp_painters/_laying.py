@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import torch
 
-from brushexp.plugins.painter.base import PaintingState
+from brushexp.plugins.painter.base import PaintState
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.catalogue import Strokes
 
@@ -16,12 +16,12 @@ LUMINANCE = np.array([0.30, 0.59, 0.11])  # weights of red, green and blue in pa
 Array = np.ndarray
 
 
-def laid(strokes: Strokes) -> Iterator[PaintingState]:
+def laid(strokes: Strokes) -> Iterator[PaintState]:
     """States of a painting whose strokes are known: so many are laid, then more; a step is a stroke."""
     n = len(strokes)
     for k in range(1, PORTIONS + 1):
         if (done := n * k // PORTIONS) > n * (k - 1) // PORTIONS:
-            yield PaintingState(strokes[:done], done, n)
+            yield PaintState(strokes[:done], done, n)
 
 
 def strokes_from_arrays(curves: Array, thickness: Array, color: Array, opacity: float) -> Strokes:

@@ -8,7 +8,7 @@ import numpy as np
 
 from brushexp.bounds import at_least, between
 from brushexp.pictures.structure import sampled_at
-from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
+from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 from brushexp_painters._laying import PORTIONS, Array, numpy_generator, strokes_from_arrays, vectors
@@ -57,7 +57,7 @@ class Genes:
 
 @register("painter", "evolution")
 @dataclass(kw_only=True)
-class Evolution(PaintingMethod):
+class Evolution(Painter):
     """A genetic algorithm: from random strokes on, children take the place of their parents where the error falls.
 
     Source: the genetic algorithms of the thesis's 5.3, in the manner of Collet et al., 2000 (Polar IFS + Parisian
@@ -83,16 +83,16 @@ class Evolution(PaintingMethod):
     renewal: Annotated[float, between(0, 1)] = 0.3
     opacity: Annotated[float, between(0.01, 1)] = 0.9
 
-    def __call__(self, commission: Commission) -> Iterator[PaintingState]:
-        random = numpy_generator(commission.generator)
-        target = commission.target.cpu().permute(1, 2, 0).contiguous().numpy()
-        genes, step = begun_genes(commission, target, random), STEP_RANGE[1]
-        canvas, judged, shown = self._drawn(commission, genes), 0, 0
-        due = self.children * commission.n
+    def __call__(self, request: PaintRequest) -> Iterator[PaintState]:
+        random = numpy_generator(request.generator)
+        target = request.target.cpu().permute(1, 2, 0).contiguous().numpy()
+        genes, step = begun_genes(request, target, random), STEP_RANGE[1]
+        canvas, judged, shown = self._drawn(request, genes), 0, 0
+        due = self.children * request.n
         while judged < due:
-            cells = Cells(commission.size, genes, random)
+            cells = Cells(request.size, genes, random)
             parents, children, are_mutants = self._children(genes, cells, target, canvas, step, random)
-            painted = self._drawn(commission, genes.replaced(parents, children))
+            painted = self._drawn(request, genes.replaced(parents, children))
             place = cells.of(children.middle)
             lives = (cells.errors(target - painted) < cells.errors(target - canvas))[place]
             genes = genes.replaced(parents[lives], children[lives])
@@ -102,12 +102,12 @@ class Evolution(PaintingMethod):
             judged = min(judged + max(1, len(parents)), due)
             if judged * PORTIONS // due > shown:
                 shown = judged * PORTIONS // due
-                yield PaintingState(genes.strokes(self.opacity), judged, due)
+                yield PaintState(genes.strokes(self.opacity), judged, due)
 
-    def _drawn(self, commission: Commission, genes: Genes) -> Array:
+    def _drawn(self, request: PaintRequest, genes: Genes) -> Array:
         """The picture (H, W, 3) of strokes."""
-        strokes = genes.strokes(self.opacity).map(lambda value: value.to(commission.target))
-        picture: Array = commission.draw(strokes).cpu().permute(1, 2, 0).numpy()
+        strokes = genes.strokes(self.opacity).map(lambda value: value.to(request.target))
+        picture: Array = request.draw(strokes).cpu().permute(1, 2, 0).numpy()
         return picture
 
     def _children(
@@ -148,11 +148,11 @@ def varied(own: Genes, others: Genes, mutate: Array, step: float, random: np.ran
     return Genes(**found, depth=own.depth)
 
 
-def begun_genes(commission: Commission, target: Array, random: np.random.Generator) -> Genes:
+def begun_genes(request: PaintRequest, target: Array, random: np.random.Generator) -> Genes:
     """Random strokes, small ones on top of large ones."""
-    n, pitch = commission.n, commission.pitch
-    middle = random.uniform(0, 1, (n, 2)) * commission.size[::-1]
-    largest = max(LARGEST * min(commission.size), SMALLEST * pitch)
+    n, pitch = request.n, request.pitch
+    middle = random.uniform(0, 1, (n, 2)) * request.size[::-1]
+    largest = max(LARGEST * min(request.size), SMALLEST * pitch)
     low, high = np.log(SMALLEST * pitch), np.log(largest)
     length = np.sort(np.exp(random.uniform(low, high, n)))[::-1]
     return random_genes(middle, length, target, np.arange(n, dtype=float), random)

@@ -11,7 +11,7 @@ from brushexp.bounds import FILE, above, at_least, one_of
 from brushexp.features import NETWORKS
 from brushexp.pictures.load import PICTURE
 from brushexp.plugins.loss.base import PaintedView
-from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
+from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.registry import build_named, register
 from brushexp.strokes.catalogue import Strokes
 from brushexp_painters._laying import PORTIONS, strokes_from_arrays
@@ -19,7 +19,7 @@ from brushexp_painters._laying import PORTIONS, strokes_from_arrays
 
 @register("painter", "gatys")
 @dataclass(kw_only=True)
-class Gatys(PaintingMethod):
+class Gatys(Painter):
     """The colours of a lattice of dots, found by gradient descent for the features of the picture and of a style.
 
     Source: Gatys et al., 2016 (Image Style Transfer Using Convolutional Neural Networks). The colour of each pixel
@@ -53,37 +53,37 @@ class Gatys(PaintingMethod):
     backbone: Annotated[str, one_of(*NETWORKS)] = "effl0"
     weights: Annotated[str | None, FILE] = None
 
-    def __call__(self, commission: Commission) -> Iterator[PaintingState]:
-        dots = lattice_dots(commission)
+    def __call__(self, request: PaintRequest) -> Iterator[PaintState]:
+        dots = lattice_dots(request)
         if self.start == "noise":
-            noise = torch.rand(dots.color.shape, generator=commission.generator)
+            noise = torch.rand(dots.color.shape, generator=request.generator)
             dots = replace(dots, color=noise.to(dots.color))
         network = {"backbone": self.backbone, "weights": self.weights}
-        content = build_named("loss", "perceptual", network).to(commission.target.device)
-        style = build_named("loss", "style", network | {"image": self.style}).to(commission.target.device)
+        content = build_named("loss", "perceptual", network).to(request.target.device)
+        style = build_named("loss", "style", network | {"image": self.style}).to(request.target.device)
         color = dots.color.requires_grad_()
         mover = torch.optim.Adam([color], lr=self.lr)
         for step in range(1, self.steps + 1):
-            seen = PaintedView(commission.draw(dots), commission.target, dots)
+            seen = PaintedView(request.draw(dots), request.target, dots)
             loss = self.content * 0.0015 * content(seen) + self.style_weight / 3 * style(seen)
             (color.grad,) = torch.autograd.grad(loss, color)
             mover.step()
             color.detach().clamp_(0, 1)
             if step * PORTIONS // self.steps > (step - 1) * PORTIONS // self.steps:
-                yield PaintingState(dots.map(lambda value: value.detach().clone()), step, self.steps)
+                yield PaintState(dots.map(lambda value: value.detach().clone()), step, self.steps)
 
 
-def lattice_dots(commission: Commission) -> Strokes:
+def lattice_dots(request: PaintRequest) -> Strokes:
     """A dot in the mean colour of each cell of a lattice, as many as there may be, in random order."""
-    height, width = commission.size
-    rows = min(height, max(1, round(height / commission.pitch)))
-    columns = min(width, max(1, commission.n // rows))
-    rows = min(rows, commission.n)
+    height, width = request.size
+    rows = min(height, max(1, round(height / request.pitch)))
+    columns = min(width, max(1, request.n // rows))
+    rows = min(rows, request.n)
     cell_height, cell_width = height / rows, width / columns
     x, y = np.meshgrid((np.arange(columns) + 0.5) * cell_width, (np.arange(rows) + 0.5) * cell_height)
     middle = np.stack([x.ravel(), y.ravel()], 1)
     curves = np.repeat(middle[:, None], 3, 1)
-    color = torch.nn.functional.adaptive_avg_pool2d(commission.target.cpu(), (rows, columns)).flatten(1).T.numpy()
+    color = torch.nn.functional.adaptive_avg_pool2d(request.target.cpu(), (rows, columns)).flatten(1).T.numpy()
     strokes = strokes_from_arrays(curves, np.full(len(curves), np.hypot(cell_width, cell_height)), color, 1.0)
-    order = torch.randperm(len(strokes), generator=commission.generator)
-    return strokes[order].map(lambda value: value.to(commission.target))
+    order = torch.randperm(len(strokes), generator=request.generator)
+    return strokes[order].map(lambda value: value.to(request.target))

@@ -9,7 +9,7 @@ import numpy as np
 
 from brushexp.bounds import at_least, between
 from brushexp.compat.compiled import inline, kernel, prange
-from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
+from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.registry import register
 from brushexp_painters._laying import PORTIONS, Array, numpy_generator, strokes_from_arrays, vectors
 
@@ -24,7 +24,7 @@ STEP_SIZE = 0.3  # of the first mutations, in lengths of the stroke
 
 @register("painter", "greedy")
 @dataclass(kw_only=True)
-class Greedy(PaintingMethod):
+class Greedy(Painter):
     """A search: each stroke is the best of random candidates, improved by hill climbing, in its optimal colour.
 
     Source: Fogleman, 2016 (primitive), after the trial and error of Haeberli (1990) and the evolutionary painters that
@@ -49,23 +49,23 @@ class Greedy(PaintingMethod):
     mutations: Annotated[int, at_least(1)] = 12
     opacity: Annotated[float, between(0.01, 1)] = 0.9
 
-    def __call__(self, commission: Commission) -> Iterator[PaintingState]:
-        random, n = numpy_generator(commission.generator), commission.n
-        target = np.ascontiguousarray(commission.target.cpu().permute(1, 2, 0).numpy(), np.float32)
-        canvas = np.broadcast_to(commission.background.cpu().numpy(), target.shape).astype(np.float32)
+    def __call__(self, request: PaintRequest) -> Iterator[PaintState]:
+        random, n = numpy_generator(request.generator), request.n
+        target = np.ascontiguousarray(request.target.cpu().permute(1, 2, 0).numpy(), np.float32)
+        canvas = np.broadcast_to(request.background.cpu().numpy(), target.shape).astype(np.float32)
         curves, thickness, colors = np.zeros((n, 3, 2)), np.zeros(n), np.zeros((n, 3))
         due = {max(1, n * k // PORTIONS) for k in range(1, PORTIONS + 1)}
         for k in range(n):
             if k % OFTEN == 0:
                 places = worst_places(target, canvas, random)
-            most = commission.pitch + (1 - k / n) * LARGEST * min(commission.size)
-            stroke, color = self._best(target, canvas, places, (SMALLEST * commission.pitch, most), random)
+            most = request.pitch + (1 - k / n) * LARGEST * min(request.size)
+            stroke, color = self._best(target, canvas, places, (SMALLEST * request.pitch, most), random)
             lay_stroke(canvas, stroke, stroke[6], np.float32(self.opacity), color)
             curves[k], thickness[k], colors[k] = stroke[:6].reshape(3, 2), 2 * stroke[6], color
             if k + 1 in due:
                 done = slice(k + 1)
                 strokes = strokes_from_arrays(curves[done], thickness[done], colors[done], self.opacity)
-                yield PaintingState(strokes, k + 1, n)
+                yield PaintState(strokes, k + 1, n)
 
     def _best(
         self, target: Array, canvas: Array, places: Array, lengths: tuple[float, float], random: np.random.Generator

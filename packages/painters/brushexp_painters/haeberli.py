@@ -9,14 +9,14 @@ import torch
 
 from brushexp.bounds import above, between, one_of
 from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor
-from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
+from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.registry import register
 from brushexp_painters._laying import laid, numpy_generator, strokes_from_arrays, vectors
 
 
 @register("painter", "haeberli")
 @dataclass(kw_only=True)
-class Haeberli(PaintingMethod):
+class Haeberli(Painter):
     """Straight strokes at scattered places, in the colour found there, along the forms, from large to small.
 
     Source: Haeberli, 1990 (Paint by Numbers: Abstract Image Representations). A stroke takes its colour from the
@@ -44,17 +44,17 @@ class Haeberli(PaintingMethod):
     stray: Annotated[float, between(0, 180)] = 5.0
     opacity: Annotated[float, between(0, 1)] = 1.0
 
-    def __call__(self, commission: Commission) -> Iterator[PaintingState]:
-        picture, n = commission.target.cpu().numpy(), commission.n
-        random = numpy_generator(commission.generator)
+    def __call__(self, request: PaintRequest) -> Iterator[PaintState]:
+        picture, n = request.target.cpu().numpy(), request.n
+        random = numpy_generator(request.generator)
         if self.places == "random":
             share = random.random((n, 2))
         else:
             sobol = torch.quasirandom.SobolEngine(2, scramble=True, seed=int(random.integers(2**31)))
             share = sobol.draw(n).numpy()
-        x, y = (share * commission.size[::-1]).T
-        thickness = commission.pitch * np.geomspace(self.largest, self.smallest, n)
-        tensor = structure_tensor(picture, max(0.5, commission.pitch * self.smallest))
+        x, y = (share * request.size[::-1]).T
+        thickness = request.pitch * np.geomspace(self.largest, self.smallest, n)
+        tensor = structure_tensor(picture, max(0.5, request.pitch * self.smallest))
         angle = along_edges(sampled_at(tensor, x, y)) + np.radians(self.stray) * random.standard_normal(n)
         reach = 0.5 * max(self.length - 1, 0) * thickness  # round ends add half a thickness each
         along = vectors(reach, angle)

@@ -9,7 +9,7 @@ import numpy as np
 from brushexp.bounds import above, at_least, between
 from brushexp.errors import UserError
 from brushexp.pictures.structure import sampled_at, worst_of_cells
-from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
+from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 from brushexp_painters._laying import LUMINANCE, Array, laid, numpy_generator, strokes_from_arrays
@@ -22,7 +22,7 @@ FLAT = 1e-9  # slope of the luminance that has no direction
 
 @register("painter", "hertzmann")
 @dataclass(kw_only=True)
-class Hertzmann(PaintingMethod):
+class Hertzmann(Painter):
     """Long curved strokes in layers: a large brush everywhere, smaller ones where the canvas still differs.
 
     Source: Hertzmann, 1998 (Painterly Rendering with Curved Brush Strokes of Multiple Sizes). Each brush of radius R
@@ -71,26 +71,26 @@ class Hertzmann(PaintingMethod):
         if not self.radii:
             raise UserError("radii=[] has no brush; give at least one: radii=[8,4,2]")
 
-    def __call__(self, commission: Commission) -> Iterator[PaintingState]:
+    def __call__(self, request: PaintRequest) -> Iterator[PaintState]:
         from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
 
-        target, n = commission.target.cpu().numpy().astype(np.float64), commission.n
-        random, strokes = numpy_generator(commission.generator), Strokes.none()
-        radii = np.array(self.radii) * (self.scale or self._scale(commission))
+        target, n = request.target.cpu().numpy().astype(np.float64), request.n
+        random, strokes = numpy_generator(request.generator), Strokes.none()
+        radii = np.array(self.radii) * (self.scale or self._scale(request))
         for k, radius in enumerate(radii):
             reference = gaussian_filter(target, (0, self.blur * radius, self.blur * radius), mode="nearest")
-            canvas = commission.draw(strokes.map(lambda value: value.to(commission.target))).cpu().numpy()
+            canvas = request.draw(strokes.map(lambda value: value.to(request.target))).cpu().numpy()
             cells = 1 / radii[k:] ** 2  # of this layer and of those to come, but for a factor
             room = n - len(strokes)
             room = room if k == 0 else round(room * cells[0] / cells.sum())
             layer = self._layer(reference, canvas, radius, max(room, k == 0), random, everywhere=k == 0)
             for state in laid(layer):
-                yield PaintingState(Strokes.join(strokes, state.strokes), len(strokes) + state.step, n)
+                yield PaintState(Strokes.join(strokes, state.strokes), len(strokes) + state.step, n)
             strokes = Strokes.join(strokes, layer)
 
-    def _scale(self, commission: Commission) -> float:
+    def _scale(self, request: PaintRequest) -> float:
         """Pixels of a unit with which the cells of the largest brush take `FIRST_LAYER` of the strokes."""
-        cell = commission.pitch * np.sqrt((1 + self.max_length / STEPS_PER_CURVE) / FIRST_LAYER)
+        cell = request.pitch * np.sqrt((1 + self.max_length / STEPS_PER_CURVE) / FIRST_LAYER)
         return float(cell / (self.grid * max(self.radii)))
 
     def _layer(

@@ -10,7 +10,7 @@ from torch import Tensor
 from brushexp.bounds import above, at_least
 from brushexp.pictures.load import PICTURE
 from brushexp.plugins.loss.base import PaintedView
-from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
+from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.registry import build_named, register
 from brushexp.strokes.catalogue import Catalogue
 from brushexp_painters._laying import PORTIONS
@@ -18,7 +18,7 @@ from brushexp_painters._laying import PORTIONS
 
 @register("painter", "kotovenko")
 @dataclass(kw_only=True)
-class Kotovenko(PaintingMethod):
+class Kotovenko(Painter):
     """Superpixels as strokes, moved for features of the picture, in colours that follow the style alone.
 
     Source: Kotovenko et al., 2021 (Rethinking Style Transfer: From Pixels to Parameterized Brushstrokes,
@@ -54,11 +54,11 @@ class Kotovenko(PaintingMethod):
     curvature: Annotated[float, at_least(0)] = 0.004
     direction: Annotated[float, at_least(0)] = 0.0008
 
-    def __call__(self, commission: Commission) -> Iterator[PaintingState]:
+    def __call__(self, request: PaintRequest) -> Iterator[PaintState]:
         slic = build_named("init", "slic", {})
-        strokes = slic(commission.target.cpu(), commission.n, commission.generator)
+        strokes = slic(request.target.cpu(), request.n, request.generator)
         area = strokes.width * (strokes.width + (strokes.end - strokes.start).norm(dim=1))
-        strokes = strokes[area.argsort(descending=True)].map(lambda value: value.to(commission.target))
+        strokes = strokes[area.argsort(descending=True)].map(lambda value: value.to(request.target))
         strokes = replace(strokes, opacity=torch.ones_like(strokes.opacity))
         pixel = 2 / float(strokes.scale[0])  # in half-windows, which `slic` makes all alike
         units = dict.fromkeys(("position", "start", "control", "end"), pixel) | {"width": pixel / 2, "color": 1.0}
@@ -66,14 +66,14 @@ class Kotovenko(PaintingMethod):
         shape = [value for name, value in catalogue.named_parameters() if name in units and name != "color"]
         colors = [value for name, value in catalogue.named_parameters() if name == "color"]
         movers = torch.optim.Adam(shape, lr=self.lr), torch.optim.Adam(colors, lr=self.lr_color)
-        losses = self._losses(commission.target.device)
+        losses = self._losses(request.target.device)
         for step in range(1, self.steps + 1):
-            self._step(commission, catalogue, losses, shape, colors)
+            self._step(request, catalogue, losses, shape, colors)
             for mover in movers:
                 mover.step()
             catalogue.keep_in_range()
             if step * PORTIONS // self.steps > (step - 1) * PORTIONS // self.steps:
-                yield PaintingState(catalogue().map(Tensor.detach), step, self.steps)
+                yield PaintState(catalogue().map(Tensor.detach), step, self.steps)
 
     def _losses(self, device: torch.device) -> dict[str, tuple[float, torch.nn.Module]]:
         """Each term with its weight."""
@@ -88,7 +88,7 @@ class Kotovenko(PaintingMethod):
 
     def _step(
         self,
-        commission: Commission,
+        request: PaintRequest,
         catalogue: Catalogue,
         losses: dict[str, tuple[float, torch.nn.Module]],
         shape: Sequence[Tensor],
@@ -96,7 +96,7 @@ class Kotovenko(PaintingMethod):
     ) -> None:
         """Leave the gradients of all terms at the shapes, and that of the style at the colours."""
         strokes = catalogue()
-        seen = PaintedView(commission.draw(strokes), commission.target, strokes)
+        seen = PaintedView(request.draw(strokes), request.target, strokes)
         terms = {name: weight * loss(seen) for name, (weight, loss) in losses.items()}
         total = torch.stack(list(terms.values())).sum()
         of_color = terms["style"] if self.style else total

@@ -8,7 +8,7 @@ import numpy as np
 
 from brushexp.bounds import at_least, between
 from brushexp.pictures.structure import sampled_at
-from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
+from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.registry import register
 from brushexp_painters._laying import LUMINANCE, Array, laid, numpy_generator, strokes_from_arrays
 
@@ -17,7 +17,7 @@ FAITH = 1e3  # of directions that are known, beside the bending of the field
 
 @register("painter", "litwinowicz")
 @dataclass(kw_only=True)
-class Litwinowicz(PaintingMethod):
+class Litwinowicz(Painter):
     """Short straight strokes on a grid, along the forms, clipped where they come to an edge.
 
     Source: Litwinowicz, 1997 (Processing Images and Video for an Impressionist Effect). From its centre a stroke grows
@@ -56,13 +56,13 @@ class Litwinowicz(PaintingMethod):
     stray_intensity: Annotated[float, between(0, 1)] = 0.15
     opacity: Annotated[float, between(0, 1)] = 1.0
 
-    def __call__(self, commission: Commission) -> Iterator[PaintingState]:
+    def __call__(self, request: PaintRequest) -> Iterator[PaintState]:
         from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
 
-        picture, random = commission.target.cpu().numpy().astype(np.float64), numpy_generator(commission.generator)
-        height, width = commission.size
-        rows = max(1, min(commission.n, round(height / commission.pitch)))
-        columns = max(1, commission.n // rows)
+        picture, random = request.target.cpu().numpy().astype(np.float64), numpy_generator(request.generator)
+        height, width = request.size
+        rows = max(1, min(request.n, round(height / request.pitch)))
+        columns = max(1, request.n // rows)
         spacing = np.sqrt(height * width / (rows * columns))
         top, left = np.divmod(np.arange(rows * columns), columns)
         x, y = (left + 0.5) * width / columns, (top + 0.5) * height / rows

@@ -11,7 +11,7 @@ from torch import Tensor
 from brushexp.bounds import above, at_least, between
 from brushexp.pictures.structure import sampled_at
 from brushexp.plugins.loss.base import PaintedView
-from brushexp.plugins.painter.base import Commission, PaintingMethod, PaintingState
+from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.registry import build_named, register
 from brushexp.strokes.catalogue import Catalogue, Strokes
 from brushexp_painters._laying import numpy_generator, strokes_from_arrays, vectors
@@ -28,7 +28,7 @@ UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3
 
 @register("painter", "zou")
 @dataclass(kw_only=True)
-class ProgressiveBlocks(PaintingMethod):
+class ProgressiveBlocks(Painter):
     """Blocks, first 1, then 4, 9, ...: in each, strokes are added in turn, and its strokes move by gradient descent.
 
     Source: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114). A stroke begins where the error is, in the
@@ -57,26 +57,26 @@ class ProgressiveBlocks(PaintingMethod):
     def __post_init__(self) -> None:
         self._sinkhorn = build_named("loss", "sinkhorn", {})
 
-    def __call__(self, commission: Commission) -> Iterator[PaintingState]:
-        random, strokes = numpy_generator(commission.generator), Strokes.none(commission.target)
-        levels = self.levels or max(1, round((3 * commission.n / IN_A_BLOCK) ** (1 / 3)))
-        while levels > 1 and sum(m * m for m in range(1, levels + 1)) > commission.n:
+    def __call__(self, request: PaintRequest) -> Iterator[PaintState]:
+        random, strokes = numpy_generator(request.generator), Strokes.none(request.target)
+        levels = self.levels or max(1, round((3 * request.n / IN_A_BLOCK) ** (1 / 3)))
+        while levels > 1 and sum(m * m for m in range(1, levels + 1)) > request.n:
             levels -= 1
-        each = commission.n // sum(m * m for m in range(1, levels + 1))
+        each = request.n // sum(m * m for m in range(1, levels + 1))
         for m in range(1, levels + 1):
-            level = Catalogue(begun_strokes(commission, strokes, m, random), UNITS)
+            level = Catalogue(begun_strokes(request, strokes, m, random), UNITS)
             optimizer = torch.optim.RMSprop(level.parameters(), lr=self.lr, centered=True)
             for turn in range(each):
                 if turn:
-                    new = begun_strokes(commission, Strokes.join(strokes, detached(level)), m, random)
+                    new = begun_strokes(request, Strokes.join(strokes, detached(level)), m, random)
                     level.revise(torch.ones(len(level), dtype=torch.bool, device=new.width.device), new, optimizer)
-                self._optimize(commission, strokes, level, optimizer, m, max(1, self.iterations // each))
-                yield PaintingState(Strokes.join(strokes, detached(level)), (m - 1) * each + turn + 1, levels * each)
+                self._optimize(request, strokes, level, optimizer, m, max(1, self.iterations // each))
+                yield PaintState(Strokes.join(strokes, detached(level)), (m - 1) * each + turn + 1, levels * each)
             strokes = Strokes.join(strokes, detached(level))
 
     def _optimize(
         self,
-        commission: Commission,
+        request: PaintRequest,
         below: Strokes,
         level: Catalogue,
         optimizer: torch.optim.Optimizer,
@@ -84,16 +84,16 @@ class ProgressiveBlocks(PaintingMethod):
         steps: int,
     ) -> None:
         """Move the strokes of a level of m x m blocks, on those ``below``."""
-        size = level.scale.new_tensor(commission.size[::-1])
+        size = level.scale.new_tensor(request.size[::-1])
         middle = ((level().position.detach() * m / size).floor().clamp(0, m - 1) + 0.5) * size / m
         reach = (INSIDE - 0.5) * size / m
         for _ in range(steps):
             optimizer.zero_grad()
             strokes = Strokes.join(below, level())
-            image = commission.draw(strokes)
-            loss = (image - commission.target).abs().mean()
+            image = request.draw(strokes)
+            loss = (image - request.target).abs().mean()
             if self.transport:
-                loss = loss + self.transport * self._sinkhorn(PaintedView(image, commission.target, strokes))
+                loss = loss + self.transport * self._sinkhorn(PaintedView(image, request.target, strokes))
             loss.backward()
             optimizer.step()
             level.keep_in_range()
@@ -107,12 +107,12 @@ def detached(catalogue: Catalogue) -> Strokes:
     return catalogue().map(Tensor.detach)
 
 
-def begun_strokes(commission: Commission, strokes: Strokes, m: int, random: np.random.Generator) -> Strokes:
+def begun_strokes(request: PaintRequest, strokes: Strokes, m: int, random: np.random.Generator) -> Strokes:
     """A stroke in each of m x m blocks of the canvas, where what is painted so far is most wrong."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
 
-    height, width = commission.size
-    error = (commission.draw(strokes.map(Tensor.detach)) - commission.target).abs().sum(0).double().cpu().numpy()
+    height, width = request.size
+    error = (request.draw(strokes.map(Tensor.detach)) - request.target).abs().sum(0).double().cpu().numpy()
     smooth = gaussian_filter(error, SPREAD * max(height, width) / m) ** SHARPNESS
     places = []
     for row in range(m):
@@ -126,9 +126,9 @@ def begun_strokes(commission: Commission, strokes: Strokes, m: int, random: np.r
     angle, length, thickness = random.uniform(0, np.pi, m * m), *(block * random.uniform(*SIZES, (2, m * m)))
     along = vectors(0.5 * length, angle)
     curves = np.stack([middle - along, middle, middle + along], 1)
-    color = sampled_at(commission.target.cpu().numpy(), *middle.T).T
+    color = sampled_at(request.target.cpu().numpy(), *middle.T).T
     begun = in_windows(strokes_from_arrays(curves, thickness, color, OPACITY), block)
-    return begun.map(lambda value: value.to(commission.target))
+    return begun.map(lambda value: value.to(request.target))
 
 
 def block_span(number: int, m: int, side: int) -> tuple[int, int]:

@@ -15,41 +15,41 @@ from lightning.pytorch.callbacks import LambdaCallback
 from painters import QUIET, fit, painter_of
 from torch.testing import assert_close
 
-from brushexp.config.composition import check
+from brushexp.config.check import check
 from brushexp.errors import UserError
+from brushexp.painting.build import build_painter
 from brushexp.painting.components import standard_components
 from brushexp.painting.goals import goals_of
-from brushexp.painting.preparation import prepared
-from brushexp.painting.procedure import Procedure
+from brushexp.painting.other_painter import OtherPainter
 from brushexp.painting.timelapse import Timelapse
 from brushexp.pictures.structure import worst_of_cells
-from brushexp.plugins.painter.base import PaintingMethod, PaintingState
+from brushexp.plugins.painter.base import Painter, PaintState
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.bezier import point_at
 from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.prior import sample_prior
 from brushexp.system.callbacks import TimedCheckpoint
 from brushexp.tasks import paint
-from brushexp.testing.families import commission_of
+from brushexp.testing.families import request_of
 
 TARGET = torch.rand(3, 24, 40, generator=torch.Generator().manual_seed(0))
 QUICK = {"evolution": {"children": 5}, "gatys": {"steps": 3}}
 
 
-class Counting(PaintingMethod):
+class Counting(Painter):
     """So many states of one more stroke each; ``then`` is called after each."""
 
     def __init__(self, states=10, then=lambda step: None):
         self.states, self.then = states, then
 
-    def __call__(self, commission):
+    def __call__(self, request):
         for step in range(1, self.states + 1):
-            yield PaintingState(sample_prior(step, seed=0).moved(zoom=20.0, shift=(10, 10)), 3 * step, 3 * self.states)
+            yield PaintState(sample_prior(step, seed=0).moved(zoom=20.0, shift=(10, 10)), 3 * step, 3 * self.states)
             self.then(step)
 
 
 def fitted(method, *callbacks, **goals):
-    painter = Procedure(method, standard_components(), TARGET, torch.ones(3), n=50, seed=0)
+    painter = OtherPainter(method, standard_components(), TARGET, torch.ones(3), n=50, seed=0)
     goals = goals_of(**{"early_stop": None, "psnr": None, "seconds": None} | goals, has_plan=False)
     trainer = L.Trainer(
         **QUIET | {"enable_checkpointing": True}, callbacks=[*goals, *callbacks, TimedCheckpoint(None, None)]
@@ -72,7 +72,7 @@ def test_all_states_are_shown_filmed_and_counted():
 @pytest.mark.parametrize("by_steps", [True, False])
 def test_cpu_seconds_are_those_of_the_steps(by_steps):
     """Not of what is compiled before them: whichever run comes first would be the slowest."""
-    procedure = Procedure(Counting(), standard_components(), TARGET, torch.ones(3), n=50, seed=0)
+    procedure = OtherPainter(Counting(), standard_components(), TARGET, torch.ones(3), n=50, seed=0)
     painter = painter_of(steps=4) if by_steps else procedure
     spent, prepare = SimpleNamespace(cpu=7.0), painter.prepare
 
@@ -99,35 +99,35 @@ def test_ctrl_c_ends_it_with_what_there_is():
 
 def test_fewer_strokes_than_were_promised_are_all_there_is():
     class Lazy(Counting):
-        def __call__(self, commission):
-            yield from list(super().__call__(commission))[:4]
+        def __call__(self, request):
+            yield from list(super().__call__(request))[:4]
 
     painter = fitted(Lazy())
     assert (painter.schedule.step, painter.schedule.steps, painter.is_done) == (12, 12, True)
 
 
-@pytest.mark.parametrize("name", [plugin.name for plugin in plugins("painter") if not plugin.cls.by_steps])
+@pytest.mark.parametrize("name", [plugin.name for plugin in plugins("painter") if issubclass(plugin.cls, Painter)])
 def test_a_painting_is_nearer_to_the_picture_than_bare_canvas_and_seeds_differ(name):
     target = torch.nn.functional.interpolate(TARGET[None, :, ::6, ::8], TARGET.shape[1:], mode="bilinear")[0]
     bare = target.mean((1, 2))
     found = []
     for seed in (1, 2):
-        commission = replace(commission_of(target, 80, bare), generator=torch.Generator().manual_seed(seed))
-        *_, last = build_named("painter", name, QUICK.get(name, {}))(commission)
-        found.append(commission.draw(last.strokes))
+        request = replace(request_of(target, 80, bare), generator=torch.Generator().manual_seed(seed))
+        *_, last = build_named("painter", name, QUICK.get(name, {}))(request)
+        found.append(request.draw(last.strokes))
         assert (found[-1] - target).square().mean() < 0.9 * (bare[:, None, None] - target).square().mean()
     assert not torch.equal(*found)
 
 
-@pytest.mark.parametrize("name", [plugin.name for plugin in plugins("painter") if not plugin.cls.by_steps])
+@pytest.mark.parametrize("name", [plugin.name for plugin in plugins("painter") if issubclass(plugin.cls, Painter)])
 def test_a_picture_of_no_numbers_ends_it_with_the_state_before(name, monkeypatch):
-    whole, drawn = Procedure.draw, []
+    whole, drawn = OtherPainter.draw, []
 
     def draw(painter, strokes):
         drawn.append(len(strokes))
         return whole(painter, strokes) * (torch.nan if len(drawn) > 3 else 1)
 
-    monkeypatch.setattr(Procedure, "draw", draw)
+    monkeypatch.setattr(OtherPainter, "draw", draw)
     kept = []
     note = L.pytorch.callbacks.LambdaCallback(on_train_start=lambda _, painter: kept.append(painter))
     with pytest.raises(UserError, match=r"picture that is not finite|: \w+ is nan"):
@@ -139,15 +139,15 @@ def test_a_picture_of_no_numbers_ends_it_with_the_state_before(name, monkeypatch
 
 
 @pytest.mark.parametrize(("broken", "said"), [
-    (lambda state: None, "yields NoneType, not a PaintingState"),
-    (lambda state: state.strokes, "yields Strokes, not a PaintingState"),
-    (lambda state: replace(state, strokes=state.strokes.map(lambda value: value * torch.nan)), "position is nan, nan"),
-    (lambda state: replace(state, strokes=sample_prior(51, seed=0)), "yields 51 strokes, not 50 at most"),
+    (lambda state: None, "yields NoneType, not a PaintState"),
+    (lambda state: state.strokes, "yields Strokes, not a PaintState"),
+    (lambda state: PaintState(state.strokes.map(lambda value: value * torch.nan), 1, 9), "position is nan, nan"),
+    (lambda state: PaintState(sample_prior(51, seed=0), 1, 9), "yields 51 strokes, not 50 at most"),
 ])  # fmt: skip
 def test_what_a_painter_yields_that_is_no_state_is_told_with_its_name(broken, said):
     class Broken(Counting):
-        def __call__(self, commission):
-            for k, state in enumerate(super().__call__(commission)):
+        def __call__(self, request):
+            for k, state in enumerate(super().__call__(request)):
                 yield broken(state) if k == 4 else state
 
     with pytest.raises(UserError, match=f"painter=Broken .*{said}.*correct the painter"):
@@ -161,7 +161,7 @@ def test_a_run_leaves_what_any_painting_leaves(run_task, config, tmp_path, caplo
         metrics = run_task(paint, f"painter={name}", *words)
     assert f"painter={name} has no use for steps" in caplog.text
     plain, styled = (
-        prepared(config(f"painter={name}", *words, *more)) for more in ((), ("style=coffee", "focus=auto"))
+        build_painter(config(f"painter={name}", *words, *more)) for more in ((), ("style=coffee", "focus=auto"))
     )
     assert styled.pictures.keys() == {"target"}
     assert torch.equal(styled.pictures["target"], plain.pictures["target"])
@@ -207,10 +207,10 @@ def test_the_worst_pixel_of_a_cell_is_found_as_by_a_loop():
 
 
 def test_children_live_only_where_the_picture_gains():
-    commission = commission_of(TARGET, 40, TARGET.mean((1, 2)))
+    request = request_of(TARGET, 40, TARGET.mean((1, 2)))
     errors = [
-        float((commission.draw(state.strokes) - TARGET).square().mean())
-        for state in build_named("painter", "evolution", {"children": 20})(commission)
+        float((request.draw(state.strokes) - TARGET).square().mean())
+        for state in build_named("painter", "evolution", {"children": 20})(request)
     ]
     assert errors[-1] < 0.95 * errors[0]
     assert all(later <= earlier + 1e-6 for earlier, later in pairwise(errors))
@@ -218,7 +218,7 @@ def test_children_live_only_where_the_picture_gains():
 
 @pytest.mark.parametrize("n", [TARGET[0].numel(), 40, 7])
 def test_dots_cover_the_canvas(n):
-    black, white = (commission_of(TARGET, n, torch.full((3,), shade)) for shade in (0.0, 1.0))
+    black, white = (request_of(TARGET, n, torch.full((3,), shade)) for shade in (0.0, 1.0))
     dots = lattice_dots(black)
     assert 0.7 * n <= len(dots) <= n
     assert (white.draw(dots) - black.draw(dots)).mean() < 0.05

@@ -1,11 +1,13 @@
-"""What pens have to draw for a painting to appear on paper: filled strokes, by layer and pen, in a short order.
+"""The plan of what pens draw: filled strokes, by layer and pen, in a short order.
 
 Outlines and fillings are shapely's, the order of lines and all file formats vpype's; which parts of a stroke are hidden
 is read from a grid on which the strokes are painted with their numbers. Lengths are millimetres, x to the right and y
 down from the paper's upper left corner; lines are complex numbers, as vpype has them.
 """
 
+import logging
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,12 +16,13 @@ from PIL import Image, ImageDraw
 
 from brushexp.pictures.color import nearest_ink, palette, to_lab, to_rgb
 from brushexp.plugins.export.base import ExportJob
-from brushexp.plugins.export.png import pixels
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.bezier import curve_of, half_width_of
+from brushexp.system.files import write_text
 from brushexp.system.progress import with_progress
 from brushexp_plotters._pens import MM, PenExporter, PenPlan, load_vpype, quiet_vpype
 
+log = logging.getLogger(__name__)
 Array = np.ndarray
 
 LEAST_OPACITY = 0.05  # fainter strokes are not drawn
@@ -31,8 +34,19 @@ AT_ONCE = 4096  # curves that are flattened
 MOST_SWAPPED = 20_000  # lines whose order is improved by swaps: that takes the square of their number
 
 
+def write_plan(job: ExportJob, machine: PenExporter, folder: Path) -> list[Path]:
+    """Plan what pens draw, and write the program of the machine and a picture of the plan into a folder."""
+    plan = pen_plan(job, machine)
+    log.info("%s: %s", machine.key, "; ".join(plan.report(*machine.speeds)[2:5]))
+    texts = machine.programs(plan)
+    texts[f"{next(iter(texts))}.svg"] = plan.svg()
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    return [folder / name for name in texts]
+
+
 def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
-    """What pens have to draw for a painting to appear on paper; a UserError if a paper or plan cannot hold it."""
+    """Plan what pens draw for a painting to appear on paper; a UserError if a paper or plan cannot hold it."""
     machine.check(len(job.strokes), job.size)
     paper, corner, scale = machine.frame(job.size)
     frame = (*corner, *(corner + scale * np.array(job.size[::-1])))
@@ -54,7 +68,7 @@ def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
             if machine.hidden == "cut":
                 lines[k] = [piece for line in filled for piece in grid.pieces(tops[layer[k]], line, k, machine.pen_mm)]
     shown = np.array([bool(found) for found in lines], dtype=bool)
-    colors, area = grid.colors(pixels(replace(job, light=UNLIT)), above_all, strokes.color.numpy())
+    colors, area = grid.colors(replace(job, light=UNLIT).picture(), above_all, strokes.color.numpy())
     inks, tool = _inked(colors[shown], area[shown], machine)
     tools = ["#" + "".join(f"{round(255 * channel):02x}" for channel in ink) for ink in inks]
     runs: dict[tuple[int, int], list[Array]] = {}

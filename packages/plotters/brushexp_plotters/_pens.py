@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from types import ModuleType
 from typing import Annotated, Any
 
@@ -17,14 +16,12 @@ from PIL import ImageColor
 
 from brushexp.bounds import between, one_of
 from brushexp.errors import UserError
-from brushexp.plugins.export.base import Exporter, ExportJob
-from brushexp.system.files import write_text
+from brushexp.plugins.export.base import Exporter
 
-log = logging.getLogger(__name__)
 Array = np.ndarray
-MM = 96 / 25.4  # vpype counts in pixels of CSS
-MOST_STROKES = 100_000  # of a plan: each takes milliseconds to fill, and a machine seconds to draw
-LIFT_SECONDS = 1.0  # to lift a pen, set it down, and turn the machine round: an estimate
+MM = 96 / 25.4  # pixels of CSS, the unit of vpype, in a millimetre
+MOST_STROKES = 100_000  # strokes of a plan: each takes milliseconds to fill, and a machine seconds to draw
+LIFT_SECONDS = 1.0  # seconds to lift a pen, set it down, and turn the machine round: an estimate
 
 
 @dataclass(frozen=True)
@@ -141,17 +138,6 @@ class PenExporter(Exporter):
         if count > MOST_STROKES:
             most = f"{count} strokes are more than the {MOST_STROKES} that a plan holds"
             raise UserError(f"{self.key}: {most}; paint with fewer (strokes=), or take to=svg")
-
-    def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        from brushexp_plotters._pen_plan import pen_plan  # noqa: PLC0415  (needs the extra plot)
-
-        plan = pen_plan(job, self)
-        log.info("%s: %s", self.key, "; ".join(plan.report(*self.speeds)[2:5]))
-        texts = self.programs(plan)
-        texts[f"{next(iter(texts))}.svg"] = plan.svg()
-        for name, text in texts.items():
-            write_text(folder / name, text)
-        return [folder / name for name in texts]
 
     @cached_property
     def page(self) -> tuple[float, float]:

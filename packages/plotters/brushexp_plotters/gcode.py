@@ -2,10 +2,12 @@
 
 import io
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 from brushexp.bounds import between
 from brushexp.errors import UserError
+from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import register
 from brushexp_plotters._pens import PenExporter, PenPlan, load_vpype
 
@@ -49,6 +51,11 @@ class Gcode(PenExporter):
     @property
     def speeds(self) -> tuple[float, float]:
         return self.feed, self.travel
+
+    def write(self, job: ExportJob, folder: Path) -> list[Path]:
+        from brushexp_plotters._pen_plan import write_plan  # noqa: PLC0415  (needs the extra plot)
+
+        return write_plan(job, self, folder)
 
     def programs(self, plan: PenPlan) -> dict[str, str]:
         vpype = load_vpype()

@@ -2,10 +2,12 @@
 
 import io
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any
 
 from brushexp.bounds import between
 from brushexp.errors import UserError
+from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import register
 from brushexp_plotters._pens import MM, PenExporter, PenPlan, load_vpype
 
@@ -48,6 +50,11 @@ class Hpgl(PenExporter):
         acrosses = [x + unit * k for k in paper.x_range]
         beyond_reach = max(min(acrosses), width - max(acrosses), min(ups), height - max(ups))
         return max(self.margin_mm, beyond_reach / MM)
+
+    def write(self, job: ExportJob, folder: Path) -> list[Path]:
+        from brushexp_plotters._pen_plan import write_plan  # noqa: PLC0415  (needs the extra plot)
+
+        return write_plan(job, self, folder)
 
     def programs(self, plan: PenPlan) -> dict[str, str]:
         vpype = load_vpype()

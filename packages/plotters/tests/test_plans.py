@@ -5,6 +5,7 @@ import sys
 from dataclasses import replace
 from itertools import groupby
 
+import catalogues
 import numpy as np
 import pytest
 import torch
@@ -14,9 +15,7 @@ from brushexp_plotters.hpgl import Hpgl
 from scenes import random_strokes, straight
 
 from brushexp.errors import UserError
-from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export.base import ExportJob
-from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build_named
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
@@ -29,8 +28,7 @@ MM = vpype.UNITS["mm"]
 
 
 def job_of(strokes: Strokes, depth=None, size=SIZE) -> ExportJob:
-    depth = torch.arange(len(strokes)).int() if depth is None else depth
-    return ExportJob(strokes, depth, size, torch.ones(3), Analytic(), Tiled(), "analytic", "a/catalogue.h5")
+    return catalogues.job_of(strokes, size, depth=depth, background=torch.ones(3), source="a/catalogue.h5")
 
 
 def inside(n: int, seed: int = 0) -> Strokes:
@@ -209,7 +207,7 @@ def test_what_is_hidden_is_left_out():
     both = job_of(Strokes.join(below, above))
     assert [plan_by(both, hidden=hidden).left_out for hidden in ("cut", "skip", "draw")] == [1, 1, 0]
     faint = replace(both.strokes, opacity=torch.tensor([1.0, 0.3]))
-    assert plan_by(replace(both, strokes=faint)).left_out == 0, "it shines through"
+    assert plan_by(catalogues.changed(both, strokes=faint)).left_out == 0, "it shines through"
     cross = job_of(Strokes.join(across, above))
     options = {"pens": ["lime", "blue"], "passes": 1}
     whole, cut = (plan_by(cross, hidden=hidden, **options) for hidden in ("skip", "cut"))

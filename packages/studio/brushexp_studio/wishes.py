@@ -1,4 +1,4 @@
-"""What the visitor has chosen, and what that is on the command line."""
+"""Choices of a visitor of the page, and the overrides of the command line that they are."""
 
 import shlex
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from brushexp.api.settings import settings_of
-from brushexp.painting.assembly import budget_of
+from brushexp.painting.first_strokes import stroke_budget
 from brushexp.registry import build
 from brushexp_studio.photos import Photo
 
@@ -80,7 +80,7 @@ class Wishes:
 def planned_strokes(wishes: Wishes) -> int:
     """How many strokes the painting will have, at most."""
     cfg = _settings(wishes.look, wishes.quality)
-    return wishes.strokes or budget_of(cfg, wishes.canvas, build(cfg.density))
+    return wishes.strokes or stroke_budget(cfg, wishes.canvas, build(cfg.density))
 
 
 def own_size(look: str) -> dict[str, float]:

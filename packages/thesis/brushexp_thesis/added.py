@@ -10,11 +10,9 @@ import numpy as np
 
 from brushexp.errors import UserError
 from brushexp.painting.metrics import measure, official_lpips, standard_metrics
-from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.pictures.decode import FORMATS
 from brushexp.pictures.load import load_picture
-from brushexp.plugins.export.png import pixels as pixels_of
-from brushexp.registry import build_named
+from brushexp.plugins.export.job import export_job
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import to_bytes, write_json, write_picture
@@ -52,8 +50,8 @@ def drawn(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, int
     """A painting (H, W, 3) in 8 bits at the size of its target, its colours alone, and how many strokes it has."""
     if path.suffix.lower() in CATALOGUES:
         saved = load_catalogue(path, "add")
-        job = export_job(saved, renderer_of(saved), build_named("blend", "tiled", {}), saved.renderer, max(shape))
-        pixels, strokes = pixels_of(replace(job, light=UNLIT)), {"n_strokes": len(saved.strokes)}
+        job = replace(export_job(saved, resolution=max(shape)), light=UNLIT)
+        pixels, strokes = job.picture(), {"n_strokes": len(saved.strokes)}
     else:
         pixels, strokes = to_bytes(load_picture(str(path), None, "add")), {}
     if pixels.shape != shape:

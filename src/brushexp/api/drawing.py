@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from brushexp.api.choosing import create
-from brushexp.compositing.mixing import mixing
 from brushexp.errors import UserError
+from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.catalogue import Strokes, check_strokes
 
@@ -62,5 +62,5 @@ def render(
     like = strokes.position
     layers = chosen.to(like.device)(strokes)
     front_to_back = order.to(like.device).argsort(descending=True)
-    laid = mixing(create("blend", blend), create("color", color))
-    return laid(layers, front_to_back, size, paper.to(like)).image
+    compositor = Compositor(create("blend", blend), create("color", color))
+    return compositor(layers, front_to_back, size, paper.to(like)).image

@@ -7,6 +7,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
@@ -52,7 +53,7 @@ class Handover(L.Callback):
 
     def __init__(self, every: int, every_seconds: float) -> None:
         self.every, self.every_seconds = every, every_seconds
-        self.found: SimpleQueue[State | None] = SimpleQueue()  # None: the painting is done
+        self.states: SimpleQueue[State | None] = SimpleQueue()  # None: the painting is done
         self.room = threading.Semaphore(1)
         self.stopped, self.closed = threading.Event(), threading.Event()
         self.last, self.seen = -float("inf"), -1  # when a state was handed over, and the step before the present one
@@ -69,7 +70,7 @@ class Handover(L.Callback):
             self.last = time.monotonic()
             painter.schedule.pause()
             self.room.acquire()
-            self.found.put(self.state_of(painter))
+            self.states.put(self.state_of(painter))
             painter.schedule.start()
 
     def _is_due(self, before: int) -> bool:
@@ -87,7 +88,7 @@ class Handover(L.Callback):
 
     def take(self) -> State | None:
         """The next state; None when the painting is done."""
-        state = self.found.get()
+        state = self.states.get()
         self.room.release()
         return state
 
@@ -95,30 +96,6 @@ class Handover(L.Callback):
         """Let the painting end after its present step, whoever waits for room."""
         self.closed.set()
         self.room.release()
-
-
-class Worker(threading.Thread):
-    """Paints in the background; what it comes to, or what went wrong, is there when it is done."""
-
-    def __init__(self, settings: Settings, handover: Handover) -> None:
-        super().__init__(name="brushexp", daemon=True)  # `atexit` ends it
-        self.settings, self.handover = settings, handover
-        self.painting: Painting | None = None
-        self.error: BaseException | None = None
-
-    def run(self) -> None:
-        try:
-            self.painting = painting_of(self.settings, [self.handover])
-        except BaseException as error:
-            self.error = error
-        finally:
-            self.handover.found.put(None)
-
-    def close(self) -> None:
-        """End soon, and wait for it."""
-        self.handover.close()
-        if threading.current_thread() is not self:  # where a generator that nobody wants any more may be found
-            self.join()
 
 
 def iterate(
@@ -166,22 +143,35 @@ def iterate(
 
 
 def states_of(settings: Settings, handover: Handover) -> Iterator[State]:
-    """The states of a painting that begins with the first of them."""
-    worker = Worker(settings, handover)
-    atexit.register(worker.close)
-    worker.start()
+    """The states of a painting that begins, in a thread, with the first of them."""
+    painting: Future[Painting] = Future()
+    thread = threading.Thread(target=_paint, args=(settings, handover, painting), name="brushexp", daemon=True)
+
+    def close() -> None:
+        handover.close()
+        if threading.current_thread() is not thread:  # where a generator that nobody wants any more may be found
+            thread.join()
+
+    atexit.register(close)
+    thread.start()
     try:
         while (state := handover.take()) is not None:
             if not handover.stopped.is_set():
                 yield state
-        if worker.error is not None:
-            raise worker.error
-        assert worker.painting is not None
-        yield last_state(worker.painting)
+        yield last_state(painting.result())
     finally:
         if not handover.closed.is_set():  # else the program is at its end, and the modules that this needs are gone
-            worker.close()
-            atexit.unregister(worker.close)
+            close()
+            atexit.unregister(close)
+
+
+def _paint(settings: Settings, handover: Handover, painting: Future[Painting]) -> None:
+    try:
+        painting.set_result(painting_of(settings, [handover]))
+    except BaseException as error:
+        painting.set_exception(error)
+    finally:
+        handover.states.put(None)
 
 
 def last_state(painting: Painting) -> State:

@@ -17,16 +17,14 @@ from brushexp.api.settings import Settings, held_as_files, settings_of
 from brushexp.errors import UserError
 from brushexp.pages.run_page import run_page
 from brushexp.painting.finished import Finished
-from brushexp.plugins.export.base import LARGEST_SIDE_PIXELS, ExportJob
-from brushexp.plugins.export.png import pixels
+from brushexp.plugins.export.job import LARGEST_SIDE_PIXELS, ExportJob
 from brushexp.registry import build_named
 from brushexp.runs.run_folder import check_inputs, clear, note_words, release, take
 from brushexp.runs.runner import explaining_to_users
-from brushexp.runs.session import painted, painted_into, report
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.catalogue import Strokes
-from brushexp.system.files import write_picture
 from brushexp.system.run_files import recorded
+from brushexp.tasks.paint import paint_picture, try_to_write_page
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,22 +47,22 @@ class Painting:
     @property
     def strokes(self) -> Strokes:
         """The N strokes, in pixels of the canvas; ``depth`` says which lies on which."""
-        return self.finished.saved.strokes
+        return self.finished.job.strokes
 
     @property
     def depth(self) -> Tensor:
         """(N,) int32 ranks of the strokes; 0 is the bottom one."""
-        return self.finished.saved.depth
+        return self.finished.job.saved.depth
 
     @property
     def image(self) -> np.ndarray:
         """(H, W, 3) uint8: the painting, under its lamp if it has one."""
-        return self.finished.picture
+        return self.finished.pictures["painting"]
 
     @property
     def target(self) -> np.ndarray:
         """(H, W, 3) uint8: the picture that was painted."""
-        return self.finished.target
+        return self.finished.pictures["target"]
 
     @property
     def metrics(self) -> Mapping[str, Any]:
@@ -80,8 +78,8 @@ class Painting:
 
         Without ``size`` it is as large as it was painted; ``light=False`` leaves the lamp out.
         """
-        job = self.finished.job if light else replace(self.finished.job, light=UNLIT)
-        return pixels(_sized(job, size))
+        job = _sized(self.finished.job, size)
+        return (job if light else replace(job, light=UNLIT)).picture()
 
     def export(
         self, form: str, folder: str | PathLike[str] = ".", *, size: int | None = None, **options: Any
@@ -115,31 +113,34 @@ class Painting:
         check_inputs(into, self.settings.cfg)
         if into.resolve() != self.settings.folder:
             clear(into, self.settings.cfg)
+        job = self.finished.job
         with recorded(into):
             settings = held_as_files(self.settings, into)
             note_words(into, settings.cfg, settings.words)
-            write_picture(into / "target.png", self.target)
-            finished = replace(self.finished, saved=replace(self.finished.saved, config=settings.yaml))
-            finished.write(into)
-            finished.timelapse.write(into)
-            report(into)
+            job = replace(job, saved=replace(job.saved, config=settings.yaml))
+            finished = replace(self.finished, job=job, compute_metrics=lambda: self.metrics)
+            finished.write(into, finished.pictures)
+            if finished.timelapse is not None:
+                finished.timelapse.write(into)
+            try_to_write_page(into, finished)
             finished.conclude(into)
         return into / "report.html"
 
     def _repr_html_(self) -> str:
         """The page of the painting, with its replay, for a notebook."""
         name = Path(str(self.settings.cfg.image)).name
-        page = run_page(self.finished.saved, name=name, pictures={"painting": self.image}, metrics=self.metrics)
+        shown = replace(self.finished, pictures={"painting": self.image}, compute_metrics=lambda: self.metrics)
+        page = run_page(shown, name=name)
         style = f"width: 100%; height: {FRAME_HEIGHT}px; border: 0"
         return f'<iframe title="{html.escape(name)}" style="{style}" srcdoc="{html.escape(page)}"></iframe>'
 
     def __repr__(self) -> str:
-        height, width = self.finished.saved.size
+        height, width = self.finished.job.size
         return f"Painting({len(self.strokes)} strokes on {width} x {height} pixels, {self.metrics['psnr']:.2f} dB)"
 
 
 def _sized(job: ExportJob, size: int | None) -> ExportJob:
-    """The painting with ``size`` pixels on the longer side; None for as it is."""
+    """Scale a painting to ``size`` pixels on the longer side; None leaves it as it is."""
     if size is None:
         return job
     if not 1 <= size <= LARGEST_SIDE_PIXELS:  # false of NaN
@@ -182,7 +183,7 @@ def paint(
 def plan_of(
     image: Picture, output: str | PathLike[str] | None, main: Mapping[str, Any], overrides: Mapping[str, Any]
 ) -> Settings:
-    """The checked settings of a painting; of ``main`` keys None is what is not given."""
+    """Check the settings of a painting; a ``main`` key that is None is left out."""
     given = {key: value for key, value in main.items() if value is not None}
     frames = {"frames": 0} if output is None else {}  # of a timelapse that nobody has asked for
     settings = settings_of("paint", {"image": image, **given, **frames, **overrides}, output)
@@ -194,15 +195,15 @@ def plan_of(
 
 
 def painting_of(settings: Settings, callbacks: Sequence[L.Callback] = ()) -> Painting:
-    """Paint; in a folder if the settings have one. What a user can mend is a UserError."""
+    """Paint, in a folder if the settings have one; a UserError says what a user can mend."""
     start, folder, cfg = time.monotonic(), settings.folder, settings.cfg
     with explaining_to_users(cfg), settings.as_asked():
         if folder is None:
-            return Painting(painted(cfg, callbacks), settings)
+            return Painting(paint_picture(cfg, callbacks=callbacks), settings)
         try:
             take(folder, cfg)
             settings = held_as_files(settings, folder)
             note_words(folder, settings.cfg, settings.words)
-            return Painting(painted_into(folder, settings.cfg, start, callbacks=callbacks), settings)
+            return Painting(paint_picture(settings.cfg, folder, start, callbacks=callbacks), settings)
         finally:
             release(folder)

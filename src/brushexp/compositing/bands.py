@@ -1,26 +1,39 @@
 """A whole picture in bands of rows, so that a huge one needs little more memory than its pixels."""
 
 from collections.abc import Iterator
+from typing import Protocol
 
 import torch
 from torch import Tensor
 
-from brushexp.compositing.layers import Size
-from brushexp.plugins.blend.base import Blend
-from brushexp.plugins.renderer.base import Renderer
+from brushexp.compositing.layers import Compose, Layers, Size
 from brushexp.strokes.catalogue import Strokes
 
 BAND = 2**20  # pixels that are painted at once
 LEAST_ROWS = 64  # rows: bands do not get lower than this for the sake of the layers' memory
 
 
+class Drawer(Protocol):
+    """Draws strokes as layers, as a `Renderer` does."""
+
+    @property
+    def at_once(self) -> int | None:
+        """Number of strokes whose layers should be held at once at most; None if they are small."""
+
+    def __call__(self, strokes: Strokes) -> Layers:
+        """Layers of N strokes."""
+
+    def rows(self, strokes: Strokes) -> Tensor | None:
+        """First and last row (N, 2) that each stroke may touch, in pixels; None if that is not worth knowing."""
+
+
 @torch.no_grad()
 def bands(
-    strokes: Strokes, front_to_back: Tensor, size: Size, background: Tensor, renderer: Renderer, blend: Blend
+    strokes: Strokes, front_to_back: Tensor, size: Size, background: Tensor, renderer: Drawer, blend: Compose
 ) -> Iterator[tuple[int, Tensor]]:
-    """Paint strokes from the top of the canvas to its bottom: arguments as of `Blend`.
+    """Paint strokes from the top of the canvas to its bottom; the arguments are those of `Blend`.
 
-    What comes is the first row of each band, which has only the strokes that touch it, and its picture (3, h, W).
+    Yields the first row of each band, which has only the strokes that touch it, and its picture (3, h, W).
     """
     place = front_to_back.argsort()
     for top, rows, number in cuts(strokes, size, renderer):
@@ -30,17 +43,17 @@ def bands(
 @torch.no_grad()
 def band_of(
     strokes: Strokes, place: Tensor, number: Tensor, band: tuple[int, int, int], background: Tensor,
-    renderer: Renderer, blend: Blend,
+    renderer: Drawer, blend: Compose,
 ) -> Tensor:  # fmt: skip
-    """Strokes ``number`` (n,) in a band of the canvas (first row, rows, columns); ``place`` (N,) is 0 on the top."""
+    """Paint strokes ``number`` (n,) in a band (first row, rows, columns); ``place`` (N,) is 0 for the top stroke."""
     top, *size = band
     layers = renderer(strokes[number].moved(shift=(0, -top)))
     return blend(layers, place[number].argsort(), (size[0], size[1]), background).image
 
 
 @torch.no_grad()
-def cuts(strokes: Strokes, size: Size, renderer: Renderer) -> Iterator[tuple[int, int, Tensor]]:
-    """Where a canvas of ``size`` (H, W) is cut: first row and rows of each band, and numbers of its strokes."""
+def cuts(strokes: Strokes, size: Size, renderer: Drawer) -> Iterator[tuple[int, int, Tensor]]:
+    """Cut a canvas of ``size`` (H, W) into bands: first row, number of rows, and numbers of the strokes in it."""
     height, width = size
     rows = renderer.rows(strokes)
     top, number = 0, torch.arange(len(strokes), device=strokes.position.device)

@@ -7,9 +7,8 @@ from torch import Tensor
 from torch.nn import functional
 from torch.utils.checkpoint import checkpoint
 
-from brushexp.compositing.layers import Layers, Size
+from brushexp.compositing.layers import Canvas, Layers, Size, accuracy_of
 from brushexp.compositing.tile_lists import TILE, tile_lists
-from brushexp.plugins.blend.base import Canvas, accuracy_of
 
 CHUNK = 2**25  # stroke-pixel pairs held at once; more is computed in pieces, and again in the backward pass
 

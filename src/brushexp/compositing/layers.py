@@ -1,4 +1,4 @@
-"""What passes from renderers to blends: layers, and the compiled kernel of a kind of layer."""
+"""What passes between renderers and blends: layers, the compiled kernel of a kind of layer, and the canvas."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -112,6 +112,26 @@ class Layers(ABC):
     def compiled(self) -> KernelInput | None:
         """The same for a compiled kernel; None if there is none, or none that can do what these layers need."""
         return None
+
+
+@dataclass(frozen=True)
+class Canvas:
+    """A picture: ``image`` (3, H, W), display-referred RGB; ``accuracy`` (N,), without gradient, if a target was given.
+
+    Accuracy is as ``order.base.Order.depth`` defines it, NaN for a stroke that covers nothing here.
+    """
+
+    image: Tensor
+    accuracy: Tensor | None = None
+
+
+Compose = Callable[[Layers, Tensor, Size, Tensor], Canvas]  # as `Blend`, without a target
+
+
+def accuracy_of(error: Tensor, total: Tensor) -> Tensor:
+    """Accuracy (N,) from the sums (N,) of alpha |color - target|^2 and of alpha; NaN where a stroke covers nothing."""
+    covers = total > 1e-6  # below a millionth of a pixel there is nothing to judge
+    return torch.where(covers, 1 - error / total.clamp_min(1e-6), torch.nan)
 
 
 class EncodedLayers(Layers):

@@ -12,11 +12,10 @@ from PIL import Image
 
 from brushexp.pages.html import embedded
 from brushexp.pages.replay import hex_of
-from brushexp.painting.outputs import export_job, renderer_of
 from brushexp.pictures.color import nearest_ink, palette, to_lab
+from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import build_named
 from brushexp.results.stroke_table import DIRECTION_BINS, direction_shares
-from brushexp.strokes.storage import Saved
 
 MAX_POINTS = 400  # of a line: more cannot be seen
 BINS = 28
@@ -142,24 +141,19 @@ def error_map(painting: np.ndarray, target: np.ndarray) -> dict[str, Any]:
     }
 
 
-def height_map(saved: Saved) -> dict[str, Any]:
+def height_map(job: ExportJob) -> dict[str, Any]:
     """What ``light.js`` needs: heights in pixels of the map are ``top`` * (256 red + green) / 65535.
 
-    ``light`` is the lamp that the painting is under, or that of a relief where it has none.
-
-    A renderer that is slow to draw is replaced by its stand-in, whose name is then in ``drawn_as``; one that cannot be
-    built, because its checkpoint is not there for instance, is a UserError.
+    ``light`` is the lamp of the painting, or that of a relief if it has none. A renderer that is slow to draw is
+    replaced by its stand-in, whose name is then in ``drawn_as``.
     """
-    renderer = renderer_of(saved)
-    drawn_as = renderer.warm_up
-    if drawn_as is not None:
-        renderer = build_named("renderer", drawn_as, {})
-    blend = build_named("blend", "tiled", {})
-    job = export_job(saved, renderer, blend, saved.renderer, min(MAP_SIDE, max(saved.size)))
-    paint, light = job.height().clip(0), job.light if job.light.depth else replace(job.light, depth=1.0)
+    drawn_as = job.renderer.warm_up
+    renderer = job.renderer if drawn_as is None else build_named("renderer", drawn_as, {})
+    small = replace(job, renderer=renderer, blend=build_named("blend", "tiled", {})).at_most(MAP_SIDE)
+    paint, light = small.height().clip(0), job.light if job.light.depth else replace(job.light, depth=1.0)
     top = float(paint.max()) or 1.0
     levels = (paint / top * 65_535).round().astype(np.uint16)
-    packed = np.stack([levels >> 8, levels & 255, np.zeros_like(levels)], axis=2).astype(np.uint8)
-    (height, width), picture = saved.size, embedded(Image.fromarray(packed), MAP_SIDE)
+    channels = np.stack([levels >> 8, levels & 255, np.zeros_like(levels)], axis=2).astype(np.uint8)
+    (height, width), picture = job.size, embedded(Image.fromarray(channels), MAP_SIDE)
     lamp = {"drawn_as": drawn_as, "light": asdict(light)}
     return {"source": picture["source"], "top": top, "width": width, "height": height, **lamp}

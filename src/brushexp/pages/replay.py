@@ -4,26 +4,27 @@ import base64
 from typing import Any
 
 import numpy as np
+import torch
 
 from brushexp.compositing.layers import SPREAD
 from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.textures import BYTE, HALF, LONG, Sheets
 from brushexp.errors import UserError
-from brushexp.painting.outputs import space_of
+from brushexp.plugins.export.base import ExportJob
 from brushexp.results.stroke_table import StrokeTable
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.storage import Saved
 from brushexp.system.reading import yaml_of
 
 MAX_STROKES = 200_000  # strokes: more make a page that browsers choke on
-STEPS = 65_535  # of 16 bits
-FARTHEST = 4.0  # canvas sides: control points farther out are moved to there, since 16 bits must do for all
+STEPS = 65_535  # levels of 16 bits above 0
+FARTHEST = 4.0  # canvas sides: control points farther out are moved there, because 16 bits must do for all
 CANVAS_RENDERER = "analytic"  # whose strokes a canvas can draw
 EDGES = {"soft": 2.0, "taper": 0.0}  # soft edge in pixels and taper of strokes whose renderer has no such option
 
 
-def replay_of(saved: Saved, measures: StrokeTable, textured: TexturedProfile | None = None) -> dict[str, Any] | None:
-    """What ``strokes.js`` needs of a catalogue and the measures of its strokes; None for more than ``MAX_STROKES``.
+def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
+    """Pack what ``strokes.js`` needs of a painting and its strokes' measures; None for more than ``MAX_STROKES``.
 
     ``data`` holds, for the strokes from the bottom to the top, one array after the other, little-endian, in base64
     (34 bytes a stroke): the number in the catalogue (uint32), and then what ``columns`` lists as name, values a
@@ -33,10 +34,10 @@ def replay_of(saved: Saved, measures: StrokeTable, textured: TexturedProfile | N
     ``textured`` have besides their half width (``thick``) and opacity (``strength``) as their renderer gives them,
     and in ``texture_of`` the number of the texture, repeats of its loop, and whether it is turned over.
     """
-    count = len(saved.strokes)
+    count, saved, (height, width) = len(job.strokes), job.saved, job.size
     if count > MAX_STROKES:
         return None
-    height, width = saved.size
+    textured = _textured(job)
     far = FARTHEST * max(height, width)
     points = curve_of(saved.strokes).numpy().clip(-far, max(height, width) + far)
     half, length = (measures.width / 2).clip(0, far), measures.length.clip(0, 2 * far)
@@ -64,7 +65,7 @@ def replay_of(saved: Saved, measures: StrokeTable, textured: TexturedProfile | N
         columns.append((name, column.size // count, float(low), float(max(high, low + 1e-6))))
     options = recorded_config(saved).get("renderer")
     edges = {k: v for k, v in options.items() if k in EDGES and v is not None} if isinstance(options, dict) else {}
-    mixed = _is_mixed(saved)
+    mixed = not job.space.is_rgb
     return {
         "count": count,
         "width": width,
@@ -80,7 +81,7 @@ def replay_of(saved: Saved, measures: StrokeTable, textured: TexturedProfile | N
 
 
 def _textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
-    """Textures ``looks`` (M,) as a page takes them.
+    """Pack textures ``looks`` (M,) for a page.
 
     Texels are in base64, a byte of opacity and one of tone each; of each texture there is where its texels begin, its
     rows, columns, the column at which its loop begins, how many it has, and the half widths beyond which it is empty.
@@ -102,28 +103,27 @@ def _textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _is_mixed(saved: Saved) -> bool:
-    """Whether colours were laid over each other otherwise than a browser does, which takes sRGB values."""
-    try:
-        return not space_of(saved).is_rgb
-    except UserError:
-        return False
+@torch.no_grad()
+def _textured(job: ExportJob) -> TexturedProfile | None:
+    """Draw strokes with their textures; None if they have none, or none that a page could hold."""
+    layers = None if job.renderer.warm_up else job.renderer(job.strokes)
+    return layers if isinstance(layers, TexturedProfile) else None
 
 
 def recorded_config(saved: Saved) -> dict[str, Any]:
-    """A run's config as plain data; nothing if it is not such, for the file may come from elsewhere."""
+    """Read the config of a run; it is empty if the file of a stranger holds no plain data."""
     try:
-        found: dict[str, Any] = yaml_of(saved.config)
+        config: dict[str, Any] = yaml_of(saved.config)
     except UserError:
         return {}
-    return found
+    return config
 
 
 def hex_of(color: np.ndarray) -> str:
-    """A colour (3,) in [0, 1] as ``#rrggbb``."""
+    """Write a colour (3,) in [0, 1] as ``#rrggbb``."""
     return "#" + _quantised(color, 255, "u1").tobytes().hex()
 
 
 def _quantised(values: np.ndarray, steps: int, kind: str) -> np.ndarray:
-    """Numbers in [0, 1] as whole numbers from 0 to ``steps``."""
+    """Round numbers in [0, 1] to whole numbers from 0 to ``steps``."""
     return (np.nan_to_num(values).clip(0, 1) * steps + 0.5).astype(kind)  # halves upwards, as in files.to_bytes

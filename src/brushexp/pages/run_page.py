@@ -1,7 +1,6 @@
-"""The page of a run, or of a catalogue alone: everything about one painting in one file."""
+"""The page of a painting: everything about it in one file."""
 
 import json
-import logging
 import math
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -11,26 +10,21 @@ from typing import Any
 from urllib.parse import quote
 
 import numpy as np
-import torch
 from PIL import Image
 
-from brushexp.compositing.textured_profile import TexturedProfile
-from brushexp.errors import UserError
 from brushexp.pages import drawings
 from brushexp.pages.html import embedded, page, readable_number
-from brushexp.pages.replay import MAX_STROKES, recorded_config, replay_of
-from brushexp.painting.outputs import renderer_of
-from brushexp.pictures.decode import opened_picture
+from brushexp.pages.replay import recorded_config, replay_of
+from brushexp.painting.finished import Finished
 from brushexp.registry import plugins
 from brushexp.results.anytime_curves import curve_from
 from brushexp.results.quantities import quantities
-from brushexp.results.runs import command_of, read_curves, read_result
+from brushexp.results.runs import command_of, read_curves
 from brushexp.results.stroke_table import StrokeTable, measure_strokes
 from brushexp.shading.light import overlay
-from brushexp.strokes.storage import Saved, load_catalogue
+from brushexp.strokes.storage import Saved
 from brushexp.system.files import TEMPORARY, write_text
 
-log = logging.getLogger(__name__)
 PAGE_NAME = "report.html"
 FILES = {  # of a run, in the order in which the page has them
     "painting.png": "the painting",
@@ -45,9 +39,8 @@ FILES = {  # of a run, in the order in which the page has them
 }
 OF_THE_FOLDER = ("lock", "files.txt", TEMPORARY)
 LEFT_OUT = (PAGE_NAME, "checkpoint.ckpt", *OF_THE_FOLDER)  # of what a run has left
-PICTURES = ("target", "painting", "flat", "style", "focus")  # flat: the painting without its light
-LARGEST_SIDE = 1600  # pixels of the longer side of a picture in a page
-LOSSLESS = 2**18  # pixels of a picture: a larger one goes into a page as a JPEG
+LARGEST_SIDE = 1600  # pixels of the longer side of a picture in a page, at most
+LOSSLESS = 2**18  # pixels of a picture that is embedded as a PNG; a larger one is embedded as a JPEG
 JPEG = {"format": "JPEG", "quality": 92, "subsampling": 0}
 WEBP = {"format": "WEBP", "quality": 85, "alpha_quality": 100, "method": 0}  # of the light
 NUMBERS_SHOWN = (  # of metrics.json before what metrics give: key, name, unit, digits, what it is
@@ -58,68 +51,48 @@ NUMBERS_SHOWN = (  # of metrics.json before what metrics give: key, name, unit, 
 )
 
 
-def write_run_page(folder: Path, film: Future[Any] | None = None) -> Path:
-    """Write ``report.html`` into the folder of a run and return its path; a ``film`` is waited for at the end."""
-    write_text(folder / PAGE_NAME, page_of_run(folder, film))
+def write_run_page(folder: Path, finished: Finished, film: Future[Any] | None = None) -> Path:
+    """Write ``report.html`` into the folder of a run and return its path; wait for a ``film`` at the end."""
+    write_text(folder / PAGE_NAME, page_in(folder, finished, film))
     return folder / PAGE_NAME
 
 
-def page_of_run(folder: Path, film: Future[Any] | None = None) -> str:
-    """The page of a run, from what it has left in its folder; a UserError without a whole catalogue."""
-    saved = load_catalogue(folder / "catalogue.h5")
-    metrics = read_result(folder) if (folder / "metrics.json").is_file() else {}
-    image = recorded_config(saved).get("image")
+def page_in(folder: Path, finished: Finished, film: Future[Any] | None = None) -> str:
+    """Make the page of a painting with the curves, the command and the files in the folder of its run."""
+    image = recorded_config(finished.job.saved).get("image")
     return run_page(
-        saved,
+        finished,
         name=Path(str(image or folder.resolve().name)).name,
-        pictures=_pictures(folder),
-        metrics=metrics,
         curves=read_curves(folder / "curves" / "metrics.csv"),
-        command=command_of(folder) if metrics else None,
+        command=command_of(folder) if finished.metrics else None,
         files=files_in(folder, film),
     )
 
 
 def files_in(folder: Path, film: Future[Any] | None = None) -> Iterator[dict[str, str]]:
-    """What a run has left but for its page: names, addresses from the page, and what the known ones are.
+    """Yield the files of a run without its page: names, addresses from the page, and what they are.
 
-    A ``film`` that is being written is waited for when the first is asked for: when all else of the page is there.
+    A ``film`` that is being written is waited for at the first file, when all else of the page is made.
     """
     wait([] if film is None else [film])
     paths = sorted(path for path in folder.rglob("*") if path.is_file() and not any(map(path.match, LEFT_OUT)))
     names = [path.relative_to(folder).as_posix() for path in paths]
-    known = [name for name in FILES if name in names]
-    for name in known + [name for name in names if name not in FILES]:
+    for name in sorted(names, key=lambda name: list(FILES).index(name) if name in FILES else len(FILES)):
         yield {"name": name, "address": quote(name), "about": FILES.get(name, "")}
 
 
-def _pictures(folder: Path) -> dict[str, np.ndarray]:
-    """The pictures of a run; one that is damaged is left out with a word in the log."""
-    found = {}
-    for path in (folder / f"{name}.png" for name in PICTURES):
-        if not path.exists():
-            continue
-        try:
-            with opened_picture(path) as image:
-                found[path.stem] = np.asarray(image.convert("RGB"))
-        except UserError as error:
-            log.warning("%s is left out: %s", path, error)
-    return found
-
-
 def run_page(
-    saved: Saved, *, name: str, pictures: Mapping[str, np.ndarray] | None = None,
-    metrics: Mapping[str, Any] | None = None, curves: Mapping[str, Sequence[float]] | None = None,
-    command: str | None = None, files: Iterable[Mapping[str, str]] = (),
+    finished: Finished, *, name: str, curves: Mapping[str, Sequence[float]] | None = None, command: str | None = None,
+    files: Iterable[Mapping[str, str]] = (),
 ) -> str:  # fmt: skip
-    """The page of a painting, HTML that needs nothing else; a part of which nothing is known is left out.
+    """Make the page of a painting, HTML that needs nothing else; parts without data are left out.
 
-    Pictures are (H, W, 3) uint8 by name: ``target``, ``painting`` (without it there are no error map and no light), and
-    others; curves are columns by name: ``step``, ``psnr``, ``loss/...``; ``command`` repeats the run; ``files`` lie
-    beside the page, see `files_in`.
+    Curves are columns by name: ``step``, ``psnr``, ``loss/...``; ``command`` repeats the run; ``files`` lie beside the
+    page, see `files_in`.
     """
-    metrics, pictures = metrics or {}, pictures or {}
-    shown = {key: _shown(pixels) for key, pixels in pictures.items()}
+    job, metrics, pictures = finished.job, finished.metrics, finished.pictures
+    saved, config = job.saved, recorded_config(job.saved)
+    shown = {key: _shown(picture) for key, picture in pictures.items()}
     measures = measure_strokes(saved.strokes, saved.depth, saved.size) if len(saved.strokes) else None
     return page(
         "run.html.j2",
@@ -133,20 +106,20 @@ def run_page(
         overlay=_overlay(pictures),
         others=shown,
         renderer=saved.renderer,
-        replay=None if measures is None else replay_of(saved, measures, _textured(saved)),
+        replay=None if measures is None else replay_of(job, measures),
         error=_error(pictures.get("flat", pictures.get("painting")), pictures.get("target")),
         curves=_curves(curves or {}, metrics),
         strokes=None if measures is None else _strokes(saved, measures),
-        light=_light(saved) if measures is not None and "painting" in pictures else None,
-        settings=settings_as_typed(recorded_config(saved), shlex.split(command or "")[1:]),
-        line=line_of(recorded_config(saved)),
+        light=drawings.height_map(job) if measures is not None and "painting" in pictures else None,
+        settings=settings_as_typed(config, shlex.split(command or "")[1:]),
+        line=line_of(config),
         command=command,
         files=files,
     )
 
 
 def _shown(pixels: np.ndarray) -> dict[str, Any]:
-    """A picture as the template takes it, with its size before it is shrunk."""
+    """Embed a picture for the template, with its size before it is shrunk."""
     height, width, _ = pixels.shape
     options: dict[str, Any] = {} if height * width <= LOSSLESS else JPEG
     return embedded(Image.fromarray(pixels), LARGEST_SIDE, **options) | {"width": width, "height": height}
@@ -170,15 +143,15 @@ def _figures(metrics: Mapping[str, Any]) -> list[dict[str, str]]:
 
 
 def _error(painting: np.ndarray | None, target: np.ndarray | None) -> dict[str, Any] | None:
-    """The error map and its legend; None without two pictures of one size."""
+    """Draw the error map and its legend; None without two pictures of one size."""
     if painting is None or target is None or painting.shape != target.shape:
         return None
-    found = drawings.error_map(painting, target)
-    return found | {"picture": _shown(found["pixels"])}
+    error = drawings.error_map(painting, target)
+    return error | {"picture": _shown(error["pixels"])}
 
 
 def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """PSNR against steps and seconds, and each loss against steps."""
+    """Draw PSNR against steps and seconds, and each loss against steps."""
     steps = curves.get("step", ())
     times, psnr = curve_from(metrics.get("anytime")) or ((), ())
     charts = [
@@ -191,7 +164,7 @@ def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -
 
 
 def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
-    """How long, wide, bent and turned the strokes are, and in which colours."""
+    """Draw how long, wide, bent and turned the strokes are, and in which colours."""
     charts = [
         drawings.histogram_chart("Length", measures.length, "pixels"),
         drawings.histogram_chart("Width", measures.width, "pixels"),
@@ -212,38 +185,16 @@ def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
     return {"lead": lead, "charts": [chart for chart in charts if chart], "swatches": swatches}
 
 
-@torch.no_grad()
-def _textured(saved: Saved) -> TexturedProfile | None:
-    """The strokes with their textures; None where they have none that a page could hold."""
-    try:
-        renderer = renderer_of(saved)
-    except UserError as error:
-        log.warning("the replay shows plain strokes: %s", error)
-        return None
-    if renderer.warm_up is not None or len(saved.strokes) > MAX_STROKES:
-        return None
-    layers = renderer(saved.strokes)
-    return layers if isinstance(layers, TexturedProfile) else None
-
-
 def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
-    """The light on a painting as a picture to lay over its colours; None where there is none."""
+    """Make the light on a painting a picture to lay over its colours; None without a lamp."""
     if "flat" not in pictures or "painting" not in pictures:
         return None
     light = Image.fromarray(overlay(pictures["flat"], pictures["painting"]))
     return str(embedded(light, LARGEST_SIDE, **WEBP)["source"])
 
 
-def _light(saved: Saved) -> dict[str, Any] | None:
-    try:
-        return drawings.height_map(saved)
-    except UserError as error:
-        log.warning("the page shows no relief: %s", error)
-        return None
-
-
 def settings_as_typed(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, str, bool]]:
-    """Dotted keys, values as they would be typed (a class by its name as a plugin), and whether they were typed."""
+    """List dotted keys, values as a user types them (a class by its name as a plugin), and whether they were typed."""
     typed = {word.lstrip("+~").partition("=")[0] for word in overrides}
     names = {plugin.target: plugin.name for plugin in plugins()}
     rows = ((key.removesuffix("._target_"), names.get(value, value)) for key, value in _flat(config))
@@ -251,7 +202,7 @@ def settings_as_typed(config: Mapping[str, Any], overrides: Sequence[str]) -> li
 
 
 def line_of(config: Mapping[str, Any]) -> str:
-    """All settings as one line that can be typed: plugins by their names, then every key that has a value."""
+    """Write all settings as one line that can be typed: plugins by their names, then every key that has a value."""
     names = {plugin.target: plugin for plugin in plugins()}
     chosen = {key.removesuffix("._target_") for key, _ in _flat(config) if key.endswith("._target_")}
     words, keys = [], []

@@ -1,8 +1,7 @@
 """From a target picture to a painting, in the order of the data.
 
-assembly (with init) -> components -> preparation
--> painting_module (with schedule, picture, curves)
--> procedure, painter (with canvas_memory, sampler, renderer, order, blend, loss, divergence, partial, optimizer,
-density, densification, painter_state)
--> goals -> wet -> timelapse -> metrics -> outputs -> finished
+build (with components, init, first_strokes) -> painting_module (with schedule, picture, curves)
+-> other_painter (with painter), stroke_optimizer (with sampler, canvas_memory, renderer, order, blend, loss, partial,
+optimizer, divergence, density, densification)
+-> goals -> wet -> timelapse -> metrics -> finished
 """

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from brushexp.compositing.layers import REACH, Layers
+from brushexp.compositing.layers import REACH, Canvas, Layers
 from brushexp.compositing.windows import Windows
 from brushexp.pictures.region import Region
-from brushexp.plugins.blend.base import Blend, Canvas
+from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.loss.base import PaintedView, Surroundings
 from brushexp.plugins.renderer.base import PatchRenderer, Renderer
 from brushexp.plugins.sampler.base import View
@@ -33,7 +33,7 @@ class CanvasMemory:
     focus: Tensor | None
     background: Tensor
     renderer: Renderer
-    blend: Blend
+    blend: Compositor
 
     def __post_init__(self) -> None:
         self.cache = PatchCache(self.renderer)

@@ -1,25 +1,29 @@
-"""Losses, quality and time of a fit: as its loggers and callbacks get them, and as metrics.json keeps them."""
-
-from __future__ import annotations
+"""Quality over time: as callbacks see it at a step, and as metrics.json keeps it."""
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from torch import Tensor
 from torch.utils._pytree import tree_map_only
 
-from brushexp.pictures.similarity import psnr_of
-from brushexp.system.callbacks import publish_values
-
-if TYPE_CHECKING:
-    from brushexp.painting.painting_module import PaintingModule
-
-LOG_SECONDS = 0.25  # at least between two points of the curves: writing one costs as much as half a step
 MAX_PAIRS = 200  # (seconds, PSNR) that a run keeps
 
 Pair = tuple[float, float]
+
+
+class Lazy(Tensor):
+    """A number that is computed when somebody looks at it: a PSNR at every step would cost a part of the step."""
+
+    compute: Callable[[], float]
+
+    @classmethod
+    def __torch_function__(cls, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        args, kwargs = tree_map_only(
+            cls, lambda number: torch.tensor(number.compute(), dtype=torch.float64), (args, kwargs or {})
+        )
+        return func(*args, **kwargs)
 
 
 class Anytime:
@@ -51,57 +55,3 @@ class Anytime:
 def _triangle(a: Pair, b: Pair, c: Pair) -> float:
     """Twice the area of the triangle of three pairs."""
     return abs((b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]))
-
-
-class Lazy(Tensor):
-    """A number that is computed when somebody looks at it, and then each time."""
-
-    compute: Callable[[], float]
-
-    @classmethod
-    def __torch_function__(cls, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-        args, kwargs = tree_map_only(cls, lambda number: _number(number.compute()), (args, kwargs or {}))
-        return func(*args, **kwargs)
-
-
-class Curves:
-    """Losses, PSNR and seconds of a painter: of each step for callbacks, now and then for loggers.
-
-    Loggers get the first step, the last, and some between, at most four a second. PSNR is that of the picture which the
-    step has looked at, so before its strokes moved.
-    """
-
-    def __init__(self) -> None:
-        self.next_seconds = 0.0  # of the painter's time, when the next point is due
-        self.values: dict[str, Tensor] = {}  # of the last step
-
-    def begin(self, painter: PaintingModule) -> None:
-        """A fit begins."""
-        self.next_seconds = 0.0
-        if not painter.anytime.pairs:
-            painter.anytime.add(0.0, psnr_of(painter.picture.error))
-
-    def step_taken(self, painter: PaintingModule) -> None:
-        """Before callbacks hear of a step: let them see its values."""
-        losses, error = painter.components.losses, painter.picture.error_now()
-        psnr = torch.empty(()).as_subclass(Lazy)
-        psnr.compute = lambda: psnr_of(error())
-        self.values = {f"loss/{losses[name].label or name}": term for name, term in painter.terms.items()}
-        self.values |= {"psnr": psnr, "seconds": _number(painter.schedule.seconds)}
-        publish_values(painter, self.values)
-
-    def write(self, painter: PaintingModule, *, is_last: bool) -> None:
-        """After a step: give its values to the loggers if they are due."""
-        trainer, seconds = painter.trainer, painter.schedule.seconds
-        every = trainer.log_every_n_steps if self.next_seconds else 1  # type: ignore[attr-defined]
-        if not is_last and (seconds < self.next_seconds or trainer.global_step % every):
-            return
-        self.next_seconds = seconds + LOG_SECONDS
-        values = {name: float(value) for name, value in self.values.items()}
-        painter.anytime.add(values["seconds"], values["psnr"])
-        for logger in painter.loggers:
-            logger.log_metrics(values, painter.schedule.step - 1)  # Lightning numbers steps from 0
-
-
-def _number(value: float) -> Tensor:
-    return torch.tensor(value, dtype=torch.float64)

@@ -1,4 +1,4 @@
-"""Who made the first number that is not finite: asked once, when a step has come to nothing."""
+"""Find the plugin that produced the first NaN or Inf, after a step without a finite result."""
 
 import inspect
 from collections.abc import Iterable
@@ -22,7 +22,7 @@ def first_broken(painter: Any, strokes: Strokes, wrong: str | None) -> str:
     ``wrong``, if any, gave no number then. What is finite now is told as far as it was seen then.
     """
     picture, losses = painter.picture, painter.components.losses
-    renderer, blend = named("renderer", picture.renderer), named("blend", picture.blend.plain)
+    renderer, blend = named("renderer", picture.renderer), named("blend", picture.blend.blend)
     moving = strokes.map(lambda value: value.detach().clone().requires_grad_())
     layers = picture.renderer(moving)
     if (number := broken_layer(layers, len(strokes))) is not None:

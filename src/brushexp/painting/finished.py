@@ -1,27 +1,28 @@
-"""A finished painting in memory: its strokes, its pictures and its numbers, and the files that it makes."""
+"""The record of a finished painting: its strokes, its pictures and its numbers, and the files that it makes."""
 
+import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from copy import deepcopy
-from dataclasses import dataclass
-from functools import cached_property, partial
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.painting.assembly import STYLE
+from brushexp.painting.components import STYLE
 from brushexp.painting.metrics import measure
-from brushexp.painting.painting_module import PaintingModule
-from brushexp.painting.timelapse import Timelapse
 from brushexp.painting.wet import wetted
 from brushexp.pictures.similarity import picture_psnr
+from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.export.base import ExportJob
-from brushexp.plugins.export.png import pixels
 from brushexp.plugins.export.svg import Svg
 from brushexp.plugins.loss.style import Style
 from brushexp.plugins.metric.base import Metric
+from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import plugin_of
 from brushexp.shading.light import Light
 from brushexp.strokes.catalogue import Strokes
@@ -30,38 +31,36 @@ from brushexp.system.files import to_bytes, write_json, write_picture
 from brushexp.system.run_files import AT_WORK, METRICS_FILE, UNFINISHED
 from brushexp.system.runtime import peak_memory
 
+if TYPE_CHECKING:  # a page of a painting on disk needs no Lightning
+    from brushexp.painting.painting_module import PaintingModule
+    from brushexp.painting.timelapse import Timelapse
+
 
 @dataclass(frozen=True)
 class Finished:
-    """What a painter leaves when it is done; pictures are (H, W, 3) in 8 bits."""
+    """A finished painting: in memory when it is painted, or read from a folder.
 
-    saved: Saved
-    job: ExportJob  # the same, to be drawn
-    picture: np.ndarray  # in its light
-    flat: np.ndarray  # its colours alone: the same array if there is no light
-    target: np.ndarray
-    compare: Callable[[], dict[str, float | str | None]]  # picture and target: see `measure`
-    others: dict[str, object]  # numbers of the painting beside these
-    timelapse: Timelapse  # the pictures on the way
+    Pictures are (H, W, 3) uint8 by name: ``painting``; ``flat``, which is without the lamp, if there is a lamp;
+    ``target``; ``style`` and ``focus``, if there are such.
+    """
+
+    job: ExportJob
+    pictures: Mapping[str, np.ndarray]
+    compute_metrics: Callable[[], dict[str, Any]]
+    timelapse: "Timelapse | None" = None
 
     @cached_property
-    def metrics(self) -> dict[str, object]:
-        """What metrics.json holds; computed when one looks, because it takes as long as steps."""
-        return self.compare() | self.others
+    def metrics(self) -> dict[str, Any]:
+        """The numbers of metrics.json, computed at the first look, because that takes as long as some steps."""
+        return self.compute_metrics()
 
-    def write(self, folder: Path, start: float | None = None) -> None:
-        """Write pictures, catalogue, SVG and, when these are written, ``metrics.json``.
-
-        ``start`` is `time.monotonic` when the program began; a run that went on has no one start.
-        """
+    def write(self, folder: Path, names: Collection[str] = ("painting", "flat")) -> None:
+        """Write pictures of some ``names``, catalogue, SVG and, when these are written, ``metrics.json``."""
         (folder / METRICS_FILE).unlink(missing_ok=True)  # that of the painting that is being replaced
-        if self.flat is not self.picture:
-            write_picture(folder / "flat.png", self.flat)
-        write_picture(folder / "painting.png", self.picture)
-        save_catalogue(folder / "catalogue.h5", self.saved)
-        Svg().write(self.job, folder)
-        self.metrics["peak_memory_mb"] = peak_memory()
-        self.metrics["seconds_total"] = None if start is None else time.monotonic() - start
+        for name in (name for name in names if name in self.pictures):
+            write_picture(folder / f"{name}.png", self.pictures[name])
+        save_catalogue(folder / "catalogue.h5", self.job.saved)
+        Svg().write(self.job, folder, (self.pictures.get("flat", self.pictures["painting"]), self.pictures["painting"]))
         others_follow = {} if self.metrics["status"] in UNFINISHED else {"status": AT_WORK}
         write_json(folder / METRICS_FILE, self.metrics | others_follow)
 
@@ -70,45 +69,68 @@ class Finished:
         write_json(folder / METRICS_FILE, self.metrics)
 
 
-def finish(painter: PaintingModule, cfg: DictConfig, timelapse: Timelapse, metrics: Mapping[str, Metric]) -> Finished:
-    """What a painter has come to; under a lamp, all but catalogue, colours and metrics show it."""
+def finish(
+    painter: "PaintingModule", cfg: DictConfig, timelapse: "Timelapse", metrics: Mapping[str, Metric], *,
+    start: float | None = None,
+) -> Finished:  # fmt: skip
+    """Finish a painting; its lamp lights pictures, but not its catalogue and metrics.
+
+    Args:
+        painter: the painter after its last step.
+        cfg: settings of ``task=paint``.
+        timelapse: frames of the steps, to which the finished painting is added.
+        metrics: what the painting is measured by, by name.
+        start: `time.monotonic` when the program began; None for a run that was continued.
+    """
     painter.schedule.pause()
     painter.hand_over()
     canvas = painter.picture
     strokes, front_to_back = wetted(painter, cfg.wet)
-    saved, drawn = saved_of(painter, cfg, strokes, front_to_back), canvas.draw(strokes, front_to_back)
-    flat, target = to_bytes(drawn), to_bytes(canvas.target)
-    job = job_of(saved, painter, cfg)
-    picture, lit = flat, dict[str, object]()
+    colors = canvas.draw(strokes, front_to_back)
+    job = bare_job(cfg, deepcopy(painter.renderer).cpu(), canvas.blend, canvas.size)
+    job = replace(job, saved=job.saved.laid(strokes, front_to_back, canvas.background))
+    sources = {name: to_bytes(picture) for name, picture in painter.pictures.items()}
+    flat, target, lit = to_bytes(colors), sources["target"], dict[str, object]()
+    results = {"painting": flat}
     if job.light.depth:
-        picture = pixels(job, drawn)
-        vars(job)["pictures"] = flat, picture  # else to export it draws both again
-        lit = {"psnr_lit": picture_psnr(picture, target)}
-    timelapse.add(torch.from_numpy(picture).permute(2, 0, 1) / 255, painter.schedule.step)
+        results = {"flat": flat, "painting": job.picture(colors)}
+        lit = {"psnr_lit": picture_psnr(results["painting"], target)}
+    timelapse.add(torch.from_numpy(results["painting"]).permute(2, 0, 1) / 255, painter.schedule.step)
     painter.anytime.add(painter.schedule.seconds, picture_psnr(flat, target))
-    others = lit | style_of(painter, cfg) | {"painter": plugin_of(cfg.painter).name, "loss": "+".join(cfg.loss)}
-    others |= effort_of(painter, len(strokes))
-    compare = partial(measure, metrics, flat, target, focus=canvas.focus, strokes=saved.strokes)
-    return Finished(saved, job, picture, flat, target, compare, others, timelapse)
+    numbers = lit | style_distances(painter, cfg) | {"painter": plugin_of(cfg.painter).name, "loss": "+".join(cfg.loss)}
+    numbers |= effort_of(painter, len(strokes))
+
+    def compute_metrics() -> dict[str, object]:
+        measured = measure(metrics, flat, target, focus=canvas.focus, strokes=job.saved.strokes) | numbers
+        total = None if start is None else time.monotonic() - start
+        return measured | {"seconds_total": total, "peak_memory_mb": peak_memory()}
+
+    return Finished(job, sources | results, compute_metrics, timelapse)
 
 
-def job_of(saved: Saved, painter: PaintingModule, cfg: DictConfig) -> ExportJob:
-    """The finished painting as exporters take it, on the CPU."""
-    made = deepcopy(painter.renderer).cpu(), painter.components.blend
-    return ExportJob(
-        saved.strokes, saved.depth, saved.size, saved.background, *made,
-        saved.renderer, str(cfg.image), saved.seed, saved.config, Light(**cfg.light),
-    )  # fmt: skip
+def bare_job(cfg: DictConfig, renderer: Renderer, compositor: Compositor, size: tuple[int, int]) -> ExportJob:
+    """Make the job of a painting that has no strokes yet, from its settings and what draws it."""
+    saved = Saved(
+        strokes=Strokes.none(),
+        depth=torch.empty(0, dtype=torch.int32),
+        size=size,
+        background=torch.ones(3),
+        renderer=plugin_of(cfg.renderer).name,
+        renderer_hash=renderer.weights_hash,
+        seed=cfg.seed,
+        config=OmegaConf.to_yaml(cfg, resolve=True),
+    )
+    return ExportJob(saved, renderer, compositor.blend, compositor.space, Light(**cfg.light), str(cfg.image))
 
 
-def effort_of(painter: PaintingModule, n: int) -> dict[str, object]:
-    """The numbers of metrics.json that tell how a painting of ``n`` strokes came to be."""
+def effort_of(painter: "PaintingModule", n: int) -> dict[str, object]:
+    """List what a painting of ``n`` strokes has cost, for metrics.json."""
     schedule = painter.schedule
     return {
         "seconds": schedule.seconds,
         "seconds_total": None,
         "seconds_per_step": schedule.seconds / schedule.step if schedule.step else None,
-        "peak_memory_mb": peak_memory(),
+        "peak_memory_mb": None,
         "n_strokes": n,
         "steps": schedule.step,
         "device": str(painter.device),
@@ -118,26 +140,22 @@ def effort_of(painter: PaintingModule, n: int) -> dict[str, object]:
     }
 
 
-def style_of(painter: PaintingModule, cfg: DictConfig) -> dict[str, float]:
-    """How far the painting is from the style picture, by each kernel of the style loss."""
-    if cfg.style.image is None or not painter.resumable:  # other painters than by steps have no use for it
+def style_distances(painter: "PaintingModule", cfg: DictConfig) -> dict[str, float]:
+    """Measure the distance of the painting from the style picture, by each kernel of the style loss."""
+    if cfg.style.image is None or not painter.resumable:  # only painters by steps have a style
         return {}
     style = painter.losses[STYLE]
     assert isinstance(style, Style)
     return {f"style_{name}": value for name, value in style.measured(painter.drawn(), painter.picture.target).items()}
 
 
-def saved_of(painter: PaintingModule, cfg: DictConfig, strokes: Strokes, front_to_back: torch.Tensor) -> Saved:
-    """The finished strokes as a catalogue."""
-    strokes = strokes.map(torch.Tensor.cpu)
-    depth = (len(strokes) - 1 - front_to_back.argsort()).int().cpu()
-    return Saved(
-        strokes=strokes,
-        depth=depth,
-        size=painter.picture.size,
-        background=painter.picture.background.cpu(),
-        renderer=plugin_of(cfg.renderer).name,
-        renderer_hash=painter.renderer.weights_hash,
-        seed=cfg.seed,
-        config=OmegaConf.to_yaml(cfg, resolve=True),
-    )
+def summary_line(folder: Path, metrics: Mapping[str, Any]) -> str:
+    """Say in one line where the painting is, how many strokes it has, how long it took and how near it is."""
+    psnr, ssim, total = metrics["psnr"], metrics.get("ssim"), metrics["seconds_total"]
+    quality = f"{psnr:.2f} dB" if isinstance(psnr, float) and math.isfinite(psnr) else "identical to the target"
+    if "psnr_lit" in metrics:
+        quality += f" ({metrics['psnr_lit']:.2f} dB in the light)"
+    quality += "" if ssim is None else f", SSIM {ssim:.3f}"
+    strokes = f"{metrics['n_strokes']} strokes in {metrics['seconds']:.1f} s"
+    strokes += "" if total is None else f" ({total:.1f} s in all)"
+    return f"{folder / 'painting.png'}: {strokes}, {quality}"

@@ -3,18 +3,49 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Iterator
+from itertools import islice
 from typing import Any
 
 import lightning as L
+import torch
 from torch import Tensor, nn
 
 from brushexp.painting.components import Components
-from brushexp.painting.curves import Anytime, Curves
+from brushexp.painting.curves import Anytime, Lazy
 from brushexp.painting.picture import Depth, Picture
-from brushexp.painting.schedule import STEPS_PER_EPOCH, Epoch, Schedule
+from brushexp.painting.schedule import Schedule
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.catalogue import Strokes
+from brushexp.system.callbacks import publish_values
+
+STEPS_PER_EPOCH = 100
+LOG_SECONDS = 0.25  # at least between two points of the curves: writing one costs as much as half a step
+
+
+class Epoch:
+    """What Lightning calls an epoch: so many batches, each made when a step asks for it, from the strokes as they are.
+
+    The plan ends a fit, mostly in the midst of an epoch. The painter saves the state of what makes the batches, because
+    Lightning drops that of a loader at the end of an epoch. Without a state of its own, though, a loader is not resumed
+    in the midst of one.
+    """
+
+    def __init__(self, batches: Iterator[Any]) -> None:
+        self.batches = batches
+
+    def __iter__(self) -> Iterator[Any]:
+        return islice(self.batches, STEPS_PER_EPOCH)
+
+    def __len__(self) -> int:
+        return STEPS_PER_EPOCH
+
+    def state_dict(self) -> dict[str, Any]:
+        return {}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        pass
 
 
 class PaintingModule(L.LightningModule):
@@ -25,6 +56,7 @@ class PaintingModule(L.LightningModule):
     def __init__(self, components: Components, picture: Picture, schedule: Schedule) -> None:
         super().__init__()
         self.components, self.picture, self.schedule = components, picture, schedule
+        self.pictures = {"target": picture.target}  # (3, H, W) that the painting is made from, by name
         self.renderers = nn.ModuleList(stage.renderer.requires_grad_(False) for stage in components.stages)
         self.losses = nn.ModuleDict(components.losses)
         self.depth = Depth(components.order)
@@ -33,14 +65,8 @@ class PaintingModule(L.LightningModule):
         self.trouble = ""  # where strokes would have become no numbers (`DIVERGED`); they stay as before that step
         self.anytime = Anytime()  # how good the picture was after how many seconds
         self.terms: dict[str, Tensor] = {}  # the losses of the last step, unweighted
-        self._curves = Curves()
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        """Lightning notes the hook that it is in forty times a step, and a module looks for parameters each time."""
-        if name == "_current_fx_name":
-            object.__setattr__(self, name, value)
-        else:
-            super().__setattr__(name, value)
+        self.values: dict[str, Tensor] = {}  # what callbacks and loggers see of the last step
+        self._next_log_seconds = 0.0
 
     @abstractmethod
     def strokes(self) -> Strokes:
@@ -73,8 +99,8 @@ class PaintingModule(L.LightningModule):
 
     def state_line(self) -> str:
         loss = sum(self.components.losses[name].weight * float(term) for name, term in self.terms.items())
-        told = f", loss {loss:.5f}" if self.terms else ""
-        return f"step {self.schedule.step} of {self.schedule.steps}{told}, {psnr_of(self.picture.error):.2f} dB"
+        words = f", loss {loss:.5f}" if self.terms else ""
+        return f"step {self.schedule.step} of {self.schedule.steps}{words}, {psnr_of(self.picture.error):.2f} dB"
 
     def drawn(self) -> Tensor:
         """The whole picture (3, H, W) now."""
@@ -87,23 +113,39 @@ class PaintingModule(L.LightningModule):
     def hand_over(self) -> None:
         """Make the strokes what a run leaves."""
 
-    def train_dataloader(self) -> Epoch:
-        return Epoch(range(STEPS_PER_EPOCH))
-
     @abstractmethod
     def prepare(self) -> None:
-        """Whatever takes time and is no painting: compile what the steps need."""
+        """Do what takes time and is no painting: compile what the steps need."""
+
+    def publish(self) -> None:
+        """Show callbacks the losses, the PSNR of what the step has seen (before its strokes moved) and the seconds."""
+        error, psnr = self.picture.error_now(), torch.empty(()).as_subclass(Lazy)
+        psnr.compute = lambda: psnr_of(error())
+        labels = {name: loss.label or name for name, loss in self.components.losses.items()}
+        self.values = {f"loss/{labels[name]}": term for name, term in self.terms.items()}
+        self.values |= {"psnr": psnr, "seconds": torch.tensor(self.schedule.seconds, dtype=torch.float64)}
+        publish_values(self, self.values)
 
     def on_fit_start(self) -> None:
         self.prepare()
         self.schedule.start()
-        self._curves.begin(self)
+        self._next_log_seconds = 0.0
+        if not self.anytime.pairs:
+            self.anytime.add(0.0, psnr_of(self.picture.error))
 
     def on_train_start(self) -> None:
         self.trainer.should_stop |= self.is_done
 
     def on_train_batch_end(self, outputs: Any, batch: Any, batch_idx: int) -> None:
-        self._curves.write(self, is_last=self.is_done)
+        """Log the first step, the last, and some between, at most four a second."""
+        seconds = self.schedule.seconds
+        every = self.trainer.log_every_n_steps if self._next_log_seconds else 1  # type: ignore[attr-defined]
+        if self.is_done or (seconds >= self._next_log_seconds and self.trainer.global_step % every == 0):
+            self._next_log_seconds = seconds + LOG_SECONDS
+            values = {name: float(value) for name, value in self.values.items()}
+            self.anytime.add(values["seconds"], values["psnr"])
+            for logger in self.loggers:
+                logger.log_metrics(values, self.schedule.step - 1)  # Lightning numbers steps from 0
         self.trainer.should_stop |= self.is_done or bool(self.stop)
 
     def on_train_end(self) -> None:

@@ -11,10 +11,11 @@ from torch import Tensor, nn
 from torch.nn.functional import interpolate, mse_loss
 
 from brushexp.compositing.bands import bands
+from brushexp.compositing.layers import Canvas
 from brushexp.painting.canvas_memory import CanvasMemory
 from brushexp.painting.schedule import Schedule
 from brushexp.pictures.focus import resized
-from brushexp.plugins.blend.base import Blend, Canvas
+from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.loss.base import PaintedView
 from brushexp.plugins.order.base import Order, front_to_back
 from brushexp.plugins.renderer.base import Renderer
@@ -40,7 +41,7 @@ class Picture(nn.Module):
     focus: Tensor | None  # (H, W) how much each pixel counts, of mean 1; None for all alike
     background: Tensor  # (3,) colour of the bare canvas
 
-    def __init__(self, target: Tensor, focus: Tensor | None, background: Tensor, blend: Blend) -> None:
+    def __init__(self, target: Tensor, focus: Tensor | None, background: Tensor, blend: Compositor) -> None:
         super().__init__()
         self.register_buffer("target", target, persistent=False)
         self.register_buffer("focus", focus, persistent=False)
@@ -49,9 +50,9 @@ class Picture(nn.Module):
         self.renderer: Renderer  # draws the strokes; set before the first picture
         self.memory: CanvasMemory | None = None  # of the whole picture, while steps look at parts of it
         self._last: Tensor | None = None  # the picture, maybe a small one, if the last step looked at all of it
-        self._error_of_last: Callable[[], float]
         self._small: PyramidLevel | None = None
-        self._error = math.inf  # before there was one, or of the last one
+        self._error_of_last: Callable[[], float]
+        self._error = math.inf  # before the first picture, or of the last one
 
     @property
     def size(self) -> tuple[int, int]:
@@ -67,8 +68,8 @@ class Picture(nn.Module):
         """A function that computes the present `error` when it is first called, then or later."""
         if self._last is not None and self.memory is None:
             return self._error_of_last
-        known = self._error if self.memory is None else self.memory.error
-        return lambda: known
+        error = self._error if self.memory is None else self.memory.error
+        return lambda: error
 
     @property
     def last(self) -> Tensor | None:
@@ -107,15 +108,14 @@ class Picture(nn.Module):
         return image
 
     def see(
-        self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, coarse: bool, accuracy: bool
+        self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, accuracy: bool
     ) -> tuple[Canvas, PaintedView]:
-        """What a view shows of N ``strokes``; the active ones are ``moving``, with gradient.
+        """Paint what a view shows of N ``strokes``, of which the active ones are ``moving``, with gradient.
 
-        ``coarse``, for views of the whole only, looks at the smaller picture; ``accuracy`` measures that of the active
-        strokes, too.
+        ``accuracy`` measures that of the active strokes, too.
         """
         if view.active is None:
-            return self._see_whole(moving, front_to_back, self.level(coarse=coarse), accuracy)
+            return self._see_whole(moving, front_to_back, self.level(coarse=view.coarse), accuracy)
         if self.memory is None:
             self.memory = self.remembered(self.draw(strokes, front_to_back))
         self._last = None

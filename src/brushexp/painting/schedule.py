@@ -1,22 +1,9 @@
 """Where a painting stands: which step of which stage, and how many seconds of the wall and the CPU the steps took."""
 
 import time
-from collections import UserList
 from collections.abc import Callable, Sequence
 from itertools import accumulate
 from typing import Any
-
-STEPS_PER_EPOCH = 100
-
-
-class Epoch(UserList[int]):
-    """What Lightning calls an epoch: so many steps, of no data. The plan ends a fit, mostly in the midst of one."""
-
-    def state_dict(self) -> dict[str, Any]:
-        return {}  # Lightning counts the steps, but resumes in the midst of an epoch only with this
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        pass
 
 
 class Schedule:

@@ -1,6 +1,7 @@
 """Wet paint: a stroke picks up what lies under its start, and carries it along until it is spent."""
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
@@ -9,11 +10,13 @@ from brushexp.compositing.bands import cuts
 from brushexp.compositing.eager import padded_lists
 from brushexp.compositing.layers import Layers
 from brushexp.compositing.tile_lists import TILE
-from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.picture import Picture
 from brushexp.plugins.blend.dense import over
 from brushexp.strokes.bezier import curve_of, unfinished
 from brushexp.strokes.catalogue import Strokes
+
+if TYPE_CHECKING:
+    from brushexp.painting.painting_module import PaintingModule
 
 REACHES = (0.9, 0.65, 0.4, 0.2)  # of the curve: how far each film of what was picked up is carried, the lowest first
 MOST = 0.8  # share of picked-up paint at the start of a stroke with wet=1
@@ -24,7 +27,7 @@ STARTS = 1024  # that are looked at together
 
 
 @torch.no_grad()
-def wetted(painter: PaintingModule, wet: float) -> tuple[Strokes, Tensor]:
+def wetted(painter: "PaintingModule", wet: float) -> tuple[Strokes, Tensor]:
     """The strokes of a painting, and which lies on which (front to back), after paint has been dragged along.
 
     A stroke has one colour. What it drags lies on it as thin films, strokes like itself from its start on, each shorter
@@ -57,7 +60,7 @@ def under_starts(strokes: Strokes, front_to_back: Tensor, picture: Picture) -> t
     for top, rows, number in cuts(strokes, picture.size, picture.renderer):
         part, size = strokes[number].moved(shift=(0, -top)), (rows, picture.size[1])
         layers = picture.renderer(part)
-        layers = layers if space is None else layers.encoded(space.encode)
+        layers = layers if space.is_rgb else layers.encoded(space.encode)
         start = curve_of(part)[:, 0]
         inside = ((start >= 0) & (start < start.new_tensor([size[1], size[0]]))).all(1).nonzero()[:, 0]
         if not len(inside):
@@ -70,7 +73,7 @@ def under_starts(strokes: Strokes, front_to_back: Tensor, picture: Picture) -> t
         chunks = zip(inside.split(STARTS), tile.split(STARTS), strict=True)
         parts = [_below(layers, lists[of], rank, some, start[some]) for some, of in chunks]
         found, covered[number[inside]] = (torch.cat(part) for part in zip(*parts, strict=True))
-        shown = found if space is None else space.decode(found.T[:, :, None])[:, :, 0].T
+        shown = found if space.is_rgb else space.decode(found.T[:, :, None])[:, :, 0].T
         colors[number[inside]] = shown.clamp(0, 1)
     return colors, covered
 

@@ -17,8 +17,9 @@ from omegaconf import DictConfig, OmegaConf
 
 from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import plugin_of
-from brushexp.runs.fitting import conclude, fit, interrupted_run, trainer_of
-from brushexp.runs.tracking import trackers_of
+from brushexp.runs.resume import resumed
+from brushexp.runs.tracking import make_trackers
+from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.system.callbacks import MovingAverage
 from brushexp.system.device import device_of
 from brushexp.system.files import write_json
@@ -52,16 +53,14 @@ def train_network(
     begin: Callable[[DictConfig, Path, torch.device], NetworkJob], cfg: DictConfig, folder: Path, start: float
 ) -> dict[str, object]:
     """Train one network, write it and its numbers into the run's folder, and return those of metrics.json."""
-    resumed = None
-    if cfg.get("resume") is not None:
-        resumed, cfg = interrupted_run(Path(cfg.resume), cfg)
+    cfg, checkpoint = resumed(cfg)
     device = device_of(cfg.device)
-    trackers = trackers_of(cfg, folder)  # refuses what they lack before strokes are simulated
+    trackers = make_trackers(cfg, folder)  # refuses what they lack before strokes are simulated
     L.seed_everything(cfg.seed, verbose=False)
     job = begin(cfg, folder, device)
     module = job.module
     with trackers:
-        failure = fit_network(module, job.data, cfg, folder, device, [trackers], job.callbacks, resumed)
+        failure = fit_network(module, job.data, cfg, folder, device, [trackers], job.callbacks, checkpoint)
         (folder / "metrics.json").unlink(missing_ok=True)  # of weights that are being replaced
         metrics = {
             **job.finish(),
@@ -70,7 +69,7 @@ def train_network(
             "strokes_per_second": module.seen / module.seconds if module.seconds else None,
             "seconds": module.seconds,
             "cpu_seconds": module.cpu_seconds,
-            "seconds_total": None if resumed else time.monotonic() - start,  # a resumed run has several starts
+            "seconds_total": None if checkpoint else time.monotonic() - start,  # a resumed run has several starts
             "peak_memory_mb": peak_memory(),
             "device": str(device),
             "status": module.stop or "completed",
@@ -110,7 +109,7 @@ def fit_network(
     averages = [MovingAverage(cfg.ema)] if cfg.ema else []
     beside = [*timers, *averages, *callbacks]
     kept = "resume" in cfg  # else no command goes on from a checkpoint
-    trainer = trainer_of(cfg, device, folder, loggers, beside, checkpoints=kept, num_sanity_val_steps=0)
+    trainer = make_trainer(cfg, device, folder, loggers, beside, checkpoints=kept, num_sanity_val_steps=0)
     failure = None if cfg.epochs == 0 else fit(trainer, module, data, resumed)
     if module.validated != module.global_step:
         try:

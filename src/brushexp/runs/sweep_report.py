@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from hydra.core.utils import JobReturn, JobStatus
+from hydra.core.utils import JobReturn
 from hydra.experimental.callback import Callback
 from hydra.types import RunMode
 from omegaconf import DictConfig
@@ -37,7 +37,8 @@ class SweepReport(Callback):
 
     def on_job_end(self, config: DictConfig, job_return: JobReturn, **_: Any) -> None:
         run_folder = Path(config.hydra.runtime.output_dir)
-        sweep, failed = config.hydra.mode is RunMode.MULTIRUN, job_return.status is JobStatus.FAILED
+        sweep = config.hydra.mode is RunMode.MULTIRUN
+        failed = isinstance(job_return._return_value, Exception)  # Hydra 1.4 comes here after Ctrl-C, too
         if failed:
             log_failure(run_folder, job_return._return_value, everywhere=sweep)
         if sweep and (failed or time.monotonic() >= _next_report):

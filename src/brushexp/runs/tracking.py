@@ -1,7 +1,7 @@
 """The loggers of a run: opened when it begins, told of its end, and dropped when they fail."""
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +14,7 @@ from lightning.pytorch.loggers import Logger as LightningLogger
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.plugins.logger.base import Logger, Run
-from brushexp.registry import build
+from brushexp.registry import take_built
 
 log = logging.getLogger(__name__)
 NO_SETTINGS = ("output", "logger")  # keys that do not tell how a run was made
@@ -50,18 +50,20 @@ class Trackers(LightningLogger):
 
     def _pass_on(self) -> None:
         row, self.row = self.row, {}
-        for name in self.curves.keys() - self.stopped if row else ():
-            with self._caught(name):
-                self.curves[name].log_metrics(row, self.step)
+        if row:
+            self._each(lambda curves: curves.log_metrics(row, self.step))
 
     def log_hyperparams(self, *_: Any, **__: Any) -> None:
         pass  # trackers get the settings when they open
 
     def save(self) -> None:
         self._pass_on()
+        self._each(lambda curves: curves.save())
+
+    def _each(self, act: Callable[[LightningLogger], object]) -> None:
         for name in self.curves.keys() - self.stopped:
             with self._caught(name):
-                self.curves[name].save()
+                act(self.curves[name])
 
     def report(self, metrics: Mapping[str, Any], **results: Any) -> None:
         """Note what the trackers are told when the run ends: its numbers and its pictures, frames, files; see `Run`."""
@@ -93,8 +95,10 @@ class Trackers(LightningLogger):
             self.stopped.add(name)
 
 
-def trackers_of(cfg: DictConfig, folder: Path) -> Trackers:
-    """Those that a config chooses, not yet opened, for a run in ``folder`` or a part of it that has its own curves."""
+def make_trackers(cfg: DictConfig, folder: Path | None) -> Trackers:
+    """Make those that a config chooses, for a run in ``folder`` or a part of it with its own curves; else none."""
+    if folder is None:
+        return Trackers({}, Run(Path()))
     settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)
     folder = folder.resolve()
     run = Run(folder, name=folder.name, settings=settings)
@@ -107,4 +111,4 @@ def trackers_of(cfg: DictConfig, folder: Path) -> Trackers:
             group=whole.parent.name if hydra.mode is RunMode.MULTIRUN else "",
             chosen={key: value for key, _, value in words if key.partition(".")[0] not in NO_SETTINGS},
         )
-    return Trackers({choice: build(node) for choice, node in cfg.logger.items()}, run)
+    return Trackers({choice: take_built(node) for choice, node in cfg.logger.items()}, run)

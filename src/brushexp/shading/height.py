@@ -14,16 +14,14 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from brushexp.compositing.bands import band_of, cuts, within
-from brushexp.compositing.layers import SPREAD, Layers, Size
+from brushexp.compositing.bands import Drawer, band_of, cuts, within
+from brushexp.compositing.layers import SPREAD, Compose, Layers, Size
 from brushexp.compositing.profile import Profile, smooth_rise
 from brushexp.compositing.textured_profile import TexturedProfile
 from brushexp.compositing.textures import HALF, Loop, Sheets, cells_of, coordinates_of, sheets_of
 from brushexp.compositing.windows import Windows
-from brushexp.plugins.blend.base import Blend
-from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.bezier import half_width_of
-from brushexp.strokes.catalogue import Strokes
+from brushexp.strokes.catalogue import Strokes, drawable
 
 FILM = 0.1  # how thick the paint is that a stroke leaves at most, in widths of a stroke as wide as is typical
 BROADER = 0.25  # power of a stroke's width to which its film grows: with more of it, relief is uneven
@@ -46,7 +44,7 @@ EDGE = (0.85, 1.1)  # half widths between which a plain stroke ends
 
 @torch.no_grad()
 def heights(
-    strokes: Strokes, front_to_back: Tensor, size: Size, renderer: Renderer, blend: Blend
+    strokes: Strokes, front_to_back: Tensor, size: Size, renderer: Drawer, blend: Compose
 ) -> Iterator[tuple[int, int, Tensor, np.ndarray]]:
     """Height of the paint from the top of the canvas to its bottom, in pixels of the picture; the bare canvas is 0.
 
@@ -71,7 +69,7 @@ def heights(
     for top, rows, number in cuts(strokes, size, impasto):
         first, after = max(top - 1, 0), min(top + rows + 1, height)
         near = number if reached is None else within(reached, first, after - first)
-        band = band_of(strokes, place, near, (first, after - first, width), bare, impasto, blend.plain)
+        band = band_of(strokes, place, near, (first, after - first, width), bare, impasto, blend)
         yield top, rows, number, band[0].cpu().numpy()
 
 
@@ -80,22 +78,23 @@ def typical_width(strokes: Strokes) -> float:
     return 2 * float(half_width_of(strokes).median()) if len(strokes) else 0.0
 
 
-class Impasto(Renderer):
-    """Strokes whose colour is the height of their paint; ``typical`` is the width of one in the painting, pixels."""
+@dataclass(frozen=True)
+class Impasto:
+    """Draws strokes whose colour is the height of their paint; ``typical`` is the median width of a stroke, pixels."""
 
-    def __init__(self, renderer: Renderer, typical: float) -> None:
-        super().__init__()
-        self.renderer, self.typical = renderer, typical
+    renderer: Drawer
+    typical: float
 
     @property
-    def at_once(self) -> int | None:  # type: ignore[override]
-        """A quarter of what the renderer draws at once: what is made of it needs room as well."""
+    def at_once(self) -> int | None:
+        """A quarter of what the renderer draws at once: the layers made of it need room as well."""
         return self.renderer.at_once and max(1, self.renderer.at_once // 4)
 
     def rows(self, strokes: Strokes) -> Tensor | None:
         return self.renderer.rows(strokes)
 
-    def forward(self, strokes: Strokes) -> Layers:
+    def __call__(self, strokes: Strokes) -> Layers:
+        strokes = drawable(strokes)
         layers = self.renderer(strokes)
         film = FILM * self.typical ** (1 - BROADER) * (2 * half_width_of(strokes)) ** BROADER
         if isinstance(layers, Profile):

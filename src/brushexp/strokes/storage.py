@@ -1,56 +1,42 @@
 """``catalogue.h5``: a finished catalogue on disk, with all that is needed to render it again.
 
-A ``.json`` file, which task=export writes, is read as well: see `strokes.text`. In the HDF5 file:
-one float32 dataset per field of `Strokes`, ``brush`` and ``depth`` (int32, 0 = bottom), and attributes for the rest.
-Everything in the file is covered by checksums of HDF5: it has them since format 1.10, but not for texts of variable
-length, in which one wrong byte can send the HDF5 library into an endless loop.
+A ``.json`` file, which task=export writes, is read as well: see `strokes.text`. The HDF5 file has one float32 dataset
+for each field of `Strokes`, ``brush`` and ``depth`` (int32, 0 = bottom), and attributes for the rest. Checksums of HDF5
+cover everything in it: it has them since format 1.10, but not for texts of variable length, in which one wrong byte can
+send the HDF5 library into an endless loop.
 """
 
 import io
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 import torch
-from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.strokes.catalogue import FIELDS, Strokes, check_strokes
+from brushexp.strokes.catalogue import FIELDS, Strokes
+from brushexp.strokes.saved import Saved
 from brushexp.strokes.text import BRUSH_UNIT, DEPTH_UNIT, FORMAT, VERSION, check_version, parse
 from brushexp.system.files import write_bytes
 from brushexp.system.hdf5 import HDF5, attribute_of, dataset_of, fixed, numbers_of, opened, text_of, whole_number_of
-from brushexp.system.reading import check_yaml, explaining, in_short, read_text
+from brushexp.system.reading import explaining, in_short, read_text
 
+__all__ = ["Saved", "load_catalogue", "save_catalogue"]
 SHIPPED = Path(__file__).with_name("catalogues")
-LARGEST_SIDE = 1_000_000  # pixels
-MOST_STROKES = 10_000_000  # which take 0.7 GB
+MOST_STROKES = 10_000_000  # strokes of a file, which take 0.7 GB
 LARGEST_TEXT = 2**29  # bytes of a catalogue as JSON, two million strokes
-
-
-@dataclass(frozen=True)
-class Saved:
-    """A finished catalogue and where it came from."""
-
-    strokes: Strokes  # N strokes, float32
-    depth: Tensor  # (N,) int32 ranks, a permutation of 0 to N - 1; 0 is the bottom stroke
-    size: tuple[int, int]  # height and width of the canvas, pixels
-    background: Tensor  # (3,) RGB in [0, 1]
-    renderer: str  # name of the renderer plugin
-    renderer_hash: str  # of its checkpoint; empty when it has none
-    seed: int  # of the run
-    config: str  # the resolved config of the run as YAML: text from a file, of which only plugins may be built
 
 
 def save_catalogue(path: Path, saved: Saved) -> None:
     """Write a catalogue whole or not at all; same catalogue, same bytes. What cannot be loaded again is refused."""
-    saved = replace(saved, strokes=saved.strokes.map(lambda value: value.detach().to("cpu", torch.float32)))
-    _checked(saved)
+    strokes = saved.strokes.map(lambda value: value.detach().to("cpu", torch.float32))
+    replace(saved, strokes=strokes).check()
     memory = io.BytesIO()  # h5py does not say why writing to a file failed
     with h5py.File(memory, "w", libver=(HDF5, HDF5)) as file:
-        for name, value in saved.strokes.items():
+        for name, value in strokes.items():
             _put(file, name, value.numpy(), FIELDS[name].unit)
-        _put(file, "brush", saved.strokes.brush.numpy().astype(np.int32), BRUSH_UNIT)
+        _put(file, "brush", strokes.brush.numpy().astype(np.int32), BRUSH_UNIT)
         _put(file, "depth", saved.depth.detach().cpu().numpy().astype(np.int32), DEPTH_UNIT)
         file.attrs.update(
             format=fixed(FORMAT),
@@ -67,12 +53,12 @@ def save_catalogue(path: Path, saved: Saved) -> None:
 
 
 def _put(file: h5py.File, name: str, value: np.ndarray, unit: str) -> None:
-    packed = {"compression": "gzip", "shuffle": True, "fletcher32": True} if value.size else {}
-    file.create_dataset(name, data=value, **packed).attrs["unit"] = fixed(unit)
+    options = {"compression": "gzip", "shuffle": True, "fletcher32": True} if value.size else {}
+    file.create_dataset(name, data=value, **options).attrs["unit"] = fixed(unit)
 
 
 def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
-    """Read a catalogue and check all of it; a UserError says what is wrong. ``option`` is what sets the path.
+    """Read a catalogue and check all of it; a UserError says what is wrong. ``option`` is the key that sets the path.
 
     A plain name is a catalogue that comes with the program: ``starry_night``.
     """
@@ -84,9 +70,9 @@ def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
     if path.suffix.lower() == ".json":
         text = read_text(path, cure, LARGEST_TEXT)
         with explaining(path, again):
-            return _checked(_parsed(text))
+            return parse(text).check()
     with opened(path, cure) as file, explaining(path, again):
-        return _checked(_read(file, cure))
+        return _read(file, cure).check()
 
 
 def _read(file: h5py.File, cure: str) -> Saved:
@@ -113,30 +99,3 @@ def _read(file: h5py.File, cure: str) -> Saved:
         seed=whole_number_of(file, "seed"),
         config=text_of(file, "config"),
     )
-
-
-def _parsed(text: str) -> Saved:
-    strokes, depth, background, config, attributes = parse(text)
-    canvas = (attributes.pop("height"), attributes.pop("width"))
-    return Saved(strokes=strokes, depth=depth.int(), size=canvas, background=background, config=config, **attributes)
-
-
-def _checked(saved: Saved) -> Saved:
-    check_strokes(saved.strokes)
-    count, depth, background = len(saved.strokes), saved.depth, saved.background
-    ranks = depth.detach().cpu().sort().values
-    if tuple(depth.shape) != (count,) or not torch.equal(ranks, torch.arange(count, dtype=ranks.dtype)):
-        raise UserError(f"depth is not an order of the strokes; each rank from 0 to {count - 1} is needed once")
-    if not all(1 <= side <= LARGEST_SIDE for side in saved.size):
-        raise UserError(
-            f"the canvas is {saved.size[0]} x {saved.size[1]} pixels; each side must lie in [1, {LARGEST_SIDE}]"
-        )
-    if tuple(background.shape) != (3,) or not bool(((background >= 0) & (background <= 1)).all()):
-        raise UserError(f"background is {in_short(background.tolist())}; three numbers in [0, 1] are needed")
-    if not -(2**63) <= saved.seed < 2**64:
-        raise UserError(f"seed is {saved.seed}; a number of 64 bits is needed")
-    try:
-        check_yaml(saved.config)
-    except UserError as error:
-        raise UserError(f"config is {error}") from error
-    return saved

@@ -8,7 +8,7 @@ their order.
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from reprlib import repr as shown
 from typing import Any
 
@@ -17,6 +17,7 @@ from torch import Tensor
 
 from brushexp.errors import UserError
 from brushexp.strokes.catalogue import FIELDS, MOST, Strokes
+from brushexp.strokes.saved import Saved
 from brushexp.system.reading import json_of
 
 FORMAT = "brushexp catalogue"
@@ -24,21 +25,19 @@ VERSION = 2  # raise it whenever a file of the new kind would mislead an older r
 DEPTH_UNIT = "rank, 0 is the bottom stroke"
 BRUSH_UNIT = "0 or more; a renderer with several textures chooses by it"
 ATTRIBUTES = {"height": int, "width": int, "renderer": str, "renderer_hash": str, "seed": int}
-AT_ONCE = 4096  # strokes whose text is held in memory
+AT_ONCE = 4096  # strokes whose text is in memory at a time
 KINDS = {int: "a whole number", str: "text", list: "a list"}
 
 
-def json_lines(
-    strokes: Strokes, depth: Tensor, background: Tensor, config: str, attributes: Mapping[str, object]
-) -> Iterator[str]:
-    """The text of the file, piece by piece; the config (YAML) is written as a list of its lines.
-
-    Strokes and their ``depth`` (N,), ``background`` (3,) and the ``ATTRIBUTES`` are those of `storage.Saved`, float32.
-    """
+def json_lines(saved: Saved) -> Iterator[str]:
+    """Write a catalogue as text, piece by piece; the config (YAML) is written as a list of its lines."""
+    strokes = saved.strokes.map(lambda value: value.detach().to("cpu", torch.float32))
+    attributes = {"height": saved.size[0], "width": saved.size[1], "renderer": saved.renderer}
+    attributes |= {"renderer_hash": saved.renderer_hash, "seed": saved.seed}
     units = {name: field.unit for name, field in FIELDS.items()} | {"brush": BRUSH_UNIT, "depth": DEPTH_UNIT}
     head = {"format": FORMAT, "format_version": VERSION, **attributes}
-    head["background"] = [float(f"{level:.9g}") for level in background.tolist()]
-    yield json.dumps(head | {"units": units, "config": config.split("\n")}, ensure_ascii=False, indent=2)[:-2]
+    head["background"] = [float(f"{level:.9g}") for level in saved.background.float().tolist()]
+    yield json.dumps(head | {"units": units, "config": saved.config.split("\n")}, ensure_ascii=False, indent=2)[:-2]
     yield ',\n  "strokes": ['
     exact = "%.9g"  # as short as can be: nine digits tell any two float32 apart
     slots = {name: f"[{', '.join([exact] * field.size)}]" if field.size else exact for name, field in FIELDS.items()}
@@ -46,7 +45,7 @@ def json_lines(
     columns = [value.reshape(len(strokes), FIELDS[name].size or 1) for name, value in strokes.items()]
     separator = "\n    "
     for *parts, ranks in zip(
-        *(column.split(AT_ONCE) for column in (*columns, strokes.brush[:, None], depth[:, None])), strict=True
+        *(column.split(AT_ONCE) for column in (*columns, strokes.brush[:, None], saved.depth[:, None])), strict=True
     ):
         rows = torch.cat([part.double() for part in (*parts, ranks)], dim=1).tolist()
         text = ",\n    ".join([line % tuple(row) for row in rows])
@@ -55,8 +54,8 @@ def json_lines(
     yield "\n  ]\n}\n" if len(strokes) else "]\n}\n"
 
 
-def parse(text: str) -> tuple[Strokes, Tensor, Tensor, str, dict[str, Any]]:
-    """Strokes, depth (int64), background, config and attributes that `json_lines` wrote; a UserError if it did not."""
+def parse(text: str) -> Saved:
+    """Read what `json_lines` has written; a UserError says where a text differs from that form."""
     try:
         data = json_of(text)
     except UserError as error:
@@ -64,16 +63,18 @@ def parse(text: str) -> tuple[Strokes, Tensor, Tensor, str, dict[str, Any]]:
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise UserError(f"JSON, but not a {FORMAT}; give a strokes.json of task=export to=json")
     check_version(_typed(data, "format_version", int))
-    attributes = {name: _typed(data, name, kind) for name, kind in ATTRIBUTES.items()}
+    height, width, renderer, renderer_hash, seed = (_typed(data, name, kind) for name, kind in ATTRIBUTES.items())
     config = _typed(data, "config", list)
     if not all(isinstance(line, str) for line in config):
         raise UserError(f"config is {shown(config)}; a list of the lines of a YAML text is needed")
     background = torch.tensor(_numbers(data, "background", 3), dtype=torch.float64).float()
-    return (*_strokes(_typed(data, "strokes", list)), background, "\n".join(config), attributes)
+    strokes, depth = _strokes(_typed(data, "strokes", list))
+    canvas = (strokes, depth.int(), (height, width), background)
+    return Saved(*canvas, renderer, renderer_hash, seed, "\n".join(config))
 
 
 def check_version(version: int) -> None:
-    """Refuse a file of a format that is not known."""
+    """Raise a UserError for a file of a newer format."""
     if not 1 <= version <= VERSION:
         raise UserError(f"has format_version {version}, and this brushexp reads {VERSION}; update brushexp")
 
@@ -103,7 +104,7 @@ def _strokes(rows: list[Any]) -> tuple[Strokes, Tensor]:
 
 
 def _numbers(data: dict[str, Any], name: str, size: int, where: str = "") -> Any:
-    """The value, if it is as many numbers as a field has; 0 is one that is not in a list."""
+    """Check that a value is as many numbers as a field has; size 0 is one that is not in a list."""
     value = data.get(name)
     numbers = value if size else [value]
     if type(numbers) is not list or len(numbers) != (size or 1) or not {type(x) for x in numbers} <= {int, float}:

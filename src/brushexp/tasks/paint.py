@@ -1,16 +1,96 @@
 """``task=paint``: optimise a catalogue of strokes until it looks like the picture."""
 
+import logging
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
+import lightning as L
 from omegaconf import DictConfig
 
-from brushexp.runs.fitting import interrupted_run
-from brushexp.runs.session import painted_into
+from brushexp.errors import UserError
+from brushexp.painting.build import build_painter
+from brushexp.painting.finished import Finished, finish, summary_line
+from brushexp.painting.goals import goals_of
+from brushexp.painting.metrics import metrics_of
+from brushexp.painting.timelapse import Timelapse
+from brushexp.runs.resume import resumed
+from brushexp.runs.tracking import Trackers, make_trackers
+from brushexp.runs.trainer import conclude, fit, make_trainer
+from brushexp.system.device import device_of
+from brushexp.system.files import write_picture
+
+log = logging.getLogger(__name__)
+TRACKED_FRAMES = 8  # of the timelapse that loggers get
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Paint a picture, write everything into the run's folder, and return the numbers of metrics.json."""
-    checkpoint = None
-    if cfg.get("resume") is not None:
-        checkpoint, cfg = interrupted_run(Path(cfg.resume), cfg)
-    return painted_into(folder, cfg, None if checkpoint else start, checkpoint).metrics
+    cfg, checkpoint = resumed(cfg)
+    return paint_picture(cfg, folder, None if checkpoint else start, checkpoint).metrics
+
+
+def paint_picture(
+    cfg: DictConfig, folder: Path | None = None, start: float | None = None,
+    checkpoint: Path | None = None, callbacks: Sequence[L.Callback] = (),
+) -> Finished:  # fmt: skip
+    """Paint from a checked config, in memory or into a run's ``folder``, which also has a fit that was broken off.
+
+    ``start`` is `time.monotonic` when the program began; None for a run that goes on from its ``checkpoint``. The
+    ``callbacks`` come after those of the timelapse and the goals.
+    """
+    trackers, device, metrics = make_trackers(cfg, folder), device_of(cfg.device), metrics_of(cfg)
+    L.seed_everything(cfg.seed, verbose=False)
+    painter = build_painter(cfg).to(device)
+    timelapse = Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds, kind=cfg.timelapse)
+    plan = painter.resumable
+    goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds, has_plan=plan)
+    trainer = make_trainer(cfg, device, folder, [trackers], [timelapse, *goals, *callbacks], checkpoints=plan)
+    for name, picture in painter.pictures.items() if folder else ():
+        write_picture(folder / f"{name}.png", picture)
+    with trackers:
+        failure = fit(trainer, painter, checkpoint=checkpoint) if painter.schedule.steps or cfg.seconds else None
+        if folder is None:
+            conclude(painter, None, cfg, failure, painter.schedule.step)
+        finished = finish(painter, cfg, timelapse, metrics, start=start)
+        if folder is not None:
+            write_painting(folder, finished, timelapse, trackers)
+    if folder is not None:
+        write_film_and_page(folder, finished, timelapse, page=cfg.report)
+        log.info(summary_line(folder, finished.metrics))
+        conclude(painter, folder, cfg, failure, painter.schedule.step)
+    return finished
+
+
+def write_painting(folder: Path, finished: Finished, timelapse: Timelapse, trackers: Trackers) -> None:
+    """Write a painting; until `write_film_and_page` is done, the run counts as one at work."""
+    finished.write(folder)
+    frames = timelapse.frames
+    steps = sorted(frames)[:-1]  # without the last, which is the painting
+    trackers.report(
+        finished.metrics,
+        pictures={name: folder / f"{name}.png" for name in ("target", "painting")},
+        frames={step: frames[step] for step in steps[:: max(1, -(-len(steps) // TRACKED_FRAMES))]},
+        files={"catalogue": folder / "catalogue.h5"},
+    )
+
+
+def write_film_and_page(folder: Path, finished: Finished, timelapse: Timelapse, *, page: bool) -> None:
+    """Write the timelapse, and beside it the ``page`` of the run: to encode a film leaves Python to others."""
+    with ThreadPoolExecutor(1) as beside:
+        film = beside.submit(timelapse.write, folder)
+        if page:
+            try_to_write_page(folder, finished, film)
+    film.result()
+    finished.conclude(folder)
+
+
+def try_to_write_page(folder: Path, finished: Finished, film: Future[Any] | None = None) -> None:
+    """Write the page of the run, with its ``film``; whatever goes wrong with it, the run is not lost."""
+    from brushexp.pages.run_page import write_run_page  # noqa: PLC0415  (runs without a page start sooner)
+
+    try:
+        write_run_page(folder, finished, film)
+    except Exception as error:
+        log.error("no report.html of this run: %s", error, exc_info=not isinstance(error, UserError))

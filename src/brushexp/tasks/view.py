@@ -4,22 +4,25 @@ import logging
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
-from brushexp.pages.run_page import LARGEST_SIDE, PAGE_NAME, page_of_run, run_page
+from brushexp.pages.run_page import LARGEST_SIDE, PAGE_NAME, page_in, run_page
 from brushexp.pages.serving import served, show_until_interrupted
 from brushexp.pages.sweep_page import write_sweep_page
-from brushexp.painting.outputs import export_job, with_renderer
-from brushexp.plugins.export.png import pixels
+from brushexp.painting.finished import Finished
+from brushexp.pictures.decode import opened_picture
+from brushexp.plugins.export.job import ExportJob, export_job, with_renderer
 from brushexp.registry import build
-from brushexp.results.runs import gather
+from brushexp.results.runs import gather, read_result
 from brushexp.shading.light import UNLIT
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import write_text
 from brushexp.system.run_files import METRICS_FILE
 
 log = logging.getLogger(__name__)
+PICTURES = ("target", "painting", "flat", "style", "focus")  # of a run, as `Finished` names them
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
@@ -33,16 +36,18 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def pages_of(cfg: DictConfig, folder: Path) -> dict[str, Path]:
-    """Write ``report.html`` into a folder, and tell what is to be served: path of the address -> file.
+    """Write ``report.html`` into a folder, and return what is to be served: path of the address -> file.
 
-    With a sweep these are the pages of its runs too. What has no page is refused (UserError).
+    With a sweep these are the pages of its runs, too. What has no page is refused (UserError).
     """
-    source = Path(cfg.catalogue)
-    page = folder / PAGE_NAME
+    source, page = Path(cfg.catalogue), folder / PAGE_NAME
     if not source.is_dir():
-        write_text(page, page_of_catalogue(cfg))
+        path = source.resolve()
+        name = path.parent.name if path.stem == "catalogue" else path.stem
+        write_text(page, run_page(drawn(reopened(cfg, source)), name=name or path.stem))
     elif (source / "catalogue.h5").is_file():
-        write_text(page, page_of_run(source))  # the run's own folder stays as it is
+        job = reopened(cfg, source / "catalogue.h5")
+        write_text(page, page_in(source, finished_in(source, job)))  # the folder of the run stays as it is
     elif any(source.glob(f"*/{METRICS_FILE}")):
         runs = gather([source], folder)
         write_sweep_page(folder, runs)
@@ -56,24 +61,29 @@ def pages_of(cfg: DictConfig, folder: Path) -> dict[str, Path]:
     return {"/": page}
 
 
-def page_of_catalogue(cfg: DictConfig) -> str:
-    """The page of strokes alone, drawn by the renderer that painted them unless another one is chosen."""
-    saved = load_catalogue(Path(cfg.catalogue))
-    chosen = cfg.get("renderer")
-    try:
-        saved, renderer = with_renderer(saved, chosen, cfg.catalogue)
-    except UserError as error:
-        if chosen is not None:
-            raise
-        raise UserError(
-            f"{cfg.catalogue} was painted with renderer={saved.renderer}, which cannot be built here: {error}; "
-            "or draw it with another one: renderer=analytic"
-        ) from error
-    resolution = min(LARGEST_SIDE, max(saved.size))  # more would not fit into the page
-    job = export_job(saved, renderer, build(cfg.blend), saved.renderer, resolution, cfg.catalogue)
-    path = Path(cfg.catalogue).resolve()
-    name = path.parent.name if path.stem == "catalogue" else path.stem
-    pictures = {"painting": pixels(job)}
+def reopened(cfg: DictConfig, path: Path) -> ExportJob:
+    """Reopen a catalogue with the renderer that painted it, unless another one is chosen."""
+    saved, renderer = with_renderer(load_catalogue(path), cfg.get("renderer"), str(path))
+    return export_job(saved, renderer, build(cfg.blend), source=str(path))
+
+
+def drawn(job: ExportJob) -> Finished:
+    """Draw a painting of which there is a catalogue and nothing else."""
+    small = job.at_most(LARGEST_SIDE)  # more would not fit into the page
+    pictures = {"painting": small.picture()}
     if job.light.depth:
-        pictures["flat"] = pixels(replace(job, light=UNLIT))
-    return run_page(saved, name=name or path.stem, pictures=pictures)
+        pictures["flat"] = replace(small, light=UNLIT).picture()
+    return Finished(job, pictures, dict)
+
+
+def finished_in(folder: Path, job: ExportJob) -> Finished:
+    """Read the finished painting of a run from its folder; a damaged picture is left out, with a warning."""
+    pictures = dict[str, np.ndarray]()
+    for name in PICTURES:
+        if (path := folder / f"{name}.png").exists():
+            try:
+                with opened_picture(path) as image:
+                    pictures[name] = np.asarray(image.convert("RGB"))
+            except UserError as error:
+                log.warning("%s is left out: %s", path, error)
+    return Finished(job, pictures, lambda: read_result(folder) if (folder / METRICS_FILE).is_file() else {})

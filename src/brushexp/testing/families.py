@@ -2,17 +2,19 @@
 
 import tempfile
 from functools import partial
+from inspect import signature
 from pathlib import Path
 
 import torch
 
+from brushexp.errors import UserError
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.logger.base import Run
 from brushexp.plugins.loss.base import PaintedView
 from brushexp.plugins.metric.base import Comparison
 from brushexp.plugins.order.base import front_to_back
-from brushexp.plugins.painter.base import Commission
+from brushexp.plugins.painter.base import Painter, PaintRequest
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes, check_strokes
 from brushexp.testing.checks import Check, Make
@@ -82,6 +84,16 @@ def is_bounded_and_differentiable_in_every_field(make: Make) -> None:
     alpha, _ = layers.sample(torch.arange(5)[None], points[None])
     beyond = distance.min(-1).values > layers.reach[:, None] + 0.1
     assert (alpha[0][beyond] == 0).all()
+
+
+def loads_its_checkpoint(make: Make) -> None:
+    """Of a renderer with an option ``checkpoint``: it reads that file, and refuses it if there is none."""
+    if "checkpoint" in signature(type(make())).parameters:
+        try:
+            make(checkpoint="missing.safetensors")
+        except UserError:
+            return
+        raise AssertionError("call self.restore(checkpoint, ...) at the end of __init__")
 
 
 def paints_the_size_it_is_told(make: Make) -> None:
@@ -207,13 +219,13 @@ def paints_with_no_more_strokes_than_asked(make: Make) -> None:
 
     The seed alone decides, and pictures of few pixels and of one colour are painted, too.
     """
+    if not isinstance(make(), Painter):
+        return
     shades = torch.linspace(0, 1, SIZE[1]).expand(3, *SIZE).clone()
     shades[0, :, : SIZE[1] // 2] = 0.9
     for target, n, times in ((shades, 12, 2), (torch.rand(3, 3, 2), 1, 1), (torch.full((3, *SIZE), 0.5), 8, 1)):
-        if make().by_steps:
-            continue
         background = torch.tensor([0.2, 0.4, 0.9])
-        found = [list(make()(commission_of(target, n, background))) for _ in range(times)]
+        found = [list(make()(request_of(target, n, background))) for _ in range(times)]
         states = found[0]
         assert states
         assert all(0 < len(state.strokes) <= n for state in states)
@@ -225,24 +237,24 @@ def paints_with_no_more_strokes_than_asked(make: Make) -> None:
         assert all(
             torch.equal(getattr(found[-1][-1].strokes, name), value) for name, value in states[-1].strokes.items()
         )
-        drawn = commission_of(target, n, background).draw(states[-1].strokes)
+        drawn = request_of(target, n, background).draw(states[-1].strokes)
         assert (drawn - background[:, None, None]).abs().amax() > 0.1
 
 
-def commission_of(target: torch.Tensor, n: int, background: torch.Tensor) -> Commission:
+def request_of(target: torch.Tensor, n: int, background: torch.Tensor) -> PaintRequest:
     """What a painter is asked for, drawn with plain strokes."""
 
     def draw(strokes: Strokes) -> torch.Tensor:
         order = torch.arange(len(strokes) - 1, -1, -1)
         return Tiled()(Analytic()(strokes), order, (target.shape[1], target.shape[2]), background).image
 
-    return Commission(target, n, background, draw, torch.Generator().manual_seed(3))
+    return PaintRequest(target, n, background, draw, torch.Generator().manual_seed(3))
 
 
 CHECKS: dict[str, list[Check]] = {
     "painter": [paints_with_no_more_strokes_than_asked],
     "init": [makes_as_many_strokes_as_asked_in_range],
-    "renderer": [is_bounded_and_differentiable_in_every_field],
+    "renderer": [is_bounded_and_differentiable_in_every_field, loads_its_checkpoint],
     "blend": [paints_the_size_it_is_told],
     "order": [gives_every_stroke_a_depth],
     "loss": [is_finite_differentiable_and_zero_at_best],

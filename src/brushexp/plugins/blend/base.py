@@ -2,24 +2,13 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
-from brushexp.compositing.layers import Layers, Size
+from brushexp.compositing.layers import Canvas, Layers, Size
 from brushexp.plugins.color.base import ColorSpace
-
-
-@dataclass(frozen=True)
-class Canvas:
-    """A picture: ``image`` (3, H, W), display-referred RGB; ``accuracy`` (N,), without gradient, if a target was given.
-
-    Accuracy is as ``order.base.Order.depth`` defines it, NaN for a stroke that covers nothing here.
-    """
-
-    image: Tensor
-    accuracy: Tensor | None = None
 
 
 class Blend(ABC):
@@ -36,20 +25,14 @@ class Blend(ABC):
     cost: ClassVar[str] = "not measured"  # of a gradient step against that of ``tiled``, at 1024 px and 10,000 strokes
     exact: ClassVar[str] = "yes"  # or what it leaves out
     runs_on: ClassVar[str] = "any device, any precision"
-    space: ColorSpace | None = None  # in which paint is laid over paint, see `compositing.mixing`; None for RGB
-    layered: bool = True  # whether strokes laid over others look as if both had been laid at once
-
-    @property
-    def plain(self) -> "Blend":
-        """The blend that lays channels as they come, whatever they mean; ``background`` and picture have them, too."""
-        return self
+    layered: ClassVar[bool] = True  # whether strokes laid over others look as if both had been laid at once
 
     @classmethod
     def facts(cls) -> dict[str, str]:
         return {"cost": cls.cost, "exact": cls.exact, "runs on": cls.runs_on}
 
     def check(self, count: int, size: Size) -> None:  # noqa: B027  (most hold anything)
-        """Refuse (UserError) ``count`` strokes on a canvas of ``size`` (H, W) if it cannot hold them."""
+        """Raise a UserError if the blend cannot hold ``count`` strokes on a canvas of ``size`` (H, W)."""
 
     @abstractmethod
     def __call__(
@@ -68,21 +51,45 @@ class Blend(ABC):
     def importance(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor, weight: Tensor
     ) -> Tensor | None:
-        """By how much the squared error would grow without each of the N strokes; None if it has no quick way to tell.
+        """Growth (N,) of the squared error without each stroke; None if the blend has no quick way to compute it.
 
         Arguments as above; ``weight`` (H, W) says how much the error at each pixel counts in the sum.
         """
         return None
 
 
-def accuracy_of(error: Tensor, total: Tensor) -> Tensor:
-    """Accuracy (N,) from the sums (N,) of alpha |color - target|^2 and of alpha; NaN where a stroke covers nothing."""
-    covers = total > 1e-6  # below a millionth of a pixel there is nothing to judge
-    return torch.where(covers, 1 - error / total.clamp_min(1e-6), torch.nan)
+@dataclass(frozen=True)
+class Compositor:
+    """Lays strokes over each other in a colour space: encodes their colours, blends, and decodes the picture.
+
+    The accuracy of a stroke is that of its own colour, which no other is laid over: it is the same in every space. Of
+    its importance nothing is known in other spaces than RGB: the error of their channels ranks strokes otherwise.
+    """
+
+    blend: Blend
+    space: ColorSpace
+
+    def __call__(
+        self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None
+    ) -> Canvas:
+        """Paint as a `Blend` does."""
+        if self.space.is_rgb:
+            return self.blend(layers, front_to_back, size, background, target)
+        bare = self.space.encode(background.to(layers.color))
+        channels = self.blend(layers.encoded(self.space.encode), front_to_back, size, bare).image
+        image = self.space.decode(channels)
+        if target is None:
+            return Canvas(image)
+        with torch.no_grad():
+            return Canvas(image, self.blend(layers, front_to_back, size, background, target).accuracy)
+
+    def importance(self, *arguments: Any) -> Tensor | None:
+        """Importance of the strokes, as `Blend.importance` has it."""
+        return self.blend.importance(*arguments) if self.space.is_rgb else None
 
 
-def alike(layers: Layers, background: Tensor, target: Tensor | None) -> tuple[Tensor, Tensor | None]:
-    """Background and target in the precision of the layers, which says in which one a picture is computed."""
+def match_dtype(layers: Layers, background: Tensor, target: Tensor | None) -> tuple[Tensor, Tensor | None]:
+    """Bring background and target to the precision of the layers, in which a picture is computed."""
     return background.to(layers.color.dtype), None if target is None else target.to(layers.color.dtype)
 
 

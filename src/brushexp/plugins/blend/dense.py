@@ -3,9 +3,9 @@
 import torch
 from torch import Tensor
 
-from brushexp.compositing.layers import Layers, Size
+from brushexp.compositing.layers import Canvas, Layers, Size, accuracy_of
 from brushexp.errors import UserError
-from brushexp.plugins.blend.base import Blend, Canvas, accuracy_of, alike, pixel_centres
+from brushexp.plugins.blend.base import Blend, match_dtype, pixel_centres
 from brushexp.registry import register
 
 LIMIT = 4e8  # stroke-pixel pairs: above this the intermediate tensors take tens of gigabytes
@@ -26,7 +26,7 @@ class Dense(Blend):
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None
     ) -> Canvas:
         height, width = size
-        background, target = alike(layers, background, target)
+        background, target = match_dtype(layers, background, target)
         self.check(len(front_to_back), size)
         points = pixel_centres(torch.arange(height * width, device=background.device), width, background.dtype)[None]
         alpha, color = layers.sample(front_to_back[None], points)  # (1, N, P), (1, N, P or 1, C)

@@ -7,10 +7,10 @@ from torch import Tensor
 
 from brushexp.bounds import between, one_of
 from brushexp.compositing.eager import paint_tiles
-from brushexp.compositing.layers import KernelInput, Layers, Size
+from brushexp.compositing.layers import Canvas, KernelInput, Layers, Size, accuracy_of
 from brushexp.compositing.rasterization import Painted, Rasterization
 from brushexp.errors import UserError
-from brushexp.plugins.blend.base import Blend, Canvas, accuracy_of, alike
+from brushexp.plugins.blend.base import Blend, match_dtype
 from brushexp.plugins.blend.dense import over
 from brushexp.registry import register
 
@@ -41,7 +41,7 @@ class Tiled(Blend):
     def __call__(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None
     ) -> Canvas:
-        background, target = alike(layers, background, target)
+        background, target = match_dtype(layers, background, target)
         given = self._compiled(layers)
         if given is None:
             return paint_tiles(layers, front_to_back, size, background, target, over)

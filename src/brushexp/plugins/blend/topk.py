@@ -8,8 +8,8 @@ from torch import Tensor
 
 from brushexp.bounds import at_least
 from brushexp.compositing.eager import paint_tiles
-from brushexp.compositing.layers import Layers, Size
-from brushexp.plugins.blend.base import Blend, Canvas, alike
+from brushexp.compositing.layers import Canvas, Layers, Size
+from brushexp.plugins.blend.base import Blend, match_dtype
 from brushexp.plugins.blend.dense import over
 from brushexp.registry import register
 
@@ -36,7 +36,7 @@ class TopK(Blend):
     def __call__(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None
     ) -> Canvas:
-        background, target = alike(layers, background, target)
+        background, target = match_dtype(layers, background, target)
         return paint_tiles(layers, front_to_back, size, background, target, partial(_uppermost, self.k))
 
 

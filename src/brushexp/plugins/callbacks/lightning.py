@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from brushexp.bounds import DURATION, at_least, one_of
 from brushexp.plugins.callbacks.base import Callback
@@ -15,14 +16,18 @@ if TYPE_CHECKING:
     import lightning as L
 
 
+def lightning_callback(name: str, *args: Any, **options: Any) -> L.Callback:
+    """Make a callback of Lightning, which takes seconds to import."""
+    made: L.Callback = getattr(importlib.import_module("lightning.pytorch.callbacks"), name)(*args, **options)
+    return made
+
+
 @register("callbacks", "learning_rate_monitor")
 class LearningRate(Callback):
     """Record the learning rate among the curves of the run (Lightning's LearningRateMonitor)."""
 
     def open(self, folder: Path) -> L.Callback:
-        from lightning.pytorch.callbacks import LearningRateMonitor  # noqa: PLC0415
-
-        return LearningRateMonitor(logging_interval="step")
+        return lightning_callback("LearningRateMonitor", logging_interval="step")
 
 
 @register("callbacks", "early_stopping")
@@ -43,9 +48,7 @@ class StopOnPlateau(Callback):
     patience: Annotated[int, at_least(1)] = 3
 
     def open(self, folder: Path) -> L.Callback:
-        from lightning.pytorch.callbacks import EarlyStopping  # noqa: PLC0415
-
-        return EarlyStopping(**vars(self))
+        return lightning_callback("EarlyStopping", **vars(self))
 
 
 @register("callbacks", "model_checkpoint")
@@ -66,9 +69,7 @@ class BestCheckpoints(Callback):
     every_n_train_steps: Annotated[int, at_least(1)] = 100
 
     def open(self, folder: Path) -> L.Callback:
-        from lightning.pytorch.callbacks import ModelCheckpoint  # noqa: PLC0415
-
-        return ModelCheckpoint(folder / "checkpoints", **vars(self))
+        return lightning_callback("ModelCheckpoint", folder / "checkpoints", **vars(self))
 
 
 @register("callbacks", "timer")
@@ -83,9 +84,7 @@ class TimeLimit(Callback):
     duration: Annotated[str, DURATION] = "00:01:00:00"
 
     def open(self, folder: Path) -> L.Callback:
-        from lightning.pytorch.callbacks import Timer  # noqa: PLC0415
-
-        return Timer(**vars(self))
+        return lightning_callback("Timer", **vars(self))
 
 
 @register("callbacks", "device_stats")
@@ -93,6 +92,4 @@ class DeviceStats(Callback):
     """Record memory of the GPU, and with psutil load of the CPU, among the curves (Lightning's DeviceStatsMonitor)."""
 
     def open(self, folder: Path) -> L.Callback:
-        from lightning.pytorch.callbacks import DeviceStatsMonitor  # noqa: PLC0415
-
-        return DeviceStatsMonitor(cpu_stats=find_spec("psutil") is not None)
+        return lightning_callback("DeviceStatsMonitor", cpu_stats=find_spec("psutil") is not None)

@@ -1,4 +1,4 @@
-"""Every stroke of a painting by itself: its bitmap, as the renderer draws it, and where that lies on the canvas."""
+"""Sprites: the bitmap of every single stroke, as the renderer draws it, and its place on the canvas."""
 
 import math
 from collections.abc import Iterator
@@ -10,12 +10,11 @@ import torch
 from brushexp.compositing.profile import Profile
 from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import build_named
-from brushexp.shading.light import UNLIT
 from brushexp.strokes.catalogue import Strokes
 
-SHEET_WIDTH = 4096  # pixels, and as many rows at most: what every browser can hold
-GAP = 1  # pixels between strokes
-MOST_PIXELS = 6e6  # of all: about 5 MB in an SVG
+SHEET_WIDTH = 4096  # pixels of a row of the sheet
+GAP = 1  # pixels between bitmaps
+MOST_PIXELS = 6e6  # pixels of a sheet, about 5 MB in an SVG
 Array = np.ndarray
 
 
@@ -30,7 +29,7 @@ class Sprites:
     zoom: float  # pixels of the sheet for each of the canvas
 
     def bitmaps(self) -> Iterator[tuple[int, tuple[int, int], Array]]:
-        """Number, place and pixels (h, w, 4) of each stroke."""
+        """Yield number, place and pixels (h, w, 4) of each stroke."""
         for number, (left, top, width, height), (x, y) in zip(
             self.number.tolist(), self.boxes.tolist(), self.places.tolist(), strict=True
         ):
@@ -38,7 +37,7 @@ class Sprites:
 
 
 def has_sprites(job: ExportJob) -> bool:
-    """Whether strokes are more than curves with a width, and soon drawn."""
+    """Whether strokes are more than curves with a width, and quickly drawn."""
     return job.renderer.warm_up is None and not isinstance(job.renderer(job.strokes[:0]), Profile)
 
 
@@ -61,25 +60,28 @@ def sprites_of(job: ExportJob) -> Sprites:
     corners, height = _on_shelves(boxes[:, 2:] + GAP)
     shift = torch.from_numpy(corners - boxes[:, :2]).to(strokes.position)
     apart = replace(strokes, position=strokes.position + shift)
-    blend = build_named("blend", "tiled", {})
-    laid = replace(job, strokes=apart, size=(height, SHEET_WIDTH), blend=blend, light=UNLIT)
+    laid = replace(job.saved, strokes=apart, size=(height, SHEET_WIDTH))
+    blend, rgb = build_named("blend", "tiled", {}), build_named("color", "rgb", {})
     sheet = np.zeros((height, SHEET_WIDTH, 4), np.uint8)
-    dark, bright = (replace(laid, background=torch.full_like(job.background, shade)) for shade in (0.0, 1.0))
+    dark, bright = (
+        ExportJob(replace(laid, background=torch.full_like(laid.background, shade)), job.renderer, blend, rgb)
+        for shade in (0.0, 1.0)
+    )
     for (top, black), (_, white) in zip(dark.bands(), bright.bands(), strict=True):
         alpha = 1 - (white - black).mean(0, keepdim=True)
         pixels = torch.cat([black / alpha.clamp_min(1e-6), alpha]).clamp_(0, 1).mul_(255).add_(0.5).to(torch.uint8)
         pixels *= pixels[3:] > 0
         sheet[top : top + black.shape[1]] = pixels.permute(1, 2, 0).cpu().numpy()
-    found = np.concatenate([corners, boxes[:, 2:]], axis=1)
+    places = np.concatenate([corners, boxes[:, 2:]], axis=1)
     paint = sheet[..., 3] > 0
-    seen = np.array([paint[y : y + h, x : x + w].any() for x, y, w, h in found.tolist()], dtype=bool)
+    visible = np.array([paint[y : y + h, x : x + w].any() for x, y, w, h in places.tolist()], dtype=bool)
     number = job.bottom_up.cpu().numpy()
-    number = number[seen[number]]
-    return Sprites(sheet, number, found[number], boxes[number, :2], zoom)
+    number = number[visible[number]]
+    return Sprites(sheet, number, places[number], boxes[number, :2], zoom)
 
 
 def _boxes(job: ExportJob, strokes: Strokes) -> Array:
-    """Left, top, width and height (N, 4), int64, of what each stroke may touch; without area beyond the canvas."""
+    """Bound what each stroke may touch by left, top, width and height (N, 4), int64; no area beyond the canvas."""
     layers = job.renderer(strokes)
     curve, reach = layers.curve.cpu().numpy(), layers.reach.cpu().numpy()[:, None]
     low, high = np.floor(curve.min(1) - reach), np.ceil(curve.max(1) + reach)
@@ -91,7 +93,7 @@ def _boxes(job: ExportJob, strokes: Strokes) -> Array:
 
 
 def _on_shelves(sizes: Array) -> tuple[Array, int]:
-    """Corners (N, 2) of boxes (N, 2) side by side in rows, the highest ones first, and the height of all."""
+    """Lay boxes (N, 2) side by side in rows, the highest first: their corners (N, 2), and the height of all rows."""
     corners, (left, top, row) = np.zeros_like(sizes), (0, 0, 0)
     for k in np.argsort(-sizes[:, 1], kind="stable"):
         width, height = sizes[k]

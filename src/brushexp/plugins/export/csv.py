@@ -33,7 +33,7 @@ class Csv(Exporter):
 
 
 def _lines(job: ExportJob) -> Iterator[str]:
-    """The text of the file, piece by piece."""
+    """Write the text of the file, piece by piece."""
     yield ",".join(("stroke", *COLUMNS)) + "\n"
     line = "%d" + ",%.7g" * len(COLUMNS) + "\n"
     for number in job.bottom_up.cpu().split(AT_ONCE):

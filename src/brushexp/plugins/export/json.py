@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import torch
-
 from brushexp.errors import UserError
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
@@ -22,18 +20,9 @@ class Json(Exporter):
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         path = folder / "strokes.json"
-        attributes = {
-            "height": job.size[0],
-            "width": job.size[1],
-            "renderer": job.name,
-            "renderer_hash": job.renderer.weights_hash,
-            "seed": job.seed,
-        }
-        strokes = job.strokes.map(lambda value: value.detach().to("cpu", torch.float32))
         try:
-            check_strokes(strokes)
+            check_strokes(job.strokes)
         except UserError as error:
             raise UserError(f"to=json cannot hold this size ({error}); choose another resolution") from error
-        text = json_lines(strokes, job.depth, job.background.float(), job.config, attributes)
-        write_text(path, text)
+        write_text(path, json_lines(job.saved))
         return [path]

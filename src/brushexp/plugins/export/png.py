@@ -4,14 +4,11 @@ import struct
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from torch import Tensor
-
 from brushexp.plugins.export._packing import RGB, SIGNATURE, chunk, header
-from brushexp.plugins.export._prints import CM, PrintExporter
 from brushexp.plugins.export.base import ExportJob
+from brushexp.plugins.export.prints import CM, PrintExporter
 from brushexp.registry import register
-from brushexp.system.files import replacing, to_bytes
+from brushexp.system.files import replacing
 
 PER_METRE = 1  # PNG's number for this unit of density
 
@@ -37,14 +34,3 @@ class Png(PrintExporter):
             file.writelines(chunk(b"IDAT", piece) for piece in self.packed(job) if piece)
             file.write(chunk(b"IEND", b""))
         return [path]
-
-
-def pixels(job: ExportJob, flat: Tensor | None = None) -> np.ndarray:
-    """The picture (H, W, 3) in 8 bits, painted in bands, so that it takes little more memory than its pixels.
-
-    ``flat`` (3, H, W) in [0, 1] are its colours without light, if they are known.
-    """
-    picture = np.empty((*job.size, 3), dtype=np.uint8)
-    for top, band in job.bands(flat):
-        picture[top : top + band.shape[1]] = to_bytes(band)
-    return picture

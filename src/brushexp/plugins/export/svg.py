@@ -3,6 +3,7 @@
 import base64
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Annotated
@@ -14,20 +15,20 @@ from torch import Tensor
 from brushexp.bounds import between
 from brushexp.compositing.profile import Profile, smooth_rise
 from brushexp.plugins.export._packing import bitmap
-from brushexp.plugins.export._sprites import has_sprites
+from brushexp.plugins.export._sprites import Sprites, has_sprites, sprites_of
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
-from brushexp.shading.light import overlay
+from brushexp.shading.light import UNLIT, overlay
 from brushexp.strokes.bezier import curve_of, half_width_of, point_at
 from brushexp.strokes.text import AT_ONCE
 from brushexp.system.files import write_text
 
-CRISP = 1.0  # pixels: soft edge of strokes whose renderer is no profile
-PIXEL = 1 / 12  # square pixels: variance of an edge where a program fills pixels by the share that is covered
-BISECTIONS = 40
-LIGHT_SIDE = 2048  # pixels of the longer side of the light
-ALPHA = 3  # decimals of opacities
-SIDE_POINTS = 24  # of each long side of a tapered stroke
+CRISP = 1.0  # pixels of soft edge of strokes whose renderer makes no profile
+PIXEL = 1 / 12  # square pixels of variance of an edge that programs draw by the covered share of each pixel
+BISECTIONS = 40  # halvings of the interval in which the width of an outline is searched
+LIGHT_SIDE = 2048  # pixels of the longer side of the image of the light, at most
+ALPHA_DIGITS = 3  # decimals of opacities
+SIDE_POINTS = 24  # points on each long side of a tapered stroke
 TURN = 1e-3  # of the parameter: how near to its sharpest bend a curve that folds is sampled, on either side
 LEADING_ZERO = re.compile(r"(?<![\d.])0\.")
 FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # in XML 1.0
@@ -63,21 +64,24 @@ class Svg(Exporter):
         self.outlines = outlines
         self.paths = paths
 
-    def write(self, job: ExportJob, folder: Path) -> list[Path]:
+    def write(self, job: ExportJob, folder: Path, pictures: tuple[np.ndarray, np.ndarray] | None = None) -> list[Path]:
+        """Write the file; ``pictures`` are those of the job without and under its lamp, if they are painted already."""
         path = folder / "strokes.svg"
-        write_text(path, self._lines(job))
+        write_text(path, self._lines(job, pictures))
         return [path]
 
-    def _lines(self, job: ExportJob) -> Iterator[str]:
+    def _lines(self, job: ExportJob, pictures: tuple[np.ndarray, np.ndarray] | None) -> Iterator[str]:
         (height, width), count = job.size, len(job.strokes)
         profile, bare = profile_of(job)
-        drawn = not self.paths and has_sprites(job)
+        has_bitmaps, is_lit = not self.paths and has_sprites(job), not self.paths and job.light.depth > 0
         about = f"{count} brush strokes on {width} x {height} pixels, the bottom one first"
         about += f", from {job.source}" * bool(job.source) + "; written by brushexp."
-        about += f" The renderer {job.name} gives them a texture, which paths cannot hold." * (bare and not drawn)
-        about += " Each one is a bitmap with its texture." * drawn
-        about += " Viewers mix its colours as light, not as color= said." * (job.blend is not job.blend.plain)
-        about += " The last image is the light on the paint." * self._is_lit(job)
+        about += f" The renderer {job.saved.renderer} gives them a texture, which paths cannot hold." * (
+            bare and not has_bitmaps
+        )
+        about += " Each one is a bitmap with its texture." * has_bitmaps
+        about += " Viewers mix its colours as light, not as color= said." * (not job.space.is_rgb)
+        about += " The last image is the light on the paint." * is_lit
         canvas = f'<path d="M0 0h{width}v{height}h-{width}z"'
         stroked = "" if profile.taper else ' fill="none" stroke-linecap="round" stroke-linejoin="round"'
         yield '<?xml version="1.0" encoding="UTF-8"?>\n<svg xmlns="http://www.w3.org/2000/svg" '
@@ -85,24 +89,24 @@ class Svg(Exporter):
         yield 'style="max-width:100%;max-height:100vh;height:auto">\n'
         yield f"<title>{count} brush strokes</title>\n<desc>{escape(FORBIDDEN.sub('?', about), quote=False)}</desc>\n"
         yield f'<clipPath id="canvas">{canvas}/></clipPath>\n<g clip-path="url(#canvas)"{stroked}>\n'
-        yield f'{canvas} fill="{hexadecimal(job.background[None])[0]}"/>\n'
-        if drawn:
-            yield from self._bitmaps(job)
+        yield f'{canvas} fill="{hexadecimal(job.saved.background[None])[0]}"/>\n'
+        if has_bitmaps:
+            yield from self._bitmaps(sprites_of(job))
         else:
             for number in job.bottom_up.cpu().split(AT_ONCE):
                 yield short("".join(self._paths(profile, number)))
-        if self._is_lit(job):
-            light = _href(overlay(*job.at_most(LIGHT_SIDE).pictures))
+        if is_lit:
+            if pictures is None or max(job.size) > LIGHT_SIDE:
+                job = job.at_most(LIGHT_SIDE)
+                pictures = replace(job, light=UNLIT).picture(), job.picture()
+            light = _href(overlay(*pictures))
             yield f'<image id="light" width="{width}" height="{height}" preserveAspectRatio="none" {light}/>\n'
         yield "</g>\n</svg>\n"
 
-    def _is_lit(self, job: ExportJob) -> bool:
-        return job.light.depth > 0 and not self.paths
-
-    def _bitmaps(self, job: ExportJob) -> Iterator[str]:
-        for stroke, place, pixels in job.sprites.bitmaps():
+    def _bitmaps(self, sprites: Sprites) -> Iterator[str]:
+        for stroke, place, pixels in sprites.bitmaps():
             numbers = (*place, pixels.shape[1], pixels.shape[0])
-            x, y, width, height = (f"{round(value / job.sprites.zoom, self.digits):.12g}" for value in numbers)
+            x, y, width, height = (f"{round(value / sprites.zoom, self.digits):.12g}" for value in numbers)
             shape = f'x="{x}" y="{y}" width="{width}" height="{height}"'
             yield f'<image id="stroke-{stroke}" {shape} preserveAspectRatio="none" {_href(pixels)}/>\n'
 
@@ -117,7 +121,7 @@ class Svg(Exporter):
         shapes: Iterable[list[str]] = ([text] * self.outlines for text in lines(curve, self.digits))
         if profile.taper:
             shapes = tapered(curve, middle, offset, profile.taper, self.digits)
-        rows = zip(shapes, hexadecimal(color), widths, _rounded(alpha, ALPHA).tolist(), strict=True)
+        rows = zip(shapes, hexadecimal(color), widths, _rounded(alpha, ALPHA_DIGITS).tolist(), strict=True)
         for paths, paint, path_widths, opacities in rows:
             for d, width, opaque in zip(paths, path_widths, opacities, strict=True):
                 if width > 0 and opaque > 0:
@@ -127,23 +131,23 @@ class Svg(Exporter):
 
 
 def _href(pixels: np.ndarray) -> str:
-    """A picture (H, W, 4) uint8 as an attribute of the element that shows it."""
+    """Embed a picture (H, W, 4) uint8 in the attribute of the element that shows it."""
     return f'href="data:image/png;base64,{base64.b64encode(bitmap(pixels)).decode()}"'
 
 
 @torch.no_grad()
 def profile_of(job: ExportJob) -> tuple[Profile, bool]:
-    """The strokes as profiles, and whether their renderer makes something else of them, which is left out."""
+    """Make strokes profiles; and say whether their renderer draws more than that, which is left out."""
     strokes = job.strokes
-    if isinstance(job.renderer(strokes[:0]), Profile):  # nothing large is drawn to find out
-        drawn = job.renderer(strokes)
-        assert isinstance(drawn, Profile)
-        return drawn, False
+    if isinstance(job.renderer(strokes[:0]), Profile):  # no strokes are drawn to find out
+        profile = job.renderer(strokes)
+        assert isinstance(profile, Profile)
+        return profile, False
     return Profile(curve_of(strokes), half_width_of(strokes), strokes.color, strokes.opacity, CRISP, 0.0), True
 
 
 def soft_edge(half: Tensor, opacity: Tensor, soft: float, count: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Strokes with hard edges, one on another, that together cover what a soft one does.
+    """Choose strokes with hard edges, one on another, that together cover what a soft one does.
 
     One alone has the same opacity in its middle as the soft stroke, C(0) of `Profile`, and the same share of the light
     across it, so it is wider than a stroke that is thinner than the edge. Several have the half widths at which C(d)
@@ -166,7 +170,7 @@ def soft_edge(half: Tensor, opacity: Tensor, soft: float, count: int) -> tuple[T
 
 
 def _distances(half: Tensor, soft: float, count: int) -> Tensor:
-    """Where (N, count) C(d) has fallen to (k + 1/2) / count of C(0), found by bisection."""
+    """Search by bisection where (N, count) C(d) has fallen to (k + 1/2) / count of C(0)."""
     level = 2 * smooth_rise(half / soft)[:, None] * (torch.arange(count) + 0.5) / count
     low, high = torch.zeros_like(level), (half + 0.5 * soft)[:, None].expand_as(level)
     for _ in range(BISECTIONS):
@@ -177,23 +181,23 @@ def _distances(half: Tensor, soft: float, count: int) -> Tensor:
 
 
 def hexadecimal(color: Tensor) -> list[str]:
-    """Colours (N, 3) in [0, 1] as ``#rrggbb``."""
+    """Write colours (N, 3) in [0, 1] as ``#rrggbb``."""
     levels = (color * 255 + 0.5).clamp(0, 255).long().tolist()
     return [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in levels]
 
 
 def short(text: str) -> str:
-    """Paths with each number as short as it can be written, ``.5`` and not ``0.5``; a minus is as good as a space."""
+    """Shorten the numbers of paths, ``.5`` and not ``0.5``; a minus needs no space before it."""
     return LEADING_ZERO.sub(".", text).replace(" -", "-")
 
 
 def packed(values: Sequence[float]) -> str:
-    """Rounded numbers after each other, to be made `short`."""
+    """Write rounded numbers one after another, to be made `short`."""
     return " ".join(["%.12g"] * len(values)) % tuple(values)
 
 
 def lines(curve: Tensor, digits: int) -> Iterator[str]:
-    """Quadratic Bezier curves (N, 3, 2), to be made `short`; of a point something that has a direction."""
+    """Write quadratic Bezier curves (N, 3, 2), to be made `short`; a point becomes a shortest line."""
     curve = _rounded(curve, digits)
     further = _rounded((curve[:, 1:] - curve[:, :1]).flatten(1), digits)
     for start, (cx, cy, ex, ey) in zip(curve[:, 0].tolist(), further.tolist(), strict=True):
@@ -206,7 +210,7 @@ def _rounded(values: Tensor, digits: int) -> Tensor:
 
 
 def tapered(curve: Tensor, middle: Tensor, offset: Tensor, taper: float, digits: int) -> Iterator[list[str]]:
-    """Outlines of strokes that are thinner at their ends, with round ends; fill them by the rule nonzero.
+    """Outline strokes that are thinner at their ends, with round ends; fill them by the rule nonzero.
 
     The half width at parameter t is ``middle * (1 - taper * (2 t - 1)^2) + offset``, and 0 where that is less. Sides
     are chains of chords. A curve that folds gets a disc where it does, and one that is a point is a disc. Yields the K
@@ -225,20 +229,20 @@ def tapered(curve: Tensor, middle: Tensor, offset: Tensor, taper: float, digits:
     tables = (left, right, half[..., [0, -2]], tips, point_at(curve, bend))
     columns = [_rounded(table, digits).tolist() for table in tables]
     for lefts, rights, halves, discs, (x, y) in zip(*columns, strict=True):
-        found = []
-        for there, back, (first, last), (tip,) in zip(lefts, rights, halves, discs, strict=True):
+        outlines = []
+        for side, back, (first, last), (tip,) in zip(lefts, rights, halves, discs, strict=True):
             # Along one side, around the end, back along the other side and around the start.
-            text = f"M{packed(there)}A{packed([last, last])} 0 0 0 {packed(back[:2])}L"
-            text += f"{packed(back[2:])}A{packed([first, first])} 0 0 0 {packed(there[:2])}z"
+            text = f"M{packed(side)}A{packed([last, last])} 0 0 0 {packed(back[:2])}L"
+            text += f"{packed(back[2:])}A{packed([first, first])} 0 0 0 {packed(side[:2])}z"
             if tip > 0:
                 arc = f"a{packed([tip, tip])} 0 1 0 "
                 text += f"M{packed([x - tip, y])}{arc}{packed([2 * tip, 0])}{arc}{packed([-2 * tip, 0])}z"
-            found.append(text)
-        yield found
+            outlines.append(text)
+        yield outlines
 
 
 def sharpest(curve: Tensor, half: Tensor) -> tuple[Tensor, Tensor]:
-    """Parameter (N,) where curves (N, 3, 2) bend most, and whether more tightly than ``half`` (N,) of their width."""
+    """Find the parameter (N,) where curves (N, 3, 2) bend most, and whether more tightly than ``half`` their width."""
     start, control, end = curve.unbind(1)
     bend, forward = start - 2 * control + end, control - start
     at = -(forward * bend).sum(1) / bend.square().sum(1).clamp_min(torch.finfo(curve.dtype).tiny)
@@ -250,7 +254,7 @@ def sharpest(curve: Tensor, half: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _normal(curve: Tensor, t: Tensor) -> Tensor:
-    """Unit normal (N, T, 2) of curves (N, 3, 2) at t (N, T); at an end where control points are one, from beside it."""
+    """Compute unit normals (N, T, 2) of curves (N, 3, 2) at t (N, T), and at the ends from beside them."""
     start, control, end = (point[:, None] for point in curve.unbind(1))
     beside = t.clamp(1e-4, 1 - 1e-4)[..., None]
     velocity = (1 - beside) * (control - start) + beside * (end - control)

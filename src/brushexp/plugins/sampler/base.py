@@ -1,7 +1,8 @@
 """What every sampler receives and returns."""
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import torch
@@ -11,13 +12,25 @@ from brushexp.pictures.region import Region
 from brushexp.strokes.catalogue import Strokes
 
 
-@dataclass(frozen=True)
 class View:
-    """What one step looks at."""
+    """What one step looks at: the batch of a painting.
 
-    region: Region  # the part of the canvas that it renders and compares; all of it if ``active`` is None
-    active: Tensor | None = None  # (A,) int64 numbers of the strokes that it moves, without repetition; None for all
-    ring: Tensor | None = None  # (R,) int64 numbers of strokes around those, which are drawn and stay; None for none
+    Args:
+        region: the part of the canvas that the step renders and compares; all of it if ``active`` is None.
+        active: (A,) int64 numbers of the strokes that it moves, without repetition; None for all.
+        ring: (R,) int64 numbers of strokes around those, which are drawn and stay; None for none.
+        coarse: whether the step looks at the canvas at half its size; only for views of the whole.
+    """
+
+    def __init__(
+        self, region: Region, active: Tensor | None = None, ring: Tensor | None = None, *, coarse: bool = False
+    ) -> None:
+        self.region, self.active, self.ring, self.coarse = region, active, ring, coarse
+
+    def to(self, device: Any) -> View:
+        """The same with its numbers on a device: Lightning moves every batch."""
+        active, ring = (None if numbers is None else numbers.to(device) for numbers in (self.active, self.ring))
+        return View(self.region, active, ring, coarse=self.coarse)
 
 
 class Sampler(ABC):

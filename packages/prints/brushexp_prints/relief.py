@@ -16,8 +16,8 @@ from brushexp.system.files import replacing, to_bytes, write_picture
 from brushexp.system.runtime import check_memory
 
 log = logging.getLogger(__name__)
-WHITE = 2**16 - 1
-BYTES_PER_PIXEL = 14  # heights in 32 bits, two pictures, and what Pillow makes of one
+WHITE = 2**16 - 1  # level of the highest point in height.png
+BYTES_PER_PIXEL = 14  # memory of heights in 32 bits, two pictures, and the copy that Pillow makes of one
 
 
 @register("to", "relief")
@@ -50,10 +50,10 @@ class Relief(Exporter):
         write_picture(paths[2], normals)
         white = light.depth * float(height.max())
         share = 100 * white / max(job.size)
-        told = f"{white:.6g} pixels above the bare canvas, {share:.4g} % of the longer side"
-        log.info("%s: white is %s", paths[1], told)
+        highest = f"{white:.6g} pixels above the bare canvas, {share:.4g} % of the longer side"
+        log.info("%s: white is %s", paths[1], highest)
         texts = PngInfo()
-        texts.add_text("Description", f"height of the paint: 0 is the bare canvas, {WHITE} is {told}")
+        texts.add_text("Description", f"height of the paint: 0 is the bare canvas, {WHITE} is {highest}")
         texts.add_text("HeightOfWhite", f"{white:.9g}")
         with replacing(paths[1]) as temporary:
             Image.fromarray(levels_of(height)).save(temporary, format="PNG", pnginfo=texts)
@@ -61,7 +61,7 @@ class Relief(Exporter):
 
 
 def levels_of(height: np.ndarray) -> np.ndarray:
-    """Heights (H, W), >= 0, in 16 bits, the highest one white; they are scaled in place, for large ones need memory."""
+    """Round heights (H, W), >= 0, to 16 bits, the highest one white; they are scaled in place, to save memory."""
     highest = float(height.max())
     height *= WHITE / highest if highest > 1e-6 else 0.0  # what is lower is rounding
     return np.rint(height, out=height).clip(0, WHITE).astype(np.uint16)

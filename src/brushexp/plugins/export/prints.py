@@ -1,4 +1,4 @@
-"""What exporters of pictures for print share: a size on paper, the weave of the canvas, and rows packed in bands."""
+"""Pictures for print: a size on paper, the weave of the canvas, and rows packed in bands, for several exporters."""
 
 import re
 import zlib
@@ -12,19 +12,20 @@ import torch
 from brushexp.bounds import between
 from brushexp.errors import UserError
 from brushexp.plugins.export._packing import UP
-from brushexp.plugins.export.base import LARGEST_SIDE_PIXELS, Exporter, ExportJob
+from brushexp.plugins.export.base import Exporter, ExportJob
+from brushexp.plugins.export.job import LARGEST_SIDE_PIXELS
 from brushexp.shading.light import normals_of, shaded
 from brushexp.system.files import to_bytes
 
-CM = 2.54  # in an inch
-DPI = 300.0  # of a size on paper, where nothing else is said
-THREADS_PER_CM = 14  # of painters' linen
-THREAD_PIXELS = 4.0  # from thread to thread where the picture has no size on paper
+CM = 2.54  # centimetres in an inch
+DPI = 300.0  # pixels per inch of a size on paper, unless ``dpi`` is set
+THREADS_PER_CM = 14  # threads of painters' linen
+THREAD_PIXELS = 4.0  # pixels from thread to thread where the picture has no size on paper
 
 
 @dataclass(kw_only=True)
 class PrintExporter(Exporter):
-    """A picture with a size on paper. Its fields are options of every such exporter.
+    """Writes a picture with a size on paper. Its fields are options of every such exporter.
 
     Args:
         size_cm: 60x40: so many centimetres wide and high at most, the picture is as large as fits; null = as many
@@ -45,11 +46,11 @@ class PrintExporter(Exporter):
 
     @property
     def density(self) -> float | None:
-        """Pixels per inch; None if there are none to be written."""
+        """Pixels per inch that the file states; None if it states none."""
         return self.dpi or (None if self.size_cm is None else DPI)
 
     def sized(self, job: ExportJob) -> ExportJob:
-        """The painting with the pixels that its size on paper asks for; a UserError if they are too many."""
+        """Scale the painting to its size on paper; a UserError if that has too many pixels."""
         if self.size_cm is None:
             return job
         width, height = (float(side) for side in self.size_cm.split("x"))
@@ -60,7 +61,7 @@ class PrintExporter(Exporter):
         return job.scaled(pixels / max(job.size))
 
     def packed(self, job: ExportJob) -> Iterator[bytes]:
-        """The picture as PNG (ISO/IEC 15948) and PDF hold it: rows with their filter, in pieces of a zlib stream."""
+        """Pack the picture as PNG (ISO/IEC 15948) and PDF store it: filtered rows, as pieces of a zlib stream."""
         width = job.size[1]
         packer, above = zlib.compressobj(self.compression), np.zeros((1, 3 * width), dtype=np.uint8)
         for top, band in job.bands():
@@ -72,7 +73,7 @@ class PrintExporter(Exporter):
         yield packer.flush()
 
     def woven(self, band: torch.Tensor, top: int, job: ExportJob) -> torch.Tensor:
-        """Rows of the picture (3, h, W) from ``top`` on, on the threads of a canvas under its lamp."""
+        """Light the threads of a canvas below rows (3, h, W) of the picture, from row ``top`` on."""
         if not self.weave:
             return band
         pitch = (self.density or 0) / CM / THREADS_PER_CM or THREAD_PIXELS

@@ -6,6 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import torch
+from brushexp_prints.process import Process, fitted, schedule, states
+from catalogues import changed, job_of
 from films import decoded, unrolled
 from scenes import Windowed, random_strokes
 
@@ -13,17 +15,16 @@ from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.blend.topk import TopK
 from brushexp.plugins.export.base import ExportJob
-from brushexp.plugins.export.process import Process, fitted, lit_states, schedule, states
-from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build_named
 from brushexp.shading.light import Light
 from brushexp.strokes.bezier import curve_of, point_at, unfinished
 from brushexp.system.files import to_bytes
 
 
-def export_job(n: int = 40, size: tuple[int, int] = (36, 52), renderer=None, blend=None) -> ExportJob:
-    strokes, depth, background = random_strokes(n, size), torch.randperm(n).int(), torch.tensor([0.9, 0.5, 0.2])
-    return ExportJob(strokes, depth, size, background, renderer or Analytic(), blend or Tiled(), "analytic", "here")
+def painted(n: int = 40, size: tuple[int, int] = (36, 52), renderer=None, blend=None) -> ExportJob:
+    background = torch.tensor([0.9, 0.5, 0.2])
+    canvas = {"depth": torch.randperm(n), "background": background, "renderer": renderer, "blend": blend}
+    return job_of(random_strokes(n, size), size, **canvas)
 
 
 def painted_at_once(job: ExportJob, n: int) -> torch.Tensor:
@@ -31,7 +32,7 @@ def painted_at_once(job: ExportJob, n: int) -> torch.Tensor:
     number = job.bottom_up[:n]
     with torch.no_grad():
         layers = job.renderer(job.strokes[number])
-        return job.blend(layers, torch.arange(n).flip(0), job.size, job.background).image
+        return job.blend(layers, torch.arange(n).flip(0), job.size, job.saved.background).image
 
 
 def whole(job: ExportJob, counts: list[int]) -> list[np.ndarray]:
@@ -39,15 +40,11 @@ def whole(job: ExportJob, counts: list[int]) -> list[np.ndarray]:
     return [(np.arange(len(job.strokes)) < count).astype(float) for count in counts]
 
 
-def painting(job: ExportJob) -> np.ndarray:
-    return np.concatenate([to_bytes(band) for _, band in job.bands()])
-
-
 def test_under_a_lamp_every_state_is_the_lit_painting_of_its_strokes():
-    job = replace(export_job(renderer=build_named("renderer", "textured", {}).eval()), light=Light(depth=2.0))
-    bare, half, last = (to_bytes(state) for state in lit_states(job, whole(job, [0, 17, 40])))
-    assert np.abs(last.astype(int) - painting(job)).max() <= 1
-    assert np.abs(last.astype(int) - painting(replace(job, light=Light()))).max() > 8
+    job = replace(painted(renderer=build_named("renderer", "textured", {}).eval()), light=Light(depth=2.0))
+    bare, half, last = (to_bytes(state) for state in states(job, whole(job, [0, 17, 40])))
+    assert np.abs(last.astype(int) - job.picture()).max() <= 1
+    assert np.abs(last.astype(int) - replace(job, light=Light()).picture()).max() > 8
     assert (bare == bare[0, 0]).all()
     assert np.abs(half.astype(int) - last).max() > 8
 
@@ -57,14 +54,20 @@ def test_under_a_lamp_every_state_is_the_lit_painting_of_its_strokes():
     ("analytic", Tiled(kernel="torch")), ("analytic", Dense()), ("analytic", TopK(k=5)),
 ])  # fmt: skip
 def test_each_state_is_the_painting_of_its_strokes_and_a_slow_blend_says_so(renderer, blend, caplog):
-    job = export_job(renderer=build_named("renderer", renderer, {}).eval(), blend=blend)
+    job = painted(renderer=build_named("renderer", renderer, {}).eval(), blend=blend)
     for count, picture in zip([0, 1, 7, 7, 25, 40], states(job, whole(job, [0, 1, 7, 7, 25, 40])), strict=True):
         torch.testing.assert_close(picture, painted_at_once(job, count), rtol=0, atol=2e-4)
     assert ("try blend=tiled" in caplog.text) == isinstance(blend, TopK)
 
 
+def test_in_another_colour_space_the_last_state_is_the_painting():
+    job = replace(painted(), space=build_named("color", "pigment", {}))
+    *_, last = states(job, whole(job, [0, 40]))
+    torch.testing.assert_close(last, torch.cat([band for _, band in job.bands()], dim=1), atol=2e-3, rtol=0)
+
+
 def test_a_canvas_is_drawn_in_bands_like_any_other(monkeypatch):
-    job = export_job(50, (200, 40), renderer=Windowed())
+    job = painted(50, (200, 40), renderer=Windowed())
     unbanded = [picture.clone() for picture in states(job, whole(job, [10, 50]))]
     monkeypatch.setattr("brushexp.compositing.bands.BAND", 40 * 64)
     for picture, expected in zip(states(job, whole(job, [10, 50])), unbanded, strict=True):
@@ -83,14 +86,14 @@ def test_a_growing_stroke_is_a_part_of_it():
 
 @pytest.mark.parametrize("blend", [Tiled(), TopK(k=5)])
 def test_strokes_that_grow_lie_on_those_that_are_finished(blend):
-    job = export_job(20, blend=blend)
+    job = painted(20, blend=blend)
     share = np.concatenate([np.ones(15), [0.8, 0.5, 0.2], np.zeros(2)])
     _, picture, last = (state.clone() for state in states(job, [np.zeros(20), share, np.ones(20)]))
     number = job.bottom_up
     strokes = unfinished(job.strokes[number[:18]], torch.from_numpy(share[:18]).float())
     with torch.no_grad():
         layers = job.renderer(strokes)
-        expected = job.blend(layers, torch.arange(18).flip(0), job.size, job.background).image
+        expected = job.blend(layers, torch.arange(18).flip(0), job.size, job.saved.background).image
     torch.testing.assert_close(picture, expected, rtol=0, atol=2e-4)
     torch.testing.assert_close(last, painted_at_once(job, 20), rtol=0, atol=2e-4)
 
@@ -118,12 +121,12 @@ def test_quickening_begins_slowly_and_long_canvases_are_drawn_at_the_size_of_the
     np.testing.assert_allclose(np.diff(even[1:-1]), 10, atol=0.1)
     assert abs(quickening[10] - 10) < 1
     assert np.diff(quickening)[-2] > 18
-    job = export_job(20, (60, 1200))
+    job = painted(20, (60, 1200))
     assert fitted(job, 4096) is job
     small = fitted(job, 480)
     assert small.size == (24, 480)
     (gif,) = Process(seconds=0.5, hold=0.0, format="gif").write(job, tmp_path)
-    assert np.abs(unrolled(gif)[0][-1].astype(float) - painting(small)).mean() < 3
+    assert np.abs(unrolled(gif)[0][-1].astype(float) - small.picture()).mean() < 3
 
 
 @pytest.mark.parametrize(("seconds", "fps", "hold"), [(1.0, 25, 0.2), (2.0, 10, 0.0), (0.5, 50, 0.3), (0.1, 1, 2.0)])
@@ -131,8 +134,8 @@ def test_quickening_begins_slowly_and_long_canvases_are_drawn_at_the_size_of_the
 def test_films_begin_with_the_canvas_end_with_the_painting_and_are_as_long_as_was_asked(
     tmp_path, n, size, seconds, fps, hold
 ):
-    job = export_job(n, size)
-    job = replace(job, strokes=replace(job.strokes, opacity=torch.ones(n)))
+    job = painted(n, size)
+    job = changed(job, strokes=replace(job.strokes, opacity=torch.ones(n)))
     count = max(1, round(seconds * fps)) + round(hold * fps)
     video, gif = Process(seconds=seconds, fps=fps, hold=hold, format="both").write(job, tmp_path)
     assert sorted(tmp_path.iterdir()) == [gif, video] == [tmp_path / "process.gif", tmp_path / "process.mp4"]
@@ -143,17 +146,15 @@ def test_films_begin_with_the_canvas_end_with_the_painting_and_are_as_long_as_wa
     for seen, rough in ((frames, 12), (pictures, 3)):  # a video has fewer colours than pixels
         assert max(seen[0].shape[0] - height, seen[0].shape[1] - width) <= 1
         first, last = (seen[k][:height, :width].astype(float) for k in (0, -1))
-        assert round(seconds * fps) < 2 or np.abs(first / 255 - job.background.numpy()).max() < 0.03
-        assert np.abs(last - painting(job)).mean() < rough
+        assert round(seconds * fps) < 2 or np.abs(first / 255 - job.saved.background.numpy()).max() < 0.03
+        assert np.abs(last - job.picture()).mean() < rough
 
 
 @pytest.mark.parametrize(("growing", "most"), [(None, 1), (False, 1), (True, 8)])
 def test_a_slow_renderer_draws_each_stroke_once_unless_they_grow(tmp_path, growing, most):
     brush = Windowed()
     assert brush.warm_up is not None
-    job = replace(
-        export_job(10, renderer=brush), strokes=random_strokes(200, (36, 52)), depth=torch.randperm(200).int()
-    )
+    job = changed(painted(10, renderer=brush), strokes=random_strokes(200, (36, 52)), depth=torch.randperm(200).int())
     Process(seconds=2.0, hold=0.0, growing=growing).write(job, tmp_path)
     assert (most - 1) * 200 / 2 < brush.drawn <= 2 * most * 200, (
         "once for the paint, once for the light it lets through"

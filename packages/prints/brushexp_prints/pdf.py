@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from brushexp.plugins.export._packing import UP
-from brushexp.plugins.export._prints import DPI, PrintExporter
 from brushexp.plugins.export.base import ExportJob
+from brushexp.plugins.export.prints import DPI, PrintExporter
 from brushexp.registry import register
 from brushexp.system.files import replacing
 
-POINTS = 72  # in an inch
+POINTS = 72  # points in an inch
+PREDICTOR = 12  # number that PDF has for rows with the PNG filter "up"
 
 
 @register("to", "pdf")
@@ -27,7 +27,7 @@ class Pdf(PrintExporter):
         drawn = f"{across} 0 0 {up} 0 0 cm /Picture Do".encode()
         image = f"/Type /XObject /Subtype /Image /Width {width} /Height {height} /ColorSpace /DeviceRGB"
         image += " /BitsPerComponent 8 /Interpolate false /Length 6 0 R /Filter /FlateDecode /DecodeParms"
-        image += f" << /Predictor {10 + UP} /Colors 3 /BitsPerComponent 8 /Columns {width} >>"
+        image += f" << /Predictor {PREDICTOR} /Colors 3 /BitsPerComponent 8 /Columns {width} >>"
         page = f"/Type /Page /Parent 2 0 R /MediaBox [0 0 {across} {up}] /Contents 4 0 R"
         page += " /Resources << /XObject << /Picture 5 0 R >> >>"
         objects = ["/Type /Catalog /Pages 2 0 R", "/Type /Pages /Kids [3 0 R] /Count 1", page]

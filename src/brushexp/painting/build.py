@@ -1,0 +1,68 @@
+"""From the config of a painting to a painter before its first step."""
+
+from omegaconf import DictConfig
+from torch import Tensor
+
+from brushexp.painting.components import STYLE, Components, build_components, plan_steps
+from brushexp.painting.first_strokes import first_strokes, stroke_budget
+from brushexp.painting.other_painter import OtherPainter
+from brushexp.painting.painting_module import PaintingModule
+from brushexp.painting.stroke_optimizer import StrokeOptimizer
+from brushexp.pictures.color import recolored
+from brushexp.pictures.focus import focus_map, focus_weights
+from brushexp.pictures.load import background_color, load_picture
+from brushexp.plugins.loss.style import Style
+from brushexp.plugins.painter.base import Painter
+from brushexp.registry import take_built
+from brushexp.strokes.catalogue import Catalogue
+
+
+def build_painter(cfg: DictConfig, target: Tensor | None = None) -> PaintingModule:
+    """Build what a checked config of ``task=paint`` names, on the CPU; seed PyTorch's generators before.
+
+    ``target`` (3, H, W) in [0, 1] takes the place of the picture that ``image`` names, at its own size.
+    """
+    target = load_picture(cfg.image, cfg.resolution) if target is None else target
+    painter = take_built(cfg.painter)
+    return _other_painter(cfg, painter, target) if isinstance(painter, Painter) else _stroke_optimizer(cfg, target)
+
+
+def _other_painter(cfg: DictConfig, painter: Painter, target: Tensor) -> OtherPainter:
+    parts, background = build_components(cfg), background_color(cfg.background, target)
+    n = stroke_budget(cfg, (target.shape[1], target.shape[2]), parts.density)
+    return OtherPainter(painter, parts, target, background, n=n, seed=cfg.seed)
+
+
+def _stroke_optimizer(cfg: DictConfig, target: Tensor) -> StrokeOptimizer:
+    pictures: dict[str, Tensor] = {}
+    focus, attended = compute_focus(cfg, target)
+    if attended is not None:
+        pictures["focus"] = attended.expand(3, -1, -1)
+    parts = build_components(cfg)
+    if cfg.style.image is not None:
+        target, pictures["style"] = match_colors(target, parts)
+    background = background_color(cfg.background, target)
+    strokes, budget = first_strokes(cfg, target, parts.density, focus)
+    parts = plan_steps(parts, cfg.steps_per_stroke, strokes, (target.shape[1], target.shape[2]))
+    catalogue = Catalogue(strokes, parts.optimizer.units)
+    painter = StrokeOptimizer(
+        catalogue, parts, target, background, seed=cfg.seed, focus=focus, budget=budget, coarse=cfg.coarse
+    )
+    painter.pictures |= pictures
+    return painter
+
+
+def compute_focus(cfg: DictConfig, target: Tensor) -> tuple[Tensor | None, Tensor | None]:
+    """How much each pixel (H, W) of the target counts, of mean 1, if ``focus`` is set; and what that was made from."""
+    if cfg.focus is None:
+        return None, None
+    attended = focus_map(cfg.focus, target)
+    return focus_weights(attended, cfg.focus_strength), attended
+
+
+def match_colors(target: Tensor, parts: Components) -> tuple[Tensor, Tensor]:
+    """The target in the colours of the style picture, or as it is if the style takes its colours; and that picture."""
+    style = parts.losses[STYLE]
+    assert isinstance(style, Style)
+    picture = style.picture(target)
+    return (target if style.colors == "content" else recolored(target, like=picture)), picture

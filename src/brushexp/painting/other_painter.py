@@ -1,0 +1,99 @@
+"""Paintings that come to be otherwise than by gradient steps: a painter yields states, all around is the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from brushexp.errors import UserError
+from brushexp.painting.components import Components
+from brushexp.painting.divergence import named
+from brushexp.painting.painting_module import Epoch, PaintingModule
+from brushexp.painting.picture import Picture
+from brushexp.painting.schedule import Schedule
+from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
+from brushexp.strokes.bezier import strokes_along
+from brushexp.strokes.catalogue import Strokes, check_strokes
+
+
+class OtherPainter(PaintingModule):
+    """Shows the states of a painter, one after another. A batch is a `PaintState`.
+
+    The renderer is that of the last stage. What it cannot draw it converts, in every state. The clock stands still
+    while a state is drawn to be looked at.
+    """
+
+    def __init__(
+        self, painter: Painter, components: Components, target: Tensor, background: Tensor, *, n: int, seed: int
+    ) -> None:
+        super().__init__(components, Picture(target, None, background, components.blend), Schedule([1]))
+        self.painter, self.n, self.seed = painter, n, seed
+        self.picture.renderer = components.stages[-1].renderer
+        self._strokes = Strokes.none(target)
+
+    def strokes(self) -> Strokes:
+        return self._strokes
+
+    def draw(self, strokes: Strokes) -> Tensor:
+        """The picture (3, H, W) of strokes, the lowest first; differentiable in those that want a gradient."""
+        order = torch.arange(len(strokes) - 1, -1, -1, device=self.device)
+        if not (torch.is_grad_enabled() and any(value.requires_grad for _, value in strokes.items())):
+            return self.picture.draw(strokes, order)
+        return self.components.blend(self.renderer(strokes), order, self.picture.size, self.picture.background).image
+
+    def prepare(self) -> None:
+        """Compile what draws."""
+        canvas = self.picture
+        middle = canvas.target.new_tensor(canvas.size[::-1]).div(2).expand(1, 3, 2)
+        width, color = canvas.target.new_ones(1), canvas.target.new_zeros(1, 3)
+        stroke = strokes_along(middle, width.requires_grad_(self.painter.differentiates), color, width.detach())
+        with torch.set_grad_enabled(self.painter.differentiates):
+            image = self.draw(stroke)
+            if self.painter.differentiates:
+                image.sum().backward()
+
+    def train_dataloader(self) -> Epoch:
+        return Epoch(self._states())
+
+    def _states(self) -> Iterator[PaintState]:
+        canvas, generator = self.picture, torch.Generator().manual_seed(self.seed)
+        state = PaintState(self._strokes, 0, 1)
+        for state in self.painter(PaintRequest(canvas.target, self.n, canvas.background, self.draw, generator)):
+            self._check(state)
+            yield state
+        yield PaintState(state.strokes, state.step, state.step)  # the painter has come to its end before its plan
+
+    def configure_optimizers(self) -> Any:
+        return torch.optim.SGD([torch.zeros(1)], lr=0.0)  # moves nothing; Lightning counts the steps of an optimiser
+
+    @torch.no_grad()
+    def training_step(self, state: PaintState, batch_idx: int) -> Tensor:
+        """Draw a state, and keep it if its picture is one; return a loss in which nothing has a gradient."""
+        self.schedule.pause()
+        strokes = self.renderer.convert(state.strokes.map(Tensor.detach))
+        image = self.draw(strokes)
+        if not image.isfinite().all():
+            who = f"{named('renderer', self.renderer)} with {named('blend', self.components.blend.blend)}"
+            raise UserError(f"{who} makes a picture that is not finite; choose others")
+        self._strokes = strokes
+        self.depth.front_to_back = torch.arange(len(strokes) - 1, -1, -1, device=self.device)
+        self.schedule.step, self.schedule.ends = state.step, [max(state.step, state.steps)]
+        self.picture.show(image)
+        self.publish()
+        self.schedule.start()
+        return torch.zeros((), requires_grad=True)
+
+    def _check(self, state: Any) -> None:
+        """Refuse (UserError) what is no state, or has strokes that are none or too many."""
+        who = named("painter", self.painter)
+        if not isinstance(state, PaintState):
+            raise UserError(f"{who} yields {type(state).__name__}, not a PaintState; correct the painter")
+        try:
+            check_strokes(state.strokes)
+        except UserError as error:
+            raise UserError(f"{who} yields strokes of which one is none: {error}; correct the painter") from error
+        if len(state.strokes) > self.n:
+            raise UserError(f"{who} yields {len(state.strokes)} strokes, not {self.n} at most; correct the painter")

@@ -1,0 +1,292 @@
+"""The optimisation: one gradient step over the strokes after another, as a LightningModule."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from copy import deepcopy
+from typing import Any
+
+import torch
+from torch import Tensor, optim
+from torch.optim.lr_scheduler import LambdaLR
+
+from brushexp.painting.components import Components
+from brushexp.painting.densification import Densification, importance
+from brushexp.painting.divergence import first_broken
+from brushexp.painting.painting_module import Epoch, PaintingModule
+from brushexp.painting.partial import STEP_COUNT, partial_update, unwrapped
+from brushexp.painting.picture import Picture
+from brushexp.painting.schedule import Schedule
+from brushexp.pictures.region import Region
+from brushexp.plugins.loss.base import restore, state_of, weighted_sum
+from brushexp.plugins.sampler.base import View
+from brushexp.strokes.bezier import curve_of, half_width_of
+from brushexp.strokes.catalogue import Catalogue, Strokes, check_strokes
+from brushexp.system.callbacks import DIVERGED
+
+log = logging.getLogger(__name__)
+CHANGE_PIXELS = 0.01  # by which a renderer may change a stroke without its being counted
+
+
+class StrokeOptimizer(PaintingModule):
+    """Moves strokes until the picture matches the target. A batch is a `View`; renderers stay frozen.
+
+    The steps go through the stages one after another. When one begins, its renderer converts the strokes, and the
+    optimiser and the schedule of its learning rate start afresh. The first steps, the share ``coarse`` of the first
+    stage, look at the whole picture at half its size; meanwhile no strokes come or go. An epoch is 100 steps, and a fit
+    ends with the last step, in the midst of one.
+
+    >>> import lightning as L
+    >>> from brushexp.plugins.init.random import Random
+    >>> from brushexp.painting.components import standard_components
+    >>> target, components = torch.rand(3, 24, 32), standard_components(steps=3)
+    >>> strokes = Random()(target, 20, torch.Generator())
+    >>> catalogue = Catalogue(strokes, components.optimizer.units)
+    >>> painter = StrokeOptimizer(catalogue, components, target, torch.ones(3), seed=0)
+    >>> quiet = {"logger": False, "enable_checkpointing": False, "enable_progress_bar": False}
+    >>> trainer = L.Trainer(max_epochs=-1, enable_model_summary=False, **quiet)
+    >>> trainer.fit(painter)
+    >>> trainer.global_step, painter.drawn().shape
+    (3, torch.Size([3, 24, 32]))
+
+    Without a Trainer, by an optimiser of one's own:
+
+    >>> optimizer = torch.optim.Adam(painter.catalogue.parameters(), lr=0.02)
+    >>> for step, view in zip(range(3), painter.train_dataloader()):
+    ...     optimizer.zero_grad()
+    ...     painter.training_step(view, step).backward()
+    ...     optimizer.step()
+    """
+
+    resumable = True
+    visits: Tensor  # (N,) steps that each stroke has taken
+    stage: int  # number of the one whose renderer draws the strokes
+
+    def __init__(
+        self,
+        catalogue: Catalogue,
+        components: Components,
+        target: Tensor,  # (3, H, W) in [0, 1]
+        background: Tensor,  # (3,) colour of the bare canvas
+        *,
+        seed: int,  # of everything random in the steps
+        focus: Tensor | None = None,  # (H, W) how much each pixel counts in the losses, of mean 1; None for all alike
+        budget: int | None = None,  # strokes that the density policy may come to; None for as many as there are
+        coarse: float = 0.0,
+    ) -> None:
+        schedule = Schedule([stage.steps for stage in components.stages])
+        super().__init__(components, Picture(target, focus, background, components.blend), schedule)
+        self.strict_loading = False  # frozen networks are not in the checkpoint
+        self.catalogue = catalogue
+        self.moving = (
+            catalogue  # what the optimiser sees in this step: all strokes, or some as a catalogue of their own
+        )
+        self.coarse = coarse
+        self.generator = torch.Generator().manual_seed(seed)
+        parts = self.picture, self.depth, self.schedule, self.generator
+        self.densification = Densification(components.density, budget or len(catalogue), *parts)
+        self.register_buffer("visits", torch.zeros(len(catalogue), dtype=torch.long), persistent=False)
+        self._view = View(Region.whole(target))  # of this step
+        self._evaluations_before = 0  # this step
+        self._begin_stage()
+
+    @property
+    def is_coarse(self) -> bool:
+        done, steps = self.schedule.stage_progress
+        return self.schedule.stage == 0 and done < self.coarse * steps
+
+    @property
+    def title(self) -> str:
+        """Each stage has its own: a step of one may take a hundred times as long."""
+        stages = self.components.stages
+        return f"painting with {stages[self.schedule.stage].name}" if len(stages) > 1 else "painting"
+
+    @torch.no_grad()
+    def strokes(self) -> Strokes:
+        return self.catalogue()
+
+    def train_dataloader(self) -> Epoch:
+        return Epoch(self._views())
+
+    def _views(self) -> Iterator[View]:
+        """Where each step looks, with the strokes as they are when it asks; a stage begins before its first view."""
+        while True:
+            if self.schedule.stage != self.stage:
+                self._begin_stage()
+            yield View(Region.whole(self.picture.target), coarse=True) if self.is_coarse else self._sample()
+
+    def _sample(self) -> View:
+        return self.components.sampler(self.strokes(), self.picture.size, self.schedule.step, self.generator)
+
+    def configure_optimizers(self) -> Any:
+        optimizer = self.components.optimizer.over(p for p in self.catalogue.parameters() if p.requires_grad)
+        scheduler = LambdaLR(optimizer, lambda _: self.components.optimizer.share(self.progress))
+        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": scheduler, "interval": "step"}}
+
+    def on_train_batch_start(self, view: View, batch_idx: int) -> None:
+        self._view, self._evaluations_before = view, self.evaluations
+        if self.components.order.due(*self.schedule.stage_progress):
+            self.depth.renew(self.strokes())
+
+    def training_step(self, view: View, batch_idx: int) -> Tensor:
+        """Paint what the view shows and compare it with the target; L-BFGS asks for that several times in a step."""
+        if self.evaluations > self._evaluations_before:  # a line search may have moved the strokes anywhere
+            self.moving.keep_in_range()
+        self.evaluations += 1
+        accuracy = self.depth.needs_accuracy(self.schedule, partial=view.active is not None)
+        moving = self._moving_strokes(view)
+        strokes = moving if view.active is None else self.strokes()
+        canvas, painting = self.picture.see(moving, strokes, view, self.depth.front_to_back, accuracy=accuracy)
+        self.depth.measured(canvas.accuracy, view.active, len(self.catalogue))
+        loss, terms = weighted_sum(self.components.losses, painting)
+        self.terms = {name: term.detach() for name, term in terms.items()}
+        return loss if loss.requires_grad else loss.requires_grad_()
+
+    def _moving_strokes(self, view: View) -> Strokes:
+        """The active strokes of a view, with gradient."""
+        is_cut_out = view.active is None or self.moving is not self.catalogue
+        return self.moving() if is_cut_out else self.catalogue()[view.active]
+
+    def optimizer_step(self, epoch: int, batch_idx: int, optimizer: Any, optimizer_closure: Any = None) -> None:
+        """Move the strokes of the view, keep them drawable, and then add and remove some."""
+        rows, plain_optimizer = self._view.active, unwrapped(optimizer)
+        if self.schedule.stage and not self.schedule.stage_progress[0]:
+            self._restart(plain_optimizer)
+        with partial_update(self.catalogue, plain_optimizer, rows, self.visits) as self.moving:
+            with self._only_finite():
+                super().optimizer_step(epoch, batch_idx, optimizer, optimizer_closure)
+            self._keep_drawable()
+        self.moving = self.catalogue
+        self.picture.moved(rows)
+        self.schedule.step += 1
+        self.publish()
+        if not self._view.coarse:
+            self.visits = self.densification.update(self.catalogue, self.visits, plain_optimizer)
+
+    @contextmanager
+    def _only_finite(self) -> Iterator[None]:
+        """Undo a step that has left no numbers, which ends the fit, and one in which a loss has raised an error."""
+        with torch.no_grad():
+            before = self.moving()
+        is_finite = False
+        try:
+            yield
+            broken = next((name for name, term in self.terms.items() if not term.isfinite()), None)
+            is_finite = broken is None and self.moving.is_finite()
+            if not is_finite:
+                what = first_broken(self, before, broken)
+                self.stop, self.trouble = DIVERGED, f"step {self.schedule.step + 1}: {what}"
+        finally:
+            if not is_finite:
+                self.moving.replace(before)
+
+    def _keep_drawable(self) -> None:
+        """Project the strokes that have moved into their ranges, and into those of the renderer."""
+        self.moving.keep_in_range()
+        strokes = self.moving()
+        clamped = self.renderer.clamp(strokes)
+        if clamped is not strokes:
+            self.moving.replace(clamped)
+
+    def prepare(self) -> None:
+        """Evaluate the losses once, with gradient, and go back to the state before.
+
+        Numba compiles at first use (ten seconds and more after installation), losses open their networks: a run of so
+        many ``seconds`` must not spend them on that, and the speed that it plans with is read off its first steps.
+        """
+        check_strokes(self.strokes())  # those of a checkpoint
+        state = deepcopy(self.state())
+        self.training_step(self._sample(), 0).backward()
+        if self.components.density.uses_importance:
+            one = self.strokes()[:1]  # enough to compile it
+            importance(one, torch.arange(len(one), device=self.device), self.picture, self.generator)
+        self.zero_grad()
+        self.load_state(state)
+
+    def hand_over(self) -> None:
+        """Give the strokes to the last renderer, whatever the steps: what a run leaves is always drawn by it."""
+        while self.schedule.end_stage():
+            pass
+        if self.stage != self.schedule.stage:
+            self._begin_stage()
+
+    def state(self) -> dict[str, Any]:
+        """What steps depend on beside the strokes and the optimiser, in tensors, numbers, lists and dictionaries."""
+        memory = self.picture.memory
+        return {
+            "stage": self.stage,
+            "schedule": self.schedule.state_dict(),
+            "depth": self.depth.state_dict(),
+            "sampler": self.components.sampler.state_dict(),
+            "density": self.components.density.state_dict(),
+            "losses": state_of(self.components.losses),
+            "evaluations": self.evaluations,
+            "visits": self.visits,
+            "picture": None if memory is None else memory.picture,
+            "anytime": self.anytime.pairs,
+            "generator": self.generator.get_state(),
+            "torch": torch.get_rng_state(),
+        }
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """Take over what `state` gave; the strokes come after it, into a catalogue that now has their number."""
+        device = self.picture.target.device
+        self._use_stage(state["stage"])
+        self.catalogue.resize(len(state["visits"]))
+        self.schedule.load_state_dict(state["schedule"])
+        self.depth.load_state_dict(state["depth"], device)
+        self.components.sampler.load_state_dict(state["sampler"])
+        self.components.density.load_state_dict(state["density"])
+        restore(self.components.losses, state["losses"])
+        self.evaluations = self._evaluations_before = state["evaluations"]
+        self.visits = state["visits"].to(device)
+        self.anytime.pairs = [(float(seconds), float(psnr)) for seconds, psnr in state["anytime"]]
+        if state["picture"] is not None:
+            self.picture.memory = self.picture.remembered(state["picture"].to(device))
+        self.generator.set_state(state["generator"])
+        torch.set_rng_state(state["torch"])
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        weights = checkpoint["state_dict"]
+        checkpoint["state_dict"] = {key: weights[key] for key in weights if key.startswith("catalogue.")}
+        checkpoint["painter"] = self.state()
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        self.load_state(checkpoint["painter"])
+
+    def _use_stage(self, stage: int) -> None:
+        """Draw with the renderer of a stage from now on."""
+        self.stage = stage
+        self.picture.forget()
+        self.picture.renderer = self.components.stages[stage].renderer
+
+    @torch.no_grad()
+    def _begin_stage(self) -> None:
+        """Hand the strokes over to the renderer of the present stage."""
+        self._use_stage(self.schedule.stage)
+        self._convert()
+        self.depth.renew(self.strokes())
+
+    def _restart(self, optimizer: optim.Optimizer) -> None:
+        """Let the optimiser forget the stage before."""
+        optimizer.state.clear()
+        self.visits.zero_()
+        for group in optimizer.param_groups:
+            group["lr"] = group["initial_lr"] * self.components.optimizer.share(0.0)
+            if STEP_COUNT in group:  # where pytorch_optimizer counts
+                group[STEP_COUNT] = 0
+
+    def _convert(self) -> None:
+        """Change the strokes to what the renderer can draw, and log how many are others now."""
+        strokes, stage = self.strokes(), self.stage
+        converted = self.renderer.convert(strokes)
+        if converted is not strokes:
+            self.catalogue.replace(converted)
+        points = (curve_of(converted) - curve_of(strokes)).abs().flatten(1).amax(1)
+        thickness = 2 * (half_width_of(converted) - half_width_of(strokes)).abs()
+        changed = int((torch.maximum(points, thickness) > CHANGE_PIXELS).sum())
+        if changed or stage:
+            log.info(
+                "step %d: switching to renderer %s; %d of %d strokes were converted to what it can draw",
+                self.schedule.step, self.components.stages[stage].name, changed, len(strokes),
+            )  # fmt: skip
