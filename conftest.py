@@ -13,9 +13,10 @@ from hypothesis import settings
 from omegaconf import DictConfig
 from program import in_plain
 
-from brushexp.cli.command_line import in_full, prepare
-from brushexp.config.composition import check
-from brushexp.config.configs import composed
+from brushexp.cli.program import expand_arguments
+from brushexp.config.check import check
+from brushexp.config.compose import composed
+from brushexp.config.publish import prepare
 from brushexp.runs.runner import perform
 
 # The same examples at every run: a failure is one of the change, and not of chance.
@@ -43,7 +44,7 @@ def config() -> Callable[..., DictConfig]:
     """Compose a config with overrides, as the command line would."""
 
     def compose_with(*overrides: str) -> DictConfig:
-        return composed(in_full(in_plain(overrides)))
+        return composed(expand_arguments(in_plain(overrides)))
 
     return compose_with
 

@@ -19,7 +19,7 @@ import torch
 from PIL import Image, ImageDraw, ImageFont
 from torch import Tensor
 
-from brushexp.cli.command_line import prepare
+from brushexp.config.publish import prepare
 from brushexp.plugins.engine.base import Engine
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.prior import WIDTH, parameters_of, sample_prior

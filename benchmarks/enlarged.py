@@ -19,7 +19,7 @@ import torch
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from brushexp.cli.command_line import prepare
+from brushexp.config.publish import prepare
 from brushexp.plugins.renderer.base import window_pictures
 from brushexp.registry import build_named
 from brushexp.strokes.prior import WIDTH

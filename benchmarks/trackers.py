@@ -34,7 +34,7 @@ def alone(names: list[str], folder: Path) -> None:
     """Print how long the trackers take to open, imports included, for a point of the curves, and for a run's end."""
     import lightning  # noqa: F401, PLC0415  (the program has it anyway)
 
-    from brushexp.cli.command_line import prepare  # noqa: PLC0415
+    from brushexp.config.publish import prepare  # noqa: PLC0415
     from brushexp.plugins.logger.base import Run  # noqa: PLC0415
     from brushexp.registry import build_named  # noqa: PLC0415
     from brushexp.runs.tracking import Trackers  # noqa: PLC0415

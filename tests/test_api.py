@@ -19,7 +19,7 @@ from PIL import Image
 from torch.testing import assert_close
 
 import brushexp
-from brushexp.config.configs import SHIPPED
+from brushexp.config.compose import SHIPPED
 from brushexp.pictures.load import load_picture, samples
 from brushexp.results.runs import command_of
 from brushexp.runs import run_folder

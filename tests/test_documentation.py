@@ -8,8 +8,8 @@ import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from program import ROOT
 
-from brushexp.cli.command_line import in_full
-from brushexp.config.configs import composed
+from brushexp.cli.program import expand_arguments
+from brushexp.config.compose import composed
 
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 WRITTEN_BY_TASKS = ("ablations.md", "leaderboard.md")
@@ -40,7 +40,7 @@ def test_a_command_that_is_shown_composes(command, tmp_path, monkeypatch):
     words = [word for word in shlex.split(command, comments=True) if word not in ("-m", "--multirun", "--help")]
     flags = ["-m"] * ("-m" in command.split())
     overrides = OverridesParser.create().parse_overrides(
-        [word for word in in_full([*flags, *words]) if not word.startswith("-")]
+        [word for word in expand_arguments([*flags, *words]) if not word.startswith("-")]
     )
     composed(
         [f"{one.get_key_element()}={first_of(one)}" if one.is_sweep_override() else one.input_line

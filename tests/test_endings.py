@@ -19,7 +19,7 @@ from PIL import Image
 from program import ended, run
 from scenes import random_strokes
 
-from brushexp.config.composition import check
+from brushexp.config.check import check
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend, Canvas
 from brushexp.plugins.blend.tiled import Tiled

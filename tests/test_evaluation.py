@@ -16,7 +16,7 @@ from PIL import Image
 from sweeps import read_csv
 from torch.nn import functional
 
-from brushexp.config.composition import check
+from brushexp.config.check import check
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import RENDERERS, window_pictures

@@ -38,9 +38,9 @@ from test_leaderboard import PUBLISHED
 from test_verdicts import CLAIMS
 from tifffile import imwrite
 
-from brushexp.cli.mistakes import explanation
-from brushexp.config.composition import check
-from brushexp.config.configs import composed, folders_of
+from brushexp.config.check import check
+from brushexp.config.compose import composed, folders_of
+from brushexp.config.mistakes import explanation
 from brushexp.errors import UserError
 from brushexp.features.base import read_tensors
 from brushexp.pages.run_page import page_in

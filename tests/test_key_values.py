@@ -12,19 +12,21 @@ from pathlib import Path
 import pytest
 from brushexp_inverse_vgg.inverse_vgg import InverseVGG
 from catalogues import catalogue
+from films import encoded, scene
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import CompactHydraException
 from omegaconf import OmegaConf, read_write
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.cli.command_line import in_full, parsed
-from brushexp.cli.mistakes import in_our_words
-from brushexp.config import configs
-from brushexp.config.composition import check
-from brushexp.config.configs import SHIPPED, chosen_groups
+from brushexp.cli.program import expand_arguments
+from brushexp.config import compose
+from brushexp.config.check import check
+from brushexp.config.compose import SHIPPED, chosen_groups
 from brushexp.config.keys import keys_of
+from brushexp.config.mistakes import translated
 from brushexp.config.tasks import TASKS
+from brushexp.config.words import expand_positional, parse_value
 from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import MULTI_SELECT, plugins
@@ -35,8 +37,9 @@ save_catalogue(FILES / "a.h5", catalogue(60))
 DEFAULTS = {name: one.default for name, one in signature(InverseVGG).parameters.items() if name != "checkpoint"}
 RENDERERS.save(FILES / "a.safetensors", "inverse_vgg", InverseVGG(), {"options": DEFAULTS})
 NEEDED = {task: f"catalogue={FILES}/a.h5" for task in ("export", "analyse", "view")} | dict.fromkeys(
-    ("compare", "verdicts"), f"runs={FILES}"
+    ("compare", "departures", "verdicts"), f"runs={FILES}"
 )
+NEEDED["film"] = f"image={encoded(FILES / 'a.mp4', scene(2))}"
 NEEDED["prune"] = f"renderer.checkpoint={FILES}/a.safetensors"
 TASK_OF = {"engine": "simulate", "to": "export"}  # families that task=paint does not have
 NEVER = ["nan", "-inf", "1e39", "9" * 23, "text", "''", "[1]", "[nan]", "[[mse]]", "{a: 1}", "true"]  # of a number
@@ -48,7 +51,7 @@ PARSER = OverridesParser.create()
 @contextmanager
 def typed_into(cfg, words):
     """The config with words of the command line, as Hydra puts them into it; what was there comes back."""
-    overrides = PARSER.parse_overrides(in_full(words))
+    overrides = PARSER.parse_overrides(expand_arguments(words))
     kept = {override.key_or_group: deepcopy(OmegaConf.select(cfg, override.key_or_group)) for override in overrides}
     try:
         ConfigLoaderImpl._apply_overrides_to_config(overrides, cfg)
@@ -68,13 +71,13 @@ def refusal(cfg, task, words):
         return str(error)
     except (CompactHydraException, OmegaConfBaseException) as error:
         cause = f": {error.__cause__}" if error.__cause__ else ""
-        said = in_our_words(" ".join(f"{error}{cause}".split()), task, [SHIPPED])
+        said = translated(" ".join(f"{error}{cause}".split()), task, [SHIPPED])
         return said or f"in words of Hydra: {error}\n"
     return ""
 
 
 def composed(task, *words):
-    return configs.composed(in_full([f"task={task}", *([NEEDED[task]] if task in NEEDED else []), *words]))
+    return compose.composed(expand_arguments([f"task={task}", *([NEEDED[task]] if task in NEEDED else []), *words]))
 
 
 def declared():
@@ -115,7 +118,7 @@ def test_every_value_fits_or_is_refused_in_one_line_that_names_the_key():
 @pytest.mark.parametrize("group", sorted(chosen_groups()))
 def test_what_can_be_no_name_is_refused_before_hydra_sees_it(group, value):
     with pytest.raises(UserError, match=f"{group}=.* is no name; choose one of"):
-        in_full(["-m", f"{group}={value}"])
+        expand_arguments(["-m", f"{group}={value}"])
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -126,7 +129,7 @@ def test_every_task_begins_with_what_it_needs_and_no_more(task):
 @pytest.mark.parametrize("value", ["[]", "[grid]", "[grid,slic]"])
 def test_a_family_of_one_member_has_one(value):
     with pytest.raises(UserError, match=rf"init={re.escape(value)} is no name; choose one of grid, "):
-        in_full([f"init={value}"])
+        expand_arguments([f"init={value}"])
 
 
 @pytest.mark.parametrize("key", ["image", "style", "focus", "output", "resume", "catalogue", "renderer.checkpoint"])
@@ -137,11 +140,18 @@ def test_files_have_any_name(key, tmp_path, monkeypatch):
     names += ["a\\"]
     for name in names:
         (tmp_path / name).write_text("")
-        (word,) = in_full([f"{key}={name}"])
-        assert OmegaConf.create({"is": parsed(word.partition("=")[2])})["is"] == name, word
-    swept = in_full(["-m", f"{key}=photo (1).png,2024"])[1]
+        (word,) = expand_arguments([f"{key}={name}"])
+        assert OmegaConf.create({"is": parse_value(word.partition("=")[2])})["is"] == name, word
+    swept = expand_arguments(["-m", f"{key}=photo (1).png,2024"])[1]
     assert swept.endswith('="photo (1).png","2024"')
+    for name in ("a, b", "a=b", "[1]", "{2}.png", "~3", "e#f.png"):  # files and folders alone, and in lists
+        (tmp_path / name).mkdir(exist_ok=True)
+        (word,) = expand_arguments([f"data={name}"])
+        assert parse_value(word.partition("=")[2]) == [name], word
+        assert expand_positional(name) == f"image={name}"
+    (tmp_path / "steps=3").mkdir()
+    assert expand_positional("steps=3") == "steps=3", "a key is one, though a folder has its name"
     (tmp_path / "null").write_text("")
     if key not in ("image", "output", "catalogue"):
         with pytest.raises(UserError, match=r"=null is none, but a file has this name; type .*=\./null"):
-            in_full([f"{key}=null"])
+            expand_arguments([f"{key}=null"])

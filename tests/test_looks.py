@@ -1,19 +1,17 @@
 """Looks: what they set stands below what is typed, whatever plugins that chooses, and quality scales them."""
 
 import shutil
-from copy import deepcopy
 
 import pytest
-from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 from program import ended
 
-from brushexp.cli.command_line import in_full
-from brushexp.cli.help import presets_of
-from brushexp.config import configs
-from brushexp.config.composition import check, offer
-from brushexp.config.configs import SHIPPED, folders_of
+from brushexp.cli.program import expand_arguments
+from brushexp.config import compose
+from brushexp.config.check import check
+from brushexp.config.compose import SHIPPED, folders_of, presets_of
 from brushexp.config.looks import FACTORS
+from brushexp.config.publish import offer
 from brushexp.config.schema import PaintTask
 from brushexp.errors import UserError
 from brushexp.registry import plugin_of
@@ -39,7 +37,7 @@ loss:
 
 
 def composed(words: str = ""):
-    return configs.composed(in_full(words.split()))
+    return compose.composed(expand_arguments(words.split()))
 
 
 @pytest.fixture
@@ -170,14 +168,3 @@ def test_a_sweep_over_looks_or_over_losses_of_one_composes():
     assert [list(cfg.loss) for cfg in jobs] == 2 * [["mse"], ["mse", "kl"]]
     assert jobs[1].loss.kl.weight != jobs[3].loss.kl.weight
     assert plugin_of(jobs[0].renderer).name == "textured"
-
-
-def test_composing_leaves_what_is_published_as_it_was():
-    composed("photo.jpg")  # Hydra publishes some of its own at first
-    published = ConfigStore.instance().repo
-    before = deepcopy(dict(published))
-    cfg = composed("photo.jpg look=watercolour loss=[mse,kl] loss.kl.weight=0.5 task=paint")
-    cfg.loss.kl.weight, cfg.steps = 7, 11
-    assert ConfigStore.instance().repo is published
-    assert dict(published) == before
-    assert deepcopy(published) is published

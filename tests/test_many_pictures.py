@@ -10,9 +10,10 @@ from PIL import Image
 from program import ended
 
 from brushexp.cli import many_pictures
-from brushexp.cli.command_line import in_full, parsed, verbatim
 from brushexp.cli.many_pictures import all_pictures, as_sweep, in_processes, launcher, pictures_named, subfolders_for
-from brushexp.config.configs import SHIPPED
+from brushexp.cli.program import expand_arguments
+from brushexp.config.compose import SHIPPED
+from brushexp.config.words import parse_value, verbatim
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
 from brushexp.results.runs import JOBS
@@ -137,7 +138,9 @@ def test_the_words_of_a_folder(tmp_path, monkeypatch):
     for word in ("overwrite=true", "overwrite=True", "overwrite=1"):
         assert "hydra.sweeper.resume=true" not in as_sweep(["image=p", word], False)
     jobs.unlink()
-    assert in_full([*pictures, "look=ink"]) == as_sweep([*(f"image={one}" for one in pictures), "look=ink"], False)
+    assert expand_arguments([*pictures, "look=ink"]) == as_sweep(
+        [*(f"image={one}" for one in pictures), "look=ink"], False
+    )
     assert as_sweep(["image=astronaut"], False) == ["image=astronaut"]
 
 
@@ -146,7 +149,7 @@ def test_folders_of_any_name_reach_the_program_as_they_are(name, tmp_path, monke
     photos(tmp_path / name)
     monkeypatch.chdir(tmp_path)
     (named,) = (word for word in as_sweep([f"image={name}"], False) if word.startswith("hydra.sweeper.pictures="))
-    assert parsed(named.partition("=")[2]) == [name]
+    assert parse_value(named.partition("=")[2]) == [name]
 
 
 def test_sets_folders_and_single_pictures_stand_for_pictures(tmp_path, monkeypatch):

@@ -7,12 +7,12 @@ from hydra.errors import CompactHydraException
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.bounds import above, at_least, between, multiple_of, one_of
-from brushexp.cli.command_line import in_full
 from brushexp.cli.help import help_text
-from brushexp.cli.mistakes import explanation
-from brushexp.config.composition import check
-from brushexp.config.configs import SHIPPED
+from brushexp.cli.program import expand_arguments
+from brushexp.config.check import check
+from brushexp.config.compose import SHIPPED
 from brushexp.config.keys import keys_of
+from brushexp.config.mistakes import explanation
 from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
 
@@ -144,7 +144,7 @@ def test_a_mistake_is_told_with_what_to_type_instead(config, overrides, monkeypa
 ])  # fmt: skip
 def test_short_forms_are_written_out(typed, meant):
     words = [text.split(" ") if typed.startswith("-") else [text] for text in (typed, meant)]
-    assert in_full(words[0]) == words[1]
+    assert expand_arguments(words[0]) == words[1]
 
 
 @pytest.mark.parametrize(("bounds", "fine", "wrong", "message"), [

@@ -5,9 +5,9 @@ import shlex
 
 import pytest
 
-from brushexp.config import configs
-from brushexp.config.composition import check
-from brushexp.config.configs import SHIPPED
+from brushexp.config import compose
+from brushexp.config.check import check
+from brushexp.config.compose import SHIPPED
 from brushexp.registry import build
 from brushexp.system.reading import read_text, yaml_of
 
@@ -17,7 +17,7 @@ LADDER = ("draft", "normal", "fine", "best")
 
 
 def composed(*words: str, own=()):
-    return configs.composed(words, [SHIPPED, *own])
+    return compose.composed(words, [SHIPPED, *own])
 
 
 def listed(study: str) -> list[str]:

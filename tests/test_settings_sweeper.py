@@ -11,8 +11,8 @@ from hydra.core.singleton import Singleton
 from hydra.errors import ConfigCompositionException, HydraException
 from program import run
 
-from brushexp.cli.mistakes import explanation
-from brushexp.config.configs import SHIPPED
+from brushexp.config.compose import SHIPPED
+from brushexp.config.mistakes import explanation
 from brushexp.errors import UserError
 from brushexp.results.runs import read_result
 from brushexp.runs.sweep_jobs import check_jobs
@@ -23,7 +23,7 @@ def jobs(settings, arguments=(), pictures=()):
     with initialize_config_dir(version_base="1.3", config_dir=str(SHIPPED)):
         loader = GlobalHydra.instance().config_loader()
         kind = Plugins.instance().class_name_to_class["hydra_plugins.brushexp_settings.SettingsSweeper"]
-        sweeper = kind(None, None, settings, list(pictures), False, False)
+        sweeper = kind(settings=settings, pictures=list(pictures))
         sweeper.hydra_context = SimpleNamespace(config_loader=loader)
         sweeper.config = compose("config", return_hydra_config=True)
         jobs = sweeper.combine(arguments)

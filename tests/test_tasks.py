@@ -13,7 +13,7 @@ from films import pixels_of
 from PIL import Image
 from program import ROOT, run
 
-from brushexp.config.configs import SHIPPED
+from brushexp.config.compose import SHIPPED
 from brushexp.strokes.prior import clamp_to_prior
 from brushexp.strokes.storage import load_catalogue
 from brushexp.tasks import export, paint
@@ -133,6 +133,30 @@ class Shy(Random):
             raise UserError("too many for me")
         return super().__call__(target, n, generator, focus)
 """
+
+
+COUNTED = """
+from brushexp.plugins.init.grid import Grid
+from brushexp.registry import register
+
+@register("init", "counted")
+class Counted(Grid):
+    "On a grid; a line in a file for each that is built."
+
+    def __init__(self):
+        super().__init__()
+        with open("built.txt", "a") as file:
+            print("built", file=file)
+"""
+
+
+@pytest.mark.parametrize(("words", "most"), [(["seed=0"], 1), (["-m", "seed=0,1,2"], 1 + 3)])
+def test_a_run_builds_a_plugin_once_and_a_sweep_once_more_for_its_check(tmp_path, words, most):
+    (tmp_path / "plugins").mkdir()
+    (tmp_path / "plugins" / "counted.py").write_text(COUNTED)
+    result = run(*words, *SMALL, "init=counted", "steps=1", "frames=0", "report=false", "output=a", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert len((tmp_path / "built.txt").read_text().splitlines()) == most
 
 
 @pytest.mark.parametrize("launcher", ["joblib", "processes"])

@@ -20,7 +20,7 @@ from test_dataset import write
 from torch import nn
 from torch.utils.data import DataLoader, IterableDataset
 
-from brushexp.config.composition import check
+from brushexp.config.check import check
 from brushexp.config.rules import check_brushes, check_ends
 from brushexp.errors import UserError
 from brushexp.pictures.similarity import psnr_of

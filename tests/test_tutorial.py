@@ -12,10 +12,10 @@ import pytest
 from catalogues import catalogue
 from hydra.errors import ConfigCompositionException
 
-from brushexp.cli.command_line import prepare
-from brushexp.config import configs
-from brushexp.config.composition import check, offer_presets
-from brushexp.config.configs import folders_of
+from brushexp.config import compose
+from brushexp.config.check import check
+from brushexp.config.compose import folders_of
+from brushexp.config.publish import offer_presets, prepare
 from brushexp.errors import UserError
 from brushexp.registry import MULTI_SELECT, build
 from brushexp.strokes.storage import save_catalogue
@@ -85,7 +85,7 @@ def presets(tmp_path, hydra_restore_singletons):
 
 
 def composed(folders, *overrides):
-    cfg = configs.composed(overrides, folders)
+    cfg = compose.composed(overrides, folders)
     check(cfg)
     return cfg
 

@@ -13,12 +13,12 @@ from mkdocs.structure.files import File, Files
 from omegaconf import MISSING
 
 from brushexp.bounds import Bounds, Rule
-from brushexp.cli.command_line import prepare
-from brushexp.cli.help import as_typed, presets_of
-from brushexp.config.configs import SHIPPED
+from brushexp.config.compose import SHIPPED, presets_of
 from brushexp.config.keys import Key, groups_of, keys_of
+from brushexp.config.publish import prepare
 from brushexp.config.schema import Task
 from brushexp.config.tasks import TASKS
+from brushexp.config.words import as_typed
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, options_of, plain_type, plugins
 
 ROOT = Path(__file__).parents[2]

@@ -5,8 +5,8 @@ from pathlib import Path
 from PIL import Image
 
 import brushexp
-from brushexp.cli.command_line import prepare
 from brushexp.config.looks import look_names
+from brushexp.config.publish import prepare
 
 FOLDER = Path(__file__).parents[2] / "src/brushexp/studio/looks"
 PHOTO, RESOLUTION = "astronaut", 340  # pixels of the longer side: few, so that strokes are seen

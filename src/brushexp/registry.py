@@ -104,6 +104,7 @@ class Plugin:
 
 
 _plugins: dict[tuple[str, str], Plugin] = {}
+_kept: dict[str, Any] = {}  # node of a config as YAML -> the plugin that a check has built of it
 
 
 def register(family: str, name: str) -> Callable[[C], C]:
@@ -183,8 +184,8 @@ def plain_type(annotation: Any) -> Any:
 
 def plugins(family: str | None = None) -> list[Plugin]:
     """All registered plugins, or those of one family, by family and name."""
-    found = [plugin for plugin in _plugins.values() if family in (None, plugin.family)]
-    return sorted(found, key=lambda plugin: (list(FAMILIES).index(plugin.family), plugin.name))
+    chosen = [plugin for plugin in _plugins.values() if family in (None, plugin.family)]
+    return sorted(chosen, key=lambda plugin: (list(FAMILIES).index(plugin.family), plugin.name))
 
 
 def plugin_of(node: DictConfig) -> Plugin:
@@ -208,6 +209,25 @@ def build(node: DictConfig, *runtime: object) -> Any:
     for name, value in attributes.items():
         setattr(member, name, value)
     return member
+
+
+def keep_built(node: DictConfig) -> Any:
+    """The plugin of a config node, built once for the check of a run and kept for the run itself (`take_built`)."""
+    text = OmegaConf.to_yaml(node, resolve=True)
+    if text not in _kept:
+        _kept[text] = build(node)
+    return _kept[text]
+
+
+def take_built(node: DictConfig) -> Any:
+    """The plugin that a check has kept for a config node, or else a new one; no other run gets the same object."""
+    text = OmegaConf.to_yaml(node, resolve=True)
+    return _kept.pop(text) if text in _kept else build(node)
+
+
+def drop_built() -> None:
+    """Forget what checks have built and no run has taken."""
+    _kept.clear()
 
 
 def options_in(node: DictConfig, path: str) -> dict[str, Any]:
@@ -253,5 +273,5 @@ def plain_config(values: dict[str, Any]) -> DictConfig:
     """Values from a file as a config; an interpolation, which could read what is not the file's, is a UserError."""
     if "${" in json.dumps(check_plain(values)):
         raise UserError("a config from a file holds an interpolation, ${...}; write the value instead")
-    found: DictConfig = OmegaConf.create(values)
-    return found
+    config: DictConfig = OmegaConf.create(values)
+    return config

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -49,17 +50,8 @@ class SettingsSweeper(Sweeper):
     config: DictConfig
     hydra_context: HydraContext
 
-    def __init__(
-        self,
-        max_batch_size: int | None,
-        params: dict[str, str] | None,
-        settings: list[str],
-        pictures: list[str],
-        resume: bool,
-        lenient: bool,
-    ) -> None:
-        self.max_batch_size, self.params = max_batch_size, params or {}
-        self.settings, self.pictures, self.resume, self.lenient = settings, pictures, resume, lenient
+    def __init__(self, **options: Any) -> None:
+        self.options = SettingsSweeperConf(**options)
 
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
         """As in Hydra."""
@@ -72,31 +64,31 @@ class SettingsSweeper(Sweeper):
         """Check all jobs before anything of the sweep is written, then launch them, so many at once as a batch has."""
         from brushexp.runs.sweep_jobs import begin_sweep, check_jobs, launch_left  # noqa: PLC0415
 
-        jobs = self.combine([*(f"{key}={value}" for key, value in self.params.items()), *arguments])
-        check_jobs(self.hydra_context.config_loader, self.config, jobs, self.lenient)
-        begin_sweep(self.config, jobs, self.resume, self.lenient)
+        jobs = self.combine([*(f"{key}={value}" for key, value in (self.options.params or {}).items()), *arguments])
+        check_jobs(self.hydra_context.config_loader, self.config, jobs, self.options.lenient)
+        begin_sweep(self.config, jobs, self.options.resume, self.options.lenient)
         OmegaConf.save(self.config, Path(self.config.hydra.sweep.dir) / "multirun.yaml")
         assert self.launcher is not None
-        size = self.max_batch_size or len(jobs)
+        size = self.options.max_batch_size or len(jobs)
         for first in range(0, len(jobs), size):
-            launch_left(self.launcher.launch, self.config, jobs[first : first + size], first, self.resume)
+            launch_left(self.launcher.launch, self.config, jobs[first : first + size], first, self.options.resume)
 
     def combine(self, arguments: Sequence[str]) -> list[list[str]]:
         """The overrides of every job."""
-        from brushexp.cli.command_line import verbatim, written_out  # noqa: PLC0415
         from brushexp.cli.many_pictures import all_pictures, subfolders_for  # noqa: PLC0415
-        from brushexp.config.configs import folders_in  # noqa: PLC0415
+        from brushexp.config.compose import folders_in  # noqa: PLC0415
+        from brushexp.config.words import expand_shorthand, verbatim  # noqa: PLC0415
         from brushexp.runs.sweep_jobs import SUBFOLDER  # noqa: PLC0415
 
         parser = OverridesParser.create(config_loader=self.hydra_context.config_loader)
         overrides = parser.parse_overrides([*arguments])
         typed = any(override.get_key_element() == "image" for override in overrides)
-        pictures = [] if typed else all_pictures(self.pictures, folders_in(self.config))
-        settings = [shlex.split(setting) for setting in self.settings]
+        pictures = [] if typed else all_pictures(self.options.pictures, folders_in(self.config))
+        settings = [shlex.split(setting) for setting in self.options.settings]
         jobs = []
         for words in settings:  # of a sweep that is stopped, some settings then have all pictures
             for picture in [[f"image={one}"] for one in pictures] or [[]]:
-                own = [written_out(word, sweep=True) for word in [*picture, *words]]
+                own = [expand_shorthand(word, sweep=True) for word in [*picture, *words]]
                 jobs += combinations_of([*overrides, *parser.parse_overrides(own)])
         if pictures and len(jobs) == len(pictures):
             places = map(verbatim, subfolders_for(pictures))

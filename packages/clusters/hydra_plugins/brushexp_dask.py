@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from hydra.core.config_store import ConfigStore
 from hydra.core.singleton import Singleton
@@ -45,7 +46,6 @@ class DaskLauncher(Launcher):
         """Run the jobs, and wait for all of them."""
         from distributed import Client, LocalCluster  # noqa: PLC0415
 
-        from brushexp.compat.joblib import execute_job  # noqa: PLC0415
         from brushexp.errors import UserError  # noqa: PLC0415
 
         setup_globals()
@@ -64,10 +64,20 @@ class DaskLauncher(Launcher):
                 raise UserError(
                     f"a worker at {self.address} has several threads; start it with dask worker --nthreads 1"
                 )
-            common = (self.hydra_context, self.config, self.task_function, Singleton.get_state())
+            common = (self.hydra_context, self.config, self.task_function)
+            state = Singleton.get_state()
             futures = []
             for number, words in enumerate(job_overrides, initial_job_idx):
                 log.info("\t#%d : %s", number, " ".join(filter_overrides(words)))
-                futures.append(client.submit(execute_job, number, list(words), *common, pure=False))
+                futures.append(client.submit(_work, state, number, list(words), *common, pure=False))
             results: list[JobReturn] = client.gather(futures)
             return results
+
+
+def _work(state: Any, *job: Any) -> JobReturn:
+    """Run a job in a process that knows nothing of Hydra yet."""
+    from brushexp.runs.sweep_jobs import execute_job  # noqa: PLC0415
+
+    setup_globals()
+    Singleton.set_state(state)
+    return execute_job(*job)

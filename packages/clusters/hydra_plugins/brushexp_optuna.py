@@ -88,7 +88,8 @@ class StudySweeper(Sweeper):
         space, study = search_space(words), self.open_study()
         recorded = [trial.params for trial in study.trials if trial.state.is_finished()]
         folders = [path for path in Path(self.config.hydra.sweep.dir).iterdir() if path.name.isdecimal()]
-        killed, ended = [], []
+        killed: list[dict[str, Any]] = []
+        ended: list[dict[str, Any]] = []
         for folder in sorted(folders, key=lambda path: int(path.name)):
             typed = dict(word.split("=", 1) for word in words_of(folder) if "=" in word)
             values = {key: value_in(one, typed[key]) for key, one in space.items() if key in typed}

@@ -12,11 +12,10 @@ from multiprocessing import connection, get_context
 from pathlib import Path
 
 from hydra.core.config_store import ConfigStore
-from hydra.core.hydra_config import HydraConfig
-from hydra.core.utils import JobReturn, configure_log, filter_overrides, run_job, setup_globals
+from hydra.core.utils import JobReturn, configure_log, filter_overrides, setup_globals
 from hydra.plugins.launcher import Launcher
 from hydra.types import HydraContext, TaskFunction
-from omegaconf import DictConfig, open_dict
+from omegaconf import DictConfig
 
 log = logging.getLogger(__name__)
 PARENT_DEATH = 1  # PR_SET_PDEATHSIG of prctl(2)
@@ -89,24 +88,15 @@ class ProcessesLauncher(Launcher):
 
     def _serve(self, pipe: Pipe, parent: int) -> None:
         """Run jobs in a fork until there are no more; it ends as by Ctrl-C when its parent is killed."""
+        from brushexp.runs.sweep_jobs import execute_job  # noqa: PLC0415
+
         os.setpgrp()  # so that a Ctrl-C is not told twice, by the terminal and by the parent
         ctypes.CDLL(None).prctl(PARENT_DEATH, signal.SIGINT)
         with suppress(KeyboardInterrupt, EOFError):
             while os.getppid() == parent and (job := pipe.recv()) is not None:
-                pipe.send(replace(self._run(*job), cfg=None, hydra_cfg=None))  # which not all can be sent
-
-    def _run(self, number: int, words: list[str]) -> JobReturn:
-        config = self.hydra_context.config_loader.load_sweep_config(self.config, words)
-        with open_dict(config):
-            config.hydra.job.id, config.hydra.job.num = f"{config.hydra.job.name}_{number}", number
-        HydraConfig.instance().set_config(config)
-        return run_job(
-            hydra_context=self.hydra_context,
-            config=config,
-            task_function=self.task_function,
-            job_dir_key="hydra.sweep.dir",
-            job_subdir_key="hydra.sweep.subdir",
-        )
+                number, words = job
+                result = execute_job(number, words, self.hydra_context, self.config, self.task_function)
+                pipe.send(replace(result, cfg=None, hydra_cfg=None))  # which not all can be sent
 
 
 def _results(pipes: Sequence[Pipe], jobs: dict[int, list[str]]) -> dict[int, JobReturn]:

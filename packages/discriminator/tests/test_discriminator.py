@@ -21,7 +21,7 @@ from test_trainer import StopAt
 from test_trainer import fit as fit_module
 from torch import Tensor
 
-from brushexp.config.composition import check
+from brushexp.config.check import check
 from brushexp.errors import UserError
 from brushexp.plugins.loss.base import PaintedView
 from brushexp.plugins.renderer.base import RENDERERS

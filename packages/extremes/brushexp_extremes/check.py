@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import timedelta
 from typing import Any
 
@@ -21,7 +21,7 @@ from brushexp.plugins.optimizer.torch import TorchOptim
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import FIELDS, PRECISE, Catalogue, Strokes, drawable
-from brushexp_extremes.scenes import SPACES, TARGETS, Scene, one_bright_pixel, random_strokes, random_target
+from brushexp_extremes.scenes import Scene
 
 EXACT, DEGRADED, REFUSED, BROKEN = VERDICTS = ("exact", "degraded", "refused", "broken")  # see docs/numerics.md
 DTYPES = {"float64": torch.float64, "float32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16}
@@ -33,8 +33,7 @@ NEGLIGIBLE_SHARE = 1e-3  # of the sum of |dL/dI| over all pixels, below which a 
 PROBED_STROKES, PROBED_PIXELS = 64, 2000  # at which alpha is looked at, at most
 CRASHES = (RuntimeError, TypeError, ValueError, LookupError, ArithmeticError, MemoryError, AssertionError)
 BACKGROUND = (0.2, 0.5, 0.9)
-SMALL, STROKES, FEW = (16, 25), 8, 2  # canvas of exercises; strokes; and of a renderer that is slow
-USUAL = 0.02  # learning rate
+FEW = 2  # strokes that a slow renderer optimises
 SLACK = 1e-6  # of the bounds of a field, relative
 DENSE = Dense()
 
@@ -65,34 +64,6 @@ class Drawn:
     gradient: Mapping[str, Tensor]
     pull: float = 0.0
     fault: str = ""
-
-
-@dataclass(frozen=True)
-class Exercise:
-    """What strokes are put through: a target (3, H, W), gradient steps, and the learning rate of Adam.
-
-    ``parts`` are other components than usual: family -> name and options. The strokes may come to ``growth`` times as
-    many, ``focus`` (H, W), of mean 1, weighs the pixels, and ``color`` is the space in which the strokes mix.
-    """
-
-    target: Tensor = field(default_factory=lambda: random_target(SMALL))
-    steps: int = 30
-    rate: float = USUAL
-    parts: Mapping[str, tuple[str, dict[str, Any]]] = field(default_factory=dict)
-    growth: int = 1
-    focus: Tensor | None = None
-    color: str = "rgb"
-
-
-EXERCISES = {
-    "learning rate x 100": Exercise(steps=60, rate=100 * USUAL),
-    "1,000 steps": Exercise(steps=1000),
-    "parts of the canvas": Exercise(parts={"sampler": ("patches", {"n_active": 2, "n_ring": 1, "patch": 9})}),
-    "strokes that come and go": Exercise(parts={"density": ("adaptive", {"rounds": 3, "moved": 0.5})}, growth=4),
-    "focus on one pixel": Exercise(focus=one_bright_pixel(SMALL)[0] * SMALL[0] * SMALL[1]),
-    **{f"mixing in {space}": Exercise(TARGETS["target 0"](SMALL), color=space) for space in SPACES},
-    **{name: Exercise(target(SMALL)) for name, target in TARGETS.items()},
-}
 
 
 def draw(renderer: Renderer, blend: Compositor, strokes: Strokes, target: Tensor, order: Tensor | None = None) -> Drawn:
@@ -148,35 +119,32 @@ class SceneCheck:
         return self._exact[blend, str(kind)]
 
 
-def check_painting(
-    name: str, renderer: Renderer, exercise: Exercise, patience: float, blend: Blend, dtype: str
-) -> Check:
+def check_painting(name: str, renderer: Renderer, scene: Scene, patience: float, blend: Blend, dtype: str) -> Check:
     """Optimise a few strokes, and check what they are in the end: finite, in range, and painted as in float64.
 
     After ``patience`` seconds no further step is taken.
     """
-    precise, kind, color = deepcopy(renderer).double(), DTYPES[dtype], build_named("color", exercise.color, {})
-    stage = Stage(name, precise if dtype == "float64" else renderer, exercise.steps)
-    components = standard_components(stages=[stage], blend=blend, color=color, optimizer=TorchOptim(lr=exercise.rate))
-    components = replace(components, **{family: build_named(family, *part) for family, part in exercise.parts.items()})
-    strokes = random_strokes(STROKES if renderer.warm_up is None else FEW, SMALL).map(lambda value: value.to(kind))
+    precise, kind, color = deepcopy(renderer).double(), DTYPES[dtype], build_named("color", scene.color, {})
+    stage = Stage(name, precise if dtype == "float64" else renderer, scene.steps)
+    components = standard_components(stages=[stage], blend=blend, color=color, optimizer=TorchOptim(lr=scene.rate))
+    components = replace(components, **{family: build_named(family, *part) for family, part in scene.parts.items()})
+    strokes = scene.strokes(scene.n if renderer.warm_up is None else FEW).map(lambda value: value.to(kind))
+    target, focus = scene.target(scene.canvas), scene.focus and scene.focus(scene.canvas).to(kind)
     quiet: dict[str, Any] = dict.fromkeys(("logger", "enable_checkpointing", "enable_progress_bar"), False)
     timer = Timer(timedelta(seconds=patience), verbose=False)
     try:
         catalogue = Catalogue(strokes, components.optimizer.units)
         painter = StrokeOptimizer(
-            catalogue, components, exercise.target.to(kind), torch.tensor(BACKGROUND).to(kind), seed=0,
-            focus=None if exercise.focus is None else exercise.focus.to(kind), budget=exercise.growth * len(strokes),
+            catalogue, components, target.to(kind), torch.tensor(BACKGROUND).to(kind), seed=0,
+            focus=focus, budget=scene.growth * len(strokes),
         )  # fmt: skip
         L.Trainer(accelerator="cpu", max_epochs=-1, callbacks=[timer], enable_model_summary=False, **quiet).fit(painter)
         picture, strokes = painter.drawn(), painter.catalogue().map(Tensor.detach)
-        exact = draw(
-            precise, components.blend, strokes.map(Tensor.double), exercise.target, painter.depth.front_to_back
-        )
+        exact = draw(precise, components.blend, strokes.map(Tensor.double), target, painter.depth.front_to_back)
     except (UserError, *CRASHES) as error:
         return check_of_error(error)
     n = painter.schedule.step
-    note = f"{n} of {exercise.steps:,} steps" if n < exercise.steps else ""
+    note = f"{n} of {scene.steps:,} steps" if n < scene.steps else ""
     return compare(dtype, Drawn(picture, {}, fault=range_fault(strokes)), exact, strokes, note)
 
 

@@ -1,6 +1,6 @@
 """The whole matrix of extremes: every scene with every renderer, blend and precision, and a picture of all cells."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -12,10 +12,9 @@ from brushexp.errors import UserError
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build_named, plugins
 from brushexp.reporting.plotting import INK, new_figure, save_figure, without_math
-from brushexp_extremes.check import DEGRADED, DTYPES, EXERCISES, PICTURE_BOUNDS, VERDICTS, SceneCheck, check_painting
-from brushexp_extremes.scenes import SCENES
+from brushexp_extremes.check import DEGRADED, DTYPES, PICTURE_BOUNDS, VERDICTS, SceneCheck, check_painting
+from brushexp_extremes.scenes import KINDS, MANY_STEPS, ONE_PICTURE
 
-KINDS: dict[str, Mapping[str, object]] = {"one picture": SCENES, "many steps": EXERCISES}
 FEW_STROKES, MANY_STROKES = 6, 1_000_000  # at most, of a renderer that is slow (with a warm-up renderer), of others
 # Of exact, degraded, refused and broken cells: told apart by the colour-blind too, by lightness as well as by hue.
 COLORS = ("#B7DFCB", "#F2C14E", "#C9CBD1", "#C0392B")
@@ -33,7 +32,7 @@ def chosen_axes(**chosen: Sequence[str] | None) -> dict[str, list[str]]:
         "renderers": [plugin.name for plugin in plugins("renderer")],
         "blends": [plugin.name for plugin in plugins("blend")],
         "dtypes": list(DTYPES),
-        "scenes": list(SCENES | EXERCISES),
+        "scenes": list(ONE_PICTURE | MANY_STEPS),
     }
     for key, name in ((key, name) for key, names in chosen.items() for name in names or ()):
         if name not in axes[key]:
@@ -58,13 +57,14 @@ def examine(axes: Mapping[str, Sequence[str]], patience: float) -> Iterator[Cell
     for name in axes["renderers"]:
         renderer = frozen_renderer(name)
         most = MANY_STROKES if renderer.warm_up is None else FEW_STROKES
-        for kind, scene in rows_in(axes):
-            if KINDS[kind] is SCENES:
-                check = SceneCheck(renderer, SCENES[scene], most).check
+        for kind, title in rows_in(axes):
+            scene = KINDS[kind][title]
+            if scene.steps:
+                check: Callable[[Any, str], Any] = partial(check_painting, name, renderer, scene, patience)
             else:
-                check = partial(check_painting, name, renderer, EXERCISES[scene], patience)
+                check = SceneCheck(renderer, scene, most).check
             for blend, dtype in product(blends, axes["dtypes"]):
-                place = {"kind": kind, "scene": scene, "renderer": name, "blend": blend, "dtype": dtype}
+                place = {"kind": kind, "scene": title, "renderer": name, "blend": blend, "dtype": dtype}
                 yield place | vars(check(blends[blend], dtype))
 
 

@@ -5,8 +5,10 @@ are loaded: there is a scene for each colour space.
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -16,9 +18,13 @@ from brushexp.compositing.layers import Size
 from brushexp.registry import plugins
 from brushexp.strokes.catalogue import FARTHEST, Strokes
 
-CANVAS = (24, 37)  # height and width, unless a scene is about them; not a multiple of a tile, and not square
+CANVAS, SMALL = (
+    (24, 37),
+    (16, 25),
+)  # height and width, unless a scene is about them; not a multiple of a tile, and not square
 MIDDLE = (18.0, 12.0)  # x and y
 SEVERAL = 16  # strokes of most scenes
+USUAL_RATE = 0.02
 
 Fields = dict[str, Tensor]  # of strokes
 
@@ -68,6 +74,11 @@ class Scene:
     scale: tuple[float, float] = (8.0, 24.0)
     target: Callable[[Size], Tensor] = random_target
     color: str = "rgb"  # space in which the strokes mix
+    steps: int = 0  # of Adam; 0 draws one picture
+    rate: float = USUAL_RATE
+    parts: Mapping[str, tuple[str, dict[str, Any]]] = field(default_factory=dict)  # other components: family -> plugin
+    growth: int = 1  # the strokes may come to so many times as many
+    focus: Callable[[Size], Tensor] | None = None  # (H, W), of mean 1, weighs the pixels
 
     def strokes(self, most: int) -> Strokes:
         """The strokes, at most so many: a network draws a thousand times more slowly than a formula."""
@@ -119,7 +130,7 @@ TARGETS: dict[str, Callable[[Size], Tensor]] = {
     "target: checkerboard of pixels": lambda size: (torch.ones(3, *size).cumsum(1) + torch.arange(size[1]) - 1) % 2,
     "target: one bright pixel": one_bright_pixel,
 }
-SCENES = {
+ONE_PICTURE = {
     "ordinary": Scene(),
     "no strokes": Scene(n=0),
     "one stroke": Scene(lambda s: {"position": torch.tensor([MIDDLE])[: len(s)]}, 1, scale=(20.0, 24.0)),
@@ -138,3 +149,14 @@ SCENES = {
     **{f"pure colours in {space}": Scene(lambda s: {"color": s.color.round()}, color=space) for space in SPACES},
     **{name: Scene(target=target) for name, target in TARGETS.items()},
 }
+_steps = partial(Scene, n=8, canvas=SMALL, steps=30)
+MANY_STEPS = {
+    "learning rate x 100": _steps(steps=60, rate=100 * USUAL_RATE),
+    "1,000 steps": _steps(steps=1000),
+    "parts of the canvas": _steps(parts={"sampler": ("patches", {"n_active": 2, "n_ring": 1, "patch": 9})}),
+    "strokes that come and go": _steps(parts={"density": ("adaptive", {"rounds": 3, "moved": 0.5})}, growth=4),
+    "focus on one pixel": _steps(focus=lambda size: one_bright_pixel(size)[0] * size[0] * size[1]),
+    **{f"mixing in {space}": _steps(target=TARGETS["target 0"], color=space) for space in SPACES},
+    **{name: _steps(target=target) for name, target in TARGETS.items()},
+}
+KINDS = {"one picture": ONE_PICTURE, "many steps": MANY_STEPS}

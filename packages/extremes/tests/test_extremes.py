@@ -6,9 +6,10 @@ from functools import cache
 import pytest
 import torch
 from brushexp_extremes import check, task
-from brushexp_extremes.check import BROKEN, DEGRADED, DTYPES, EXACT, EXERCISES, REFUSED, Drawn, SceneCheck
-from brushexp_extremes.matrix import KINDS, cells_in, chosen_axes, frozen_renderer, number_of
-from brushexp_extremes.scenes import SCENES, Scene, random_strokes
+from brushexp_extremes.check import BROKEN, DEGRADED, DTYPES, EXACT, REFUSED, Drawn, SceneCheck
+from brushexp_extremes.matrix import cells_in, chosen_axes, frozen_renderer, number_of
+from brushexp_extremes.scenes import KINDS, MANY_STEPS, SMALL, Scene, random_strokes
+from brushexp_extremes.scenes import ONE_PICTURE as SCENES
 from sweeps import read_csv
 
 from brushexp.errors import UserError
@@ -70,10 +71,10 @@ def test_no_scene_breaks_a_network(scene):
             assert found.picture is None or found.picture <= LEAST_ALPHA, f"{name} {dtype}: {found}"
 
 
-@pytest.mark.parametrize("exercise", [name for name in EXERCISES if name not in SLOW_SCENES])
+@pytest.mark.parametrize("exercise", [name for name in MANY_STEPS if name not in SLOW_SCENES])
 @no_eval_warning
 def test_no_target_and_no_rate_spoils_the_strokes(exercise):
-    short = replace(EXERCISES[exercise], steps=min(EXERCISES[exercise].steps, 40))
+    short = replace(MANY_STEPS[exercise], steps=min(MANY_STEPS[exercise].steps, 40))
     for name, renderer in renderers(formulas=True).items():
         found = check.check_painting(name, renderer, short, 60.0, BLENDS["tiled"], "float32")
         assert found.verdict == EXACT, f"{name}: {found}"
@@ -81,12 +82,14 @@ def test_no_target_and_no_rate_spoils_the_strokes(exercise):
 
 @pytest.mark.parametrize("dtype", ["bfloat16", "float16"])
 def test_strokes_of_16_bits_are_drawn_in_float32_and_not_optimised(dtype):
-    strokes = random_strokes(4, check.SMALL).map(lambda value: value.to(DTYPES[dtype]).requires_grad_())
-    image = Dense()(Analytic()(strokes), torch.arange(4), check.SMALL, torch.zeros(3, dtype=DTYPES[dtype])).image
+    strokes = random_strokes(4, SMALL).map(lambda value: value.to(DTYPES[dtype]).requires_grad_())
+    image = Dense()(Analytic()(strokes), torch.arange(4), SMALL, torch.zeros(3, dtype=DTYPES[dtype])).image
     image.sum().backward()
     assert image.dtype == torch.float32
     assert strokes.position.grad.dtype == DTYPES[dtype]
-    found = check.check_painting("analytic", Analytic(), check.Exercise(steps=2), 60.0, BLENDS["tiled"], dtype)
+    found = check.check_painting(
+        "analytic", Analytic(), replace(MANY_STEPS["1,000 steps"], steps=2), 60.0, BLENDS["tiled"], dtype
+    )
     assert found.verdict == REFUSED
     assert "value.float()" in found.note
 
@@ -100,12 +103,12 @@ def test_strokes_that_a_precision_cannot_hold_are_refused():
         drawable(far.map(lambda value: value.long()))
     assert drawable(far) is far
     with pytest.raises(UserError, match="small steps are lost"):
-        Catalogue(random_strokes(2, check.SMALL).map(lambda value: value.bfloat16()), {})
+        Catalogue(random_strokes(2, SMALL).map(lambda value: value.bfloat16()), {})
 
 
 def test_verdicts_are_what_they_say():
     picture, slope = torch.rand(3, 4, 5, dtype=torch.float64), torch.tensor([1.0, -2.0], dtype=torch.float64)
-    exact, strokes = Drawn(picture, {"opacity": slope}, 1.0), random_strokes(2, check.SMALL)
+    exact, strokes = Drawn(picture, {"opacity": slope}, 1.0), random_strokes(2, SMALL)
     for verdict, image, gradient, fault in (
         (EXACT, picture.float(), slope.float(), ""),
         (DEGRADED, picture + 2 * BOUNDS[0], slope, ""),
@@ -140,7 +143,7 @@ def test_a_crash_is_a_bug_and_a_message_is_none():
 def test_the_task_writes_every_cell_and_ends_with_an_error_if_one_is_broken(run_task, tmp_path, monkeypatch):
     axes = chosen_axes(dtypes=None)
     assert axes["renderers"] == [plugin.name for plugin in plugins("renderer")]
-    assert cells_in(axes) == len(axes["renderers"]) * len(BLENDS) * len(DTYPES) * (len(SCENES) + len(EXERCISES))
+    assert cells_in(axes) == len(axes["renderers"]) * len(BLENDS) * len(DTYPES) * (len(SCENES) + len(MANY_STEPS))
     words = ("task=extremes", "renderers=[analytic]", "dtypes=[float32,float16]", "patience=0.01")
     with pytest.raises(UserError, match=r"blends has no 'tilde'.*tiled"):
         run_task(task, *words, "blends=[tilde]")

@@ -120,7 +120,7 @@ class Carrier:
         def closure() -> float:
             optimizer.zero_grad()
             catalogue.keep_in_range()
-            _, view_of = picture.see(catalogue(), cel.strokes, view, cel.front_to_back, coarse=False, accuracy=False)
+            _, view_of = picture.see(catalogue(), cel.strokes, view, cel.front_to_back, accuracy=False)
             total, _ = weighted_sum(self.components.losses, view_of)
             if total.requires_grad:
                 total.backward()

@@ -15,7 +15,7 @@ from brushexp.config.schema import PaintTask
 from brushexp.errors import UserError
 from brushexp.pictures.load import size_at
 from brushexp.plugins.painter.base import Painter
-from brushexp.registry import build, plugin_of
+from brushexp.registry import keep_built, plugin_of
 from brushexp_films.clips import is_film, open_clip
 
 FRAMES = "frames"  # folder of the catalogues, in a run's
@@ -26,11 +26,11 @@ OF_PICTURES = {"catalogue": None, "style.image": None, "wet": 0}  # keys that a 
 class FilmOptions:
     """Keys below ``film``."""
 
-    every: int = key(1, "of a film, image=clip.mp4: paint only every n-th picture", at_least(1))
-    start: float = key(0, "of a film: the second at which it begins", at_least(0))
-    stop: float | None = key(None, "of a film: the second at which it ends; null = at its end", above(0))
-    steps: int = key(8, "of a film: gradient steps of a picture that carries strokes on", at_least(0))
-    change: float = key(0.04, "of a film: difference from which a place has changed, 0 to 1", between(0.001, 1))
+    every: int = key(1, "paint every n-th frame of the film only", at_least(1))
+    start: float = key(0, "start time in seconds", at_least(0))
+    stop: float | None = key(None, "end time in seconds; null = end of the film", above(0))
+    steps: int = key(8, "gradient steps per frame, from the strokes of the frame before", at_least(0))
+    change: float = key(0.04, "smallest difference between frames that counts as a change, 0 to 1", between(0.001, 1))
 
 
 @dataclass
@@ -52,7 +52,7 @@ class FilmTask(PaintTask):
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
         size = size_at(cfg.resolution, *open_clip(Path(cfg.image)).size)
-        if isinstance(build(cfg.painter), Painter):
+        if isinstance(keep_built(cfg.painter), Painter):
             name = plugin_of(cfg.painter).name
             raise UserError(f"painter={name} paints single pictures, and {cfg.image} is a film; drop painter")
         for name, default in OF_PICTURES.items():

@@ -27,10 +27,10 @@ from films import as_tensor, decoded, encoded, scene
 from painters import take
 from program import ended
 
-from brushexp.cli.command_line import in_full
+from brushexp.cli.program import expand_arguments
 from brushexp.compositing.layers import EDGE
-from brushexp.config.composition import check
-from brushexp.config.configs import composed
+from brushexp.config.check import check
+from brushexp.config.compose import composed
 from brushexp.errors import UserError
 from brushexp.painting.canvas_memory import touched
 from brushexp.painting.components import standard_components
@@ -315,7 +315,8 @@ def test_a_film_that_does_not_say_how_long_it_is_can_be_stopped(run_task, tmp_pa
 
 
 def test_a_picture_without_error_does_not_hide_the_others_of_a_film():
-    others = {"flicker": SimpleNamespace(value=0), "reel": SimpleNamespace(scenes=1, cel=SimpleNamespace(strokes=()))}
+    others = {"flicker": SimpleNamespace(value=0), "cfg": SimpleNamespace(loss=["mse"])}
+    others |= {"reel": SimpleNamespace(scenes=1, cel=SimpleNamespace(strokes=()))}
     for found, expected in (([math.inf, 20.0, 30.0], 25.0), ([math.inf], math.inf)):
         film = SimpleNamespace(psnr=found, seconds=[], device="cpu", **others)
         assert PaintedFilm.metrics(film, None, "completed")["psnr"] == expected
@@ -406,11 +407,11 @@ def test_sound_is_copied_from_its_second_on_or_told_and_left_out(tmp_path, caplo
     "words", [["clip.mp4"], ["task=paint", "image=clip.mp4"], ["-m", "image=a.mp4,b.mp4", "seed=0,1"]]
 )
 def test_the_words_for_a_picture_paint_a_film_too(words):
-    assert "task=film" in in_full(words)
-    assert "task=paint" not in in_full(words)
+    assert "task=film" in expand_arguments(words)
+    assert "task=paint" not in expand_arguments(words)
 
 
 def test_a_painting_of_one_picture_leaves_films_to_their_task():
-    assert "task=film" not in in_full(["-m", "image=a.mp4,photo.jpg"])
+    assert "task=film" not in expand_arguments(["-m", "image=a.mp4,photo.jpg"])
     with pytest.raises(UserError, match="task=paint leaves this to task=film"):
         check(composed(["image=clip.mp4"]))

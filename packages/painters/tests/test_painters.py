@@ -15,7 +15,7 @@ from lightning.pytorch.callbacks import LambdaCallback
 from painters import QUIET, fit, painter_of
 from torch.testing import assert_close
 
-from brushexp.config.composition import check
+from brushexp.config.check import check
 from brushexp.errors import UserError
 from brushexp.painting.build import build_painter
 from brushexp.painting.components import standard_components

@@ -1,4 +1,4 @@
-"""What the visitor has chosen, and what that is on the command line."""
+"""Choices of a visitor of the page, and the overrides of the command line that they are."""
 
 import shlex
 from dataclasses import dataclass

@@ -12,7 +12,7 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from brushexp.config.configs import SHIPPED
+from brushexp.config.compose import SHIPPED
 from brushexp.reporting.tables import markdown_table
 from brushexp.results.paired import PANELS, PICTURE, Difference, paired_differences, rule_for, write_paired_plot
 from brushexp.results.quantities import quantities

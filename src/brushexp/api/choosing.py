@@ -18,8 +18,8 @@ def list_plugins(family: str | None = None) -> dict[str, dict[str, str]]:
     load()
     if family not in (None, *FAMILIES):
         raise UserError(f"there is no family {family}; choose one of {', '.join(FAMILIES)}")
-    wanted = FAMILIES if family is None else [family]
-    return {name: {plugin.name: plugin.summary for plugin in plugins(name)} for name in wanted}
+    families = FAMILIES if family is None else [family]
+    return {name: {plugin.name: plugin.summary for plugin in plugins(name)} for name in families}
 
 
 def create(family: str, name: str, **options: Any) -> Any:

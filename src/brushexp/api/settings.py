@@ -13,13 +13,14 @@ from hydra.errors import CompactHydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.cli.command_line import kinds_of_keys, parsed, prepare, unlike, written_out
-from brushexp.cli.help import as_typed
-from brushexp.cli.mistakes import explanation
-from brushexp.config.composition import check
-from brushexp.config.configs import composed, folders_of, quoted
+from brushexp.config.check import check
+from brushexp.config.compose import composed, folders_of
+from brushexp.config.mistakes import explanation
+from brushexp.config.publish import prepare
+from brushexp.config.words import as_typed, expand_shorthand, parse_value, types_of_keys
 from brushexp.errors import UserError
 from brushexp.pictures.held import HeldPicture, is_picture
+from brushexp.registry import drop_built
 
 SHORT = {"style": "style.image"}  # keys that may be typed for others
 PICTURE = "image="
@@ -75,14 +76,15 @@ def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike
     held: dict[str, HeldPicture] = {}
     folder = None if output is None else Path(output).resolve()
     words = [f"task={task}", *words_from(options, held), *([] if folder is None else [f"output={folder}"])]
-    words = [written_out(word, sweep=False) for word in words]
+    words = [expand_shorthand(word) for word in words]
     try:
         cfg = _composed(tuple(word for word in words if not word.startswith(PICTURE)), tuple(folders)).copy()
         for word in words:
             if word.startswith(PICTURE):
-                cfg.image = parsed(word.removeprefix(PICTURE))
+                cfg.image = parse_value(word.removeprefix(PICTURE))
     except (CompactHydraException, OmegaConfBaseException) as error:
         raise UserError(explanation(error, folders, words)) from error
+    drop_built()  # of settings that nobody has painted with
     check(cfg, words)
     return Settings(cfg, words, held, folder)
 
@@ -99,7 +101,7 @@ def held_as_files(settings: Settings, folder: Path) -> Settings:
     for key, held in settings.held.items():
         path = str(held.write(folder / ".hydra", key.replace(".", "_")))
         OmegaConf.update(cfg, key, path)
-        named = written_out(f"{key}={path}", sweep=False)
+        named = expand_shorthand(f"{key}={path}")
         words = [named if word.partition("=")[0] == key else word for word in words]
     return replace(settings, cfg=cfg, words=words)
 
@@ -114,22 +116,9 @@ def words_from(options: Mapping[str, Any], held: dict[str, HeldPicture], above: 
             full = SHORT.get(name, name)
             held[full] = HeldPicture(value, name)
             value = held[full].name  # noqa: PLW2901
-        if isinstance(value, Mapping) and get_origin(kinds_of_keys().get(name, (None,))[0]) is not dict:
+        if isinstance(value, Mapping) and get_origin(types_of_keys().get(name, (None,))[0]) is not dict:
             if not value:
                 raise UserError(f"{name}={{}} says nothing; leave it out, or give a value")
             yield from words_from(value, held, f"{name}.")
         else:
-            yield f"{name}={in_grammar(value)}"
-
-
-def in_grammar(value: Any, *, inside: bool = False) -> str:
-    """A value as it is typed; texts ``inside`` of lists and mappings are quoted where Hydra would misread them."""
-    value = value.item() if hasattr(value, "item") else value
-    if isinstance(value, Mapping):
-        return "{" + ",".join(f"{key}:{in_grammar(item, inside=True)}" for key, item in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ",".join(in_grammar(item, inside=True) for item in value) + "]"
-    if isinstance(value, str | os.PathLike):
-        text = os.fspath(value)
-        return quoted(text) if inside and unlike(text) else text
-    return as_typed(value)
+            yield f"{name}={as_typed(value)}"

@@ -1,7 +1,6 @@
-"""The text of ``--help``: every key of the task with its meaning, and every plugin that can be chosen."""
+"""Write the text of ``--help``: every key of the task with its meaning, and every plugin that can be chosen."""
 
 from collections.abc import Sequence
-from enum import Enum
 from functools import reduce
 from operator import getitem
 from pathlib import Path
@@ -10,11 +9,12 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
+from brushexp.config.compose import presets_of
 from brushexp.config.keys import groups_of, keys_of
 from brushexp.config.tasks import TASKS
+from brushexp.config.words import as_typed
 from brushexp.registry import FAMILIES, plugins
 
-GLOBAL = "# @package _global_\n"  # first line of a config whose keys belong to the task
 INTRODUCTION = """Paint pictures out of brush strokes by gradient descent, and study how well that works.
 
   brushexp photo.jpg                              paint a picture, in oil; without a word: a sample
@@ -74,25 +74,9 @@ def group_lines(group: str, cfg: DictConfig, folders: Sequence[Path], with_optio
     return lines
 
 
-def presets_of(folder: Path) -> dict[str, str]:
-    """Name -> first comment line, after the one that Hydra reads, of each preset in a folder of configs."""
-    texts = {path.stem: path.read_text(encoding="utf-8") for path in folder.glob("*.yaml")}
-    return {name: text.removeprefix(GLOBAL).partition("\n")[0].lstrip("# ") for name, text in texts.items()}
-
-
 def two_columns(name: str, meaning: str) -> list[str]:
     """A name and what is said about it, in two columns; in two lines if the name is long."""
     head = f"  {name:<{COLUMN - 3}} "
     if len(head) > COLUMN:
         return [head, *fill(meaning, WIDTH, initial_indent=" " * COLUMN, subsequent_indent=" " * COLUMN).splitlines()]
     return fill(head + meaning, WIDTH, subsequent_indent=" " * COLUMN).splitlines()
-
-
-def as_typed(value: Any) -> str:
-    """A value as it is typed."""
-    plain = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
-    if plain is None or isinstance(plain, bool):
-        return {None: "null", True: "true", False: "false"}[plain]
-    if isinstance(plain, Enum):
-        return plain.name
-    return str(plain) if not isinstance(plain, list) else f"[{','.join(map(as_typed, plain))}]"

@@ -1,4 +1,4 @@
-"""Many pictures, ``image=photos/``, ``image='photos/*.jpg'`` or ``pictures=thesis12``, are a sweep in one process."""
+"""Turn many pictures, ``image=photos/``, ``image='photos/*.jpg'`` or ``pictures=thesis12``, into a sweep."""
 
 import glob
 import os
@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from itertools import chain, count
 from pathlib import Path
 
-from brushexp.config.configs import files_of, quoted
+from brushexp.config.compose import files_of, quoted
 from brushexp.errors import UserError
 from brushexp.pictures.folders import is_several, pictures_in
 from brushexp.pictures.load import samples
@@ -64,19 +64,19 @@ def as_many_as_fit(pictures: int) -> int:
 def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
     """The words of a command line with a set or folder of pictures, or several, as a sweep; others as they are.
 
-    The same command again goes on: finished pictures are kept.
+    The same command again continues the sweep: finished pictures are kept.
     """
     named = [word.removeprefix(PICTURE) for word in words if word.startswith(PICTURE)]
     sets = [word.removeprefix(SETS) for word in words if word.startswith(SETS)]
     if not sets and len(named) < 2 and not any(map(is_several, named)):
         return in_processes(words)
-    found = [pictures_in(image) if is_several(image) else [image] for image in named]  # or there are none: told now
-    pictures = 0 if sets or is_sweep else sum(map(len, found))
+    counts = [len(pictures_in(image)) if is_several(image) else 1 for image in named]  # a UserError if there are none
+    pictures = 0 if sets or is_sweep else sum(counts)
     others = in_processes([word for word in words if not word.startswith((PICTURE, SETS))], pictures)
-    wanted = [*named, *(part for text in sets for part in ([text] if os.path.exists(text) else text.split(",")))]
-    texts = ",".join(map(quoted, wanted))
+    parts = [*named, *(part for text in sets for part in ([text] if os.path.exists(text) else text.split(",")))]
+    texts = ",".join(map(quoted, parts))
     typed = [word.removeprefix("output=") for word in others if word.startswith("output=")]
-    first = wanted[0] if len(wanted) == 1 else sets[0].replace(",", "_") if sets else os.path.dirname(wanted[0])
+    first = parts[0] if len(parts) == 1 else sets[0].replace(",", "_") if sets else os.path.dirname(parts[0])
     output = typed[-1] if typed else f"outputs/{name_of(first or '.')}"
     replaced = any(re.fullmatch("overwrite=(true|yes|on|1)", word, re.IGNORECASE) for word in others)
     goes_on = (Path(output) / JOBS).is_file() and not replaced
@@ -91,12 +91,12 @@ def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
 
 
 def all_pictures(names: Sequence[str], folders: Sequence[Path]) -> list[str]:
-    """What several parts of ``pictures=`` stand for, each picture once."""
+    """The pictures that several parts of ``pictures=`` name, each once."""
     return list(dict.fromkeys(picture for name in names for picture in pictures_named(name, folders)))
 
 
 def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
-    """What one part of ``pictures=`` stands for, as ``image=`` takes it: a set, a folder or pattern, or one picture.
+    """The pictures that one part of ``pictures=`` names: a set, a folder or pattern, or one picture.
 
     A set is a YAML file with a list, ``pictures/<name>.yaml`` in folders of configs or a path as it is typed, of names
     of samples and of files, which lie beside it unless their paths are whole. A UserError names what is not there.
@@ -105,21 +105,20 @@ def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
     path = Path(os.path.expanduser(name)) if name.endswith(ENDING) else files.get(name)
     if path is None or (os.path.exists(name) and not name.endswith(ENDING)):
         return pictures_in(name) if is_several(name) else [name]
-    known = samples()
     try:
-        found = [str(one) for one in yaml_of(read_text(path, "give a file with a list of pictures"), list)]
+        names = [str(one) for one in yaml_of(read_text(path, "give a file with a list of pictures"), list)]
     except UserError as error:
         raise UserError(f"pictures={name}: {error}; give a list of pictures, a line '- photo.jpg' each") from error
-    places = {one: path.parent / os.path.expanduser(one) for one in found}
-    missing = [one for one, place in places.items() if not place.is_file() and one not in known]
-    if missing or not found:
+    places = {one: path.parent / os.path.expanduser(one) for one in names}
+    missing = [one for one, place in places.items() if not place.is_file() and one not in samples()]
+    if missing or not names:
         what = f"has no {', '.join(missing)}; put such files beside {path}" if missing else "is empty; list pictures"
-        raise UserError(f"pictures={name} {what}, or give names of samples: {', '.join(sorted(known))}")
+        raise UserError(f"pictures={name} {what}, or give names of samples: {', '.join(sorted(samples()))}")
     return [str(place) if place.is_file() else one for one, place in places.items()]
 
 
 def name_of(image: str) -> str:
-    """What to call the paintings of a folder or pattern."""
+    """The name of the output folder for the pictures of a folder or pattern."""
     folder = image if os.path.isdir(os.path.expanduser(image)) else glob.escape(image).partition("[")[0]
     return Path(folder).expanduser().resolve().name or "pictures"
 

@@ -1,15 +1,29 @@
-"""What runs between a command line and a task: plugins are loaded, Hydra composes, jobs begin."""
+"""Run the program with the words of a command line: plugins are loaded, Hydra composes, and a task begins."""
 
+import logging
 import os
 import sys
 import time
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import hydra
+from hydra._internal.utils import get_args_parser
+from hydra.errors import CompactHydraException
 from omegaconf import DictConfig
+from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.cli.command_line import asks_for_help, explained, in_full, prepare
-from brushexp.config.configs import folders_of, search_path, without_folder
+from brushexp.cli.help import help_text
+from brushexp.cli.many_pictures import as_sweep
+from brushexp.config.compose import composed, folders_of, search_path, without_folder
+from brushexp.config.mistakes import explanation
+from brushexp.config.publish import prepare
+from brushexp.config.tasks import suited
+from brushexp.config.words import expand_positional, expand_shorthand
+from brushexp.errors import UserError
+from brushexp.system.runtime import end_on_signals, interrupted_code
 
 _prepared: set[int] = set()  # processes that have loaded the plugins
 _start = [time.monotonic()]  # of the program
@@ -32,6 +46,52 @@ def run(start: float) -> None:
     with explained(words := sys.argv[1:]):
         prepare(Path(), words)  # before Hydra, which reads the choices when it composes
         _prepared.add(os.getpid())
-        if not asks_for_help(in_full(words)):
-            sys.argv[1:] = without_folder(in_full(words)) + search_path(folders_of(Path(), words))
+        words, folders = expand_arguments(words), folders_of(Path(), words)
+        typed = get_args_parser().parse_known_args(words)[0]
+        if typed.help:  # Hydra's own takes seconds to list groups of configs
+            print(help_text(composed(typed.overrides, folders), typed.overrides, folders))
+        else:
+            sys.argv[1:] = without_folder(words) + search_path(folders)
             job()
+
+
+def expand_arguments(arguments: list[str]) -> list[str]:
+    """The command line with its short forms written out (`brushexp.config.words`); several pictures are a sweep.
+
+    In a sweep commas separate the values of jobs, so ``data=a,b`` are two jobs with one data set each. A UserError says
+    which word is no ``key=value``, or has no value that could be meant.
+    """
+    typed, after_flags = get_args_parser().parse_known_args(arguments)
+    overrides = {*typed.overrides, *after_flags}
+    words = [expand_positional(word) if word in overrides else word for word in arguments]
+    typed_words = {word for word, argument in zip(words, arguments, strict=True) if argument in overrides}
+    plain = as_sweep(suited(words), typed.multirun)
+    return [expand_shorthand(word, typed.multirun) if word in typed_words else word for word in plain]
+
+
+@contextmanager
+def explained(words: Sequence[str]) -> Iterator[None]:
+    """Turn what a user can mend, of the ``words`` that were typed, into one line on stderr and an exit code.
+
+    Bugs go through with their traceback.
+    """
+    os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # Hydra then leaves exceptions to us
+    warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)  # Lightning calls a name that torch deprecates
+    logging.raiseExceptions = False  # a log that cannot be written, on a full disk, is no reason for tracebacks
+    end_on_signals()
+    try:
+        yield
+    except KeyboardInterrupt:
+        sys.exit(interrupted_code())
+    except BrokenPipeError:  # whoever read this has seen enough: --help | head
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains once more at its end
+        sys.exit(1)
+    except (UserError, CompactHydraException, OmegaConfBaseException, OSError) as error:
+        if isinstance(error, OSError) and error.errno is None and not isinstance(error, CompactHydraException):
+            raise
+        try:
+            message = explanation(error, folders_of(Path(), words), sys.argv[1:])
+        except UserError as wrong:  # in the user's own folder of configs
+            message = str(wrong)
+        print(f"brushexp: {message}", file=sys.stderr)
+        sys.exit(1)

@@ -1,4 +1,4 @@
-"""What is typed and chosen, as a checked config: keys of the tasks, presets, looks."""
+"""The keys of tasks (`schema`, `options`, `rules`), their configs (`words`, `publish`, `compose`), and the `check`."""
 
 import warnings
 

@@ -1,4 +1,4 @@
-"""Looks: files of overrides, ``conf/look/<name>.yaml``, that say how a painting is made: ``look=oil``.
+"""Publish looks, files of overrides ``conf/look/<name>.yaml`` that say how a painting is made: ``look=oil``.
 
 A look chooses plugins, sets keys of the task, and options of plugins. Those options are taken out of it here and
 offered to Hydra one by one, each under the names of the look and of the plugin that it is for: the defaults list of the
@@ -15,10 +15,10 @@ from hydra.core.object_type import ObjectType
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.config.keys import OPTIONS
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, plugins
 
+LOOK_OPTIONS = "look_options"  # group of the options that looks set: look_options/<family>/<look>_<plugin>
 UNTUNED = "untuned"  # group of losses as they are without a look
 FACTORS = {"steps": ("effort", 1), "pixels_per_stroke": ("detail", -1), "max_strokes": ("detail", 1)}
 
@@ -47,14 +47,14 @@ def offer_looks(paths: Mapping[str, Path], schema: type[Any]) -> set[str]:
             check_options(path, family, plugin, options)
             tuned.setdefault(family, set()).add(plugin)
             ConfigStore.instance().store(
-                group=f"{OPTIONS}/{family}", name=f"{name}_{plugin}", node=options, provider=str(path)
+                group=f"{LOOK_OPTIONS}/{family}", name=f"{name}_{plugin}", node=options, provider=str(path)
             )
         for key in FACTORS:
             value = values.get(key, getattr(schema, key))
             values[key] = f"${{scaled:{key},{value}}}" if isinstance(value, int | float) else value
         ConfigStore.instance().store(group="look", name=name, node=values, package="_global_", provider=str(path))
     for loss in tuned.pop("loss", ()):
-        hook(loss)
+        make_tunable(loss)
     return set(tuned)
 
 
@@ -71,13 +71,13 @@ def taken_out(look: DictConfig, groups: Mapping[str, Any]) -> list[tuple[str, st
     chosen = dict(groups)
     for entry in look.get("defaults", []):
         chosen |= {str(key).removeprefix("override /"): value for key, value in dict(entry).items()}
-    found = []
+    parts = []
     for family in FAMILIES:
         if family == "loss":
-            found += [(family, str(name), options) for name, options in look.pop(family, {}).items()]
+            parts += [(family, str(name), options) for name, options in look.pop(family, {}).items()]
         elif family in look and isinstance(chosen.get(family), str):
-            found.append((family, chosen[family], look.pop(family)))
-    return found
+            parts.append((family, chosen[family], look.pop(family)))
+    return parts
 
 
 def check_options(path: Path, family: str, name: str, options: DictConfig) -> None:
@@ -90,12 +90,16 @@ def check_options(path: Path, family: str, name: str, options: DictConfig) -> No
                 raise UserError(f"{path} does not fit {family}={name}: {error.msg}; correct it") from error
 
 
-def hook(loss: str) -> None:
-    """Let a loss take what the chosen look sets of it, where it stands in a list."""
+def make_tunable(loss: str) -> None:
+    """Publish a loss anew, so that ``look=`` sets its options wherever it is chosen."""
     store = ConfigStore.instance()
-    there = [store.get_type(f"{group}/{loss}.yaml") is ObjectType.CONFIG for group in ("loss", f"{UNTUNED}/loss")]
-    if there == [True, False]:
+    published = [store.get_type(f"{group}/{loss}.yaml") is ObjectType.CONFIG for group in ("loss", f"{UNTUNED}/loss")]
+    if published == [True, False]:
         own = store.load(f"loss/{loss}.yaml")
         store.store(group=f"{UNTUNED}/loss", name=loss, node=own.node, provider=own.provider)
-        parts = ["_self_", f"/{UNTUNED}/loss/{loss}@_here_", {f"optional /{OPTIONS}/loss@_here_": f"${{look}}_{loss}"}]
+        parts = [
+            "_self_",
+            f"/{UNTUNED}/loss/{loss}@_here_",
+            {f"optional /{LOOK_OPTIONS}/loss@_here_": f"${{look}}_{loss}"},
+        ]
         store.store(group="loss", name=loss, node={"defaults": parts}, package=f"loss.{loss}", provider=own.provider)

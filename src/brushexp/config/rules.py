@@ -15,7 +15,7 @@ from brushexp.bounds import Rule
 from brushexp.errors import UserError
 from brushexp.pictures.load import check_ratio, named_color, size_of_picture
 from brushexp.plugins.painter.base import Painter
-from brushexp.registry import build, plugin_of, plugins
+from brushexp.registry import keep_built, plugin_of, plugins
 from brushexp.system.device import device_of
 from brushexp.system.runtime import check_memory
 
@@ -97,11 +97,11 @@ def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, i
     if cfg.catalogue is not None:
         in_catalogue, canvas = canvas_of(cfg.catalogue, "catalogue")
         check_ratio(cfg.catalogue, canvas, size, "catalogue")
-    strokes = stroke_budget(cfg, size, build(cfg.density), in_catalogue)
-    build(cfg.blend).check(strokes, size)
+    strokes = stroke_budget(cfg, size, keep_built(cfg.density), in_catalogue)
+    keep_built(cfg.blend).check(strokes, size)
     check_size(cfg, strokes, size)
     if cfg.style.image is not None:
-        build(cfg.style.loss).check(size)
+        keep_built(cfg.style.loss).check(size)
     official_lpips(cfg.lpips_backbone, cfg.lpips_weights)
     if cfg.timelapse_seconds is not None:
         from brushexp.painting.timelapse import Timelapse  # noqa: PLC0415
@@ -113,7 +113,7 @@ def tell_unused(cfg: DictConfig, overrides: Sequence[str]) -> None:
     """Say in a line which typed keys a painter, or a catalogue, has no use for; in a sweep they may be for others."""
     keys = [override.lstrip("+~").partition("=")[0] for override in overrides]
     unused = sorted({key for key in keys if key.partition(".")[0] in OF_STEPS})
-    if unused and isinstance(build(cfg.painter), Painter):
+    if unused and isinstance(keep_built(cfg.painter), Painter):
         log.warning("painter=%s has no use for %s", plugin_of(cfg.painter).name, ", ".join(unused))
     starts = sorted({key for key in keys if key.partition(".")[0] == "init"})
     if starts and cfg.catalogue is not None:
@@ -130,7 +130,7 @@ def check_train(cfg: DictConfig, overrides: Sequence[str]) -> None:
         raise UserError(f"limit={cfg.limit} is for sets, and these strokes are simulated on the way; drop limit")
     origin, seeds = origin_for(cfg)
     window = origin.window
-    check_trainable(build(cfg.renderer), window)
+    check_trainable(keep_built(cfg.renderer), window)
     if cfg.critic and window & (window - 1):
         wrong = f"critic=true halves the window until 4 pixels are left, which {window} do not lead to"
         raise UserError(f"{wrong}; give strokes in windows of 64 or 128 pixels (engine.window=64), or drop critic")
@@ -162,7 +162,7 @@ def check_simulate(cfg: DictConfig, overrides: Sequence[str]) -> None:
     from brushexp.training.dataset import origin_of  # noqa: PLC0415
     from brushexp.training.writer import BYTES_PER_PIXEL, SHARD_STROKES, whole_shards  # noqa: PLC0415
 
-    origin = origin_of(cfg.engine, build(cfg.engine))
+    origin = origin_of(cfg.engine, keep_built(cfg.engine))
     strokes = min(cfg.n, SHARD_STROKES)
     what = f"{strokes} strokes of {origin.window} x {origin.window} pixels, those of a file,"
     check_memory(strokes * origin.window**2 * BYTES_PER_PIXEL, what, "choose a smaller engine.window=")
@@ -177,10 +177,10 @@ def check_export(cfg: DictConfig, overrides: Sequence[str]) -> None:
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415
 
     saved = load_catalogue(Path(cfg.catalogue))
-    renderer = None if cfg.get("renderer") is None else build(cfg.renderer)
-    job = export_job(saved, renderer, build(cfg.blend), resolution=cfg.resolution)
+    renderer = None if cfg.get("renderer") is None else keep_built(cfg.renderer)
+    job = export_job(saved, renderer, keep_built(cfg.blend), resolution=cfg.resolution)
     for node in cfg.to.values():
-        build(node).check(len(job.strokes), job.size)
+        keep_built(node).check(len(job.strokes), job.size)
     windows = max(len(number) for _, _, number in cuts(job.strokes, job.size, job.renderer))
     needed = (
         len(job.strokes) * BYTES_PER_STROKE + windows * getattr(job.renderer, "window", 0) ** 2 * BYTES_PER_WINDOW_PIXEL

@@ -18,9 +18,9 @@ LARGEST_SEED = 2**32 - 1  # of NumPy's generator
 LARGEST_SEED_SIMULATED = 2**64 - 1  # of the generator of strokes
 SMALLEST_SET = 33  # strokes of which some are for training, validation and test
 NETWORK_FIT: dict[str, Any] = {"callbacks": [], "logger": ["csv"]}
-DATA = "folder of task=simulate or a file in it, several with commas; null = simulate"
-EMA = "share of the old weights in the averaged ones at each step; 0 = no averaging"
-LIMIT = "use only the first so many training strokes; null = all"
+DATA = "training strokes: folders of task=simulate, or files in them; null = simulate new ones"
+EMA = "decay of the exponential moving average of the weights; 0 = no averaging"
+LIMIT = "number of training strokes to use, the first ones; null = all"
 RESUME = "folder of an interrupted run: continue it exactly, with its own settings"
 
 
@@ -45,12 +45,12 @@ class Task:
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
         """Stop with a UserError at what is wrong beyond types and bounds, before anything runs."""
 
-    seed: int = key(0, "everything random follows from it", between(0, LARGEST_SEED))
-    device: str = key("auto", "auto, cpu, cuda, cuda:1, ...", DEVICE)
-    threads: int | None = key(None, "processor cores; null = all, shared between the jobs of a sweep", at_least(1))
-    output: str = key("outputs/${now:%Y-%m-%d_%H-%M-%S}", "folder of the run; of a sweep, the folder of its runs")
-    overwrite: bool = key(False, "replace the run or sweep that output holds, with all that it has left there")
-    objective: str | None = key(None, "number of metrics.json that Optuna improves, as psnr; null = none")
+    seed: int = key(0, "seed of all random numbers", between(0, LARGEST_SEED))
+    device: str = key("auto", "device to compute on: auto, cpu, cuda, cuda:1, ...", DEVICE)
+    threads: int | None = key(None, "processor cores to use; null = all, shared by the jobs of a sweep", at_least(1))
+    output: str = key("outputs/${now:%Y-%m-%d_%H-%M-%S}", "folder of the run, or of all runs of a sweep")
+    overwrite: bool = key(False, "delete the files of the run or sweep in output, and replace it")
+    objective: str | None = key(None, "the metric of metrics.json that Optuna optimises, such as psnr; null = none")
 
 
 @dataclass
@@ -74,34 +74,38 @@ class PaintTask(Task):
     }
 
     image: str = key("astronaut", "a picture file, or the name of a picture that scikit-image ships", PICTURE)
-    resolution: int | None = key(None, "longer side in pixels; null = as is", between(1, 16384))
-    strokes: int | None = key(None, "number of strokes; null = one per pixels_per_stroke", at_least(1))
-    pixels_per_stroke: float = key(100, "pixels of the picture for each stroke", at_least(1))
-    max_strokes: int | None = key(None, "at most so many by pixels_per_stroke; null = no limit", at_least(1))
-    detail: float = key(1, "factor of the strokes that a look has; quality= sets it", above(0))
-    effort: float = key(1, "factor of the steps that a look takes; quality= sets it", at_least(0))
-    steps: int = key(500, "gradient steps; 0 paints the initialisation", at_least(0))
-    steps_per_stroke: float | None = key(None, "instead of steps: how often each stroke moves", at_least(0))
-    coarse: float = key(0, "share of the steps that come first, at half the resolution", between(0, 0.99))
-    warm_up: str | None = key("auto", "renderer of these steps; auto = the fast one that a network names; null = none")
-    finish_steps: int = key(40, "gradient steps of each stroke with the chosen renderer after a warm-up", at_least(0))
-    background: str = key("mean", "of the bare canvas: mean (of the picture), white, black, '#rrggbb'", COLOR)
-    wet: float = key(0, "share of the paint under its start that a stroke carries along; 0 = dry", between(0, 1))
+    resolution: int | None = key(None, "resample to this longer side in pixels; null = as it is", between(1, 16384))
+    strokes: int | None = key(None, "number of strokes; null = one for every pixels_per_stroke pixels", at_least(1))
+    pixels_per_stroke: float = key(100, "area of the picture for each stroke, in pixels", at_least(1))
+    max_strokes: int | None = key(None, "limit of the strokes by pixels_per_stroke; null = no limit", at_least(1))
+    detail: float = key(1, "multiplies the look's number of strokes (set by quality=)", above(0))
+    effort: float = key(1, "multiplies the look's number of steps (set by quality=)", at_least(0))
+    steps: int = key(500, "gradient steps; 0 = paint the initialisation", at_least(0))
+    steps_per_stroke: float | None = key(None, "average updates per stroke; overrides steps; null = none", at_least(0))
+    coarse: float = key(0, "fraction of the steps, the first ones, at half the resolution", between(0, 0.99))
+    warm_up: str | None = key("auto", "fast renderer of the first steps; auto = the chosen one's; null = none")
+    finish_steps: int = key(40, "updates per stroke with the chosen renderer after the warm-up", at_least(0))
+    background: str = key("mean", "colour of the bare canvas: mean (of the picture), white, black, '#rrggbb'", COLOR)
+    wet: float = key(0, "wet-on-wet: how much of the underlying colour a stroke drags along, 0 to 1", between(0, 1))
     catalogue: str | None = key(None, "start from the strokes of this catalogue.h5 instead of init", CATALOGUE)
     resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
-    seconds: float | None = key(None, "instead of steps: seconds of optimisation; the schedule fits them", at_least(0))
-    psnr: float | None = key(None, "dB: stop when the picture is as good as this; null = never", at_least(0))
-    early_stop: float | None = key(None, "dB: stop when 100 evaluations gain less; null = never", at_least(0))
+    seconds: float | None = key(
+        None,
+        "seconds of optimisation; overrides steps; null = none",
+        at_least(0),
+    )
+    psnr: float | None = key(None, "stop when the painting reaches this PSNR, in dB; null = never", at_least(0))
+    early_stop: float | None = key(None, "stop when 100 evaluations gain less, in dB; null = never", at_least(0))
     checkpoint_every: float | None = key(60, "seconds between checkpoints; null = only when interrupted", at_least(0))
-    frames: int = key(60, "pictures of the timelapse; 0 = none", between(0, 2000))
-    frame_side: int = key(720, "their longer side in pixels", between(2, 4096))
+    frames: int = key(60, "frames of the timelapse; 0 = no timelapse", between(0, 2000))
+    frame_side: int = key(720, "longer side of these frames in pixels", between(2, 4096))
     timelapse: str = key("mp4", "format of the timelapse: mp4, gif, or both", one_of("mp4", "gif", "both"))
-    timelapse_seconds: float | None = key(None, "that its pictures take; null = 15 pictures a second", above(0))
-    report: bool = key(True, "report.html: the run on one page, with a replay of the painting")
-    focus: str | None = key(None, "what matters most: auto (found in the picture) or a mask, brighter is more", FOCUS)
-    focus_strength: float = key(8, "errors where it is brightest count so many times those elsewhere", between(1, 1000))
+    timelapse_seconds: float | None = key(None, "length of the timelapse in seconds; null = 15 frames/s", above(0))
+    report: bool = key(True, "write report.html: the run on one page, with a replay of the painting")
+    focus: str | None = key(None, "weights of errors: auto (saliency) or a mask, bright = important; null = 1", FOCUS)
+    focus_strength: float = key(8, "weight of errors in the focus, relative to those elsewhere", between(1, 1000))
     lpips_backbone: str = key("alexnet", "network of lpips_weights", one_of("alexnet", "squeeze", "vgg16", "effl0"))
-    lpips_weights: str | None = key(None, "file with its features: metrics then hold the official LPIPS too", FILE)
+    lpips_weights: str | None = key(None, "file of weights; metrics then include the official LPIPS; null = none", FILE)
     light: Lamp = field(default_factory=Lamp)
     style: StyleTransfer = field(default_factory=StyleTransfer)
     trainer: TrainerOptions = field(default_factory=TrainerOptions)
@@ -128,9 +132,9 @@ class SimulateTask(Task):
     check = staticmethod(rules.check_simulate)
     groups: ClassVar[dict[str, Any]] = {"engine": "fluid"}
 
-    seed: int = key(0, "everything random follows from it", between(0, LARGEST_SEED_SIMULATED))
-    n: int = key(10000, "strokes; the thesis had 100,000. A larger n continues a finished set", at_least(1))
-    path: str | None = key(None, "folder of the set, also to continue a stopped run; null = strokes in the run's")
+    seed: int = key(0, "seed of all random numbers", between(0, LARGEST_SEED_SIMULATED))
+    n: int = key(10000, "number of strokes (the thesis: 100,000); a larger n continues a finished set", at_least(1))
+    path: str | None = key(None, "folder of the set; an unfinished set there is continued; null = strokes/ in output")
 
 
 @dataclass
@@ -143,25 +147,27 @@ class TrainTask(Task):
     presets: ClassVar[dict[str, str]] = {"trainer": "network"}
     settings: ClassVar[dict[str, Any]] = {"renderer": {"checkpoint": None}}  # random weights
 
-    model: str = key("renderer", "what is trained", one_of("renderer"))
+    model: str = key("renderer", "the network to train", one_of("renderer"))
     data: list[str] | None = key(None, DATA, STROKES)
-    simulate: int | None = key(10000, "without data: strokes of a set to be kept; null = fresh", at_least(SMALLEST_SET))
-    sets: str = key("data", "folder of such sets")
-    batch_size: int = key(64, "strokes of a step", at_least(1))
-    epochs: int | None = key(None, "passes through the data; null = no limit; 0 = no gradient step", at_least(0))
-    minutes: float | None = key(60, "of wall time; null = no limit. The rate falls to the first limit", at_least(0))
-    lr: float = key(5.0e-4, "highest learning rate; from 1e-3 on some starts end in blank pictures", above(0, 1))
+    simulate: int | None = key(
+        10000,
+        "without data: strokes to simulate and store; null = new ones",
+        at_least(SMALLEST_SET),
+    )
+    sets: str = key("data", "folder where simulated sets are stored")
+    batch_size: int = key(64, "strokes per gradient step", at_least(1))
+    epochs: int | None = key(None, "passes through the data; null = no limit; 0 = no training", at_least(0))
+    minutes: float | None = key(60, "limit of wall time, to which the learning rate decays; null = none", at_least(0))
+    lr: float = key(5.0e-4, "peak learning rate; at 1e-3 and above, some runs collapse to blank pictures", above(0, 1))
     ema: float = key(0.999, EMA, between(0, 1))
     limit: int | None = key(None, LIMIT, at_least(1))
-    detail: float = key(
-        1.0, "how much errors of the finest detail count besides: bristles are learnt sooner", at_least(0)
-    )
-    tone: float = key(4.0, "and errors of colour alone, where there is paint: the light on it is faint", at_least(0))
-    critic: bool = key(False, "RaSGAN beside L2: a critic scores the pictures")
-    critic_lr: float = key(2.0e-3, "its highest learning rate, four times lr: it is the faster one", above(0, 1))
-    critic_weight: float = key(0.1, "how hard it pulls at the pictures, as a share of how hard L2 does", at_least(0))
-    critic_width: int = key(16, "its channels at full size", at_least(1))
-    fid: int = key(256, "held-out strokes whose FID (effl0) is a curve of the validations; 0 = none", at_least(0))
+    detail: float = key(1.0, "weight of the loss on the finest details (high frequencies)", at_least(0))
+    tone: float = key(4.0, "weight of the loss on colour where there is paint", at_least(0))
+    critic: bool = key(False, "add a RaSGAN loss to L2: a critic scores the pictures")
+    critic_lr: float = key(2.0e-3, "peak learning rate of the critic (two time scales: four times lr)", above(0, 1))
+    critic_weight: float = key(0.1, "gradient of the critic's loss, as a fraction of the gradient of L2", at_least(0))
+    critic_width: int = key(16, "channels of the critic at full resolution", at_least(1))
+    fid: int = key(256, "held-out strokes on which each validation computes the FID (effl0); 0 = no FID", at_least(0))
     checkpoint_every: float | None = key(120, "seconds between checkpoints; null = only when interrupted", at_least(0))
     resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
     trainer: TrainerOptions = field(default_factory=TrainerOptions)
@@ -176,10 +182,10 @@ class EvaluateTask(Task):
     groups: ClassVar[dict[str, Any]] = {"renderer": "neural", "blend": "tiled", "engine": "fluid"}
 
     data: list[str] | None = key(None, DATA, STROKES)
-    split: str = key("test", "which strokes of it", one_of("test", "validation"))
-    n: int | None = key(None, "the first so many of them; null = all, or 1000 simulated ones", at_least(1))
-    other_data: bool = key(False, "also measure a renderer on strokes of another brush than it was trained on")
-    inception: str | None = key(None, "inception-2015-12-05.pt (TorchScript), for the published FID", FILE)
+    split: str = key("test", "which part of the data to evaluate on", one_of("test", "validation"))
+    n: int | None = key(None, "number of strokes to evaluate on; null = all, or 1000 simulated ones", at_least(1))
+    other_data: bool = key(False, "allow strokes of another brush than the renderer was trained on")
+    inception: str | None = key(None, "inception-2015-12-05.pt (TorchScript), to compute the published FID", FILE)
 
 
 @dataclass
@@ -187,7 +193,7 @@ class CompareTask(Task):
     """Compare finished runs: which are worth their time, and which was ahead when."""
 
     module = "brushexp.tasks.compare"
-    runs: list[str] = key(MISSING, "folder of a run, of a sweep, or above many of them; several with commas", FOLDER)
+    runs: list[str] = key(MISSING, "folders of runs or sweeps, or above many of them; several with commas", FOLDER)
 
 
 @dataclass
@@ -198,5 +204,5 @@ class ViewTask(Task):
     groups: ClassVar[dict[str, Any]] = {"renderer": None, "blend": "tiled"}
 
     catalogue: str = key(MISSING, "a catalogue (.h5 or .json), or the folder of a run or sweep", PAGE)
-    port: int = key(0, "of this machine, 1 to 65535; 0 = any that is free", between(0, 65535))
-    open: bool = key(True, "in the browser, or only print the address")
+    port: int = key(0, "port of the server, 1 to 65535; 0 = any free port", between(0, 65535))
+    open: bool = key(True, "open the page in the browser; false = only print the address")

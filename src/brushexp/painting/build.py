@@ -13,7 +13,7 @@ from brushexp.pictures.focus import focus_map, focus_weights
 from brushexp.pictures.load import background_color, load_picture
 from brushexp.plugins.loss.style import Style
 from brushexp.plugins.painter.base import Painter
-from brushexp.registry import build
+from brushexp.registry import take_built
 from brushexp.strokes.catalogue import Catalogue
 
 
@@ -23,7 +23,7 @@ def build_painter(cfg: DictConfig, target: Tensor | None = None) -> PaintingModu
     ``target`` (3, H, W) in [0, 1] takes the place of the picture that ``image`` names, at its own size.
     """
     target = load_picture(cfg.image, cfg.resolution) if target is None else target
-    painter = build(cfg.painter)
+    painter = take_built(cfg.painter)
     return _other_painter(cfg, painter, target) if isinstance(painter, Painter) else _stroke_optimizer(cfg, target)
 
 

@@ -1,11 +1,11 @@
 """What a painting is made with: one member of each family that gradient steps need."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend, Compositor
@@ -17,7 +17,7 @@ from brushexp.plugins.order.base import Order
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.base import Sampler
 from brushexp.plugins.sampler.whole import Whole
-from brushexp.registry import build, build_named, plugin_of
+from brushexp.registry import build_named, keep_built, plugin_of, take_built
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.runtime import check_memory
 
@@ -71,21 +71,21 @@ def standard_components(
 
 def build_components(cfg: DictConfig) -> Components:
     """Build what the config names."""
-    others = {family: build(cfg[family]) for family in ("order", "density", "sampler", "optimizer")}
-    blend = Compositor(build(cfg.blend), build(cfg.color))
+    others = {family: take_built(cfg[family]) for family in ("order", "density", "sampler", "optimizer")}
+    blend = Compositor(take_built(cfg.blend), take_built(cfg.color))
     return Components(stages=build_stages(cfg), blend=blend, losses=build_losses(cfg), **others)
 
 
 def build_losses(cfg: DictConfig) -> dict[str, Loss]:
     """The chosen losses, and those that ``style.image`` and ``style.brushwork`` add to them."""
     content = 1.0 if cfg.style.image is None else cfg.style.content
-    losses: dict[str, Loss] = {
-        name: build(OmegaConf.create({**node, "weight": content * node.weight})) for name, node in cfg.loss.items()
-    }
+    losses: dict[str, Loss] = {str(name): take_built(node) for name, node in cfg.loss.items()}
+    for loss in losses.values():
+        loss.weight *= content
     if cfg.style.image is not None:
-        losses[STYLE] = build(cfg.style.loss)
+        losses[STYLE] = take_built(cfg.style.loss)
     if cfg.style.brushwork is not None:
-        losses[BRUSHWORK] = build(cfg.style.strokes, "style.brushwork")
+        losses[BRUSHWORK] = take_built(cfg.style.strokes)
     return losses
 
 
@@ -98,9 +98,9 @@ def check_losses(cfg: DictConfig) -> None:
         raise UserError("loss=brushwork has nothing to compare with; set loss.brushwork.catalogue=catalogue.h5")
 
 
-def build_stages(cfg: DictConfig) -> list[Stage]:
+def build_stages(cfg: DictConfig, make: Callable[[DictConfig], Renderer] = take_built) -> list[Stage]:
     """The renderers and their steps: the chosen one, and before it the one that ``warm_up`` asks for, if any."""
-    name, renderer = plugin_of(cfg.renderer).name, build(cfg.renderer)
+    name, renderer = plugin_of(cfg.renderer).name, make(cfg.renderer)
     first = renderer.warm_up if cfg.warm_up == AUTO else cfg.warm_up
     if first is None or not (cfg.steps or cfg.seconds):
         return [Stage(name, renderer, cfg.steps)]
@@ -127,8 +127,8 @@ def plan_steps(
 def check_size(cfg: DictConfig, strokes: int, size: tuple[int, int]) -> None:
     """Refuse (UserError) what memory cannot hold: pictures of a canvas of ``size``, and windows of its strokes."""
     pixels = math.prod(size)
-    window = max(getattr(stage.renderer, "window", 0) for stage in build_stages(cfg))
-    windows = strokes * window**2 * BYTES_PER_WINDOW_PIXEL if isinstance(build(cfg.sampler), Whole) else 0
+    window = max(getattr(stage.renderer, "window", 0) for stage in build_stages(cfg, keep_built))
+    windows = strokes * window**2 * BYTES_PER_WINDOW_PIXEL if isinstance(keep_built(cfg.sampler), Whole) else 0
     smaller = "resolution=, fewer strokes= or sampler=patches" if windows else "resolution="
     what = f"{strokes} strokes on {size[1]} x {size[0]} pixels"
     check_memory(pixels * BYTES_PER_PIXEL + windows, what, f"choose a smaller {smaller}")

@@ -1,4 +1,4 @@
-"""Who made the first number that is not finite: asked once, when a step has come to nothing."""
+"""Find the plugin that produced the first NaN or Inf, after a step without a finite result."""
 
 import inspect
 from collections.abc import Iterable

@@ -46,13 +46,13 @@ class Finished:
 
     job: ExportJob
     pictures: Mapping[str, np.ndarray]
-    compute_metrics: Callable[[], dict[str, Any]]
+    compute_metrics: Callable[[], Mapping[str, Any]]
     timelapse: "Timelapse | None" = None
 
     @cached_property
     def metrics(self) -> dict[str, Any]:
         """The numbers of metrics.json, computed at the first look, because that takes as long as some steps."""
-        return self.compute_metrics()
+        return dict(self.compute_metrics())
 
     def write(self, folder: Path, names: Collection[str] = ("painting", "flat")) -> None:
         """Write pictures of some ``names``, catalogue, SVG and, when these are written, ``metrics.json``."""

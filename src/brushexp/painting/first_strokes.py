@@ -12,7 +12,7 @@ from brushexp.errors import UserError
 from brushexp.pictures.load import check_ratio
 from brushexp.plugins.density.base import Density
 from brushexp.plugins.init.base import Initializer
-from brushexp.registry import build
+from brushexp.registry import take_built
 from brushexp.strokes.brushwork import load_brushwork, with_brushwork
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import load_catalogue
@@ -33,7 +33,7 @@ def first_strokes(cfg: DictConfig, target: Tensor, density: Density, focus: Tens
         return strokes, stroke_budget(cfg, (height, width), density, len(strokes))
     n = stroke_budget(cfg, (height, width), density)
     generator = torch.Generator().manual_seed(cfg.seed)
-    initializer: Initializer = build(cfg.init)
+    initializer: Initializer = take_built(cfg.init)
     strokes = initializer(target, density.first(n, planned_steps(cfg)), generator, focus)
     if cfg.style.brushwork is not None:
         strokes = with_brushwork(strokes, load_brushwork(Path(cfg.style.brushwork)), (height, width), generator)

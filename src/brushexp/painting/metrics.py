@@ -8,13 +8,13 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from brushexp.plugins.metric.base import STANDARD, Comparison, Metric
-from brushexp.registry import build, build_named
+from brushexp.registry import build_named, take_built
 from brushexp.strokes.catalogue import Strokes
 
 
 def metrics_of(cfg: DictConfig) -> dict[str, Metric]:
     """The chosen metrics by name: PSNR in any case, and with ``lpips_weights`` the official LPIPS."""
-    chosen = {name: build(node) for name, node in cfg.metric.items()}
+    chosen = {name: take_built(node) for name, node in cfg.metric.items()}
     return {"psnr": build_named("metric", "psnr", {})} | chosen | official_lpips(cfg.lpips_backbone, cfg.lpips_weights)
 
 

@@ -1,4 +1,4 @@
-"""The pictures of a folder, or of a pattern such as ``photos/*.jpg``."""
+"""Find the pictures of a folder, or of a pattern such as ``photos/*.jpg``."""
 
 import glob
 import os

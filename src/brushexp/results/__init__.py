@@ -1,1 +1,1 @@
-"""What is left of a sweep for people to look at: a result per run, a table, a sheet of pictures and plots over all."""
+"""Collect runs into one table; write plots, tables and a sheet of pictures of them."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from brushexp.plugins.metric.base import STANDARD
 from brushexp.registry import Plugin, plugins
@@ -65,7 +66,7 @@ def quantities() -> dict[str, Quantity]:
 
 def _measured(plugin: Plugin) -> dict[str, Quantity]:
     """What a metric gives, by the name that metrics.json has for it."""
-    cls = plugin.cls
+    cls: Any = plugin.cls
     facts = cls.digits, "higher" if cls.higher_is_better else "lower", cls.matters, False, cls.unit, plugin.summary
     return {key: Quantity(title, *facts) for key, title in (cls.variants or {plugin.name: cls.title}).items()}
 

@@ -10,7 +10,7 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.config.composition import check, leaves
+from brushexp.config.check import check, leaves
 from brushexp.config.keys import typed
 from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError

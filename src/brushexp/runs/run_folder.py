@@ -9,7 +9,7 @@ from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.config.composition import check, leaves
+from brushexp.config.check import check, leaves
 from brushexp.errors import UserError
 from brushexp.pictures.folders import is_several, pictures_in
 from brushexp.system.files import TEMPORARY, write_text

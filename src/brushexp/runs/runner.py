@@ -16,7 +16,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from brushexp.compat.hidden_packages import hidden
-from brushexp.config.composition import check
+from brushexp.config.check import check
 from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
 from brushexp.plugin_errors import plugins_named

@@ -9,12 +9,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.utils import JobReturn, JobStatus
-from omegaconf import DictConfig, OmegaConf
+from hydra.core.utils import JobReturn, JobStatus, run_job
+from hydra.types import HydraContext, TaskFunction
+from omegaconf import DictConfig, OmegaConf, open_dict
 
-from brushexp.config.composition import check
+from brushexp.config.check import check
 from brushexp.errors import UserError
+from brushexp.registry import drop_built
 from brushexp.results.runs import JOBS, has_finished
 from brushexp.runs.run_folder import check_free, take
 from brushexp.runs.sweep_report import first_line, renew
@@ -48,6 +51,7 @@ def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: 
             refused.append(f"job {number} of the sweep ({' '.join(job)}): {error}")
             if not lenient or len(refused) == len(jobs):
                 raise UserError(refused[0]) from error
+    drop_built()  # each job builds its own
     for reason in refused:
         log.warning("%s; it is skipped", reason)
 
@@ -127,6 +131,23 @@ def launch_left(
         which, table = ", ".join(failed), folder / "table.md"
         raise UserError(f"{len(failed)} of {len(batch)} jobs failed: {which}; {table} says why")
     return results
+
+
+def execute_job(
+    number: int, words: list[str], context: HydraContext, config: DictConfig, task_function: TaskFunction
+) -> JobReturn:
+    """Run a job of a sweep in this process, for launchers."""
+    job = context.config_loader.load_sweep_config(config, words)
+    with open_dict(job):
+        job.hydra.job.id, job.hydra.job.num = f"{job.hydra.job.name}_{number}", number
+    HydraConfig.instance().set_config(job)
+    return run_job(
+        hydra_context=context,
+        config=job,
+        task_function=task_function,
+        job_dir_key="hydra.sweep.dir",
+        job_subdir_key="hydra.sweep.subdir",
+    )
 
 
 def in_place(job: Words, number: int) -> list[str]:

@@ -14,7 +14,7 @@ from lightning.pytorch.loggers import Logger as LightningLogger
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.plugins.logger.base import Logger, Run
-from brushexp.registry import build
+from brushexp.registry import take_built
 
 log = logging.getLogger(__name__)
 NO_SETTINGS = ("output", "logger")  # keys that do not tell how a run was made
@@ -111,4 +111,4 @@ def make_trackers(cfg: DictConfig, folder: Path | None) -> Trackers:
             group=whole.parent.name if hydra.mode is RunMode.MULTIRUN else "",
             chosen={key: value for key, _, value in words if key.partition(".")[0] not in NO_SETTINGS},
         )
-    return Trackers({choice: build(node) for choice, node in cfg.logger.items()}, run)
+    return Trackers({choice: take_built(node) for choice, node in cfg.logger.items()}, run)

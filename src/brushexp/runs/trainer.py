@@ -13,7 +13,7 @@ from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.plugin_errors import SAID_ALREADY, mistake_of
-from brushexp.registry import build, plugins
+from brushexp.registry import plugins, take_built
 from brushexp.runs.resume import RunRecord
 from brushexp.runs.sweep_report import first_line
 from brushexp.system.callbacks import DIVERGED, FAILED, INTERRUPTED, ProgressBar, TimedCheckpoint
@@ -39,7 +39,7 @@ def make_trainer(
     it does not take), ``checkpoint_every`` and, if there is a folder that they may write into, ``callbacks`` (beside
     those given).
     """
-    chosen = [build(node).open(folder) for node in cfg.callbacks.values()] if folder else []
+    chosen = [take_built(node).open(folder) for node in cfg.callbacks.values()] if folder else []
     warnings.filterwarnings("ignore", ".*in eval mode at the start of training")  # networks are frozen on purpose
     warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)  # Lightning calls a name that torch deprecates
     record = RunRecord(cfg, folder)

@@ -8,7 +8,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from brushexp.plugins.export.job import export_job, with_renderer
-from brushexp.registry import build
+from brushexp.registry import take_built
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.run_files import note_files
 
@@ -17,9 +17,9 @@ log = logging.getLogger(__name__)
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Write a catalogue in every form of ``cfg.to`` into the run's folder."""
-    exporters = {name: build(node) for name, node in cfg.to.items()}
+    exporters = {name: take_built(node) for name, node in cfg.to.items()}
     saved, renderer = with_renderer(load_catalogue(Path(cfg.catalogue)), cfg.get("renderer"), cfg.catalogue)
-    job = export_job(saved, renderer, build(cfg.blend), resolution=cfg.resolution, source=cfg.catalogue)
+    job = export_job(saved, renderer, take_built(cfg.blend), resolution=cfg.resolution, source=cfg.catalogue)
     lamp = {name: value for name, value in cfg.light.items() if value is not None}
     job = replace(job, light=replace(job.light, **lamp))
     present, before = set(folder.iterdir()), time.monotonic()

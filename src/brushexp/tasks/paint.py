@@ -47,8 +47,9 @@ def paint_picture(
     plan = painter.resumable
     goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds, has_plan=plan)
     trainer = make_trainer(cfg, device, folder, [trackers], [timelapse, *goals, *callbacks], checkpoints=plan)
-    for name, picture in painter.pictures.items() if folder else ():
-        write_picture(folder / f"{name}.png", picture)
+    if folder is not None:
+        for name, picture in painter.pictures.items():  # before the steps: a disk may be full
+            write_picture(folder / f"{name}.png", picture)
     with trackers:
         failure = fit(trainer, painter, checkpoint=checkpoint) if painter.schedule.steps or cfg.seconds else None
         if folder is None:

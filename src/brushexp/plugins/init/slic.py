@@ -21,15 +21,15 @@ GREY_LEVEL = 1 / 255  # deviations below it are none: the area of a cell decides
 @register("init", "slic")
 @dataclass(kw_only=True)
 class Slic(CellInitializer):
-    """SLIC superpixels (Achanta et al., 2012), smaller where the picture has detail (and where the focus is).
+    """SLIC superpixels (Achanta et al., 2012), denser in detailed and in-focus regions.
 
     A stroke at each centre of mass, in the mean colour. Differs from the source in that there are exactly as many as
     asked, and that a share of them comes from cutting the superpixels in which the picture varies most; with a focus,
     where it matters most.
 
     Args:
-        compactness: of a superpixel; higher makes them squarer, lower lets them follow the colours.
-        detail: share of the strokes that goes where the picture varies, 0 to 1; the rest is spread evenly.
+        compactness: compactness of the superpixels; high values make them square, low ones follow the colours.
+        detail: fraction of the strokes placed where the picture varies, 0 to 1; the others are spread evenly.
     """
 
     compactness: Annotated[float, above(0, 1e4)] = 10.0

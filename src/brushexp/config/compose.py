@@ -1,4 +1,4 @@
-"""Where configs are, those that ship and the user's own, and how Hydra composes them."""
+"""Find the folders of configs, those that ship and the user's own, and let Hydra compose a config of them."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -22,7 +22,8 @@ from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
 
 SHIPPED = Path(__file__).parents[1] / "conf"
-OF_THE_TASK = ("look", "experiment", "quality")  # those whose files set keys of the whole task
+OF_THE_TASK = ("look", "experiment", "quality")  # groups whose files set keys of the whole task
+GLOBAL = "# @package _global_\n"  # first line of such a file
 _lock = Lock()  # Hydra is one for the whole process
 
 
@@ -31,24 +32,19 @@ def chosen_groups() -> set[str]:
     return {name for schema in TASKS.values() for name in groups_of(schema)} | {"task", "experiment"}
 
 
-def presets() -> set[str]:
-    """The folders that configs may have."""
-    return chosen_groups() | {"pictures"}
-
-
-def folders_of(root: Path, arguments: Sequence[str] = ()) -> list[Path]:
+def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
     """The configs that ship, and then the user's: in the folder of ``--config-dir``, or else in ``root/conf``.
 
     A UserError if a file of the user has the name of one that ships, or is no YAML.
     """
-    typed = get_args_parser().parse_known_args(arguments)[0].config_dir
-    own = root / "conf" if typed is None else Path(typed)
-    if typed is None and not any((own / group).is_dir() for group in presets()):
+    typed = get_args_parser().parse_known_args(words)[0].config_dir
+    own, groups = root / "conf" if typed is None else Path(typed), chosen_groups() | {"pictures"}
+    if typed is None and not any((own / group).is_dir() for group in groups):
         return [SHIPPED]
     for path in sorted(own.glob("*/*.yaml")):
         if (SHIPPED / path.relative_to(own)).exists():
             raise UserError(f"{path} has the name of a preset that ships; give the file another name")
-        if path.parent.name in presets():
+        if path.parent.name in groups:
             _check_file(path)
     return [SHIPPED, own]
 
@@ -60,34 +56,39 @@ def _check_file(path: Path) -> None:
     kind, example = (list, "- photo.jpg") if path.parent.name == "pictures" else (dict, "steps: 100")
     try:
         text = path.read_text(encoding="utf-8")
-        found = yaml.safe_load(text)
+        content = yaml.safe_load(text)
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise UserError(f"{path} is no YAML ({shorten(str(error), 150)}); correct it, or take it away") from error
-    if found is not None and not isinstance(found, kind):
+    if content is not None and not isinstance(content, kind):
         raise UserError(f"{path} is no config; it has lines like '{example}': correct it, or take it away")
     if path.parent.name in OF_THE_TASK and not re.search("^# *@package _global_ *$", text, re.MULTILINE):
         raise UserError(f"{path} would set nothing; its first line must be: # @package _global_")
 
 
 def folders_in(cfg: DictConfig) -> list[Path]:
-    """The same, of a config that Hydra has composed."""
+    """The folders that Hydra has composed a config of, those that ship first."""
     sources = [source for source in cfg.hydra.runtime.config_sources if source.schema == "file"]
     return list(dict.fromkeys([SHIPPED, *(Path(source.path).resolve() for source in sources)]))
 
 
+def files_of(folder: Path, group: str) -> dict[str, Path]:
+    """The files of a group in a folder of configs, by name."""
+    return {path.stem: path for path in sorted((folder / group).glob("*.yaml"))}
+
+
+def presets_of(folder: Path) -> dict[str, str]:
+    """Name -> first comment line, after the one that Hydra reads, of each preset in a folder of configs."""
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in folder.glob("*.yaml")}
+    return {name: text.removeprefix(GLOBAL).partition("\n")[0].lstrip("# ") for name, text in texts.items()}
+
+
 def search_path(folders: Sequence[Path]) -> list[str]:
-    """The word that lets Hydra find the user's configs, behind what is registered: looks are, in parts.
+    """The word that lets Hydra find the user's configs, behind what is published: looks are, in parts.
 
     What ``--config-dir`` names would come first.
     """
     places = [quoted(f"file://{folder.resolve()}") for folder in folders[1:]]
     return [f"hydra.searchpath=[{','.join(places)}]"] if places else []
-
-
-def quoted(value: str) -> str:
-    """A text as Hydra and OmegaConf take it, whatever its letters."""
-    escaped = re.sub(r'(\\*)("|$)', lambda found: 2 * found[1] + found[2].replace('"', '\\"'), value)
-    return '"' + escaped.replace("${", "\\${") + '"'
 
 
 def without_folder(words: Sequence[str]) -> list[str]:
@@ -100,15 +101,16 @@ def without_folder(words: Sequence[str]) -> list[str]:
     ]
 
 
-def files_of(folder: Path, group: str) -> dict[str, Path]:
-    """The files of a group in a folder of configs, by name."""
-    return {path.stem: path for path in sorted((folder / group).glob("*.yaml"))}
+def quoted(text: str) -> str:
+    """A text in quotes, as Hydra and OmegaConf read it whatever its letters."""
+    escaped = re.sub(r'(\\*)("|$)', lambda end: 2 * end[1] + end[2].replace('"', '\\"'), text)
+    return '"' + escaped.replace("${", "\\${") + '"'
 
 
 def composed(words: Sequence[str], folders: Sequence[Path] = (SHIPPED,)) -> DictConfig:
     """The config that Hydra composes for words of a command line, of configs in folders, those that ship first.
 
-    Any thread may call it, and what else in this process uses Hydra does not notice.
+    Any thread may call it, and another user of Hydra in this process is not disturbed.
     """
     with _apart(), initialize_config_module("brushexp.conf", version_base="1.3"):
         return compose("config", overrides=[*words, *search_path(folders)])

@@ -1,0 +1,157 @@
+"""Check a composed config before anything runs: names, types, bounds, plugins, and the rules of its task."""
+
+import re
+from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
+from typing import Any
+
+from omegaconf import DictConfig, ListConfig, OmegaConf
+
+from brushexp.config.keys import groups_of, keys_of
+from brushexp.config.tasks import TASKS, task_for
+from brushexp.errors import UserError
+from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, keep_built, options_in, plugin_of, plugins
+
+NOT_KEYS = {"task", "hydra", "experiment"}  # names beside keys and groups at the top of a config
+STYLE_PARTS = {"style.loss": "style.image", "style.strokes": "style.brushwork"}  # losses, and keys that add them
+
+
+def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
+    """Stop with a UserError at what is wrong with a composed config, and say which override mends it.
+
+    Each plugin is built for that, and kept for the run (`registry.take_built`).
+    """
+    schema = TASKS[cfg.task]
+    if (other := task_for(cfg.task, cfg)) != cfg.task:
+        raise UserError(f"task={cfg.task} leaves this to task={other}; type brushexp task={other} and the same words")
+    for family in MULTI_SELECT:
+        if any(override.startswith(f"+{family}=") for override in overrides):
+            raise UserError(f"+{family}=... is ignored by Hydra beside a list; name them all: '{family}=[mse,...]'")
+    check_names(cfg)
+    check_chosen(cfg)
+    for name, key in keys_of(schema).items():
+        value = OmegaConf.select(cfg, name)
+        if value is None and OmegaConf.is_missing(cfg, name):
+            raise UserError(f"task={cfg.task} needs {name}: {key.meaning}; add {name}=...")
+        key.bounds.check(name, OmegaConf.to_object(value) if isinstance(value, ListConfig) else value, key.default)
+    for path, node in nodes_of(cfg):
+        for option in set(node) - {"_target_", *plugin_of(node).meanings}:
+            raise UserError(unknown_option(str(option), plugin_of(node), overrides))
+        check_plugin(
+            path, node, is_used=path not in STYLE_PARTS or OmegaConf.select(cfg, STYLE_PARTS[path]) is not None
+        )
+    if cfg.get("resume") is None:  # else the settings are those of the run that is continued
+        schema.check(cfg, overrides)
+
+
+def check_names(cfg: DictConfig) -> None:
+    """Stop when there is a key that the task does not have, at the top or below another one."""
+    schema = TASKS[cfg.task]
+    names = {*keys_of(schema), *groups_of(schema), *NOT_KEYS, *(group.rpartition("@")[2] for group in schema.groups)}
+    parents = {name.rpartition(".")[0] for name in names}
+    for parent in sorted(parents):
+        for name in map(str, cfg[parent] if parent else cfg):
+            path = f"{parent}.{name}" if parent else name
+            if path not in names | parents:
+                raise UserError(unknown_key(path, cfg.task))
+
+
+def check_plugin(path: str, node: DictConfig, is_used: bool) -> None:
+    """Stop when a plugin does not take the options in its node of a config; build and keep it if the run uses it."""
+    options = options_in(node, path)
+    try:
+        if is_used:
+            keep_built(node)
+    except UserError as error:
+        subject = re.split(r"\W", str(error), maxsplit=1)[0]  # some options do not know what is typed before them
+        raise UserError(f"{path}.{error}" if subject in options else str(error)) from error
+
+
+def leaves(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:
+    """All values of nested settings, by what is typed."""
+    settings = dict(enumerate(settings)) if isinstance(settings, list) else settings
+    if not isinstance(settings, dict):
+        yield above, settings
+        return
+    for key, value in settings.items():
+        yield from leaves(value, f"{above}.{key}".lstrip("."))
+
+
+def check_chosen(cfg: DictConfig) -> None:
+    """Stop when nothing is chosen of a family that needs a member, or options are set of one that is not chosen."""
+    for family, default in TASKS[cfg.task].groups.items():
+        if isinstance(default, str) and family in FAMILIES and "_target_" not in (cfg.get(family) or {}):
+            raise UserError(f"{family} is not chosen; choose one of {members_of(family)}")
+    for family in [family for family in MULTI_SELECT if family in cfg]:
+        for name, node in cfg[family].items():
+            if not isinstance(node, DictConfig):
+                cure = f"type {family}.<name>.{name}={node}; a preset of one begins with 'defaults: [<name>]'"
+                cure += f" (there are: {members_of(family)})"
+                raise UserError(f"{family}.{name}={node} is an option of no {family}; {cure}")
+        chosen = [name for name, node in cfg[family].items() if "_target_" in node]
+        tuned = [name for name in cfg[family] if name not in chosen]
+        if tuned:
+            names = ",".join([*chosen, *tuned])
+            wrong = f"{family}.{tuned[0]} is tuned but not chosen (chosen: {', '.join(chosen) or 'none'})"
+            raise UserError(f"{wrong}; add it with '{family}=[{names}]' or drop the keys below {family}.{tuned[0]}")
+        if family == "loss" and not chosen:
+            cure = f"try loss=mse (there are: {members_of(family)})"
+            raise UserError(f"no loss is chosen, so there is nothing to optimise; {cure}")
+        if family == "to" and not chosen:
+            raise UserError(f"to=[] writes nothing; choose one or more of {members_of(family)}")
+
+
+def nodes_of(cfg: DictConfig, above: str = "") -> Iterator[tuple[str, DictConfig]]:
+    """What is typed before the options of each chosen plugin, and its part of the config."""
+    for name, node in ((str(key), node) for key, node in cfg.items()):
+        if isinstance(node, DictConfig) and (above or name in FAMILIES or name == "style"):
+            if "_target_" in node:
+                yield f"{above}{name}", node
+            else:
+                yield from nodes_of(node, f"{above}{name}.")
+
+
+def members_of(family: str) -> str:
+    """The members of a family, as messages list them."""
+    return ", ".join(plugin.name for plugin in plugins(family))
+
+
+def nearest_first(word: str, names: list[str]) -> str:
+    """The names as a list, those most like the word first."""
+    return ", ".join(get_close_matches(word, names, max(1, len(names)), 0))
+
+
+def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -> str:
+    """An option that a plugin does not have; of the others that have it, those come first that were typed."""
+    family, names = plugin.family, list(plugin.meanings)
+    text = f"{plugin.path}.{option} is no option of {family}={plugin.name}; "
+    text += f"its options, nearest first: {nearest_first(option, names)}" if names else "it has none"
+    owners = [other.name for other in plugins(family) if option in other.meanings]
+    typed = " ".join(word for word in arguments if word.startswith(f"{family}="))
+    owners.sort(key=lambda name: re.search(rf"\b{name}\b", typed) is None)
+    if arguments and not any(f"{plugin.path}.{option}" in word for word in arguments):
+        choices = " or ".join(f"{family}={name}" for name in owners)
+        return f"{family}={plugin.name} has no {option}, which this task sets; choose {choices}"
+    if owners and family not in MULTI_SELECT:
+        text += f". It is one of {', '.join(f'{family}={name}' for name in owners)}; a sweep over both: "
+        text += f"-m \"hydra.sweeper.settings=['{family}={plugin.name}','{family}={owners[0]} {family}.{option}=...']\""
+    return text
+
+
+def unknown_key(typed: str, task: str) -> str:
+    """A key that a task does not have, or below a family of which several can be chosen."""
+    family, _, rest = typed.partition(".")
+    if family in MULTI_SELECT and rest:
+        name, names = rest.partition(".")[0], [plugin.name for plugin in plugins(family)]
+        mend = f"add {name} to the list, '{family}=[{name},...]', or drop the keys below it"
+        mend = mend if name in names else f"there are: {nearest_first(name, names)}"
+        return f"{family}.{name} is tuned but not chosen; {mend}"
+    for plugin in plugins():
+        for option in plugin.meanings:
+            if typed.startswith(f"{plugin.path}.{option}."):
+                return f"{typed} is not there yet; what {plugin.path}.{option} gets anew has a plus: '+{typed}=...'"
+    above, names = typed.rpartition(".")[0], [*keys_of(TASKS[task]), *groups_of(TASKS[task])]
+    beside = [name for name in names if name.rpartition(".")[0] == above] or names
+    text = f"{typed} is no key of task={task}; nearest first: {nearest_first(typed, beside)}"
+    others = [f"task={name}" for name, schema in TASKS.items() if typed in (*keys_of(schema), *groups_of(schema))]
+    return text + (f". It is one of {', '.join(others)}" if others else "")

@@ -1,0 +1,111 @@
+"""Explain errors of Hydra and OmegaConf in the words of the program: what is wrong, and what to type instead."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import fields
+from enum import EnumType
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin
+
+from hydra.errors import CompactHydraException
+from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from brushexp.config.check import nearest_first, unknown_key, unknown_option
+from brushexp.config.compose import composed
+from brushexp.config.keys import groups_of, keys_of
+from brushexp.config.tasks import TASKS, suited
+from brushexp.config.words import as_typed
+from brushexp.registry import plugins
+
+KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", dict: "{name: value}"}
+
+
+def explanation(error: BaseException, folders: Sequence[Path], arguments: Sequence[str]) -> str:
+    """One line that says what is wrong by an error of Hydra, OmegaConf or the program, and what to type instead."""
+    if isinstance(error, OSError) and not isinstance(error, CompactHydraException):
+        return f"cannot use {error.filename or 'the disk'}: {error.strerror}; choose another place with output=..."
+    text = " ".join(str(error).partition("Config search path")[0].split())
+    if isinstance(error, CompactHydraException) and isinstance(error.__cause__, OmegaConfBaseException):
+        text += f": {' '.join(str(error.__cause__).split())}"
+    if match := re.search(r"interpolation '\$\{look\}_\$\{(\w+)\}'", text):
+        return f"{match[1]} is not chosen; choose one of {', '.join(choices(match[1], folders))}"
+    return translated(text, task_of(arguments, folders), folders, arguments) or text
+
+
+def translated(text: str, task: str, folders: Sequence[Path], arguments: Sequence[str] = ()) -> str | None:
+    """The meaning of a message of Hydra or OmegaConf for a task; None for an unknown message."""
+    if match := re.match(r"LexerNoViableAltException: (.*?) \^ See |Ambiguous value for argument '(.*?)' ", text):
+        reason = "has letters that must stand in quotes" if match[1] else "are several values; add -m for a sweep"
+        return f"{match[1] or match[2]} {reason}; one text is put into both kinds of quotes: 'catalogue=\"a, b.h5\"'"
+    if match := re.search(r"Could not (?:find|load) '(\w+)/([^']+)'", text):
+        names = choices(match[1], folders)
+        return f"{match[1]}={match[2]} is not there; choose one of {nearest_first(match[2], names)}" if names else None
+    if match := re.search(r"Could not override '([\w.@/]+)'.*No match in the defaults list", text):
+        return f"task={task} has no {match[1]}; it takes {', '.join(groups_of(TASKS[task])) or 'no plugins'}"
+    if match := re.search(r"Key '(\w+)' not in '(\w+)'", text):
+        owners = [plugin for plugin in plugins() if plugin.config.__name__ == match[2]]
+        return unknown_option(match[1], owners[0], arguments) if owners else None
+    if match := re.search(r"Key '[^']*' is not in struct full_key: (\S+)", text):
+        return unknown_key(match[1], task)
+    return wrong_type(text, task)
+
+
+def task_of(arguments: Sequence[str], folders: Sequence[Path]) -> str:
+    """The task that a command line is for; that of its experiment if it names one."""
+    kept = [word for word in suited(arguments) if re.fullmatch(r"(task|experiment)=\w+", word)]
+    try:
+        return str(composed(kept, folders).task)
+    except (CompactHydraException, OmegaConfBaseException):
+        return "paint"
+
+
+def choices(group: str, folders: Sequence[Path]) -> list[str]:
+    """The names that can be chosen of a group of configs."""
+    names = [plugin.name for plugin in plugins(group)]
+    presets = [path.stem for folder in folders for path in (folder / group).glob("*.yaml")]
+    return names + presets + (list(TASKS) if group == "task" else [])
+
+
+def wrong_type(text: str, task: str) -> str | None:
+    """The message for a value that its key or option does not take; None for other errors."""
+    typed = re.search(r"full_key: ([^\s\[]+)", text)
+    if typed is None or (declared := declaration_of(path := typed[1], task)) is None:
+        return None
+    annotation, default, meaning = declared
+    value = re.search(r"override [\w.@/]+=(.*?): (?=[A-Z])|Value '(.*?)' ", text)
+    if re.search(r"is not Optional|Incompatible value 'None'", text):
+        wrong = f"{path}=null, but {path} must have a value"
+    else:
+        wrong = f"{path}={(value[1] or value[2]) if value else '...'} is not {in_words(annotation)}"
+    return f"{wrong}; try {path}={'...' if default is MISSING else as_typed(default)}" + (
+        f" ({meaning})" * bool(meaning)
+    )
+
+
+def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:
+    """Type, default and meaning of a key, or of an option of a plugin, by what is typed; None if it is not known."""
+    if (key := keys_of(TASKS[task]).get(path)) is not None:
+        return key.annotation, key.default, key.meaning
+    above, _, option = path.rpartition(".")
+    owners = [plugin for plugin in plugins() if plugin.path == above and option in plugin.meanings]
+    if not owners:
+        return None
+    (kind,) = (item.type for item in fields(owners[0].config) if item.name == option)
+    node: DictConfig = OmegaConf.structured(owners[0].config)
+    return kind, MISSING if OmegaConf.is_missing(node, option) else node[option], ""
+
+
+def in_words(annotation: Any) -> str:
+    """The values that a type takes, in words."""
+    parts = get_args(annotation)
+    if isinstance(annotation, UnionType) or get_origin(annotation) is Union:
+        return in_words(next(part for part in parts if part is not NoneType))
+    if isinstance(annotation, EnumType):
+        return f"one of {', '.join(annotation.__members__)}"
+    return (
+        f"[{in_words(parts[0])},...]"
+        if get_origin(annotation) in (list, tuple)
+        else KINDS[get_origin(annotation) or annotation]
+    )

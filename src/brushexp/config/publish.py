@@ -1,0 +1,96 @@
+"""Load all plugins, and publish tasks, looks and presets to Hydra, which composes configs of what is published."""
+
+import logging
+from collections.abc import Collection, Mapping, Sequence
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from hydra.core.config_store import ConfigStore
+from hydra.core.plugins import Plugins
+from omegaconf import OmegaConf
+
+from brushexp.config.compose import files_of, folders_of
+from brushexp.config.keys import untied
+from brushexp.config.looks import LOOK_OPTIONS, check_options, offer_looks
+from brushexp.config.tasks import TASKS, load_tasks
+from brushexp.errors import UserError
+from brushexp.plugin_loading import load_plugins
+from brushexp.registry import MULTI_SELECT, plugins
+
+PUBLISHER = "brushexp"  # owner of a config in Hydra's store
+
+
+def prepare(root: Path, words: Sequence[str] = ()) -> None:
+    """Load the plugins of the program and of ``root/plugins``, and publish tasks and presets to Hydra."""
+    load_tasks()
+    load_plugins(root / "plugins")
+    offer(folders_of(root, words))
+
+
+def offer(folders: Sequence[Path]) -> None:
+    """Publish the tasks, the looks, and the presets in folders of configs for families with several members."""
+    for folder in folders:
+        for family in MULTI_SELECT:
+            offer_presets(family, files_of(folder, family))
+    looks = {name: path for folder in folders for name, path in files_of(folder, "look").items()}
+    offer_tasks(TASKS, offer_looks(looks, TASKS["paint"]))
+    offer_sweepers()
+
+
+def offer_tasks(tasks: Mapping[str, type[Any]], tuned: Collection[str] = ()) -> None:
+    """Make every task, by its name, a choice of Hydra's group ``task``; looks set options of ``tuned`` families."""
+    for name, schema in tasks.items():
+        groups = [{f"/{group}": chosen} for group, chosen in schema.groups.items()]
+        if "look" in schema.presets:
+            groups += [{f"optional /{LOOK_OPTIONS}/{family}@{family}": f"${{look}}_${{{family}}}"} for family in tuned]
+        presets = [{f"/{group}": chosen} for group, chosen in schema.presets.items()]
+        several: dict[str, Any] = {family: {} for family in MULTI_SELECT if family in schema.groups}  # for loss=[]
+        head = {"defaults": [*groups, "_self_", *presets], "task": name, **several}
+        node = OmegaConf.merge(head, untied(OmegaConf.structured(schema)), schema.settings)
+        ConfigStore.instance().store(group="task", name=name, node=node, package="_global_", provider=PUBLISHER)
+
+
+def offer_presets(family: str, paths: Mapping[str, Path]) -> None:
+    """Publish YAML files as members of a family of which several can be chosen: ``loss=name``.
+
+    Hydra by itself would put the values of ``conf/loss/name.yaml`` beside the losses instead of below ``loss.name``.
+    A file that lists several members, has keys below them, or says its package itself is left to Hydra; one that has
+    the name of a plugin, or sets an option that its plugin does not have, is refused (UserError).
+    """
+    for name, path in paths.items():
+        if any(name == plugin.name for plugin in plugins(family)):
+            raise UserError(f"{path} has the name of the plugin {family}={name}; give the file another name")
+        values: Any = {} if path.read_text(encoding="utf-8").startswith("# @package") else OmegaConf.load(path)
+        bases = [str(base).removesuffix("@_here_") for base in values.pop("defaults", []) if base != "_self_"]
+        if len(bases) == 1 and bases[0] not in (name, *values):
+            check_options(path, family, bases[0], values)
+            node = {"defaults": [f"{bases[0]}@_here_", "_self_"], **values}
+            package = f"{family}.{name}"
+            ConfigStore.instance().store(group=family, name=name, node=node, package=package, provider=str(path))
+
+
+def offer_sweepers() -> None:
+    """Put our sweepers in the place of Hydra's own and of Optuna's, under their names, in this program alone.
+
+    A default in config.yaml would win over a study that chooses another one, and Optuna's would minimise a PSNR.
+    """
+    logging.getLogger("alembic").setLevel(logging.WARNING)  # Optuna imports it, and it logs each part that it loads
+    Plugins.instance()  # publishes Hydra's own sweepers, at first use
+    ours = {"basic": ("settings", "SettingsSweeperConf"), "optuna": ("optuna", "StudySweeperConf")}
+    if not find_spec("hydra_plugins.hydra_optuna_sweeper"):
+        del ours["optuna"]
+    for name, (module, conf) in ours.items():
+        node = getattr(import_module(f"hydra_plugins.brushexp_{module}"), conf)
+        ConfigStore.instance().store(group="hydra/sweeper", name=name, node=node, provider=PUBLISHER)
+    groups = ConfigStore.instance().repo["hydra"]
+    groups["sweeper"] = OursStay(groups["sweeper"])
+
+
+class OursStay(dict[str, Any]):
+    """A group of configs in which Hydra replaces nothing of ours: it publishes its own anew in each worker process."""
+
+    def __setitem__(self, name: str, node: Any) -> None:
+        if name not in self or self[name].provider != PUBLISHER:
+            super().__setitem__(name, node)

@@ -1,0 +1,166 @@
+"""Write the short forms of a command line out, in the grammar of Hydra.
+
+The path of a file or folder that exists means this path, whatever its letters. Everything else is Hydra's grammar, and
+
+    photo.jpg, photos/    image=photo.jpg, image=photos/
+    train                 task=train
+    style=painting.jpg    style.image=painting.jpg
+    light=315,45          light={azimuth:315,elevation:45}
+    to=svg,json           to=[svg,json], and so for every key and family that takes several values but ``loss``
+    resume=sweep          hydra.sweeper.resume=true
+"""
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from enum import Enum
+from functools import cache
+from pathlib import Path
+from types import NoneType
+from typing import Any, get_args, get_origin
+
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import ChoiceSweep, Sweep
+from hydra.errors import HydraException
+from omegaconf import OmegaConf
+
+from brushexp.config.compose import chosen_groups, quoted
+from brushexp.config.keys import keys_of
+from brushexp.config.tasks import TASKS
+from brushexp.errors import UserError
+from brushexp.pictures.load import samples
+from brushexp.registry import MULTI_SELECT, plugins
+
+RESUME_SWEEP = "resume=sweep"
+CATALOGUES = (".h5", ".json")
+RESULTS = ("metrics.json", "report.html", "multirun.yaml")  # the folder of a run or sweep has one of them
+OF_HYDRA = re.compile(r"[\['\"{]|null$|\w+\(|\$\{")  # beginning of what its grammar reads as more than a text
+
+
+def expand_positional(word: str) -> str:
+    """A word as ``key=value``: one alone is a task, or a picture or folder of pictures; a UserError if it is none."""
+    path, key = Path(word), word.partition("=")[0].lstrip("+~")
+    is_key = not is_path(word) or key in types_of_keys() or key in chosen_groups()
+    if is_key and ("=" in word or word.startswith("~")):
+        return word
+    if word in TASKS:
+        return f"task={word}"
+    if path.suffix.lower() in CATALOGUES or any((path / name).exists() for name in RESULTS):
+        raise UserError(f"{word} is no key=value; to look at a painting, run or sweep: task=view catalogue={word}")
+    if path.suffix or is_path(word) or word in samples():
+        return f"image={word}"
+    raise UserError(f"{word} is no key=value, as image=photo.jpg is; --help lists the keys")
+
+
+def expand_shorthand(word: str, sweep: bool = False) -> str:
+    """One word in the grammar of Hydra, as ``key=value``; in a ``sweep`` commas separate the values of jobs.
+
+    A UserError says which word or value cannot be meant.
+    """
+    if word == RESUME_SWEEP:
+        return "hydra.sweeper.resume=true"
+    name, equal, value = expand_positional(word).partition("=")
+    if re.fullmatch(r"\+{0,2}style|~style", name) and equal and not value.startswith("{"):
+        name += ".image"
+    if name == "light" and (angles := re.fullmatch(r"\[?([^\[\]{]*)\]?", value)):
+        azimuth, comma, elevation = angles[1].partition(",")
+        if not comma or "," in elevation:
+            raise UserError(f"{word} is not an azimuth and an elevation, in degrees; try light=315,45")
+        return f"light={{azimuth:{azimuth},elevation:{elevation}}}"
+    key = name.lstrip("+")
+    kind, optional = types_of_keys().get(key, (None, False))
+    if key in chosen_groups():
+        check_choice(key, value)
+    if kind is str:
+        value = quote_text(key, value, sweep, optional)
+    elif get_origin(kind) is list and value and (is_path(value) or not OF_HYDRA.match(value)):
+        parts: Sequence[str] = [value] if is_path(value) else value.split(",")
+        parts = [quote_text(key, part) for part in parts] if get_args(kind) == (str,) else parts
+        value = ",".join(f"[{part}]" for part in parts) if sweep else f"[{','.join(parts)}]"
+    elif key in MULTI_SELECT and key != "loss" and not sweep and re.fullmatch(r"[\w,]+", value):
+        value = f"[{value}]"
+    return name + equal + value
+
+
+@cache
+def types_of_keys() -> dict[str, tuple[Any, bool]]:
+    """Of every key of a task and option of a plugin, by what is typed: its type, and whether it may be null."""
+    types = [(name, key.annotation) for schema in TASKS.values() for name, key in keys_of(schema).items()]
+    types += [(f"{plugin.path}.{item.name}", item.type) for plugin in plugins() for item in fields(plugin.config)]
+    optional = {name for name, kind in types if NoneType in get_args(kind)}  # in one of the tasks that have this key
+    return {name: (_without_none(kind), name in optional) for name, kind in types}
+
+
+def _without_none(kind: Any) -> Any:
+    """The type of a key that may be null, as one that may not."""
+    parts = get_args(kind)
+    return next(part for part in parts if part is not NoneType) if NoneType in parts else kind
+
+
+def is_path(text: str) -> bool:
+    """Whether a text is the path of a file or folder that exists."""
+    return bool(text) and os.path.exists(os.path.expanduser(text))
+
+
+def parse_value(value: str) -> Any:
+    """The value that Hydra reads in a text; a `HydraException` if its grammar has none."""
+    return OverridesParser.create().parse_override(f"key={value}").value()
+
+
+def verbatim(text: str) -> str:
+    """A text that Hydra reads as just that: in quotes if it needs them."""
+    try:
+        return text if parse_value(text) == text and "${" not in text else quoted(text)
+    except HydraException:
+        return quoted(text)
+
+
+def quote_text(key: str, value: str, sweep: bool = False, optional: bool = False) -> str:
+    """The value of a key that takes a text, in quotes where Hydra would read a number, or nothing, in it.
+
+    Its own syntax (quotes, lists, sweeps) is left to it, unless a file has this name; a value that may mean a file or
+    nothing is refused (UserError).
+    """
+    if is_path(value):
+        if value == "null" and optional:
+            raise UserError(f"{key}=null is none, but a file has this name; type {key}=./null, or drop the word")
+        return verbatim(value)
+    parts = value.split(",")
+    if sweep and len(parts) > 1 and (any(map(is_path, parts)) or not re.search(r"['\"\[({]", value)):
+        return ",".join(quote_text(key, part, optional=optional) for part in parts)
+    try:
+        reading = parse_value(value)
+    except HydraException:
+        return quoted(value)
+    is_number = isinstance(reading, int | float) or (reading is None and not optional)
+    return quoted(value) if is_number else value
+
+
+def check_choice(group: str, value: str) -> None:
+    """Refuse what can be no name of a plugin or preset, nor a list of names; the UserError names the plugins."""
+    try:
+        choice = parse_value(value)
+    except HydraException:
+        return  # the grammar says what is wrong
+    choices = choice.list if isinstance(choice, ChoiceSweep) else [choice]
+    if group in MULTI_SELECT:
+        choices = [name for one in choices for name in (one if isinstance(one, list) else [one])]
+    if not all(isinstance(name, str | dict | Sweep) for name in choices) or value == "''":
+        names = ", ".join(plugin.name for plugin in plugins(group)) or "those that --help lists"
+        raise UserError(f"{group}={value} is no name; choose one of {names}")
+
+
+def as_typed(value: Any, *, is_part: bool = False) -> str:
+    """A value as it is typed; texts that are part of a list or mapping are in quotes if they need them."""
+    plain: Any = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
+    plain = plain.item() if hasattr(plain, "item") else plain  # of NumPy and torch
+    if plain is None or isinstance(plain, bool):
+        return {None: "null", True: "true", False: "false"}[plain]
+    if isinstance(plain, Mapping):
+        return "{" + ",".join(f"{key}:{as_typed(item, is_part=True)}" for key, item in plain.items()) + "}"
+    if isinstance(plain, list | tuple):
+        return "[" + ",".join(as_typed(item, is_part=True) for item in plain) + "]"
+    if isinstance(plain, str | os.PathLike):
+        return verbatim(os.fspath(plain)) if is_part else os.fspath(plain)
+    return plain.name if isinstance(plain, Enum) else str(plain)
