@@ -8,8 +8,7 @@
       config.compose      words, presets and the user's configs -> Hydra -> cfg
       (runs.run_folder)   cfg is checked once (config.check), and the folder is taken
     runs.runner           cfg -> its task, in that folder
-    tasks.paint           -> painting.build, which builds the painter
-                          plugins that the check has built are taken (registry.take_built)
+    tasks.paint           -> painting.build: the plugins that the check has built are taken (registry.take_built)
     pictures.load         the picture is decoded
 
 Beside this way, `many_pictures` makes a sweep of several pictures, `help` answers ``--help``, and `config.mistakes`
