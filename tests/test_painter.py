@@ -4,7 +4,6 @@ from copy import deepcopy
 
 import pytest
 import torch
-from brushexp.plugins.loss.stroke import KullbackLeibler
 from painters import error_of, take
 from painters import painter_of as some_painter
 from scenes import Windowed, random_strokes
@@ -16,6 +15,7 @@ from brushexp.painting.components import Stage
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.density.strays import Strays
+from brushexp.plugins.loss.kl import KullbackLeibler
 from brushexp.plugins.order.area import Area
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.sampler.patches import Patches
