@@ -17,7 +17,7 @@ from brushexp.config.words import parse_value, verbatim
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
 from brushexp.results.runs import JOBS
-from brushexp.runs.sweep_jobs import SUBFOLDER, place_of
+from brushexp.runs.sweep_jobs import SUBFOLDER, override_value
 from brushexp.system import device, runtime
 
 pytestmark = pytest.mark.slow
@@ -185,7 +185,7 @@ def test_names_of_folders_are_plain_and_differ():
 
 @pytest.mark.parametrize("name", ["a", "1_0", "20240105_123456", "2024.10", "null", "été", "1e5", "true"])
 def test_a_folder_has_the_name_of_its_picture_whatever_that_is(name):
-    assert place_of(SUBFOLDER + verbatim(name)) == name
+    assert override_value(SUBFOLDER + verbatim(name)) == name
 
 
 def test_an_album_of_any_names_goes_on_where_it_was(tmp_path):

@@ -361,8 +361,8 @@ def test_what_cannot_be_trained_is_refused_before_it_starts(config, stored, tmp_
 
 
 def test_a_renderer_looks_at_strokes_as_large_as_the_engine_paints_them(config):
-    assert train.enlarged(Origin("disc", {"window": 64}, 64)).window == 512
-    assert train.enlarged(Origin("wash", {"window": 64}, 64)).window == 1024
+    assert train.large_engine(Origin("disc", {"window": 64}, 64)).window == 512
+    assert train.large_engine(Origin("wash", {"window": 64}, 64)).window == 1024
     small = ("renderer.variants=1", "renderer.rows=16", "renderer.columns=32")
     data = SimpleNamespace(origin=Origin("disc", {"window": 64}, 64), first_seed=0)
     before = build_named("renderer", "textured", {"variants": 1, "rows": 16, "columns": 32, "checkpoint": None})

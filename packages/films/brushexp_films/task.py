@@ -10,7 +10,7 @@ from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.pictures.video import filming
-from brushexp.runs.resume import RECORD, record_of, resumed
+from brushexp.runs.resume import RECORD, record_of, restore_run
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.callbacks import FAILED, INTERRUPTED
 from brushexp.system.files import replacing, write_json, write_picture
@@ -31,7 +31,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     With ``resume`` it goes on behind the pictures of that run. Whatever ends it, the film has all pictures that were
     done, and what ended it is raised then.
     """
-    cfg, checkpoint = resumed(cfg)
+    cfg, checkpoint = restore_run(cfg)
     film, stop = PaintedFilm(cfg, folder, checkpoint and checkpoint.parent), Event()
     failure: BaseException | None = None
     (folder / FRAMES).mkdir(exist_ok=True)

@@ -4,14 +4,14 @@ from typing import Any
 
 
 def make_sweeper(**options: Any) -> Any:
-    """Hydra's sweeper itself, which hides behind another class: what it will do can be changed before it begins."""
+    """Make the object behind Hydra's sweeper, whose study and trials can be changed before it begins."""
     from hydra_plugins.hydra_optuna_sweeper._impl import OptunaSweeperImpl  # noqa: PLC0415  (optuna is slow to load)
 
     return OptunaSweeperImpl(search_space=None, **options)
 
 
 def search_space(words: list[str]) -> dict[str, Any]:
-    """The distribution of each key that a study varies."""
+    """Return the distribution of each key that a study varies."""
     from hydra_plugins.hydra_optuna_sweeper._impl import create_params_from_overrides  # noqa: PLC0415
 
     space: dict[str, Any] = create_params_from_overrides(words)[0]

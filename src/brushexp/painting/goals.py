@@ -2,7 +2,7 @@
 
 They look at a painter after every step, and end a stage with ``schedule.end_stage()``, or the run by setting ``stop``.
 What a run ended with is its ``status`` in metrics.json: ``completed`` (all steps were taken), ``interrupted`` (by the
-user, and to be continued), one of those here, or what `system.callbacks.cut_short` finds.
+user, and to be continued), one of those here, or what `system.callbacks.find_limit` names.
 """
 
 import logging
