@@ -44,15 +44,17 @@ class StudySweeper(Sweeper):
         self.resume, self.direction, self.options = resume, direction, options
 
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
-        from brushexp.compat.optuna import make_sweeper  # noqa: PLC0415
         from brushexp.errors import UserError  # noqa: PLC0415
 
         if self.options["storage"] and int(version("sqlalchemy").partition(".")[0]) > 1:
             cure = "type: pip install 'sqlalchemy<2' 'alembic<1.14', or leave it out: the sweep's folder has all trials"
             raise UserError(f"hydra.sweeper.storage={self.options['storage']} needs SQLAlchemy 1; {cure}")
+        from hydra_plugins.hydra_optuna_sweeper import _impl  # noqa: PLC0415  (private; tried with 1.3.0)
+
         self.config, self.loader = config, hydra_context.config_loader
         self.direction = better_direction(config.objective, self.direction)
-        self.study = make_sweeper(direction=self.direction, **self.options)
+        self.space_of = _impl.create_params_from_overrides
+        self.study = _impl.OptunaSweeperImpl(search_space=None, direction=self.direction, **self.options)
         self.study.setup(hydra_context=hydra_context, task_function=task_function, config=config)
 
     def sweep(self, arguments: list[str]) -> None:
@@ -81,10 +83,9 @@ class StudySweeper(Sweeper):
         """Add the trials in the folder of the sweep to the study; those that were killed are repeated first."""
         import optuna  # noqa: PLC0415
 
-        from brushexp.compat.optuna import search_space  # noqa: PLC0415
         from brushexp.results.runs import has_ended, read_result, words_of  # noqa: PLC0415
 
-        space, study = search_space(words), self.open_study()
+        space, study = self.space_of(words)[0], self.open_study()
         recorded = [trial.params for trial in study.trials if trial.state.is_finished()]
         folders = [path for path in Path(self.config.hydra.sweep.dir).iterdir() if path.name.isdecimal()]
         killed: list[dict[str, Any]] = []

@@ -50,7 +50,8 @@ class ProgressBar(L.Callback):
     def on_train_end(self, *_: object) -> None:
         self.bar.close()
 
-    on_exception = on_train_end
+    def on_exception(self, *_: object) -> None:
+        self.bar.close()
 
     def _begin(self, pl_module: Any) -> None:
         self.bar.close()
@@ -112,7 +113,8 @@ class TimedCheckpoint(Checkpoint):
     def on_train_end(self, *_: object) -> None:
         self.handler.close()
 
-    on_exception = on_train_end
+    def on_exception(self, *_: object) -> None:
+        self.handler.close()
 
     def on_fit_end(self, trainer: L.Trainer, pl_module: Any) -> None:
         if not pl_module.stop and pl_module.progress < 1:
