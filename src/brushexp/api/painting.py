@@ -71,7 +71,7 @@ class Painting:
             return self.finished.metrics
 
     def render(self, size: int | None = None, *, light: bool = True) -> np.ndarray:
-        """Draw it with ``size`` pixels on the longer side, crisp at any size: (H, W, 3) uint8; ``light``: with its lamp."""
+        """Draw it with ``size`` pixels on the longer side, crisp at any size: (H, W, 3) uint8; ``light``: with lamp."""
         job = _sized(self.finished.job, size)
         return (job if light else replace(job, light=UNLIT)).picture()
 
