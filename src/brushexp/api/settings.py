@@ -23,6 +23,7 @@ from brushexp.pictures.held import HeldPicture, is_picture
 from brushexp.registry import drop_built
 
 PICTURE = "image="
+_composed = lru_cache(maxsize=32)(composed)  # which takes Hydra a while
 RESERVED = {"task": "call another function", "output": "set output=", "resume": "type brushexp resume=... in a shell"}
 
 
@@ -84,12 +85,6 @@ def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike
     drop_built()  # of settings that nobody has painted with
     check(cfg, words)
     return Settings(cfg, words, held, folder)
-
-
-@lru_cache(maxsize=32)
-def _composed(words: tuple[str, ...], folders: tuple[Path, ...]) -> DictConfig:
-    """Compose a config once for all pictures: it takes a while."""
-    return composed(words, folders)
 
 
 def write_pictures(settings: Settings, folder: Path) -> Settings:
