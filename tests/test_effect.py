@@ -12,7 +12,7 @@ from sweeps import collect, make_grid, make_run, note, write_words
 
 from brushexp.results.anytime_curves import MOST_CURVES, write_curves
 from brushexp.results.effect import effects, write_effect
-from brushexp.results.runs import shortened
+from brushexp.results.runs import shorten
 from brushexp.runs.sweep_report import renew
 
 SEEDS = {"seed": ["0", "1"]}
@@ -105,11 +105,11 @@ def test_every_plot_is_drawn_whole(tmp_path, axes, heights):
 
 
 def test_values_are_shortened_as_long_as_they_differ():
-    assert list(shortened(["/a/x/b.png", "/a/y/b.png"]).values()) == ["x/b.png", "y/b.png"]
-    assert list(shortened(["[sets/a]", "[sets/b]"]).values()) == ["[a]", "[b]"]
-    assert list(shortened(["a" * 50]).values()) == ["..." + "a" * 40]
+    assert list(shorten(["/a/x/b.png", "/a/y/b.png"]).values()) == ["x/b.png", "y/b.png"]
+    assert list(shorten(["[sets/a]", "[sets/b]"]).values()) == ["[a]", "[b]"]
+    assert list(shorten(["a" * 50]).values()) == ["..." + "a" * 40]
     both = ["1" + "a" * 50, "2" + "a" * 50]
-    assert list(shortened(both).values()) == both
+    assert list(shorten(both).values()) == both
 
 
 @pytest.mark.parametrize("count", [2, MOST_CURVES + 1])

@@ -25,7 +25,7 @@ from scenes import random_strokes
 from brushexp.errors import UserError
 from brushexp.pages.drawings import error_map, histogram_chart, line_chart, rose_chart, swatches_of
 from brushexp.pages.replay import FARTHEST, STEPS, replay_of
-from brushexp.pages.run_page import LARGEST_SIDE, _shown, files_in, line_of, run_page, write_run_page
+from brushexp.pages.run_page import LARGEST_SIDE, embed_pixels, files_in, line_of, run_page, write_run_page
 from brushexp.painting.finished import Finished
 from brushexp.plugins.export.job import export_job
 from brushexp.results.runs import read_curves
@@ -299,7 +299,7 @@ def test_pictures_errors_and_colours_are_those_of_the_painting():
     assert shares == [("#0000ff", 0.333), ("#ff0000", 0.167), ("#ffffff", 0.5)]
     assert swatches_of(colors, np.zeros(60)) == []
     noise = np.random.default_rng(0).integers(0, 256, (1000, 2000, 3), dtype=np.uint8)
-    large, small = _shown(noise), _shown(noise[:50, :70])
+    large, small = embed_pixels(noise), embed_pixels(noise[:50, :70])
     assert large["source"].startswith("data:image/jpeg")
     assert decoded(large["source"]).shape == (LARGEST_SIDE // 2, LARGEST_SIDE, 3)
     assert_array_equal(decoded(small["source"]), noise[:50, :70])

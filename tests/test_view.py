@@ -16,7 +16,7 @@ from scenes import random_strokes
 from sweeps import write_words
 
 from brushexp.errors import UserError
-from brushexp.pages.serving import served
+from brushexp.pages.serving import serve
 from brushexp.strokes.storage import Saved, save_catalogue
 from brushexp.system.files import write_json, write_picture
 from brushexp.tasks.view import pages_of
@@ -50,7 +50,7 @@ def test_a_page_is_served_to_this_machine_and_nothing_else(tmp_path):
     (tmp_path / "link.html").symlink_to(tmp_path / "secret.txt")
     (tmp_path / "folder.html").mkdir()
     pages = {"/": "report.html", "/a b/gone.html": "gone.html", "/link.html": "link.html", "/folder": "folder.html"}
-    with served({name: tmp_path / file for name, file in pages.items()}) as address:
+    with serve({name: tmp_path / file for name, file in pages.items()}) as address:
         port = urlsplit(address).port
         status, body, head = ask(address, "/?from=here")
         assert (status, body) == (200, "<p>é".encode())
@@ -65,7 +65,7 @@ def test_a_page_is_served_to_this_machine_and_nothing_else(tmp_path):
         assert ask(address, "/", Host=f"localhost:{port}")[0] == 200
         with socket.socket() as other, pytest.raises(OSError, match="refused"):
             other.connect(("127.0.0.2", port))  # another address of this machine
-        with pytest.raises(UserError, match=rf"port={port} cannot be had .*port=0"), served({}, port):
+        with pytest.raises(UserError, match=rf"port={port} cannot be had .*port=0"), serve({}, port):
             pass
     with pytest.raises(OSError, match="refused"):
         ask(address, "/")
@@ -104,7 +104,7 @@ def test_the_folder_of_a_sweep_is_shown_with_the_pages_of_its_runs(tmp_path, nam
     (tmp_path / "out").mkdir()
     found = pages_of(OmegaConf.create({"catalogue": str(tmp_path / name)}), tmp_path / "out")
     assert f'href="../{path}/1/report.html"' in found["/"].read_text()
-    with served(found) as address:
+    with serve(found) as address:
         assert ask(address, "/")[0] == 200
         assert ask(address, f"/{path}/1/report.html")[1] == b"page of run 1"
         assert ask(address, f"/{path}/0/report.html")[0] == 404

@@ -12,10 +12,9 @@ COMPARISONS = ("difference", "standardised", "delta", "effect", "distance")
 
 
 def statistics_of(values: Array, axial: bool = False) -> dict[str, float | int | None]:
-    """Number, mean, standard deviation, quartiles; None where there is none.
+    """Compute number, mean, standard deviation and quartiles; None where one is not defined.
 
-    Of directions in degrees the mean is the mean direction, the standard deviation the angular deviation (Batschelet,
-    1981) about it, sqrt((1 - R) / 2) in radians; quartiles they have none.
+    Directions in degrees have the angular deviation sqrt((1 - R) / 2) (Batschelet, 1981) and no quartiles.
     """
     statistics: dict[str, float | int | None] = dict.fromkeys(STATISTICS) | {"n": len(values)}
     if not len(values):
@@ -30,69 +29,50 @@ def statistics_of(values: Array, axial: bool = False) -> dict[str, float | int |
 
 
 def mean_of_directions(angle: Array) -> complex:
-    """Mean of e^{2 i angle}, of degrees: its absolute value is the coherence, half its argument the mean direction."""
+    """Average e^{2 i angle} of degrees: coherence and doubled mean direction in one complex number."""
     return complex(np.exp(2j * np.radians(angle)).mean())
 
 
 def degrees_of(mean: complex) -> float:
-    """Direction in [0, 180) of a mean of doubled ones."""
+    """Return the direction in [0, 180) of a mean of doubled ones."""
     return math.degrees(0.5 * math.atan2(mean.imag, mean.real)) % 180 % 180
 
 
 def entropy_of(angle: Array) -> float:
-    """Entropy of the shares of directions, 1 where all are equally frequent."""
+    """Compute the entropy of the shares of directions, 1 where all are equally frequent."""
     from scipy.stats import entropy  # noqa: PLC0415  (slow to import)
 
     return float(entropy(direction_shares(angle), base=DIRECTION_BINS))
 
 
-def compared(a: Array, b: Array, *, axial: bool) -> dict[str, float | str | None]:
-    """How far two samples are apart, the numbers of `summary.comparison_of`; None where one is not defined."""
+def compare(a: Array, b: Array, *, axial: bool) -> dict[str, float | str | None]:
+    """Compare two samples by the numbers of `summary.comparison_of`; None where one is not defined."""
     comparison: dict[str, float | str | None] = dict.fromkeys(COMPARISONS)
     if not len(a) or not len(b):
         return comparison
     if axial:
         turn = mean_of_directions(a) * mean_of_directions(b).conjugate()
         angle = math.degrees(0.5 * math.atan2(turn.imag, turn.real))
-        return comparison | {"difference": angle, "distance": turning_distance(a, b)}
-    from scipy.stats import wasserstein_distance  # noqa: PLC0415  (slow to import)
+        return comparison | {"difference": angle, "distance": circular_distance(a, b)}
+    from scipy.stats import mannwhitneyu, wasserstein_distance  # noqa: PLC0415  (slow to import)
 
-    delta = cliffs_delta(a, b)
+    difference, freedom = float(a.mean() - b.mean()), len(a) + len(b) - 2
+    spread = math.sqrt((len(a) * a.var() + len(b) * b.var()) / max(freedom, 1))
+    delta = float(2 * mannwhitneyu(a, b, method="asymptotic").statistic / (len(a) * len(b)) - 1)
     return {
-        "difference": float(a.mean() - b.mean()),
-        "standardised": standardised(a, b),
+        "difference": difference,
+        "standardised": difference / spread if spread > 0 else None,
         "delta": delta,
-        "effect": effect_size(delta),
+        "effect": next(word for limit, word in EFFECT_SIZES if abs(delta) <= limit),
         "distance": float(wasserstein_distance(a, b)),
     }
 
 
-def standardised(a: Array, b: Array) -> float | None:
-    """Difference of means in pooled standard deviations (Cohen's d); None if both samples are of single values."""
-    freedom = len(a) + len(b) - 2
-    if freedom < 1:
-        return None
-    spread = math.sqrt((len(a) * a.var() + len(b) * b.var()) / freedom)
-    return float(a.mean() - b.mean()) / spread if spread > 0 else None
+def circular_distance(a: Array, b: Array) -> float:
+    """Compute the Wasserstein-1 distance of two samples of directions in degrees.
 
-
-def cliffs_delta(a: Array, b: Array) -> float:
-    """P(a > b) - P(a < b) over all pairs of two samples (Cliff, 1993), in [-1, 1]."""
-    from scipy.stats import mannwhitneyu  # noqa: PLC0415  (slow to import)
-
-    return float(2 * mannwhitneyu(a, b, method="asymptotic").statistic / (len(a) * len(b)) - 1)
-
-
-def effect_size(delta: float) -> str:
-    """Cliff's delta in words, with the limits of Romano et al. (2006)."""
-    return next(word for limit, word in EFFECT_SIZES if abs(delta) <= limit)
-
-
-def turning_distance(a: Array, b: Array) -> float:
-    """Wasserstein-1 distance of two samples of directions in degrees.
-
-    The integral of |F - G - m| over a half turn, F and G being the distribution functions and m the median of their
-    difference, which is the best place to cut the circle (Rabin, Delon and Gousseau, 2011).
+    It is the integral of |F - G - m| over a half turn, F and G being the distribution functions and m the median of
+    their difference (Rabin, Delon and Gousseau, 2011).
     """
     places = np.concatenate([a, b])
     order = places.argsort(kind="stable")

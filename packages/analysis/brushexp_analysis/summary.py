@@ -15,7 +15,7 @@ from brushexp.strokes.measures import NEIGHBOURS, Measure
 from brushexp.strokes.storage import Saved
 from brushexp_analysis import samples
 
-FEW_STROKES = 400  # in smaller catalogues a stroke counts that would count among so many
+FEW_STROKES = 400  # strokes: the pitch of a smaller catalogue would be a large share of the canvas
 HIDDEN_SHARE = 0.05  # of a stroke: if no more is seen, it is hidden
 
 OVERALL = {
@@ -32,7 +32,7 @@ OVERALL = {
 
 @dataclass(frozen=True)
 class Analysis:
-    """A painting and what was measured of it."""
+    """Measures of the strokes of a painting that count."""
 
     name: str  # in tables and figures
     source: str  # its file
@@ -46,12 +46,12 @@ class Analysis:
     measures: StrokeTable  # of the N strokes, see `measure_strokes`
 
     def values(self, key: str) -> Array:
-        """One measure of the strokes for which it is defined, in the unit in which it is shown."""
+        """Return one measure of the strokes for which it is defined, in the unit of `MEASURES`."""
         values: Array = self.measures[key]
         return in_units(values[np.isfinite(values)], MEASURES[key])
 
     def relative(self, key: str) -> Array:
-        """The same in a unit that does not depend on the size of the canvas: pitches instead of pixels."""
+        """Return one measure in pitches instead of pixels, so that canvases of any size compare."""
         return self.values(key) / self.pitch ** MEASURES[key].power
 
 
@@ -60,18 +60,17 @@ def analysis_of(
 ) -> Analysis:
     """Measure the strokes of a catalogue that count, see `strokes.brushwork.is_visible` and `thinnest_of`.
 
-    Neighbours are counted within ``radius`` pixels, None means ``RADIUS_PITCHES`` pitches. A stroke of which less than
-    the share ``visible`` is seen is left out and is no neighbour of others. If none counts, it is a UserError about
-    the ``option`` that sets the file.
+    Neighbours lie within ``radius`` pixels, None means ``RADIUS_PITCHES`` pitches. A stroke of which less than the
+    share ``visible`` is seen does not count. A painting without strokes that count is a UserError about ``option``.
     """
     thinnest = thinnest_of(len(saved.strokes), saved.size)
     number = is_visible(saved.strokes, thinnest / MIN_WIDTH_PITCHES).nonzero()[:, 0]
     table = measure_strokes(saved.strokes[number], saved.depth[number], saved.size, radius)
     if visible > 0:
-        seen = table.visible[table.visible >= visible]
-        number = number[torch.from_numpy(table.visible >= visible)]
+        shares, counts = table.visible, table.visible >= visible
+        number = number[torch.from_numpy(counts)]
         table = measure_strokes(saved.strokes[number], saved.depth[number], saved.size, radius)
-        table.visible = seen  # with the hidden ones among them
+        table.visible = shares[counts]  # with the hidden strokes above them
     if not len(number):
         rules = f"opacity {MIN_OPACITY} or more, thickness {thinnest:.3g} pixels or more"
         rules += f", {visible:.0%} of it not hidden" * (visible > 0)
@@ -85,20 +84,17 @@ def analysis_of(
 
 
 def thinnest_of(total: int, size: tuple[int, int]) -> float:
-    """Thickness in pixels below which a stroke does not count: ``MIN_WIDTH_PITCHES``, of at least ``FEW_STROKES``.
-
-    The pitch of a single stroke is the whole canvas, of which a fiftieth would be a thick stroke.
-    """
+    """Return the thickness in pixels below which a stroke does not count."""
     return MIN_WIDTH_PITCHES * math.sqrt(size[0] * size[1] / max(total, FEW_STROKES))
 
 
 def in_units(values: Array, measure: Measure) -> Array:
-    """Numbers as they are shown: angles in degrees."""
+    """Convert a measure to its unit: angles from radians to degrees."""
     return np.degrees(values) if measure.unit == "°" else values
 
 
 def overall_of(analysis: Analysis) -> dict[str, float | None]:
-    """The numbers of ``OVERALL``; None where one is not defined."""
+    """Compute the numbers of ``OVERALL``; None where one is not defined."""
     measures, pixels = analysis.measures, analysis.size[0] * analysis.size[1]
     angle = analysis.values("orientation")
     mean = samples.mean_of_directions(angle) if len(angle) else None
@@ -116,7 +112,7 @@ def overall_of(analysis: Analysis) -> dict[str, float | None]:
 
 
 def summary_of(analysis: Analysis) -> dict[str, object]:
-    """All of it as plain data, in pixels and in pitches."""
+    """Summarise an analysis as plain data, in pixels and in pitches."""
     measures: dict[str, dict[str, object]] = {}
     for key, measure in MEASURES.items():
         measures[key] = {"unit": measure.unit, **samples.statistics_of(analysis.values(key), measure.axial)}
@@ -138,19 +134,17 @@ def summary_of(analysis: Analysis) -> dict[str, object]:
 
 
 def comparison_of(one: Analysis, other: Analysis) -> dict[str, dict[str, float | str | None]]:
-    """How far two paintings are apart in each measure; lengths in pitches, areas in square pitches.
+    """Compare two paintings in each measure; lengths in pitches, areas in square pitches.
 
-    Of each: ``difference``, mean of the first less that of the other (of directions, the angle from the other to the
-    first, in (-90, 90]); ``standardised``, that in pooled standard deviations (Cohen's d); ``delta`` of Cliff and its
-    ``effect`` in words, see `samples`; and ``distance``, Wasserstein-1: how far a stroke's value must move on average
-    to turn one distribution into the other.
+    Each has the ``difference`` of the means (of directions in (-90, 90]), the same ``standardised`` (Cohen's d),
+    Cliff's ``delta`` with its ``effect`` in words, and the Wasserstein-1 ``distance``.
     """
-    pairs = {key: (one.relative(key), other.relative(key)) for key in MEASURES}
-    return {key: samples.compared(*pair, axial=MEASURES[key].axial) for key, pair in pairs.items()}
+    return {
+        key: samples.compare(one.relative(key), other.relative(key), axial=measure.axial)
+        for key, measure in MEASURES.items()
+    }
 
 
 def mean_measures(analysis: Analysis) -> dict[str, float | int | None]:
-    """One number per measure, for the table of a sweep."""
-    return {
-        key: samples.statistics_of(analysis.values(key), measure.axial)["mean"] for key, measure in MEASURES.items()
-    }
+    """Average each measure, for the table of a sweep."""
+    return {key: samples.statistics_of(analysis.values(key), one.axial)["mean"] for key, one in MEASURES.items()}

@@ -209,7 +209,7 @@ def test_a_painting_beside_itself_is_no_different_at_any_size_and_a_turned_one_b
 def test_cliffs_delta_counts_pairs(n, m):
     source = np.random.default_rng(n + m)
     a, b = source.normal(size=n).round(1), source.normal(0.5, size=m).round(1)
-    assert samples.cliffs_delta(a, b) == pytest.approx(np.sign(a[:, None] - b[None]).mean())
+    assert samples.compare(a, b, axial=False)["delta"] == pytest.approx(np.sign(a[:, None] - b[None]).mean())
 
 
 @pytest.mark.parametrize("n", [1, 8, 25])
@@ -217,16 +217,16 @@ def test_on_a_circle_the_best_cut_is_taken(n):
     source = np.random.default_rng(n)
     a, b = source.uniform(0, 180, n), source.uniform(0, 180, n)
     pairings = [np.abs((np.sort(a) - np.roll(np.sort(b), k) + 90) % 180 - 90).mean() for k in range(n)]
-    assert samples.turning_distance(a, b) == pytest.approx(min(pairings))
+    assert samples.circular_distance(a, b) == pytest.approx(min(pairings))
 
 
 def test_effects_are_cohens_and_have_words():
-    a, b = np.array([1.0, 2.0, 3.0]), np.array([3.0, 4.0, 5.0])
-    assert samples.standardised(a, b) == pytest.approx(-2)
-    assert samples.standardised(np.array([1.0]), np.array([2.0])) is None
-    assert samples.standardised(np.ones(3), np.ones(3)) is None
-    words = {0: "negligible", -0.1: "negligible", 0.2: "small", -0.4: "medium", 0.5: "large", -1: "large"}
-    assert {delta: samples.effect_size(delta) for delta in words} == words
+    samples_of = [([1, 2, 3], [3, 4, 5], -2), ([1], [2], None), ([1, 1, 1], [1, 1, 1], None)]
+    for a, b, expected in samples_of:
+        assert samples.compare(np.array(a, float), np.array(b, float), axial=False)["standardised"] == expected
+    for larger, word in {0: "negligible", 2: "negligible", 4: "small", 8: "medium", 10: "large", 20: "large"}.items():
+        a = np.repeat([1.0, 0.0], [larger, 20 - larger])
+        assert samples.compare(a, np.zeros(20), axial=False)["effect"] == word
 
 
 def test_the_table_can_be_read_back_and_what_is_not_defined_is_empty_null_or_a_dash(tmp_path):

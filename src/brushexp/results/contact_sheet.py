@@ -14,9 +14,9 @@ from PIL import Image, ImageDraw, ImageFont
 
 from brushexp.errors import UserError
 from brushexp.pictures.decode import opened_picture
-from brushexp.reporting.plotting import folded
+from brushexp.reporting.plotting import wrap_text
 from brushexp.results.quantities import digits
-from brushexp.results.runs import shortened
+from brushexp.results.runs import shorten
 from brushexp.results.tables import is_album, numbers, run_count, varying
 from brushexp.system.files import write_picture
 
@@ -77,7 +77,7 @@ def _rows(frame: DataFrame) -> list[list[SheetCell]]:
 
 def _cells(frame: DataFrame, axes: dict[str, list[str]]) -> list[SheetCell]:
     """These runs, and every target before the first that painted it, but in an album."""
-    words = {key: shortened(values) for key, values in axes.items()}
+    words = {key: shorten(values) for key, values in axes.items()}
     chosen, found = frame["setting"].fillna(""), numbers(frame)
     cells: list[SheetCell] = []
     shown = {*frame["run", "target"]} if is_album(frame) else set()
@@ -106,7 +106,7 @@ def draw_sheet(rows: Sequence[Sequence[SheetCell]], title: str, side: int = SIDE
     font, large, line = _font(letter), _font(letter * 5 // 4), round(LINE * letter)
     letters = max(1, int(side / (LETTER_WIDTH * letter)))
     pictures = [[_picture(cell, side) or _box(cell.words, side, letters, font) for cell in row] for row in rows]
-    labels = [["\n".join(folded(text, letters) for text in cell.label) for cell in row] for row in rows]
+    labels = [["\n".join(wrap_text(text, letters) for text in cell.label) for cell in row] for row in rows]
     tops = [2 * (line + GAP)]
     for row, texts in zip(pictures, labels, strict=True):
         lines = max(1 + text.count("\n") for text in texts)
@@ -134,7 +134,7 @@ def _font(size: int) -> ImageFont.FreeTypeFont:
 def _box(words: str, side: int, letters: int, font: ImageFont.FreeTypeFont) -> Image.Image:
     box = Image.new("RGB", (side, max(1, side * 3 // 5)), BOX)
     place = side // 2, box.height // 2
-    ImageDraw.Draw(box).multiline_text(place, folded(words, letters, most=8), INK, font, anchor="mm", align="center")
+    ImageDraw.Draw(box).multiline_text(place, wrap_text(words, letters, most=8), INK, font, anchor="mm", align="center")
     return box
 
 
