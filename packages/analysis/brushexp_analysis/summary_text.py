@@ -11,8 +11,16 @@ from brushexp.results.stroke_table import MEASURES
 from brushexp.strokes.brushwork import MIN_OPACITY
 from brushexp.strokes.measures import Measure
 from brushexp.system.files import write_json, write_text
-from brushexp_analysis.samples import statistics_of
-from brushexp_analysis.summary import OVERALL, Analysis, comparison_of, in_units, overall_of, summary_of, thinnest_of
+from brushexp_analysis.summary import (
+    OVERALL,
+    Analysis,
+    comparison_of,
+    in_units,
+    overall_of,
+    statistics_of,
+    summary_of,
+    thinnest_of,
+)
 
 HEADINGS = {"n": "n", "mean": "mean", "sd": "standard deviation", "q25": "25 %", "median": "median", "q75": "75 %"}
 DIFFERENCES = {"difference": "difference", "in sd": "standardised", "Cliff's delta": "delta"}

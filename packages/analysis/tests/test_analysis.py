@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from brushexp_analysis import figures, samples
+from brushexp_analysis import figures, summary
 from brushexp_analysis import task as analyse
 from brushexp_analysis.summary import Analysis, analysis_of, comparison_of, overall_of, summary_of, thinnest_of
 from brushexp_analysis.summary_text import brushwork_text, strokes_csv, three_digits, write_summary
@@ -144,21 +144,21 @@ def test_visible_shares_agree_with_the_obvious_sum():
 
 def test_statistics_of_many_of_one_and_of_nothing():
     values = np.arange(1.0, 6.0)
-    assert samples.statistics_of(values) == {"n": 5, "mean": 3, "sd": math.sqrt(2.5), "q25": 2, "median": 3, "q75": 4}
-    assert samples.statistics_of(np.array([3.0])) == {"n": 1, "mean": 3, "sd": None, "q25": 3, "median": 3, "q75": 3}
+    assert summary.statistics_of(values) == {"n": 5, "mean": 3, "sd": math.sqrt(2.5), "q25": 2, "median": 3, "q75": 4}
+    assert summary.statistics_of(np.array([3.0])) == {"n": 1, "mean": 3, "sd": None, "q25": 3, "median": 3, "q75": 3}
     for axial in (False, True):
-        assert samples.statistics_of(np.array([]), axial)["mean"] is None
+        assert summary.statistics_of(np.array([]), axial)["mean"] is None
 
 
 def test_directions_have_a_mean_across_the_turn_shares_centred_on_the_axes_and_an_entropy():
-    numbers = samples.statistics_of(np.array([175.0, 5.0]), axial=True)
+    numbers = summary.statistics_of(np.array([175.0, 5.0]), axial=True)
     assert min(numbers["mean"], 180 - numbers["mean"]) == pytest.approx(0, abs=1e-9)
     assert numbers["sd"] == pytest.approx(5, abs=0.01)
     assert numbers["median"] is None
     share = direction_shares(np.array([0.0, 4.9, 175.1, 90.0]))
     assert (share[0], share[DIRECTION_BINS // 2], share.sum()) == (0.75, 0.25, 1)
-    assert samples.entropy_of(np.full(50, 1.0)) == 0
-    assert samples.entropy_of(np.arange(0.0, 1260, 10) % 180) == pytest.approx(1)
+    assert summary.entropy_of(np.full(50, 1.0)) == 0
+    assert summary.entropy_of(np.arange(0.0, 1260, 10) % 180) == pytest.approx(1)
 
 
 def test_faint_and_thin_strokes_are_left_out_and_hidden_ones_if_asked():
@@ -209,7 +209,7 @@ def test_a_painting_beside_itself_is_no_different_at_any_size_and_a_turned_one_b
 def test_cliffs_delta_counts_pairs(n, m):
     source = np.random.default_rng(n + m)
     a, b = source.normal(size=n).round(1), source.normal(0.5, size=m).round(1)
-    assert samples.compare(a, b, axial=False)["delta"] == pytest.approx(np.sign(a[:, None] - b[None]).mean())
+    assert summary.compare(a, b, axial=False)["delta"] == pytest.approx(np.sign(a[:, None] - b[None]).mean())
 
 
 @pytest.mark.parametrize("n", [1, 8, 25])
@@ -217,16 +217,16 @@ def test_on_a_circle_the_best_cut_is_taken(n):
     source = np.random.default_rng(n)
     a, b = source.uniform(0, 180, n), source.uniform(0, 180, n)
     pairings = [np.abs((np.sort(a) - np.roll(np.sort(b), k) + 90) % 180 - 90).mean() for k in range(n)]
-    assert samples.circular_distance(a, b) == pytest.approx(min(pairings))
+    assert summary.circular_distance(a, b) == pytest.approx(min(pairings))
 
 
 def test_effects_are_cohens_and_have_words():
     samples_of = [([1, 2, 3], [3, 4, 5], -2), ([1], [2], None), ([1, 1, 1], [1, 1, 1], None)]
     for a, b, expected in samples_of:
-        assert samples.compare(np.array(a, float), np.array(b, float), axial=False)["standardised"] == expected
+        assert summary.compare(np.array(a, float), np.array(b, float), axial=False)["standardised"] == expected
     for larger, word in {0: "negligible", 2: "negligible", 4: "small", 8: "medium", 10: "large", 20: "large"}.items():
         a = np.repeat([1.0, 0.0], [larger, 20 - larger])
-        assert samples.compare(a, np.zeros(20), axial=False)["effect"] == word
+        assert summary.compare(a, np.zeros(20), axial=False)["effect"] == word
 
 
 def test_the_table_can_be_read_back_and_what_is_not_defined_is_empty_null_or_a_dash(tmp_path):
@@ -294,7 +294,7 @@ def test_the_task_writes_all_files_and_names_a_missing_one(run_task, tmp_path, m
     assert numbers["catalogue"] == paths[0]
     assert (numbers["name"], numbers["against"]["name"], numbers["radius"]) == ("a", "b", 20)
     one = analysis_of(load_catalogue(Path(paths[0])), "a", "a", radius=20)
-    assert numbers["measures"]["length"]["mean"] == pytest.approx(samples.statistics_of(one.values("length"))["mean"])
+    assert numbers["measures"]["length"]["mean"] == pytest.approx(summary.statistics_of(one.values("length"))["mean"])
     with pytest.raises(UserError, match=r"there is no file nowhere.h5; .* against="):
         run_task(analyse, "task=analyse", f"catalogue={paths[0]}", "against=nowhere.h5")
     for given, names in (
