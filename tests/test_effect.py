@@ -33,10 +33,10 @@ def test_runs_are_grouped_by_all_but_the_seed(tmp_path):
         "init=grid": {"mse": 20.5, "kl": 22.5, "l1": 24.5},
         "init=slic": {"mse": 26.5, "kl": 28.5, "l1": 30.5},
     }
-    found = effects(collect(tmp_path))["init=grid"]
-    assert (found.index.name, list(found.index)) == ("loss", ["mse", "kl", "l1"])
-    assert found["std"]["psnr"].tolist() == pytest.approx([math.sqrt(0.5)] * 3)
-    assert list(found["mean"]) == ["psnr", "perceptual", "seconds"]
+    table = effects(collect(tmp_path))["init=grid"]
+    assert (table.index.name, list(table.index)) == ("loss", ["mse", "kl", "l1"])
+    assert table["std"]["psnr"].tolist() == pytest.approx([math.sqrt(0.5)] * 3)
+    assert list(table["mean"]) == ["psnr", "perceptual", "seconds"]
     (tmp_path / "more").mkdir()
     make_grid(tmp_path / "more", {"a": ["1", "2"], "image": ["/x/y/a.png", "/x/y/b.png"], "lr": ["1", "2", "3"]})
     assert list(means(tmp_path / "more")) == [

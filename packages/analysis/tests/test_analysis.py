@@ -56,7 +56,7 @@ def painting(n: int = 60, seed: int = 0, size: tuple[int, int] = SIZE) -> Saved:
     return saved(replace(made, opacity=0.5 + 0.5 * made.opacity), size)
 
 
-def found(n: int = 60, seed: int = 0, name: str = "one", size: tuple[int, int] = SIZE) -> Analysis:
+def analysis_of_random(n: int = 60, seed: int = 0, name: str = "one", size: tuple[int, int] = SIZE) -> Analysis:
     return analysis_of(painting(n, seed, size), name, f"{name}.h5")
 
 
@@ -138,8 +138,8 @@ def test_visible_shares_agree_with_the_obvious_sum():
     light = torch.cumprod(torch.cat([torch.ones_like(alpha[:, :1]), 1 - alpha[:, :-1]], dim=1), dim=1)
     whole = alpha.sum(-1)[0]
     share = torch.where(whole > 1e-6, (alpha * light).sum(-1)[0] / whole, 0)
-    found = measure_strokes(strokes, depth, SIZE).visible
-    np.testing.assert_allclose(found[depth.argsort(descending=True)], share, atol=2e-3)
+    visible = measure_strokes(strokes, depth, SIZE).visible
+    np.testing.assert_allclose(visible[depth.argsort(descending=True)], share, atol=2e-3)
 
 
 def test_statistics_of_many_of_one_and_of_nothing():
@@ -230,7 +230,7 @@ def test_effects_are_cohens_and_have_words():
 
 
 def test_the_table_can_be_read_back_and_what_is_not_defined_is_empty_null_or_a_dash(tmp_path):
-    one = found()
+    one = analysis_of_random()
     rows = list(csv.DictReader(io.StringIO(strokes_csv(one))))
     assert len(rows) == 60
     assert [int(row["stroke"]) for row in rows] == one.number.tolist()
@@ -253,9 +253,9 @@ def test_the_table_can_be_read_back_and_what_is_not_defined_is_empty_null_or_a_d
 
 
 @pytest.mark.parametrize("rows", [
-    lambda: [found(name="a $ b"), found(30, 1, "名", size=(90, 40))],
+    lambda: [analysis_of_random(name="a $ b"), analysis_of_random(30, 1, "名", size=(90, 40))],
     lambda: [analysis_of(saved(straight((20, 20), (20, 20))), "dot", "dot")],
-    lambda: [analysis_of(saved(combed(20)), "no neighbours", "combed", radius=0.0), found(size=(300, 2))],
+    lambda: [analysis_of(saved(combed(20)), "no neighbours", "combed", radius=0.0), analysis_of_random(size=(300, 2))],
 ])  # fmt: skip
 def test_the_sheet_can_be_drawn(rows, tmp_path, monkeypatch):
     monkeypatch.setattr(figures, "PRINT_DPI", 40)
@@ -266,9 +266,9 @@ def test_the_sheet_can_be_drawn(rows, tmp_path, monkeypatch):
 
 
 def test_the_map_of_coherence_says_nothing_where_no_strokes_are():
-    left = combed(100)
-    left = replace(left, position=left.position * torch.tensor([0.3, 1.0]))
-    one = analysis_of(saved(replace(left, opacity=torch.ones(100))), "a", "a", radius=9)
+    strokes = combed(100)
+    strokes = replace(strokes, position=strokes.position * torch.tensor([0.3, 1.0]))
+    one = analysis_of(saved(replace(strokes, opacity=torch.ones(100))), "a", "a", radius=9)
     points, mean = figures.coherence_map(one, 30)
     assert points.shape == (20, 30, 2)
     assert np.hypot(*mean[10, 3]) == pytest.approx(1)
@@ -297,9 +297,9 @@ def test_the_task_writes_all_files_and_names_a_missing_one(run_task, tmp_path, m
     assert numbers["measures"]["length"]["mean"] == pytest.approx(summary.statistics_of(one.values("length"))["mean"])
     with pytest.raises(UserError, match=r"there is no file nowhere.h5; .* against="):
         run_task(analyse, "task=analyse", f"catalogue={paths[0]}", "against=nowhere.h5")
-    for given, names in (
+    for paths, names in (
         ("/x/sky/catalogue.h5 /y/sea.h5", ["sky", "sea"]),
         ("/x/a/catalogue.h5 /y/a/catalogue.h5", ["x/a", "y/a"]),
         ("/x/a.h5 /x/a.h5", ["a (1)", "a (2)"]),
     ):
-        assert analyse.names_of(given.split()) == names
+        assert analyse.names_of(paths.split()) == names
