@@ -16,13 +16,9 @@ import numpy as np
 import pytest
 import torch
 from brushexp_films import task
-from brushexp_films.carrying import Carrier, Cel, meeting, shares_within
-from brushexp_films.changes import Changes, Flicker, difference, is_cut
-from brushexp_films.clips import decoded_pictures, open_clip
-from brushexp_films.films import PaintedFilm
-from brushexp_films.motion import motion
-from brushexp_films.reel import Reel
-from brushexp_films.sound import add_sound
+from brushexp_films.carrying import Carrier, Cel, Reel, find_strokes, shares_within
+from brushexp_films.changes import Changes, Flicker, difference, is_cut, optical_flow
+from brushexp_films.clips import add_sound, decode_pictures, open_clip
 from films import as_tensor, decoded, encoded, scene
 from painters import take
 from program import ended
@@ -56,7 +52,7 @@ def test_a_film_is_read_as_it_was_written(tmp_path, shape):
     clip = open_clip(encoded(tmp_path / "film.mp4", pictures, rate=24))
     even = tuple(side + side % 2 for side in shape)
     assert (clip.size, clip.rate, clip.count) == (even, Fraction(24), 5)
-    found = list(decoded_pictures(clip))
+    found = list(decode_pictures(clip))
     assert [picture.shape for picture in found] == [(*even, 3)] * 5
     for picture, original in zip(found, pictures, strict=True):
         assert np.abs(picture[: shape[0], : shape[1]].astype(float) - original).mean() < 8
@@ -66,7 +62,7 @@ def test_a_film_that_breaks_off_is_read_as_far_as_it_goes(tmp_path, caplog):
     path = encoded(tmp_path / "film.mp4", 4 * scene(10))
     path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
     with caplog.at_level(logging.WARNING):
-        count = len(list(decoded_pictures(open_clip(path))))
+        count = len(list(decode_pictures(open_clip(path))))
     assert 0 < count < 40
     assert str(count) in caplog.text
 
@@ -149,9 +145,9 @@ def test_flicker_is_the_mean_change_where_the_target_stays():
 @pytest.mark.parametrize("shift", [(4, 0), (0, -3)])
 def test_motion_is_that_of_the_pictures(shift):
     first = as_tensor(scene(1, side=96)[0])
-    found = motion(first, first.roll(shift, (2, 1)))[:, 16:-16, 16:-16]
+    found = optical_flow(first, first.roll(shift, (2, 1)))[:, 16:-16, 16:-16]
     assert found.flatten(1).median(1).values.tolist() == pytest.approx(shift, abs=0.5)
-    assert not motion(first[:, :8, :8], first[:, :8, :8]).any()
+    assert not optical_flow(first[:, :8, :8], first[:, :8, :8]).any()
 
 
 def reel_of(renderer: str, n: int = 100, steps: int = 0) -> Reel:
@@ -252,7 +248,7 @@ def test_shares_of_strokes_within_a_mask_and_strokes_that_meet_a_region_agree_wi
     half = torch.zeros(64, 64, dtype=torch.bool)
     half[:, :32] = True
     region = Region(8, 8, 20, 20)
-    near = meeting(strokes, region, EDGE)
+    near = find_strokes(strokes, region, EDGE)
     for n, share in enumerate(shares_within(strokes, half).tolist()):
         one = strokes[n : n + 1]
         black = replace(one, color=torch.ones(1, 3), opacity=torch.ones(1))
@@ -306,7 +302,7 @@ def test_a_film_that_does_not_say_how_long_it_is_can_be_stopped(run_task, tmp_pa
         stop()
         yield
 
-    monkeypatch.setattr(PaintedFilm, "planned", 1)
+    monkeypatch.setattr(task.PaintedFilm, "planned", 1)
     monkeypatch.setattr("brushexp_films.task.interruptible", at_once)
     with pytest.raises(KeyboardInterrupt):
         run_task(task, f"image={encoded(tmp_path / 'clip.mp4', scene(3))}", "resolution=32", "steps=1", "film.steps=1")
@@ -319,7 +315,7 @@ def test_a_picture_without_error_does_not_hide_the_others_of_a_film():
     others |= {"reel": SimpleNamespace(scenes=1, cel=SimpleNamespace(strokes=()))}
     for found, expected in (([math.inf, 20.0, 30.0], 25.0), ([math.inf], math.inf)):
         film = SimpleNamespace(psnr=found, seconds=[], device="cpu", **others)
-        assert PaintedFilm.metrics(film, None, "completed")["psnr"] == expected
+        assert task.PaintedFilm.metrics(film, None, "completed")["psnr"] == expected
 
 
 def test_a_film_that_was_stopped_goes_on_to_the_same_strokes(tmp_path):
