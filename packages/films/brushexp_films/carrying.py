@@ -30,7 +30,6 @@ CHANGED_SHARE = 0.5  # of a stroke, from which it moves; with less, what it woul
 MOVED_SHARE = 0.05  # of the strokes that move which are laid elsewhere, besides those that do harm
 SIZE = 0.5  # of strokes that are laid anew, in pitches (mean distances between strokes)
 TOLERANCE = 0.03  # root mean square error, 0 to 1, of places that are good enough
-CHANNELS = 3
 SHAPE = ("start", "control", "end")
 
 
@@ -81,7 +80,7 @@ class Carrier:
     def _relaid(self, cel: Cel, target: Tensor, changed: Tensor, moves: Tensor, region: Region) -> Cel:
         """Take away the strokes that matter least, of those that move, and lay them where the error is largest."""
         number = find_strokes(cel.strokes, region, self.renderer.edge)
-        picture = self._picture(region.of(target).contiguous(), cel.background)
+        picture = self.picture(region.of(target).contiguous(), cel.background)
         strokes = cel.strokes[number].moved(shift=(-region.left, -region.top))
         order = cel.front_to_back.argsort()[number].argsort()
         movable = moves[number]
@@ -90,7 +89,7 @@ class Carrier:
             image = self.components.blend(layers, order, picture.size, cel.background).image
         generator = torch.Generator().manual_seed(self.seed)
         matter = importance(strokes, order, picture, generator).where(movable, torch.inf)
-        harmful = int((matter <= CHANNELS * TOLERANCE**2).sum())
+        harmful = int((matter <= 3 * TOLERANCE**2).sum())
         count = min(int(movable.sum()), harmful + round(MOVED_SHARE * int(movable.sum())))
         budget = max(1, round(len(moves) * picture.target[0].numel() / target[0].numel()))  # as dense as the whole
         pictures = (image, picture.target, region.of(changed).to(image))
@@ -108,7 +107,7 @@ class Carrier:
         active, around = moves.nonzero()[:, 0], torch.zeros_like(moves)
         around[find_strokes(cel.strokes, region, self.renderer.edge)] = True
         view = View(region, active, (around & ~moves).nonzero()[:, 0])
-        picture = self._picture(target, cel.background)
+        picture = self.picture(target, cel.background)
         picture.memory = picture.remembered(painted.clone())
         catalogue, chosen = Catalogue(cel.strokes[active], self.components.optimizer.units), self.components.optimizer
         optimizer = chosen.over(value for value in catalogue.parameters() if value.requires_grad)
@@ -139,7 +138,8 @@ class Carrier:
             best = cel.strokes.with_rows(active, clamped.map(Tensor.detach))
         return best
 
-    def _picture(self, target: Tensor, background: Tensor) -> Picture:
+    def picture(self, target: Tensor, background: Tensor) -> Picture:
+        """Make a canvas on which this renderer draws."""
         picture = Picture(target, None, background, self.components.blend)
         picture.renderer = self.renderer
         return picture
@@ -179,8 +179,7 @@ class Reel:
 
     def show(self, cel: Cel) -> None:
         """Paint the strokes of a picture."""
-        canvas = Picture(self.changes.held, None, cel.background, self.carrier.components.blend)
-        canvas.renderer = self.carrier.renderer
+        canvas = self.carrier.picture(self.changes.held, cel.background)
         self.cel, self.image = cel, canvas.draw(cel.strokes, cel.front_to_back)
 
 

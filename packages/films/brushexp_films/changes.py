@@ -36,10 +36,6 @@ class Changes:
     """Finds what of a film has changed since it was last painted, picture by picture.
 
     Each pixel is compared with what it was when it last changed: what fades slowly is found, and noise never adds up.
-
-    >>> changes, still = Changes(threshold=0.04), torch.rand(3, 24, 32)
-    >>> bool(changes(still).all()), bool(changes(still + 0.01).any())  # the first picture is all new
-    (True, False)
     """
 
     def __init__(self, threshold: float) -> None:
@@ -62,14 +58,7 @@ class Changes:
 
 
 class Flicker:
-    """Measures the mean absolute change, 0 to 1, of a painted film where its target changes by less than ``still``.
-
-    >>> flicker, target = Flicker(), torch.zeros(3, 8, 8)
-    >>> for level in (0.5, 0.6, 0.5):
-    ...     flicker.add(torch.full((3, 8, 8), level), target)
-    >>> round(flicker.value, 6)
-    0.1
-    """
+    """Measures the mean absolute change, 0 to 1, of a painted film where its target changes by less than ``still``."""
 
     def __init__(self, still: float = STILL) -> None:
         self.still = still
@@ -92,11 +81,7 @@ class Flicker:
 
 
 def optical_flow(first: Tensor, second: Tensor) -> Tensor:
-    """Estimate where each pixel of the ``first`` picture goes, (2, H, W): x to the right and y down, in pixels.
-
-    By iterative Lucas-Kanade (Le Besnerais and Champagnat, 2005) on the brightness of small copies of pictures (3, H,
-    W).
-    """
+    """Estimate where pixels of ``first`` go, (2, H, W), right and down (Le Besnerais and Champagnat, 2005)."""
     from skimage.registration import optical_flow_ilk  # noqa: PLC0415  (slow to import)
 
     small = [downsample(picture, FLOW_SIDE).mean(0).cpu().numpy() for picture in (first, second)]

@@ -153,10 +153,7 @@ class PaintedFilm:
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Paint the film that ``image`` names and write it, and the catalogues of its pictures, into the run's folder.
-
-    Whatever ends it, the film has all pictures that were done; ``resume`` goes on behind those of an earlier run.
-    """
+    """Paint the film that ``image`` names, or go on with ``resume``, and keep all pictures whatever ends it."""
     cfg, checkpoint = resumed(cfg)
     film, stop = PaintedFilm(cfg, folder, checkpoint and checkpoint.parent), Event()
     failure: BaseException | None = None

@@ -166,14 +166,7 @@ def _resample(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
 
 
 class HeldPicture:
-    """A picture, (H, W, 3) uint8 or float32 in [0, 1], which is found by its name as long as this object lives.
-
-    UserError if ``picture`` is none of `KINDS`; ``key`` is what it is for. A transparent PIL image lies over white.
-
-    >>> red = HeldPicture(np.full((2, 3, 3), [1.0, 0.0, 0.0]))
-    >>> pixels_of(red.name).shape
-    (2, 3, 3)
-    """
+    """A picture, (H, W, 3) uint8 or float32 in [0, 1], which is found by its name as long as this object lives."""
 
     def __init__(self, picture: Any, key: str = "image") -> None:
         self.pixels = _pixels(picture, key)

@@ -32,14 +32,11 @@ MATCHED = ("length", "width", "curvature", "coherence")  # measures that `distan
 
 @dataclass(frozen=True)
 class Brushwork:
-    """A sample of M strokes; row i of every tensor but the last is one stroke.
-
-    The bend across is never below 0: a stroke drawn from its other end has both signs of ``bend`` turned.
-    """
+    """A sample of M strokes; row i of every tensor but the last is one stroke."""
 
     length: Tensor  # (M,) arc length, pitches
     width: Tensor  # (M,) thickness, pitches
-    bend: Tensor  # (M, 2) of the control point along and across the chord, as `prior.control_offset`
+    bend: Tensor  # (M, 2) of the control point along and across (never below 0) the chord: `prior.control_offset`
     deviation: Tensor  # (M,) direction of the chord against the mean one of the neighbours, radians in [-pi/2, pi/2]
     measures: Tensor  # (4, M) what `matched_measures` finds, each row ascending
 
@@ -94,10 +91,7 @@ def is_visible(strokes: Strokes, pitch: float) -> Tensor:
 
 
 def matched_measures(strokes: Strokes, pitch: float) -> Tensor:
-    """Compute what is compared between paintings (4, N), the rows of `MATCHED`; finite for any strokes.
-
-    They are log(length + 0.1) and log(width + 0.1), in pitches; curvature, radians; coherence.
-    """
+    """Compute the rows of `MATCHED` (4, N): logarithms of length and width in pitches + 0.1, curvature, coherence."""
     shape = shape_of(strokes)
     sizes = torch.stack([length_of(shape), 2 * half_width_of(strokes)]) / pitch
     coherence = ruler.coherence_of(ruler.direction_of(shape), ruler.neighbours_of(strokes, shape))
@@ -105,10 +99,7 @@ def matched_measures(strokes: Strokes, pitch: float) -> Tensor:
 
 
 def transport_cost(values: Tensor, reference: Tensor) -> Tensor:
-    """Compute squared 2-Wasserstein distances (R,) between samples on the line (R, N) and ascending ones (R, M).
-
-    They are exact: both quantile functions are steps, whose squared difference is integrated over u from 0 to 1.
-    """
+    """Compute exact squared 2-Wasserstein distances (R,) between samples (R, N) and ascending ones (R, M)."""
     n, m = values.shape[1], reference.shape[1]
     ends = torch.cat([torch.arange(1, n + 1) * m, torch.arange(1, m + 1) * n]).unique()  # of steps, in 1 / (n m)
     ends = ends.to(values.device)
@@ -119,10 +110,7 @@ def transport_cost(values: Tensor, reference: Tensor) -> Tensor:
 
 
 def distances(strokes: Strokes, size: tuple[int, int], reference: Brushwork) -> Tensor:
-    """Compute the squared 2-Wasserstein distance (4,) of each of `MATCHED`, in units of the reference's variance.
-
-    Strokes that cannot be visible (`is_visible`) have no gradient; without any other the distance is 0.
-    """
+    """Compute squared 2-Wasserstein distances (4,) of `MATCHED`, in units of the reference's variance."""
     pitch = pitch_of(strokes, size)
     visible = is_visible(strokes, pitch)
     counted = strokes if bool(visible.all()) else strokes[visible]

@@ -149,10 +149,7 @@ def mean_direction(direction: Tensor, near: Tensor) -> Tensor:
 
 
 def coherence_of(direction: Tensor, near: Tensor) -> Tensor:
-    """Compute the length (N,) of the mean doubled direction of each stroke and its neighbours; 1 is parallel.
-
-    Of n strokes in disorder it is about sqrt(pi / 4 n), and not 0.
-    """
+    """Compute the length (N,) of the mean direction around strokes; 1 is parallel, disorder of n sqrt(pi / 4 n)."""
     mean = mean_direction(direction, with_self(near))
     return (mean.square().sum(1) + torch.finfo(mean.dtype).eps ** 2).sqrt()
 

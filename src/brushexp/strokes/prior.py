@@ -118,10 +118,7 @@ def bend_of(strokes: Strokes) -> Tensor:
 
 
 def control_offset(curve: Tensor, shortest: float) -> Tensor:
-    """Measure control points (N, 2) of curves (N, 3, 2) along and across s - e, from its middle, in |s - e|.
-
-    |s - e| counts as at least ``shortest``, so that value and gradient stay finite where start and end coincide.
-    """
+    """Measure control points (N, 2) along and across s - e, from its middle, in |s - e| or at least ``shortest``."""
     start, control, end = curve.unbind(1)
     chord, offset = start - end, control - 0.5 * (start + end)
     across = torch.stack([-chord[:, 1], chord[:, 0]], dim=1)
@@ -130,10 +127,7 @@ def control_offset(curve: Tensor, shortest: float) -> Tensor:
 
 
 def _long_as_wide(curve: Tensor, thickness: Tensor) -> tuple[Tensor, Tensor]:
-    """Lengthen and thin curves (N, 3, 2) that are shorter than 2 ``INSET`` thicknesses (N,), at the same area.
-
-    The area is that of a straight stroke with round ends: length * w + pi / 4 w^2.
-    """
+    """Lengthen and thin curves (N, 3, 2) that are shorter than 2 ``INSET`` thicknesses (N,), at the same area."""
     start, control, end = curve.unbind(1)
     along, length = _along(end - start)
     least = 2 * INSET * (1 + 1e-5)  # a little more than valid, so that rounding does not make it invalid

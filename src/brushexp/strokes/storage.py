@@ -54,10 +54,7 @@ def _put(file: h5py.File, name: str, value: np.ndarray, unit: str) -> None:
 
 
 def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
-    """Read a catalogue, or its JSON (`strokes.saved`), and check all of it (UserError); ``option`` sets the path.
-
-    A plain name is a catalogue that comes with the program: ``starry_night``.
-    """
+    """Read and check a catalogue, by its path or the name of one that is shipped (UserError); ``option`` sets it."""
     if str(path).isidentifier() and not path.exists() and (SHIPPED / f"{path}.h5").is_file():
         path = SHIPPED / f"{path}.h5"
     if path.is_dir():

@@ -11,7 +11,6 @@ from torch import Tensor
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.engine.base import Engine
 from brushexp.plugins.renderer.base import Renderer, window_pictures
-from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, sample_prior, strokes_of
 from brushexp.system.progress import with_progress
 from brushexp.training.datamodule import StrokeBatch
@@ -98,7 +97,9 @@ class ExtremeDrawings(NamedTuple):
 @torch.no_grad()
 def draw_extremes(renderer: Renderer, engine: Engine, seed: int) -> ExtremeDrawings:
     """Draw the strokes `EXTREMES` beside those that the engine paints nearest to them, with the brushes of a seed."""
-    side, strokes = engine.window, extreme_strokes()
+    chosen = [{**ORDINARY, **changes} for changes in EXTREMES.values()]
+    values = {name: torch.tensor([stroke[name] for stroke in chosen]) for name in ORDINARY}
+    side, strokes = engine.window, replace(strokes_of(torch.zeros(len(chosen), 10)), **values)
     within = clamp_to_prior(replace(strokes, color=strokes.color.clamp(0, 1)))
     nearest = engine(parameters_of(within), seed=seed).images
     parameters = parameters_of(strokes).to(device_of_weights(renderer))
@@ -120,13 +121,6 @@ def draw_extremes(renderer: Renderer, engine: Engine, seed: int) -> ExtremeDrawi
         for name, image, truth in zip(EXTREMES, images, nearest, strict=True)
     ]
     return ExtremeDrawings(nearest, pictures, rows)
-
-
-def extreme_strokes() -> Strokes:
-    """Make the strokes `EXTREMES`."""
-    chosen = [{**ORDINARY, **changes} for changes in EXTREMES.values()]
-    values = {name: torch.tensor([stroke[name] for stroke in chosen]) for name in ORDINARY}
-    return replace(strokes_of(torch.zeros(len(chosen), 10)), **values)
 
 
 def for_painting(renderer: Renderer, device: torch.device) -> Renderer:

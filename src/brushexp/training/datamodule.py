@@ -134,11 +134,7 @@ class SimulatedData(StrokeData):
 
 
 class StoredData(StrokeData):
-    """Reads strokes from sets; every training stroke comes once in an epoch, in an order decided by seed and epoch.
-
-    Of the training strokes only the first ``limit`` are used. UserError if a set cannot be read, the sets do not fit
-    together, or a split is empty.
-    """
+    """Reads strokes from sets: the first ``limit`` training strokes once an epoch, in an order of seed and epoch."""
 
     def __init__(self, paths: Sequence[Path], *, batch_size: int = 64, seed: int = 0, limit: int | None = None) -> None:
         super().__init__()

@@ -81,10 +81,7 @@ def first_difference(first: dict[str, object], second: dict[str, object]) -> tup
 
 
 class Shard:
-    """One file of a set: strokes ``first`` and on, made by ``origin`` with ``seed``, and their ``parameters`` (n, 10).
-
-    Pictures are read and checked when they are asked for, all else at once (UserError).
-    """
+    """One file of a set, strokes ``first`` and on; pictures are read and checked when they are asked for."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

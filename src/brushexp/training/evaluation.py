@@ -31,7 +31,6 @@ KID_PICTURES = 5000  # pictures at most that are compared with each other; memor
 DETAIL_REACH = 2  # pixels to each side, whose mean is no detail
 INSIDE = 0.25  # of a stroke: where so much of what is around is covered
 THICK = 0.1  # windows: strokes from this thickness on are called thick
-SIZES = ("thin", "thick")
 ROUNDING = 0.51 / 255  # of pictures that were kept in 8 bits
 SMALLEST_SET = 64  # strokes of which a distance is told, for how it depends on their number
 SHEET_PAIRS, PAIR_COLUMNS = 24, 6  # held-out strokes on a sheet, and in a row of it
@@ -41,10 +40,7 @@ Features = Callable[[Tensor], Tensor]  # pictures (n, 3, H, W) in [0, 1] -> (n, 
 
 
 def premultiply(images: Tensor) -> Tensor:
-    """Multiply colour by alpha: straight RGBA (..., 4, H, W) becomes premultiplied.
-
-    A stroke adds alpha * colour - alpha * below to a picture, so errors in paintings come from those of these channels.
-    """
+    """Multiply colour by alpha, by which errors count in paintings: straight RGBA (..., 4, H, W) to premultiplied."""
     color, alpha = images.split([3, 1], dim=-3)
     return torch.cat([color * alpha, alpha], dim=-3)
 
@@ -114,7 +110,9 @@ def bristle_figures(energies: Tensor) -> dict[str, float]:
     drawn, true = energies.unbind(-1)
     share = (drawn / true).tolist()  # not a number where there is no such stroke, or no light
     return {
-        f"{what}_{size}": share[i][j] for j, what in enumerate(("bristles", "light")) for i, size in enumerate(SIZES)
+        f"{what}_{size}": share[i][j]
+        for j, what in enumerate(("bristles", "light"))
+        for i, size in enumerate(("thin", "thick"))
     }
 
 

@@ -19,7 +19,6 @@ from brushexp.training.network_module import NetworkModule
 
 BETAS = (0.9, 0.99)  # of Adam, for the renderer
 CRITIC_BETAS = (0.5, 0.99)  # for the critic, and for the renderer beside one: their aims move
-WEIGHT_DECAY = 1e-4
 SLOPE = 0.2  # of the critic's leaky ReLU
 SMALLEST, WIDEST = 4, 256  # pixels on the side of what its dense layers see, and its channels at most
 DENSE = (256, 64)
@@ -106,7 +105,7 @@ class RendererModule(NetworkModule):
         settings = self.settings
         trained = [parameter for parameter in self.renderer.parameters() if parameter.requires_grad]
         betas = BETAS if self.critic is None else CRITIC_BETAS
-        optimizer = optim.AdamW(trained, settings.lr, betas, weight_decay=WEIGHT_DECAY)
+        optimizer = optim.AdamW(trained, settings.lr, betas, weight_decay=1e-4)
         if self.critic is not None:
             weights = self.critic.parameters()
             self.critic_optimizer = optim.AdamW(weights, settings.critic_lr, CRITIC_BETAS, weight_decay=0.0)
@@ -207,11 +206,7 @@ def balance(push: Tensor, pull: Tensor, weight: float) -> Tensor:
 
 
 class FreshStart(L.Callback):
-    """Gives a network that draws every stroke alike the random weights of ``fresh()``.
-
-    An activation that has lost its slope everywhere never learns again. The optimiser starts afresh, the schedule goes
-    on.
-    """
+    """Gives a network that draws every stroke alike, and cannot learn without slopes, the weights of ``fresh()``."""
 
     def __init__(self, fresh: Callable[[], nn.Module]) -> None:
         self.fresh, self.restarts, self.lives = fresh, 0, False
