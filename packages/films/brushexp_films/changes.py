@@ -58,17 +58,16 @@ class Changes:
 
 
 class Flicker:
-    """Measures the mean absolute change, 0 to 1, of a painted film where its target changes by less than ``still``."""
+    """Measures the mean absolute change, 0 to 1, of a painted film where its target changes by less than `STILL`."""
 
-    def __init__(self, still: float = STILL) -> None:
-        self.still = still
+    def __init__(self) -> None:
         self._last: tuple[Tensor, Tensor] | None = None
         self._total, self._count = 0.0, 0
 
     def add(self, painting: Tensor, target: Tensor) -> None:
         """Add the next picture of the painted film and of its target, (3, H, W) in [0, 1]."""
         if self._last is not None:
-            still = difference(target, self._last[1]) < self.still
+            still = difference(target, self._last[1]) < STILL
             change = (painting - self._last[0]).abs().mean(0)
             self._total += float(change[still].sum(dtype=torch.float64))
             self._count += int(still.sum())

@@ -40,7 +40,6 @@ from brushexp_films.clips import add_sound, decode_pictures, open_clip
 from brushexp_films.schema import FRAMES
 
 log = logging.getLogger(__name__)
-COMPLETED = "completed"
 SAME = ("size", "renderer", "renderer_hash", "seed")  # fields that the catalogues of all pictures have in common
 MOST_TICKS = 65_535  # of a second, in which players count
 
@@ -192,7 +191,7 @@ def conclude_film(film: PaintedFilm, start: float | None, failure: BaseException
         film.reel.show(cel_of(load_catalogue(frame_in(folder, number)), film.device))
         pictures.append(film.lit())
     ended = INTERRUPTED if isinstance(failure, KeyboardInterrupt) else FAILED
-    status = COMPLETED if failure is None else ended
+    status = "completed" if failure is None else ended
     write_picture(folder / "preview.png", np.concatenate(pictures, axis=1))
     metrics = film.metrics(start, status)
     write_json(folder / "metrics.json", metrics)

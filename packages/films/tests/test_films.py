@@ -128,7 +128,7 @@ def test_flicker_is_the_mean_change_where_the_target_stays():
     generator = torch.Generator().manual_seed(0)
     targets = [as_tensor(picture) for picture in scene(4)]
     paintings = [torch.rand(target.shape, generator=generator) for target in targets]
-    flicker, total, count = Flicker(still=0.02), 0.0, 0
+    flicker, total, count = Flicker(), 0.0, 0
     for painting, target in zip(paintings, targets, strict=True):
         flicker.add(painting, target)
     for k in range(1, 4):

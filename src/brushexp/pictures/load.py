@@ -207,9 +207,8 @@ def _pixels(picture: Any, key: str) -> np.ndarray:
             raise UserError(f"{key} is a tensor that is sparse or without numbers; give {KINDS}")
         if picture.ndim != 3 or len(picture) != 3:
             raise UserError(f"{key} is a tensor of shape {tuple(picture.shape)}; give {KINDS}")
-        picture = picture.detach().movedim(0, 2).cpu().float().numpy() if picture.is_floating_point() else (
-            picture.movedim(0, 2).cpu().numpy()
-        )  # fmt: skip
+        picture = picture.detach().movedim(0, 2).cpu()
+        picture = (picture.float() if picture.is_floating_point() else picture).numpy()
     if not isinstance(picture, np.ndarray):
         raise UserError(f"{key} is a {type(picture).__name__}; give {KINDS}")
     picture = np.asarray(picture)  # no subclass, whose methods may be others

@@ -43,7 +43,7 @@ def strokes_along(
     curve: Tensor, thickness: Tensor | float, color: Tensor, opacity: Tensor | float,
     *, window: Tensor | float | None = None, position: Tensor | None = None,
 ) -> Strokes:  # fmt: skip
-    """Strokes along curves (N, 3, 2) in pixels, of the precision of the curves.
+    """Make strokes along curves (N, 3, 2) in pixels, of the precision of the curves.
 
     Args:
         curve: start, control and end of each stroke.
@@ -52,11 +52,6 @@ def strokes_along(
         opacity: one for all strokes or (N,).
         window: side in pixels, beyond which a stroke cannot move, as `roomy_window`; None for one that fits closely.
         position: (N, 2) centres of the windows, from which curves are then given; None for the middle of each curve.
-
-    >>> curve = torch.tensor([[[2.0, 3.0], [6.0, 3.0], [10.0, 5.0]]])
-    >>> strokes = strokes_along(curve, 4.0, torch.rand(1, 3), 0.95)
-    >>> curve_of(strokes).tolist(), half_width_of(strokes).tolist()
-    ([[[2.0, 3.0], [6.0, 3.0], [10.0, 5.0]]], [2.0])
     """
 
     def each(value: Tensor | float) -> Tensor:

@@ -140,7 +140,7 @@ def with_brushwork(
     unit = torch.stack([half, bend, -half], dim=1)  # along and across, in chords
     chord = pitch * model.length[row] / length_of(torch.view_as_real(unit)).clamp_min(1e-6)
     way = torch.polar(0.5 * chord, 0.5 * _flow_at(strokes.position, strokes).angle() + model.deviation[row])
-    before, after = (_flow_at(strokes.position + torch.view_as_real(there), strokes) for there in (-way, way))
+    before, after = (_flow_at(strokes.position + torch.view_as_real(step), strokes) for step in (-way, way))
     turns = (after * before.conj()).imag > 0  # to one side: the curve has its control point on the other
     unit = unit - 0.5 * bend[:, None]  # the middle of the curve to the place of the stroke
     points = torch.where(turns[:, None], unit.conj(), unit) * (4 * way / strokes.scale)[:, None]

@@ -46,19 +46,7 @@ SCALE_FIRST = sorted(FIELDS, key=lambda name: name != "scale")  # it is the unit
 class Strokes:
     """N strokes as tensors of one dtype on one device; units and ranges in ``FIELDS``. Pixel centres lie at +0.5.
 
-    Beside its numbers a stroke has a ``brush``: renderers with several textures choose by it. It stays with the stroke
-    when others come and go; brushes that are not given are 0 to N - 1.
-
-    >>> import torch
-    >>> level = Strokes(
-    ...     position=torch.tensor([[20.0, 10.0]]), scale=torch.tensor([16.0]), start=torch.tensor([[-0.5, 0.0]]),
-    ...     control=torch.zeros(1, 2), end=torch.tensor([[0.5, 0.0]]), width=torch.tensor([0.25]),
-    ...     color=torch.tensor([[1.0, 0.0, 0.0]]), opacity=torch.ones(1),
-    ... )
-    >>> check_strokes(level)
-    >>> both = Strokes.join(level, level.moved(zoom=2.0))
-    >>> len(both), (both.width * both.scale).tolist()  # thickness in pixels
-    (2, [4.0, 8.0])
+    A stroke keeps its ``brush``, by which renderers with several textures choose, when others come and go.
     """
 
     position: Tensor  # (N, 2)
