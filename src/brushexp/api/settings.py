@@ -19,7 +19,7 @@ from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
 from brushexp.config.words import as_typed, expand_shorthand, parse_value, types_of_keys
 from brushexp.errors import UserError
-from brushexp.pictures.held import HeldPicture, is_picture
+from brushexp.pictures.load import HeldPicture, is_picture
 from brushexp.registry import drop_built
 
 PICTURE = "image="
