@@ -30,7 +30,7 @@ from brushexp.painting.first_strokes import load_strokes
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export._packing import bitmap
-from brushexp.plugins.export._sprites import sprites_of
+from brushexp.plugins.export._sprites import draw_sprites
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.plugins.export.csv import Csv
 from brushexp.plugins.export.job import export_job, renderer_of, with_renderer
@@ -256,7 +256,7 @@ def test_strokes_that_are_longer_than_the_sheet_of_sprites_are_drawn_whole(monke
     monkeypatch.setattr("brushexp.plugins.export._sprites.SHEET_WIDTH", 100)
     strokes = random_strokes(3, (96, 128), width=(0.02, 0.03), bend=0.1).moved(zoom=30)
     what = replace(job_of(strokes, (2880, 3840)), renderer=build_named("renderer", "textured", {}).eval())
-    found = sprites_of(what)
+    found = draw_sprites(what)
     assert (found.boxes[:, 2:] <= 100).all()
     layers = what.renderer(strokes)
     extent = (layers.curve.amax(1) - layers.curve.amin(1)).numpy()[found.number]
@@ -276,7 +276,7 @@ def test_sprites_are_the_strokes_alone_without_colour_where_there_is_no_paint():
     textured = build_named("renderer", "textured", {}).eval()
     strokes = random_strokes(12, SIZE, width=(0.1, 0.4), bend=0.3)
     what = replace(job_of(strokes), renderer=textured, light=Light(depth=1.0))
-    for number, (left, top), sprite in sprites_of(what).bitmaps():
+    for number, (left, top), sprite in draw_sprites(what).bitmaps():
         moved, size = strokes[[number]].moved(shift=(-left, -top)), sprite.shape[:2]
         black, white = (
             Tiled()(textured(moved), torch.tensor([0]), size, torch.full((3,), shade)).image for shade in (0.0, 1.0)

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import torch
-from brushexp_prints.process import Process, fitted, schedule, states
+from brushexp_prints.process import Process, schedule, shrink_to_side, states
 from catalogues import changed, job_of
 from films import decoded, unrolled
 from scenes import Windowed, random_strokes
@@ -122,8 +122,8 @@ def test_quickening_begins_slowly_and_long_canvases_are_drawn_at_the_size_of_the
     assert abs(quickening[10] - 10) < 1
     assert np.diff(quickening)[-2] > 18
     job = painted(20, (60, 1200))
-    assert fitted(job, 4096) is job
-    small = fitted(job, 480)
+    assert shrink_to_side(job, 4096) is job
+    small = shrink_to_side(job, 480)
     assert small.size == (24, 480)
     (gif,) = Process(seconds=0.5, hold=0.0, format="gif").write(job, tmp_path)
     assert np.abs(unrolled(gif)[0][-1].astype(float) - small.picture()).mean() < 3

@@ -1,4 +1,4 @@
-"""Parts of PNG files (ISO/IEC 15948): Pillow packs no bands, and thousands of small bitmaps too slowly."""
+"""Pack parts of PNG files (ISO/IEC 15948); Pillow packs no bands, and thousands of small bitmaps too slowly."""
 
 import struct
 import zlib

@@ -1,4 +1,4 @@
-"""Pictures for print: a size on paper, the weave of the canvas, and rows packed in bands, for several exporters."""
+"""Prepare pictures for print: size on paper, weave of the canvas, and rows packed in bands."""
 
 import re
 import zlib
@@ -18,7 +18,7 @@ from brushexp.shading.light import normals_of, shaded
 from brushexp.system.files import to_bytes
 
 CM = 2.54  # centimetres in an inch
-DPI = 300.0  # pixels per inch of a size on paper, unless ``dpi`` is set
+DPI = 300.0  # pixels per inch of a size on paper, by default
 THREADS_PER_CM = 14  # threads of painters' linen
 THREAD_PIXELS = 4.0  # pixels from thread to thread where the picture has no size on paper
 
@@ -65,14 +65,14 @@ class PrintExporter(Exporter):
         width = job.size[1]
         packer, above = zlib.compressobj(self.compression), np.zeros((1, 3 * width), dtype=np.uint8)
         for top, band in job.bands():
-            rows = to_bytes(self.woven(band, top, job)).reshape(-1, 3 * width)
+            rows = to_bytes(self.add_weave(band, top, job)).reshape(-1, 3 * width)
             filtered = np.full((len(rows), 1 + 3 * width), UP, dtype=np.uint8)
             np.subtract(rows, np.concatenate([above, rows[:-1]]), out=filtered[:, 1:])
             yield packer.compress(filtered.data)
             above = rows[-1:]
         yield packer.flush()
 
-    def woven(self, band: torch.Tensor, top: int, job: ExportJob) -> torch.Tensor:
+    def add_weave(self, band: torch.Tensor, top: int, job: ExportJob) -> torch.Tensor:
         """Light the threads of a canvas below rows (3, h, W) of the picture, from row ``top`` on."""
         if not self.weave:
             return band
@@ -83,9 +83,9 @@ class PrintExporter(Exporter):
 
 
 def weave_height(top: int, rows: int, columns: int, pitch: float) -> np.ndarray:
-    """Height (rows, columns) of a plain weave in pixels; threads lie ``pitch`` pixels apart and cross in turn.
+    """Compute the height (rows, columns) of a plain weave, whose threads are ``pitch`` pixels apart and cross in turn.
 
-    A thread is a round ridge that rises over one and dips under the next; what is seen is the higher of the two.
+    A thread is a round ridge that rises over one and dips under the next; the higher of the two is visible.
     """
     y = (np.arange(top, top + rows, dtype=np.float32)[:, None] + 0.5) / pitch
     x = (np.arange(-1, columns - 1, dtype=np.float32)[None] + 0.5) / pitch
