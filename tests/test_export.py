@@ -29,13 +29,13 @@ from brushexp.errors import UserError
 from brushexp.painting.first_strokes import load_strokes
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.export._packing import bitmap
 from brushexp.plugins.export._sprites import draw_sprites
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.plugins.export.csv import Csv
 from brushexp.plugins.export.job import export_job, renderer_of, with_renderer
 from brushexp.plugins.export.json import Json
 from brushexp.plugins.export.png import Png
+from brushexp.plugins.export.prints import bitmap
 from brushexp.plugins.export.svg import Svg, soft_edge
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build_named, plugins

@@ -4,9 +4,8 @@ import struct
 from dataclasses import dataclass
 from pathlib import Path
 
-from brushexp.plugins.export._packing import RGB, SIGNATURE, chunk, header
 from brushexp.plugins.export.base import ExportJob
-from brushexp.plugins.export.prints import CM, PrintExporter
+from brushexp.plugins.export.prints import CM, RGB, SIGNATURE, PrintExporter, chunk, header
 from brushexp.registry import register
 from brushexp.system.files import replacing
 

@@ -14,9 +14,9 @@ from torch import Tensor
 
 from brushexp.bounds import between
 from brushexp.compositing.profile import Profile, smooth_rise
-from brushexp.plugins.export._packing import bitmap
 from brushexp.plugins.export._sprites import Sprites, draw_sprites, has_sprites
 from brushexp.plugins.export.base import Exporter, ExportJob
+from brushexp.plugins.export.prints import bitmap
 from brushexp.registry import register
 from brushexp.shading.light import UNLIT, overlay
 from brushexp.strokes.bezier import curve_of, half_width_of, point_at
