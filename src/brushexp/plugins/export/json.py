@@ -1,4 +1,4 @@
-"""The catalogue as text."""
+"""Write the catalogue as text."""
 
 from pathlib import Path
 
