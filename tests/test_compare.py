@@ -7,7 +7,7 @@ import pytest
 from sweeps import collect, make_run, write_words
 
 from brushexp.errors import UserError
-from brushexp.results.anytime_curves import ahead, curve_from, mean_curve, quality_at, time_to, write_anytime
+from brushexp.results.anytime_curves import curve_from, leaders, mean_curve, quality_at, time_to, write_anytime
 from brushexp.results.runs import gather
 from brushexp.tasks import compare as task
 
@@ -50,7 +50,7 @@ def test_a_run_that_has_ended_keeps_its_picture_in_the_mean_and_the_lead():
     assert psnr.tolist() == pytest.approx([(15 + 20) / 2, (20 + 20 + 10 / 3) / 2, (20 + 30) / 2])
     fast = (np.array([0.0, 1.0]), np.array([10.0, 20.0]))
     slow = (np.array([0.5, 3.0, 4.0]), np.array([5.0, 20.05, 30.0]))
-    assert ahead({"fast": fast, "slow": slow}) == [(0.0, "fast"), (4.0, "slow")]
+    assert leaders({"fast": fast, "slow": slow}) == [(0.0, "fast"), (4.0, "slow")]
 
 
 def test_equal_time_and_equal_quality_are_told(tmp_path):
