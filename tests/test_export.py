@@ -42,8 +42,8 @@ from brushexp.registry import build_named, plugins
 from brushexp.shading.light import Light
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import FIELDS, Strokes
+from brushexp.strokes.saved import json_lines, parse
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
-from brushexp.strokes.text import json_lines, parse
 from brushexp.system.files import to_bytes
 
 SIZE = (36, 52)

@@ -24,7 +24,7 @@ from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from brushexp.errors import UserError
-from brushexp.pages.serving import HOST, refused
+from brushexp.pages.serving import HOST, port_error
 from brushexp_studio.photos import LARGEST_UPLOAD, Photos
 from brushexp_studio.tab import add_page
 from brushexp_studio.works import Work, Works
@@ -171,7 +171,7 @@ def running(app: FastAPI, port: int) -> Iterator[str]:
     try:
         listening.bind((HOST, port))
     except OSError as error:
-        raise refused(port, error) from error
+        raise port_error(port, error) from error
     config = uvicorn.Config(
         app, log_config=None, log_level="warning", access_log=False, timeout_graceful_shutdown=SHUTDOWN_SECONDS
     )

@@ -9,7 +9,7 @@ from torch import Tensor
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, length_of
-from brushexp.strokes.text import AT_ONCE
+from brushexp.strokes.saved import AT_ONCE
 from brushexp.system.files import write_text
 
 POINTS = tuple(f"{point}_{axis}_px" for point in ("start", "control", "end") for axis in "xy")

@@ -20,7 +20,7 @@ from brushexp.plugins.export.prints import bitmap
 from brushexp.registry import register
 from brushexp.shading.light import UNLIT, overlay
 from brushexp.strokes.bezier import curve_of, half_width_of, point_at
-from brushexp.strokes.text import AT_ONCE
+from brushexp.strokes.saved import AT_ONCE
 from brushexp.system.files import write_text
 
 CRISP = 1.0  # pixels of soft edge of strokes whose renderer makes no profile
