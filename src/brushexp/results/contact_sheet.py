@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from brushexp.errors import UserError
-from brushexp.pictures.decode import opened_picture
+from brushexp.pictures.decode import open_picture
 from brushexp.reporting.plotting import wrap_text
 from brushexp.results.quantities import digits
 from brushexp.results.runs import shorten
@@ -139,7 +139,7 @@ def _picture(cell: SheetCell, side: int) -> Image.Image | None:
     if source is None:
         return None
     try:
-        with nullcontext(source) if isinstance(source, Image.Image) else opened_picture(source) as picture:
+        with nullcontext(source) if isinstance(source, Image.Image) else open_picture(source) as picture:
             zoom = side / max(picture.size)
             size = max(1, round(picture.width * zoom)), max(1, round(picture.height * zoom))
             method = Image.Resampling.NEAREST if zoom > 1 else Image.Resampling.BICUBIC  # small ones show their pixels

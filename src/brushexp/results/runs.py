@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from brushexp.errors import UserError
-from brushexp.pictures.decode import opened_picture
+from brushexp.pictures.decode import open_picture
 from brushexp.results.tables import numbers
 from brushexp.system.reading import digest_of, json_of, read_table, read_text, yaml_of
 from brushexp.system.run_files import AT_WORK, METRICS_FILE, UNFINISHED
@@ -183,7 +183,7 @@ def words_of(folder: Path) -> list[str]:
 def image_name(run: Any) -> str:
     """Write the name and the size of what a run painted, as far as the folder has them."""
     name = Path(str(setting_of(run, "image") or "picture")).name
-    with suppress(UserError), opened_picture(run["folder"] / "target.png") as picture:
+    with suppress(UserError), open_picture(run["folder"] / "target.png") as picture:
         return f"{name}, {picture.width} x {picture.height} pixels"
     return name
 

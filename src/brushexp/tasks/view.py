@@ -12,7 +12,7 @@ from brushexp.pages.run_page import LARGEST_SIDE, PAGE_NAME, page_in, run_page
 from brushexp.pages.serving import serve, show_until_interrupted
 from brushexp.pages.sweep_page import write_sweep_page
 from brushexp.painting.finished import Finished
-from brushexp.pictures.decode import opened_picture
+from brushexp.pictures.decode import open_picture
 from brushexp.plugins.export.job import ExportJob, export_job, with_renderer
 from brushexp.registry import build
 from brushexp.results.runs import gather, read_result
@@ -82,7 +82,7 @@ def finished_in(folder: Path, job: ExportJob) -> Finished:
     for name in PICTURES:
         if (path := folder / f"{name}.png").exists():
             try:
-                with opened_picture(path) as image:
+                with open_picture(path) as image:
                     pictures[name] = np.asarray(image.convert("RGB"))
             except UserError as error:
                 log.warning("%s is left out: %s", path, error)
