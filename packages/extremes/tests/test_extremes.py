@@ -7,9 +7,9 @@ import pytest
 import torch
 from brushexp_extremes import check, task
 from brushexp_extremes.check import BROKEN, DEGRADED, DTYPES, EXACT, REFUSED, Drawn, SceneCheck
-from brushexp_extremes.matrix import cells_in, chosen_axes, frozen_renderer, number_of
 from brushexp_extremes.scenes import KINDS, MANY_STEPS, SMALL, Scene, random_strokes
 from brushexp_extremes.scenes import ONE_PICTURE as SCENES
+from brushexp_extremes.task import cells_in, choose_axes, frozen_renderer, number_of
 from sweeps import read_csv
 
 from brushexp.errors import UserError
@@ -141,7 +141,7 @@ def test_a_crash_is_a_bug_and_a_message_is_none():
 
 @no_eval_warning
 def test_the_task_writes_every_cell_and_ends_with_an_error_if_one_is_broken(run_task, tmp_path, monkeypatch):
-    axes = chosen_axes(dtypes=None)
+    axes = choose_axes(dtypes=None)
     assert axes["renderers"] == [plugin.name for plugin in plugins("renderer")]
     assert cells_in(axes) == len(axes["renderers"]) * len(BLENDS) * len(DTYPES) * (len(SCENES) + len(MANY_STEPS))
     words = ("task=extremes", "renderers=[analytic]", "dtypes=[float32,float16]", "patience=0.01")

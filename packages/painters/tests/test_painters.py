@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 from brushexp_painters.gatys import lattice_dots
-from brushexp_painters.hertzmann import fitted_curves
+from brushexp_painters.hertzmann import fit_curves
 from lightning.pytorch.callbacks import LambdaCallback
 from painters import QUIET, fit, painter_of
 from torch.testing import assert_close
@@ -180,7 +180,7 @@ def test_curves_follow_their_lines_within_the_tolerance():
     turn = np.cumsum(random.normal(0, 0.6, (40, 16)), 1)
     points = np.cumsum(np.stack([np.cos(turn), np.sin(turn)], 2), 1)
     steps = random.integers(0, 16, 40)
-    owner, curves = fitted_curves(points, steps, 0.3)
+    owner, curves = fit_curves(points, steps, 0.3)
     assert (np.diff(owner) >= 0).all()
     for line in range(40):
         own = curves[owner == line]
@@ -190,7 +190,7 @@ def test_curves_follow_their_lines_within_the_tolerance():
         fine = point_at(torch.tensor(own)[:, None], torch.linspace(0, 1, 200)[None].double()).reshape(-1, 2).numpy()
         away = np.linalg.norm(points[line, : steps[line] + 1, None] - fine, axis=2).min(1)
         assert away.max() < 0.3 + 0.02
-    assert len(fitted_curves(points, steps, 100.0)[0]) == 40
+    assert len(fit_curves(points, steps, 100.0)[0]) == 40
 
 
 def test_the_worst_pixel_of_a_cell_is_found_as_by_a_loop():
