@@ -28,8 +28,8 @@ def lay(strokes: Strokes) -> Iterator[PaintState]:
 
 def strokes_from_arrays(curves: Array, thickness: Array, color: Array, opacity: float) -> Strokes:
     """Make strokes along curves (N, 3, 2) of a thickness (N,) in pixels and colours (N, 3)."""
-    parts = (torch.from_numpy(np.ascontiguousarray(part, np.float32)) for part in (curves, thickness, color))
-    return strokes_along(*parts, opacity=torch.full((len(curves),), opacity))
+    line, thick, shade = (torch.from_numpy(np.ascontiguousarray(x, np.float32)) for x in (curves, thickness, color))
+    return strokes_along(line, thick, shade, torch.full((len(curves),), opacity))
 
 
 def vectors(length: Array, angle: Array) -> Array:

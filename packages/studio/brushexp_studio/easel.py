@@ -61,7 +61,7 @@ class Easel:
             self.show()
             return
         if work and work.frames and self.live:
-            self.live.set(src=address_of(work))
+            self.live.set(src=work.address)
         has_caption = work and work.frames and self.visit.view in (PAINTING, COMPARE)  # a replay has its own
         self.caption.set_text(work.frames[work.last][1] if work and has_caption else "")
 
@@ -77,14 +77,13 @@ class Easel:
                 Drop(self.receive, name="Your photograph", text=text, address="/photos")
                 Tag("p", "hint", text="It stays on this machine. Or take one of the samples.")
             return
-        source = f"/photos/{photo.key}/shown.jpg"
         if wishes.focus == "mask":
             before, address = f"/masks/{wishes.mask.stem}.png" if wishes.mask else "", f"/photos/{photo.key}/masks"
-            mask = Mask(self._take_mask, picture=source, ratio=photo.ratio, address=address, before=before)
+            mask = Mask(self._take_mask, picture=photo.address, ratio=photo.ratio, address=address, before=before)
             mask.style(f"--ratio: {photo.ratio}")
         else:
             with Tag("div", "stage").style(f"--ratio: {photo.ratio}"):
-                Tag("img", src=source, alt=f"the photograph {photo.name}")
+                Tag("img", src=photo.address, alt=f"the photograph {photo.name}")
 
     def _take_mask(self, answer: dict[str, Any]) -> None:
         self.visit.wishes.mask = self.visit.photos.masks.get(str(answer.get("mask")))
@@ -93,14 +92,14 @@ class Easel:
         work = self._work
         with Tag("div", "stage").style(f"--ratio: {work.ratio}"):
             if work.frames:
-                self.live = Tag("img", src=address_of(work), alt=f"painting {work.title}")
+                self.live = Tag("img", src=work.address, alt=f"painting {work.title}")
             else:
-                Tag("img", "bare", src=photo_address(work), alt="the photograph, to be painted")
+                Tag("img", "bare", src=work.wishes.subject.address, alt="the photograph, to be painted")
 
     def _compare(self) -> None:
         work, other = self._work, self.visit.against
-        left, name = (address_of(other), other.title) if other else (photo_address(work), "photograph")
-        wipe = Wipe(left=left, leftName=name, right=address_of(work), rightName=work.title)
+        left, name = (other.address, other.title) if other else (work.wishes.subject.address, "photograph")
+        wipe = Wipe(left=left, leftName=name, right=work.address, rightName=work.title)
         wipe.style(f"--ratio: {work.ratio}")
         others = {each.number: each.title for each in self.visit.works.all if each is not work and each.frames}
         if others:
@@ -144,20 +143,10 @@ class Easel:
         pressed = work is self.visit.work
         with Button("", lambda: self.visit.look_at(work), pressed=pressed, classes="thumb"):
             if work.frames:
-                Tag("img", src=address_of(work), alt=f"painting {work.title}")
+                Tag("img", src=work.address, alt=f"painting {work.title}")
             Tag("span", text=work.title)
 
     @property
     def _work(self) -> Work:
         assert self.visit.work is not None
         return self.visit.work
-
-
-def address_of(work: Work) -> str:
-    """Make the address of the latest picture of a painting."""
-    return f"/works/{work.number}/{work.last}.jpg"
-
-
-def photo_address(work: Work) -> str:
-    """Make the address of the photograph of a painting."""
-    return f"/photos/{work.wishes.subject.key}/shown.jpg"

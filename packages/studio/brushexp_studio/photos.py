@@ -36,6 +36,10 @@ class Photo:
     def ratio(self) -> float:
         return self.size[1] / self.size[0]
 
+    @property
+    def address(self) -> str:
+        return f"/photos/{self.key}/shown.jpg"
+
     def jpeg(self, side: int) -> bytes:
         """Encode the picture for the page, with at most ``side`` pixels."""
         with Image.open(self.path) as picture:

@@ -16,11 +16,12 @@ from typing import Any
 from urllib.parse import quote, unquote
 
 import uvicorn
-from fastapi import FastAPI, HTTPException, Request
+from fastapi import FastAPI, Request
 from fastapi.responses import FileResponse, Response
 from starlette.datastructures import Headers
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import ClientDisconnect
+from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from brushexp.errors import UserError
@@ -49,39 +50,29 @@ def application(photos: Photos, works: Works) -> FastAPI:
 
     @app.get("/photos/{key}/{size}.jpg")
     def photo(key: str, size: str) -> Response:
-        with _not_found():
-            picture = photos[key].jpeg(240 if size == "thumb" else 1280)
-            return Response(picture, media_type="image/jpeg", headers=FOREVER)
-
-    @app.get("/looks/{name}.webp")
-    def look(name: str) -> Response:
-        with _not_found():
-            return FileResponse({path.stem: path for path in LOOKS.glob("*.webp")}[name], headers=FOREVER)
+        picture = photos[key].jpeg(240 if size == "thumb" else 1280)
+        return Response(picture, media_type="image/jpeg", headers=FOREVER)
 
     @app.get("/masks/{name}.png")
     def mask(name: str) -> Response:
-        with _not_found():
-            return FileResponse(photos.masks[name], headers=FOREVER)
+        return FileResponse(photos.masks[name], headers=FOREVER)
 
     @app.get("/works/{number}/{frame}.jpg")
     def frame(number: int, frame: int) -> Response:
-        with _not_found():
-            return Response(works[number].frames[frame][0], media_type="image/jpeg", headers=FOREVER)
+        return Response(works[number].frames[frame][0], media_type="image/jpeg", headers=FOREVER)
 
     @app.get("/works/{number}/files/{name:path}")
     def file(number: int, name: str) -> Response:
-        with _not_found():
-            work = works[number]
-            path = {str(path.relative_to(work.folder)): path for path in work.files}[name]
-            disposition = "inline" if path.suffix == ".html" else "attachment"
-            return FileResponse(path, filename=f"{work.name}-{path.name}", content_disposition_type=disposition)
+        work = works[number]
+        path = {str(path.relative_to(work.folder)): path for path in work.files}[name]
+        disposition = "inline" if path.suffix == ".html" else "attachment"
+        return FileResponse(path, filename=f"{work.name}-{path.name}", content_disposition_type=disposition)
 
     @app.get("/works/{number}.zip")
     def everything(number: int) -> Response:
-        with _not_found():
-            work = works[number]
-            headers = {"Content-Disposition": f"attachment; filename*=utf-8''{quote(work.name)}.zip"}
-            return Response(zip_of(work), media_type="application/zip", headers=headers)
+        work = works[number]
+        headers = {"Content-Disposition": f"attachment; filename*=utf-8''{quote(work.name)}.zip"}
+        return Response(zip_of(work), media_type="application/zip", headers=headers)
 
     @app.post("/photos")
     async def upload(request: Request) -> dict[str, Any]:
@@ -92,6 +83,9 @@ def application(photos: Photos, works: Works) -> FastAPI:
     async def paint_mask(request: Request, key: str) -> dict[str, Any]:
         return await _receive(request, lambda path: {"mask": photos.add_mask(path, photos[key])})
 
+    app.mount("/looks", StaticFiles(directory=LOOKS))
+    for error in (KeyError, UserError, FileNotFoundError):
+        app.add_exception_handler(error, lambda *_: Response("there is nothing of this name here", 404))
     app.add_middleware(OwnPages)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=NAMES, www_redirect=False)
     return app
@@ -121,15 +115,6 @@ class OwnPages:
             await send(message)
 
         await self.app(scope, receive, guarded)
-
-
-@contextmanager
-def _not_found() -> Iterator[None]:
-    """Answer 404 for a name that does not exist."""
-    try:
-        yield
-    except (KeyError, UserError, FileNotFoundError) as error:
-        raise HTTPException(404, "there is nothing of this name here") from error
 
 
 async def _receive(request: Request, use: Any) -> dict[str, Any]:

@@ -54,6 +54,11 @@ class Work:
         return max(self.frames, default=-1)
 
     @property
+    def address(self) -> str:
+        """The address of the latest picture."""
+        return f"/works/{self.number}/{self.last}.jpg"
+
+    @property
     def files(self) -> list[Path]:
         """The files that can be downloaded."""
         return sorted(path for path in self.folder.rglob("*") if path.is_file()) if self.status == DONE else []
