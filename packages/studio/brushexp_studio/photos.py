@@ -57,7 +57,7 @@ class Photos:
         self._reading = RLock()  # one at a time: they may be large, and remarks are read from stderr
 
     def __getitem__(self, key: str) -> Photo:
-        """Return a picture by its key, which is the name of a sample; a UserError if there is none."""
+        """Return a picture by its key, a sample by its name; a UserError if there is none."""
         with self._reading:
             if key in SAMPLES and key not in self._photos:
                 self._photos[key] = self._store(samples()[key], key, key)
