@@ -16,7 +16,7 @@ from torch.testing import assert_close
 from brushexp import features
 from brushexp.errors import UserError
 from brushexp.features import open_backbone
-from brushexp.features.base import Backbone, mean_squares, packaged, read_tensors
+from brushexp.features.base import Backbone, mean_squares, packaged_file, read_tensors
 from brushexp.features.classic import ClassicNetwork
 from brushexp.features.distance import WEIGHTS, perceptual_distance
 from brushexp.features.efficientnet_lite import FILE, PACKAGE, EfficientNetLite0
@@ -40,7 +40,7 @@ def every_network() -> list[Backbone]:
 
 @cache
 def published() -> dict[str, Tensor]:
-    return read_tensors(packaged(PACKAGE, FILE))
+    return read_tensors(packaged_file(PACKAGE, FILE))
 
 
 def step(x: Tensor, convolution: str, norm: str, stride: int = 1) -> Tensor:

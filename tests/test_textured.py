@@ -15,7 +15,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import window_pictures
-from brushexp.plugins.renderer.textured import STRETCH, Textured, finer_textures, looped, unrolled
+from brushexp.plugins.renderer.textured import STRETCH, Textured, close_loop, double_textures, unroll_stroke
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import parameters_of, sample_prior
@@ -118,7 +118,7 @@ def test_renderers_of_the_same_weights_share_their_textures_and_these_are_as_mad
     assert copied(stroke).sheets is shared
     assert copied.double()(stroke).sheets.texels.dtype == torch.float64
     parts = first.textures[:, 0].sigmoid(), first.textures[:, 1].tanh(), first.textures[:, 2].sigmoid()
-    finer = finer_textures(torch.stack(parts, dim=1), first.loop)
+    finer = double_textures(torch.stack(parts, dim=1), first.loop)
     afresh = sheets_of(finer, first.levels, Loop(192, 192), rounded=True)
     for name, value in vars(afresh).items():
         torch.testing.assert_close(getattr(shared, name), value, rtol=0, atol=0)
@@ -183,7 +183,7 @@ def test_a_texture_in_twice_its_size_is_the_same_with_finer_detail_where_it_has_
     rows = torch.sin(torch.arange(32.0) * 2.2)[:, None]
     textures = (0.5 + 0.3 * rows * torch.ones(3, 32, 64))[None].clone()
     textures[:, :, :, 48:] = 0.5  # smooth
-    large = finer_textures(textures, Loop(16, 16))
+    large = double_textures(textures, Loop(16, 16))
     assert large.shape == (1, 3, 64, 128)
     smooth = functional.interpolate(textures, scale_factor=2, mode="bilinear")
     large, smooth, textures = large[:, :2], smooth[:, :2], textures[:, :2]
@@ -216,7 +216,7 @@ def test_distilled_strokes_look_like_those_of_the_engine():
 def test_a_texture_is_read_where_the_stroke_is():
     parameters = torch.zeros(1, 10)
     parameters[0, 0], parameters[0, 4], parameters[0, 6] = -STRETCH, STRETCH, 1.0
-    opacity = unrolled(window_pictures(Analytic(soft=0.1), parameters, 256)[0, 3:], 0.2, 24, 66)[0]
+    opacity = unroll_stroke(window_pictures(Analytic(soft=0.1), parameters, 256)[0, 3:], 0.2, 24, 66)[0]
     assert opacity[6:18, 8:58].min() > 0.98, "8 of 24 rows to either side are within the half width"
     assert opacity[:3].max() < 0.01
     torch.testing.assert_close(opacity, opacity.flip(0), atol=0.05, rtol=0)
@@ -225,7 +225,7 @@ def test_a_texture_is_read_where_the_stroke_is():
 def test_a_loop_follows_itself_and_the_end_follows_it():
     texels = torch.cumsum(torch.rand(2, 6, 64), dim=2)
     loop = Loop(24, 24)
-    result = looped(texels, loop)
+    result = close_loop(texels, loop)
     torch.testing.assert_close(result[..., :36], texels[..., :36])
     torch.testing.assert_close(result[..., 47], texels[..., 23])
     torch.testing.assert_close(result[..., 48], texels[..., 24])

@@ -1,4 +1,4 @@
-"""The painting as a page for print (ISO 32000-1), with nothing on it but the picture."""
+"""Write the painting as a page for print (ISO 32000-1), with nothing on it but the picture."""
 
 from dataclasses import dataclass
 from pathlib import Path

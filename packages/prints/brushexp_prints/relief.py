@@ -1,4 +1,4 @@
-"""The painting as an object under a light, and its shape for printers and 3D programs."""
+"""Write the painting as an object under a light, and its shape for printers and 3D programs."""
 
 import logging
 from dataclasses import replace
@@ -49,8 +49,7 @@ class Relief(Exporter):
         write_picture(paths[0], relief)
         write_picture(paths[2], normals)
         white = light.depth * float(height.max())
-        share = 100 * white / max(job.size)
-        highest = f"{white:.6g} pixels above the bare canvas, {share:.4g} % of the longer side"
+        highest = f"{white:.6g} pixels above the bare canvas, {100 * white / max(job.size):.4g} % of the longer side"
         log.info("%s: white is %s", paths[1], highest)
         texts = PngInfo()
         texts.add_text("Description", f"height of the paint: 0 is the bare canvas, {WHITE} is {highest}")
@@ -61,7 +60,7 @@ class Relief(Exporter):
 
 
 def levels_of(height: np.ndarray) -> np.ndarray:
-    """Round heights (H, W), >= 0, to 16 bits, the highest one white; they are scaled in place, to save memory."""
+    """Round heights (H, W), >= 0, to 16 bits, the highest one white; scale them in place, to save memory."""
     highest = float(height.max())
     height *= WHITE / highest if highest > 1e-6 else 0.0  # what is lower is rounding
     return np.rint(height, out=height).clip(0, WHITE).astype(np.uint16)

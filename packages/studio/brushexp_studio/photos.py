@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 from brushexp.errors import UserError
-from brushexp.pages.html import encoded
+from brushexp.pages.html import encode
 from brushexp.pictures.decode import read_picture
 from brushexp.pictures.load import check_ratio, samples
 from brushexp.system.files import write_picture
@@ -43,7 +43,7 @@ class Photo:
     def jpeg(self, side: int) -> bytes:
         """Encode the picture for the page, with at most ``side`` pixels."""
         with Image.open(self.path) as picture:
-            return encoded(picture.convert("RGB"), side, **JPEG)
+            return encode(picture.convert("RGB"), side, **JPEG)
 
 
 class Photos:

@@ -25,7 +25,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from brushexp.errors import UserError
-from brushexp.pages.serving import HOST, refused
+from brushexp.pages.serving import HOST, port_error
 from brushexp_studio.photos import LARGEST_UPLOAD, Photos
 from brushexp_studio.tab import add_page
 from brushexp_studio.works import Work, Works
@@ -154,7 +154,7 @@ def running(app: FastAPI, port: int) -> Iterator[str]:
     try:
         listening.bind((HOST, port))
     except OSError as error:
-        raise refused(port, error) from error
+        raise port_error(port, error) from error
     config = uvicorn.Config(app, log_config=None, log_level="warning", access_log=False, timeout_graceful_shutdown=1)
     server = uvicorn.Server(config)
     thread = Thread(target=server.run, kwargs={"sockets": [listening]}, name="server", daemon=True)

@@ -12,7 +12,7 @@ from PIL import Image
 
 import brushexp
 from brushexp.errors import UserError
-from brushexp.pages.html import encoded
+from brushexp.pages.html import encode
 from brushexp_studio.photos import JPEG, in_plain_letters
 from brushexp_studio.wishes import Wishes
 
@@ -65,7 +65,7 @@ class Work:
 
     def add_frame(self, image: Any, caption: str) -> None:
         """Add a picture (H, W, 3) of bytes."""
-        self.frames[self.last + 1] = encoded(Image.fromarray(image), FRAME_SIDE, **JPEG), caption
+        self.frames[self.last + 1] = encode(Image.fromarray(image), FRAME_SIDE, **JPEG), caption
         if len(self.frames) > MOST_FRAMES:
             for other in list(self.frames)[1:-1:2]:
                 del self.frames[other]

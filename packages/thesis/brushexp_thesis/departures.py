@@ -11,7 +11,7 @@ from omegaconf import DictConfig
 from brushexp.errors import UserError
 from brushexp.pages.replay import recorded_config
 from brushexp.pages.run_page import settings_as_typed
-from brushexp.reporting.tables import escaped, markdown_table
+from brushexp.reporting.tables import escape_markdown, markdown_table
 from brushexp.results.runs import gather
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import write_text
@@ -32,7 +32,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     for name, path in catalogues.items():
         settings = settings_as_typed(recorded_config(load_catalogue(path)), [])
         rows = list(departures({key: value for key, value, _ in settings}))
-        lines += [f"## {escaped(str(name))}", "", f"{len(rows)} settings differ.", "", markdown_table(rows), ""]
+        lines += [f"## {escape_markdown(str(name))}", "", f"{len(rows)} settings differ.", "", markdown_table(rows), ""]
         counts.append(len(rows))
     write_text(folder / "departures.md", "\n".join(lines))
     log.info("%s: %s settings differ", folder / "departures.md", ", ".join(map(str, counts)))

@@ -69,7 +69,7 @@ class Row:
 
     def psnr_at(self, seconds: float) -> list[float]:
         """PSNR in dB of each picture after so many seconds, the last one of what has ended; empty before all begin."""
-        psnr = [quality_at(curve, seconds, kept=True) for curve in self.curves]
+        psnr = [quality_at(curve, seconds, after_end=True) for curve in self.curves]
         return [] if None in psnr else psnr  # type: ignore[return-value]
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from brushexp.reporting.tables import MISSING, csv_table, escaped, latex_table, markdown_table
+from brushexp.reporting.tables import MISSING, csv_table, escape_markdown, latex_table, markdown_table
 from brushexp.results.paired import CONFIDENCE, interval
-from brushexp.results.runs import told_apart
+from brushexp.results.runs import make_unique
 from brushexp.system.files import write_text
 from brushexp_thesis.published import PublishedFigures
 from brushexp_thesis.standings import COLUMNS, Section, count_of
@@ -75,7 +75,7 @@ def at_equal_seconds(section: Section) -> list[dict[str, str]]:
 
 def by_picture(section: Section) -> list[dict[str, str]]:
     """List the PSNR of each picture, means over seeds; empty for one picture, and for more than 24."""
-    names = told_apart([*section.rows[0].words, *section.stems])[3:]
+    names = make_unique([*section.rows[0].words, *section.stems])[3:]
     if not 1 < len(names) <= 24:
         return []
     return [
@@ -100,17 +100,10 @@ def _numbers_of(section: Section) -> Iterator[dict[str, Any]]:
 def _markdown(
     sections: Sequence[Section], elsewhere: Sequence[PublishedFigures], command: str, note: str
 ) -> Iterator[str]:
-    yield from (
-        "# Leaderboard",
-        "",
-        f"Made by `{command}`.",
-        "",
-        *([escaped(note), ""] if note else []),
-        EXPLANATION,
-        "",
-    )
+    yield from ("# Leaderboard", "", f"Made by `{command}`.", "")
+    yield from (*([escape_markdown(note), ""] if note else []), EXPLANATION, "")
     for section in sections:
-        yield from (f"## {escaped(section.title)}", "", _table(table_cells(section)), "")
+        yield from (f"## {escape_markdown(section.title)}", "", _table(table_cells(section)), "")
         for words, cells in (
             (EQUAL_SECONDS, at_equal_seconds(section)),
             ("PSNR in dB by picture.", by_picture(section)),
@@ -135,6 +128,6 @@ def _table(cells: Sequence[Mapping[str, str]]) -> str:
     rows = []
     for row in without_empty(cells):
         italic = "*" * (row.get("pictures", "these") != "these")
-        rows.append({key: f"{italic}{escaped(text)}{italic}" if text else "" for key, text in row.items()})
+        rows.append({key: f"{italic}{escape_markdown(text)}{italic}" if text else "" for key, text in row.items()})
     sides = "".join("l" if key in ("painter", "settings", "pictures") else "r" for key in rows[0])
     return markdown_table(rows, align=sides, escape=False)

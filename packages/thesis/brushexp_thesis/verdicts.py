@@ -136,7 +136,7 @@ def study_rows(study: Study, differences: Sequence[Difference]) -> list[dict[str
         row = {"setting": str(option), first.name: f"{mean:.{first.digits}f}"}
         for key in metrics:
             one = by_cell.get((option, key))
-            change = "reference" if one is None else f"{one.shown(one.mean)} {one.bounds}"
+            change = "reference" if one is None else f"{one.format_gain(one.mean)} {one.bounds}"
             row[f"{quantities()[key].name}, change"] = change
         gains = [] if (one := by_cell.get((option, metrics[0]))) is None else list(one.gains.values())
         rows.append(row | {"better on": f"{sum(gain > 0 for gain in gains)} of {len(gains)}" if gains else ""})

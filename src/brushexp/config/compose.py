@@ -1,22 +1,16 @@
-"""Find the folders of configs, those that ship and the user's own, and let Hydra compose a config of them."""
+"""Find the folders of configs, and compose a config with Hydra."""
 
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from textwrap import shorten
-from threading import Lock
-from typing import Any
 
 import yaml
 from hydra import compose, initialize_config_module
-from hydra._internal.utils import get_args_parser
-from hydra.core.global_hydra import GlobalHydra
-from hydra.core.singleton import Singleton
-from hydra.version import VersionBase
 from omegaconf import DictConfig
 
+from brushexp.compat.hydra import isolated, parse_arguments
 from brushexp.config.keys import groups_of
 from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
@@ -24,20 +18,19 @@ from brushexp.errors import UserError
 SHIPPED = Path(__file__).parents[1] / "conf"
 OF_THE_TASK = ("look", "experiment", "quality")  # groups whose files set keys of the whole task
 GLOBAL = "# @package _global_\n"  # first line of such a file
-_lock = Lock()  # Hydra is one for the whole process
 
 
 def chosen_groups() -> set[str]:
-    """The groups of configs of which a run chooses members, as ``group=name``."""
+    """List the groups of configs of which a run chooses members, as ``group=name``."""
     return {name for schema in TASKS.values() for name in groups_of(schema)} | {"task", "experiment"}
 
 
 def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
-    """The configs that ship, and then the user's: in the folder of ``--config-dir``, or else in ``root/conf``.
+    """List the folder of configs that ship and that of the user, ``--config-dir`` or else ``root/conf``.
 
     A UserError if a file of the user has the name of one that ships, or is no YAML.
     """
-    typed = get_args_parser().parse_known_args(words)[0].config_dir
+    typed = parse_arguments(words)[0].config_dir
     own, groups = root / "conf" if typed is None else Path(typed), chosen_groups() | {"pictures"}
     if typed is None and not any((own / group).is_dir() for group in groups):
         return [SHIPPED]
@@ -50,7 +43,7 @@ def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
 
 
 def _check_file(path: Path) -> None:
-    """Refuse a config that holds something else: Hydra would show a traceback, or take a word for a key of its own."""
+    """Refuse a file that is no config: Hydra would show a traceback, or take a word for a key of its own."""
     if not path.is_file():
         raise UserError(f"{path} is a folder, a device or a pipe, not a file; take it away")
     kind, example = (list, "- photo.jpg") if path.parent.name == "pictures" else (dict, "steps: 100")
@@ -66,33 +59,30 @@ def _check_file(path: Path) -> None:
 
 
 def folders_in(cfg: DictConfig) -> list[Path]:
-    """The folders that Hydra has composed a config of, those that ship first."""
+    """List the folders of which Hydra has composed a config, those that ship first."""
     sources = [source for source in cfg.hydra.runtime.config_sources if source.schema == "file"]
     return list(dict.fromkeys([SHIPPED, *(Path(source.path).resolve() for source in sources)]))
 
 
 def files_of(folder: Path, group: str) -> dict[str, Path]:
-    """The files of a group in a folder of configs, by name."""
+    """Map names to files of a group in a folder of configs."""
     return {path.stem: path for path in sorted((folder / group).glob("*.yaml"))}
 
 
 def presets_of(folder: Path) -> dict[str, str]:
-    """Name -> first comment line, after the one that Hydra reads, of each preset in a folder of configs."""
+    """Map the presets in a folder to their first comment lines, after the one that Hydra reads."""
     texts = {path.stem: path.read_text(encoding="utf-8") for path in folder.glob("*.yaml")}
     return {name: text.removeprefix(GLOBAL).partition("\n")[0].lstrip("# ") for name, text in texts.items()}
 
 
 def search_path(folders: Sequence[Path]) -> list[str]:
-    """The word that lets Hydra find the user's configs, behind what is published: looks are, in parts.
-
-    What ``--config-dir`` names would come first.
-    """
-    places = [quoted(f"file://{folder.resolve()}") for folder in folders[1:]]
+    """Write the word by which Hydra finds the user's configs after looks; ``--config-dir`` would put them first."""
+    places = [quote(f"file://{folder.resolve()}") for folder in folders[1:]]
     return [f"hydra.searchpath=[{','.join(places)}]"] if places else []
 
 
 def without_folder(words: Sequence[str]) -> list[str]:
-    """The words of a command line but for ``--config-dir``."""
+    """Drop ``--config-dir`` from the words of a command line."""
     flags = ("--config-dir", "-cd")
     return [
         word
@@ -101,31 +91,16 @@ def without_folder(words: Sequence[str]) -> list[str]:
     ]
 
 
-def quoted(text: str) -> str:
-    """A text in quotes, as Hydra and OmegaConf read it whatever its letters."""
+def quote(text: str) -> str:
+    """Put a text in quotes so that Hydra and OmegaConf read any letters in it as they are."""
     escaped = re.sub(r'(\\*)("|$)', lambda end: 2 * end[1] + end[2].replace('"', '\\"'), text)
     return '"' + escaped.replace("${", "\\${") + '"'
 
 
 def composed(words: Sequence[str], folders: Sequence[Path] = (SHIPPED,)) -> DictConfig:
-    """The config that Hydra composes for words of a command line, of configs in folders, those that ship first.
+    """Compose the config for words of a command line, of configs in folders, those that ship first.
 
     Any thread may call it, and another user of Hydra in this process is not disturbed.
     """
-    with _apart(), initialize_config_module("brushexp.conf", version_base="1.3"):
+    with isolated(), initialize_config_module("brushexp.conf", version_base="1.3"):
         return compose("config", overrides=[*words, *search_path(folders)])
-
-
-@contextmanager
-def _apart() -> Iterator[None]:
-    """Hydra as if it were not in use; another program's is afterwards as it was."""
-    singletons: dict[Any, Any] = Singleton._instances
-    kinds = (GlobalHydra, VersionBase)
-    with _lock:
-        before = {kind: singletons.pop(kind) for kind in kinds if kind in singletons}
-        try:
-            yield
-        finally:
-            for kind in kinds:
-                singletons.pop(kind, None)
-            singletons.update(before)

@@ -11,6 +11,7 @@ import lightning as L
 import torch
 from torch import Tensor, nn
 
+from brushexp.compat.lightning import publish_values
 from brushexp.painting.components import Components
 from brushexp.painting.curves import Anytime, Lazy
 from brushexp.painting.picture import Depth, Picture
@@ -18,7 +19,6 @@ from brushexp.painting.schedule import Schedule
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.catalogue import Strokes
-from brushexp.system.callbacks import publish_values
 
 STEPS_PER_EPOCH = 100
 LOG_SECONDS = 0.25  # at least between two points of the curves: writing one costs as much as half a step

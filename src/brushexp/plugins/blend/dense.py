@@ -1,4 +1,4 @@
-"""The reference: every stroke at every pixel."""
+"""Blend every stroke at every pixel, for reference."""
 
 import torch
 from torch import Tensor
@@ -19,8 +19,8 @@ class Dense(Blend):
 
     def check(self, count: int, size: Size) -> None:
         if count * size[0] * size[1] > LIMIT:
-            wrong = f"blend=dense would hold {count} strokes at {size[0] * size[1]} pixels each"
-            raise UserError(f"{wrong}; use blend=tiled, or fewer strokes or a smaller resolution")
+            reason = f"blend=dense would hold {count} strokes at {size[0] * size[1]} pixels each"
+            raise UserError(f"{reason}; use blend=tiled, or fewer strokes or a smaller resolution")
 
     def __call__(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None
@@ -44,7 +44,7 @@ class Dense(Blend):
 def over(alpha: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
     """Lay K strokes over each other, the uppermost first ("over", Porter and Duff, 1984).
 
-    From alpha (T, K, P) and color (T, K, P or 1, C) to the painted (T, P, C), and the light that is left for the
+    From alpha (T, K, P) and color (T, K, P or 1, C) follow the picture (T, P, C), and the light that reaches the
     background (T, P).
     """
     light = torch.cumprod(1 - alpha, dim=1)

@@ -1,4 +1,4 @@
-"""Pigments: what is left of the light in each of seven bands of colour is multiplied, not added."""
+"""Mix paint as pigments, whose reflectances in seven bands of colour are multiplied, not added."""
 # mypy: allow-untyped-defs
 
 import math
@@ -32,7 +32,7 @@ DEPTH = math.log((1 + DEEPEST) / DEEPEST)
 
 
 def reflected(channels: Tensor) -> Tensor:
-    """Shares of light, from channels."""
+    """Compute shares of reflected light from channels."""
     return (1 + DEEPEST) * (DEPTH * (channels - 1)).exp() - DEEPEST
 
 
@@ -81,7 +81,7 @@ class Pigment(ColorSpace):
 
 
 def paints(light: Tensor) -> Tensor:
-    """Amounts (..., 7) of white and the pure paints, at most three of them not 0, in linear RGB (..., 3)."""
+    """Split linear RGB (..., 3) into amounts (..., 7) of white and pure paints, at most three of them not 0."""
     white = light.amin(-1)
     red, green, blue = (light - white[..., None]).unbind(-1)
     cyan, magenta, yellow = torch.minimum(green, blue), torch.minimum(red, blue), torch.minimum(red, green)

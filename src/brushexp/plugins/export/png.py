@@ -1,16 +1,13 @@
-"""The painting as a picture of any size."""
+"""Write the painting as a picture of any size."""
 
 import struct
 from dataclasses import dataclass
 from pathlib import Path
 
-from brushexp.plugins.export._packing import RGB, SIGNATURE, chunk, header
 from brushexp.plugins.export.base import ExportJob
-from brushexp.plugins.export.prints import CM, PrintExporter
+from brushexp.plugins.export.prints import CM, RGB, SIGNATURE, PrintExporter, chunk, header
 from brushexp.registry import register
 from brushexp.system.files import replacing
-
-PER_METRE = 1  # PNG's number for this unit of density
 
 
 @register("to", "png")
@@ -30,7 +27,7 @@ class Png(PrintExporter):
             file.write(SIGNATURE + header(width, height, RGB))
             if self.density:
                 metre = round(100 * self.density / CM)
-                file.write(chunk(b"pHYs", struct.pack(">IIB", metre, metre, PER_METRE)))
+                file.write(chunk(b"pHYs", struct.pack(">IIB", metre, metre, 1)))  # 1: per metre
             file.writelines(chunk(b"IDAT", piece) for piece in self.packed(job) if piece)
             file.write(chunk(b"IEND", b""))
         return [path]
