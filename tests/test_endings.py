@@ -112,11 +112,11 @@ class Breaking(Loss):
 
     def __init__(self, how: str) -> None:
         super().__init__()
-        self.how, self.taken, self.whole = how, int, MeanSquaredError()
+        self.how, self.steps_done, self.whole = how, int, MeanSquaredError()
 
     def forward(self, painting):
         value = self.whole(painting)
-        if self.taken() < 2:  # steps
+        if self.steps_done() < 2:  # steps
             return value
         if self.how == "gradient":
             return value + 0 * (painting.image - painting.image.detach()).abs().sum().sqrt()  # 0 times infinity
@@ -130,7 +130,7 @@ def test_strokes_stay_as_they_were_before_a_step_that_gives_no_numbers(how, samp
     fit(before, max_steps=2)
     breaking = Breaking(how)
     broken = painter_of(losses={"broken": breaking}, steps=9, sampler=sampler())
-    breaking.taken = lambda: broken.schedule.step
+    breaking.steps_done = lambda: broken.schedule.step
     trainer = fit(broken)
     assert (broken.stop, trainer.global_step) == (DIVERGED, 3)
     trouble = "the gradient of loss=broken is not finite" if how == "gradient" else f"loss=broken is {how}"
@@ -418,10 +418,10 @@ def test_a_painting_without_its_film_and_page_has_not_finished(tmp_path):
 def test_one_run_at_a_time_is_in_a_folder(tmp_path):
     (tmp_path / "a" / ".hydra").mkdir(parents=True)
     with FileLock(tmp_path / "a" / ".hydra" / "lock"):
-        code, said = ended(tmp_path, *TINY, "output=a")
+        code, output = ended(tmp_path, *TINY, "output=a")
     assert code == 1
-    assert said == "brushexp: another run is at work in output=a; wait for its end, or choose another one\n"
+    assert output == "brushexp: another run is at work in output=a; wait for its end, or choose another one\n"
     assert [path.name for path in (tmp_path / "a").iterdir()] == [".hydra"], "nothing is written"
-    code, said = ended(tmp_path, *TINY, "output=/proc/x")
+    code, output = ended(tmp_path, *TINY, "output=/proc/x")
     assert code == 1
-    assert said.startswith("brushexp: cannot write into output=/proc/x")
+    assert output.startswith("brushexp: cannot write into output=/proc/x")

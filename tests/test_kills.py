@@ -39,9 +39,9 @@ def test_a_simulation_that_is_killed_goes_on_to_the_same_bits(tmp_path):
     assert ended(tmp_path, *SET, "output=set", **SHARDS)[0] == 0
     for kill, _, _ in some(SET_KILLS):
         assert ended(tmp_path, *SET, "output=sim", kill=kill, **SHARDS)[0] == -signal.SIGKILL, kill
-    code, said = ended(tmp_path, *SET, "output=sim", **SHARDS)
-    assert code == 0, said
-    assert "640 of 640 strokes are there already" in said
+    code, output = ended(tmp_path, *SET, "output=sim", **SHARDS)
+    assert code == 0, output
+    assert "640 of 640 strokes are there already" in output
     made, whole = (
         {path.name: path.read_bytes() for path in (tmp_path / name / "strokes").glob("*.h5")} for name in ("sim", "set")
     )
@@ -51,13 +51,13 @@ def test_a_simulation_that_is_killed_goes_on_to_the_same_bits(tmp_path):
 
 def test_a_sweep_that_is_killed_keeps_the_jobs_that_are_done_and_goes_on_to_the_same_bits(tmp_path):
     words = ["-m", "look=plain", *PAINT, "steps=5,6,7", "report=false", "finish_steps=${steps}"]
-    sweep, kept = tmp_path / "s", {}
+    sweep, finished = tmp_path / "s", {}
     assert ended(tmp_path, *words, "output=whole")[0] == 0
     words.append("output=s")
     for number, (kill, sent, expected) in enumerate(some(SWEEP_KILLS)):
         job = int(kill[0][0])
-        code, said = ended(tmp_path, *words, *["resume=sweep"] * bool(number), kill=kill, sent=sent)
-        assert code == expected, (kill, said)
+        code, output = ended(tmp_path, *words, *["resume=sweep"] * bool(number), kill=kill, sent=sent)
+        assert code == expected, (kill, output)
         statuses = [json.loads(path.read_text())["status"] for path in sorted(sweep.glob("*/metrics.json"))]
         assert statuses[:job] == job * ["completed"], kill
         assert set(statuses[job:]) <= {"interrupted", "at work"}, kill
@@ -67,7 +67,7 @@ def test_a_sweep_that_is_killed_keeps_the_jobs_that_are_done_and_goes_on_to_the_
             assert not list(sweep.rglob(TEMPORARY)), kill
         for done in range(job):
             times = {str(path): path.stat().st_mtime_ns for path in (sweep / str(done)).rglob("*") if path.is_file()}
-            assert kept.setdefault(done, times) == times, kill
+            assert finished.setdefault(done, times) == times, kill
     for more, message in (
         ([], "output=s holds a run already"),
         (
@@ -76,12 +76,12 @@ def test_a_sweep_that_is_killed_keeps_the_jobs_that_are_done_and_goes_on_to_the_
         ),
         (["resume=sweep", "output=t"], "output=t holds no sweep"),
     ):
-        refused, said = ended(tmp_path, *words, *more)
+        refused, output = ended(tmp_path, *words, *more)
         assert refused == 1
-        assert re.search(message, said), said
-        assert said.count("\n") == 1, said
-    code, said = ended(tmp_path, *words, "resume=sweep")
-    assert code == 0, said
+        assert re.search(message, output), output
+        assert output.count("\n") == 1, output
+    code, output = ended(tmp_path, *words, "resume=sweep")
+    assert code == 0, output
     assert not [*sweep.rglob(TEMPORARY), *sweep.rglob("checkpoint.ckpt")]
     assert [row["status"] for row in read_csv(sweep / "table.csv")] == 3 * ["completed"]
     assert "resume" not in (sweep / "table.csv").read_text()
@@ -95,12 +95,12 @@ def test_an_export_leaves_no_half_file_wherever_it_is_killed(tmp_path):
     assert ended(tmp_path, *PAINT, "steps=2", "report=false", "output=a")[0] == 0
     words = ["task=export", "catalogue=a/catalogue.h5", "to=png,svg,json,csv,process,relief", "to.process.format=gif"]
     words += ["to.process.seconds=1", "threads=1"]
-    code, said = ended(tmp_path, *words, "output=straight")
-    assert code == 0, said
+    code, output = ended(tmp_path, *words, "output=straight")
+    assert code == 0, output
     whole = {name: (tmp_path / "straight" / name).read_bytes() for name in EXPORTED}
     for kill, sent, expected in [*some(EXPORT_KILLS), (None, 0, 0)]:
-        code, said = ended(tmp_path, *words, "output=b", "overwrite=true", kill=kill, sent=sent)
-        assert code == expected, (kill, said)
+        code, output = ended(tmp_path, *words, "output=b", "overwrite=true", kill=kill, sent=sent)
+        assert code == expected, (kill, output)
         assert len(list((tmp_path / "b").glob(TEMPORARY))) <= (sent == signal.SIGKILL), kill
         files = {path.name: path.read_bytes() for path in (tmp_path / "b").iterdir() if path.name in whole}
         assert files.items() <= whole.items(), kill

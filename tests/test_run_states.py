@@ -109,13 +109,13 @@ class Runs(RuleBasedStateMachine):
     @rule(data=st.data(), name=st.sampled_from(NAMES), overwrite=st.booleans())
     def start(self, data, name, overwrite):
         kill, before, is_refused = self.kill_of(data), files_of(self.place / name), self.is_held(name) and not overwrite
-        code, said = self.ended(*self.words, f"output={name}", *["overwrite=true"] * overwrite, kill=kill)
+        code, output = self.ended(*self.words, f"output={name}", *["overwrite=true"] * overwrite, kill=kill)
         if is_refused:
             assert code == 1
-            assert f"output={name} holds a run already" in said
+            assert f"output={name} holds a run already" in output
             assert files_of(self.place / name) == before, "not a byte of it is another"
         else:
-            self.check_end(name, code, said, kill)
+            self.check_end(name, code, output, kill)
 
     @precondition(lambda self: any(self.step_of(name) is not None for name in NAMES))
     @rule(data=st.data(), other=st.booleans())
@@ -124,13 +124,13 @@ class Runs(RuleBasedStateMachine):
         name = data.draw(st.sampled_from([name for name in NAMES if self.step_of(name) is not None]))
         into = NAMES[1 - NAMES.index(name)] if other else name
         step, is_refused = self.step_of(name), other and self.is_held(into)
-        code, said = self.ended(*self.task, f"resume={name}", f"output={into}", kill=kill)
-        if is_refused or "is not the file that the run began with; put it back" in said:
+        code, output = self.ended(*self.task, f"resume={name}", f"output={into}", kill=kill)
+        if is_refused or "is not the file that the run began with; put it back" in output:
             assert code == 1
-            assert not is_refused or f"output={into} holds a run already" in said
+            assert not is_refused or f"output={into} holds a run already" in output
             assert self.step_of(name) == step
         else:
-            self.check_end(into, code, said, kill)
+            self.check_end(into, code, output, kill)
             assert self.done_in(into) in (None, *range(step, 99)), "it goes on, and does not begin anew"
 
     @precondition(lambda self: self.way != "hertzmann")
@@ -139,9 +139,9 @@ class Runs(RuleBasedStateMachine):
         if self.is_held(name):
             return
         kill = ("000001.h5", 1, True) if self.is_film else ("checkpoint.ckpt", 2, True)
-        code, said = self.ended(*self.words, f"output={name}", kill=kill, sent=sent)
-        assert code == 128 + sent, said
-        assert f"continue with: brushexp {' '.join([*self.task, ''])}resume=" in said
+        code, output = self.ended(*self.words, f"output={name}", kill=kill, sent=sent)
+        assert code == 128 + sent, output
+        assert f"continue with: brushexp {' '.join([*self.task, ''])}resume=" in output
         assert self.metrics_of(name)["status"] == "interrupted"
 
     @precondition(lambda self: self.way not in WEIGHTS)
@@ -168,14 +168,14 @@ class Runs(RuleBasedStateMachine):
             (self.place / name / "notes.txt").write_text("mine")
             self.notes.add(name)
 
-    def check_end(self, name, code, said, kill):
+    def check_end(self, name, code, output, kill):
         """A run that could begin has ended as it should have."""
         folder = self.place / name
-        assert "Traceback" not in said, said
+        assert "Traceback" not in output, output
         if kill is not None and code == -signal.SIGKILL:
             assert kill[0] != "checkpoint.ckpt" or kill[1:] == (1, False) or self.step_of(name) is not None, "lost"
             return
-        assert code == 0, said
+        assert code == 0, output
         assert self.metrics_of(name)["status"] == "completed"
         assert not (folder / "checkpoint.ckpt").exists()
         assert not list(folder.rglob(TEMPORARY))
@@ -222,8 +222,8 @@ def files_of(folder: Path) -> dict[str, bytes]:
 def strokes(tmp_path_factory) -> Path:
     """A set of strokes to learn from."""
     folder = tmp_path_factory.mktemp("set").resolve()
-    code, said = ended(folder, "task=simulate", "engine=disc", "engine.window=64", "threads=1", "n=160", "output=set")
-    assert code == 0, said
+    code, output = ended(folder, "task=simulate", "engine=disc", "engine.window=64", "threads=1", "n=160", "output=set")
+    assert code == 0, output
     return folder / "set" / "strokes"
 
 
