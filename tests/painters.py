@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +55,8 @@ def take(painter: StrokeOptimizer, steps: int, loop: Any = None) -> Any:
             loss.backward()
         return loss.detach()
 
-    for view in islice(painter.train_dataloader(), steps):
+    epochs = iter(painter.train_dataloader, None)
+    for view in islice(chain.from_iterable(epochs), steps):
         painter.on_train_batch_start(view, 0)
         painter.optimizer_step(0, 0, optimizer, partial(closure, view))
         scheduler.step()
@@ -64,7 +65,7 @@ def take(painter: StrokeOptimizer, steps: int, loop: Any = None) -> Any:
 
 def fit(painter: StrokeOptimizer, callbacks=(), ckpt_path=None, **options: Any) -> L.Trainer:
     """Fit as a user of Lightning would."""
-    options = {"enable_checkpointing": any(isinstance(found, Checkpoint) for found in callbacks)} | options
+    options = {"enable_checkpointing": any(isinstance(one, Checkpoint) for one in callbacks)} | options
     trainer = L.Trainer(**{**QUIET, **options}, callbacks=list(callbacks))
     trainer.fit(painter, ckpt_path=ckpt_path)
     return trainer

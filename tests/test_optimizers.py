@@ -65,7 +65,7 @@ def test_a_preset_moves_any_number_of_strokes(preset, name, n):
 def test_each_stage_lets_an_optimiser_start_afresh(preset, name):
     painter = scene(preset(name))
     optimizer = take(painter, 3)["optimizer"]
-    painter._begin_stage(optimizer)
+    painter._restart(optimizer)
     assert not optimizer.state
     assert all(group.get("step", 0) == 0 for group in optimizer.param_groups)
 

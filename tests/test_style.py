@@ -219,6 +219,6 @@ def test_a_finished_picture_is_measured_by_every_kernel(monkeypatch):
     image, target = pictures()
     loss = Style(kernel="linear")
     before = loss(PaintedView(image, target, NONE))
-    for name, value in loss.measured(image, target).items():
+    for name, value in loss.measure(image, target).items():
         assert value == pytest.approx(float(Style(kernel=name)(PaintedView(image, target, NONE))), rel=1e-4)
     assert_close(loss(PaintedView(image, target, NONE)), before, rtol=0, atol=0)

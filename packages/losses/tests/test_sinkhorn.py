@@ -66,7 +66,9 @@ def test_pictures_are_shrunk_to_the_side(size, small):
 @pytest.mark.parametrize("size", [(48, 96), (7, 5), (25, 24)])
 def test_a_part_is_looked_at_in_the_whole_canvas(size, monkeypatch):
     calls = []
-    monkeypatch.setattr(Sinkhorn, "_look", lambda *args, do=Sinkhorn._look: calls.append(1) or do(*args))
+    monkeypatch.setattr(
+        Sinkhorn, "_masses_and_potential", lambda *args, do=Sinkhorn._masses_and_potential: calls.append(1) or do(*args)
+    )
     picture, target = torch.rand(2, 3, *size, dtype=torch.float64)
     height, width = size
     loss = Sinkhorn()

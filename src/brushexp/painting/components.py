@@ -1,4 +1,4 @@
-"""What a painting is made with: one member of each family that gradient steps need."""
+"""Build the parts of a painting: one member of each family that gradient steps need."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -9,11 +9,18 @@ from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend, Compositor
+from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.color.base import ColorSpace
+from brushexp.plugins.color.rgb import Rgb
 from brushexp.plugins.density.base import Density
+from brushexp.plugins.density.fixed import Fixed
 from brushexp.plugins.loss.base import Loss
+from brushexp.plugins.loss.mse import MeanSquaredError
 from brushexp.plugins.optimizer.base import Optimizer
+from brushexp.plugins.optimizer.torch import TorchOptim
+from brushexp.plugins.order.area import Area
 from brushexp.plugins.order.base import Order
+from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.base import Sampler
 from brushexp.plugins.sampler.whole import Whole
@@ -21,15 +28,15 @@ from brushexp.registry import build_named, keep_built, plugin_of, take_built
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.runtime import check_memory
 
-BYTES_PER_PIXEL = 500  # that painting takes at least; blend=tiled was seen to take 800
+BYTES_PER_PIXEL = 500  # least memory of a painting; blend=tiled takes up to 800
 BYTES_PER_WINDOW_PIXEL = 32  # RGBA in 32 bits, and its gradient
 STYLE, BRUSHWORK = "style", "brushwork"  # names of the losses that the keys of ``style`` add
-AUTO = "auto"  # warm_up that leaves it to the renderer
+AUTO = "auto"  # value of warm_up that leaves it to the renderer
 
 
 @dataclass(frozen=True)
 class Stage:
-    """So many gradient steps with one renderer, by its name in messages."""
+    """A number of gradient steps with one renderer, by its name in messages."""
 
     name: str
     renderer: Renderer
@@ -38,7 +45,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Components:
-    """What a painting is made with: one member of each family, but one renderer for each stage."""
+    """The parts of a painting: one member of each family, but one renderer for each stage."""
 
     stages: Sequence[Stage]
     blend: Compositor
@@ -53,15 +60,7 @@ def standard_components(
     renderer: Renderer | None = None, *, steps: int = 500, blend: Blend | None = None, color: ColorSpace | None = None,
     **chosen: Any,
 ) -> Components:  # fmt: skip
-    """The defaults of ``task=paint`` without a config, for use from Python; ``chosen`` components differ."""
-    from brushexp.plugins.blend.tiled import Tiled  # noqa: PLC0415  (the contracts above are all that others need)
-    from brushexp.plugins.color.rgb import Rgb  # noqa: PLC0415
-    from brushexp.plugins.density.fixed import Fixed  # noqa: PLC0415
-    from brushexp.plugins.loss.mse import MeanSquaredError  # noqa: PLC0415
-    from brushexp.plugins.optimizer.torch import TorchOptim  # noqa: PLC0415
-    from brushexp.plugins.order.area import Area  # noqa: PLC0415
-    from brushexp.plugins.renderer.analytic import Analytic  # noqa: PLC0415
-
+    """Build the defaults of ``task=paint`` from Python, but for the ``chosen`` components."""
     renderer = renderer or Analytic()
     stages = [Stage(type(renderer).__name__.lower(), renderer, steps)]
     compositor = Compositor(blend or Tiled(), color or Rgb())
@@ -70,14 +69,14 @@ def standard_components(
 
 
 def build_components(cfg: DictConfig) -> Components:
-    """Build what the config names."""
+    """Build the components that a config names."""
     others = {family: take_built(cfg[family]) for family in ("order", "density", "sampler", "optimizer")}
     blend = Compositor(take_built(cfg.blend), take_built(cfg.color))
     return Components(stages=build_stages(cfg), blend=blend, losses=build_losses(cfg), **others)
 
 
 def build_losses(cfg: DictConfig) -> dict[str, Loss]:
-    """The chosen losses, and those that ``style.image`` and ``style.brushwork`` add to them."""
+    """Build the chosen losses, and those that ``style.image`` and ``style.brushwork`` add to them."""
     content = 1.0 if cfg.style.image is None else cfg.style.content
     losses: dict[str, Loss] = {str(name): take_built(node) for name, node in cfg.loss.items()}
     for loss in losses.values():
@@ -90,7 +89,7 @@ def build_losses(cfg: DictConfig) -> dict[str, Loss]:
 
 
 def check_losses(cfg: DictConfig) -> None:
-    """Stop with a UserError if two losses of `build_losses` would have one name, or one nothing to compare with."""
+    """Refuse (UserError) two losses of one name, and a loss without a reference."""
     for key, name in (("image", STYLE), ("brushwork", BRUSHWORK)):
         if cfg.style[key] is not None and name in cfg.loss:
             raise UserError(f"style.{key}={cfg.style[key]} brings the loss {name} with it; drop {name} from loss=...")
@@ -99,7 +98,7 @@ def check_losses(cfg: DictConfig) -> None:
 
 
 def build_stages(cfg: DictConfig, make: Callable[[DictConfig], Renderer] = take_built) -> list[Stage]:
-    """The renderers and their steps: the chosen one, and before it the one that ``warm_up`` asks for, if any."""
+    """Build the stages: that of the chosen renderer, after the one that ``warm_up`` asks for, if any."""
     name, renderer = plugin_of(cfg.renderer).name, make(cfg.renderer)
     first = renderer.warm_up if cfg.warm_up == AUTO else cfg.warm_up
     if first is None or not (cfg.steps or cfg.seconds):
@@ -110,10 +109,10 @@ def build_stages(cfg: DictConfig, make: Callable[[DictConfig], Renderer] = take_
 def plan_steps(
     parts: Components, steps_per_stroke: float | None, strokes: Strokes, size: tuple[int, int]
 ) -> Components:
-    """The same, with as many steps as partial updates of the first ``strokes`` on a canvas of ``size`` (H, W) take.
+    """Plan the steps of partial updates of ``strokes`` on a canvas of ``size`` (H, W).
 
-    Each stroke moves ``steps_per_stroke`` times in the first stage; None leaves its steps as they are. Those of a last
-    stage, that of a slow renderer, always count for each stroke.
+    Each stroke moves ``steps_per_stroke`` times in the first stage (None leaves its steps as they are), and as many
+    times as there are steps in a last one, which is that of a slow renderer.
     """
     first, *others = parts.stages
     if steps_per_stroke is None and not others:
@@ -125,7 +124,7 @@ def plan_steps(
 
 
 def check_size(cfg: DictConfig, strokes: int, size: tuple[int, int]) -> None:
-    """Refuse (UserError) what memory cannot hold: pictures of a canvas of ``size``, and windows of its strokes."""
+    """Refuse (UserError) a canvas of ``size`` (H, W) or windows of strokes that memory cannot hold."""
     pixels = math.prod(size)
     window = max(getattr(stage.renderer, "window", 0) for stage in build_stages(cfg, keep_built))
     windows = strokes * window**2 * BYTES_PER_WINDOW_PIXEL if isinstance(keep_built(cfg.sampler), Whole) else 0

@@ -1,4 +1,4 @@
-"""The strokes that a painting starts from, and how many it may have in the end."""
+"""Make the strokes that a painting starts from, and count those that it may have in the end."""
 
 import logging
 import math
@@ -21,10 +21,7 @@ log = logging.getLogger(__name__)
 
 
 def first_strokes(cfg: DictConfig, target: Tensor, density: Density, focus: Tensor | None) -> tuple[Strokes, int]:
-    """The strokes to start from, and how many the painting may have in the end.
-
-    They are those of ``catalogue``, or those that ``init`` makes (told the focus, if any), with ``style.brushwork``.
-    """
+    """Take the strokes of ``catalogue``, or make them by ``init`` and ``style.brushwork``; return also their budget."""
     _, height, width = target.shape
     if cfg.catalogue is not None:
         if cfg.style.brushwork is not None:
@@ -41,32 +38,32 @@ def first_strokes(cfg: DictConfig, target: Tensor, density: Density, focus: Tens
 
 
 def planned_steps(cfg: DictConfig) -> int:
-    """The steps of a painting, or, of so many for each stroke, as many as there are at least."""
+    """Return the least number of steps of a painting."""
     return cfg.steps if cfg.steps_per_stroke is None else round(cfg.steps_per_stroke)
 
 
-def stroke_budget(cfg: DictConfig, size: tuple[int, int], density: Density, there: int | None = None) -> int:
-    """How many strokes a picture of ``size`` may have in the end; as many are ``there`` in ``catalogue``, if it is set.
+def stroke_budget(cfg: DictConfig, size: tuple[int, int], density: Density, count: int | None = None) -> int:
+    """Return how many strokes a picture of ``size`` (H, W) may have in the end, of which ``catalogue`` has ``count``.
 
-    A UserError if the picture has no room for as many, or nothing adds those that are missing.
+    A UserError if the picture is too small for them, or nothing adds the missing ones.
     """
-    n = there if cfg.strokes is None else cfg.strokes
+    n = count if cfg.strokes is None else cfg.strokes
     if n is None:
         n = max(1, round(math.prod(size) / cfg.pixels_per_stroke))
         n = n if cfg.max_strokes is None else min(n, cfg.max_strokes)
-    if there is not None and (n < there or (n > there and density.first(n, planned_steps(cfg)) == n)):
+    if count is not None and (n < count or (n > count and density.first(n, planned_steps(cfg)) == n)):
         raise UserError(
-            f"strokes={n}, but {cfg.catalogue} has {there}; drop strokes or catalogue, or let a policy that "
+            f"strokes={n}, but {cfg.catalogue} has {count}; drop strokes or catalogue, or let a policy that "
             "adds strokes come to a larger number: density=adaptive, with enough steps for it"
         )
-    if there is None and n > math.prod(size):
+    if count is None and n > math.prod(size):
         cure = f"set strokes to {math.prod(size)} at most, or enlarge the picture with resolution"
         raise UserError(f"strokes={n} is more than the {size[0]} x {size[1]} picture has pixels; {cure}")
     return n
 
 
 def load_strokes(path: Path, size: tuple[int, int]) -> Strokes:
-    """Strokes of a saved catalogue, bottom first, on a canvas of ``size``."""
+    """Load the strokes of a catalogue, bottom first, scaled to a canvas of ``size`` (H, W)."""
     saved = load_catalogue(path)
     check_ratio(str(path), saved.size, size, "catalogue")
     return saved.strokes[saved.depth.argsort()].moved(zoom=max(size) / max(saved.size))
