@@ -1,6 +1,7 @@
-"""The tree is the architecture: the map names real modules, and plugins know only contracts."""
+"""The tree is the architecture: imports go one way, the map names real modules, and plugins know only contracts."""
 
 import ast
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -11,15 +12,7 @@ from brushexp.registry import FAMILIES, PACKAGES
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "brushexp"
-LIBRARIES = {
-    "pictures",
-    "strokes",
-    "features",
-    "compositing",
-    "shading",
-    "system",
-    "compat",
-}  # of plugins
+LIBRARIES = {"compat", "compositing", "features", "pictures", "shading", "strokes", "system"}  # of plugins
 TOOLS = {"registry", "errors", "bounds"}
 
 
@@ -33,6 +26,46 @@ def imports(path: Path) -> set[str]:
             is_package = (SOURCE / module.replace(".", "/")).is_dir()
             found |= {f"{module}.{alias.name}" for alias in node.names} if is_package else {module}
     return found
+
+
+def modules() -> dict[str, Path]:
+    return {".".join(path.relative_to(SOURCE).with_suffix("").parts): path for path in sorted(SOURCE.rglob("*.py"))}
+
+
+def imports_by(room) -> dict[str, set[str]]:
+    """What the modules of each room import from other rooms, also in functions and for types alone."""
+    names, found = modules(), {}
+    for name, path in names.items():
+        inner = {module for module in imports(path) if module in names or f"{module}.__init__" in names}
+        others = {room(module) for module in inner} - {room(name)}
+        found.setdefault(room(name), set()).update(others)
+    return found
+
+
+ROOMS = {
+    "module": lambda name: name,
+    "folder": lambda name: name.rpartition(".")[0] or name,
+    "top": lambda name: name.partition(".")[0],
+}
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_no_imports_go_in_circles(room):
+    graph = imports_by(ROOMS[room])
+    graph.pop("", None)
+    TopologicalSorter(graph).prepare()  # raises CycleError with the circle
+
+
+def test_layers_of_the_design_are_those_of_the_imports():
+    table = (ROOT / "docs" / "design.md").read_text().partition("## 3. ")[2].partition("\n## ")[0]
+    rows = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]  # without its head
+    order = [word for row in rows for word in row.replace("`", " ").replace(",", " ").split()]
+    graph = imports_by(ROOMS["top"])
+    assert {path.stem for path in SOURCE.iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()} - {
+        "__init__", "__main__", "conf", "testing",
+    } == set(order)  # fmt: skip
+    for place, name in enumerate(order):
+        assert graph.get(name, set()) - {"conf"} <= set(order[:place]), name
 
 
 def twice(found: dict[str, set[str]]) -> set[str]:

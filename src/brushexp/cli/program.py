@@ -10,13 +10,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import hydra
-from hydra._internal.utils import get_args_parser
 from hydra.errors import CompactHydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.cli.help import help_text
 from brushexp.cli.many_pictures import as_sweep
+from brushexp.compat.hydra import parse_arguments
 from brushexp.config.compose import composed, folders_of, search_path, without_folder
 from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
@@ -47,7 +47,7 @@ def run(start: float) -> None:
         prepare(Path(), words)  # before Hydra, which reads the choices when it composes
         _prepared.add(os.getpid())
         words, folders = expand_arguments(words), folders_of(Path(), words)
-        typed = get_args_parser().parse_known_args(words)[0]
+        typed = parse_arguments(words)[0]
         if typed.help:  # Hydra's own takes seconds to list groups of configs
             print(help_text(composed(typed.overrides, folders), typed.overrides, folders))
         else:
@@ -61,7 +61,7 @@ def expand_arguments(arguments: list[str]) -> list[str]:
     In a sweep commas separate the values of jobs, so ``data=a,b`` are two jobs with one data set each. A UserError says
     which word is no ``key=value``, or has no value that could be meant.
     """
-    typed, after_flags = get_args_parser().parse_known_args(arguments)
+    typed, after_flags = parse_arguments(arguments)
     overrides = {*typed.overrides, *after_flags}
     words = [expand_positional(word) if word in overrides else word for word in arguments]
     typed_words = {word for word, argument in zip(words, arguments, strict=True) if argument in overrides}

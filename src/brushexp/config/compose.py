@@ -1,22 +1,16 @@
 """Find the folders of configs, those that ship and the user's own, and let Hydra compose a config of them."""
 
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from textwrap import shorten
-from threading import Lock
-from typing import Any
 
 import yaml
 from hydra import compose, initialize_config_module
-from hydra._internal.utils import get_args_parser
-from hydra.core.global_hydra import GlobalHydra
-from hydra.core.singleton import Singleton
-from hydra.version import VersionBase
 from omegaconf import DictConfig
 
+from brushexp.compat.hydra import isolated, parse_arguments
 from brushexp.config.keys import groups_of
 from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
@@ -24,7 +18,6 @@ from brushexp.errors import UserError
 SHIPPED = Path(__file__).parents[1] / "conf"
 OF_THE_TASK = ("look", "experiment", "quality")  # groups whose files set keys of the whole task
 GLOBAL = "# @package _global_\n"  # first line of such a file
-_lock = Lock()  # Hydra is one for the whole process
 
 
 def chosen_groups() -> set[str]:
@@ -37,7 +30,7 @@ def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
 
     A UserError if a file of the user has the name of one that ships, or is no YAML.
     """
-    typed = get_args_parser().parse_known_args(words)[0].config_dir
+    typed = parse_arguments(words)[0].config_dir
     own, groups = root / "conf" if typed is None else Path(typed), chosen_groups() | {"pictures"}
     if typed is None and not any((own / group).is_dir() for group in groups):
         return [SHIPPED]
@@ -112,20 +105,5 @@ def composed(words: Sequence[str], folders: Sequence[Path] = (SHIPPED,)) -> Dict
 
     Any thread may call it, and another user of Hydra in this process is not disturbed.
     """
-    with _apart(), initialize_config_module("brushexp.conf", version_base="1.3"):
+    with isolated(), initialize_config_module("brushexp.conf", version_base="1.3"):
         return compose("config", overrides=[*words, *search_path(folders)])
-
-
-@contextmanager
-def _apart() -> Iterator[None]:
-    """Hydra as if it were not in use; another program's is afterwards as it was."""
-    singletons: dict[Any, Any] = Singleton._instances
-    kinds = (GlobalHydra, VersionBase)
-    with _lock:
-        before = {kind: singletons.pop(kind) for kind in kinds if kind in singletons}
-        try:
-            yield
-        finally:
-            for kind in kinds:
-                singletons.pop(kind, None)
-            singletons.update(before)

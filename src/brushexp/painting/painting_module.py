@@ -12,13 +12,13 @@ import torch
 from torch import Tensor, nn
 from torch.utils._pytree import tree_map_only
 
+from brushexp.compat.lightning import publish_values
 from brushexp.painting.components import Components
 from brushexp.painting.picture import Depth, Picture
 from brushexp.painting.schedule import Pair, Schedule, add_pair
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.catalogue import Strokes
-from brushexp.system.callbacks import publish_values
 
 STEPS_PER_EPOCH = 100
 LOG_SECONDS = 0.25  # least time between two points of the curves: writing one costs as much as half a step

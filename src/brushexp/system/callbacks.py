@@ -17,7 +17,6 @@ from typing import Any
 
 import lightning as L
 from lightning.pytorch.callbacks import Checkpoint, Timer, WeightAveraging
-from torch import Tensor
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from brushexp.errors import UserError
@@ -134,16 +133,6 @@ def cut_short(trainer: L.Trainer, pl_module: Any) -> str:
         "max_time": any(left is not None and left <= 0 for left in times),
     }
     return next((f"{limit} reached" for limit, is_reached in reached.items() if is_reached), STOPPED_EARLY)
-
-
-def publish_values(pl_module: L.LightningModule, values: dict[str, Tensor]) -> None:
-    """Show callbacks the values of a step; at every step, for its cost is nothing.
-
-    Lightning's ``log`` costs half a millisecond at each, and gives values of an earlier step where it is left out.
-    """
-    if (trainer := pl_module._trainer) is not None:
-        trainer.callback_metrics.update(values)
-        trainer.logged_metrics.update(values)
 
 
 class MovingAverage(WeightAveraging):

@@ -11,7 +11,8 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LambdaLR
 
-from brushexp.system.callbacks import DIVERGED, publish_values
+from brushexp.compat.lightning import publish_values, trainer_of
+from brushexp.system.callbacks import DIVERGED
 
 WARMUP_STEPS, WARMUP_SHARE = 200, 0.1  # over which the rate rises; of a short training a share of the steps
 FINAL_RATE = 0.01  # of the highest learning rate, at the end
@@ -119,5 +120,6 @@ class NetworkModule(L.LightningModule):
         return well
 
     def _timers(self) -> list[Timer]:
-        callbacks = self.trainer.callbacks if self._trainer is not None else []  # type: ignore[attr-defined]
+        trainer = trainer_of(self)
+        callbacks = [] if trainer is None else trainer.callbacks  # type: ignore[attr-defined]
         return [callback for callback in callbacks if isinstance(callback, Timer)]

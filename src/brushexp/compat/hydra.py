@@ -1,0 +1,35 @@
+"""Private parts of Hydra that the command line and Python need; tried with Hydra 1.3.8 and 1.4.0rc3."""
+
+from argparse import Namespace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from threading import Lock
+from typing import Any
+
+from hydra._internal.utils import get_args_parser
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.singleton import Singleton
+from hydra.version import VersionBase
+
+_lock = Lock()  # Hydra is one for the whole process
+
+
+def parse_arguments(words: Sequence[str]) -> tuple[Namespace, list[str]]:
+    """Parse a command line as Hydra does: its flags and overrides, and words behind flags that it does not know."""
+    namespace, others = get_args_parser().parse_known_args(words)
+    return namespace, others
+
+
+@contextmanager
+def isolated() -> Iterator[None]:
+    """Leave Hydra unused within the block; another program's Hydra is as it was afterwards."""
+    singletons: dict[Any, Any] = Singleton._instances
+    kinds = (GlobalHydra, VersionBase)
+    with _lock:
+        before = {kind: singletons.pop(kind) for kind in kinds if kind in singletons}
+        try:
+            yield
+        finally:
+            for kind in kinds:
+                singletons.pop(kind, None)
+            singletons.update(before)
