@@ -135,13 +135,6 @@ def test_a_part_is_looked_at_with_memory_for_a_part(monkeypatch):
     assert max(max(shape) for shape in seen) <= 64 + 2 * loss.context + 2 * loss.grid
 
 
-def test_the_style_picture_follows_the_canvas(tmp_path):
-    style = saved(tmp_path, torch.rand(3, 50, 100))
-    _, target = pictures(80, 120)
-    for scale, size in ((1.0, (60, 120)), (0.6, (36, 72)), (2.0, (120, 240))):
-        assert Style(image=style, scale=scale, taps=TAPS).picture(target).shape[1:] == size
-
-
 def test_what_cannot_serve_as_a_style_is_refused(tmp_path):
     with pytest.raises(UserError, match=r"loss.style.image=nowhere\.jpg is not there"):
         build_named("loss", "style", {"image": "nowhere.jpg"})
@@ -184,13 +177,13 @@ def test_recolouring_even_pictures_is_finite(even):
     assert recolored(nearly_even, torch.rand(3, 40, 40)).std() < 0.1, "noise is not blown up to colours"
 
 
-def test_colors_content_gives_the_style_picture_the_colours_of_the_target(tmp_path):
-    _, target = pictures(80, 90)
-    target = target * 0.5
-    path = saved(tmp_path, torch.rand(3, 80, 90))
-    used = Style(image=path, colors="content").picture(target)
-    assert_close(used, recolored(load_picture(path, 90), target))
-    assert_close(moments(used)[0], moments(target)[0], rtol=0.02, atol=0)
+def test_the_style_picture_follows_the_canvas_and_its_colours_the_target_if_asked(tmp_path):
+    style, (_, target) = saved(tmp_path, torch.rand(3, 50, 100)), pictures(80, 120)
+    for scale, size in ((1.0, (60, 120)), (0.6, (36, 72)), (2.0, (120, 240))):
+        assert Style(image=style, scale=scale, taps=TAPS).picture(target).shape[1:] == size
+    picture = Style(image=style, colors="content").picture(0.5 * target)
+    assert_close(picture, recolored(load_picture(style, 120), 0.5 * target))
+    assert_close(moments(picture)[0], moments(0.5 * target)[0], rtol=0.02, atol=0)
 
 
 @pytest.mark.parametrize("content", [0, 0.25])

@@ -3,8 +3,7 @@
 from omegaconf import DictConfig
 from torch import Tensor
 
-from brushexp.painting.components import STYLE, Components, build_components, plan_steps
-from brushexp.painting.first_strokes import first_strokes, stroke_budget
+from brushexp.painting.components import STYLE, Components, build_components, first_strokes, plan_steps, stroke_budget
 from brushexp.painting.other_painter import OtherPainter
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.stroke_optimizer import StrokeOptimizer

@@ -1,54 +1,15 @@
-"""Add and remove strokes as the density policy says, and measure how much each stroke matters."""
+"""Measure how much each stroke of a painting matters, for the policies that add and remove strokes."""
 
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 
 import torch
-from torch import Tensor, optim
+from torch import Tensor
 
 from brushexp.compositing.bands import cuts
-from brushexp.painting.picture import Depth, Picture
-from brushexp.painting.schedule import Schedule
-from brushexp.plugins.density.base import DensificationState, Density
-from brushexp.strokes.catalogue import Catalogue, Strokes
+from brushexp.painting.picture import Picture
+from brushexp.strokes.catalogue import Strokes
 
 PROBE_COUNT = 8  # random pictures that estimate a sum of squares, with relative deviation sqrt(2 / PROBE_COUNT)
-
-
-@dataclass(frozen=True)
-class Densification:
-    """Asks a density policy after each step, and adds and removes strokes up to ``budget``."""
-
-    density: Density
-    budget: int
-    picture: Picture
-    depth: Depth
-    schedule: Schedule
-    generator: torch.Generator
-
-    def update(self, catalogue: Catalogue, visits: Tensor, optimizer: optim.Optimizer) -> Tensor:
-        """Let the policy change the strokes of a catalogue and the state of their optimiser.
-
-        Takes the steps ``visits`` (N,) of each stroke, and returns those of the present strokes.
-        """
-        picture, schedule, front_to_back = self.picture, self.schedule, self.depth.front_to_back
-        if not self.density.due(schedule.step, schedule.steps):
-            return visits
-        with torch.no_grad():
-            strokes = catalogue()
-        image = picture.draw(strokes, front_to_back) if picture.last is None else picture.last
-        judge = partial(importance, strokes, front_to_back, picture, self.generator)
-        numbers = (self.budget, schedule.step, schedule.steps)
-        state = DensificationState(image, picture.target, picture.focus, strokes, *numbers, judge)
-        update = self.density.revise(state)
-        if update is None:
-            return visits
-        catalogue.revise(update.keep, picture.renderer.convert(update.new), optimizer)
-        self.depth.revise(update.keep, len(update.new))
-        picture.forget()
-        # New strokes count as often moved as the oldest: the optimiser counts their steps together.
-        new = visits.new_full((len(update.new),), int(visits.max()) if len(visits) else 0)
-        return torch.cat([visits[update.keep], new])
 
 
 @torch.no_grad()

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import deepcopy
+from functools import partial
 from typing import Any
 
 import torch
@@ -11,13 +12,14 @@ from torch import Tensor, optim
 from torch.optim.lr_scheduler import LambdaLR
 
 from brushexp.painting.components import Components
-from brushexp.painting.densification import Densification, importance
+from brushexp.painting.densification import importance
 from brushexp.painting.divergence import first_broken
 from brushexp.painting.painting_module import Epoch, PaintingModule
 from brushexp.painting.partial import STEP_COUNT, partial_update, unwrap_optimizer
 from brushexp.painting.picture import Picture
 from brushexp.painting.schedule import Schedule
 from brushexp.pictures.region import Region
+from brushexp.plugins.density.base import DensificationState
 from brushexp.plugins.loss.base import restore, state_of, weighted_sum
 from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import curve_of, half_width_of
@@ -47,14 +49,6 @@ class StrokeOptimizer(PaintingModule):
     >>> trainer.fit(painter)
     >>> trainer.global_step, painter.drawn().shape
     (3, torch.Size([3, 24, 32]))
-
-    Without a Trainer, by an optimiser of one's own:
-
-    >>> optimizer = torch.optim.Adam(painter.catalogue.parameters(), lr=0.02)
-    >>> for step, view in zip(range(3), painter.train_dataloader()):
-    ...     optimizer.zero_grad()
-    ...     painter.training_step(view, step).backward()
-    ...     optimizer.step()
     """
 
     resumable = True
@@ -80,8 +74,7 @@ class StrokeOptimizer(PaintingModule):
         self.moving = catalogue  # what the optimiser sees in a step: all strokes, or some as their own catalogue
         self.coarse = coarse
         self.generator = torch.Generator().manual_seed(seed)
-        parts = self.picture, self.depth, self.schedule, self.generator
-        self.densification = Densification(components.density, budget or len(catalogue), *parts)
+        self.budget = budget or len(catalogue)
         self.register_buffer("visits", torch.zeros(len(catalogue), dtype=torch.long), persistent=False)
         self._view = View(Region.whole(target))  # of this step
         self._evaluations_before = 0  # this step
@@ -157,7 +150,26 @@ class StrokeOptimizer(PaintingModule):
         self.schedule.step += 1
         self.publish()
         if not self._view.coarse:
-            self.visits = self.densification.update(self.catalogue, self.visits, plain_optimizer)
+            self._densify(plain_optimizer)
+
+    def _densify(self, optimizer: optim.Optimizer) -> None:
+        """Let the density policy add and remove strokes."""
+        picture, schedule, front_to_back = self.picture, self.schedule, self.depth.front_to_back
+        if not self.components.density.due(schedule.step, schedule.steps):
+            return
+        strokes, image = self.strokes(), self.latest()
+        judge = partial(importance, strokes, front_to_back, picture, self.generator)
+        numbers = (self.budget, schedule.step, schedule.steps)
+        state = DensificationState(image, picture.target, picture.focus, strokes, *numbers, judge)
+        update = self.components.density.revise(state)
+        if update is None:
+            return
+        self.catalogue.revise(update.keep, self.renderer.convert(update.new), optimizer)
+        self.depth.revise(update.keep, len(update.new))
+        picture.forget()
+        # New strokes count as often moved as the oldest: the optimiser counts their steps together.
+        new = self.visits.new_full((len(update.new),), int(self.visits.max()) if len(self.visits) else 0)
+        self.visits = torch.cat([self.visits[update.keep], new])
 
     @contextmanager
     def _only_finite(self) -> Iterator[None]:

@@ -17,11 +17,11 @@ class Order(ABC):
     1.4 dB lost in a run of 60 steps).
 
     >>> class Brightest(Order):
-    ...     every, until = 10, 1.0
+    ...     every, until = 10, 0.5
     ...     def depth(self, strokes, accuracy):
     ...         return strokes.color.mean(1)
-    >>> [step for step in range(25) if Brightest().due(step, 25)]
-    [0, 10, 20]
+    >>> [step for step in range(60) if Brightest().due(step, 60)], Brightest().due(0, 1)
+    ([0, 10, 20], True)
     """
 
     every: int  # steps between two computations, as long as `due` allows any
