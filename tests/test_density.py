@@ -78,8 +78,8 @@ def test_importance_of_any_blend_is_on_average_what_a_kernel_finds(focus):
 
 @pytest.mark.parametrize("n", [0, 9])
 def test_importance_of_windows_and_of_no_strokes_is_finite(n):
-    found = importance_of(random_strokes(n, SIZE), torch.arange(n), torch.rand(3, *SIZE), renderer=Windowed())
-    assert found.shape == found[found.isfinite()].shape == (n,)
+    result = importance_of(random_strokes(n, SIZE), torch.arange(n), torch.rand(3, *SIZE), renderer=Windowed())
+    assert result.shape == result[result.isfinite()].shape == (n,)
 
 
 def test_new_strokes_lie_where_the_error_is_in_its_colour_along_its_edge_and_in_the_focus():

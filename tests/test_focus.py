@@ -146,8 +146,8 @@ def test_masks_of_every_depth_and_none_where_they_are_transparent(tmp_path):
         (np.full((4, 8), 40000, np.uint16), [40000 / 65535] * 8),
         (np.zeros((4, 8), bool), [0.0] * 8),
     ):
-        found = focus_map(mask_file(tmp_path / "mask.png", pixels), torch.rand(3, 4, 8))
-        assert_close(found[0], torch.tensor(row))
+        result = focus_map(mask_file(tmp_path / "mask.png", pixels), torch.rand(3, 4, 8))
+        assert_close(result[0], torch.tensor(row))
 
 
 def test_masks_that_do_not_fit_are_refused_in_one_line(tmp_path):
@@ -252,13 +252,13 @@ def test_the_focused_psnr_weighs_the_errors_of_the_saved_pictures():
     a, b = (np.random.default_rng(i).integers(0, 256, (12, 17, 3), dtype=np.uint8) for i in (1, 2))
     focus = focus_weights(torch.rand(12, 17), 8)
     squares = ((a.astype(float) - b) / 255) ** 2
-    wanted = -10 * math.log10((squares.mean(2) * focus.numpy()).sum() / focus.numpy().sum())
+    expected = -10 * math.log10((squares.mean(2) * focus.numpy()).sum() / focus.numpy().sum())
     metrics = standard_metrics()
-    found = measure(metrics, a, b, focus=focus)
-    assert found["psnr_focus"] == pytest.approx(wanted)
+    result = measure(metrics, a, b, focus=focus)
+    assert result["psnr_focus"] == pytest.approx(expected)
     assert measure(metrics, a, a, focus=focus)["psnr_focus"] == math.inf
     assert "psnr_focus" not in measure(metrics, a, b)
-    assert measure(metrics, a, b, focus=torch.ones(12, 17))["psnr_focus"] == pytest.approx(found["psnr"], abs=1e-4)
+    assert measure(metrics, a, b, focus=torch.ones(12, 17))["psnr_focus"] == pytest.approx(result["psnr"], abs=1e-4)
 
 
 def test_the_keys_make_weights_and_leave_the_map(config, run_task, tmp_path):

@@ -177,19 +177,19 @@ def test_no_strokes_are_looked_at_whole_and_all_at_one_point_still_make_places()
 def test_touched_pixels_are_those_in_the_boxes():
     strokes = random_strokes(12, SIZE)
     region = Region(5, 9, 30, 41)
-    found = touched(strokes, region, EDGE)
+    result = touched(strokes, region, EDGE)
     no_paint = torch.tensor([9.0, 9.0, 9.0])
     painted = region.of((Tiled(opaque=0)(Analytic()(strokes), torch.arange(12), SIZE, no_paint).image != 9).any(0))
-    assert found.shape == (30, 41)
-    assert (found | ~painted).all(), "no painted pixel is missed"
-    assert found.float().mean() < 1
+    assert result.shape == (30, 41)
+    assert (result | ~painted).all(), "no painted pixel is missed"
+    assert result.float().mean() < 1
     assert not touched(strokes[:0], region, EDGE).any()
 
 
 def test_kept_pictures_are_those_of_the_renderer_drawn_once_and_within_their_memory():
     strokes, renderer = clamp_to_prior(random_strokes(30, SIZE)), Windowed()
     with torch.no_grad():
-        wanted = renderer(strokes).images
+        expected = renderer(strokes).images
     renderer.drawn, generator = 0, torch.Generator().manual_seed(0)
     kept, number = PatchCache(renderer, most_bytes=8 * 2 * 4 * 16 * 16), torch.tensor([3, 17, 4, 29])  # eight windows
     for _ in range(3):
@@ -200,7 +200,7 @@ def test_kept_pictures_are_those_of_the_renderer_drawn_once_and_within_their_mem
     assert renderer.drawn == 4 + 1
     for size in [5, 8, 8, 13, 30, 2, 8] * 3:
         number = torch.randperm(30, generator=generator)[:size]
-        assert_close(kept.layers(strokes[number], number).images, wanted[number], rtol=0, atol=1e-3)
+        assert_close(kept.layers(strokes[number], number).images, expected[number], rtol=0, atol=1e-3)
         assert len(kept._pictures) <= 8
 
 

@@ -55,8 +55,10 @@ def test_the_value_agrees_with_numpy(kernel):
     image, target = pictures(dtype=torch.float64)
     loss = Style(kernel=kernel, taps=["stem", "b2"]).double()
     ours, style = (loss.network(x[None], ["stem", "b2"]) for x in (image, target))
-    wanted = [value_by_numpy(kernel, *(found[tap][0].flatten(1).numpy() for found in (ours, style))) for tap in ours]
-    assert float(loss(PaintedView(image, target, NONE))) == pytest.approx(np.mean(wanted), rel=1e-9)
+    expected = [
+        value_by_numpy(kernel, *(result[tap][0].flatten(1).numpy() for result in (ours, style))) for tap in ours
+    ]
+    assert float(loss(PaintedView(image, target, NONE))) == pytest.approx(np.mean(expected), rel=1e-9)
 
 
 def test_the_gaussian_kernel_agrees_with_all_pairs_of_positions():
@@ -96,12 +98,12 @@ def test_a_part_counts_as_in_the_whole(kernel, size, monkeypatch):
         for _ in range(2):
             patch = torch.rand(3, region.height, region.width).requires_grad_()
             region.of(picture).copy_(patch.detach())  # as the painter does, before the losses look
-            found, _ = weighted_sum({"style": loss}, PaintedView(patch, region.of(target), NONE, around))
-            found.backward()
+            result, _ = weighted_sum({"style": loss}, PaintedView(patch, region.of(target), NONE, around))
+            result.backward()
             full = picture.clone().requires_grad_()
-            wanted = whole(PaintedView(full, target, NONE))
-            wanted.backward()
-            assert_close(found, wanted, rtol=2e-2, atol=1e-5)
+            expected = whole(PaintedView(full, target, NONE))
+            expected.backward()
+            assert_close(result, expected, rtol=2e-2, atol=1e-5)
             slope = region.of(full.grad)
             assert (patch.grad - slope).norm() < 5e-2 * slope.norm()
 
@@ -115,8 +117,8 @@ def test_another_picture_or_a_step_on_the_whole_canvas_is_noticed():
         return weighted_sum({"style": loss}, PaintedView(region.of(picture), region.of(target), NONE, around))[0]
 
     value(image)
-    found = value(image * 0.5)
-    assert_close(found, Style(taps=TAPS)(PaintedView(image * 0.5, target, NONE)), rtol=1e-4, atol=1e-7)
+    result = value(image * 0.5)
+    assert_close(result, Style(taps=TAPS)(PaintedView(image * 0.5, target, NONE)), rtol=1e-4, atol=1e-7)
     changing = image.clone()
     value(changing)
     changing *= 0.3
@@ -157,10 +159,10 @@ def test_recolouring_takes_over_mean_and_covariance():
     mix = torch.tensor([[0.1, 0.02, 0.0], [0.0, 0.05, 0.03], [0.02, 0.0, 0.08]])
     picture = 0.4 + 0.2 * (torch.rand(3, 40, 60) - 0.5)
     like = 0.5 + torch.einsum("ij,jhw->ihw", mix, torch.rand(3, 30, 20) - 0.5)
-    found = recolored(picture, like)
-    assert found.shape == picture.shape
-    for ours, wanted in zip(moments(found), moments(like), strict=True):
-        assert_close(ours, wanted, rtol=1e-3, atol=1e-6)
+    result = recolored(picture, like)
+    assert result.shape == picture.shape
+    for ours, expected in zip(moments(result), moments(like), strict=True):
+        assert_close(ours, expected, rtol=1e-3, atol=1e-6)
     assert_close(recolored(picture, picture), picture, rtol=0, atol=1e-6)
 
 
@@ -168,10 +170,10 @@ def test_recolouring_takes_over_mean_and_covariance():
 def test_recolouring_even_pictures_is_finite(even):
     flat, noise = torch.full((3, 8, 9), even), torch.rand(3, 7, 5)
     for picture, like in ((flat, noise), (noise, flat), (flat, flat), (noise[:, :1, :1], noise), (noise, noise * 0)):
-        found = recolored(picture, like)
-        assert found.isfinite().all()
-        assert found.min() >= 0
-        assert found.max() <= 1
+        result = recolored(picture, like)
+        assert result.isfinite().all()
+        assert result.min() >= 0
+        assert result.max() <= 1
     assert_close(recolored(noise, flat).mean(), torch.tensor(even), rtol=0, atol=1e-5)
     nearly_even = even + 0.001 * torch.randn(3, 40, 40)
     assert recolored(nearly_even, torch.rand(3, 40, 40)).std() < 0.1, "noise is not blown up to colours"
