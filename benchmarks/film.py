@@ -24,7 +24,7 @@ import brushexp
 import numpy as np
 import torch
 from brushexp_films.changes import Flicker
-from brushexp_films.clips import decoded_pictures, open_clip
+from brushexp_films.clips import decode_pictures, open_clip
 from skimage import data, transform
 
 from brushexp.pictures.load import planes_of
@@ -70,7 +70,7 @@ def main() -> None:
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         carried = json.loads((folder / "metrics.json").read_text())
         flicker, psnr, seconds = Flicker(), [], []
-        for picture in islice(decoded_pictures(clip), options.count):
+        for picture in islice(decode_pictures(clip), options.count):
             since = time.monotonic()
             painting = brushexp.paint(picture, look=options.look, resolution=options.side, threads=options.threads)
             seconds.append(time.monotonic() - since)

@@ -64,7 +64,7 @@ def opened(browser: Any) -> Iterator[Callable[..., Watched]]:
         contexts.append(context)
         watched = Watched(context.new_page())
         watched.page.on("pageerror", lambda error: watched.errors.append(str(error)))
-        watched.page.on("console", lambda said: watched.errors.append(said.text))
+        watched.page.on("console", lambda message: watched.errors.append(message.text))
         watched.page.on("request", lambda request: watched.requests.append(request.url))
         watched.page.goto(path.resolve().as_uri())
         return watched

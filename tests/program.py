@@ -107,6 +107,15 @@ def ended(
     return program.returncode, said
 
 
+def publish(folder: Path, name: str, version: str, points: dict[str, str]) -> None:
+    """Lay a package with entry points of plugins into a folder, as pip would install it in place."""
+    info = folder / f"{name.replace('-', '_')}-{version}.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
+    lines = [f"{point} = {value}" for point, value in points.items()]
+    (info / "entry_points.txt").write_text("\n".join(["[brushexp.plugins]", *lines]))
+
+
 def ask(
     address: str, path: str, method: str = "GET", body: bytes | None = None, **headers: str
 ) -> tuple[int, bytes, dict[str, str]]:

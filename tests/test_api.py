@@ -19,7 +19,6 @@ from PIL import Image
 from torch.testing import assert_close
 
 import brushexp
-from brushexp.config.compose import SHIPPED
 from brushexp.pictures.load import load_picture, samples
 from brushexp.results.runs import command_of
 from brushexp.runs import run_folder
@@ -49,8 +48,8 @@ def test_a_painting_is_that_of_the_command_line_and_nothing_is_written(run_task,
     assert_close(torch.get_rng_state(), before, rtol=0, atol=0)
     assert not [*tmp_path.iterdir()]
     words = ["image=chelsea", "resolution=32", "strokes=20", "steps=4", "loss=[mse,kl]", "optimizer.units.color=0.5"]
-    found = run_task(task, *words, "frames=0")
-    assert {key: painting.metrics[key] for key in SAME} == {key: found[key] for key in SAME}
+    metrics = run_task(task, *words, "frames=0")
+    assert {key: painting.metrics[key] for key in SAME} == {key: metrics[key] for key in SAME}
     assert np.array_equal(painting.image, pixels_of(tmp_path / "painting.png"))
 
 
@@ -88,9 +87,6 @@ def closed_picture() -> Image.Image:
     [
         ("astronaut", {"stepz": 3}, "stepz is no key of task=paint; nearest first: steps"),
         ("astronaut", {"steps": "many"}, "steps=many is not a whole number; try steps=500"),
-        ("astronaut", {"steps": -1}, "steps=-1"),
-        ("astronaut", {"look": "oyl"}, "look=oyl is not there; choose one of oil"),
-        ("astronaut", {"init": {"lenth": 1}}, "init.lenth is no option of init="),
         ("astronaut", {"resume": "x"}, "resume=x is no option here"),
         ("astronaut", {"callbacks": ["timer"]}, "say where with output="),
         ("astronaut", {"logger": ["tensorboard"]}, "logger=tensorboard may write files; say where with output="),
@@ -110,7 +106,7 @@ def closed_picture() -> Image.Image:
         ("astronaut", {"focus": np.ones((3, 9))}, "focus=.* has 9 x 3 pixels"),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line(picture, options, words):
+def test_a_mistake_is_a_message_of_one_line(picture, options, words):
     for call in (brushexp.paint, brushexp.iterate):  # at once, and not with the first state
         with pytest.raises(brushexp.UserError, match=words) as caught:
             call(picture, **SMALL | options)
@@ -131,8 +127,8 @@ def test_a_run_with_a_folder_leaves_all_and_can_be_repeated(tmp_path):
     picture = kinds_of_picture()["floats"]
     run = tmp_path / "a run"
     painting = brushexp.paint(picture, **SMALL | {"resolution": None}, output=run)
-    there = {path.name for path in run.iterdir()}
-    assert {"painting.png", "catalogue.h5", "report.html", "timelapse.mp4", "curves"} <= there
+    files = {path.name for path in run.iterdir()}
+    assert {"painting.png", "catalogue.h5", "report.html", "timelapse.mp4", "curves"} <= files
     assert json.loads((run / "metrics.json").read_text())["psnr"] == painting.metrics["psnr"]
     assert f"'image={run}/.hydra/image.tif'" in command_of(run)
     again = load_picture(str(run / ".hydra" / "image.tif"), None)
@@ -163,9 +159,9 @@ def test_a_painting_is_drawn_exported_and_saved_later(tmp_path):
     with pytest.raises(brushexp.UserError, match="soft would be options of a renderer that is made already"):
         brushexp.render(painting.strokes, (9, 9), renderer=brushexp.create("renderer", "analytic"), soft=2.0)
     page = painting.save(tmp_path / "kept")
-    there = {path.name for path in page.parent.iterdir()}
-    assert there >= {"painting.png", "flat.png", "target.png", "catalogue.h5", "report.html"}
-    assert "timelapse.mp4" not in there
+    files = {path.name for path in page.parent.iterdir()}
+    assert files >= {"painting.png", "flat.png", "target.png", "catalogue.h5", "report.html"}
+    assert "timelapse.mp4" not in files
     assert painting._repr_html_().startswith("<iframe")
     assert "20 strokes on 32 x 21 pixels" in repr(painting)
 
@@ -206,15 +202,6 @@ def test_states_come_in_order_and_the_last_is_what_paint_gives():
     whole = brushexp.paint("chelsea", **SMALL | {"steps": 8})
     assert np.array_equal(states[-1].image, whole.image)
     assert not painters()
-
-
-@pytest.mark.parametrize("name", sorted(path.stem for path in (SHIPPED / "optimizer").glob("*.yaml")))
-def test_every_optimizer_that_ships_paints(name):
-    if name == "soap":
-        pytest.importorskip("pytorch_optimizer")
-    options = {"look": "plain", "resolution": 32, "strokes": 12, "steps": 8, "optimizer": name}
-    first, *_, last = brushexp.iterate("chelsea", every=8, **options)
-    assert last.psnr > first.psnr
 
 
 def test_waiting_for_the_caller_is_no_time_of_the_painting():

@@ -71,19 +71,19 @@ def loss_like(strokes: Strokes) -> BrushworkTransfer:
 @pytest.mark.parametrize(("n", "m"), [(1, 1), (1, 7), (5, 5), (6, 4), (4, 12), (13, 9)])
 def test_transport_cost_agrees_with_moving_grains_one_by_one(n, m):
     values, reference = torch.randn(2, n, dtype=torch.float64), torch.randn(2, m, dtype=torch.float64).sort(1).values
-    wanted = []
+    expected = []
     for row, other in zip(values.tolist(), reference.tolist(), strict=True):
         fine = sorted(row * m), sorted(other * n)  # n m grains each
-        wanted.append(sum((a - b) ** 2 for a, b in zip(*fine, strict=True)) / (n * m))
-    assert_close(transport_cost(values, reference), torch.tensor(wanted, dtype=torch.float64))
+        expected.append(sum((a - b) ** 2 for a, b in zip(*fine, strict=True)) / (n * m))
+    assert_close(transport_cost(values, reference), torch.tensor(expected, dtype=torch.float64))
 
 
 def test_what_is_matched_is_what_is_analysed():
     made = visible(25)
     table = measure_strokes(made, torch.arange(25), SIZE)
     pitch = pitch_of(made, SIZE)
-    found = matched_measures(made, pitch)
-    for row, name in zip(found, MATCHED, strict=True):
+    measured = matched_measures(made, pitch)
+    for row, name in zip(measured, MATCHED, strict=True):
         value = torch.from_numpy(getattr(table, name))
         assert_close(row, (value / pitch + 0.1).log() if name in ("length", "width") else value, rtol=1e-4, atol=1e-4)
 
@@ -143,8 +143,8 @@ def test_the_canvas_counts_and_not_the_part_a_step_looks_at():
     whole = painting(made)
     region = Region(10, 20, 16, 24)
     part = region.of(whole.image)
-    seen = PaintedView(part, part, made, Surroundings(region, whole.image, whole.target))
-    assert_close(loss(seen), loss(whole), rtol=0, atol=0)
+    view = PaintedView(part, part, made, Surroundings(region, whole.image, whole.target))
+    assert_close(loss(view), loss(whole), rtol=0, atol=0)
 
 
 @pytest.mark.parametrize(("n", "m"), [(160, 80), (50, 80), (75, 60)])
@@ -157,9 +157,9 @@ def test_strokes_take_over_lengths_widths_and_bends_together(n, m):
     check_strokes(after)
     for name in ("position", "scale", "color", "opacity"):
         assert torch.equal(getattr(after, name), getattr(before, name)), name
-    found = rows(brushwork_of(after, (80, 50)))
-    wanted = rows(reference)
-    gap = torch.cdist(found, wanted)
+    measured = rows(brushwork_of(after, (80, 50)))
+    expected = rows(reference)
+    gap = torch.cdist(measured, expected)
     assert gap.amin(1).max() < 0.02, "every stroke is a stroke of the reference"
     used = torch.bincount(gap.argmin(1), minlength=m)
     assert used.max() - used.min() <= 1, "and all of them are used equally often"

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sweeps import collect, make_run
+from sweeps import collect, make_run, write_words
 
 from brushexp.errors import UserError
-from brushexp.results.anytime_curves import ahead, curve_from, mean_curve, quality_at, time_to, write_anytime
+from brushexp.results.anytime_curves import curve_from, leaders, mean_curve, quality_at, time_to, write_anytime
 from brushexp.results.runs import gather
-from brushexp.system.files import write_json, write_picture, write_text
+from brushexp.system.files import write_text
 
 CURVE = (np.array([1.0, 2.0, 4.0, 5.0]), np.array([10.0, 20.0, 18.0, 30.0]))
 NUMBERS = {"psnr": 25.0, "perceptual": 0.2, "seconds": 2.0, "anytime": [[0.1, 15.0], [2.0, 25.0]]}
@@ -17,11 +17,9 @@ NUMBERS = {"psnr": 25.0, "perceptual": 0.2, "seconds": 2.0, "anytime": [[0.1, 15
 
 def single_run(folder: Path, *words: str, **numbers: object) -> Path:
     """What ``brushexp`` leaves."""
-    (folder / ".hydra").mkdir(parents=True)
-    write_text(folder / ".hydra" / "overrides.yaml", "".join(f"- {word}\n" for word in words) or "[]\n")
+    make_run(folder.parent, {}, name=folder.name, target=100, **(NUMBERS | numbers))
+    write_words(folder, *words)
     write_text(folder / ".hydra" / "config.yaml", "image: chelsea\n")
-    write_json(folder / "metrics.json", {"status": "completed"} | NUMBERS | numbers)
-    write_picture(folder / "target.png", np.full((20, 30, 3), 100, np.uint8))
     return folder
 
 
@@ -54,7 +52,7 @@ def test_a_run_that_has_ended_keeps_its_picture_in_the_mean_and_the_lead():
     assert psnr.tolist() == pytest.approx([(15 + 20) / 2, (20 + 20 + 10 / 3) / 2, (20 + 30) / 2])
     fast = (np.array([0.0, 1.0]), np.array([10.0, 20.0]))
     slow = (np.array([0.5, 3.0, 4.0]), np.array([5.0, 20.05, 30.0]))
-    assert ahead({"fast": fast, "slow": slow}) == [(0.0, "fast"), (4.0, "slow")]
+    assert leaders({"fast": fast, "slow": slow}) == [(0.0, "fast"), (4.0, "slow")]
 
 
 def test_equal_time_and_equal_quality_are_told(tmp_path):
@@ -73,10 +71,10 @@ def test_sweeps_and_single_runs_are_gathered(tmp_path):
     sweep(tmp_path / "sweep", *(f"steps={k}" for k in range(11)))
     single_run(tmp_path / "alone", "+a=1", "~b", "output=x")
     into = tmp_path / "new"
-    found = gather([tmp_path / "sweep", tmp_path / "alone", tmp_path / "sweep" / "3"], into)
-    assert list(found.index) == [*(f"../sweep/{k}" for k in range(11)), "../alone"]
-    assert found["run", "overrides"].iloc[-1] == {"a": "1", "b": "(removed)"}
-    assert all(path.resolve().is_dir() for path in found["run", "folder"])
+    frame = gather([tmp_path / "sweep", tmp_path / "alone", tmp_path / "sweep" / "3"], into)
+    assert list(frame.index) == [*(f"../sweep/{k}" for k in range(11)), "../alone"]
+    assert frame["run", "overrides"].iloc[-1] == {"a": "1", "b": "(removed)"}
+    assert all(path.resolve().is_dir() for path in frame["run", "folder"])
     assert len(gather([tmp_path], into)) == 12
 
 

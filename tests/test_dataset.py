@@ -49,7 +49,7 @@ def write(path: Path, n: int = N, seed: int = 0, window: int = 6, engine: str = 
 
 
 @pytest.fixture(scope="module")
-def kept(tmp_path_factory) -> Path:
+def large(tmp_path_factory) -> Path:
     return write(tmp_path_factory.mktemp("set") / "strokes")
 
 
@@ -71,11 +71,11 @@ def split_of(n: int, split: Split) -> np.ndarray:
 
 
 def read_all(path: Path) -> tuple:
-    found = StrokeSet(path)
-    rows = [shard_rows(shard) for shard in found.shards]
-    for shard in found.shards:
+    strokes = StrokeSet(path)
+    rows = [shard_rows(shard) for shard in strokes.shards]
+    for shard in strokes.shards:
         shard.file.close()
-    return found.origin, found.seed, *(np.concatenate([row[name] for row in rows]) for name in rows[0])
+    return strokes.origin, strokes.seed, *(np.concatenate([row[name] for row in rows]) for name in rows[0])
 
 
 refused = partial(catalogues.refused, read=read_all)
@@ -85,36 +85,36 @@ def numbers_of(loader) -> Tensor:
     return torch.cat([batch.number for batch in loader])
 
 
-def test_a_set_comes_back_as_it_was_simulated(kept):
-    found = StrokeSet(kept)
+def test_a_set_comes_back_as_it_was_simulated(large):
+    strokes = StrokeSet(large)
     parameters = parameters_of(sample_prior(N))
     simulated = Spot()(parameters, seed=0)
-    assert (len(found), found.origin, found.seed) == (N, Origin("spot", {"radius": 0.25}, 6), 0)
-    assert [len(shard) for shard in found.shards] == [256, 256, 256, 232]
-    _, _, read, _, heights = read_all(kept)
+    assert (len(strokes), strokes.origin, strokes.seed) == (N, Origin("spot", {"radius": 0.25}, 6), 0)
+    assert [len(shard) for shard in strokes.shards] == [256, 256, 256, 232]
+    _, _, read, _, heights = read_all(large)
     assert torch.equal(torch.from_numpy(read), parameters)
     np.testing.assert_allclose(heights / HEIGHT_STEPS, simulated.heights, rtol=0, atol=0.6 / HEIGHT_STEPS)
     numbers = np.array([3, 999, 0, 500, 17, 16, 255, 256, 15])
-    images = torch.from_numpy(pictures_of(found.shards, numbers)).permute(0, 3, 1, 2) / 255
+    images = torch.from_numpy(pictures_of(strokes.shards, numbers)).permute(0, 3, 1, 2) / 255
     torch.testing.assert_close(images, simulated.images[numbers], rtol=0, atol=0.5 / 255 + 1e-6)
     attributes = {"format", "format_version", "first", "n", "seed", "engine", "engine_config", "window", "splits"}
-    assert set(found.shards[1].file.attrs) == attributes
-    assert all(dataset.fletcher32 and len(dataset.attrs["unit"]) for dataset in found.shards[1].file.values())
+    assert set(strokes.shards[1].file.attrs) == attributes
+    assert all(dataset.fletcher32 and len(dataset.attrs["unit"]) for dataset in strokes.shards[1].file.values())
 
 
 @pytest.mark.parametrize("n", [1, 33, 1000, 5003])
 def test_splits_share_out_all_strokes_and_keep_them_when_the_set_grows(n):
     numbers = {split: split_of(n, split) for split in Split}
     assert sorted(np.concatenate(list(numbers.values()))) == list(range(n))
-    for split, found in numbers.items():
-        assert np.array_equal(split_of(n + 777, split)[: len(found)], found)
+    for split, places in numbers.items():
+        assert np.array_equal(split_of(n + 777, split)[: len(places)], places)
         if n > 5000 and split is not Split.TRAINING:
-            assert 0.04 < len(found) / n < 0.06
+            assert 0.04 < len(places) / n < 0.06
 
 
 @pytest.mark.parametrize("batch_size", [7, 64, 5000])
-def test_every_training_stroke_comes_once_in_an_epoch_and_in_another_order_in_the_next(kept, batch_size):
-    loader = StoredData([kept], batch_size=batch_size).train_dataloader()
+def test_every_training_stroke_comes_once_in_an_epoch_and_in_another_order_in_the_next(large, batch_size):
+    loader = StoredData([large], batch_size=batch_size).train_dataloader()
     epochs = [list(loader), list(loader)]
     orders = [numbers_of(epoch) for epoch in epochs]
     for epoch, order in zip(epochs, orders, strict=True):
@@ -122,36 +122,36 @@ def test_every_training_stroke_comes_once_in_an_epoch_and_in_another_order_in_th
         assert torch.equal(order.sort().values, torch.from_numpy(split_of(N, Split.TRAINING)))
     assert not torch.equal(*orders)
     assert (orders[0][1:] - orders[0][:-1] == 1).float().mean() < 0.05, "neighbours are apart"
-    again, other = (StoredData([kept], batch_size=batch_size, seed=seed).train_dataloader() for seed in (0, 1))
+    again, other = (StoredData([large], batch_size=batch_size, seed=seed).train_dataloader() for seed in (0, 1))
     assert torch.equal(numbers_of(again), orders[0])
     assert not torch.equal(numbers_of(other), orders[0])
 
 
-@pytest.mark.parametrize("seen", [0, 9, 23])
-def test_a_loader_goes_on_where_it_was(kept, seen):
-    whole, first, second = (StoredData([kept], batch_size=37).train_dataloader() for _ in range(3))
+@pytest.mark.parametrize("last", [0, 9, 23])
+def test_a_loader_goes_on_where_it_was(large, last):
+    whole, first, second = (StoredData([large], batch_size=37).train_dataloader() for _ in range(3))
     numbers = [batch.number for _ in range(2) for batch in whole]
     assert len(whole) == 24
-    for _ in zip(range(seen + 1), first, strict=False):
+    for _ in zip(range(last + 1), first, strict=False):
         pass
     second.load_state_dict(first.state_dict())
-    going_on = [batch.number for _ in range(2) for batch in second][: len(numbers) - seen - 1]
-    assert all(torch.equal(*pair) for pair in zip(going_on, numbers[seen + 1 :], strict=False))
+    going_on = [batch.number for _ in range(2) for batch in second][: len(numbers) - last - 1]
+    assert all(torch.equal(*pair) for pair in zip(going_on, numbers[last + 1 :], strict=False))
 
 
-def test_limit_takes_the_first_training_strokes_and_held_out_ones_come_in_order(kept):
-    data = StoredData([kept], batch_size=10, limit=50)
+def test_limit_takes_the_first_training_strokes_and_held_out_ones_come_in_order(large):
+    data = StoredData([large], batch_size=10, limit=50)
     assert sorted(numbers_of(data.train_dataloader()).tolist()) == split_of(N, Split.TRAINING)[:50].tolist()
     for loader, split in ((data.val_dataloader(), Split.VALIDATION), (data.test_dataloader(), Split.TEST)):
         for _ in range(2):
             assert numbers_of(loader).tolist() == split_of(N, split).tolist()
-    assert [data.count(Split.TEST, wanted) for wanted in (None, 20, 80)] == [64, 20, 64]
+    assert [data.count(Split.TEST, most) for most in (None, 20, 80)] == [64, 20, 64]
     assert [len(batch.number) for batch in data.first(Split.TEST, 15)] == [10, 5]
     assert torch.equal(data.first_batch(Split.TEST, 15).number, torch.arange(15))
 
 
-def test_several_sets_are_read_as_one_and_the_rows_of_a_batch_belong_together(kept, tmp_path):
-    data = StoredData([kept, write(tmp_path / "other", n=400, seed=1)], batch_size=50)
+def test_several_sets_are_read_as_one_and_the_rows_of_a_batch_belong_together(large, tmp_path):
+    data = StoredData([large, write(tmp_path / "other", n=400, seed=1)], batch_size=50)
     for split, loader in ((Split.TRAINING, data.train_dataloader()), (Split.TEST, data.test_dataloader())):
         expected = set()
         for size, seed in ((N, 0), (400, 1)):
@@ -165,15 +165,15 @@ def row_of(parameters: Tensor, image: Tensor, number: int) -> tuple[float, ...]:
     return (int(number), *parameters.tolist(), *image.flatten().tolist())
 
 
-def test_sets_that_do_not_fit_together_are_refused(kept, tmp_path):
+def test_sets_that_do_not_fit_together_are_refused(large, tmp_path):
     small = write(tmp_path / "d", n=BLOCK)
     for paths, limit, message in (
-        ([kept, write(tmp_path / "a", n=40, window=8)], None, r"window 6, and .* has window 8; give sets that agree"),
-        ([kept, write(tmp_path / "b", n=40, engine="blot")], None, r"engine spot, and .* has engine blot"),
-        ([kept, write(tmp_path / "c", n=40)], None, r"hold the same strokes \(seed 0\)"),
+        ([large, write(tmp_path / "a", n=40, window=8)], None, r"window 6, and .* has window 8; give sets that agree"),
+        ([large, write(tmp_path / "b", n=40, engine="blot")], None, r"engine spot, and .* has engine blot"),
+        ([large, write(tmp_path / "c", n=40)], None, r"hold the same strokes \(seed 0\)"),
         ([], None, "no set of strokes is given"),
         ([small], None, "no stroke is for validation"),
-        ([kept], 0, "set limit to 1 or more"),
+        ([large], 0, "set limit to 1 or more"),
     ):
         with pytest.raises(UserError, match=message):
             StoredData(paths, limit=limit)
@@ -217,8 +217,8 @@ def test_what_is_no_set_is_explained(tmp_path, stored):
         assert "is damaged or cut short" in refused(path)
 
 
-def test_shards_that_are_not_a_whole_set_are_refused(kept, tmp_path):
-    files = sorted(kept.glob("0*.h5"))
+def test_shards_that_are_not_a_whole_set_are_refused(large, tmp_path):
+    files = sorted(large.glob("0*.h5"))
     for name, chosen in (("gap", [files[0], files[2]]), ("end", files[1:])):
         (tmp_path / name).mkdir()
         for path in chosen:
@@ -234,9 +234,9 @@ def test_no_wrong_byte_goes_unnoticed(stored):
     whole = read_all(stored)
 
     def unchanged() -> None:
-        found = read_all(stored)
-        assert found[:2] == whole[:2]
-        assert all(np.array_equal(*pair) for pair in zip(found[2:], whole[2:], strict=True))
+        contents = read_all(stored)
+        assert contents[:2] == whole[:2]
+        assert all(np.array_equal(*pair) for pair in zip(contents[2:], whole[2:], strict=True))
 
     catalogues.spoil_every(stored, stored.stat().st_size // 40, unchanged)
 

@@ -12,7 +12,7 @@ from sweeps import collect, make_grid, make_run, note, write_words
 
 from brushexp.results.anytime_curves import MOST_CURVES, write_curves
 from brushexp.results.effect import effects, write_effect
-from brushexp.results.runs import shortened
+from brushexp.results.runs import shorten
 from brushexp.runs.sweep_report import renew
 
 SEEDS = {"seed": ["0", "1"]}
@@ -33,10 +33,10 @@ def test_runs_are_grouped_by_all_but_the_seed(tmp_path):
         "init=grid": {"mse": 20.5, "kl": 22.5, "l1": 24.5},
         "init=slic": {"mse": 26.5, "kl": 28.5, "l1": 30.5},
     }
-    found = effects(collect(tmp_path))["init=grid"]
-    assert (found.index.name, list(found.index)) == ("loss", ["mse", "kl", "l1"])
-    assert found["std"]["psnr"].tolist() == pytest.approx([math.sqrt(0.5)] * 3)
-    assert list(found["mean"]) == ["psnr", "perceptual", "seconds"]
+    table = effects(collect(tmp_path))["init=grid"]
+    assert (table.index.name, list(table.index)) == ("loss", ["mse", "kl", "l1"])
+    assert table["std"]["psnr"].tolist() == pytest.approx([math.sqrt(0.5)] * 3)
+    assert list(table["mean"]) == ["psnr", "perceptual", "seconds"]
     (tmp_path / "more").mkdir()
     make_grid(tmp_path / "more", {"a": ["1", "2"], "image": ["/x/y/a.png", "/x/y/b.png"], "lr": ["1", "2", "3"]})
     assert list(means(tmp_path / "more")) == [
@@ -105,11 +105,11 @@ def test_every_plot_is_drawn_whole(tmp_path, axes, heights):
 
 
 def test_values_are_shortened_as_long_as_they_differ():
-    assert list(shortened(["/a/x/b.png", "/a/y/b.png"]).values()) == ["x/b.png", "y/b.png"]
-    assert list(shortened(["[sets/a]", "[sets/b]"]).values()) == ["[a]", "[b]"]
-    assert list(shortened(["a" * 50]).values()) == ["..." + "a" * 40]
+    assert list(shorten(["/a/x/b.png", "/a/y/b.png"]).values()) == ["x/b.png", "y/b.png"]
+    assert list(shorten(["[sets/a]", "[sets/b]"]).values()) == ["[a]", "[b]"]
+    assert list(shorten(["a" * 50]).values()) == ["..." + "a" * 40]
     both = ["1" + "a" * 50, "2" + "a" * 50]
-    assert list(shortened(both).values()) == both
+    assert list(shorten(both).values()) == both
 
 
 @pytest.mark.parametrize("count", [2, MOST_CURVES + 1])

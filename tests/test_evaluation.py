@@ -21,9 +21,9 @@ from brushexp.errors import UserError
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import RENDERERS, window_pictures
 from brushexp.registry import build, build_named, plugins
-from brushexp.strokes.prior import INSET, WIDTH, parameters_of, sample_prior
+from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.tasks import evaluate
-from brushexp.training.benchmark import EXTREMES, draw_extremes, extreme_strokes
+from brushexp.training.benchmark import EXTREMES, draw_extremes
 from brushexp.training.dataset import origin_of
 from brushexp.training.evaluation import (
     FeatureDistance,
@@ -55,9 +55,9 @@ def sample_set(n: int, shift: float = 0.0) -> torch.Tensor:
 
 def test_fid_and_kid_are_their_formulas():
     ours, truth = sample_set(40), sample_set(40, shift=0.1)
-    found = distance()
+    measure = distance()
     for part in (slice(0, 15), slice(15, 40)):
-        found.add(ours[part], truth[part])
+        measure.add(ours[part], truth[part])
     a, b = (images.flatten(1)[:, :5].double().numpy() for images in (ours, truth))
     means = np.square(a.mean(0) - b.mean(0)).sum()
     covariances = [np.cov(x, rowvar=False) for x in (a, b)]
@@ -65,7 +65,7 @@ def test_fid_and_kid_are_their_formulas():
     fid = means + np.trace(covariances[0] + covariances[1] - 2 * root)
     near = [(x @ y.T / 5 + 1) ** 3 for x, y in ((a, a), (b, b), (a, b))]
     within = sum((k.sum() - np.trace(k)) / (40 * 39) for k in near[:2])
-    figures = found.figures()
+    figures = measure.figures()
     assert figures["fid_mine"] == pytest.approx(fid, rel=1e-9)
     assert figures["kid_mine"] == pytest.approx(within - 2 * near[2].mean(), rel=1e-6)
     clear = torch.tensor([0.2, 0.4, 0.6, 0.5]).reshape(1, 4, 1, 1)
@@ -77,10 +77,10 @@ def test_fid_and_kid_are_their_formulas():
 
 
 def test_distances_are_told_for_every_number_of_strokes_and_fall_with_it():
-    found = distance()
+    measure = distance()
     torch.manual_seed(0)
-    found.add(sample_set(300), sample_set(300))
-    rows = found.by_number()
+    measure.add(sample_set(300), sample_set(300))
+    rows = measure.by_number()
     assert [(row["n"], row["sets"]) for row in rows] == [(64, 4), (128, 2), (256, 1)]
     assert rows[0]["fid_mine"] > rows[2]["fid_mine"] > 0
     assert rows[0]["fid_mine_bias"] > rows[1]["fid_mine_bias"] > 0
@@ -104,10 +104,10 @@ def test_bristle_energy_is_the_share_of_fine_detail_that_is_drawn():
     smooth[:, 3] = 0.5
     half = truth.clone()
     half[:, 3] = 0.5 + 0.7 * (truth[:, 3] - 0.5)
-    wanted = {"bristles_thin": 1.0, "bristles_thick": 1.0, "light_thin": 1.0, "light_thick": 1.0}
+    expected = {"bristles_thin": 1.0, "bristles_thick": 1.0, "light_thin": 1.0, "light_thick": 1.0}
     for images, share in ((truth, 1.0), (smooth, 0.0), (half, 0.49)):
         figures = bristle_figures(bristle_sums(images, truth, parameters))
-        assert figures == pytest.approx(wanted | {"bristles_thin": share, "bristles_thick": share}, abs=1e-6)
+        assert figures == pytest.approx(expected | {"bristles_thin": share, "bristles_thick": share}, abs=1e-6)
     parts = [bristle_sums(half[k::2], truth[k::2], parameters[k::2]) for k in range(2)]
     torch.testing.assert_close(sum(parts), bristle_sums(half, truth, parameters))
 
@@ -172,22 +172,20 @@ def test_no_stroke_makes_what_a_user_gets_other_than_a_number(name):
     assert all(row["finite"] for row in outside.rows if row["drawn"] == "painted")
 
 
-def test_a_perfect_renderer_has_the_mass_of_the_nearest_stroke():
+def test_a_perfect_renderer_has_the_mass_of_the_nearest_stroke_of_the_seed():
     class Same:
         window = 24
 
         def __call__(self, parameters, *, seed, first=0):
+            assert seed == 7
             return SimpleNamespace(images=window_pictures(Analytic(), parameters, 24))
 
-    rows = {row["stroke"]: row for row in draw_extremes(Analytic(), Same(), 0).rows}
+    rows = {row["stroke"]: row for row in draw_extremes(Analytic(), Same(), 7).rows}
     assert rows["ordinary"]["alpha_mass"] == pytest.approx(1, rel=1e-5)
     assert rows["ordinary"]["l2"] == pytest.approx(0, abs=1e-12)
     assert rows["width 0"]["alpha_mass"] == pytest.approx(0, abs=1e-6)
     assert rows["width 0.5"]["alpha_mass"] > 1
     assert not rows["red 1.5"]["in_range"]
-    found = extreme_strokes()
-    assert float(found.width.min()) < WIDTH[0] < WIDTH[1] < float(found.width.max())
-    assert float(found.control.abs().max()) > INSET
 
 
 @pytest.fixture
@@ -227,27 +225,22 @@ def test_the_size_of_a_trained_renderer_is_told_and_that_it_is_not_trained(run, 
     assert "neural has random weights; give those of task=train" in caplog.text
 
 
-@pytest.mark.parametrize(
-    ("typed", "brushes", "seed"),
-    [((), 8, 7), (("engine.brushes=8",), 8, 7), (("engine.brushes=3", "other_data=true"), 3, 0)],
-)
-def test_strokes_are_simulated_with_the_brushes_of_the_training(typed, brushes, seed, config):
-    cfg = config("task=evaluate", *typed)
-    data = stroke_data(cfg)
-    assert (data.origin.engine_config["brushes"], data.engine.brushes, data.first_seed) == (brushes, brushes, seed)
-
-
-@pytest.mark.parametrize(
-    ("word", "wanted"),
-    [("engine.brushes=1", (1, 2)), ("engine.supersample=1", (8, 1)), ("engine.supersample=2", (8, 2))],
-)
-def test_what_is_typed_of_the_engine_wins_also_where_it_is_the_default(word, wanted, config, monkeypatch):
-    typed = SimpleNamespace(overrides=SimpleNamespace(task=["task=evaluate", word]))
+@pytest.mark.parametrize(("words", "brushes", "supersample", "seed"), [
+    ([], 8, 2, 7),
+    (["engine.brushes=8"], 8, 2, 7),
+    (["engine.brushes=3", "other_data=true"], 3, 2, 0),
+    (["engine.brushes=1"], 1, 2, 7),
+    (["engine.supersample=1"], 8, 1, 7),
+    (["engine.supersample=2"], 8, 2, 7),
+])  # fmt: skip
+def test_the_engine_is_that_of_the_training_unless_typed(words, brushes, supersample, seed, config, monkeypatch):
+    typed = SimpleNamespace(overrides=SimpleNamespace(task=["task=evaluate", *words]))
     monkeypatch.setattr(HydraConfig, "initialized", lambda: True)
     monkeypatch.setattr(HydraConfig, "get", lambda: typed)
-    data = stroke_data(config("task=evaluate", word))
+    data = stroke_data(config("task=evaluate", *words))
     options = data.origin.engine_config
-    assert (options["brushes"], options["supersample"], data.first_seed) == (*wanted, 7)
+    assert (options["brushes"], data.engine.brushes, options["supersample"]) == (brushes, brushes, supersample)
+    assert data.first_seed == seed
 
 
 def test_strokes_of_the_brushes_of_another_seed_are_refused_unless_wanted(config, tmp_path):
@@ -261,16 +254,3 @@ def test_strokes_of_the_brushes_of_another_seed_are_refused_unless_wanted(config
     check(config(*refused, "other_data=true"))
     check(cfg := config("task=evaluate", f"data={tmp_path / '7'}"))
     assert stroke_data(cfg).first_seed == 7
-
-
-def test_strokes_outside_the_range_are_painted_with_the_brushes_of_the_seed():
-    class Noted:
-        window = 24
-
-        def __call__(self, parameters, *, seed, first=0):
-            self.seed = seed
-            return SimpleNamespace(images=window_pictures(Analytic(), parameters, 24))
-
-    engine = Noted()
-    draw_extremes(Analytic(), engine, 7)
-    assert engine.seed == 7

@@ -29,25 +29,26 @@ from brushexp.errors import UserError
 from brushexp.painting.components import load_strokes
 from brushexp.plugins.blend.dense import Dense
 from brushexp.plugins.blend.tiled import Tiled
-from brushexp.plugins.export._packing import bitmap
-from brushexp.plugins.export._sprites import sprites_of
+from brushexp.plugins.export._sprites import draw_sprites
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.plugins.export.csv import Csv
 from brushexp.plugins.export.job import export_job, renderer_of, with_renderer
 from brushexp.plugins.export.json import Json
 from brushexp.plugins.export.png import Png
+from brushexp.plugins.export.prints import bitmap
 from brushexp.plugins.export.svg import Svg, soft_edge
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build_named, plugins
 from brushexp.shading.light import Light
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import FIELDS, Strokes
+from brushexp.strokes.saved import json_lines, parse
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
-from brushexp.strokes.text import json_lines, parse
 from brushexp.system.files import to_bytes
 
 SIZE = (36, 52)
 LEVELS = 3 / 255  # by which faint paint differs where tiles lie elsewhere
+TEXTURED = build_named("renderer", "textured", {}).eval()
 EXPORTERS = [plugin.name for plugin in plugins("to")]
 resvg = pytest.importorskip("resvg_py", reason="pip install resvg-py: it draws our SVG independently")
 
@@ -66,12 +67,12 @@ def some(n: int = 9, size: tuple[int, int] = SIZE) -> Strokes:
 
 def exporter(name: str) -> Exporter:
     try:
-        made: Exporter = build_named("to", name, {})
+        built: Exporter = build_named("to", name, {})
     except UserError as error:
         if "pip install" in str(error):
             pytest.skip(str(error))
         raise
-    return made
+    return built
 
 
 def written(name: str, what: ExportJob, folder: Path) -> dict[str, bytes]:
@@ -207,10 +208,10 @@ def test_the_svg_has_a_path_for_each_stroke_that_can_be_seen_bottom_first_and_te
     assert "run <1> & more.h5" in root.find(f"{name}desc").text
     canvas, *paths = root.find(f"{name}g")
     assert canvas.get("fill") == "#e6d9b3"
-    seen = [i for i in what.bottom_up.tolist() if i in (0, 3)]
-    colors = ["#" + bytes(int(c * 255 + 0.5) for c in what.strokes.color[i].tolist()).hex() for i in seen]
+    visible = [i for i in what.bottom_up.tolist() if i in (0, 3)]
+    colors = ["#" + bytes(int(c * 255 + 0.5) for c in what.strokes.color[i].tolist()).hex() for i in visible]
     assert [path.get("stroke") for path in paths] == colors
-    dot = paths[seen.index(0)]
+    dot = paths[visible.index(0)]
     x, y = curve_of(what.strokes)[0, 0].tolist()
     assert dot.get("d") == f"M{x:.3f}".rstrip("0") + f" {y:.3f}".rstrip("0") + "h.001"
     assert float(dot.get("stroke-width")) == pytest.approx(
@@ -219,8 +220,7 @@ def test_the_svg_has_a_path_for_each_stroke_that_can_be_seen_bottom_first_and_te
     assert float(dot.get("stroke-opacity")) == pytest.approx(float(what.strokes.opacity[0]), abs=1e-3)
     sizes = [Svg(digits=digits).write(what, tmp_path)[0].stat().st_size for digits in (0, 2, 6)]
     assert sizes == sorted(sizes)
-    textured = replace(job_of(some(4)), renderer=build_named("renderer", "textured", {}).eval())
-    textured = changed(textured, renderer="textured")
+    textured = changed(replace(job_of(some(4)), renderer=TEXTURED), renderer="textured")
     (path,) = Svg(paths=True).write(textured, tmp_path)
     assert "The renderer textured gives them a texture, which paths cannot hold." in path.read_text()
     assert path.read_text().count("<path") == 4 + 2
@@ -230,8 +230,8 @@ def test_the_svg_has_a_path_for_each_stroke_that_can_be_seen_bottom_first_and_te
 def test_no_name_of_a_file_breaks_the_svg(source, tmp_path):
     (path,) = Svg().write(replace(job_of(some(2)), source=source), tmp_path)
     root = ET.fromstring(path.read_text(encoding="utf-8"))
-    seen = re.sub("[\x00-\x1f\ud800]", "?", source)
-    assert f"from {seen};" in root.find("{http://www.w3.org/2000/svg}desc").text
+    legible = re.sub("[\x00-\x1f\ud800]", "?", source)
+    assert f"from {legible};" in root.find("{http://www.w3.org/2000/svg}desc").text
     tags = {element.tag.rpartition("}")[2] for element in root.iter()}
     assert tags == {"svg", "title", "desc", "clipPath", "g", "path"}
 
@@ -240,8 +240,7 @@ def test_no_name_of_a_file_breaks_the_svg(source, tmp_path):
 def test_textured_strokes_in_the_light_are_in_the_svg_as_they_are(zoom, least, tmp_path, monkeypatch):
     monkeypatch.setattr("brushexp.plugins.export._sprites.MOST_PIXELS", 1e5)  # too few for strokes three times as large
     strokes = random_strokes(150, (96, 128), width=(0.1, 0.4), bend=0.3).moved(zoom=zoom)
-    textured = build_named("renderer", "textured", {}).eval()
-    what = replace(job_of(strokes, (96 * zoom, 128 * zoom)), renderer=textured, light=Light(depth=1.0))
+    what = replace(job_of(strokes, (96 * zoom, 128 * zoom)), renderer=TEXTURED, light=Light(depth=1.0))
     (path,) = Svg().write(what, tmp_path)
     assert psnr(drawn(path.read_bytes()), what.picture()) > least
     numbers = re.findall('id="stroke-([0-9]+)"', path.read_text())
@@ -255,13 +254,13 @@ def test_textured_strokes_in_the_light_are_in_the_svg_as_they_are(zoom, least, t
 def test_strokes_that_are_longer_than_the_sheet_of_sprites_are_drawn_whole(monkeypatch):
     monkeypatch.setattr("brushexp.plugins.export._sprites.SHEET_WIDTH", 100)
     strokes = random_strokes(3, (96, 128), width=(0.02, 0.03), bend=0.1).moved(zoom=30)
-    what = replace(job_of(strokes, (2880, 3840)), renderer=build_named("renderer", "textured", {}).eval())
-    found = sprites_of(what)
-    assert (found.boxes[:, 2:] <= 100).all()
+    what = replace(job_of(strokes, (2880, 3840)), renderer=TEXTURED)
+    sprites = draw_sprites(what)
+    assert (sprites.boxes[:, 2:] <= 100).all()
     layers = what.renderer(strokes)
-    extent = (layers.curve.amax(1) - layers.curve.amin(1)).numpy()[found.number]
+    extent = (layers.curve.amax(1) - layers.curve.amin(1)).numpy()[sprites.number]
     assert extent.max() > 100
-    assert (found.boxes[:, 2:] >= found.zoom * extent).all()
+    assert (sprites.boxes[:, 2:] >= sprites.zoom * extent).all()
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 7), (7, 1), (9, 5), (5, 9)])
@@ -273,20 +272,19 @@ def test_a_small_bitmap_is_read_as_it_was(size):
 
 
 def test_sprites_are_the_strokes_alone_without_colour_where_there_is_no_paint():
-    textured = build_named("renderer", "textured", {}).eval()
     strokes = random_strokes(12, SIZE, width=(0.1, 0.4), bend=0.3)
-    what = replace(job_of(strokes), renderer=textured, light=Light(depth=1.0))
-    for number, (left, top), sprite in sprites_of(what).bitmaps():
+    what = replace(job_of(strokes), renderer=TEXTURED, light=Light(depth=1.0))
+    for number, (left, top), sprite in draw_sprites(what).bitmaps():
         moved, size = strokes[[number]].moved(shift=(-left, -top)), sprite.shape[:2]
         black, white = (
-            Tiled()(textured(moved), torch.tensor([0]), size, torch.full((3,), shade)).image for shade in (0.0, 1.0)
+            Tiled()(TEXTURED(moved), torch.tensor([0]), size, torch.full((3,), shade)).image for shade in (0.0, 1.0)
         )
         alpha = 1 - (white - black).mean(0)
         np.testing.assert_allclose(sprite[..., 3] / 255, alpha.detach(), atol=LEVELS)
         assert not sprite[sprite[..., 3] == 0].any()
-        seen = sprite[..., 3] > 30
+        visible = sprite[..., 3] > 30
         color = (black / alpha.clamp_min(1e-6)).permute(1, 2, 0).detach().numpy().clip(0, 1)
-        np.testing.assert_allclose(sprite[seen][:, :3] / 255, color[seen], atol=LEVELS)
+        np.testing.assert_allclose(sprite[visible][:, :3] / 255, color[visible], atol=LEVELS)
 
 
 def test_pictures_that_are_painted_already_make_the_same_svg(tmp_path):
@@ -386,10 +384,10 @@ def test_edited_strokes_are_painted(tmp_path):
     bottom = min(range(7), key=lambda k: data["strokes"][k]["depth"])
     del data["strokes"][bottom]
     path.write_text(json.dumps(data))
-    kept = torch.tensor([k for k in range(7) if k != bottom])
-    assert torch.equal(load_catalogue(path).strokes.position, catalogue().strokes.position[kept])
-    assert torch.equal(load_catalogue(path).depth, catalogue().depth[kept] - 1), "the others keep their order"
-    assert torch.equal(load_catalogue(path).strokes.brush, kept), "and their brushes"
+    others, read = torch.tensor([k for k in range(7) if k != bottom]), load_catalogue(path)
+    assert torch.equal(read.strokes.position, catalogue().strokes.position[others])
+    assert torch.equal(read.depth, catalogue().depth[others] - 1), "the others keep their order"
+    assert torch.equal(read.strokes.brush, others), "and their brushes"
 
 
 @pytest.mark.parametrize(("change", "message"), [
@@ -487,12 +485,12 @@ def test_other_weights_are_told_and_a_chosen_renderer_becomes_that_of_the_catalo
     with_renderer(replace(catalogue(), renderer_hash="0123"), None, "a.h5")
     assert "painted with other weights of renderer=analytic" in caplog.text
     chosen = OmegaConf.create({"_target_": "brushexp.plugins.renderer.analytic.Analytic", "soft": 5.0, "taper": 0.5})
-    made, renderer = with_renderer(catalogue(), chosen, "a.h5")
+    saved, renderer = with_renderer(catalogue(), chosen, "a.h5")
     assert (renderer.soft, renderer.taper) == (5.0, 0.5)
-    (path,) = Json().write(export_job(made, renderer), tmp_path)
+    (path,) = Json().write(export_job(saved, renderer), tmp_path)
     again = renderer_of(load_catalogue(path))
     assert (again.soft, again.taper) == (5.0, 0.5)
-    assert OmegaConf.create(made.config).image == "größe.png"
+    assert OmegaConf.create(saved.config).image == "größe.png"
 
 
 def test_the_program_writes_all_of_them_at_once(tmp_path):

@@ -53,13 +53,8 @@ def mine(tmp_path):
 def test_a_look_of_ones_own_is_one_file(mine, tmp_path):
     cfg = mine()
     check(cfg)
-    assert (cfg.steps, cfg.background, cfg.init.shift, cfg.optimizer.lr, cfg.loss.kl.weight) == (
-        30,
-        "white",
-        True,
-        0.07,
-        0.5,
-    )
+    values = cfg.steps, cfg.background, cfg.init.shift, cfg.optimizer.lr, cfg.loss.kl.weight
+    assert values == (30, "white", True, 0.07, 0.5)
     assert presets_of(tmp_path / "look") == {"mine": "my own"}
     assert cfg.pixels_per_stroke == PaintTask.pixels_per_stroke  # what a look does not say is as ever
 
@@ -70,7 +65,7 @@ def test_a_look_of_ones_own_is_one_file(mine, tmp_path):
         ("steps=7", "init loss optimizer", {"steps": 7}),
         ("init=slic", "loss optimizer", {"init.width": 0.8}),
         ("init=grid", "init loss optimizer", {}),
-        ("loss=[mse]", "init optimizer", {"loss": {"mse": {"weight": 1.0}}}),
+        ("loss=[mse]", "init optimizer", {"loss.mse.weight": 1.0, "loss.kl": None}),
         ("loss=[kl,l1]", "init loss.kl", {"loss.l1.weight": 1.0}),
         ("optimizer=sgd", "init loss", {"optimizer.lr": 12.0}),
         ("init.shift=false loss.kl.weight=2", "optimizer", {"init.shift": False, "loss.kl.weight": 2.0}),
@@ -82,16 +77,7 @@ def test_what_is_typed_wins_and_the_rest_of_a_look_stays(mine, typed, same, chan
     for key in same.split():
         assert OmegaConf.select(after, key) == OmegaConf.select(before, key)
     for key, value in changed.items():
-        found = OmegaConf.select(after, key)
-        if key == "loss":
-            found = {name: {"weight": node.weight} for name, node in found.items()}
-        assert found == value
-
-
-@pytest.mark.parametrize("typed", ["init=slic init.shift=true", "loss=[mse] loss.kl.weight=3"])
-def test_what_a_user_types_of_a_plugin_that_is_not_chosen_is_refused(mine, typed):
-    with pytest.raises(Exception, match=r"shift|loss\.kl"):
-        check(mine(typed), typed.split())
+        assert OmegaConf.select(after, key) == value
 
 
 @pytest.mark.parametrize(
@@ -129,23 +115,22 @@ def test_a_config_that_is_something_else_is_refused_with_its_file(tmp_path, name
         folders_of(tmp_path)
 
 
-def test_what_is_wrong_in_the_folder_is_told_in_a_line_and_presets_of_another_are_known(tmp_path):
+def test_a_wrong_file_in_the_folder_is_refused_and_presets_of_another_folder_are_listed(tmp_path):
     for folder, text in (("conf", "hello"), ("mine", "# @package _global_\nsteps: 9\n")):
         (tmp_path / folder / "look").mkdir(parents=True)
         (tmp_path / folder / "look" / "smooth.yaml").write_text(text)
-    code, said = ended(tmp_path, "image=chelsea")
-    assert (code, said.count("\n")) == (1, 1)
-    assert "smooth.yaml is no config" in said
+    code, output = ended(tmp_path, "image=chelsea")
+    assert (code, output.count("\n")) == (1, 1)
+    assert "smooth.yaml is no config" in output
     shutil.rmtree(tmp_path / "conf")
-    code, said = ended(tmp_path, "--config-dir", "mine", "look=smoth")
+    code, output = ended(tmp_path, "--config-dir", "mine", "look=smoth")
     assert code == 1
-    assert "look=smoth is not there; choose one of smooth, " in said
+    assert "look=smoth is not there; choose one of smooth, " in output
 
 
 @pytest.mark.parametrize("look", LOOKS)
 def test_a_look_composes_with_everything_and_quality_scales_it(look):
-    looks = presets_of(SHIPPED / "look")
-    assert looks[look]
+    assert presets_of(SHIPPED / "look")[look]
     for words in ("", "init=grid", "renderer=analytic loss=[mse]", "quality=best", "style.brushwork=null"):
         check(composed(f"look={look} {words}"))
     cfg, fine, typed = (composed(f"look={look} {words}") for words in ("", "effort=2 detail=4", "effort=9 steps=3"))

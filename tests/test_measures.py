@@ -41,15 +41,15 @@ def polylines(strokes: Strokes, pieces: int = 4000) -> Tensor:
 
 def test_shapes_agree_with_fine_polylines():
     made = random_strokes(60, SIZE, bend=0.4, dtype=torch.float64)
-    found, points = measure(made), polylines(made)
+    measured, points = measure(made), polylines(made)
     step = points.diff(dim=1)
     length = step.norm(dim=-1).sum(1)
-    assert_close(found["length"], length, rtol=2e-3, atol=0)
-    assert_close(found["straightness"], step.sum(1).norm(dim=-1) / length, rtol=3e-3, atol=1e-4)
+    assert_close(measured["length"], length, rtol=2e-3, atol=0)
+    assert_close(measured["straightness"], step.sum(1).norm(dim=-1) / length, rtol=3e-3, atol=1e-4)
     heading = torch.atan2(step[..., 1], step[..., 0]).diff(dim=1)
-    assert_close(found["curvature"], ((heading + math.pi) % (2 * math.pi) - math.pi).abs().sum(1), rtol=0, atol=5e-3)
+    assert_close(measured["curvature"], ((heading + math.pi) % (2 * math.pi) - math.pi).abs().sum(1), rtol=0, atol=5e-3)
     assert_close(ruler.centre_of(curve_of(made)), points.mean(1), rtol=0, atol=0.01)
-    for doubled, line in zip(found["orientation"], points, strict=True):
+    for doubled, line in zip(measured["orientation"], points, strict=True):
         values, axes = torch.linalg.eigh(line.T.cov())
         x, y = axes[:, values.argmax()].tolist()
         if values.max() > 1.2 * values.min():
@@ -58,14 +58,14 @@ def test_shapes_agree_with_fine_polylines():
 
 def test_neighbourhoods_agree_with_the_double_loop():
     made = random_strokes(40, SIZE, dtype=torch.float64)
-    found, centres = measure(made), ruler.centre_of(curve_of(made))
-    angle = 0.5 * torch.atan2(found["orientation"][:, 1], found["orientation"][:, 0])
+    measured, centres = measure(made), ruler.centre_of(curve_of(made))
+    angle = 0.5 * torch.atan2(measured["orientation"][:, 1], measured["orientation"][:, 0])
     for i in range(40):
         near = (centres - centres[i]).norm(dim=1).argsort()[: ruler.NEIGHBOURS + 1]
         coherence = math.hypot(float((2 * angle[near]).cos().mean()), float((2 * angle[near]).sin().mean()))
-        mean, spread = found["width"][near].mean(), found["width"][near].std(correction=0)
-        assert float(found["coherence"][i]) == pytest.approx(coherence, abs=2e-3)
-        assert float(found["homogeneity"][i]) == pytest.approx(float(mean / (mean + spread)))
+        mean, spread = measured["width"][near].mean(), measured["width"][near].std(correction=0)
+        assert float(measured["coherence"][i]) == pytest.approx(coherence, abs=2e-3)
+        assert float(measured["homogeneity"][i]) == pytest.approx(float(mean / (mean + spread)))
 
 
 def test_measures_have_the_right_slope():
@@ -73,8 +73,8 @@ def test_measures_have_the_right_slope():
     fields = ("start", "control", "end", "width")
 
     def value(*inputs: Tensor) -> tuple[Tensor, ...]:
-        found = measure(replace(made, **dict(zip(fields, inputs, strict=True))))
-        return tuple(found[name] for name in ruler.MEASURES if name != "elongatedness")
+        measured = measure(replace(made, **dict(zip(fields, inputs, strict=True))))
+        return tuple(measured[name] for name in ruler.MEASURES if name != "elongatedness")
 
     inputs = [getattr(made, field).clone().requires_grad_() for field in fields]
     assert torch.autograd.gradcheck(value, inputs, atol=1e-4, rtol=1e-3)
@@ -105,9 +105,9 @@ def test_measures_are_finite_and_in_range_for_any_strokes(shape, n):
         if dtype is torch.float16:  # what 16 bits can hold is measured in 32
             made = made.map(lambda value: value.clamp(-1e4, 1e4).half().float())
         made = leaves(made, made.width.dtype if dtype is torch.float16 else dtype)
-        found = measure(made)
-        sum(value.sum() for value in found.values()).backward()
-        for name, value in found.items():
+        measured = measure(made)
+        sum(value.sum() for value in measured.values()).backward()
+        for name, value in measured.items():
             assert value.isfinite().all(), name
             assert name == "orientation" or (value >= 0).all(), name
             high = math.pi if ruler.MEASURES[name].unit == "°" else ruler.MEASURES[name].high
@@ -128,10 +128,10 @@ def test_known_shapes_have_known_measures():
     direction = ruler.direction_of(curve)
     assert_close(direction[1], direction.new_tensor([-1, 0]), rtol=0, atol=0.01)  # although its ends lie side by side
     assert direction[3].tolist() == [0, 0]
-    found = torch.tensor([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    measured = torch.tensor([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
     near = torch.tensor([[0, 1, 2], [1, 2, 1]])
-    assert_close(ruler.mean_direction(found, near), torch.tensor([[1.0, 0.0], [0.0, 0.0]]), rtol=0, atol=1e-3)
-    assert ruler.mean_direction(found, near[:, :0]).tolist() == [[0, 0], [0, 0]]
+    assert_close(ruler.mean_direction(measured, near), torch.tensor([[1.0, 0.0], [0.0, 0.0]]), rtol=0, atol=1e-3)
+    assert ruler.mean_direction(measured, near[:, :0]).tolist() == [[0, 0], [0, 0]]
 
 
 def test_measures_do_not_depend_on_the_end_a_stroke_begins_at_nor_on_its_window():
@@ -148,9 +148,9 @@ def test_nearest_agrees_with_all_distances_and_no_stroke_is_its_own_neighbour(n,
     order = torch.cdist(points, points).argsort(1)
     assert torch.equal(ruler.nearest_strokes(points, points, k, exclude_self=False), order[:, :k])
     assert torch.equal(ruler.nearest_strokes(points, points, k, exclude_self=True), order[:, 1 : k + 1])
-    found = ruler.nearest_strokes(0 * points, 0 * points, k, exclude_self=True)  # all share a place
-    assert found.shape == (n, min(k, max(n - 1, 0)))
-    for i, row in enumerate(found.tolist()):
+    measured = ruler.nearest_strokes(0 * points, 0 * points, k, exclude_self=True)  # all share a place
+    assert measured.shape == (n, min(k, max(n - 1, 0)))
+    for i, row in enumerate(measured.tolist()):
         assert i not in row
         assert len(set(row)) == len(row)
 
@@ -164,11 +164,11 @@ def random_curves(n, bend, dtype=torch.float64):
 def test_no_point_of_the_curve_is_nearer(bend):
     curves, points = random_curves(200, bend)[:, None], torch.rand(200, 50, 2, dtype=torch.float64) * 40 - 5
     t = closest_parameter(curves, points)
-    found = (point_at(curves, t) - points).norm(dim=-1)
+    measured = (point_at(curves, t) - points).norm(dim=-1)
     tried = torch.stack(
         [(point_at(curves, torch.full_like(t, s)) - points).norm(dim=-1) for s in torch.linspace(0, 1, 2001)]
     )
-    excess = (found - tried.min(0).values).flatten().sort().values
+    excess = (measured - tried.min(0).values).flatten().sort().values
     assert excess[int(0.9995 * len(excess))] < 2e-3
     assert excess[-1] < 0.5, "near the tip of a fold a point may be given to the other leg, which is nearly as near"
 

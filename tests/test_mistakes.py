@@ -1,5 +1,6 @@
 """Every mistake on the command line ends in one line: what is wrong, and what to type instead."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -23,14 +24,10 @@ MISTAKES = {
     "nonsense": "--help lists the keys",
     "stepz=3": "stepz is no key of task=paint; nearest first: steps, ",
     "n=3": "It is one of task=simulate, task=evaluate, task=prune",
-    "task=export catalogue=a.h5 steps=3": "steps is no key of task=export; nearest first: ",
     "experiment=renderer_noise steps=3": "steps is no key of task=train",
     "style.imag=a.jpg": "style.imag is no key of task=paint; nearest first: style.image, ",
     "+foo=1": "foo is no key of task=paint; nearest first: look, focus, ",
-    "+style.foo=3": "style.foo is no key of task=paint; nearest first: style.co",
-    "trainer.profilr=simple": "trainer.profilr is no key of task=paint; nearest first: trainer.profiler, ",
     "task=pant": "task=pant is not there; choose one of paint, ",
-    "init=grd": "init=grd is not there; choose one of grid, ",
     "loss=[ms]": "loss=ms is not there; choose one of mse, ",
     "task=train init=slic": "task=train has no init; it takes renderer, engine, ",
     # options of plugins
@@ -39,12 +36,9 @@ MISTAKES = {
     "renderer.checkpoint=a": "'renderer=analytic','renderer=dual renderer.checkpoint=...'",
     "task=train renderer=analytic": "has no checkpoint, which this task sets; choose renderer=dual or renderer=inverse",
     "+renderer.foo=1": "renderer.foo is no option of renderer=analytic; its options, nearest first: soft, taper",
-    "callbacks=[timer] +callbacks.timer.foo=1": "its options, nearest first: duration",
     "optimizer.options={foo:1}": "has a plus: '+optimizer.options.foo=...'",
     "+optimizer.options.foo=1": "unexpected keyword argument 'foo'; optimizer.options are {",
     "+loss.foo=3": "loss.foo=3 is an option of no loss; type loss.<name>.foo=3",
-    "++loss.weight=3": "loss.weight=3 is an option of no loss; type loss.<name>.weight=3",
-    "++callbacks.x=3": "callbacks.x=3 is an option of no callbacks",
     "loss.kl.weight=3": "loss.kl is tuned but not chosen; add kl to the list, 'loss=[kl,...]'",
     "loss.ms.weight=3": "loss.ms is tuned but not chosen; there are: mse, ",
     "loss=[mse] ++loss.kl.weight=3": "loss.kl is tuned but not chosen (chosen: mse); add it with 'loss=[mse,kl]'",
@@ -63,11 +57,7 @@ MISTAKES = {
     "task=prune": "there are no trained weights to prune; give those of task=train: renderer.checkpoint=...",
     "task=prune ratios=0,1": "ratios=1 is not 0 to 0.99; try ratios=0.99",
     "style.colors=foo": "style.colors=foo is not one of style, content",
-    "trainer.precision=abc": "trainer.precision=abc is not one of 32-true, ",
-    "trainer.profiler=nonsense": "trainer.profiler=nonsense is not one of simple, advanced",
     "trainer.max_time=ten": "for ten minutes: trainer.max_time=00:00:10:00",
-    "callbacks=timer callbacks.timer.duration=abc": "for ten minutes: callbacks.timer.duration=00:00:10:00",
-    "loss=[perceptual] loss.perceptual.backbone=vgg": "try loss.perceptual.backbone=vgg16",
     "loss=[lpips] loss.lpips.weights=nope.pth": "loss.lpips.weights=nope.pth: there is no such file",
     "callbacks=early_stopping callbacks.early_stopping.monitor=foo": "monitor=foo is no curve of task=paint; try ",
     "callbacks=model_checkpoint callbacks.model_checkpoint.save_top_k=3": "try callbacks.model_checkpoint.monitor=psnr",
@@ -83,43 +73,36 @@ MISTAKES = {
     "background=notacolor": "background=notacolor is not a colour; use background=mean, white",
     "image=nope.jpg": "image=nope.jpg is not there; give the path of a picture or one of the samples astronaut, ",
     "focus=nope.jpg": "focus=nope.jpg is not there; give auto, the path",
-    "lpips_weights=nope.pth": "lpips_weights=nope.pth: there is no such file",
     "catalogue=nope.h5": "there is no file nope.h5; give the catalogue.h5 of a finished run, catalogue=...",
-    "style.brushwork=nope.h5": "give the catalogue.h5 of a finished run, style.brushwork=...",
     "resume=nope": "resume=nope: there is no checkpoint.ckpt; give the folder of an interrupted run",
     "renderer=neural renderer.checkpoint=nope": "renderer.checkpoint=nope does not come with the program (there are: ",
     "renderer=inverse_vgg renderer.channels=[3]": "renderer.channels=[3] are not ",
     "task=view catalogue=nope": "there is no file nope",
     "task=compare runs=nope": "runs=nope: there is no such folder; give the folder of a run or of a sweep",
     "task=train data=nope": "there is no set of strokes at nope; make one with brushexp task=simulate path=nope",
-    "task=evaluate data=nope": "there is no set of strokes at nope",
-    "task=evaluate inception=nope": "inception=nope: there is no such file",
     "task=extremes renderers=[nope]": "renderers has no 'nope'; leave renderers at null for all, or choose",
-    "task=extremes scenes=[nope]": "scenes has no 'nope'",
     # combinations
     "style.image=chelsea loss=[mse,style]": "style.image=chelsea brings the loss style with it; drop style",
     "loss=brushwork": "set loss.brushwork.catalogue=catalogue.h5",
     "strokes=100000 resolution=64": "strokes=100000 is more than the 64 x 64 picture has pixels; set strokes to 4096",
     "focus=chelsea": "focus=chelsea has 451 x 300 pixels, the picture 512 x 512; give one whose sides",
     "timelapse_seconds=0.01": "timelapse_seconds is 0.01; choose 1.2 to ",
-    "task=train simulate=3": "simulate=3 is not at least 33",
     "task=train simulate=null limit=9": "limit=9 is for sets",
     "task=train model=discriminator simulate=300": "simulate is no key of task=train_discriminator; nearest first:",
     "task=train renderer.window=128": "renderer.window=128, but the strokes have 64 pixels; set renderer.window=64",
-    "task=prune renderer.checkpoint=null": "there are no trained weights to prune",
     "task=prune renderer=textured": "Textured has no option for the widths of its layers; use renderer=inverse_vgg",
 }
 
 
 @pytest.mark.parametrize("overrides", MISTAKES)
-def test_a_mistake_is_told_with_what_to_type_instead(config, overrides, monkeypatch):
+def test_a_message_says_what_to_type_instead(config, overrides, monkeypatch):
     monkeypatch.chdir(ROOT)
     words = overrides.split(" ")
-    with pytest.raises((UserError, CompactHydraException, OmegaConfBaseException)) as caught:
+    with pytest.raises((UserError, CompactHydraException, OmegaConfBaseException)) as error:
         check(config(*words), words)
-    said = explanation(caught.value, [SHIPPED], words)
-    assert MISTAKES[overrides] in said
-    assert "\n" not in said
+    message = explanation(error.value, [SHIPPED], words)
+    assert MISTAKES[overrides] in message
+    assert "\n" not in message
 
 
 @pytest.mark.parametrize(("typed", "meant"), [
@@ -127,19 +110,15 @@ def test_a_mistake_is_told_with_what_to_type_instead(config, overrides, monkeypa
     ("photo.jpg", "image=photo.jpg"),
     ("astronaut", "image=astronaut"),
     ("train", "task=train"),
-    ("logger=csv", "logger=[csv]"),
     ("ratios=0,0.5", "ratios=[0,0.5]"),
     ("data=a b.h5", "data=[a b.h5]"),
     ("data=a&b.h5,c.h5", 'data=["a&b.h5",c.h5]'),
-    ("data=null", "data=null"),
     ("catalogue=null", "catalogue=null"),
     ("-m data=a,b", "-m data=[a],[b]"),
     ("-m to=svg,json", "-m to=svg,json"),
-    ("-m catalogue=ö.h5,b.h5", '-m catalogue="ö.h5",b.h5'),
     ("light=315,45", "light={azimuth:315,elevation:45}"),
     ("light=[-20.5,45]", "light={azimuth:-20.5,elevation:45}"),
     ("style=a.jpg", "style.image=a.jpg"),
-    ("catalogue=it's.h5", 'catalogue="it\'s.h5"'),
     ("--config-dir mine steps=3", "--config-dir mine steps=3"),
 ])  # fmt: skip
 def test_short_forms_are_written_out(typed, meant):
@@ -162,9 +141,8 @@ def test_short_forms_are_written_out(typed, meant):
 def test_bounds_hold_and_propose_the_nearest_value(bounds, fine, wrong, message):
     for value in fine:
         bounds.check("x", value)
-    with pytest.raises(UserError) as caught:
+    with pytest.raises(UserError, match=f"^{re.escape(message)}$"):
         bounds.check("x", wrong, 3)
-    assert str(caught.value) == message
 
 
 @pytest.mark.parametrize("task", TASKS)

@@ -57,20 +57,18 @@ def test_pictures_are_never_mixed(tmp_path):
             numbers = {"psnr": target + steps, "seconds": float(steps)}
             make_run(tmp_path, {"image": image, "steps": str(steps)}, target=target, **numbers)
     write_front(tmp_path, collect(tmp_path))
-    rows = read_csv(tmp_path / "pareto.csv")
-    assert [row["front_psnr"] for row in rows] == ["True"] * 4
-    assert {row["picture"] for row in rows} == {"a.png, 30 x 20 pixels", "b.png, 30 x 20 pixels"}
-    assert {row["overrides"] for row in rows} == {"steps=1", "steps=2"}
+    rows = [(row["picture"], row["overrides"], row["front_psnr"]) for row in read_csv(tmp_path / "pareto.csv")]
+    assert rows == [(f"{name}.png, 30 x 20 pixels", f"steps={k}", "True") for name in "ab" for k in (1, 2)]
 
 
-def test_pictures_have_names_of_their_own(tmp_path):
-    for k, image in enumerate(("a.png", "b.png")):
-        numbers = {"name": str(k), "psnr": 20.0, "seconds": 1.0}
-        make_run(tmp_path / "versions", {"image": "a.png"}, target=100 + k, **numbers)
-        make_run(tmp_path / "typed", {"image": image}, **numbers)  # the targets were not kept
-    versions, typed = collect(tmp_path / "versions"), collect(tmp_path / "typed")
-    assert versions["run", "image"].tolist() == ["a.png, 30 x 20 pixels", "a.png, 30 x 20 pixels (2)"]
-    assert typed["run", "image"].tolist() == ["a.png", "b.png"]
+@pytest.mark.parametrize(("images", "targets", "names"), [
+    ("aa", (100, 101), ["a.png, 30 x 20 pixels", "a.png, 30 x 20 pixels (2)"]),
+    ("ab", (None, None), ["a.png", "b.png"]),  # the targets were not kept
+])  # fmt: skip
+def test_pictures_have_names_of_their_own(tmp_path, images, targets, names):
+    for image, target in zip(images, targets, strict=True):
+        make_run(tmp_path, {"image": f"{image}.png"}, target=target, psnr=20.0, seconds=1.0)
+    assert collect(tmp_path)["run", "image"].tolist() == names
 
 
 def test_the_tables_say_how_to_repeat_a_run(tmp_path):

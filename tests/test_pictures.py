@@ -39,8 +39,8 @@ ORIENTED: dict[int, Callable[[np.ndarray], np.ndarray]] = {
 
 def expect(path: Path, rgb: np.ndarray, atol: float = 1e-6) -> None:
     """``path`` holds these (H, W, 3 or 1) values in [0, 1]."""
-    wanted = torch.from_numpy(np.broadcast_to(rgb, (*rgb.shape[:2], 3)).copy()).permute(2, 0, 1).float()
-    torch.testing.assert_close(load_picture(str(path), None), wanted, atol=atol, rtol=0)
+    expected = torch.from_numpy(np.broadcast_to(rgb, (*rgb.shape[:2], 3)).copy()).permute(2, 0, 1).float()
+    torch.testing.assert_close(load_picture(str(path), None), expected, atol=atol, rtol=0)
 
 
 def refusal(path: Path | str) -> str:
@@ -138,9 +138,9 @@ def test_a_transparent_colour_of_8_bits_and_a_grey_of_16_become_white(tmp_path):
     Image.fromarray(BYTES).save(tmp_path / "colour.png", transparency=tuple(int(c) for c in BYTES[0, 0]))
     grey = WORDS[..., :1]
     (tmp_path / "grey.png").write_bytes(deep_png(grey, chunk(b"tRNS", grey[0, 0].astype(">u2").tobytes())))
-    for name, wanted in {"colour.png": BYTES / 255, "grey.png": grey / 65535}.items():
-        wanted[0, 0] = 1
-        expect(tmp_path / name, wanted)
+    for name, expected in {"colour.png": BYTES / 255, "grey.png": grey / 65535}.items():
+        expected[0, 0] = 1
+        expect(tmp_path / name, expected)
 
 
 @pytest.mark.parametrize("kind", ["GIF", "TIFF", "PNG", "WEBP"])
@@ -264,15 +264,15 @@ def test_broken_profiles_and_exif_data_leave_the_raw_values(tmp_path, damaged):
     expect(tmp_path / "broken.png", BYTES / 255)
 
 
-@pytest.mark.parametrize(("size", "resolution", "wanted"), [
+@pytest.mark.parametrize(("size", "resolution", "expected"), [
     ((60, 40), 30, (30, 20)), ((40, 60), 30, (20, 30)), ((60, 40), 60, (60, 40)), ((60, 40), 90, (90, 60)),
     ((60, 40), 1, (1, 1)), ((1, 1), 64, (64, 64)), ((1, 1), None, (1, 1)), ((20000, 4), None, (20000, 4)),
     ((20000, 4), 100, (100, 1)),
 ])  # fmt: skip
-def test_the_longer_side_gets_the_resolution(tmp_path, size, resolution, wanted):
+def test_the_longer_side_gets_the_resolution(tmp_path, size, resolution, expected):
     Image.new("RGB", size, (10, 20, 30)).save(tmp_path / "plain.png")
     target = load_picture(str(tmp_path / "plain.png"), resolution)
-    assert tuple(target.shape) == (3, wanted[1], wanted[0])
+    assert tuple(target.shape) == (3, expected[1], expected[0])
     torch.testing.assert_close(target, (torch.tensor([10.0, 20.0, 30.0]) / 255)[:, None, None].expand_as(target))
 
 
@@ -330,9 +330,9 @@ KINDS = ("JPEG", "PNG", "GIF", "WEBP", "TIFF", "BMP", "JPEG2000")
     *(encoded(Image.fromarray((255 * NOISE).astype(np.uint8)), kind) for kind in KINDS),
     *(tiff_of((NOISE * TOP[t]).astype(t), packed) for t in (np.uint16, np.float32) for packed in (None, "zlib")),
 ])  # fmt: skip
-@pytest.mark.parametrize("kept", [0.5, 0.9])
-def test_a_truncated_picture_is_refused_without_a_word_of_its_decoder(tmp_path, whole, kept, capfd):
-    (tmp_path / "cut").write_bytes(whole[: int(len(whole) * kept)])
+@pytest.mark.parametrize("share", [0.5, 0.9])
+def test_a_truncated_picture_is_refused_without_a_word_of_its_decoder(tmp_path, whole, share, capfd):
+    (tmp_path / "cut").write_bytes(whole[: int(len(whole) * share)])
     message = refusal(tmp_path / "cut")
     assert "is damaged or cannot be decoded" in message or "not a picture" in message
     assert capfd.readouterr() == ("", "")
@@ -397,8 +397,8 @@ def test_pictures_read_at_once_leave_stderr_warnings_and_logging_as_they_were(tm
 
 def test_a_background_is_a_name_or_a_number_or_the_mean_of_the_target():
     levels = {"white": (255, 255, 255), "black": (0, 0, 0), "#ff8000": (255, 128, 0), "#0A0b0C": (10, 11, 12)}
-    for spec, wanted in {**levels, "mean": 255 * FLOATS.mean((0, 1))}.items():
-        torch.testing.assert_close(255 * background_color(spec, TARGET), torch.tensor(wanted, dtype=torch.float32))
+    for spec, expected in {**levels, "mean": 255 * FLOATS.mean((0, 1))}.items():
+        torch.testing.assert_close(255 * background_color(spec, TARGET), torch.tensor(expected, dtype=torch.float32))
     for spec in ("", "red", "White", "#fff", "#12345", "#gggggg", "ff8000", "#ff80001"):
         with pytest.raises(UserError, match=r"background=.* use background=mean, white, black or '#rrggbb'"):
             background_color(spec, TARGET)

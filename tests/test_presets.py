@@ -45,8 +45,8 @@ def test_better_takes_longer_and_normal_is_the_default():
     assert composed() == composed("quality=normal")
     work = [cfg.steps / cfg.pixels_per_stroke for cfg in (composed(f"quality={name}") for name in LADDER)]
     assert work == sorted(set(work))
-    said = [re.findall(r"[\d.]+", PRESETS[name].read_text().splitlines()[1])[:2] for name in LADDER]
-    for figures in zip(*said, strict=True):  # decibels, and seconds
+    measured = [re.findall(r"[\d.]+", PRESETS[name].read_text().splitlines()[1])[:2] for name in LADDER]
+    for figures in zip(*measured, strict=True):  # decibels, and seconds
         assert list(map(float, figures)) == sorted(map(float, figures))
 
 

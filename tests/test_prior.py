@@ -129,8 +129,8 @@ def in_pixels(strokes: Strokes) -> torch.Tensor:
 
 
 def test_strokes_that_fit_into_some_window_stay_where_they_are_and_valid_ones_keep_theirs():
-    known = clamp_to_prior(sample_prior(500))
-    assert all(torch.equal(value, getattr(known, name)) for name, value in rewindow(known).items())
+    clamped = clamp_to_prior(sample_prior(500))
+    assert all(torch.equal(value, getattr(clamped, name)) for name, value in rewindow(clamped).items())
     valid = sample_prior(500, seed=3)
     generator = torch.Generator().manual_seed(0)
     zoom, shift = 0.2 + 9 * torch.rand(500, 1, generator=generator), 2 * torch.rand(500, 2, generator=generator) - 1
@@ -152,8 +152,8 @@ def test_any_stroke_becomes_valid_near_where_it_was():
         strokes = random_strokes(300, (80, 120), bend=bend, width=(0.0, 1.0))
         new = rewindow(strokes)
         check_strokes(new)
-        left = (in_pixels(clamp_to_prior(new)) - in_pixels(new)).abs().amax(1)
-        assert (left < 2e-3).float().mean() > 0.98, "but for hairpins there should be nothing left to clamp"
+        change = (in_pixels(clamp_to_prior(new)) - in_pixels(new)).abs().amax(1)
+        assert (change < 2e-3).float().mean() > 0.98, "but for hairpins there should be nothing change to clamp"
         middle, before = curve_of(new).mean(1), curve_of(strokes).mean(1)
         assert (middle - before).norm(dim=1).max() < 0.5 * strokes.scale.max()
 

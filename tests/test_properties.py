@@ -70,10 +70,10 @@ def degenerate(strokes: Strokes, i: int, kind: str) -> Strokes:
         "off the canvas": {"position": -5000.0},
         "a copy": {name: getattr(strokes, name)[max(i - 1, 0)] for name in FIELDS},
     }
-    found = strokes.map(Tensor.clone)
+    changed = strokes.map(Tensor.clone)
     for name, value in fields[kind].items():
-        getattr(found, name)[i] = torch.as_tensor(value)
-    return found
+        getattr(changed, name)[i] = torch.as_tensor(value)
+    return changed
 
 
 @st.composite
@@ -88,11 +88,11 @@ def scenes(draw: st.DrawFn, most: int = 10, bend: float = 0.15) -> Scene:
     return Scene(strokes, size)
 
 
-def assert_same(found: Tensor, wanted: Tensor, exactly: bool, atol: float) -> None:
+def assert_same(image: Tensor, expected: Tensor, exactly: bool, atol: float) -> None:
     if exactly:
-        assert torch.equal(found, wanted), f"off by {(found - wanted).abs().max():.2g}"
+        assert torch.equal(image, expected), f"off by {(image - expected).abs().max():.2g}"
     else:
-        torch.testing.assert_close(found, wanted, atol=atol, rtol=0)
+        torch.testing.assert_close(image, expected, atol=atol, rtol=0)
 
 
 def slack(blend: str) -> float:
@@ -158,10 +158,10 @@ def test_strokes_that_do_not_meet_may_come_in_any_order(blend, renderer, seed, r
 def test_a_shift_by_whole_pixels_shifts_the_picture(blend, renderer, scene, right, down, tiles):
     """By multiples of eight pixels, exactly, in the compiled kernels; otherwise within 1e-4."""
     right, down = (8 * (right // 8), 8 * (down // 8)) if tiles else (right, down)
-    wanted = scene.paint(blend, renderer)
+    expected = scene.paint(blend, renderer)
     wide = replace(scene, size=(scene.size[0] + down, scene.size[1] + right))
-    found = wide.paint(blend, renderer, scene.strokes.moved(shift=(right, down)))
-    assert_same(found[:, down:, right:], wanted, blend in COMPILED and tiles, slack(blend))
+    image = wide.paint(blend, renderer, scene.strokes.moved(shift=(right, down)))
+    assert_same(image[:, down:, right:], expected, blend in COMPILED and tiles, slack(blend))
 
 
 @over_all(
@@ -178,12 +178,12 @@ def test_strokes_that_cannot_be_seen_change_nothing(blend, renderer, scene, plac
         other = straight((scene.size[1] + 3.0, 0.0), (scene.size[1] + 3.0, scene.size[0]), width=1.0)
     else:
         other = degenerate(other, 0, kind)
-    wanted = scene.paint(blend, renderer)
+    expected = scene.paint(blend, renderer)
     brushes = list(range(len(scene.strokes)))
     brushes.insert(place, len(brushes))
     strokes = replace(inserted(scene.strokes, place, other), brush=torch.tensor(brushes))
-    found = BLENDS[blend](RENDERERS[renderer](strokes), torch.arange(len(brushes)), scene.size, BACKGROUND).image
-    assert_same(found, wanted, blend in COMPILED, ROUNDING)
+    image = BLENDS[blend](RENDERERS[renderer](strokes), torch.arange(len(brushes)), scene.size, BACKGROUND).image
+    assert_same(image, expected, blend in COMPILED, ROUNDING)
 
 
 @pytest.mark.parametrize("renderer", ["analytic", "analytic, tapered"])
@@ -196,12 +196,12 @@ def test_what_lies_below_an_opaque_stroke_changes_nothing_and_has_no_slope(blend
     hidden = random_strokes(1, scene.size, seed=seed, bend=0.1, width=(0.0, 0.2))
     hidden = replace(hidden, position=torch.tensor([[width / 2, height / 2]]), scale=torch.tensor([4.0]))
     without = inserted(scene.strokes, place, cover)
-    wanted = scene.paint(blend, renderer, without)
+    expected = scene.paint(blend, renderer, without)
     number = min(min(place, len(scene.strokes)) + 1 + seed % 3, len(without))
     strokes = leaves(inserted(without, number, hidden))
-    found = scene.paint(blend, renderer, strokes)
-    assert_same(found.detach(), wanted, blend in COMPILED, ROUNDING)
-    (found * torch.randn(found.shape, generator=torch.Generator().manual_seed(seed))).sum().backward()
+    image = scene.paint(blend, renderer, strokes)
+    assert_same(image.detach(), expected, blend in COMPILED, ROUNDING)
+    (image * torch.randn(image.shape, generator=torch.Generator().manual_seed(seed))).sum().backward()
     assert all(value.grad[number].abs().max() == 0 for _, value in strokes.items())
 
 
@@ -213,8 +213,8 @@ def test_bands_of_a_picture_are_the_picture(blend, renderer, scene, rows, tiles)
         order = torch.arange(len(scene.strokes))
         parts = list(bands.bands(scene.strokes, order, scene.size, BACKGROUND, RENDERERS[renderer], BLENDS[blend]))
     assert [top for top, _ in parts] == list(range(0, scene.size[0], rows))
-    wanted = scene.paint(blend, renderer)
-    assert_same(torch.cat([part for _, part in parts], 1), wanted, blend in COMPILED and tiles, slack(blend))
+    expected = scene.paint(blend, renderer)
+    assert_same(torch.cat([part for _, part in parts], 1), expected, blend in COMPILED and tiles, slack(blend))
 
 
 @pytest.mark.parametrize("taper", [0.0, 0.5])
@@ -224,10 +224,10 @@ def test_bands_of_a_picture_are_the_picture(blend, renderer, scene, rows, tiles)
 def test_a_larger_picture_shows_the_same_at_the_centres_of_the_old_pixels(blend, taper, scene, zoom):
     """Pixel i of the small one has its centre where pixel zoom * i + zoom // 2 of the large one has it."""
     order, size = torch.arange(len(scene.strokes)), tuple(zoom * side for side in scene.size)
-    wanted = BLENDS[blend](Analytic(soft=1.5, taper=taper)(scene.strokes), order, scene.size, BACKGROUND).image
+    expected = BLENDS[blend](Analytic(soft=1.5, taper=taper)(scene.strokes), order, scene.size, BACKGROUND).image
     layers = Analytic(soft=1.5 * zoom, taper=taper)(scene.strokes.moved(zoom=zoom))
-    found = BLENDS[blend](layers, order, size, BACKGROUND).image[:, zoom // 2 :: zoom, zoom // 2 :: zoom]
-    torch.testing.assert_close(found, wanted, atol=slack(blend), rtol=0)
+    image = BLENDS[blend](layers, order, size, BACKGROUND).image[:, zoom // 2 :: zoom, zoom // 2 :: zoom]
+    torch.testing.assert_close(image, expected, atol=slack(blend), rtol=0)
 
 
 def test_a_pair_is_listed_if_and_almost_only_if_the_stroke_reaches_a_pixel_of_the_tile():

@@ -3,17 +3,15 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from omegaconf import OmegaConf
+from program import ROOT, publish
 
 from brushexp import registry
 from brushexp.errors import UserError
 from brushexp.plugin_loading import load_plugins
 from brushexp.registry import build, build_named, plugins, register, structured_config
-
-ROOT = Path(__file__).parents[1]
 
 PLUGIN = """
 from brushexp.plugins.order.base import Order
@@ -64,7 +62,7 @@ def test_defaults_are_not_shared(config):
     assert config("optimizer=torch").optimizer.units["position"] != 99.0
 
 
-def test_only_registered_classes_are_built_and_options_from_a_file_are_checked_like_those_typed():
+def test_only_registered_classes_are_built_and_options_from_a_file_are_checked():
     with pytest.raises(UserError, match=r"os\.system is not a registered plugin"):
         build(OmegaConf.create({"_target_": "os.system", "command": "true"}))
     assert build_named("renderer", "analytic", {"soft": 2.0}).soft == 2.0
@@ -100,12 +98,8 @@ def test_a_broken_plugin_or_folder_stops_the_program(tmp_path, monkeypatch, name
 
 
 def test_published_plugins_are_found_and_all_load_without_the_extras(tmp_path):
-    """A distribution with an entry point in the group ``brushexp.plugins`` is loaded."""
     (tmp_path / "published_order.py").write_text(PLUGIN.format(name="published"))
-    info = tmp_path / "published-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: published\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[brushexp.plugins]\npublished = published_order\n")
+    publish(tmp_path, "published", "1.0", {"published": "published_order"})
     extras = ["av", "joblib", "torch_pruning", "pytorch_optimizer", "vpype", "vpype_cli", "shapely", "tensorboard"]
     code = f"""
 import sys

@@ -55,14 +55,14 @@ def sheet(folder: Path) -> Path | None:
 
 def greys(path: Path) -> list[list[int]]:
     """The grey levels of the pictures on a sheet, row by row."""
-    found: list[list[int]] = []
+    rows: list[list[int]] = []
     for line in pixels_of(path)[..., 0]:
         starts = np.flatnonzero(np.diff(line, prepend=-1))
         long = starts[np.diff(starts, append=len(line)) > 100]
         row = [int(level) for level in line[long] if level in (*range(20, 80), 100, 200)]
-        if row and row not in found[-1:]:
-            found.append(row)
-    return found
+        if row and row not in rows[-1:]:
+            rows.append(row)
+    return rows
 
 
 def test_a_table_is_csv_markdown_and_latex():

@@ -25,12 +25,12 @@ from scenes import random_strokes
 from brushexp.errors import UserError
 from brushexp.pages.drawings import error_map, histogram_chart, line_chart, rose_chart, swatches_of
 from brushexp.pages.replay import FARTHEST, STEPS, replay_of
-from brushexp.pages.run_page import LARGEST_SIDE, _shown, files_in, line_of, run_page, write_run_page
+from brushexp.pages.run_page import LARGEST_SIDE, embed_pixels, files_in, line_of, run_page, write_run_page
 from brushexp.painting.finished import Finished
 from brushexp.plugins.export.job import export_job
 from brushexp.results.runs import read_curves
 from brushexp.results.stroke_table import measure_strokes
-from brushexp.shading.light import Light, normals_of, shaded
+from brushexp.shading.light import Light, normals_of, shade_picture
 from brushexp.strokes.bezier import closest_parameter, curve_of, half_width_of, point_at
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
@@ -62,10 +62,7 @@ def saved_with(count: int, size: tuple[int, int] = SIZE, *, taper: float = 0.0, 
     return Saved(strokes, depth, size, torch.tensor([0.8, 0.7, 0.6]), renderer, config=config)
 
 
-def page_of(
-    saved: Saved, name: str = "x", *, metrics: dict | None = None, command: str | None = None, **pictures
-) -> str:
-    """The page of a painting in memory."""
+def page_of(saved: Saved, metrics: dict | None = None, command: str | None = None, **pictures) -> str:
     return run_page(Finished(export_job(saved), pictures, lambda: metrics or {}), name="x", command=command)
 
 
@@ -118,7 +115,7 @@ def run(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def shown(run, opened):
+def visited(run, opened):
     """The page of the run, with all of it once in view."""
     watched = opened(run / "report.html")
     see(watched, "#light")
@@ -134,8 +131,8 @@ def see(watched, selector: str) -> None:
 
 def idle(watched, count: int | None = None) -> None:
     """Wait until all strokes, or so many, are laid."""
-    shown = "" if count is None else f"[data-shown='{count}']"
-    watched.page.wait_for_selector(f"#replay-stage[data-live=yes][data-busy=false]{shown}")
+    state = "" if count is None else f"[data-shown='{count}']"
+    watched.page.wait_for_selector(f"#replay-stage[data-live=yes][data-busy=false]{state}")
 
 
 def slide(watched, selector: str, value: float) -> None:
@@ -158,7 +155,7 @@ def decoded(uri: str) -> np.ndarray:
         return np.asarray(image.convert("RGB"))
 
 
-def seen(watched, selector: str = ".replay-paint") -> np.ndarray:
+def pixels_in(watched, selector: str = ".replay-paint") -> np.ndarray:
     """Pixels of a canvas."""
     return decoded(watched.evaluate("selector => document.querySelector(selector).toDataURL()", selector))
 
@@ -221,17 +218,14 @@ def test_what_is_not_known_is_left_out():
         assert part in html
 
 
-def test_a_run_is_not_lost_with_its_page(tmp_path, caplog, monkeypatch):
-    finished = Finished(export_job(saved_with(3)), {}, lambda: {"status": "completed"})
-    for error, words in (
-        (UserError("no room"), "no report.html of this run: no room"),
-        (ZeroDivisionError(), "Traceback"),
-    ):
-        monkeypatch.setattr("brushexp.pages.run_page.page_in", Mock(side_effect=error))
-        caplog.clear()
-        try_to_write_page(tmp_path, finished)
-        assert words in caplog.text
-        assert ("Traceback" in caplog.text) == (words == "Traceback")
+@pytest.mark.parametrize(("error", "words", "is_bug"), [
+    (UserError("no room"), "no report.html of this run: no room", False), (ZeroDivisionError(), "Traceback", True),
+])  # fmt: skip
+def test_a_run_is_not_lost_with_its_page(tmp_path, caplog, monkeypatch, error, words, is_bug):
+    monkeypatch.setattr("brushexp.pages.run_page.page_in", Mock(side_effect=error))
+    try_to_write_page(tmp_path, Finished(export_job(saved_with(3)), {}, lambda: {"status": "completed"}))
+    assert words in caplog.text
+    assert ("Traceback" in caplog.text) == is_bug
 
 
 def test_settings_name_plugins_and_what_was_typed():
@@ -253,9 +247,9 @@ def test_damaged_files_are_left_out(tmp_path, caplog):
         caplog.clear()
     path = folder / "curves" / "metrics.csv"
     path.write_bytes(b"step,psnr\n1,20,30\n2\n3,x\n")  # too many, too few, no number
-    found = read_curves(path)
-    assert found["step"] == [1, 2, 3]
-    assert_array_equal(found["psnr"], [20, math.nan, math.nan])
+    result = read_curves(path)
+    assert result["step"] == [1, 2, 3]
+    assert_array_equal(result["psnr"], [20, math.nan, math.nan])
     path.write_bytes(b"step,psnr\n\xff\x00\n")
     assert read_curves(path) == {}
 
@@ -266,16 +260,16 @@ def test_packed_strokes_are_the_strokes_and_those_far_away_do_not_coarsen_the_ot
     packed = replay_of(export_job(saved), measures)
     data = base64.b64decode(packed["data"])
     assert len(data) == 34 * 200
-    found, at = {}, 800
+    result, at = {}, 800
     for name, each, low, high in packed["columns"]:
         shares = np.frombuffer(data, "<u2", 200 * each, at).reshape(200, each) / STEPS
-        found[name], at = low + shares * (high - low), at + 400 * each
+        result[name], at = low + shares * (high - low), at + 400 * each
     order = saved.depth.argsort().numpy()
     assert_array_equal(np.frombuffer(data, "<u4", 200), order)
-    assert_allclose(found["points"].reshape(200, 3, 2), curve_of(saved.strokes).numpy()[order], atol=0.01)
-    assert_allclose(2 * found["half"][:, 0], measures.width[order], atol=0.001)
-    assert_allclose(found["paint"], saved.strokes.color.numpy()[order], atol=1e-4)
-    assert_allclose(found["layer"][:, 0].round(3).sum(), 200 - 1, atol=2)  # 0, 1 and 2 are thirds
+    assert_allclose(result["points"].reshape(200, 3, 2), curve_of(saved.strokes).numpy()[order], atol=0.01)
+    assert_allclose(2 * result["half"][:, 0], measures.width[order], atol=0.001)
+    assert_allclose(result["paint"], saved.strokes.color.numpy()[order], atol=1e-4)
+    assert_allclose(result["layer"][:, 0].round(3).sum(), 200 - 1, atol=2)  # 0, 1 and 2 are thirds
     saved.strokes.position[0], saved.strokes.width[1] = 1e6, 1e3
     packed = replay_of(export_job(saved), measure_strokes(saved.strokes, saved.depth, saved.size))
     highest = {name: high for name, _, _, high in packed["columns"]}
@@ -287,19 +281,19 @@ def test_pictures_errors_and_colours_are_those_of_the_painting():
     target = np.zeros((4, 6, 3), np.uint8)
     painting = target.copy()
     painting[1, 2] = (3, 6, 9)
-    found = error_map(painting, target)
-    assert found["mean"] == pytest.approx(6 / 24)
-    assert (found["top"], found["above"]) == (8, 0)
-    assert found["below"] == [("half", 0), ("90 %", 0), ("99 %", 6), ("all", 6)]
-    assert_array_equal(found["pixels"][0, 0], (0, 0, 4))
-    assert found["pixels"][1, 2].sum() > 300
+    result = error_map(painting, target)
+    assert result["mean"] == pytest.approx(6 / 24)
+    assert (result["top"], result["above"]) == (8, 0)
+    assert result["below"] == [("half", 0), ("90 %", 0), ("99 %", 6), ("all", 6)]
+    assert_array_equal(result["pixels"][0, 0], (0, 0, 4))
+    assert result["pixels"][1, 2].sum() > 300
     assert error_map(target, target)["mean"] == 0
     colors = np.repeat([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0]], [10, 20, 30], axis=0)
     shares = [(swatch["color"], round(swatch["share"], 3)) for swatch in swatches_of(colors, np.ones(60))]
     assert shares == [("#0000ff", 0.333), ("#ff0000", 0.167), ("#ffffff", 0.5)]
     assert swatches_of(colors, np.zeros(60)) == []
     noise = np.random.default_rng(0).integers(0, 256, (1000, 2000, 3), dtype=np.uint8)
-    large, small = _shown(noise), _shown(noise[:50, :70])
+    large, small = embed_pixels(noise), embed_pixels(noise[:50, :70])
     assert large["source"].startswith("data:image/jpeg")
     assert decoded(large["source"]).shape == (LARGEST_SIDE // 2, LARGEST_SIDE, 3)
     assert_array_equal(decoded(small["source"]), noise[:50, :70])
@@ -318,8 +312,8 @@ def test_charts_need_something_to_show():
     assert shares[::9] == pytest.approx([2 / 3, 1 / 3])
 
 
-def test_a_visitor_compares_the_painting_with_its_target_and_reads_the_charts(shown):
-    wipe = shown.page.locator(".hero .wipe")
+def test_a_visitor_compares_the_painting_with_its_target_and_reads_the_charts(visited):
+    wipe = visited.page.locator(".hero .wipe")
 
     def split() -> float:
         return float(wipe.evaluate("e => getComputedStyle(e).getPropertyValue('--split')").rstrip("%"))
@@ -327,16 +321,16 @@ def test_a_visitor_compares_the_painting_with_its_target_and_reads_the_charts(sh
     wipe.locator("input").press("Home")
     assert split() == 0
     wipe.scroll_into_view_if_needed()
-    point(shown, ".hero .wipe", 0.5, 0.5)
-    shown.page.mouse.down()
-    point(shown, ".hero .wipe", 0.25, 0.6)
-    shown.page.mouse.up()
+    point(visited, ".hero .wipe", 0.5, 0.5)
+    visited.page.mouse.down()
+    point(visited, ".hero .wipe", 0.25, 0.6)
+    visited.page.mouse.up()
     assert split() == pytest.approx(25, abs=0.5)
     marks = "() => [...document.querySelectorAll('.chart')].map(e => e.querySelectorAll('.line, .bin').length)"
-    assert shown.evaluate(marks) == [1, 1, 1, 28, 28, 28, 28, 28, 36]
-    titles = shown.page.locator(".chart").nth(3).locator("title").all_text_contents()
+    assert visited.evaluate(marks) == [1, 1, 1, 28, 28, 28, 28, 28, 36]
+    titles = visited.page.locator(".chart").nth(3).locator("title").all_text_contents()
     assert sum(int(re.search(r": (\d+) strokes", title)[1]) for title in titles) == COUNT
-    assert shown.page.locator(".chart .axis-name").nth(5).text_content() == "logarithmic"
+    assert visited.page.locator(".chart .axis-name").nth(5).text_content() == "logarithmic"
     ticks = """() => {
       const { linear, scale } = brushexp.chart;
       const found = [];
@@ -350,7 +344,7 @@ def test_a_visitor_compares_the_painting_with_its_target_and_reads_the_charts(sh
       }
       return found;
     }"""
-    assert shown.evaluate(ticks) == []
+    assert visited.evaluate(ticks) == []
 
 
 @pytest.mark.parametrize(
@@ -369,10 +363,10 @@ def test_the_replay_ends_as_the_painting_and_its_lamp_goes_on_at_the_end(rendere
     watched = opened(tmp_path / "report.html", (1440, round(300 / 0.64)))  # a pixel of the page is one of the painting
     see(watched, "#replay")
     idle(watched)
-    assert abs(seen(watched).shape[0] - 300) <= 1
+    assert abs(pixels_in(watched).shape[0] - 300) <= 1
 
     def error(picture: np.ndarray) -> float:
-        return np.square(np.asarray(Image.fromarray(seen(watched)).resize((400, 300)), float) - picture).mean()
+        return np.square(np.asarray(Image.fromarray(pixels_in(watched)).resize((400, 300)), float) - picture).mean()
 
     lit = error(painting)
     assert lit < worst
@@ -383,46 +377,46 @@ def test_the_replay_ends_as_the_painting_and_its_lamp_goes_on_at_the_end(rendere
     assert not watched.errors
 
 
-def test_a_visitor_replays_strokes_back_and_forth_and_leaves_layers_out(shown):
+def test_a_visitor_replays_strokes_back_and_forth_and_leaves_layers_out(visited):
     pictures = {}
     for count in (120, 299, 121, 120, 0, 299):  # the last from a key frame
-        scrub(shown, count)
-        picture = seen(shown)
+        scrub(visited, count)
+        picture = pixels_in(visited)
         assert_array_equal(picture, pictures.setdefault(count, picture))
     assert (pictures[120] != pictures[121]).any()
     assert_array_equal(np.unique(pictures[0].reshape(-1, 3), axis=0), [[204, 179, 153]])
-    play = shown.page.locator("#play")
-    shown.page.select_option("#speed", "10")
+    play = visited.page.locator("#play")
+    visited.page.select_option("#speed", "10")
     play.click()
-    shown.page.wait_for_selector(f"#replay-stage[data-playing=false][data-shown='{COUNT}']")
+    visited.page.wait_for_selector(f"#replay-stage[data-playing=false][data-shown='{COUNT}']")
     play.click()  # from the beginning
     assert play.text_content() == "Pause"
     play.click()
     assert play.text_content() == "Play"
-    assert int(shown.page.locator("#scrubber").input_value()) < COUNT
+    assert int(visited.page.locator("#scrubber").input_value()) < COUNT
     order = saved_with(COUNT).depth.argsort().tolist()
-    scrub(shown, 50)
-    stage = shown.page.locator("#replay-stage")
+    scrub(visited, 50)
+    stage = visited.page.locator("#replay-stage")
     for key, count in (("ArrowRight", 51), ("ArrowLeft", 50), ("Shift+ArrowRight", 150), ("Home", 0), ("End", COUNT)):
         stage.press(key)
-        idle(shown, count)
+        idle(visited, count)
         if count:
-            assert field_of(shown, "number") == str(order[count - 1])
+            assert field_of(visited, "number") == str(order[count - 1])
     stage.press("Space")
     assert stage.get_attribute("data-playing") == "true"
     stage.press("Space")
-    scrub(shown, COUNT)
-    whole = seen(shown)
-    boxes = [shown.page.locator(f"[data-layer={layer}]") for layer in ("large", "medium", "small")]
+    scrub(visited, COUNT)
+    whole = pixels_in(visited)
+    boxes = [visited.page.locator(f"[data-layer={layer}]") for layer in ("large", "medium", "small")]
     for box in boxes:
         box.uncheck()
-        idle(shown)
-        assert (seen(shown) != whole).any()
-    assert len(np.unique(seen(shown).reshape(-1, 3), axis=0)) == 1
+        idle(visited)
+        assert (pixels_in(visited) != whole).any()
+    assert len(np.unique(pixels_in(visited).reshape(-1, 3), axis=0)) == 1
     for box in boxes:
         box.check()
-    idle(shown)
-    assert_array_equal(seen(shown), whole)
+    idle(visited)
+    assert_array_equal(pixels_in(visited), whole)
 
 
 def oracle(saved: Saved, points: np.ndarray) -> list[int | None]:
@@ -430,63 +424,63 @@ def oracle(saved: Saved, points: np.ndarray) -> list[int | None]:
     curve, half = curve_of(saved.strokes), half_width_of(saved.strokes)
     place = torch.as_tensor(points, dtype=torch.float32)[None].expand(len(half), -1, -1)
     away = (point_at(curve[:, None], closest_parameter(curve[:, None], place)) - place).norm(dim=-1)
-    found: list[int | None] = []
+    result: list[int | None] = []
     for margin in (half[:, None] - away).T:
         sure, maybe = (margin > 0.3).nonzero().ravel(), (margin.abs() <= 1.5).nonzero().ravel()
         top = max(sure.tolist(), key=lambda k: int(saved.depth[k]), default=None)
         doubt = top is None or any(saved.depth[k] > saved.depth[top] for k in maybe.tolist() if margin[k] <= 0.3)
-        found.append(None if doubt else top)
-    return found
+        result.append(None if doubt else top)
+    return result
 
 
-def test_pointing_tells_the_uppermost_stroke(shown):
+def test_pointing_tells_the_uppermost_stroke(visited):
     saved = saved_with(COUNT)
-    scrub(shown, COUNT)
-    see(shown, "#replay")
+    scrub(visited, COUNT)
+    see(visited, "#replay")
     size = np.array([SIZE[1], SIZE[0]])
     points = np.random.default_rng(2).uniform([2, 2], size - 2, (60, 2))
-    wanted = [(*xy / size, k) for xy, k in zip(points, oracle(saved, points), strict=True) if k is not None]
-    assert len(wanted) > 15
+    expected = [(*xy / size, k) for xy, k in zip(points, oracle(saved, points), strict=True) if k is not None]
+    assert len(expected) > 15
     measures = measure_strokes(saved.strokes, saved.depth, saved.size)
-    for x, y, stroke in wanted[:15]:
-        point(shown, "#replay-stage", x, y)
-        assert field_of(shown, "number") == str(stroke)
-        assert field_of(shown, "depth") == f"{int(saved.depth[stroke]) + 1} of {COUNT}"
-        assert field_of(shown, "length") == f"{measures.length[stroke]:.1f} px"
-        assert field_of(shown, "width") == f"{measures.width[stroke]:.1f} px"
-    assert seen(shown, ".replay-over").any()
-    card = shown.page.locator("#stroke")
-    shown.page.mouse.move(2, 2)
+    for x, y, stroke in expected[:15]:
+        point(visited, "#replay-stage", x, y)
+        assert field_of(visited, "number") == str(stroke)
+        assert field_of(visited, "depth") == f"{int(saved.depth[stroke]) + 1} of {COUNT}"
+        assert field_of(visited, "length") == f"{measures.length[stroke]:.1f} px"
+        assert field_of(visited, "width") == f"{measures.width[stroke]:.1f} px"
+    assert pixels_in(visited, ".replay-over").any()
+    card = visited.page.locator("#stroke")
+    visited.page.mouse.move(2, 2)
     assert card.get_attribute("data-empty") == "true"
-    x, y, stroke = wanted[0]
-    point(shown, "#replay-stage", x, y)
-    shown.page.mouse.down()  # a tap keeps it until Escape
-    shown.page.mouse.up()
-    shown.page.mouse.move(2, 2)
-    assert field_of(shown, "number") == str(stroke)
+    x, y, stroke = expected[0]
+    point(visited, "#replay-stage", x, y)
+    visited.page.mouse.down()  # a tap keeps it until Escape
+    visited.page.mouse.up()
+    visited.page.mouse.move(2, 2)
+    assert field_of(visited, "number") == str(stroke)
     assert card.get_attribute("data-empty") == "false"
-    shown.page.locator("#replay-stage").press("Escape")
+    visited.page.locator("#replay-stage").press("Escape")
     assert card.get_attribute("data-empty") == "true"
 
 
-def test_the_lamp_follows_the_pointer_and_its_light_is_that_of_the_program(shown, run):
-    data = json.loads(shown.page.locator("#heights").text_content())
+def test_the_lamp_follows_the_pointer_and_its_light_is_that_of_the_program(visited, run):
+    data = json.loads(visited.page.locator("#heights").text_content())
     levels = decoded(data["source"]).astype(np.float32)
     height = (256 * levels[..., 0] + levels[..., 1]) / 65535 * data["top"]
     color = pixels_of(run / "painting.png").transpose(2, 0, 1).astype(np.float32) / 255
     for name, value in {"azimuth": 200, "elevation": 35, "depth": 1.5, "gloss": 0.4}.items():
-        slide(shown, f"#{name}", value)
-    shown.page.wait_for_timeout(100)
-    wanted = shaded(color, normals_of(height, 1.5), Light(200, 35, gloss=0.4)).transpose(1, 2, 0) * 255
-    away = np.abs(seen(shown, "#light-stage canvas") - wanted)
+        slide(visited, f"#{name}", value)
+    visited.page.wait_for_timeout(100)
+    expected = shade_picture(color, normals_of(height, 1.5), Light(200, 35, gloss=0.4)).transpose(1, 2, 0) * 255
+    away = np.abs(pixels_in(visited, "#light-stage canvas") - expected)
     assert away.mean() < 1
     assert away.max() < 6
-    assert shown.page.locator("output[for=azimuth]").text_content() == "200°"
-    see(shown, "#light")
-    point(shown, "#light-stage", 0.8, 0.5)
-    shown.page.mouse.down()
-    shown.page.mouse.up()
-    assert float(shown.page.locator("#azimuth").input_value()) == pytest.approx(90, abs=1)
+    assert visited.page.locator("output[for=azimuth]").text_content() == "200°"
+    see(visited, "#light")
+    point(visited, "#light-stage", 0.8, 0.5)
+    visited.page.mouse.down()
+    visited.page.mouse.up()
+    assert float(visited.page.locator("#azimuth").input_value()) == pytest.approx(90, abs=1)
 
 
 NAMELESS = """() => [...document.querySelectorAll("button, input, select, [tabindex='0'], img, [role=img]")]
@@ -520,35 +514,35 @@ TOO_FAINT = """() => {
 }"""
 
 
-def test_it_fits_every_screen_can_be_read_and_printed(shown, opened, tmp_path):
-    page, paper = shown.page, "getComputedStyle(document.body).backgroundColor"
-    shown.evaluate("() => document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+def test_it_fits_every_screen_can_be_read_and_printed(visited, opened, tmp_path):
+    page, paper = visited.page, "getComputedStyle(document.body).backgroundColor"
+    visited.evaluate("() => document.querySelectorAll('details').forEach((one) => { one.open = true; })")
     for width, height in (NARROW, WIDE):
         page.set_viewport_size({"width": width, "height": height})
         for scheme in ("light", "dark"):
             page.emulate_media(color_scheme=scheme)
-            assert not shown.is_too_wide()
-            assert shown.evaluate(TOO_FAINT) == []
-    dark = shown.evaluate(paper)
+            assert not visited.is_too_wide()
+            assert visited.evaluate(TOO_FAINT) == []
+    dark = visited.evaluate(paper)
     toggle = page.get_by_role("button", name="Dark colours")
     toggle.click()
-    assert shown.evaluate(paper) != dark
+    assert visited.evaluate(paper) != dark
     toggle.click()  # dark is chosen now, and not only the system's
-    assert (shown.evaluate(paper), toggle.get_attribute("aria-pressed")) == (dark, "true")
+    assert (visited.evaluate(paper), toggle.get_attribute("aria-pressed")) == (dark, "true")
     page.click("[data-copy]")
     page.wait_for_selector("[data-copy]:has-text('Copied')")
     page.emulate_media(media="print")
     levels = "['color', 'backgroundColor'].map(k => getComputedStyle(document.body)[k].match(/[0-9]+/g).slice(0, 3))"
-    ink, ground = shown.evaluate(levels)
+    ink, ground = visited.evaluate(levels)
     assert max(map(int, ink)) < 80
     assert min(map(int, ground)) > 240
     assert not page.locator("#play").is_visible()
     page.emulate_media(media="screen")
-    assert shown.evaluate(NAMELESS) == []
-    names = shown.evaluate("() => [...document.querySelectorAll('[id]')].map((e) => e.id)")
+    assert visited.evaluate(NAMELESS) == []
+    names = visited.evaluate("() => [...document.querySelectorAll('[id]')].map((e) => e.id)")
     assert len(set(names)) == len(names)
-    assert not shown.errors
-    assert not shown.foreign
+    assert not visited.errors
+    assert not visited.foreign
     for size in ((400, 4), (1, 90)):  # long and narrow pictures fit into the window
         pictures = dict.fromkeys(("target", "painting"), np.zeros((*size, 3), np.uint8))
         write_text(tmp_path / "a.html", page_of(saved_with(20, size), **pictures))

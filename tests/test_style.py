@@ -12,7 +12,7 @@ from torch.testing import assert_close
 from brushexp.errors import UserError
 from brushexp.features import base as features
 from brushexp.painting.components import build_losses
-from brushexp.pictures.color import recolored
+from brushexp.pictures.color import recolor
 from brushexp.pictures.load import load_picture
 from brushexp.pictures.region import Region
 from brushexp.plugins.loss.base import PaintedView, Surroundings, weighted_sum
@@ -159,24 +159,24 @@ def test_recolouring_takes_over_mean_and_covariance():
     mix = torch.tensor([[0.1, 0.02, 0.0], [0.0, 0.05, 0.03], [0.02, 0.0, 0.08]])
     picture = 0.4 + 0.2 * (torch.rand(3, 40, 60) - 0.5)
     like = 0.5 + torch.einsum("ij,jhw->ihw", mix, torch.rand(3, 30, 20) - 0.5)
-    result = recolored(picture, like)
+    result = recolor(picture, like)
     assert result.shape == picture.shape
     for ours, expected in zip(moments(result), moments(like), strict=True):
         assert_close(ours, expected, rtol=1e-3, atol=1e-6)
-    assert_close(recolored(picture, picture), picture, rtol=0, atol=1e-6)
+    assert_close(recolor(picture, picture), picture, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("even", [0.0, 0.4, 1.0])
 def test_recolouring_even_pictures_is_finite(even):
     flat, noise = torch.full((3, 8, 9), even), torch.rand(3, 7, 5)
     for picture, like in ((flat, noise), (noise, flat), (flat, flat), (noise[:, :1, :1], noise), (noise, noise * 0)):
-        result = recolored(picture, like)
+        result = recolor(picture, like)
         assert result.isfinite().all()
         assert result.min() >= 0
         assert result.max() <= 1
-    assert_close(recolored(noise, flat).mean(), torch.tensor(even), rtol=0, atol=1e-5)
+    assert_close(recolor(noise, flat).mean(), torch.tensor(even), rtol=0, atol=1e-5)
     nearly_even = even + 0.001 * torch.randn(3, 40, 40)
-    assert recolored(nearly_even, torch.rand(3, 40, 40)).std() < 0.1, "noise is not blown up to colours"
+    assert recolor(nearly_even, torch.rand(3, 40, 40)).std() < 0.1, "noise is not blown up to colours"
 
 
 def test_the_style_picture_follows_the_canvas_and_its_colours_the_target_if_asked(tmp_path):
@@ -184,7 +184,7 @@ def test_the_style_picture_follows_the_canvas_and_its_colours_the_target_if_aske
     for scale, size in ((1.0, (60, 120)), (0.6, (36, 72)), (2.0, (120, 240))):
         assert Style(image=style, scale=scale, taps=TAPS).picture(target).shape[1:] == size
     picture = Style(image=style, colors="content").picture(0.5 * target)
-    assert_close(picture, recolored(load_picture(style, 120), 0.5 * target))
+    assert_close(picture, recolor(load_picture(style, 120), 0.5 * target))
     assert_close(moments(picture)[0], moments(0.5 * target)[0], rtol=0.02, atol=0)
 
 
@@ -204,7 +204,7 @@ def test_a_picture_is_painted_in_the_style_and_the_colours_of_another(run_task, 
     style, photo = load_picture("coffee", 110), load_picture("astronaut", 110)
     used, target = (load_picture(f"{tmp_path}/{name}.png", None) for name in ("style", "target"))
     assert_close(used, style, rtol=0, atol=0.003)
-    assert_close(target, recolored(photo, style), rtol=0, atol=0.003)
+    assert_close(target, recolor(photo, style), rtol=0, atol=0.003)
     assert "loss/style" in (tmp_path / "curves" / "metrics.csv").read_text()
     assert {key for key in metrics if key.startswith("style_")} == {f"style_{kernel}" for kernel in KERNELS}
 

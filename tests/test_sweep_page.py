@@ -9,7 +9,7 @@ import pytest
 from browser import NARROW, WIDE
 from sweeps import collect, make_run
 
-from brushexp.pages.sweep_page import AREA, SIDES, _encoded, side_for, sweep_page, thumbnail, write_sweep_page
+from brushexp.pages.sweep_page import AREA, SIDES, _thumbnail, side_for, sweep_page, thumbnail, write_sweep_page
 from brushexp.results.pareto import front_table
 from brushexp.results.runs import gather
 from brushexp.system.files import write_picture
@@ -231,13 +231,13 @@ def test_links_lead_from_where_the_page_is(tmp_path):
 
 def test_pictures_are_encoded_once(tmp_path):
     write_picture(tmp_path / "a.png", np.zeros((100, 700, 3), np.uint8))
-    _encoded.cache_clear()
+    _thumbnail.cache_clear()
     first = thumbnail(tmp_path / "a.png", 640)
     assert (first["width"], first["height"]) == (640, 91)
     assert thumbnail(tmp_path / "a.png", 640) is first
     write_picture(tmp_path / "a.png", np.zeros((100, 80, 3), np.uint8))
     assert thumbnail(tmp_path / "a.png", 640)["width"] == 80  # made anew, and not enlarged
-    assert _encoded.cache_info().misses == 2
+    assert _thumbnail.cache_info().misses == 2
     assert thumbnail(tmp_path / "none.png", 640) is None
     (tmp_path / "bad.png").write_bytes(b"no picture")
     assert thumbnail(tmp_path / "bad.png", 640) is None

@@ -15,7 +15,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.plugins.renderer.base import window_pictures
-from brushexp.plugins.renderer.textured import STRETCH, Textured, finer_textures, looped, unrolled
+from brushexp.plugins.renderer.textured import STRETCH, Textured, close_loop, double_textures, unroll_stroke
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import parameters_of, sample_prior
@@ -88,11 +88,11 @@ def test_painting_shows_what_was_trained_to_the_eye():
     renderer = Textured(checkpoint=None)
     parameters = parameters_of(sample_prior(24))
     trained = window_pictures(renderer.train(), parameters, 48)
-    painted = window_pictures(renderer.eval().requires_grad_(False), parameters, 48)
-    covered = [picture[:, 3:] * picture[:, :3] for picture in (trained, painted)]
-    assert (trained - painted)[:, 3].abs().mean() < 2e-3
+    frozen = window_pictures(renderer.eval().requires_grad_(False), parameters, 48)
+    covered = [picture[:, 3:] * picture[:, :3] for picture in (trained, frozen)]
+    assert (trained - frozen)[:, 3].abs().mean() < 2e-3
     assert (covered[0] - covered[1]).abs().mean() < 2e-3
-    assert (trained - painted)[:, 3].abs().max() < 0.1
+    assert (trained - frozen)[:, 3].abs().max() < 0.1
 
 
 def test_painting_follows_the_weights_and_training_reaches_them():
@@ -118,7 +118,7 @@ def test_renderers_of_the_same_weights_share_their_textures_and_these_are_as_mad
     assert copied(stroke).sheets is shared
     assert copied.double()(stroke).sheets.texels.dtype == torch.float64
     parts = first.textures[:, 0].sigmoid(), first.textures[:, 1].tanh(), first.textures[:, 2].sigmoid()
-    finer = finer_textures(torch.stack(parts, dim=1), first.loop)
+    finer = double_textures(torch.stack(parts, dim=1), first.loop)
     afresh = sheets_of(finer, first.levels, Loop(192, 192), rounded=True)
     for name, value in vars(afresh).items():
         torch.testing.assert_close(getattr(shared, name), value, rtol=0, atol=0)
@@ -160,9 +160,9 @@ def test_a_texture_goes_through_beginning_loop_and_end_without_a_seam(length):
     layers = replace(layers, sheets=sheets_of(textures, 1, Loop(96, 96), rounded=False))
     x = torch.linspace(20.5, 19.5 + length, 2000)
     points = torch.stack([x, torch.full_like(x, 20.0)], dim=1)[None]
-    seen = layers.sample(torch.zeros(1, 1, dtype=torch.int64), points)[0][0, 0]
-    assert seen.diff().abs().max() < 0.05
-    tops = ((seen[1:-1] > seen[:-2]) & (seen[1:-1] >= seen[2:]) & (seen[1:-1] > 0.85)).sum()
+    opacity = layers.sample(torch.zeros(1, 1, dtype=torch.int64), points)[0][0, 0]
+    assert opacity.diff().abs().max() < 0.05
+    tops = ((opacity[1:-1] > opacity[:-2]) & (opacity[1:-1] >= opacity[2:]) & (opacity[1:-1] > 0.85)).sum()
     assert tops == layers.repeats[0]
 
 
@@ -183,7 +183,7 @@ def test_a_texture_in_twice_its_size_is_the_same_with_finer_detail_where_it_has_
     rows = torch.sin(torch.arange(32.0) * 2.2)[:, None]
     textures = (0.5 + 0.3 * rows * torch.ones(3, 32, 64))[None].clone()
     textures[:, :, :, 48:] = 0.5  # smooth
-    large = finer_textures(textures, Loop(16, 16))
+    large = double_textures(textures, Loop(16, 16))
     assert large.shape == (1, 3, 64, 128)
     smooth = functional.interpolate(textures, scale_factor=2, mode="bilinear")
     large, smooth, textures = large[:, :2], smooth[:, :2], textures[:, :2]
@@ -216,7 +216,7 @@ def test_distilled_strokes_look_like_those_of_the_engine():
 def test_a_texture_is_read_where_the_stroke_is():
     parameters = torch.zeros(1, 10)
     parameters[0, 0], parameters[0, 4], parameters[0, 6] = -STRETCH, STRETCH, 1.0
-    opacity = unrolled(window_pictures(Analytic(soft=0.1), parameters, 256)[0, 3:], 0.2, 24, 66)[0]
+    opacity = unroll_stroke(window_pictures(Analytic(soft=0.1), parameters, 256)[0, 3:], 0.2, 24, 66)[0]
     assert opacity[6:18, 8:58].min() > 0.98, "8 of 24 rows to either side are within the half width"
     assert opacity[:3].max() < 0.01
     torch.testing.assert_close(opacity, opacity.flip(0), atol=0.05, rtol=0)
@@ -225,7 +225,7 @@ def test_a_texture_is_read_where_the_stroke_is():
 def test_a_loop_follows_itself_and_the_end_follows_it():
     texels = torch.cumsum(torch.rand(2, 6, 64), dim=2)
     loop = Loop(24, 24)
-    result = looped(texels, loop)
+    result = close_loop(texels, loop)
     torch.testing.assert_close(result[..., :36], texels[..., :36])
     torch.testing.assert_close(result[..., 47], texels[..., 23])
     torch.testing.assert_close(result[..., 48], texels[..., 24])
@@ -235,7 +235,7 @@ def test_a_loop_follows_itself_and_the_end_follows_it():
 def test_textures_too_short_for_their_ends_are_refused():
     with pytest.raises(UserError, match=r"renderer.columns=64 leaves no room .*=128; set renderer.columns=96 or more"):
         Textured(rows=128, columns=64, checkpoint=None)
-    painted = window_pictures(
+    pictures = window_pictures(
         Textured(variants=1, rows=128, columns=96, checkpoint=None), parameters_of(sample_prior(3)), 64
     )
-    assert bool((painted[:, 3].flatten(1).amax(1) > 0.5).all())
+    assert bool((pictures[:, 3].flatten(1).amax(1) > 0.5).all())

@@ -32,16 +32,16 @@ from brushexp.strokes.prior import parameters_of, sample_prior
 from brushexp.system.callbacks import DIVERGED, INTERRUPTED, MovingAverage, TimedCheckpoint
 from brushexp.system.checkpoint import weights_hash
 from brushexp.tasks import train
-from brushexp.training import fresh_start, network_module, stroke_data
+from brushexp.training import network_module, renderer_module, stroke_data
 from brushexp.training.datamodule import StrokeBatch, StrokeLoader
 from brushexp.training.dataset import Origin
 from brushexp.training.evaluation import (
     error_figures,
     error_sums,
-    premultiplied,
+    premultiply,
     squared_error,
 )
-from brushexp.training.renderer_module import Critic, RendererModule, RendererSettings, balanced, relativistic_loss
+from brushexp.training.renderer_module import Critic, RendererModule, RendererSettings, balance, relativistic_loss
 
 SIDE = 16
 TINY = ("renderer.width=4", "renderer.dense=16", "renderer.code=2")
@@ -271,7 +271,7 @@ def test_a_training_ends_at_ctrl_c_and_goes_on_to_the_same_weights(tmp_path, ste
 
 
 def test_a_network_that_draws_nothing_is_begun_anew_and_one_that_draws_is_not(monkeypatch, caplog):
-    monkeypatch.setattr(fresh_start, "STEPS", 2)
+    monkeypatch.setattr(renderer_module, "START_STEPS", 2)
     for dead in (True, False):
         module = module_of(RendererSettings())
         alive = copy.deepcopy(module.renderer)
@@ -280,16 +280,16 @@ def test_a_network_that_draws_nothing_is_begun_anew_and_one_that_draws_is_not(mo
                 torch.nn.init.constant_(weight, 0.0)
             torch.nn.init.constant_(list(module.renderer.parameters())[-1], -1e3)
         caplog.clear()
-        restart = fresh_start.FreshStart(lambda: alive)  # noqa: B023
+        restart = renderer_module.FreshStart(lambda: alive)  # noqa: B023
         fit(module, None, restart, max_epochs=2)
         assert (restart.restarts, restart.lives) == (int(dead), True)
         assert ("begun anew with other weights, 1 of 3 times" in caplog.text) == dead
 
 
 def test_a_batch_of_one_stroke_does_not_decide_on_a_fresh_start(monkeypatch):
-    monkeypatch.setattr(fresh_start, "STEPS", 2)
+    monkeypatch.setattr(renderer_module, "START_STEPS", 2)
     restart, module = (
-        fresh_start.FreshStart(Small),
+        renderer_module.FreshStart(Small),
         SimpleNamespace(renderer=Small().eval(), window=SIDE, global_step=2),
     )
     restart.on_train_batch_end(None, module, None, strokes(1), 0)
@@ -301,10 +301,10 @@ def test_a_batch_of_one_stroke_does_not_decide_on_a_fresh_start(monkeypatch):
 
 def test_the_critic_pulls_as_hard_as_its_weight_says():
     push, pull = torch.randn(3, 4, 5, 7), 1e5 * torch.randn(3, 4, 5, 7)
-    added = balanced(push, pull, 0.25) - push
+    added = balance(push, pull, 0.25) - push
     torch.testing.assert_close(added.norm(), 0.25 * push.norm())
     torch.testing.assert_close(torch.cosine_similarity(added.flatten(), pull.flatten(), 0), torch.tensor(1.0))
-    assert torch.equal(balanced(push, torch.zeros_like(pull), 0.25), push)
+    assert torch.equal(balance(push, torch.zeros_like(pull), 0.25), push)
 
 
 def test_the_loss_is_rasgan_as_written():
@@ -389,7 +389,7 @@ def test_a_colour_without_paint_counts_nothing():
     assert squared_error(images, truth) == 0
     figures = error_figures(error_sums(images, truth))
     assert figures["psnr_alpha"] == figures["psnr_color"] == math.inf
-    assert torch.equal(premultiplied(images)[:, 3], images[:, 3])
+    assert torch.equal(premultiply(images)[:, 3], images[:, 3])
     assert psnr_of(0.01) == pytest.approx(20)
     truth[:, 3] = 0
     assert math.isnan(error_figures(error_sums(images, truth))["psnr_color"]), "there is no paint"

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from catalogues import catalogue
 from hydra.errors import ConfigCompositionException
+from program import ROOT, publish
 
 from brushexp.config import compose
 from brushexp.config.check import check
@@ -20,27 +21,13 @@ from brushexp.errors import UserError
 from brushexp.registry import MULTI_SELECT, build
 from brushexp.strokes.storage import save_catalogue
 
-ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "docs" / "tutorial.md").read_text()
 BLOCKS = {
     name: textwrap.dedent(block)
     for block, name in re.findall(r"((?:^    # (\S+)\n)(?:^(?:    .*)?\n)+)", TEXT, re.MULTILINE)
 }
 NAMES = {Path(name).stem for name in BLOCKS if name.endswith(".py")}
-
-
 PACKAGE = ROOT / "examples" / "plugin-package"
-
-
-def installed(package: Path, folder: Path) -> str:
-    """A search path on which a package lies with its entry points, as pip would install it in place."""
-    project = tomllib.loads((package / "pyproject.toml").read_text())["project"]
-    info = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
-    lines = [f"{name} = {value}" for name, value in project["entry-points"]["brushexp.plugins"].items()]
-    (info / "entry_points.txt").write_text("\n".join(["[brushexp.plugins]", *lines]))
-    return os.pathsep.join([str(folder), str(package / "src")])
 
 
 @pytest.mark.slow
@@ -51,10 +38,12 @@ def test_the_plugins_of_the_tutorial_and_of_the_package_keep_their_contracts(tmp
         (tmp_path / f"{name}.py").write_text(BLOCKS[f"plugins/{name}.py"])
     command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider"]
     command += ["-k", " or ".join([*NAMES, *examples, "dabs"]), "tests/test_plugins.py", str(PACKAGE)]
-    found = [installed(PACKAGE, tmp_path), os.environ.get("PYTHONPATH", "")]
+    project = tomllib.loads((PACKAGE / "pyproject.toml").read_text())["project"]
+    publish(tmp_path, project["name"], project["version"], project["entry-points"]["brushexp.plugins"])
+    path = [str(tmp_path), str(PACKAGE / "src"), os.environ.get("PYTHONPATH", "")]
     environment = os.environ | {
         "BRUSHEXP_PLUGINS": f"{tmp_path}{os.pathsep}{ROOT / 'examples' / 'plugins'}",
-        "PYTHONPATH": os.pathsep.join(found),
+        "PYTHONPATH": os.pathsep.join(path),
     }
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-4000:]

@@ -32,8 +32,8 @@ def test_both_films_show_the_pictures_and_are_as_long_as_their_ticks(tmp_path, r
     assert sorted(tmp_path.iterdir()) == [gif, video] == [tmp_path / "film.gif", tmp_path / "film.mp4"]
     (frames, seen_rate), (pictures, durations) = decoded(video), unrolled(gif)
     assert (len(frames), seen_rate) == (12, rate)
-    for found in (frames[::2], pictures):
-        for picture, original in zip(found, originals, strict=True):
+    for film in (frames[::2], pictures):
+        for picture, original in zip(film, originals, strict=True):
             assert picture.shape == (40, 60, 3)
             assert np.abs(picture.astype(float) - original).mean() < 6
     assert abs(sum(durations) - 12000 / rate) <= 5
@@ -63,8 +63,8 @@ def test_a_still_film_is_one_frame_of_its_whole_length_and_slow_changes_are_not_
         assert image.info["loop"] == 0, "it plays for ever"
     pictures = [np.full((4, 6, 3), level, np.uint8) for level in range(100)]
     (gif,) = film_of(pictures, tmp_path, "gif")
-    seen, durations = unrolled(gif)
-    assert abs(int(seen[-1][0, 0, 0]) - 99) <= SAME
+    frames, durations = unrolled(gif)
+    assert abs(int(frames[-1][0, 0, 0]) - 99) <= SAME
     assert sum(durations) == 4000
 
 
@@ -97,14 +97,14 @@ def test_a_large_gif_is_shrunk_and_a_film_that_is_broken_off_leaves_nothing(tmp_
 
 
 def test_pictures_are_not_kept(tmp_path):
-    seen = []
+    references = []
     with filming(tmp_path / "film", "both", (40, 60), Fraction(25)) as film:
         for seed in range(20):
             picture = smooth(seed).copy()
-            seen.append(weakref.ref(picture))
+            references.append(weakref.ref(picture))
             film.show(picture, 3)
             del picture
-            assert sum(reference() is not None for reference in seen) <= 1
+            assert sum(reference() is not None for reference in references) <= 1
 
 
 def test_without_av_or_its_encoder_every_film_is_a_gif_which_is_smaller(tmp_path, monkeypatch):

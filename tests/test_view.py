@@ -7,18 +7,16 @@ import socket
 import time
 from urllib.parse import urlsplit
 
-import numpy as np
 import pytest
 import torch
 from omegaconf import OmegaConf
 from program import Program, ask
 from scenes import random_strokes
-from sweeps import write_words
+from sweeps import make_run
 
 from brushexp.errors import UserError
-from brushexp.pages.serving import served
+from brushexp.pages.serving import serve
 from brushexp.strokes.storage import Saved, save_catalogue
-from brushexp.system.files import write_json, write_picture
 from brushexp.tasks.view import pages_of
 
 
@@ -28,14 +26,9 @@ def make_catalogue(path, renderer="analytic", config="renderer: {taper: 0.5}\n")
     return path
 
 
-def make_run(folder, **chosen):
-    folder.mkdir(parents=True)
+def painted_run(folder, **chosen):
+    make_run(folder.parent, chosen, name=folder.name, target=90, color=90, size=(32, 48), psnr=20.0, seconds=1.0)
     make_catalogue(folder / "catalogue.h5")
-    metrics = {"psnr": 20.0, "ssim": 0.5, "l1": 0.1, "seconds": 1.0, "n_strokes": 3, "status": "completed"}
-    write_json(folder / "metrics.json", metrics)
-    write_words(folder, *(f"{key}={value}" for key, value in chosen.items()))
-    for name in ("target.png", "painting.png"):
-        write_picture(folder / name, np.full((32, 48, 3), 90, np.uint8))
     return folder
 
 
@@ -50,7 +43,7 @@ def test_a_page_is_served_to_this_machine_and_nothing_else(tmp_path):
     (tmp_path / "link.html").symlink_to(tmp_path / "secret.txt")
     (tmp_path / "folder.html").mkdir()
     pages = {"/": "report.html", "/a b/gone.html": "gone.html", "/link.html": "link.html", "/folder": "folder.html"}
-    with served({name: tmp_path / file for name, file in pages.items()}) as address:
+    with serve({name: tmp_path / file for name, file in pages.items()}) as address:
         port = urlsplit(address).port
         status, body, head = ask(address, "/?from=here")
         assert (status, body) == (200, "<p>é".encode())
@@ -65,7 +58,7 @@ def test_a_page_is_served_to_this_machine_and_nothing_else(tmp_path):
         assert ask(address, "/", Host=f"localhost:{port}")[0] == 200
         with socket.socket() as other, pytest.raises(OSError, match="refused"):
             other.connect(("127.0.0.2", port))  # another address of this machine
-        with pytest.raises(UserError, match=rf"port={port} cannot be had .*port=0"), served({}, port):
+        with pytest.raises(UserError, match=rf"port={port} cannot be had .*port=0"), serve({}, port):
             pass
     with pytest.raises(OSError, match="refused"):
         ask(address, "/")
@@ -73,12 +66,12 @@ def test_a_page_is_served_to_this_machine_and_nothing_else(tmp_path):
 
 def test_a_catalogue_is_drawn_by_its_own_renderer(tmp_path, config):
     path = make_catalogue(tmp_path / "strokes <b>.h5")
-    found = pages(config, path, tmp_path / "out")
-    assert found == {"/": tmp_path / "out" / "report.html"}
-    html = found["/"].read_text()
+    by_address = pages(config, path, tmp_path / "out")
+    assert by_address == {"/": tmp_path / "out" / "report.html"}
+    html = by_address["/"].read_text()
     assert "strokes &lt;b&gt;" in html
     assert "strokes <b>" not in html
-    run = make_run(tmp_path / "run")
+    run = painted_run(tmp_path / "run")
     before = sorted(run.iterdir())
     assert "20.00" in pages(config, run, tmp_path / "out")["/"].read_text(), "its PSNR"
     assert sorted(run.iterdir()) == before, "it may be somebody else's, and read-only"
@@ -99,12 +92,12 @@ def test_a_renderer_that_is_not_here_is_named_and_another_one_helps(tmp_path, co
 
 @pytest.mark.parametrize(("name", "path"), [("sweep é", "sweep%20%C3%A9"), (os.fsdecode(b"sw\xe9"), "sw%E9")])
 def test_the_folder_of_a_sweep_is_shown_with_the_pages_of_its_runs(tmp_path, name, path):
-    runs = [make_run(tmp_path / name / str(k), steps=str(k)) for k in range(2)]
+    runs = [painted_run(tmp_path / name / str(k), steps=str(k)) for k in range(2)]
     (runs[1] / "report.html").write_text("page of run 1")
     (tmp_path / "out").mkdir()
-    found = pages_of(OmegaConf.create({"catalogue": str(tmp_path / name)}), tmp_path / "out")
-    assert f'href="../{path}/1/report.html"' in found["/"].read_text()
-    with served(found) as address:
+    by_address = pages_of(OmegaConf.create({"catalogue": str(tmp_path / name)}), tmp_path / "out")
+    assert f'href="../{path}/1/report.html"' in by_address["/"].read_text()
+    with serve(by_address) as address:
         assert ask(address, "/")[0] == 200
         assert ask(address, f"/{path}/1/report.html")[1] == b"page of run 1"
         assert ask(address, f"/{path}/0/report.html")[0] == 404

@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Any
 from brushexp.system.runtime import keep_memory, let_threads_sleep
 
 if TYPE_CHECKING:
-    from brushexp.api.choosing import create, list_plugins
-    from brushexp.api.drawing import render
     from brushexp.api.iteration import State, iterate
     from brushexp.api.painting import Painting, paint
+    from brushexp.api.parts import create, list_plugins, render
     from brushexp.api.studies import simulate, train_renderer
     from brushexp.errors import UserError
 
@@ -26,10 +25,9 @@ __all__ = [
     "train_renderer",
 ]
 HOMES = {  # modules are loaded when one of these names is used: torch takes seconds
-    "brushexp.api.choosing": ("create", "list_plugins"),
-    "brushexp.api.drawing": ("render",),
     "brushexp.api.iteration": ("State", "iterate"),
     "brushexp.api.painting": ("Painting", "paint"),
+    "brushexp.api.parts": ("create", "list_plugins", "render"),
     "brushexp.api.studies": ("simulate", "train_renderer"),
     "brushexp.errors": ("UserError",),
 }

@@ -1,4 +1,4 @@
-"""Which values an option takes, said once where it is declared: ``width: Annotated[int, at_least(1)] = 64``."""
+"""Declare the values that an option takes: ``width: Annotated[int, at_least(1)] = 64``."""
 
 import difflib
 import os
@@ -62,7 +62,6 @@ class Bounds:
         return inside and (self.step == 1 or value % self.step == 0)
 
     def _nearest(self, value: Any, default: Any) -> Any:
-        """Something to type instead."""
         if self.names:
             if isinstance(value, int | float):
                 return min(self.names, key=lambda name: abs(float(name) - value))
@@ -82,7 +81,6 @@ def _is_number(value: Any) -> bool:
 
 
 def _plain(value: Any) -> str:
-    """A value as it is typed."""
     return f"{value:.12g}" if isinstance(value, float) else str(value)
 
 
@@ -113,7 +111,7 @@ def one_of(*names: str | int) -> Bounds:
 
 @dataclass(frozen=True)
 class Rule:
-    """What a text must be; of a list, every element: asked of what reads it later, so that it is known in time."""
+    """Require that what reads a text later, or each element of a list, can read it."""
 
     read: Callable[[str, str], object]  # from value and option; a UserError if it is not that
     besides: tuple[str, ...] = ()  # values that are not read
@@ -132,16 +130,25 @@ def _check_duration(value: str, option: str) -> None:
         raise UserError(f"{option}={value} is no days:hours:minutes:seconds; for ten minutes: {option}=00:00:10:00")
 
 
-def _check_file(path: str, option: str) -> None:
-    if not os.path.isfile(path):
-        raise UserError(f"{option}={path}: there is no such file; correct the path, or set {option}=null")
+def path_rule(exists: Callable[[str], bool], cure: str) -> Rule:
+    """Require a path that ``exists``; the UserError ends in ``cure``."""
+
+    def read(path: str, option: str) -> None:
+        if not exists(path):
+            raise UserError(f"{option}={path}: there is no {cure.format(option=option)}")
+
+    return Rule(read)
 
 
 DURATION = Rule(_check_duration)
-FILE = Rule(_check_file)
+FOLDER = path_rule(os.path.isdir, "such folder; give the folder of a run or of a sweep")
+INTERRUPTED_RUN = path_rule(
+    lambda folder: os.path.isfile(f"{folder}/checkpoint.ckpt"), "checkpoint.ckpt; give the folder of an interrupted run"
+)
+FILE = path_rule(os.path.isfile, "such file; correct the path, or set {option}=null")
 
 
 def bounds_of(annotation: Any) -> Bounds | Rule | None:
     """The bounds inside a type, ``Annotated[float, between(0, 1)] | None`` for instance."""
-    found = (part if isinstance(part, Bounds | Rule) else bounds_of(part) for part in get_args(annotation))
-    return next((part for part in found if part is not None), None)
+    bounds = (part if isinstance(part, Bounds | Rule) else bounds_of(part) for part in get_args(annotation))
+    return next((part for part in bounds if part is not None), None)

@@ -1,4 +1,4 @@
-"""Mistakes in users' plugins, told in one line with family, name and file; the traceback is in the run's log."""
+"""Report mistakes in users' plugins in one line with family, name and file; the run's log has the traceback."""
 
 import inspect
 import logging
@@ -19,79 +19,74 @@ from brushexp.errors import UserError
 from brushexp.strokes.catalogue import check_strokes
 
 OURS = "brushexp."  # first letters of the modules that come with the program
-SAID_ALREADY = (UserError, MemoryError, torch.OutOfMemoryError)  # errors that are told in other words
+EXPLAINED_ERRORS = (UserError, MemoryError, torch.OutOfMemoryError)  # errors that are told in other words
 
 log = logging.getLogger(__name__)
 
 
-def is_real(value: Any, shape: tuple[int, ...]) -> bool:
-    """Whether it is a tensor of this shape, of numbers that are neither whole nor complex."""
+def _is_real(value: Any, shape: tuple[int, ...]) -> bool:
+    """Whether a value is a tensor of floats of this shape."""
     return isinstance(value, Tensor) and value.shape == shape and value.dtype.is_floating_point
 
 
-def is_window(found: Any, parameters: Tensor) -> bool:
-    """Whether a network or an engine has drawn strokes (n, 10)."""
-    images = found if isinstance(found, Tensor) else found.images
-    return is_real(images, (len(parameters), 4, *2 * images.shape[-1:])) and bool(images.isfinite().all())
+def _is_window(result: Any, parameters: Tensor) -> bool:
+    images = result if isinstance(result, Tensor) else result.images
+    return _is_real(images, (len(parameters), 4, *2 * images.shape[-1:])) and bool(images.isfinite().all())
 
 
-def is_update(found: Any, state: Any) -> bool:
-    """Whether it says which strokes stay, and all of those that it adds are valid."""
-    check_strokes(found.new)
-    return found.keep.shape == state.strokes.width.shape and found.keep.dtype == torch.bool
+def _is_update(result: Any, state: Any) -> bool:
+    check_strokes(result.new)
+    return result.keep.shape == state.strokes.width.shape and result.keep.dtype == torch.bool
 
 
-def are_strokes(found: Any, target: Tensor, n: int, *_: object) -> bool:
-    """Whether they are as many as asked, all of them valid."""
-    check_strokes(found)
-    return len(found) == n
+def _are_strokes(result: Any, target: Tensor, n: int, *_: object) -> bool:
+    check_strokes(result)
+    return len(result) == n
 
 
-def is_view(found: Any, strokes: Any, size: tuple[int, int], *_: object) -> bool:
-    """Whether a step can look at it."""
-    region = found.region
+def _is_view(result: Any, strokes: Any, size: tuple[int, int], *_: object) -> bool:
+    region = result.region
     bottom, right = region.top + region.height, region.left + region.width
     return 0 <= region.top < bottom <= size[0] and 0 <= region.left < right <= size[1]
 
 
-def is_callback(found: Any, folder: object) -> bool:
-    """Whether Lightning takes it."""
+def _is_callback(result: Any, folder: object) -> bool:
     from lightning import Callback  # noqa: PLC0415  (takes seconds; --help should not)
 
-    return isinstance(found, Callback)
+    return isinstance(result, Callback)
 
 
 RULES: dict[tuple[str, str], tuple[str, Callable[..., bool]]] = {  # beside the types that the contracts state
-    ("init", "__call__"): ("exactly n valid strokes", are_strokes),
-    ("renderer", "draw"): ("finite pictures (n, 4, S, S)", is_window),
-    ("engine", "__call__"): ("finite pictures (n, 4, S, S)", lambda found, rows, **_: is_window(found, rows)),
-    ("blend", "__call__"): ("a picture (3, H, W)", lambda found, _, __, size, *___: is_real(found.image, (3, *size))),
+    ("init", "__call__"): ("exactly n valid strokes", _are_strokes),
+    ("renderer", "draw"): ("finite pictures (n, 4, S, S)", _is_window),
+    ("engine", "__call__"): ("finite pictures (n, 4, S, S)", lambda result, rows, **_: _is_window(result, rows)),
+    ("blend", "__call__"): (
+        "a picture (3, H, W)",
+        lambda result, _, __, size, *___: _is_real(result.image, (3, *size)),
+    ),
     ("order", "depth"): (
         "real numbers (N,)",
-        lambda found, strokes, *_: found.shape == strokes.width.shape and not found.is_complex(),
+        lambda result, strokes, *_: result.shape == strokes.width.shape and not result.is_complex(),
     ),
-    ("loss", "forward"): ("one real number, of shape ()", lambda found, *_: is_real(found, ())),
+    ("loss", "forward"): ("one real number, of shape ()", lambda result, *_: _is_real(result, ())),
     ("density", "revise"): (
         "keep (N,) of bool and valid strokes",
-        lambda found, state: found is None or is_update(found, state),
+        lambda result, state: result is None or _is_update(result, state),
     ),
-    ("sampler", "__call__"): ("a region inside the canvas", is_view),
-    ("optimizer", "share"): ("a finite number", lambda found, _: math.isfinite(found)),
+    ("sampler", "__call__"): ("a region inside the canvas", _is_view),
+    ("optimizer", "share"): ("a finite number", lambda result, _: math.isfinite(result)),
     ("color", "encode"): (
         "channels (..., C)",
-        lambda found, color: is_real(found, (*color.shape[:-1], *found.shape[-1:])),
+        lambda result, color: _is_real(result, (*color.shape[:-1], *result.shape[-1:])),
     ),
-    ("color", "decode"): ("a picture (3, H, W)", lambda found, picture: is_real(found, (3, *picture.shape[1:]))),
-    ("callbacks", "open"): ("a callback of Lightning", is_callback),
-    ("to", "write"): ("paths of files that it has written", lambda found, *_: all(path.is_file() for path in found)),
+    ("color", "decode"): ("a picture (3, H, W)", lambda result, picture: _is_real(result, (3, *picture.shape[1:]))),
+    ("callbacks", "open"): ("a callback of Lightning", _is_callback),
+    ("to", "write"): ("paths of files that it has written", lambda result, *_: all(path.is_file() for path in result)),
 }
 
 
 def check_results(family: str, name: str, cls: type, contract: str) -> None:
-    """Let the methods of a user's class say so when they return what its contract (a module) does not allow.
-
-    A UserError if the class is none of that contract, or lacks a part of it.
-    """
+    """Check each result of a user's class against its contract (a module); a UserError if the class lacks a part."""
     bases = [base for base in cls.__mro__ if base.__module__ == contract]
     source = inspect.getsourcefile(cls)
     if not bases or inspect.isabstract(cls):
@@ -107,26 +102,26 @@ def check_results(family: str, name: str, cls: type, contract: str) -> None:
 
 
 def _checked(function: Callable[..., Any], kind: Any, words: Any, rule: Callable[..., bool] | None, who: str) -> Any:
-    """The same method, which refuses a result that is not of a ``kind`` or against a ``rule``."""
+    """Wrap a method so that it refuses a result of another ``kind`` or against a ``rule``."""
 
     @wraps(function)
     def checked(self: Any, *args: Any, **options: Any) -> Any:
-        found = function(self, *args, **options)
+        result = function(self, *args, **options)
         try:
-            fits = _is_of(found, kind) and (rule is None or rule(found, *args, **options))
+            fits = _is_of(result, kind) and (rule is None or rule(result, *args, **options))
         except UserError as error:
             raise UserError(f"{who}: {function.__name__} returns strokes: {error}; correct the plugin") from error
         if not fits:
-            shape = f" {tuple(found.shape)} of {found.dtype}" if isinstance(found, Tensor) else ""
-            told = repr(found) if isinstance(found, str | Real | None) else type(found).__name__ + shape
-            raise UserError(f"{who}: {function.__name__} returns {told}, not {words}; correct the plugin")
-        return found
+            shape = f" {tuple(result.shape)} of {result.dtype}" if isinstance(result, Tensor) else ""
+            text = repr(result) if isinstance(result, str | Real | None) else type(result).__name__ + shape
+            raise UserError(f"{who}: {function.__name__} returns {text}, not {words}; correct the plugin")
+        return result
 
     return checked
 
 
 def _return_type(function: Any) -> Any:
-    """What a method is declared to return; anything where that is not known before Lightning is imported."""
+    """Return the declared type of a result; `Any` where it is unknown before Lightning is imported."""
     try:
         return get_type_hints(function).get("return", Any)
     except NameError:
@@ -145,25 +140,25 @@ def _is_of(value: Any, kind: Any) -> bool:
 
 
 @contextmanager
-def plugins_named(plugins: Iterable[Any]) -> Iterator[None]:
-    """Tell of an exception in a file of a user's plugin, a `SystemExit` too, as a `UserError` that names them."""
+def naming_plugins(plugins: Iterable[Any]) -> Iterator[None]:
+    """Turn an exception, or a `SystemExit`, in a file of a user's plugin into a `UserError` that names the plugin."""
     try:
         yield
-    except SAID_ALREADY:
+    except EXPLAINED_ERRORS:
         raise
     except (Exception, SystemExit) as error:
-        told = None if isinstance(error.__context__, KeyboardInterrupt) else mistake_of(error, plugins)
-        if told is None:
+        message = None if isinstance(error.__context__, KeyboardInterrupt) else mistake_of(error, plugins)
+        if message is None:
             raise
-        record = log.makeRecord(log.name, logging.ERROR, __file__, 0, told, (), sys.exc_info())
+        record = log.makeRecord(log.name, logging.ERROR, __file__, 0, message, (), sys.exc_info())
         for handler in logging.getLogger().handlers:
             if isinstance(handler, logging.FileHandler):
                 handler.handle(record)
-        raise UserError(told) from error
+        raise UserError(message) from error
 
 
 def mistake_of(error: BaseException, plugins: Iterable[Any]) -> str | None:
-    """What is wrong in the innermost line of a user's plugin that an error came through; None if it did not."""
+    """Describe the innermost line of a user's plugin that an error came through; None if it came through none."""
     users = [(inspect.getsourcefile(one.cls), one) for one in plugins if not one.cls.__module__.startswith(OURS)]
     for frame, line in reversed(list(traceback.walk_tb(error.__traceback__))):
         owners = [one for file, one in users if file == frame.f_code.co_filename]

@@ -1,4 +1,4 @@
-"""Find and import plugins: those that ship, files in folders, and packages that publish some."""
+"""Import the plugins that ship, those in folders, and those that packages publish."""
 
 import importlib
 import os
@@ -25,12 +25,14 @@ def load_plugins(directory: Path) -> list[str]:
     If any of them fails to import, a UserError names the file and the line.
     """
     for family in FAMILIES:
-        package = importlib.import_module(f"{OURS}plugins.{PACKAGES[family]}")
-        for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
+        members = importlib.import_module(f"{OURS}plugins.{PACKAGES[family]}")
+        for module in pkgutil.iter_modules(members.__path__, f"{members.__name__}."):
             if not module.name.rpartition(".")[2].startswith("_"):
                 importlib.import_module(module.name)
     files = list(_plugin_files(directory))
-    _mount({path.parent for path in files})
+    package = sys.modules.setdefault(USER_PACKAGE, ModuleType(USER_PACKAGE, "Plugins of the user."))
+    package.__path__ = sorted({str(path.parent) for path in files})  # workers import the classes of configs from there
+    importlib.invalidate_caches()
     for path in files:
         import_or_explain(partial(importlib.import_module, f"{USER_PACKAGE}.{path.stem}"), str(path))
     for point in entry_points(group=ENTRY_POINTS):
@@ -39,31 +41,24 @@ def load_plugins(directory: Path) -> list[str]:
 
 
 def _plugin_files(directory: Path) -> Iterator[Path]:
-    """Every plugin file, in a fixed order; two files of one name are refused."""
+    """List the plugin files in a fixed order; refuse two files of one name."""
     extra = [Path(part) for part in os.environ.get(SEARCH_PATH, "").split(os.pathsep) if part]
     for folder in extra:
         if not folder.is_dir():
             raise UserError(f"{SEARCH_PATH} names {folder}, which is not a folder; correct or unset it")
-    seen: dict[str, Path] = {}
+    paths: dict[str, Path] = {}
     for folder in dict.fromkeys(path.resolve() for path in [directory, *extra]):
         for path in sorted(folder.glob("*.py")):
             if path.stem.startswith("_"):
                 continue
-            if path.stem in seen:
-                raise UserError(f"plugin files {seen[path.stem]} and {path} have the same name; rename one")
-            seen[path.stem] = path
+            if path.stem in paths:
+                raise UserError(f"plugin files {paths[path.stem]} and {path} have the same name; rename one")
+            paths[path.stem] = path
             yield path
 
 
-def _mount(folders: set[Path]) -> None:
-    """Make plugin folders importable as one package, so that configs and worker processes can name their classes."""
-    package = sys.modules.setdefault(USER_PACKAGE, ModuleType(USER_PACKAGE, "Plugins of the user."))
-    package.__path__ = sorted(map(str, folders))
-    importlib.invalidate_caches()
-
-
 def import_or_explain(load: Callable[[], Any], source: str) -> Any:
-    """What a plugin is when it is loaded; a UserError says which ``source`` cannot be, and why."""
+    """Load a plugin; a UserError says which ``source`` cannot be loaded, and why."""
     try:
         return load()
     except UserError as error:

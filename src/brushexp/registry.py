@@ -1,8 +1,7 @@
 """Make a class choosable on the command line: ``@register("loss", "mse")`` gives ``loss=mse``.
 
-Keyword-only parameters of ``__init__`` are the plugin's config: typed, overridable, listed by --help. So are the class
-attributes that the contract of a family lists as ``tunable``, as the weight of a loss.
-Positional parameters are run-time objects; the framework passes them and no config mentions them.
+Keyword-only parameters of ``__init__``, and class attributes that a contract lists as ``tunable``, are the plugin's
+config. Positional parameters are objects that the framework passes at run time.
 """
 
 import inspect
@@ -61,36 +60,34 @@ class Plugin:
 
     @property
     def target(self) -> str:
-        """Where the class is found, as configs name it."""
         return f"{self.cls.__module__}.{self.cls.__qualname__}"
 
     @property
     def summary(self) -> str:
-        """First line of the docstring, as ``--help`` shows it."""
         return (inspect.getdoc(self.cls) or "").partition("\n")[0]
 
     @property
     def meanings(self) -> dict[str, str]:
-        """Option -> what the docstrings of the class and its bases say about it under ``Args:``."""
-        said: dict[str, str] = {}
+        """Map each option to what the docstrings of the class and its bases say about it under ``Args:``."""
+        texts: dict[str, str] = {}
         for cls in reversed(self.cls.__mro__):
             section = inspect.cleandoc(cls.__doc__ or "").partition("\nArgs:\n")[2].partition("\n\n")[0]
             entries = re.findall(r"^    (\w+): (.*(?:\n     .*)*)", section, re.MULTILINE)
-            said |= {name: " ".join(text.split()) for name, text in entries}
-        return {item.name: said.get(item.name, "") for item in fields(self.config) if item.name != "_target_"}
+            texts |= {name: " ".join(text.split()) for name, text in entries}
+        return {item.name: texts.get(item.name, "") for item in fields(self.config) if item.name != "_target_"}
 
     @property
     def facts(self) -> dict[str, str]:
-        """What to choose it by, as the contract of its family words it; empty if the contract states nothing."""
+        """Map the names of facts by which one chooses among the family to their values."""
         return dict(getattr(self.cls, "facts", dict)())
 
     @property
     def path(self) -> str:
-        """What is typed before one of its options, without the dot."""
+        """The key above its options."""
         return f"{self.family}.{self.name}" if self.family in MULTI_SELECT else self.family
 
     def check(self, path: str, options: Mapping[str, Any]) -> None:
-        """Stop with a UserError when an option is out of its bounds; ``path`` is what is typed before it."""
+        """Stop with a UserError when an option is out of its bounds; ``path`` is the key above it."""
         for option, bounds in self.bounds.items():
             value = options[option]
             plain = OmegaConf.to_object(value) if OmegaConf.is_config(value) else value
@@ -98,7 +95,6 @@ class Plugin:
 
     @cached_property
     def _defaults(self) -> dict[str, Any]:
-        """Of the options that have one."""
         node: DictConfig = OmegaConf.structured(self.config)
         return {str(option): node[option] for option in node if not OmegaConf.is_missing(node, option)}
 
@@ -138,27 +134,19 @@ def register(family: str, name: str) -> Callable[[C], C]:
 
 
 def options_of(cls: type) -> list[tuple[str, Any, Any]]:
-    """Name, type and default (or ``MISSING``) of each option of a class: what is ``tunable``, then its parameters.
-
-    A parameter is an option if it is keyword-only; it must have a type.
-    """
-    options = [(name, kind, getattr(cls, name)) for name, kind in tunable_of(cls).items()]
+    """List name, type and default (or ``MISSING``) of each option of a class; each keyword-only parameter is one."""
+    tunable = getattr(cls, "tunable", {})
+    options = [(name, kind, getattr(cls, name)) for name, kind in tunable.items()]
     for parameter in inspect.signature(cls, eval_str=True).parameters.values():
         if parameter.kind is not parameter.KEYWORD_ONLY:
             continue
         if parameter.annotation is parameter.empty:
             raise TypeError(f"{cls.__qualname__}.__init__: give '{parameter.name}' a type; it is a config key")
-        if parameter.name in tunable_of(cls):
+        if parameter.name in tunable:
             raise TypeError(f"{cls.__qualname__}: write '{parameter.name} = ...' in the class, not in __init__")
         default = MISSING if parameter.default is parameter.empty else parameter.default
         options.append((parameter.name, parameter.annotation, default))
     return options
-
-
-def tunable_of(cls: type) -> Mapping[str, Any]:
-    """Name and type of the class attributes that the contract of a family makes options of each member."""
-    attributes: Mapping[str, Any] = getattr(cls, "tunable", {})
-    return attributes
 
 
 def structured_config(cls: type) -> type:
@@ -171,7 +159,7 @@ def structured_config(cls: type) -> type:
 
 
 def plain_type(annotation: Any) -> Any:
-    """A type without what ``Annotated`` adds to it or to its parts."""
+    """Strip a type, and its parts, of what ``Annotated`` adds."""
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return plain_type(parts[0])
@@ -183,13 +171,13 @@ def plain_type(annotation: Any) -> Any:
 
 
 def plugins(family: str | None = None) -> list[Plugin]:
-    """All registered plugins, or those of one family, by family and name."""
+    """List all registered plugins, or those of one family, by family and name."""
     chosen = [plugin for plugin in _plugins.values() if family in (None, plugin.family)]
     return sorted(chosen, key=lambda plugin: (list(FAMILIES).index(plugin.family), plugin.name))
 
 
 def plugin_of(node: DictConfig) -> Plugin:
-    """The plugin that a config node describes; a UserError if its ``_target_`` is none that is registered."""
+    """Find the plugin that a config node describes; a UserError if its ``_target_`` is not registered."""
     target = node._target_
     for plugin in _plugins.values():
         if plugin.target == target:
@@ -198,13 +186,10 @@ def plugin_of(node: DictConfig) -> Plugin:
 
 
 def build(node: DictConfig, *runtime: object) -> Any:
-    """Turn a config node into its object: only a registered class is called, once, and its options are plain values.
-
-    A UserError says which option does not fit the class.
-    """
+    """Build the plugin of a config node; a UserError says which option does not fit its registered class."""
     plugin = plugin_of(node)
     options = options_in(node, plugin.path)
-    attributes = {name: options.pop(name) for name in tunable_of(plugin.cls)}
+    attributes = {name: options.pop(name) for name in getattr(plugin.cls, "tunable", ())}
     member = plugin.cls(*runtime, **options)
     for name, value in attributes.items():
         setattr(member, name, value)
@@ -212,7 +197,7 @@ def build(node: DictConfig, *runtime: object) -> Any:
 
 
 def keep_built(node: DictConfig) -> Any:
-    """The plugin of a config node, built once for the check of a run and kept for the run itself (`take_built`)."""
+    """Build the plugin of a config node once for the check of a run, and keep it for the run (`take_built`)."""
     text = OmegaConf.to_yaml(node, resolve=True)
     if text not in _kept:
         _kept[text] = build(node)
@@ -220,21 +205,18 @@ def keep_built(node: DictConfig) -> Any:
 
 
 def take_built(node: DictConfig) -> Any:
-    """The plugin that a check has kept for a config node, or else a new one; no other run gets the same object."""
+    """Take the plugin that a check has kept for a config node, or build one; no other run gets the same object."""
     text = OmegaConf.to_yaml(node, resolve=True)
     return _kept.pop(text) if text in _kept else build(node)
 
 
 def drop_built() -> None:
-    """Forget what checks have built and no run has taken."""
+    """Forget the plugins that checks have built and no run has taken."""
     _kept.clear()
 
 
 def options_in(node: DictConfig, path: str) -> dict[str, Any]:
-    """The options of a plugin in its config node, of the types and within the bounds that it has declared.
-
-    A UserError if one does not fit; ``path`` is what is typed before it.
-    """
+    """Read the options of a plugin from its config node; a UserError if one does not fit its type or bounds."""
     plugin = plugin_of(node)
     typed: DictConfig = OmegaConf.structured(plugin.config)
     try:
@@ -251,7 +233,7 @@ def options_in(node: DictConfig, path: str) -> dict[str, Any]:
 
 
 def _hidden_key(data: Any) -> str:
-    """The first key that begins with ``_``, as those do by which Hydra finds code; "" if there is none."""
+    """Find the first key that begins with ``_``, as those do by which Hydra finds code; "" if there is none."""
     if isinstance(data, dict):
         own = (key for key in data if str(key).startswith("_"))
         return str(next(own, "")) or _hidden_key(list(data.values()))
@@ -270,7 +252,7 @@ def build_named(family: str, name: str, options: dict[str, Any], *runtime: objec
 
 
 def plain_config(values: dict[str, Any]) -> DictConfig:
-    """Values from a file as a config; an interpolation, which could read what is not the file's, is a UserError."""
+    """Turn values from a file into a config; an interpolation, which could read other data, is a UserError."""
     if "${" in json.dumps(check_plain(values)):
         raise UserError("a config from a file holds an interpolation, ${...}; write the value instead")
     config: DictConfig = OmegaConf.create(values)

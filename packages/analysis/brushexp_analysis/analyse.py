@@ -1,4 +1,4 @@
-"""``brushexp.analyse``: the brushwork of a painting in numbers, from Python."""
+"""Measure the brushwork of a painting from Python: ``brushexp.analyse``."""
 
 from os import PathLike
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""One sheet that shows the brushwork of a painting, or of two with the same axes."""
+"""Draw the brushwork of a painting on one sheet, or that of two with the same axes."""
 
 from __future__ import annotations
 
@@ -19,37 +19,36 @@ from brushexp.reporting.plotting import COLORS, FAINT, INK, new_figure, save_fig
 from brushexp.results.stroke_table import DIRECTION_BINS, MEASURES, Array, direction_shares
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.measures import NEIGHBOURS, centre_of, direction_of, mean_direction, nearest_strokes
-from brushexp_analysis.summary import OVERALL, Analysis, overall_of
-from brushexp_analysis.summary_text import relative_unit, strokes_in, three_digits, with_unit
+from brushexp_analysis.summary import OVERALL, Analysis
+from brushexp_analysis.summary_text import overall_texts, relative_unit, strokes_in, three_digits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import SubFigure
 
 PRINT_DPI = 200  # dots per inch: sharp on paper
-PAINTING, PANELS_HEIGHT = 5.2, 5.2  # inches: of a painting with its rose, and of the histograms
-MAP_CELLS = 160  # places along the longer side where coherence is looked at
+HEIGHT = 5.2  # inches: of a painting with its rose, and of the histograms
+MAP_CELLS = 160  # places along the longer side at which coherence is computed
 DASHES = 26  # lines of flow along the longer side
-SCALE_SHARE = 0.6  # share of the colours of a scale: on darker ones lines are not seen
+SCALE_SHARE = 0.6  # share of a colour map that is used: lines do not show on darker colours
 PANELS = ("length", "width", "straightness", "curvature", "elongatedness", "visible", "coherence", "homogeneity")
-FULL_RANGE = ("curvature", "visible", "coherence")  # shown from 0 to their highest value
+FULL_RANGE = ("curvature", "visible", "coherence")  # measures whose axis has their whole range
 TAIL_SHARE = 0.02  # share of strokes that a panel may leave out at its long end
 HISTOGRAM_BINS = 32
 RINGS = (0.05, 0.1, 0.2, 0.5, 1.0)  # shares of directions
-TOLD = ("direction", "agreement", "coherence", "disorder", "entropy", "layers", "hidden")  # below the rose
+NUMBERS = ("direction", "agreement", "coherence", "disorder", "entropy", "layers", "hidden")  # below the rose
 MUTED = "#6a6a6a"
-STROKES_SIDE = 900  # pixels: longer side of the strokes as they are drawn
-LEAST_AROUND = 3  # strokes within the radius of a place below which nothing is said of it
+STROKES_SIDE = 900  # pixels: longer side of the drawn strokes
+LEAST_AROUND = 3  # strokes within the radius of a place from which on it has a coherence
 CHROMA, LIGHTNESS, LIGHTNESS_SPAN = 32.0, 64.0, 12.0  # of the colours of directions, CIE LCh; more is not in sRGB
 LEVEL_HUE = math.radians(85)  # of level strokes, ochre; upright ones are blue
 
 
 def write_figure(path: Path, analyses: Sequence[Analysis]) -> Path:
     """Write the sheet as PNG: for each painting its strokes by direction, coherence and rose; histograms below."""
-    heights = [PAINTING] * len(analyses) + [PANELS_HEIGHT]
-    figure = new_figure(sum(heights))
+    figure = new_figure(HEIGHT * (len(analyses) + 1))
     figure.set_dpi(PRINT_DPI)
-    *parts, panels = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
+    *parts, panels = figure.subfigures(len(analyses) + 1, 1, squeeze=False)[:, 0]
     largest = max(float(direction_shares(one.values("orientation")).max()) for one in analyses)
     for part, one, color in zip(parts, analyses, COLORS, strict=False):
         _painting(part, one, color if len(analyses) > 1 else INK, largest)
@@ -59,18 +58,17 @@ def write_figure(path: Path, analyses: Sequence[Analysis]) -> Path:
 
 
 def _painting(part: SubFigure, analysis: Analysis, ink: str, largest: float) -> None:
-    name, canvas = without_math(analysis.name)[:60], f"{analysis.size[1]} x {analysis.size[0]} px"
     heading = (
-        f"{name}: {strokes_in(analysis)} on {canvas}; a pitch between neighbours is {three_digits(analysis.pitch)} px"
+        f"{without_math(analysis.name)[:60]}: {strokes_in(analysis)} on {analysis.size[1]} x {analysis.size[0]} px"
     )
+    heading += f"; a pitch between neighbours is {three_digits(analysis.pitch)} px"
     part.suptitle(heading, x=0.01, ha="left", fontsize=12, color=ink)
     axes: dict[str, Any] = part.subplot_mosaic(
-        [["strokes", "coherence", "rose"], ["strokes", "coherence", "told"]], width_ratios=(5, 5, 3),
+        [["strokes", "coherence", "rose"], ["strokes", "coherence", "numbers"]], width_ratios=(5, 5, 3),
         height_ratios=(3, 1.3), per_subplot_kw={"rose": {"projection": "polar"}},
     )  # fmt: skip
-    axes["strokes"].imshow(
-        stroke_map(analysis), extent=(0, analysis.size[1], analysis.size[0], 0), interpolation="antialiased"
-    )
+    extent = (0, analysis.size[1], analysis.size[0], 0)
+    axes["strokes"].imshow(stroke_map(analysis), extent=extent, interpolation="antialiased")
     axes["strokes"].set_title("strokes in the colours of their directions", fontsize=10)
     _coherence(axes["coherence"], part, analysis)
     axes["coherence"].set_title(f"coherence of the directions of the {NEIGHBOURS} nearest strokes", fontsize=10)
@@ -79,15 +77,14 @@ def _painting(part: SubFigure, analysis: Analysis, ink: str, largest: float) -> 
         picture.spines[:].set_color(ink)
     _rose(axes["rose"], analysis, largest)
     axes["rose"].set_title("directions as they lie; dotted: all equal", fontsize=10)
-    numbers, told = overall_of(analysis), axes["told"]
     look = {"va": "top", "fontsize": 8.5, "linespacing": 1.5, "in_layout": False}
-    told.text(0.1, 1, "\n".join(OVERALL[key].name for key in TOLD), color=MUTED, **look)
-    told.text(0.75, 1, "\n".join(with_unit(numbers[key], OVERALL[key].unit) for key in TOLD), color=INK, **look)
-    told.axis("off")
+    axes["numbers"].text(0.1, 1, "\n".join(OVERALL[key].name for key in NUMBERS), color=MUTED, **look)
+    axes["numbers"].text(0.75, 1, "\n".join(overall_texts(analysis, NUMBERS)), color=INK, **look)
+    axes["numbers"].axis("off")
 
 
 def _coherence(axes: Axes, part: SubFigure, analysis: Analysis) -> None:
-    """How parallel strokes are, with lines that follow them, longer where they agree."""
+    """Draw how parallel strokes are, with lines that follow them, longer where they agree."""
     from matplotlib import colormaps  # noqa: PLC0415
     from matplotlib.colors import ListedColormap  # noqa: PLC0415
 
@@ -108,7 +105,7 @@ def _coherence(axes: Axes, part: SubFigure, analysis: Analysis) -> None:
 
 
 def _rose(axes: Any, analysis: Analysis, largest: float) -> None:
-    """Shares of directions as areas, each drawn both ways."""
+    """Draw shares of directions as areas, each both ways."""
     share = np.sqrt(direction_shares(analysis.values("orientation")))
     middle = np.arange(DIRECTION_BINS) * math.pi / DIRECTION_BINS
     look = {"color": direction_colors(middle), "edgecolor": "white", "linewidth": 0.6}
@@ -127,7 +124,7 @@ def _rose(axes: Any, analysis: Analysis, largest: float) -> None:
 
 
 def _histogram(axes: Axes, key: str, analyses: Sequence[Analysis]) -> None:
-    """Shares of strokes by one measure, and the median; in pitches if paintings are compared."""
+    """Draw shares of strokes by one measure, and the median; in pitches if paintings are compared."""
     tidy(axes)
     axes.grid(axis="x", visible=False)
     axes.yaxis.set_major_formatter("{x:g} %")
@@ -135,24 +132,25 @@ def _histogram(axes: Axes, key: str, analyses: Sequence[Analysis]) -> None:
     samples = [one.relative(key) if compared else one.values(key) for one in analyses]
     unit = relative_unit(key) if compared else MEASURES[key].unit
     label = MEASURES[key].name + f", {unit}" * bool(unit)
-    filled = [values for values in samples if len(values)]
-    low, high = _range(key, filled) if filled else (0.0, 1.0)
-    for values, color, dash in zip(samples, COLORS, ("-", "--"), strict=False):
-        if len(values):
-            weights, median = np.full(len(values), 100 / len(values)), float(np.median(values))
-            look: Any = {"histtype": "stepfilled", "facecolor": (color, 0.25), "edgecolor": color}
-            axes.hist(values, HISTOGRAM_BINS, range=(low, high), weights=weights, **look)
-            axes.axvline(median, color=color, linewidth=1.2, linestyle=dash, label=f"median {three_digits(median)}")
-    if filled:
-        beyond = max(float(((values < low) | (values > high)).mean()) for values in filled)
-        label += f" ({beyond:.1%} lie beyond)" * (beyond >= 0.0005)
-        axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, fontsize=8.5, frameon=False, borderaxespad=0)
-    axes.set_xlabel(label if filled else f"{label}: not defined", fontsize=10)
-    axes.set_xlim(low, high)
+    filled = [
+        (values, color, dash) for values, color, dash in zip(samples, COLORS, ("-", "--"), strict=False) if len(values)
+    ]
+    if not filled:
+        axes.set_xlabel(f"{label}: not defined")
+        return
+    low, high = _range(key, [values for values, _, _ in filled])
+    for values, color, dash in filled:
+        weights, median = np.full(len(values), 100 / len(values)), float(np.median(values))
+        look: Any = {"histtype": "stepfilled", "facecolor": (color, 0.25), "edgecolor": color}
+        axes.hist(values, HISTOGRAM_BINS, range=(low, high), weights=weights, **look)
+        axes.axvline(median, color=color, linewidth=1.2, linestyle=dash, label=f"median {three_digits(median)}")
+    beyond = max(float(((values < low) | (values > high)).mean()) for values, _, _ in filled)
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, fontsize=8.5, frameon=False, borderaxespad=0)
+    axes.set(xlabel=label + f" ({beyond:.1%} lie beyond)" * (beyond >= 0.0005), xlim=(low, high))
 
 
 def _range(key: str, samples: Sequence[Array]) -> tuple[float, float]:
-    """Where an axis begins and ends: all strokes but the ``TAIL_SHARE`` at the long end."""
+    """Choose the range of an axis: all strokes but the ``TAIL_SHARE`` at the long end."""
     high = MEASURES[key].high
     if high < math.inf:
         low = 0.0 if key in FULL_RANGE else min(float(np.quantile(values, TAIL_SHARE)) for values in samples)
@@ -161,22 +159,18 @@ def _range(key: str, samples: Sequence[Array]) -> tuple[float, float]:
 
 
 def direction_colors(angle: Array) -> Array:
-    """Colours (N, 3) of directions in radians: hues go round once in half a turn; grey for NaN.
-
-    Level strokes are lighter than upright ones, and the hues between which they differ are those that most of the
-    colour-blind tell apart.
-    """
+    """Choose colours (N, 3) of directions in radians: hues go round once in half a turn; grey for NaN."""
     from skimage.color import lab2rgb  # noqa: PLC0415  (slow to import)
 
-    known, turn = np.isfinite(angle), 2 * np.nan_to_num(angle)
-    lightness = LIGHTNESS + LIGHTNESS_SPAN * np.where(known, np.cos(turn), 0.0)
-    chroma = np.where(known, CHROMA, 0.0) * np.array([np.cos(turn + LEVEL_HUE), np.sin(turn + LEVEL_HUE)])
+    finite, turn = np.isfinite(angle), 2 * np.nan_to_num(angle)
+    lightness = LIGHTNESS + LIGHTNESS_SPAN * np.where(finite, np.cos(turn), 0.0)
+    chroma = np.where(finite, CHROMA, 0.0) * np.array([np.cos(turn + LEVEL_HUE), np.sin(turn + LEVEL_HUE)])
     return np.clip(lab2rgb(np.stack([lightness, *chroma], axis=-1)), 0, 1)
 
 
 @torch.no_grad()
 def stroke_map(analysis: Analysis) -> NDArray[np.float32]:
-    """The strokes (H, W, 3) as they lie over each other, in the colours of their directions, on white."""
+    """Draw the strokes (H, W, 3) over each other, in the colours of their directions, on white."""
     zoom = STROKES_SIDE / max(analysis.size)
     size = (max(1, round(analysis.size[0] * zoom)), max(1, round(analysis.size[1] * zoom)))
     color = torch.from_numpy(direction_colors(analysis.measures.orientation)).float()
@@ -188,10 +182,10 @@ def stroke_map(analysis: Analysis) -> NDArray[np.float32]:
 
 @torch.no_grad()
 def coherence_map(analysis: Analysis, cells: int) -> tuple[Array, Array]:
-    """Places (h, w, 2) in pixels of a grid, ``cells`` on the longer side, and doubled directions (h, w, 2) around them.
+    """Compute places (h, w, 2) of a grid in pixels, and the mean doubled direction (h, w, 2) of the nearest strokes.
 
-    These are means of the nearest strokes, as long as the coherence; NaN where fewer than ``LEAST_AROUND`` strokes are
-    within the radius of the analysis.
+    ``cells`` is the number of places on the longer side. A mean is as long as the coherence, NaN where fewer than
+    ``LEAST_AROUND`` strokes lie within the radius of the analysis.
     """
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 

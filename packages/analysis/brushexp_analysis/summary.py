@@ -8,14 +8,24 @@ import torch
 from numpy.typing import NDArray
 
 from brushexp.errors import UserError
-from brushexp.results.stroke_table import DIRECTION_BINS, MEASURES, RADIUS_PITCHES, Array, StrokeTable, measure_strokes
+from brushexp.results.stroke_table import (
+    DIRECTION_BINS,
+    MEASURES,
+    RADIUS_PITCHES,
+    Array,
+    StrokeTable,
+    direction_shares,
+    measure_strokes,
+)
 from brushexp.strokes.brushwork import MIN_OPACITY, MIN_WIDTH_PITCHES, is_visible, pitch_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.measures import NEIGHBOURS, Measure
 from brushexp.strokes.storage import Saved
-from brushexp_analysis import samples
 
-FEW_STROKES = 400  # in smaller catalogues a stroke counts that would count among so many
+EFFECT_SIZES = ((0.147, "negligible"), (0.33, "small"), (0.474, "medium"), (1.0, "large"))  # Romano et al., 2006
+STATISTICS = ("n", "mean", "sd", "q25", "median", "q75")
+COMPARISONS = ("difference", "standardised", "delta", "effect", "distance")
+FEW_STROKES = 400  # strokes: the pitch of a smaller catalogue would be a large share of the canvas
 HIDDEN_SHARE = 0.05  # of a stroke: if no more is seen, it is hidden
 
 OVERALL = {
@@ -32,7 +42,7 @@ OVERALL = {
 
 @dataclass(frozen=True)
 class Analysis:
-    """A painting and what was measured of it."""
+    """Measures of the strokes of a painting that count."""
 
     name: str  # in tables and figures
     source: str  # its file
@@ -46,12 +56,12 @@ class Analysis:
     measures: StrokeTable  # of the N strokes, see `measure_strokes`
 
     def values(self, key: str) -> Array:
-        """One measure of the strokes for which it is defined, in the unit in which it is shown."""
+        """Return one measure of the strokes for which it is defined, in the unit of `MEASURES`."""
         values: Array = self.measures[key]
         return in_units(values[np.isfinite(values)], MEASURES[key])
 
     def relative(self, key: str) -> Array:
-        """The same in a unit that does not depend on the size of the canvas: pitches instead of pixels."""
+        """Return one measure in pitches instead of pixels, so that canvases of any size compare."""
         return self.values(key) / self.pitch ** MEASURES[key].power
 
 
@@ -60,18 +70,17 @@ def analysis_of(
 ) -> Analysis:
     """Measure the strokes of a catalogue that count, see `strokes.brushwork.is_visible` and `thinnest_of`.
 
-    Neighbours are counted within ``radius`` pixels, None means ``RADIUS_PITCHES`` pitches. A stroke of which less than
-    the share ``visible`` is seen is left out and is no neighbour of others. If none counts, it is a UserError about
-    the ``option`` that sets the file.
+    Neighbours lie within ``radius`` pixels, None means ``RADIUS_PITCHES`` pitches. A stroke of which less than the
+    share ``visible`` is seen does not count. A painting without strokes that count is a UserError about ``option``.
     """
     thinnest = thinnest_of(len(saved.strokes), saved.size)
     number = is_visible(saved.strokes, thinnest / MIN_WIDTH_PITCHES).nonzero()[:, 0]
     table = measure_strokes(saved.strokes[number], saved.depth[number], saved.size, radius)
     if visible > 0:
-        seen = table.visible[table.visible >= visible]
-        number = number[torch.from_numpy(table.visible >= visible)]
+        shares, counts = table.visible, table.visible >= visible
+        number = number[torch.from_numpy(counts)]
         table = measure_strokes(saved.strokes[number], saved.depth[number], saved.size, radius)
-        table.visible = seen  # with the hidden ones among them
+        table.visible = shares[counts]  # with the hidden strokes above them
     if not len(number):
         rules = f"opacity {MIN_OPACITY} or more, thickness {thinnest:.3g} pixels or more"
         rules += f", {visible:.0%} of it not hidden" * (visible > 0)
@@ -85,43 +94,40 @@ def analysis_of(
 
 
 def thinnest_of(total: int, size: tuple[int, int]) -> float:
-    """Thickness in pixels below which a stroke does not count: ``MIN_WIDTH_PITCHES``, of at least ``FEW_STROKES``.
-
-    The pitch of a single stroke is the whole canvas, of which a fiftieth would be a thick stroke.
-    """
+    """Return the thickness in pixels below which a stroke does not count."""
     return MIN_WIDTH_PITCHES * math.sqrt(size[0] * size[1] / max(total, FEW_STROKES))
 
 
 def in_units(values: Array, measure: Measure) -> Array:
-    """Numbers as they are shown: angles in degrees."""
+    """Convert a measure to its unit: angles from radians to degrees."""
     return np.degrees(values) if measure.unit == "°" else values
 
 
 def overall_of(analysis: Analysis) -> dict[str, float | None]:
-    """The numbers of ``OVERALL``; None where one is not defined."""
+    """Compute the numbers of ``OVERALL``; None where one is not defined."""
     measures, pixels = analysis.measures, analysis.size[0] * analysis.size[1]
     angle = analysis.values("orientation")
-    mean = samples.mean_of_directions(angle) if len(angle) else None
+    mean = mean_of_directions(angle) if len(angle) else None
     around = min(NEIGHBOURS, len(measures) - 1) + 1
     return {
         "per_1000_px": 1000 * len(measures) / pixels,
         "layers": float(measures.area.sum()) / pixels,
         "hidden": float((measures.visible <= HIDDEN_SHARE).mean()),
-        "direction": None if mean is None else samples.degrees_of(mean),
+        "direction": None if mean is None else degrees_of(mean),
         "agreement": None if mean is None else min(abs(mean), 1.0),
         "coherence": float(measures.coherence.mean()) if around > 1 else None,
         "disorder": math.sqrt(math.pi / (4 * around)) if around > 1 else None,
-        "entropy": samples.entropy_of(angle) if len(angle) else None,
+        "entropy": entropy_of(angle) if len(angle) else None,
     }
 
 
 def summary_of(analysis: Analysis) -> dict[str, object]:
-    """All of it as plain data, in pixels and in pitches."""
+    """Summarise an analysis as plain data, in pixels and in pitches."""
     measures: dict[str, dict[str, object]] = {}
     for key, measure in MEASURES.items():
-        measures[key] = {"unit": measure.unit, **samples.statistics_of(analysis.values(key), measure.axial)}
+        measures[key] = {"unit": measure.unit, **statistics_of(analysis.values(key), measure.axial)}
         if measure.power:
-            relative = samples.statistics_of(analysis.relative(key))
+            relative = statistics_of(analysis.relative(key))
             measures[key]["in_pitches"] = {name: value for name, value in relative.items() if name != "n"}
     return {
         "name": analysis.name,
@@ -138,19 +144,88 @@ def summary_of(analysis: Analysis) -> dict[str, object]:
 
 
 def comparison_of(one: Analysis, other: Analysis) -> dict[str, dict[str, float | str | None]]:
-    """How far two paintings are apart in each measure; lengths in pitches, areas in square pitches.
+    """Compare two paintings in each measure; lengths in pitches, areas in square pitches.
 
-    Of each: ``difference``, mean of the first less that of the other (of directions, the angle from the other to the
-    first, in (-90, 90]); ``standardised``, that in pooled standard deviations (Cohen's d); ``delta`` of Cliff and its
-    ``effect`` in words, see `samples`; and ``distance``, Wasserstein-1: how far a stroke's value must move on average
-    to turn one distribution into the other.
+    Each has the ``difference`` of the means (of directions in (-90, 90]), the same ``standardised`` (Cohen's d),
+    Cliff's ``delta`` with its ``effect`` in words, and the Wasserstein-1 ``distance``.
     """
-    pairs = {key: (one.relative(key), other.relative(key)) for key in MEASURES}
-    return {key: samples.compared(*pair, axial=MEASURES[key].axial) for key, pair in pairs.items()}
+    return {
+        key: compare(one.relative(key), other.relative(key), axial=measure.axial) for key, measure in MEASURES.items()
+    }
 
 
 def mean_measures(analysis: Analysis) -> dict[str, float | int | None]:
-    """One number per measure, for the table of a sweep."""
+    """Average each measure, for the table of a sweep."""
+    return {key: statistics_of(analysis.values(key), one.axial)["mean"] for key, one in MEASURES.items()}
+
+
+def statistics_of(values: Array, axial: bool = False) -> dict[str, float | int | None]:
+    """Compute number, mean, standard deviation and quartiles; None where one is not defined.
+
+    Directions in degrees have the angular deviation sqrt((1 - R) / 2) (Batschelet, 1981) and no quartiles.
+    """
+    statistics: dict[str, float | int | None] = dict.fromkeys(STATISTICS) | {"n": len(values)}
+    if not len(values):
+        return statistics
+    if axial:
+        mean = mean_of_directions(values)
+        spread = math.degrees(math.sqrt(0.5 * max(1 - abs(mean), 0)))
+        return statistics | {"mean": degrees_of(mean), "sd": spread}
+    low, middle, high = np.quantile(values, (0.25, 0.5, 0.75)).tolist()
+    sd = float(values.std(ddof=1)) if len(values) > 1 else None
+    return statistics | {"mean": float(values.mean()), "sd": sd, "q25": low, "median": middle, "q75": high}
+
+
+def mean_of_directions(angle: Array) -> complex:
+    """Average e^{2 i angle} of degrees: coherence and doubled mean direction in one complex number."""
+    return complex(np.exp(2j * np.radians(angle)).mean())
+
+
+def degrees_of(mean: complex) -> float:
+    """Return the direction in [0, 180) of a mean of doubled ones."""
+    return math.degrees(0.5 * math.atan2(mean.imag, mean.real)) % 180 % 180
+
+
+def entropy_of(angle: Array) -> float:
+    """Compute the entropy of the shares of directions, 1 where all are equally frequent."""
+    from scipy.stats import entropy  # noqa: PLC0415  (slow to import)
+
+    return float(entropy(direction_shares(angle), base=DIRECTION_BINS))
+
+
+def compare(a: Array, b: Array, *, axial: bool) -> dict[str, float | str | None]:
+    """Compare two samples by the numbers of `comparison_of`; None where one is not defined."""
+    comparison: dict[str, float | str | None] = dict.fromkeys(COMPARISONS)
+    if not len(a) or not len(b):
+        return comparison
+    if axial:
+        turn = mean_of_directions(a) * mean_of_directions(b).conjugate()
+        angle = math.degrees(0.5 * math.atan2(turn.imag, turn.real))
+        return comparison | {"difference": angle, "distance": circular_distance(a, b)}
+    from scipy.stats import mannwhitneyu, wasserstein_distance  # noqa: PLC0415  (slow to import)
+
+    difference, freedom = float(a.mean() - b.mean()), len(a) + len(b) - 2
+    spread = math.sqrt((len(a) * a.var() + len(b) * b.var()) / max(freedom, 1))
+    delta = float(2 * mannwhitneyu(a, b, method="asymptotic").statistic / (len(a) * len(b)) - 1)
     return {
-        key: samples.statistics_of(analysis.values(key), measure.axial)["mean"] for key, measure in MEASURES.items()
+        "difference": difference,
+        "standardised": difference / spread if spread > 0 else None,
+        "delta": delta,
+        "effect": next(word for limit, word in EFFECT_SIZES if abs(delta) <= limit),
+        "distance": float(wasserstein_distance(a, b)),
     }
+
+
+def circular_distance(a: Array, b: Array) -> float:
+    """Compute the Wasserstein-1 distance of two samples of directions in degrees.
+
+    It is the integral of |F - G - m| over a half turn, F and G being the distribution functions and m the median of
+    their difference (Rabin, Delon and Gousseau, 2011).
+    """
+    places = np.concatenate([a, b])
+    order = places.argsort(kind="stable")
+    gap = np.cumsum(np.concatenate([np.full(len(a), 1 / len(a)), np.full(len(b), -1 / len(b))])[order])
+    width = np.diff(places[order], append=places.min() + 180)
+    rising = gap.argsort()
+    half = min(int(np.searchsorted(np.cumsum(width[rising]), 90)), len(gap) - 1)
+    return float((np.abs(gap - gap[rising[half]]) * width).sum())

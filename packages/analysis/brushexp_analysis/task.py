@@ -1,4 +1,4 @@
-"""``task=analyse``: the brushwork of a saved painting in numbers and figures, alone or beside another."""
+"""``task=analyse`` measures the brushwork of a saved painting, alone or beside another."""
 
 import logging
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from brushexp.results.runs import shortened
+from brushexp.results.runs import shorten
 from brushexp.strokes.storage import load_catalogue
 from brushexp_analysis.figures import write_figure
 from brushexp_analysis.summary import analysis_of, mean_measures
@@ -26,16 +26,13 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         log.info("%s: %d strokes measured, %d left out", cfg[option], len(analyses[-1].number), left_out)
     paths = [write_figure(folder / "brushwork.png", analyses), *write_summary(folder, analyses)]
     log.info("%s: %s", folder, ", ".join(path.name for path in paths))
-    return {
-        "n_strokes": len(analyses[0].number),
-        **{f"brushwork_{key}": value for key, value in mean_measures(analyses[0]).items()},
-    }
+    means = {f"brushwork_{key}": value for key, value in mean_measures(analyses[0]).items()}
+    return {"n_strokes": len(analyses[0].number), **means}
 
 
 def names_of(paths: Sequence[str]) -> list[str]:
-    """What to call catalogues: the folder of one that has the usual name, as much of it as tells them apart."""
+    """Name catalogues by the shortest ends of their paths that differ."""
     plain = [str(Path(path).resolve()).removesuffix("/catalogue.h5").removesuffix(".h5") for path in paths]
     if len(set(plain)) < len(plain):  # one beside itself
         return [f"{Path(path).name} ({k + 1})" for k, path in enumerate(plain)]
-    short = shortened(plain)
-    return [short[path] for path in plain]
+    return list(shorten(plain).values())

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from brushexp_analysis import figures, samples
+from brushexp_analysis import figures, summary
 from brushexp_analysis import task as analyse
 from brushexp_analysis.summary import Analysis, analysis_of, comparison_of, overall_of, summary_of, thinnest_of
 from brushexp_analysis.summary_text import brushwork_text, strokes_csv, three_digits, write_summary
@@ -56,7 +56,7 @@ def painting(n: int = 60, seed: int = 0, size: tuple[int, int] = SIZE) -> Saved:
     return saved(replace(made, opacity=0.5 + 0.5 * made.opacity), size)
 
 
-def found(n: int = 60, seed: int = 0, name: str = "one", size: tuple[int, int] = SIZE) -> Analysis:
+def analysis_of_random(n: int = 60, seed: int = 0, name: str = "one", size: tuple[int, int] = SIZE) -> Analysis:
     return analysis_of(painting(n, seed, size), name, f"{name}.h5")
 
 
@@ -138,27 +138,27 @@ def test_visible_shares_agree_with_the_obvious_sum():
     light = torch.cumprod(torch.cat([torch.ones_like(alpha[:, :1]), 1 - alpha[:, :-1]], dim=1), dim=1)
     whole = alpha.sum(-1)[0]
     share = torch.where(whole > 1e-6, (alpha * light).sum(-1)[0] / whole, 0)
-    found = measure_strokes(strokes, depth, SIZE).visible
-    np.testing.assert_allclose(found[depth.argsort(descending=True)], share, atol=2e-3)
+    visible = measure_strokes(strokes, depth, SIZE).visible
+    np.testing.assert_allclose(visible[depth.argsort(descending=True)], share, atol=2e-3)
 
 
 def test_statistics_of_many_of_one_and_of_nothing():
     values = np.arange(1.0, 6.0)
-    assert samples.statistics_of(values) == {"n": 5, "mean": 3, "sd": math.sqrt(2.5), "q25": 2, "median": 3, "q75": 4}
-    assert samples.statistics_of(np.array([3.0])) == {"n": 1, "mean": 3, "sd": None, "q25": 3, "median": 3, "q75": 3}
+    assert summary.statistics_of(values) == {"n": 5, "mean": 3, "sd": math.sqrt(2.5), "q25": 2, "median": 3, "q75": 4}
+    assert summary.statistics_of(np.array([3.0])) == {"n": 1, "mean": 3, "sd": None, "q25": 3, "median": 3, "q75": 3}
     for axial in (False, True):
-        assert samples.statistics_of(np.array([]), axial)["mean"] is None
+        assert summary.statistics_of(np.array([]), axial)["mean"] is None
 
 
 def test_directions_have_a_mean_across_the_turn_shares_centred_on_the_axes_and_an_entropy():
-    numbers = samples.statistics_of(np.array([175.0, 5.0]), axial=True)
+    numbers = summary.statistics_of(np.array([175.0, 5.0]), axial=True)
     assert min(numbers["mean"], 180 - numbers["mean"]) == pytest.approx(0, abs=1e-9)
     assert numbers["sd"] == pytest.approx(5, abs=0.01)
     assert numbers["median"] is None
     share = direction_shares(np.array([0.0, 4.9, 175.1, 90.0]))
     assert (share[0], share[DIRECTION_BINS // 2], share.sum()) == (0.75, 0.25, 1)
-    assert samples.entropy_of(np.full(50, 1.0)) == 0
-    assert samples.entropy_of(np.arange(0.0, 1260, 10) % 180) == pytest.approx(1)
+    assert summary.entropy_of(np.full(50, 1.0)) == 0
+    assert summary.entropy_of(np.arange(0.0, 1260, 10) % 180) == pytest.approx(1)
 
 
 def test_faint_and_thin_strokes_are_left_out_and_hidden_ones_if_asked():
@@ -209,7 +209,7 @@ def test_a_painting_beside_itself_is_no_different_at_any_size_and_a_turned_one_b
 def test_cliffs_delta_counts_pairs(n, m):
     source = np.random.default_rng(n + m)
     a, b = source.normal(size=n).round(1), source.normal(0.5, size=m).round(1)
-    assert samples.cliffs_delta(a, b) == pytest.approx(np.sign(a[:, None] - b[None]).mean())
+    assert summary.compare(a, b, axial=False)["delta"] == pytest.approx(np.sign(a[:, None] - b[None]).mean())
 
 
 @pytest.mark.parametrize("n", [1, 8, 25])
@@ -217,20 +217,20 @@ def test_on_a_circle_the_best_cut_is_taken(n):
     source = np.random.default_rng(n)
     a, b = source.uniform(0, 180, n), source.uniform(0, 180, n)
     pairings = [np.abs((np.sort(a) - np.roll(np.sort(b), k) + 90) % 180 - 90).mean() for k in range(n)]
-    assert samples.turning_distance(a, b) == pytest.approx(min(pairings))
+    assert summary.circular_distance(a, b) == pytest.approx(min(pairings))
 
 
 def test_effects_are_cohens_and_have_words():
-    a, b = np.array([1.0, 2.0, 3.0]), np.array([3.0, 4.0, 5.0])
-    assert samples.standardised(a, b) == pytest.approx(-2)
-    assert samples.standardised(np.array([1.0]), np.array([2.0])) is None
-    assert samples.standardised(np.ones(3), np.ones(3)) is None
-    words = {0: "negligible", -0.1: "negligible", 0.2: "small", -0.4: "medium", 0.5: "large", -1: "large"}
-    assert {delta: samples.effect_size(delta) for delta in words} == words
+    samples_of = [([1, 2, 3], [3, 4, 5], -2), ([1], [2], None), ([1, 1, 1], [1, 1, 1], None)]
+    for a, b, expected in samples_of:
+        assert summary.compare(np.array(a, float), np.array(b, float), axial=False)["standardised"] == expected
+    for larger, word in {0: "negligible", 2: "negligible", 4: "small", 8: "medium", 10: "large", 20: "large"}.items():
+        a = np.repeat([1.0, 0.0], [larger, 20 - larger])
+        assert summary.compare(a, np.zeros(20), axial=False)["effect"] == word
 
 
 def test_the_table_can_be_read_back_and_what_is_not_defined_is_empty_null_or_a_dash(tmp_path):
-    one = found()
+    one = analysis_of_random()
     rows = list(csv.DictReader(io.StringIO(strokes_csv(one))))
     assert len(rows) == 60
     assert [int(row["stroke"]) for row in rows] == one.number.tolist()
@@ -253,9 +253,9 @@ def test_the_table_can_be_read_back_and_what_is_not_defined_is_empty_null_or_a_d
 
 
 @pytest.mark.parametrize("rows", [
-    lambda: [found(name="a $ b"), found(30, 1, "名", size=(90, 40))],
+    lambda: [analysis_of_random(name="a $ b"), analysis_of_random(30, 1, "名", size=(90, 40))],
     lambda: [analysis_of(saved(straight((20, 20), (20, 20))), "dot", "dot")],
-    lambda: [analysis_of(saved(combed(20)), "no neighbours", "combed", radius=0.0), found(size=(300, 2))],
+    lambda: [analysis_of(saved(combed(20)), "no neighbours", "combed", radius=0.0), analysis_of_random(size=(300, 2))],
 ])  # fmt: skip
 def test_the_sheet_can_be_drawn(rows, tmp_path, monkeypatch):
     monkeypatch.setattr(figures, "PRINT_DPI", 40)
@@ -266,9 +266,9 @@ def test_the_sheet_can_be_drawn(rows, tmp_path, monkeypatch):
 
 
 def test_the_map_of_coherence_says_nothing_where_no_strokes_are():
-    left = combed(100)
-    left = replace(left, position=left.position * torch.tensor([0.3, 1.0]))
-    one = analysis_of(saved(replace(left, opacity=torch.ones(100))), "a", "a", radius=9)
+    strokes = combed(100)
+    strokes = replace(strokes, position=strokes.position * torch.tensor([0.3, 1.0]))
+    one = analysis_of(saved(replace(strokes, opacity=torch.ones(100))), "a", "a", radius=9)
     points, mean = figures.coherence_map(one, 30)
     assert points.shape == (20, 30, 2)
     assert np.hypot(*mean[10, 3]) == pytest.approx(1)
@@ -294,12 +294,12 @@ def test_the_task_writes_all_files_and_names_a_missing_one(run_task, tmp_path, m
     assert numbers["catalogue"] == paths[0]
     assert (numbers["name"], numbers["against"]["name"], numbers["radius"]) == ("a", "b", 20)
     one = analysis_of(load_catalogue(Path(paths[0])), "a", "a", radius=20)
-    assert numbers["measures"]["length"]["mean"] == pytest.approx(samples.statistics_of(one.values("length"))["mean"])
+    assert numbers["measures"]["length"]["mean"] == pytest.approx(summary.statistics_of(one.values("length"))["mean"])
     with pytest.raises(UserError, match=r"there is no file nowhere.h5; .* against="):
         run_task(analyse, "task=analyse", f"catalogue={paths[0]}", "against=nowhere.h5")
-    for given, names in (
+    for paths, names in (
         ("/x/sky/catalogue.h5 /y/sea.h5", ["sky", "sea"]),
         ("/x/a/catalogue.h5 /y/a/catalogue.h5", ["x/a", "y/a"]),
         ("/x/a.h5 /x/a.h5", ["a (1)", "a (2)"]),
     ):
-        assert analyse.names_of(given.split()) == names
+        assert analyse.names_of(paths.split()) == names

@@ -19,8 +19,8 @@ THICKEST = 1e3  # sides of the window, as in FIELDS
 def corrupt(valid: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
     """Corrupt valid strokes (n, 7), each by one of the `CORRUPTIONS`, drawn at random.
 
-    Returns them; hard negatives (n, 7), which are the same strokes with some of their groups of numbers half as
-    corrupted; and how each was corrupted, (n,) int64 indices into `CORRUPTIONS`.
+    Returns them; hard negatives (n, 7), some of whose groups of numbers are half as corrupted; and indices (n,) into
+    `CORRUPTIONS`.
     """
     kind = torch.randint(len(CORRUPTIONS), (len(valid),), generator=generator)
     shapes = valid.clone()
@@ -60,7 +60,6 @@ def _shifted(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _mixed(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Take one group of numbers (start, control, end or width) from another stroke."""
     return torch.where(_one_group(len(valid), generator), valid.roll(1, 0), valid)
 
 

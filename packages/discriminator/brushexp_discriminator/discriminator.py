@@ -31,9 +31,8 @@ STRETCH = 4.0  # before the inverse hyperbolic sine: linear well within a window
 class Discriminator(nn.Module):
     """Three hidden layers: the shape of a stroke -> how valid it looks.
 
-    The score is a logit: above 0, the stroke is more likely one of `strokes.prior` than a corrupted one. As mirroring
-    changes no stroke's validity, only the magnitudes of coordinates and bend are looked at; all inputs go through
-    asinh, so that the network has something to say, and a slope, a thousand windows away.
+    The score is a logit. As mirroring changes no stroke's validity, only magnitudes of coordinates and bend are used;
+    all inputs go through asinh, so that there is a slope a thousand windows away.
     """
 
     threshold: Tensor  # score below which a stroke counts as invalid
@@ -45,7 +44,7 @@ class Discriminator(nn.Module):
         self.register_buffer("threshold", torch.zeros(()))
 
     def forward(self, shapes: Tensor) -> Tensor:
-        """Scores (N,) of shapes (N, 7), as `shapes_of` makes them."""
+        """Score shapes (N, 7) of `shapes_of`: logits (N,)."""
         points, width = shapes.split([SHAPE - 1, 1], dim=1)
         square = (points[:, :2] - points[:, 4:]).square().sum(1, keepdim=True)
         length = (square + SHORTEST_CHORD**2).sqrt()  # with a slope where both ends are in one place
@@ -87,5 +86,5 @@ class Discriminated(Loss):
 
 
 def shapes_of(strokes: Strokes) -> Tensor:
-    """Start, control, end and width as numbers (N, 7), see `strokes.prior.parameters_of`."""
+    """Describe start, control, end and width as numbers (N, 7), see `strokes.prior.parameters_of`."""
     return parameters_of(strokes)[:, :SHAPE]

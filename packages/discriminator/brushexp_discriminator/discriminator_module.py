@@ -33,7 +33,7 @@ class ShapeBatch(NamedTuple):
 
 
 class ShapeData(L.LightningDataModule):
-    """``batch_size`` new strokes of the prior at every step, and as many corrupted ones; its number decides which."""
+    """Draws ``batch_size`` new strokes of the prior at every step, and as many corrupted ones, by its number."""
 
     def __init__(self, *, batch_size: int, seed: int) -> None:
         super().__init__()
@@ -53,9 +53,8 @@ class ShapeData(L.LightningDataModule):
 class DiscriminatorModule(NetworkModule):
     """Moves the weights of a discriminator until it tells valid strokes from corrupted ones.
 
-    The loss is -log sigma(D(valid)) - log(1 - sigma(D(corrupted))) (Goodfellow et al., 2014), and, so that the slope
-    leads back from anywhere and not only at the border, -log sigma(D(hard) - D(corrupted)): a stroke that is half as
-    corrupted scores higher. The network is trained in place; ``lr`` is the highest learning rate.
+    The loss is -log sigma(D(valid)) - log(1 - sigma(D(corrupted))) (Goodfellow et al., 2014), and, so that there is a
+    slope from anywhere, -log sigma(D(hard) - D(corrupted)): a stroke that is half as corrupted scores higher.
     """
 
     def __init__(self, network: Discriminator, lr: float) -> None:
@@ -99,9 +98,8 @@ def held_out_shapes(seed: int, split: Split) -> ShapeBatch:
 def discriminator_figures(network: Discriminator, batch: ShapeBatch) -> dict[str, float]:
     """Measure how well valid and corrupted strokes are told apart.
 
-    ``accuracy`` at a score of 0, ``auc`` (a corrupted stroke scores below a valid one so often) of all and by the kind
-    of corruption, ``threshold``, and the ``hinge`` max(0, threshold - score) of valid and of corrupted strokes. Some
-    that are called corrupted are valid, so neither accuracy nor AUC can reach 1.
+    ``auc`` is also by the kind of corruption, ``hinge`` is max(0, threshold - score). Some strokes that are called
+    corrupted are valid, so neither accuracy nor AUC can reach 1.
     """
     device, threshold = network.threshold.device, float(network.threshold)
     valid, bad = (network(shapes.to(device)).cpu() for shapes in (batch.valid, batch.corrupted))
@@ -117,10 +115,7 @@ def discriminator_figures(network: Discriminator, batch: ShapeBatch) -> dict[str
 
 
 def save_discriminator(network: Discriminator, path: Path, seed: int, training: dict[str, Any]) -> dict[str, object]:
-    """Set the threshold, measure on test strokes, write the discriminator with its recipe, and return its numbers.
-
-    The threshold is the score that `THRESHOLD_QUANTILE` of held-out valid strokes stay below; ``seed`` is the data's.
-    """
+    """Set the threshold, at `THRESHOLD_QUANTILE` of valid scores, measure, save with a recipe, and return figures."""
     network.eval()
     with torch.no_grad():
         scores = network(held_out_shapes(seed, Split.VALIDATION).valid.to(network.threshold.device))

@@ -6,11 +6,10 @@ from typing import Any, ClassVar
 
 from omegaconf import DictConfig
 
-from brushexp.bounds import above, at_least, between, one_of
+from brushexp.bounds import INTERRUPTED_RUN, above, at_least, between, one_of
 from brushexp.config.keys import key
-from brushexp.config.options import TrainerOptions
-from brushexp.config.rules import INTERRUPTED_RUN, check_ends
-from brushexp.config.schema import EMA, NETWORK_FIT, RESUME, Task
+from brushexp.config.rules import check_ends
+from brushexp.config.schema import EMA, NETWORK_FIT, RESUME, Task, TrainerOptions
 
 
 @dataclass

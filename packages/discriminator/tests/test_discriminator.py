@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import lightning as L
 import pytest
 import torch
 from brushexp_discriminator import task
@@ -17,8 +16,7 @@ from brushexp_discriminator.discriminator_module import (
     save_discriminator,
 )
 from hydra.errors import CompactHydraException
-from test_trainer import StopAt
-from test_trainer import fit as fit_module
+from test_trainer import fit
 from torch import Tensor
 
 from brushexp.config.check import check
@@ -28,7 +26,6 @@ from brushexp.plugins.renderer.base import RENDERERS
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import INSET, SPREAD, WIDTH, bend_of, sample_prior, strokes_of
-from brushexp.system.callbacks import TimedCheckpoint
 from brushexp.training.dataset import Split
 
 POINTS = ("start", "control", "end")
@@ -62,34 +59,24 @@ def wild(n: int, size: float) -> Strokes:
     return replace(made, start=start, control=control, end=end, width=size * torch.rand(n, generator=generator(5)))
 
 
-def fit(module: DiscriminatorModule, batch_size: int, *callbacks: L.Callback, **options) -> DiscriminatorModule:
-    fit_module(module, ShapeData(batch_size=batch_size, seed=3), *callbacks, **options)
-    return module
-
-
-def fresh(seed: int = 3) -> DiscriminatorModule:
-    torch.manual_seed(seed)
-    return DiscriminatorModule(Discriminator(), 5e-3)
-
-
 def test_valid_strokes_are_valid_and_corrupted_ones_are_not():
-    known = shapes_of(sample_prior(2000))
-    assert valid(strokes(known)).float().mean() > 0.99
-    shapes, _, kind = corrupt(known, generator())
+    prior = shapes_of(sample_prior(2000))
+    assert valid(strokes(prior)).float().mean() > 0.99
+    shapes, _, kind = corrupt(prior, generator())
     for number, name in enumerate(CORRUPTIONS):
         share = float(valid(strokes(shapes[kind == number])).float().mean())
         assert share < (0.7 if name in ("mixed", "partly_noisy") else 0.25), f"{name}: {share}"
 
 
 def test_every_corruption_occurs_the_seed_decides_and_hard_negatives_are_half_way_in_some_groups():
-    known = shapes_of(sample_prior(500))
-    (shapes, hard, kind), again, other = (corrupt(known, generator(seed)) for seed in (1, 1, 2))
+    prior = shapes_of(sample_prior(500))
+    (shapes, hard, kind), again, other = (corrupt(prior, generator(seed)) for seed in (1, 1, 2))
     assert set(kind.tolist()) == set(range(len(CORRUPTIONS)))
     assert all(torch.equal(a, b) for a, b in zip((shapes, hard, kind), again, strict=True))
     assert not torch.equal(shapes, other[0])
     assert shapes.isfinite().all()
     moved = hard != shapes
-    torch.testing.assert_close(hard[moved], 0.5 * (known + shapes)[moved])
+    torch.testing.assert_close(hard[moved], 0.5 * (prior + shapes)[moved])
     assert moved.any(1).float().mean() > 0.5
 
 
@@ -104,7 +91,9 @@ def test_every_step_gets_other_strokes_whatever_was_before():
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory) -> tuple[DiscriminatorModule, Path, dict[str, object]]:
     """A training cut down to seconds, and its file."""
-    module = fit(fresh(), 64, max_epochs=1)
+    torch.manual_seed(3)
+    module = DiscriminatorModule(Discriminator(), 5e-3)
+    fit(module, ShapeData(batch_size=64, seed=3), max_epochs=1)
     path = tmp_path_factory.mktemp("trained") / "mine.safetensors"
     return module, path, save_discriminator(module.network, path, 3, {"steps": module.global_step})
 
@@ -120,23 +109,14 @@ def test_it_learns_in_a_few_hundred_steps(trained):
     assert "held out AUC" in module.state_line()
 
 
-def test_a_resumed_training_ends_with_the_same_weights(tmp_path):
-    path = tmp_path / "checkpoint.ckpt"
-    whole = fit(fresh(), 8, max_steps=9)
-    assert fit(fresh(), 8, StopAt(4), TimedCheckpoint(path, None), max_steps=9).global_step == 4
-    resumed = fit(fresh(99), 8, TimedCheckpoint(path, None), resume=path, max_steps=9)
-    assert resumed.global_step == 9
-    torch.testing.assert_close(resumed.state_dict(), whole.state_dict(), rtol=0, atol=0)
-
-
 def test_a_checkpoint_brings_the_same_loss_back(trained):
     module, path, figures = trained
     loss = Discriminated(checkpoint=str(path))
     assert not any(parameter.requires_grad for parameter in loss.parameters())
     made = wild(20, 2.0)
     scores = module.network(shapes_of(made))
-    wanted = (module.network.threshold - scores).clamp_min(0).mean()
-    torch.testing.assert_close(loss_of(loss, made), wanted.detach())
+    expected = (module.network.threshold - scores).clamp_min(0).mean()
+    torch.testing.assert_close(loss_of(loss, made), expected.detach())
     recipe = DISCRIMINATORS.read_recipe(path)
     assert recipe["hash"] == figures["discriminator_hash"]
     assert recipe["figures"]["auc"] == figures["auc"]
@@ -170,11 +150,11 @@ def test_the_shipped_one_is_small_good_and_tells_nothing_of_its_maker():
 
 
 def test_valid_strokes_cost_almost_nothing_and_worse_ones_more():
-    loss, known = Discriminated(), sample_prior(2000, seed=8)
-    values = [float(loss_of(loss, known))]
+    loss, prior = Discriminated(), sample_prior(2000, seed=8)
+    values = [float(loss_of(loss, prior))]
     for factor in (1.5, 3, 10, 100, 1000):
-        large = {name: factor * getattr(known, name) for name in POINTS}
-        values.append(float(loss_of(loss, replace(known, **large))))
+        large = {name: factor * getattr(prior, name) for name in POINTS}
+        values.append(float(loss_of(loss, replace(prior, **large))))
     assert values[0] < 0.06
     assert values == sorted(values)
     assert values[1] > 20 * values[0]

@@ -1,8 +1,8 @@
-"""Strokes are carried to the next picture of a film: they move where it changes, and all others stay as they are."""
+"""Strokes are carried from picture to picture: they move where the film changes, and all others stay as they are."""
 
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -22,6 +22,7 @@ from brushexp.plugins.renderer.base import Renderer
 from brushexp.plugins.sampler.base import View
 from brushexp.strokes.bezier import curve_of, half_width_of, point_at
 from brushexp.strokes.catalogue import Catalogue, Strokes
+from brushexp_films.changes import Changes, optical_flow
 
 log = logging.getLogger(__name__)
 ALONG, ACROSS = 12, (-0.6, 0.0, 0.6)  # points at which a stroke is asked whether its place has changed
@@ -29,7 +30,6 @@ CHANGED_SHARE = 0.5  # of a stroke, from which it moves; with less, what it woul
 MOVED_SHARE = 0.05  # of the strokes that move which are laid elsewhere, besides those that do harm
 SIZE = 0.5  # of strokes that are laid anew, in pitches (mean distances between strokes)
 TOLERANCE = 0.03  # root mean square error, 0 to 1, of places that are good enough
-CHANNELS = 3
 SHAPE = ("start", "control", "end")
 
 
@@ -46,10 +46,9 @@ class Cel:
 class Carrier:
     """Carries the strokes of a picture to the next one in a few gradient steps.
 
-    Strokes that lie where the film changes go with its motion, and then move by the losses of the painting. Of these
-    strokes the ones that do harm now, or matter least, are taken away and laid anew, smaller and on top, where the
-    error is: a stroke takes the row and the brush of one that goes. All other strokes stay as they
-    are, bit for bit, and keep their depth, so that nothing pops up.
+    Strokes where the film changes go with its motion, and then move by the losses of the painting. Of these the ones
+    that do harm, or matter least, are replaced by smaller ones on top, where the error is; row and brush stay. All
+    other strokes stay as they are, bit for bit, and keep their depth, so that nothing pops up.
     """
 
     components: Components
@@ -65,12 +64,11 @@ class Carrier:
     def __call__(self, cel: Cel, painted: Tensor, target: Tensor, changed: Tensor, motion: Tensor) -> Cel:
         """Return the strokes for a ``target`` (3, H, W) that differs where ``changed`` (H, W) is true.
 
-        ``painted`` (3, H, W) is the painting of the picture before, and ``motion`` (2, H, W) says where its pixels have
-        gone.
+        ``painted`` (3, H, W) is the picture before, and ``motion`` (2, H, W) says where its pixels have gone.
         """
         size = (target.shape[1], target.shape[2])
         moves = shares_within(cel.strokes, changed) >= CHANGED_SHARE
-        cel = replace(cel, strokes=advected(cel.strokes, moves, motion * changed))
+        cel = replace(cel, strokes=advect(cel.strokes, moves, motion * changed))
         moves |= shares_within(cel.strokes, changed) >= CHANGED_SHARE
         low, high = boxes_of(cel.strokes, self.renderer.edge)
         region = region_around(low[moves], high[moves], size)
@@ -81,8 +79,8 @@ class Carrier:
 
     def _relaid(self, cel: Cel, target: Tensor, changed: Tensor, moves: Tensor, region: Region) -> Cel:
         """Take away the strokes that matter least, of those that move, and lay them where the error is largest."""
-        number = meeting(cel.strokes, region, self.renderer.edge)
-        picture = self._picture(region.of(target).contiguous(), cel.background)
+        number = find_strokes(cel.strokes, region, self.renderer.edge)
+        picture = self.picture(region.of(target).contiguous(), cel.background)
         strokes = cel.strokes[number].moved(shift=(-region.left, -region.top))
         order = cel.front_to_back.argsort()[number].argsort()
         movable = moves[number]
@@ -91,25 +89,25 @@ class Carrier:
             image = self.components.blend(layers, order, picture.size, cel.background).image
         generator = torch.Generator().manual_seed(self.seed)
         matter = importance(strokes, order, picture, generator).where(movable, torch.inf)
-        harmful = int((matter <= CHANNELS * TOLERANCE**2).sum())
+        harmful = int((matter <= 3 * TOLERANCE**2).sum())
         count = min(int(movable.sum()), harmful + round(MOVED_SHARE * int(movable.sum())))
         budget = max(1, round(len(moves) * picture.target[0].numel() / target[0].numel()))  # as dense as the whole
-        seen = (image, picture.target, region.of(changed).to(image))
-        state = DensificationState(*seen, strokes, budget, 0, 0, lambda: matter)
+        pictures = (image, picture.target, region.of(changed).to(image))
+        state = DensificationState(*pictures, strokes, budget, 0, 0, lambda: matter)
         new = new_strokes(state, count, SIZE, TOLERANCE).moved(shift=(region.left, region.top))
-        taken = number[matter.argsort(stable=True)[: len(new)]]
-        new = self.renderer.convert(in_manner_of(new, cel.strokes[taken], self.components.optimizer.units))
+        removed = number[matter.argsort(stable=True)[: len(new)]]
+        new = self.renderer.convert(in_manner_of(new, cel.strokes[removed], self.components.optimizer.units))
         above = torch.zeros_like(moves)
-        above[taken] = True
-        front_to_back = torch.cat([taken, cel.front_to_back[~above[cel.front_to_back]]])
-        return replace(cel, strokes=cel.strokes.with_rows(taken, new), front_to_back=front_to_back)
+        above[removed] = True
+        front_to_back = torch.cat([removed, cel.front_to_back[~above[cel.front_to_back]]])
+        return replace(cel, strokes=cel.strokes.with_rows(removed, new), front_to_back=front_to_back)
 
     def _optimised(self, cel: Cel, painted: Tensor, target: Tensor, moves: Tensor, region: Region) -> Strokes:
         """Take gradient steps with the strokes that move; the others around them are drawn and stay."""
         active, around = moves.nonzero()[:, 0], torch.zeros_like(moves)
-        around[meeting(cel.strokes, region, self.renderer.edge)] = True
+        around[find_strokes(cel.strokes, region, self.renderer.edge)] = True
         view = View(region, active, (around & ~moves).nonzero()[:, 0])
-        picture = self._picture(target, cel.background)
+        picture = self.picture(target, cel.background)
         picture.memory = picture.remembered(painted.clone())
         catalogue, chosen = Catalogue(cel.strokes[active], self.components.optimizer.units), self.components.optimizer
         optimizer = chosen.over(value for value in catalogue.parameters() if value.requires_grad)
@@ -140,10 +138,49 @@ class Carrier:
             best = cel.strokes.with_rows(active, clamped.map(Tensor.detach))
         return best
 
-    def _picture(self, target: Tensor, background: Tensor) -> Picture:
+    def picture(self, target: Tensor, background: Tensor) -> Picture:
+        """Make a canvas on which this renderer draws."""
         picture = Picture(target, None, background, self.components.blend)
         picture.renderer = self.renderer
         return picture
+
+
+class Reel:
+    """The state of a painted film, which depends on the last picture's strokes and on the film alone (`follow`)."""
+
+    cel: Cel  # strokes of the last picture
+
+    def __init__(self, begin: Callable[[Tensor], Cel], carrier: Carrier, threshold: float) -> None:
+        self.begin = begin  # paints the first picture (3, H, W) of a scene
+        self.carrier = carrier
+        self.changes = Changes(threshold)
+        self.image = torch.empty(0)  # (3, H, W) the last picture as painted, without light
+        self.scenes = 0
+
+    def paint(self, picture: Tensor) -> None:
+        """Paint the next picture (3, H, W), in [0, 1]."""
+        before = self.changes.held
+        changed = self._see(picture)
+        if self.changes.begins:
+            self.show(self.begin(picture))
+        elif changed.any():
+            held = self.changes.held
+            self.show(self.carrier(self.cel, self.image, held, changed, optical_flow(before, held)))
+
+    def follow(self, picture: Tensor, cel: Cel) -> None:
+        """Take over the strokes of the next picture, which has been painted already."""
+        self._see(picture)
+        self.show(cel)
+
+    def _see(self, picture: Tensor) -> Tensor:
+        changed = self.changes(picture)
+        self.scenes += self.changes.begins
+        return changed
+
+    def show(self, cel: Cel) -> None:
+        """Paint the strokes of a picture."""
+        canvas = self.carrier.picture(self.changes.held, cel.background)
+        self.cel, self.image = cel, canvas.draw(cel.strokes, cel.front_to_back)
 
 
 @torch.no_grad()
@@ -159,7 +196,7 @@ def shares_within(strokes: Strokes, mask: Tensor) -> Tensor:
 
 
 @torch.no_grad()
-def advected(strokes: Strokes, which: Tensor, motion: Tensor) -> Strokes:
+def advect(strokes: Strokes, which: Tensor, motion: Tensor) -> Strokes:
     """Move the strokes ``which`` (N,), bool, by the median of a motion (2, H, W) along their curve."""
     median = at(motion, spine_of(strokes)).median(2).values.T
     return replace(strokes, position=torch.where(which[:, None], strokes.position + median, strokes.position))
@@ -185,7 +222,7 @@ def region_around(low: Tensor, high: Tensor, size: tuple[int, int]) -> Region | 
     return Region(top, left, bottom - top, right - left) if right > left and bottom > top else None
 
 
-def meeting(strokes: Strokes, region: Region, edge: float) -> Tensor:
+def find_strokes(strokes: Strokes, region: Region, edge: float) -> Tensor:
     """Return the numbers (n,) of the strokes that may cover some of a region."""
     low, high = boxes_of(strokes, edge)
     corner = low.new_tensor([region.left, region.top])
@@ -194,7 +231,7 @@ def meeting(strokes: Strokes, region: Region, edge: float) -> Tensor:
 
 def in_manner_of(new: Strokes, old: Strokes, units: Mapping[str, float]) -> Strokes:
     """Give new strokes the opacity of ``old`` ones, and their colour and shape where these have no unit."""
-    kept = {"opacity"} | ({"color"} if not units.get("color") else set())
+    fields = {"opacity"} | ({"color"} if not units.get("color") else set())
     if not any(units.get(name) for name in SHAPE):
-        kept |= {"scale", "width", *SHAPE}
-    return replace(new, **{name: getattr(old, name) for name in kept})
+        fields |= {"scale", "width", *SHAPE}
+    return replace(new, **{name: getattr(old, name) for name in fields})

@@ -1,17 +1,22 @@
-"""Changes of a film above the noise of its codec, its cuts, and the flicker of a painted film are measured."""
+"""Changes of a film above the noise of its codec, its motion and cuts, and the flicker of its painting are measured."""
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from brushexp.pictures.load import downsampled
+from brushexp.pictures.load import downsample
 
 BLUR = 1.5  # pixels over which differences are averaged: the noise of a codec is that of single pixels
 GROWN = 2  # pixels by which a change is larger than what was found: half-covered pixels belong to it
 CUT = 0.12  # mean difference of two small pictures, 0 to 1, from which there is a cut between them
 CUT_SIDE = 16  # pixels of the longer side of these: what moves, or a camera that turns, hardly changes them
 STILL = 0.02  # root mean square difference, 0 to 1, below which the target counts as unchanged in `Flicker`
+FLOW_SIDE = (
+    128  # pixels of the longer side at which motion is sought: strokes need no more, and it takes a few hundredths
+)
+FLOW_RADIUS = 5  # of the windows there, pixels
+WARPS = 3  # refinements of each level of the pyramid
 
 
 def difference(first: Tensor, second: Tensor) -> Tensor:
@@ -24,18 +29,13 @@ def difference(first: Tensor, second: Tensor) -> Tensor:
 
 def is_cut(first: Tensor, second: Tensor) -> bool:
     """Decide whether two successive pictures (3, H, W) show different scenes."""
-    return float((downsampled(first, CUT_SIDE) - downsampled(second, CUT_SIDE)).abs().mean()) > CUT
+    return float((downsample(first, CUT_SIDE) - downsample(second, CUT_SIDE)).abs().mean()) > CUT
 
 
 class Changes:
     """Finds what of a film has changed since it was last painted, picture by picture.
 
-    Each pixel is compared with what it was when it last changed, and not with the picture before: so what fades slowly
-    is seen in the end, and noise never adds up.
-
-    >>> changes, still = Changes(threshold=0.04), torch.rand(3, 24, 32)
-    >>> bool(changes(still).all()), bool(changes(still + 0.01).any())  # the first picture is all new
-    (True, False)
+    Each pixel is compared with what it was when it last changed: what fades slowly is found, and noise never adds up.
     """
 
     def __init__(self, threshold: float) -> None:
@@ -58,26 +58,16 @@ class Changes:
 
 
 class Flicker:
-    """Measures the mean absolute change, 0 to 1, of a painted film between pictures where its target stays as it is.
+    """Measures the mean absolute change, 0 to 1, of a painted film where its target changes by less than `STILL`."""
 
-    Those are the pixels where two successive targets differ by less than ``still``, see `difference`.
-
-    >>> flicker, target = Flicker(), torch.zeros(3, 8, 8)
-    >>> for level in (0.5, 0.6, 0.5):
-    ...     flicker.add(torch.full((3, 8, 8), level), target)
-    >>> round(flicker.value, 6)
-    0.1
-    """
-
-    def __init__(self, still: float = STILL) -> None:
-        self.still = still
+    def __init__(self) -> None:
         self._last: tuple[Tensor, Tensor] | None = None
         self._total, self._count = 0.0, 0
 
     def add(self, painting: Tensor, target: Tensor) -> None:
-        """The next picture of the painted film and of its target, (3, H, W) in [0, 1]."""
+        """Add the next picture of the painted film and of its target, (3, H, W) in [0, 1]."""
         if self._last is not None:
-            still = difference(target, self._last[1]) < self.still
+            still = difference(target, self._last[1]) < STILL
             change = (painting - self._last[0]).abs().mean(0)
             self._total += float(change[still].sum(dtype=torch.float64))
             self._count += int(still.sum())
@@ -85,5 +75,18 @@ class Flicker:
 
     @property
     def value(self) -> float | None:
-        """None if there was nothing that stayed."""
+        """None if nothing stayed."""
         return self._total / self._count if self._count else None
+
+
+def optical_flow(first: Tensor, second: Tensor) -> Tensor:
+    """Estimate where pixels of ``first`` go, (2, H, W), right and down (Le Besnerais and Champagnat, 2005)."""
+    from skimage.registration import optical_flow_ilk  # noqa: PLC0415  (slow to import)
+
+    small = [downsample(picture, FLOW_SIDE).mean(0).cpu().numpy() for picture in (first, second)]
+    if min(small[0].shape) < 2 * FLOW_RADIUS:
+        return torch.zeros_like(first[:2])
+    down, across = optical_flow_ilk(*small, radius=FLOW_RADIUS, num_warp=WARPS)
+    zoom = max(1.0, max(first.shape[1:]) / FLOW_SIDE)
+    flow = torch.stack([torch.from_numpy(across), torch.from_numpy(down)]).to(first) * zoom
+    return functional.interpolate(flow[None], first.shape[1:], mode="bilinear", align_corners=False)[0]

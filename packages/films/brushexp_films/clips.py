@@ -1,20 +1,23 @@
-"""Films are read picture by picture; `brushexp.pictures.video` writes them."""
+"""Films are read picture by picture, and their sound is copied; `brushexp.pictures.video` writes pictures."""
 
+import heapq
 import importlib
 import logging
+import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from brushexp.errors import UserError
 from brushexp.pictures.decode import MAX_PIXELS
+from brushexp.pictures.video import FAST_START
+from brushexp.system.files import replacing
 from brushexp.system.reading import check_file, in_short
 
 log = logging.getLogger(__name__)
@@ -23,7 +26,6 @@ SUFFIXES = (
     *(".ogv", ".3gp"),
 )
 USUAL_RATE = Fraction(25)  # pictures per second of a film that does not say
-QUARTER = 90  # degrees
 CURE = "convert it to an MP4 (H.264)"
 
 
@@ -38,15 +40,12 @@ class Clip:
 
 
 def is_film(path: str | Path) -> bool:
-    """Whether a path has the suffix of a film."""
+    """Test whether a path has the suffix of a film."""
     return Path(path).suffix.lower() in SUFFIXES
 
 
 def open_clip(path: Path, key: str = "image") -> Clip:
-    """Open a film and read its header and first picture; ``key`` is what sets the path, for messages.
-
-    UserError if there is no such file, no video or no picture in it, or the library PyAV is missing.
-    """
+    """Open a film and read its header and first picture (UserError); ``key`` sets the path, for messages."""
     path = Path(os.path.expanduser(path))
     with _decoding(path, key) as (container, stream):
         try:
@@ -61,27 +60,23 @@ def open_clip(path: Path, key: str = "image") -> Clip:
         return Clip(path, (height, width), Fraction(rate), stream.frames or round(seconds * rate))
 
 
-def decoded_pictures(clip: Clip) -> Iterator[np.ndarray]:
-    """Decode the pictures (H, W, 3) uint8, sRGB, upright, one after another; none is kept.
-
-    A film that breaks off ends with the last picture that can be decoded, and the log says so.
-    """
-    shown = 0
+def decode_pictures(clip: Clip) -> Iterator[np.ndarray]:
+    """Decode the pictures (H, W, 3) uint8, sRGB, upright, one by one, until the film ends or breaks off."""
+    count = 0
     with _decoding(clip.path, "image") as (container, stream):
         try:
             for frame in container.decode(stream):
                 yield _upright(frame)
-                shown += 1
+                count += 1
         except _errors() as error:
-            log.warning("%s breaks off after %d pictures: %s", clip.path, shown, in_short(error))
+            log.warning("%s breaks off after %d pictures: %s", clip.path, count, in_short(error))
             return
-    if shown < clip.count:
-        log.warning("%s has %d pictures, and not the %d of its header", clip.path, shown, clip.count)
+    if count < clip.count:
+        log.warning("%s has %d pictures, and not the %d of its header", clip.path, count, clip.count)
 
 
 def _upright(frame: Any) -> np.ndarray:
-    """Turn the pixels of a decoded frame as the film says."""
-    turns = round(frame.rotation / QUARTER) % 4
+    turns = round(frame.rotation / 90) % 4
     return np.ascontiguousarray(np.rot90(frame.to_ndarray(format="rgb24"), turns))
 
 
@@ -89,7 +84,10 @@ def _upright(frame: Any) -> np.ndarray:
 def _decoding(path: Path, key: str) -> Iterator[tuple[Any, Any]]:
     """Open a file and choose its first video."""
     check_file(path, f"give a film, {key}=clip.mp4")
-    av = _library(path, key)
+    try:
+        av = importlib.import_module("av")
+    except ImportError as error:
+        raise UserError(f"{key}={path} is a film, which needs PyAV; pip install 'brushexp[video]'") from error
     try:
         container = av.open(str(path), options={"protocol_whitelist": "file"})  # a playlist may name addresses
     except _errors() as error:
@@ -104,13 +102,33 @@ def _decoding(path: Path, key: str) -> Iterator[tuple[Any, Any]]:
         yield container, stream
 
 
-def _library(path: Path, key: str) -> ModuleType:
-    try:
-        return importlib.import_module("av")
-    except ImportError as error:
-        raise UserError(f"{key}={path} is a film, which needs PyAV; pip install 'brushexp[video]'") from error
-
-
 def _errors() -> tuple[type[Exception], ...]:
-    """List what decoding may raise."""
     return (importlib.import_module("av").error.FFmpegError, OSError, ValueError, RuntimeError)
+
+
+def add_sound(film: Path, source: Path, start: float = 0.0) -> None:
+    """Copy the sound of ``source`` from second ``start`` on into an MP4, as long as it is, if an MP4 can hold it."""
+    av = importlib.import_module("av")
+    local = {"protocol_whitelist": "file"}
+    with av.open(str(source), options=local) as original, av.open(str(film), options=local) as painted:
+        if not original.streams.audio:
+            return
+        sound, end = original.streams.audio[0], start + (painted.duration or 0) / av.time_base
+        try:
+            with replacing(film) as temporary, av.open(str(temporary), "w", options=FAST_START) as both:
+                into = [both.add_stream_from_template(stream) for stream in (painted.streams.video[0], sound)]
+                pictures = _packets(painted, painted.streams.video[0], into[0], 0.0, math.inf)
+                sounds = _packets(original, sound, into[1], start, end)
+                for packet in heapq.merge(pictures, sounds, key=lambda packet: packet.dts * packet.time_base):
+                    both.mux(packet)
+        except (av.error.FFmpegError, ValueError):
+            log.warning("the sound of %s (%s) is left out: an MP4 cannot hold it", source, sound.codec.name)
+
+
+def _packets(container: Any, stream: Any, into: Any, start: float, end: float) -> Iterator[Any]:
+    """Copy the packets of a stream between two seconds into another stream, from second 0 on."""
+    before = round(start / stream.time_base)
+    for packet in container.demux(stream):
+        if packet.pts is not None and start <= packet.pts * packet.time_base < end:
+            packet.pts, packet.dts, packet.stream = packet.pts - before, packet.dts - before, into
+            yield packet

@@ -1,36 +1,158 @@
-"""``task=film``: paint a film picture by picture, and write it on the way."""
+"""``task=film``: paint a film picture by picture, write it on the way, and collect its numbers."""
 
 import logging
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from fractions import Fraction
+from itertools import islice
 from pathlib import Path
 from threading import Event
 
+import lightning as L
 import numpy as np
 import torch
 from omegaconf import DictConfig
+from torch import Tensor
 
 from brushexp.errors import UserError
+from brushexp.painting.build import build_painter
+from brushexp.painting.components import build_components
+from brushexp.painting.finished import bare_job
+from brushexp.painting.goals import goals_of
+from brushexp.pictures.load import planes_of, size_at
+from brushexp.pictures.similarity import psnr_of
 from brushexp.pictures.video import filming
+from brushexp.plugins.export.base import ExportJob
 from brushexp.runs.resume import RECORD, record_of, resumed
-from brushexp.strokes.storage import load_catalogue
+from brushexp.runs.trainer import conclude, fit, make_trainer
+from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.callbacks import FAILED, INTERRUPTED
-from brushexp.system.files import replacing, write_json, write_picture
+from brushexp.system.device import device_of
+from brushexp.system.files import replacing, to_bytes, write_json, write_picture
 from brushexp.system.progress import showing
 from brushexp.system.run_files import CHECKPOINT
-from brushexp.system.runtime import interruptible
-from brushexp_films.films import PaintedFilm, cel_of, frame_in
+from brushexp.system.runtime import interruptible, peak_memory
+from brushexp_films.carrying import Carrier, Cel, Reel
+from brushexp_films.changes import Flicker
+from brushexp_films.clips import add_sound, decode_pictures, open_clip
 from brushexp_films.schema import FRAMES
-from brushexp_films.sound import add_sound
 
 log = logging.getLogger(__name__)
-COMPLETED = "completed"
+SAME = ("size", "renderer", "renderer_hash", "seed")  # fields that the catalogues of all pictures have in common
+MOST_TICKS = 65_535  # of a second, in which players count
+
+
+class PaintedFilm:
+    """A film that is being painted: what it is made of, and its numbers so far."""
+
+    def __init__(self, cfg: DictConfig, folder: Path, before: Path | None) -> None:
+        self.cfg, self.folder, self.device = cfg, folder, device_of(cfg.device)
+        self.before = before  # a folder with pictures of this film that were painted before
+        self.clip = open_clip(Path(cfg.image))
+        self.size = size_at(cfg.resolution, *self.clip.size)
+        self.rate = Fraction(self.clip.rate / cfg.film.every).limit_denominator(MOST_TICKS)
+        parts = build_components(cfg)
+        renderer = parts.stages[-1].renderer.to(self.device).requires_grad_(False)
+        for loss in parts.losses.values():
+            loss.to(self.device)
+        self.reel = Reel(self.begin, Carrier(parts, renderer, cfg.film.steps, cfg.seed), cfg.film.change)
+        self.bare = bare_job(cfg, renderer, parts.blend, self.size)
+        self.flicker, self.psnr, self.seconds = Flicker(), list[float](), list[float]()
+
+    @property
+    def planned(self) -> int:
+        """Number of pictures that are to be painted, as far as the film says how many it has; at least 1."""
+        first, last = self._span()
+        end = self.clip.count if last is None else min(last, self.clip.count)
+        return max(1, math.ceil((end - first) / self.cfg.film.every))
+
+    def targets(self) -> Iterator[Tensor]:
+        """Decode the pictures (3, H, W) that are to be painted, one after another."""
+        first, last = self._span()
+        for picture in islice(decode_pictures(self.clip), first, last, self.cfg.film.every):
+            yield planes_of(picture, self.cfg.resolution).to(self.device)
+
+    def _span(self) -> tuple[int, int | None]:
+        """Number the first picture and the one behind the last."""
+        film, rate = self.cfg.film, self.clip.rate
+        return math.ceil(film.start * rate), None if film.stop is None else max(1, math.ceil(film.stop * rate))
+
+    def begin(self, picture: Tensor) -> Cel:
+        """Paint the first picture of a scene as a single one is painted."""
+        cfg = self.cfg
+        L.seed_everything(cfg.seed, verbose=False)
+        painter = build_painter(cfg, picture).to(self.device)
+        if painter.schedule.steps or cfg.seconds:
+            goals = goals_of(early_stop=cfg.early_stop, psnr=cfg.psnr, seconds=cfg.seconds)
+            failure = fit(make_trainer(cfg, self.device, self.folder, [], goals, checkpoints=False), painter)
+            conclude(painter, None, cfg, failure, painter.schedule.step)
+        painter.hand_over()
+        return Cel(painter.strokes(), painter.depth.front_to_back, painter.picture.background)
+
+    def painted_before(self, number: int) -> Cel | None:
+        """Load the strokes of a picture that an earlier run has painted, as it has all before it; None for others."""
+        before, self.before = self.before, None  # from the first one that is missing on, all are painted anew
+        if before is None or not (path := frame_in(before, number)).exists():
+            return None
+        try:
+            saved = load_catalogue(path)
+            if any(getattr(saved, name) != getattr(self.bare.saved, name) for name in SAME):
+                raise UserError(f"{path} is of another film")
+        except UserError as error:
+            log.warning("%s; it and what follows it are painted anew", error)
+            return None
+        self.before = before
+        return cel_of(saved, self.device)
+
+    def take(self, number: int, target: Tensor) -> np.ndarray:
+        """Paint a picture, or take over its strokes of an earlier run, and return it (H, W, 3) in its light."""
+        since, scenes, cel = time.monotonic(), self.reel.scenes, self.painted_before(number)
+        if cel is None:
+            self.reel.paint(target)
+        else:
+            self.reel.follow(target, cel)
+        picture = self.lit()
+        if self.before is None or self.before.resolve() != self.folder.resolve():
+            save_catalogue(frame_in(self.folder, number), self.job().saved)
+        self.psnr.append(psnr_of(float((self.reel.image - target).square().mean())))
+        self.flicker.add(torch.from_numpy(np.moveaxis(picture, 2, 0) / np.float32(255)), target.cpu())
+        if cel is None and self.reel.scenes == scenes:
+            self.seconds.append(time.monotonic() - since)
+        return picture
+
+    def lit(self) -> np.ndarray:
+        """Draw the last picture as painted, (H, W, 3), in its light."""
+        return self.job().picture(self.reel.image) if self.bare.light.depth else to_bytes(self.reel.image)
+
+    def job(self) -> ExportJob:
+        """Describe the strokes of the last picture, to be drawn and saved."""
+        cel = self.reel.cel
+        return replace(self.bare, saved=self.bare.saved.with_strokes(cel.strokes, cel.front_to_back, cel.background))
+
+    def metrics(self, start: float | None, status: str) -> dict[str, object]:
+        """Collect the numbers of metrics.json."""
+        count, carried = len(self.psnr), len(self.seconds)
+        finite = [psnr for psnr in self.psnr if math.isfinite(psnr)]  # of black pictures it is inf
+        return {
+            "psnr": float(np.mean(finite or [math.inf])),
+            "psnr_lowest": min(self.psnr),
+            "flicker": self.flicker.value,
+            "n_frames": count,
+            "n_scenes": self.reel.scenes,
+            "n_strokes": len(self.reel.cel.strokes),
+            "seconds_per_frame": sum(self.seconds) / carried if carried else None,
+            "seconds_total": None if start is None else time.monotonic() - start,
+            "peak_memory_mb": peak_memory(),
+            "device": str(self.device),
+            "status": status,
+            "loss": "+".join(self.cfg.loss),
+        }
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Paint the film that ``image`` names and write it, and the catalogues of its pictures, into the run's folder.
-
-    With ``resume`` it goes on behind the pictures of that run. Whatever ends it, the film has all pictures that were
-    done, and what ended it is raised then.
-    """
+    """Paint the film that ``image`` names, or go on with ``resume``, and keep all pictures whatever ends it."""
     cfg, checkpoint = resumed(cfg)
     film, stop = PaintedFilm(cfg, folder, checkpoint and checkpoint.parent), Event()
     failure: BaseException | None = None
@@ -62,14 +184,14 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def conclude_film(film: PaintedFilm, start: float | None, failure: BaseException | None) -> dict[str, object]:
-    """Write what is left to write of a film that has come to an end, and raise the ``failure`` that it was, if any."""
+    """Write preview and metrics of a film that has come to an end, and raise the ``failure`` that it was, if any."""
     folder, count = film.folder, len(film.psnr)
     pictures = []
     for number in sorted({0, count // 2, count - 1}):
         film.reel.show(cel_of(load_catalogue(frame_in(folder, number)), film.device))
         pictures.append(film.lit())
     ended = INTERRUPTED if isinstance(failure, KeyboardInterrupt) else FAILED
-    status = COMPLETED if failure is None else ended
+    status = "completed" if failure is None else ended
     write_picture(folder / "preview.png", np.concatenate(pictures, axis=1))
     metrics = film.metrics(start, status)
     write_json(folder / "metrics.json", metrics)
@@ -83,3 +205,14 @@ def conclude_film(film: PaintedFilm, start: float | None, failure: BaseException
         raise failure
     (folder / CHECKPOINT).unlink(missing_ok=True)
     return metrics
+
+
+def frame_in(folder: Path, number: int) -> Path:
+    """Name the file of a run with the strokes of a picture."""
+    return folder / FRAMES / f"{number:06d}.h5"
+
+
+def cel_of(saved: Saved, device: torch.device) -> Cel:
+    """Read the strokes of a picture from its catalogue."""
+    above = saved.depth.argsort(descending=True)
+    return Cel(saved.strokes.map(lambda value: value.to(device)), above.to(device), saved.background.to(device))

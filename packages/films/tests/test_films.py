@@ -10,19 +10,16 @@ import sys
 from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 from brushexp_films import task
-from brushexp_films.carrying import Carrier, Cel, meeting, shares_within
-from brushexp_films.changes import Changes, Flicker, difference, is_cut
-from brushexp_films.clips import decoded_pictures, open_clip
-from brushexp_films.films import PaintedFilm
-from brushexp_films.motion import motion
-from brushexp_films.reel import Reel
-from brushexp_films.sound import add_sound
+from brushexp_films.carrying import Carrier, Cel, Reel, find_strokes, shares_within
+from brushexp_films.changes import Changes, Flicker, difference, is_cut, optical_flow
+from brushexp_films.clips import add_sound, decode_pictures, open_clip
 from films import as_tensor, decoded, encoded, scene
 from painters import take
 from program import ended
@@ -56,9 +53,9 @@ def test_a_film_is_read_as_it_was_written(tmp_path, shape):
     clip = open_clip(encoded(tmp_path / "film.mp4", pictures, rate=24))
     even = tuple(side + side % 2 for side in shape)
     assert (clip.size, clip.rate, clip.count) == (even, Fraction(24), 5)
-    found = list(decoded_pictures(clip))
-    assert [picture.shape for picture in found] == [(*even, 3)] * 5
-    for picture, original in zip(found, pictures, strict=True):
+    frames = list(decode_pictures(clip))
+    assert [picture.shape for picture in frames] == [(*even, 3)] * 5
+    for picture, original in zip(frames, pictures, strict=True):
         assert np.abs(picture[: shape[0], : shape[1]].astype(float) - original).mean() < 8
 
 
@@ -66,7 +63,7 @@ def test_a_film_that_breaks_off_is_read_as_far_as_it_goes(tmp_path, caplog):
     path = encoded(tmp_path / "film.mp4", 4 * scene(10))
     path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
     with caplog.at_level(logging.WARNING):
-        count = len(list(decoded_pictures(open_clip(path))))
+        count = len(list(decode_pictures(open_clip(path))))
     assert 0 < count < 40
     assert str(count) in caplog.text
 
@@ -79,16 +76,13 @@ def sound(path):
         container.mux([*stream.encode(frame), *stream.encode()])
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda path: None, "no file"),
-        (lambda path: path.mkdir(), "folder"),
-        (lambda path: path.write_bytes(b""), "cannot be read as a film"),
-        (lambda path: path.write_text("not a film"), "cannot be read as a film"),
-        (sound, "no video"),
-    ],
-)
+@pytest.mark.parametrize(("make", "message"), [
+    (lambda path: None, "no file"),
+    (Path.mkdir, "folder"),
+    (Path.touch, "cannot be read as a film"),
+    (lambda path: path.write_text("not a film"), "cannot be read as a film"),
+    (sound, "no video"),
+])  # fmt: skip
 def test_what_is_no_film_is_refused_in_one_line(tmp_path, make, message):
     make(tmp_path / "clip.mp4")
     with pytest.raises(UserError, match=message) as caught:
@@ -110,8 +104,8 @@ def test_changes_are_told_from_noise_and_slow_ones_are_seen_in_the_end():
     assert changes(still).all()
     for _ in range(10):
         assert not changes((still + 0.01 * torch.randn(still.shape, generator=generator)).clamp(0, 1)).any()
-    seen = [bool(changes(0.9 * still + 0.005 * k).any()) for k in range(20)]
-    assert sum(seen) > 1, "what fades by less than the threshold from picture to picture is seen now and then"
+    noticed = [bool(changes(0.9 * still + 0.005 * k).any()) for k in range(20)]
+    assert sum(noticed) > 1, "what fades by less than the threshold from picture to picture is noticed now and then"
     assert difference(changes.held, 0.9 * still + 0.095).max() <= 0.04 + 0.01
 
 
@@ -134,7 +128,7 @@ def test_flicker_is_the_mean_change_where_the_target_stays():
     generator = torch.Generator().manual_seed(0)
     targets = [as_tensor(picture) for picture in scene(4)]
     paintings = [torch.rand(target.shape, generator=generator) for target in targets]
-    flicker, total, count = Flicker(still=0.02), 0.0, 0
+    flicker, total, count = Flicker(), 0.0, 0
     for painting, target in zip(paintings, targets, strict=True):
         flicker.add(painting, target)
     for k in range(1, 4):
@@ -149,9 +143,9 @@ def test_flicker_is_the_mean_change_where_the_target_stays():
 @pytest.mark.parametrize("shift", [(4, 0), (0, -3)])
 def test_motion_is_that_of_the_pictures(shift):
     first = as_tensor(scene(1, side=96)[0])
-    found = motion(first, first.roll(shift, (2, 1)))[:, 16:-16, 16:-16]
-    assert found.flatten(1).median(1).values.tolist() == pytest.approx(shift, abs=0.5)
-    assert not motion(first[:, :8, :8], first[:, :8, :8]).any()
+    flow = optical_flow(first, first.roll(shift, (2, 1)))[:, 16:-16, 16:-16]
+    assert flow.flatten(1).median(1).values.tolist() == pytest.approx(shift, abs=0.5)
+    assert not optical_flow(first[:, :8, :8], first[:, :8, :8]).any()
 
 
 def reel_of(renderer: str, n: int = 100, steps: int = 0) -> Reel:
@@ -188,7 +182,7 @@ def test_strokes_move_where_the_film_changes_and_all_others_stay_bit_for_bit(ren
         away = ~(touched(before.strokes[moved], whole, EDGE) | touched(after.strokes[moved], whole, EDGE))
         assert away.sum() > 500
         assert torch.equal(reel.image[:, away], image[:, away])
-        error = [(shown - picture).square().mean() for shown in (reel.image, image)]
+        error = [(painting - picture).square().mean() for painting in (reel.image, image)]
         assert error[0] < error[1]
 
 
@@ -203,9 +197,9 @@ def test_strokes_depend_on_those_of_the_picture_before_alone_whatever_losses_rem
     reel.paint(first)
     still, all_of_it = torch.zeros(2, *first.shape[1:]), torch.ones(first.shape[1:], dtype=torch.bool)
     for _ in range(2):
-        found = used(reel.cel, reel.image, second, all_of_it, still)
+        carried = used(reel.cel, reel.image, second, all_of_it, still)
     fresh = carrier()(reel.cel, reel.image, second, all_of_it, still)
-    assert all(torch.equal(value, getattr(fresh.strokes, name)) for name, value in found.strokes.items())
+    assert all(torch.equal(value, getattr(fresh.strokes, name)) for name, value in carried.strokes.items())
 
 
 def test_a_film_that_stands_still_is_one_painting_and_a_cut_begins_another():
@@ -216,21 +210,6 @@ def test_a_film_that_stands_still_is_one_painting_and_a_cut_begins_another():
     assert reel.cel is cel
     reel.paint(1 - still)
     assert (reel.cel is cel, reel.scenes) == (False, 2)
-
-
-def test_a_film_goes_on_from_the_strokes_of_a_picture_as_if_it_had_not_stopped():
-    pictures = [as_tensor(picture) for picture in scene(5)]
-    whole, second = reel_of("textured"), reel_of("textured")
-    cels = []
-    for picture in pictures:
-        whole.paint(picture)
-        cels.append(whole.cel)
-    for picture, cel in zip(pictures[:3], cels, strict=False):
-        second.follow(picture, cel)
-    for picture in pictures[3:]:
-        second.paint(picture)
-    assert torch.equal(second.image, whole.image)
-    assert torch.equal(second.cel.front_to_back, whole.cel.front_to_back)
 
 
 def test_painting_so_flickers_much_less_than_painting_each_picture_anew():
@@ -252,7 +231,7 @@ def test_shares_of_strokes_within_a_mask_and_strokes_that_meet_a_region_agree_wi
     half = torch.zeros(64, 64, dtype=torch.bool)
     half[:, :32] = True
     region = Region(8, 8, 20, 20)
-    near = meeting(strokes, region, EDGE)
+    near = find_strokes(strokes, region, EDGE)
     for n, share in enumerate(shares_within(strokes, half).tolist()):
         one = strokes[n : n + 1]
         black = replace(one, color=torch.ones(1, 3), opacity=torch.ones(1))
@@ -284,15 +263,12 @@ def test_a_painted_film_has_its_pictures_their_strokes_and_its_numbers(run_task,
     assert not (tmp_path / "checkpoint.ckpt").exists()
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["wet=0.5"], "wet=0.5 is for single pictures"),
-        (["style=coffee"], "style.image=coffee is for single pictures"),
-        (["film.start=2", "film.stop=1"], "film.stop=1 is not after"),
-        (["film.start=9", "steps=0"], "film.start=9 is behind the end"),
-    ],
-)
+@pytest.mark.parametrize(("words", "message"), [
+    (["wet=0.5"], "wet=0.5 is for single pictures"),
+    (["style=coffee"], "style.image=coffee is for single pictures"),
+    (["film.start=2", "film.stop=1"], "film.stop=1 is not after"),
+    (["film.start=9", "steps=0"], "film.start=9 is behind the end"),
+])  # fmt: skip
 def test_what_a_film_cannot_have_is_refused_in_one_line(run_task, tmp_path, words, message):
     clip = encoded(tmp_path / "clip.mp4", scene(2))
     with pytest.raises(UserError, match=message):
@@ -306,7 +282,7 @@ def test_a_film_that_does_not_say_how_long_it_is_can_be_stopped(run_task, tmp_pa
         stop()
         yield
 
-    monkeypatch.setattr(PaintedFilm, "planned", 1)
+    monkeypatch.setattr(task.PaintedFilm, "planned", 1)
     monkeypatch.setattr("brushexp_films.task.interruptible", at_once)
     with pytest.raises(KeyboardInterrupt):
         run_task(task, f"image={encoded(tmp_path / 'clip.mp4', scene(3))}", "resolution=32", "steps=1", "film.steps=1")
@@ -317,9 +293,9 @@ def test_a_film_that_does_not_say_how_long_it_is_can_be_stopped(run_task, tmp_pa
 def test_a_picture_without_error_does_not_hide_the_others_of_a_film():
     others = {"flicker": SimpleNamespace(value=0), "cfg": SimpleNamespace(loss=["mse"])}
     others |= {"reel": SimpleNamespace(scenes=1, cel=SimpleNamespace(strokes=()))}
-    for found, expected in (([math.inf, 20.0, 30.0], 25.0), ([math.inf], math.inf)):
-        film = SimpleNamespace(psnr=found, seconds=[], device="cpu", **others)
-        assert PaintedFilm.metrics(film, None, "completed")["psnr"] == expected
+    for psnr, expected in (([math.inf, 20.0, 30.0], 25.0), ([math.inf], math.inf)):
+        film = SimpleNamespace(psnr=psnr, seconds=[], device="cpu", **others)
+        assert task.PaintedFilm.metrics(film, None, "completed")["psnr"] == expected
 
 
 def test_a_film_that_was_stopped_goes_on_to_the_same_strokes(tmp_path):
@@ -328,17 +304,17 @@ def test_a_film_that_was_stopped_goes_on_to_the_same_strokes(tmp_path):
     assert ended(tmp_path, *words, "output=whole")[0] == 0
     for sent, expected in ((signal.SIGTERM, 128 + signal.SIGTERM), (signal.SIGKILL, -signal.SIGKILL)):
         folder = tmp_path / sent.name
-        code, said = ended(tmp_path, *words, f"output={sent.name}", kill=("000001.h5", 1, True), sent=sent)
-        assert code == expected, said
+        code, output = ended(tmp_path, *words, f"output={sent.name}", kill=("000001.h5", 1, True), sent=sent)
+        assert code == expected, output
         if sent is signal.SIGTERM:
             assert len(decoded(folder / "film.mp4")[0]) == 2
             assert json.loads((folder / "metrics.json").read_text())["status"] == "interrupted"
         else:  # what cannot be read is painted again, and so is what follows it
             os.truncate(folder / "frames" / "000001.h5", 999)
         goes_on = sent.name if sent is signal.SIGKILL else "elsewhere"
-        code, said = ended(tmp_path, f"resume={sent.name}", f"output={goes_on}")
-        assert code == 0, said
-        assert ("000001.h5 is damaged" in said) == (sent is signal.SIGKILL)
+        code, output = ended(tmp_path, f"resume={sent.name}", f"output={goes_on}")
+        assert code == 0, output
+        assert ("000001.h5 is damaged" in output) == (sent is signal.SIGKILL)
         assert len(decoded(tmp_path / goes_on / "film.mp4")[0]) == 4
         for k in range(4):
             one, other = (load_catalogue(tmp_path / run / "frames" / f"00000{k}.h5") for run in ("whole", goes_on))
@@ -363,7 +339,7 @@ def test_what_ends_a_film_leaves_the_pictures_before_it(run_task, tmp_path, monk
         if what == "disk":
             patched.setattr("brushexp.system.files.os.fsync", full)
         else:
-            wrong = lambda *given: forward(*given) * (torch.nan if (frames / "000000.h5").exists() else 1)  # noqa: E731
+            wrong = lambda *args: forward(*args) * (torch.nan if (frames / "000000.h5").exists() else 1)  # noqa: E731
             patched.setattr(MeanSquaredError, "forward", wrong)
         message = r"000002.h5: No space left" if what == "disk" else "step 1: loss=mse is nan; lower the rate"
         with pytest.raises(UserError, match=message):
@@ -403,15 +379,10 @@ def test_sound_is_copied_from_its_second_on_or_told_and_left_out(tmp_path, caplo
     assert np.abs(loud[:44_000]).max() < 0.1 < np.abs(loud[52_000:90_000]).max()
 
 
-@pytest.mark.parametrize(
-    "words", [["clip.mp4"], ["task=paint", "image=clip.mp4"], ["-m", "image=a.mp4,b.mp4", "seed=0,1"]]
-)
-def test_the_words_for_a_picture_paint_a_film_too(words):
-    assert "task=film" in expand_arguments(words)
-    assert "task=paint" not in expand_arguments(words)
-
-
-def test_a_painting_of_one_picture_leaves_films_to_their_task():
+def test_the_words_for_a_picture_paint_a_film_too_and_a_painting_leaves_films_to_their_task():
+    for words in (["clip.mp4"], ["task=paint", "image=clip.mp4"], ["-m", "image=a.mp4,b.mp4", "seed=0,1"]):
+        assert "task=film" in expand_arguments(words)
+        assert "task=paint" not in expand_arguments(words)
     assert "task=film" not in expand_arguments(["-m", "image=a.mp4,photo.jpg"])
     with pytest.raises(UserError, match="task=paint leaves this to task=film"):
         check(composed(["image=clip.mp4"]))

@@ -16,13 +16,12 @@ MULTIPLE = 8  # widths stay multiples of this: processors compute so many channe
 
 
 def prune(renderer: InverseVGG, ratio: float, batches: Iterable[StrokeBatch]) -> InverseVGG:
-    """Copy the network without those channels that its pictures depend on least.
+    """Copy the network without the share ``ratio`` of every layer's channels that its pictures depend on least.
 
-    Of every layer but the last, the share ``ratio``, 0 to below 1, of its channels goes; what is left is rounded to
-    multiples of `MULTIPLE`, and no layer gets narrower than that. Channels that are used together are found by
-    torch-pruning (Fang et al., 2023, arXiv:2301.12900) and ranked by what the loss on ``batches`` would change to first
-    order if their weights were 0 (Molchanov et al., 2019, arXiv:1906.10771). UserError if torch-pruning is not
-    installed, or the network's channels cannot be told apart.
+    The rest is rounded to multiples of `MULTIPLE`. torch-pruning (Fang et al., 2023, arXiv:2301.12900) finds channels
+    that are used together and ranks them by what the loss on ``batches`` would change to first order if their weights
+    were 0 (Molchanov et al., 2019, arXiv:1906.10771). UserError if it is not installed, or channels cannot be told
+    apart.
     """
     try:
         import torch_pruning  # noqa: PLC0415  (an extra)
@@ -77,8 +76,8 @@ def _ratios(renderer: InverseVGG, ratio: float) -> dict[nn.Module, float]:
     for layer in renderer.convolving:
         beside = [layer.convolution] if layer.coordinates is None else [layer.convolution, layer.coordinates]
         layers |= {module: module.out_channels for module in beside}  # type: ignore[union-attr, misc]
-    left = {width: MULTIPLE * round(width * (1 - ratio) / MULTIPLE) for width in layers.values()}
-    return {layer: 1 - (min(n, max(MULTIPLE, left[n])) + 0.5) / n for layer, n in layers.items()}
+    remaining = {width: MULTIPLE * round(width * (1 - ratio) / MULTIPLE) for width in layers.values()}
+    return {layer: 1 - (min(n, max(MULTIPLE, remaining[n])) + 0.5) / n for layer, n in layers.items()}
 
 
 class _Spread(nn.Module):

@@ -8,9 +8,8 @@ from omegaconf import DictConfig
 
 from brushexp.bounds import above, at_least, between
 from brushexp.config.keys import key
-from brushexp.config.options import TrainerOptions
 from brushexp.config.rules import STROKES, check_batch, check_ends
-from brushexp.config.schema import DATA, EMA, LIMIT, NETWORK_FIT, Task
+from brushexp.config.schema import DATA, EMA, LIMIT, NETWORK_FIT, Task, TrainerOptions
 from brushexp.errors import UserError
 from brushexp.registry import build
 

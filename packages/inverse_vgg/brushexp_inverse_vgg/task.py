@@ -77,12 +77,12 @@ def carry_out(
     folder, window, device = whole / f"ratio_{name}", data.origin.window, device_of_weights(trained)
     folder.mkdir(exist_ok=True)
 
-    def measured() -> dict[str, float]:
+    def measure() -> dict[str, float]:
         distances = [effl0_distance(device)]
         return evaluate(for_painting(pruned, device), data.first(Split.TEST, n), n, window, distances)
 
     pruned = prune(trained, ratio, islice(data.train_dataloader(), RANKING_BATCHES))
-    before = measured()
+    before = measure()
     module = RendererModule(pruned.requires_grad_(True), window, renderer_settings(cfg))
     with make_trackers(cfg, folder) as trackers:
         failure = fit_network(module, data, cfg, folder, device, [trackers], [HeldOutSheet(folder)])
@@ -92,7 +92,7 @@ def carry_out(
         numbers = {**module.figures, "steps": module.global_step, "status": module.stop or "completed"}
         trackers.report(numbers, pictures={"validation": folder / "validation.png"})
     conclude(module, folder, cfg, failure, module.global_step)
-    after = measured()
+    after = measure()
     row: Row = {"ratio": ratio, **speed_and_size(pruned, build(cfg.blend), window)}
     row["file_mb"] = path.stat().st_size / 1e6
     row |= {f"{key}_before": before[key] for key in COMPARED} | {key: after[key] for key in COMPARED}

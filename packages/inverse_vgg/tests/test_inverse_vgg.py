@@ -47,21 +47,16 @@ def renderer(request) -> PatchRenderer:
 
 
 def test_it_draws_windows_in_range_with_a_finite_gradient_in_every_number(renderer):
-    given = parameters().requires_grad_()
-    images = renderer.draw(given)
+    inputs = parameters().requires_grad_()
+    images = renderer.draw(inputs)
     assert (images.shape, images.dtype) == ((5, 4, renderer.window, renderer.window), torch.float32)
     assert bool(((images >= 0) & (images <= 1)).all())
     (images[:, :3] * images[:, 3:]).sum().backward()
-    assert bool(given.grad.isfinite().all())
-    assert bool((given.grad.abs().sum(0) > 0).all())
-
-
-def test_it_paints_the_same_twice_and_alone(renderer):
-    given = parameters()
+    assert bool(inputs.grad.isfinite().all())
+    assert bool((inputs.grad.abs().sum(0) > 0).all())
     with torch.no_grad():
-        together = renderer.draw(given)
-        assert torch.equal(renderer.draw(given), together)
-        torch.testing.assert_close(renderer.draw(given[2:3]), together[2:3], rtol=1e-4, atol=1e-5)
+        assert torch.equal(renderer.draw(inputs), images), "it paints the same twice, and alone"
+        torch.testing.assert_close(renderer.draw(inputs[2:3]), images[2:3], rtol=1e-4, atol=1e-5)
 
 
 def test_strokes_outside_the_range_are_drawn_at_its_edge(renderer):
@@ -141,14 +136,14 @@ def test_folded_planes_are_planes_folded(zoom):
 
 @pytest.mark.parametrize("first", [0, 2, 4], ids=["start", "control", "end"])
 def test_places_on_a_degenerate_stroke_are_finite_with_their_gradient(first):
-    given = 0.6 * torch.ones(2, 10)
-    given[1] = 0
-    given[0, first : first + 2] = -0.6  # two of the three points coincide; in the second stroke all of them do
-    given.requires_grad_()
-    planes = stroke_planes(given, 16)
+    inputs = 0.6 * torch.ones(2, 10)
+    inputs[1] = 0
+    inputs[0, first : first + 2] = -0.6  # two of the three points coincide; in the second stroke all of them do
+    inputs.requires_grad_()
+    planes = stroke_planes(inputs, 16)
     planes.square().sum().backward()
     assert bool(planes.isfinite().all())
-    assert bool(given.grad.isfinite().all())
+    assert bool(inputs.grad.isfinite().all())
 
 
 def test_noise_is_fresh_in_training_and_fixed_in_painting():
@@ -167,7 +162,7 @@ def test_noise_is_of_the_size_of_the_signal_at_first():
         torch.manual_seed(0)
         renderer = tiny(noise=strength, width=32, widest=96, dense=[256, 256]).train()
         for layer in renderer.convolving:
-            layer.register_forward_hook(lambda layer, given, found, sizes=sizes: sizes.append(float(found.std())))
+            layer.register_forward_hook(lambda layer, inputs, output, sizes=sizes: sizes.append(float(output.std())))
         with torch.no_grad():
             renderer.draw(parameters())
     added = (noisy[0] ** 2 - signals[0] ** 2) ** 0.5  # at the first layer, whose signal comes without noise
@@ -175,15 +170,9 @@ def test_noise_is_of_the_size_of_the_signal_at_first():
     assert all(1 / 3 < signal < 3 for signal in signals)
 
 
-@pytest.mark.parametrize(("options", "message"), [
-    ({"noise": -1.0}, "renderer.noise=-1 is not 0 to 100; try renderer.noise=0"),
-    ({"window": 100}, "renderer.window=100 is not one of 64, 128, 256; try renderer.window=128"),
-    ({"activation": "rellu"}, "renderer.activation=rellu is not one of .*; try renderer.activation=relu"),
-    ({"dense": []}, "renderer.dense"),
-])  # fmt: skip
-def test_wrong_options_are_refused(options, message):
-    with pytest.raises(UserError, match=message):
-        build_named("renderer", "inverse_vgg", options)
+def test_a_network_without_dense_layers_is_refused():
+    with pytest.raises(UserError, match=r"renderer\.dense=\[\]"):
+        tiny(dense=[])
 
 
 OPTIONS = {"window": 64, "width": 4, "widest": 8, "dense": [16], "subpixel": 2, "tint": True, "noise": 0.0}
@@ -191,7 +180,7 @@ OPTIONS |= {"coordconv": "stroke", "activation": "relu", "normalisation": "none"
 
 
 @pytest.fixture
-def kept(tmp_path) -> Path:
+def stored(tmp_path) -> Path:
     """A checkpoint of a tiny renderer."""
     path = tmp_path / "mine.safetensors"
     RENDERERS.save(path, "inverse_vgg", tiny(**OPTIONS), {"options": OPTIONS, "figures": {"l2": 1.0}})
@@ -219,7 +208,7 @@ def test_a_checkpoint_brings_the_same_pictures_and_hash_back(tmp_path, half, nor
     assert load_file(tmp_path / "large.safetensors")["weight"].dtype == torch.float32, "too large for 16 bits"
 
 
-def test_a_checkpoint_works_for_any_renderer_with_the_options_it_has(kept, tmp_path):
+def test_a_checkpoint_works_for_any_renderer_with_the_options_it_has(stored, tmp_path):
     options = {"window": 32, "width": 2, "shading": 0.25}
     renderer = build_named("renderer", "dual", options)
     path = tmp_path / "dual.safetensors"
@@ -232,57 +221,60 @@ def test_a_checkpoint_works_for_any_renderer_with_the_options_it_has(kept, tmp_p
         tiny(checkpoint=str(path))
     for other, typed in (({"dense": [16, 16]}, r"dense=\[16\]"), ({"tint": False}, "tint=true")):
         with pytest.raises(UserError, match=f"set renderer.{typed}"):
-            tiny(**{**OPTIONS, **other, "checkpoint": str(kept)})
+            tiny(**{**OPTIONS, **other, "checkpoint": str(stored)})
     assert weights_hash(build_named("renderer", "analytic", {})) == "", "it has no weights"
     assert RENDERERS.restore(torch.nn.Linear(1, 1), "mine", None, {}) == ""
 
 
-def test_a_plain_name_is_one_that_comes_with_the_program(kept, monkeypatch):
-    elsewhere = replace(RENDERERS, shipped=kept.parent)
+def test_a_plain_name_is_one_that_comes_with_the_program(stored, monkeypatch):
+    elsewhere = replace(RENDERERS, shipped=stored.parent)
     for module in (base, inverse_vgg):
         monkeypatch.setattr(module, "RENDERERS", elsewhere)
-    assert weights_hash(tiny(**{**OPTIONS, "checkpoint": "mine"})) == RENDERERS.read_recipe(kept)["hash"]
+    assert weights_hash(tiny(**{**OPTIONS, "checkpoint": "mine"})) == RENDERERS.read_recipe(stored)["hash"]
     assert elsewhere.shipped_name("mine") == "mine"
     assert elsewhere.shipped_name("yours") is None
     with pytest.raises(UserError, match=r"yours does not come with the program \(there are: mine\)"):
         tiny(checkpoint="yours")
 
 
-def retold(path: Path, **changes: object) -> None:
+def change_recipe(path: Path, **changes: object) -> None:
     """Change the recipe; None takes something out."""
     recipe = json.loads(path.with_suffix(".json").read_text()) | changes
-    told = {key: value for key, value in recipe.items() if value is not None}
-    path.with_suffix(".json").write_text(json.dumps(told))
+    recipe = {key: value for key, value in recipe.items() if value is not None}
+    path.with_suffix(".json").write_text(json.dumps(recipe))
 
 
-def rebiased(path: Path, bias: torch.Tensor | None) -> None:
+def change_bias(path: Path, bias: torch.Tensor | None) -> None:
     """Change the bias of the last layer; None takes it out. What load_file gives lies in the file, so copies go out."""
-    found = {name: value.clone() for name, value in load_file(path).items()} | {"last.bias": bias}
-    save_file({name: value for name, value in found.items() if value is not None}, path)
+    weights = {name: value.clone() for name, value in load_file(path).items()} | {"last.bias": bias}
+    save_file({name: value for name, value in weights.items() if value is not None}, path)
 
 
 DAMAGE = {
     "missing": (Path.unlink, "there is no such file; give the .safetensors of task=train"),
     "broken": (lambda p: p.write_bytes(p.read_bytes()[:1000]), "is damaged or cut short"),
-    "other weights": (lambda p: rebiased(p, torch.ones(16)), "describes other weights; copy both files"),
-    "no tensor": (lambda p: rebiased(p, None), "train it again with task=train: .*Missing.*last.bias"),
-    "shape": (lambda p: rebiased(p, torch.zeros(3)), "another renderer; .*size mismatch for last.bias"),
-    "nan": (lambda p: rebiased(p, torch.full((16,), torch.nan)), "last.bias has numbers that are not finite"),
+    "other weights": (lambda p: change_bias(p, torch.ones(16)), "describes other weights; copy both files"),
+    "no tensor": (lambda p: change_bias(p, None), "train it again with task=train: .*Missing.*last.bias"),
+    "shape": (lambda p: change_bias(p, torch.zeros(3)), "another renderer; .*size mismatch for last.bias"),
+    "nan": (lambda p: change_bias(p, torch.full((16,), torch.nan)), "last.bias has numbers that are not finite"),
     "pickle": (lambda p: torch.save({"a": torch.ones(1)}, p), "cut short .*; pickles are refused"),
     "old pickle": (lambda p: p.write_bytes(pickle.dumps({"weights": [1.0]})), "refused, because they can run code"),
     "no recipe": (lambda p: p.with_suffix(".json").unlink(), r"has no recipe beside it; copy mine.json"),
     "no JSON": (lambda p: p.with_suffix(".json").write_text("{"), "is not JSON"),
     "other JSON": (lambda p: p.with_suffix(".json").write_text("[]"), "is not the recipe of a renderer"),
-    "newer": (lambda p: retold(p, format_version=99), "has format_version 99, and this brushexp reads 1; update it"),
-    "half": (lambda p: retold(p, options=None), "has no options"),
+    "newer": (
+        lambda p: change_recipe(p, format_version=99),
+        "has format_version 99, and this brushexp reads 1; update it",
+    ),
+    "half": (lambda p: change_recipe(p, options=None), "has no options"),
 }
 
 
 @pytest.mark.parametrize(("damage", "message"), DAMAGE.values(), ids=DAMAGE.keys())
-def test_a_bad_checkpoint_is_refused_in_one_clear_line(kept, damage, message):
-    damage(kept)
+def test_a_bad_checkpoint_is_refused_in_one_clear_line(stored, damage, message):
+    damage(stored)
     with pytest.raises(UserError, match=message) as caught:
-        tiny(**{**OPTIONS, "checkpoint": str(kept)})
+        tiny(**{**OPTIONS, "checkpoint": str(stored)})
     assert "\n" not in str(caught.value)
 
 

@@ -66,8 +66,8 @@ def test_channels_that_do_nothing_are_the_ones_to_go(options):
     pruned = prune(renderer, 0.5, [batch()])
     assert pruned.widths == [width // 2 for width in renderer.widths]
     with torch.no_grad():
-        given = parameters_of(sample_prior(5, seed=3))
-        torch.testing.assert_close(pruned.draw(given), renderer.draw(given), rtol=1e-4, atol=1e-5)
+        inputs = parameters_of(sample_prior(5, seed=3))
+        torch.testing.assert_close(pruned.draw(inputs), renderer.draw(inputs), rtol=1e-4, atol=1e-5)
     assert torch.equal(renderer.last.weight, before)
 
 

@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from brushexp.bounds import at_least
-from brushexp.pictures.load import downsampled
+from brushexp.pictures.load import downsample
 from brushexp.plugins.loss.base import Loss, PaintedView, Surroundings
 from brushexp.registry import register
 from brushexp.system.precision import at_least_single
@@ -73,17 +73,17 @@ class Sinkhorn(Loss):
 
     def _masses_and_potential(self, target: Tensor) -> tuple[Tensor, Tensor]:
         """Return masses b of the target, and the potential (C, h, w) of OT(b, b)."""
-        theirs = masses(downsampled(at_least_single(target), self.side), self.floor)
+        theirs = masses(downsample(at_least_single(target), self.side), self.floor)
         return theirs, potentials(theirs.log()[None], [0], self.blurs)[0]
 
     def _downsampled(self, view: PaintedView) -> Tensor:
         """Shrink the whole canvas (3, h, w); differentiable in the part that the step looks at."""
         around = view.surroundings
         if around is None:
-            return downsampled(at_least_single(view.image), self.side)
+            return downsample(at_least_single(view.image), self.side)
         if around is not self._surroundings:
             self._surroundings = around
-            region, small = around.region, downsampled(at_least_single(around.picture), self.side)
+            region, small = around.region, downsample(at_least_single(around.picture), self.side)
             self._shares = (
                 pooling_weights(region.top, region.height, around.picture.shape[1], small.shape[1]).to(small),
                 pooling_weights(region.left, region.width, around.picture.shape[2], small.shape[2]).to(small),

@@ -6,7 +6,7 @@ from brushexp_losses.sinkhorn import Sinkhorn, masses
 from torch import Tensor
 from torch.testing import assert_close
 
-from brushexp.pictures.load import downsampled
+from brushexp.pictures.load import downsample
 from brushexp.pictures.region import Region
 from brushexp.plugins.loss.base import PaintedView, Surroundings
 from brushexp.plugins.loss.mse import MeanSquaredError
@@ -58,7 +58,7 @@ def test_divergence_agrees_with_dense_matrices(size, options):
     ("size", "small"), [((48, 96), (12, 24)), ((7, 5), (7, 5)), ((1, 100), (1, 24)), ((24, 25), (23, 24))]
 )
 def test_pictures_are_shrunk_to_the_side(size, small):
-    mass = masses(downsampled(torch.rand(3, *size), 24), 0.001)
+    mass = masses(downsample(torch.rand(3, *size), 24), 0.001)
     assert mass.shape == (3, *small)
     assert_close(mass.sum((1, 2)), torch.ones(3, dtype=torch.float64))
 

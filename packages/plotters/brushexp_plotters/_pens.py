@@ -1,4 +1,4 @@
-"""What exporters for plotters and painting robots share: their options, the paper, and the files beside the program."""
+"""Exporters for plotters and painting robots: options, paper, stroke plan, and the files beside the program."""
 
 import io
 import logging
@@ -21,12 +21,12 @@ from brushexp.plugins.export.base import Exporter
 Array = np.ndarray
 MM = 96 / 25.4  # pixels of CSS, the unit of vpype, in a millimetre
 MOST_STROKES = 100_000  # strokes of a plan: each takes milliseconds to fill, and a machine seconds to draw
-LIFT_SECONDS = 1.0  # seconds to lift a pen, set it down, and turn the machine round: an estimate
+LIFT_SECONDS = 1.0  # estimated seconds to lift a pen, set it down, and turn the machine round
 
 
 @dataclass(frozen=True)
 class PenPlan:
-    """All that is to be drawn."""
+    """The lines that a machine draws with its pens."""
 
     document: Any  # vpype's; layer and tool, both from 1, have its layer (layer - 1) * len(tools) + tool
     paper: tuple[float, float]  # width and height, mm
@@ -52,11 +52,11 @@ class PenPlan:
 
     @property
     def travel(self) -> float:
-        """How far pens move without drawing, mm, from one line of a layer to the next."""
+        """Distance in mm that pens move without drawing, from one line of a layer to the next."""
         return float(self.document.pen_up_length()) / MM
 
     def report(self, draws: float, moves: float) -> list[str]:
-        """What people want to know before the machine starts; it ``draws`` and ``moves`` at so many mm per minute."""
+        """Describe paper, pens and duration of a machine that ``draws`` and ``moves`` at so many mm per minute."""
         layers = len({layer for layer, _, _ in self.runs()})
         minutes = self.drawn / draws + self.travel / moves + LIFT_SECONDS / 60 * self.lifts
         rows = [
@@ -73,7 +73,7 @@ class PenPlan:
         return [re.sub(r"[^A-Za-z0-9 .,:/#_+-]", "_", row) for row in rows]
 
     def svg(self) -> str:
-        """The plan as an SVG at the size of the paper, with an Inkscape layer for each run; plotters take it, too."""
+        """Write the plan as SVG at the size of the paper, with an Inkscape layer for each run."""
         text = io.StringIO()
         load_vpype().write_svg(text, self.document, set_date=False)
         return text.getvalue()
@@ -127,7 +127,7 @@ class PenExporter(Exporter):
     @property
     @abstractmethod
     def speeds(self) -> tuple[float, float]:
-        """How fast it draws, and moves without drawing, mm per minute."""
+        """Speed while drawing, and while moving without drawing, mm per minute."""
 
     @property
     def margin(self) -> float:
@@ -136,8 +136,8 @@ class PenExporter(Exporter):
     def check(self, count: int, size: tuple[int, int]) -> None:
         self.frame(size)
         if count > MOST_STROKES:
-            most = f"{count} strokes are more than the {MOST_STROKES} that a plan holds"
-            raise UserError(f"{self.key}: {most}; paint with fewer (strokes=), or take to=svg")
+            excess = f"{count} strokes are more than the {MOST_STROKES} that a plan holds"
+            raise UserError(f"{self.key}: {excess}; paint with fewer (strokes=), or take to=svg")
 
     @cached_property
     def page(self) -> tuple[float, float]:
@@ -157,7 +157,7 @@ class PenExporter(Exporter):
 
     @cached_property
     def own_pens(self) -> Array | None:
-        """Colours (K, 3) in [0, 1] of the pens that the user has; None if any colour can be had."""
+        """Colours (K, 3) in [0, 1] of the pens that the user has; None for pens of any colour."""
         if self.pens is None:
             return None
         if not 1 <= len(self.pens) <= 256:
@@ -168,7 +168,7 @@ class PenExporter(Exporter):
             raise UserError(f"{self.key}.pens: {error}; write '{self.key}.pens=[black,\"#c03020\"]'") from None
 
     def frame(self, size: tuple[int, int]) -> tuple[tuple[float, float], Array, float]:
-        """Width and height of the paper, corner (2,) of a picture (H, W) in its middle, both in mm; mm per pixel."""
+        """Compute paper size (mm), upper left corner (2,) of a centred picture (H, W) on it (mm), and mm per pixel."""
 
         def room(paper: tuple[float, float]) -> float:
             return round(min((side - 2 * self.margin) / n for side, n in zip(paper, size[::-1], strict=True)), 9)
@@ -187,7 +187,7 @@ class PenExporter(Exporter):
 
 
 def load_vpype() -> ModuleType:
-    """The library vpype, which is optional (a UserError says so) and slow to import."""
+    """Import the optional library vpype, which is slow, or raise a UserError."""
     try:
         with quiet_vpype():
             import vpype  # noqa: PLC0415
@@ -199,7 +199,7 @@ def load_vpype() -> ModuleType:
 
 @contextmanager
 def quiet_vpype() -> Iterator[None]:
-    """Keep out of our log what vpype says to the root logger."""
+    """Mute the messages of vpype to the root logger."""
     logging.disable(logging.INFO)
     try:
         yield

@@ -1,4 +1,4 @@
-"""G-code, which most homemade machines speak."""
+"""Write stroke plans as G-code, the language of most homemade machines."""
 
 import io
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""HPGL, which pen plotters have spoken since 1977."""
+"""Write stroke plans as HPGL, the language of pen plotters since 1977."""
 
 import io
 from dataclasses import dataclass
@@ -85,14 +85,14 @@ class Hpgl(PenExporter):
         return {"painting.hpgl": text.getvalue(), "painting.hpgl.txt": notes}
 
     def _device(self, name: str) -> tuple[Any, Any]:
-        """What vpype knows of a plotter, and of the paper on it."""
+        """Look up the plotter, and the paper on it, among the devices of vpype."""
         vpype = load_vpype()
         try:
             plotter = vpype.config_manager.get_plotter_config(name)
         except ValueError as error:  # vpype 1.15 has a slip of the pen in one of its own
             raise UserError(f"vpype cannot read what it knows of plotter {name} ({error}); choose another") from error
         if plotter is None:
-            names = ", ".join(known for known in vpype.config_manager.get_plotter_list() if known != UNKNOWN_PLOTTER)
+            names = ", ".join(each for each in vpype.config_manager.get_plotter_list() if each != UNKNOWN_PLOTTER)
             raise UserError(f"to.hpgl.plotter={name} is not known to vpype; choose one of {names}")
         paper = plotter.paper_config(self.paper.lower())
         if paper is None:

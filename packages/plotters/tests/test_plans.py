@@ -17,7 +17,7 @@ from scenes import random_strokes, straight
 from brushexp.errors import UserError
 from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import build_named
-from brushexp.strokes.bezier import curve_of, half_width_of
+from brushexp.strokes.bezier import curve_of, half_width_of, strokes_along
 from brushexp.strokes.catalogue import Strokes
 
 vpype = pytest.importorskip("vpype", reason="needs pip install -e '.[plot]'")
@@ -48,23 +48,6 @@ def curves_on_paper(strokes: Strokes, exporter: Gcode | Hpgl, size=SIZE) -> tupl
     return corner[0] + scale * x + 1j * (paper[1] - corner[1] - scale * y), half
 
 
-def test_a_broad_stroke_beside_the_canvas_is_drawn_where_its_paint_reaches_in(tmp_path):
-    strokes = inside(1)
-    curve = torch.tensor([[[12.0, -5.0], [32.0, -5.0], [52.0, -5.0]]])
-    strokes = replace(
-        strokes, position=torch.zeros(1, 2), scale=torch.full((1,), 2.0), start=curve[:, 0], control=curve[:, 1],
-        end=curve[:, 2], width=torch.full((1,), 15.0),
-    )  # fmt: skip
-    torch.testing.assert_close(curve_of(strokes), curve)
-    (path,) = [path for path in Gcode(pen_mm=2).write(job_of(strokes), tmp_path) if path.suffix == ".gcode"]
-    lines = read_gcode(path.read_text())
-    assert lines
-    _, corner, scale = Gcode(pen_mm=2).frame(SIZE)
-    paper = Gcode(pen_mm=2).frame(SIZE)[0]
-    depth = max((paper[1] - corner[1] - line.imag).max() / scale for _, line in lines)
-    assert 5 < depth < 10 + 1e-6
-
-
 def read_gcode(text: str) -> list[tuple[int, np.ndarray]]:
     """Tool and points of every line that is drawn; refuses what no machine should be told."""
     lines, tool, down, place = [], 0, False, 0j
@@ -81,9 +64,9 @@ def read_gcode(text: str) -> list[tuple[int, np.ndarray]]:
             assert tool, "nothing is drawn without a tool"
             down = True
             lines.append((tool, [place]))
-        elif found := re.fullmatch(r"(G[01]) X(\S+) Y(\S+)", block):
-            assert down == (found[1] == "G1"), "quick moves with the pen up, slow ones with the pen down"
-            place = complex(float(found[2]), float(found[3]))
+        elif move := re.fullmatch(r"(G[01]) X(\S+) Y(\S+)", block):
+            assert down == (move[1] == "G1"), "quick moves with the pen up, slow ones with the pen down"
+            place = complex(float(move[2]), float(move[3]))
             if down:
                 lines[-1][1].append(place)
         elif block == "G0 X0 Y0":
@@ -134,12 +117,17 @@ def plan_by(job: ExportJob, **options):
     return pen_plan(job, Gcode(**options))
 
 
+def test_a_broad_stroke_beside_the_canvas_is_drawn_where_its_paint_reaches_in(tmp_path):
+    lines, exporter = drawn_by(Gcode, job_of(straight((12, -5), (52, -5), width=30)), tmp_path, pen_mm=2)
+    paper, corner, scale = exporter.frame(SIZE)
+    depth = max((paper[1] - corner[1] - line.imag).max() / scale for _, line in lines)
+    assert 5 < depth < 10 + 1e-6
+
+
 @pytest.mark.parametrize("points", [(0, 30, 10), (5, 5, 20 + 3j), (0, 40 + 0.01j, 0), (3, 30 + 20j, 60 - 5j)])
 def test_passes_fill_a_stroke_and_stay_in_it(points):
-    x, y = np.real(points) + 15, np.imag(points) + 30
-    ends = {name: torch.tensor([[x[k], y[k]]]).float() for k, name in enumerate(("start", "control", "end"))}
-    window = {"position": torch.zeros(1, 2), "scale": torch.full((1,), 2.0), "width": torch.tensor([3.0])}
-    stroke = replace(straight((0, 0), (1, 1)), **window, **ends)
+    curve = torch.view_as_real(torch.tensor(points, dtype=torch.complex64) + (15 + 30j))
+    stroke = strokes_along(curve[None], 6.0, torch.zeros(1, 3), 1.0)
     options = {"pen_mm": 0.5, "tolerance_mm": 0.01, "width_mm": 90.0}
     (curve,), (half,) = curves_on_paper(stroke, Gcode(**options))
     ((_, _, (way,)),) = plan_by(job_of(stroke), **options).runs()
@@ -160,12 +148,12 @@ def test_what_is_read_back_are_the_strokes(tmp_path, kind):
     lines, exporter = drawn_by(kind, job_of(strokes), tmp_path, passes=1, hidden="draw", tolerance_mm=tolerance)
     curves, _ = curves_on_paper(strokes, exporter)
     assert len(lines) == 12
-    found = set()
+    matched = set()
     for _, line in lines:
         apart = [max(away(curve, line).max(), away(line, curve).max() - 0.01) for curve in curves]
-        found.add(int(np.argmin(apart)))
+        matched.add(int(np.argmin(apart)))
         assert min(apart) <= tolerance + GRID
-    assert found == set(range(12))
+    assert matched == set(range(12))
 
 
 @BOTH
@@ -293,8 +281,8 @@ def test_nothing_is_lost_on_a_plotter_that_vpype_knows(tmp_path, plotter):
     device = vpype.config_manager.get_plotter_config(plotter)
     paper = device.paper_config("a4")
     lines = [line * 40 for _, line in read_hpgl(text)]
-    drawn = sum(np.abs(np.diff(line)).sum() for line in lines) * device.plotter_unit_length / vpype.UNITS["mm"]
-    assert drawn == pytest.approx(pen_plan(job, exporter).drawn, rel=0.02)
+    length = sum(np.abs(np.diff(line)).sum() for line in lines) * device.plotter_unit_length / vpype.UNITS["mm"]
+    assert length == pytest.approx(pen_plan(job, exporter).drawn, rel=0.02)
     points = np.concatenate(lines)
     assert paper.x_range[0] <= points.real.min() <= points.real.max() <= paper.x_range[1]
     assert paper.y_range[0] <= points.imag.min() <= points.imag.max() <= paper.y_range[1]
@@ -336,12 +324,9 @@ def test_what_does_not_fit_or_is_not_installed_is_refused_when_it_is_known(tmp_p
     with pytest.raises(UserError, match=re.escape("hp7475a has 6 pens, fewer than 8; set to.hpgl.colors=6")):
         Hpgl(plotter="hp7475a").write(job_of(inside(30)), tmp_path)
     assert not list(tmp_path.iterdir())
-    monkeypatch.setitem(sys.modules, "vpype", None)
-    with pytest.raises(UserError, match=re.escape("pip install -e '.[plot]'")):
-        Gcode()
-
-
-def test_more_strokes_than_a_plan_holds_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("brushexp_plotters._pens.MOST_STROKES", 4)
     with pytest.raises(UserError, match=r"to\.hpgl: 5 strokes are more than the 4 that a plan holds; "):
         Hpgl().write(job_of(inside(5)), tmp_path)
+    monkeypatch.setitem(sys.modules, "vpype", None)
+    with pytest.raises(UserError, match=re.escape("pip install -e '.[plot]'")):
+        Gcode()

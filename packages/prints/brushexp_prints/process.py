@@ -1,4 +1,4 @@
-"""A film of the painting process: strokes are laid down from the bottom to the top."""
+"""Film the painting process: lay the strokes from the bottom to the top."""
 
 import logging
 from collections.abc import Iterable, Iterator
@@ -21,7 +21,7 @@ from brushexp.plugins.color.rgb import Rgb
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.shading.height import Impasto, typical_width
-from brushexp.shading.light import normals_of, shaded
+from brushexp.shading.light import normals_of, shade_picture
 from brushexp.strokes.bezier import unfinished
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.files import to_bytes
@@ -56,7 +56,7 @@ class Process(Exporter):
     growing: bool | None = None
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        job, frames = fitted(job, largest_side(self.format)), max(1, round(self.seconds * self.fps))
+        job, frames = shrink_to_side(job, largest_side(self.format)), max(1, round(self.seconds * self.fps))
         growing = job.renderer.warm_up is None if self.growing is None else self.growing
         shares = schedule(len(job.strokes), frames, self.seconds, self.pace, growing=growing)
         pictures = with_progress(states(job, shares), frames, "pictures")
@@ -67,16 +67,16 @@ class Process(Exporter):
 
 
 def schedule(n: int, frames: int, seconds: float, pace: str, *, growing: bool) -> Iterator[np.ndarray]:
-    """Yield the share (n,) in [0, 1] of each stroke, the bottom one first, that each frame shows, from none to all."""
+    """Yield for each frame the share (n,) in [0, 1] of each stroke, the bottom one first, from none to all."""
     growth = min(GROWTH, 0.5 * seconds)
     share = np.arange(n) / max(n, 1)
     begin = (seconds - growth) * (share if pace == "even" else np.sqrt(share))
     for now in np.linspace(0, seconds, frames) if frames > 1 else [seconds]:
-        drawn = np.clip((now - begin) / growth, 0, 1)
-        yield drawn if growing else np.floor(drawn)
+        shares = np.clip((now - begin) / growth, 0, 1)
+        yield shares if growing else np.floor(shares)
 
 
-def fitted(job: ExportJob, side: int) -> ExportJob:
+def shrink_to_side(job: ExportJob, side: int) -> ExportJob:
     """Shrink a painting to ``side`` pixels on its longer side, and log it, if it has more."""
     small = job.at_most(side)
     if small is not job:
@@ -89,64 +89,57 @@ def states(job: ExportJob, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
 
     It is under the painting's lamp: heights are laid over each other as colours are.
     """
-    colors = Laying(job.renderer, job.blend, job.space)
+    if not job.blend.layered:
+        log.warning("with this blend every picture is drawn from the beginning, which takes long; try blend=tiled")
+    background = job.saved.background
     if not job.light.depth:
-        yield from colors.states(job, shares, job.saved.background)
+        yield from _lay_in_steps(job, shares, background, job.renderer, job.space)
         return
-    heights = Laying(Impasto(job.renderer, typical_width(job.strokes)), job.blend, Rgb())
-    for_colors, for_heights = tee(shares)
-    bare = torch.zeros_like(job.saved.background)
-    pairs = zip(
-        colors.states(job, for_colors, job.saved.background), heights.states(job, for_heights, bare), strict=True
-    )
-    for color, height in pairs:
+    shares, again = tee(shares)
+    colors = _lay_in_steps(job, shares, background, job.renderer, job.space)
+    impasto = Impasto(job.renderer, typical_width(job.strokes))
+    heights = _lay_in_steps(job, again, torch.zeros_like(background), impasto, Rgb())
+    for color, height in zip(colors, heights, strict=True):
         normals = normals_of(height[0].cpu().numpy(), job.light.depth)
-        yield torch.from_numpy(shaded(color.float().cpu().numpy(), normals, job.light))
+        yield torch.from_numpy(shade_picture(color.float().cpu().numpy(), normals, job.light))
 
 
-@dataclass(frozen=True)
-class Laying:
-    """Lays strokes on a canvas that has paint on it already."""
+@torch.no_grad()
+def _lay_in_steps(
+    job: ExportJob, shares: Iterable[np.ndarray], bare: Tensor, renderer: Drawer, space: ColorSpace
+) -> Iterator[Tensor]:
+    """Yield pictures (3, H, W) of the ``bare`` canvas (3,) with ``shares`` of each stroke of a job on it.
 
-    renderer: Drawer
-    blend: Blend
-    space: ColorSpace
+    Shares (N,) fall from 1 to 0 from the bottom stroke up, and never from state to state. Finished strokes are laid
+    over the paint below, so that each is drawn once, unless the blend is not `layered`.
+    """
+    canvas, bottom = space.encode(bare)[:, None, None].repeat(1, *job.size), 0
+    strokes = job.strokes[job.bottom_up]
+    for share in shares:
+        finished, begun = (int(some.sum()) for some in (share >= 1, share > 0))
+        if job.blend.layered:
+            _lay(canvas, strokes[bottom:finished], renderer, job.blend, space)
+            bottom = finished
+        picture = canvas
+        if begun > bottom:
+            picture = canvas.clone()
+            growing = torch.from_numpy(share[bottom:begun]).to(strokes.start)
+            _lay(picture, unfinished(strokes[bottom:begun], growing), renderer, job.blend, space)
+        yield space.decode(picture)
 
-    @torch.no_grad()
-    def states(self, job: ExportJob, shares: Iterable[np.ndarray], bare: Tensor) -> Iterator[Tensor]:
-        """Yield pictures (3, H, W) of the ``bare`` canvas (3,) with ``shares`` of each stroke of a job on it.
 
-        Shares (N,) fall from 1 to 0 from the bottom stroke up, and never from state to state. Finished strokes are laid
-        over the paint below, so that each is drawn once, unless the blend is not `layered`.
-        """
-        canvas, done = self.space.encode(bare)[:, None, None].repeat(1, *job.size), 0
-        if not self.blend.layered:
-            log.warning("with this blend every picture is drawn from the beginning, which takes long; try blend=tiled")
-        strokes = job.strokes[job.bottom_up]
-        for share in shares:
-            finished, begun = (int(some.sum()) for some in (share >= 1, share > 0))
-            if self.blend.layered:
-                self.lay(canvas, strokes[done:finished])
-                done = finished
-            shown = canvas
-            if begun > done:
-                shown = canvas.clone()
-                growing = torch.from_numpy(share[done:begun]).to(strokes.start)
-                self.lay(shown, unfinished(strokes[done:begun], growing))
-            yield self.space.decode(shown)
+def _lay(canvas: Tensor, strokes: Strokes, renderer: Drawer, blend: Blend, space: ColorSpace) -> None:
+    """Lay strokes (n,), the bottom one first, over a canvas (C, H, W) in channels of the colour space, in place.
 
-    def lay(self, canvas: Tensor, strokes: Strokes) -> None:
-        """Lay strokes (n,), the bottom one first, over a canvas (C, H, W) in channels of the colour space, in place.
-
-        On black a blend shows what the strokes contribute, on white also what they let through: white light.
-        """
-        if not len(strokes):
-            return
-        black, white = canvas.new_zeros(len(canvas)), canvas.new_ones(len(canvas))
-        for top, rows, part in cuts(strokes, (canvas.shape[1], canvas.shape[2]), self.renderer):
-            layers = self.renderer(strokes[part].moved(shift=(0, -top)))
-            layers = layers if self.space.is_rgb else layers.encoded(self.space.encode)
-            above, size = torch.arange(len(part), device=part.device).flip(0), (rows, canvas.shape[2])
-            painted = self.blend(layers, above, size, black).image
-            light = (self.blend(layers, above, size, white).image - painted).mean(0)
-            canvas[:, top : top + rows].mul_(light).add_(painted)
+    On black a blend shows what the strokes contribute, on white also what they let through: white light.
+    """
+    if not len(strokes):
+        return
+    black, white = canvas.new_zeros(len(canvas)), canvas.new_ones(len(canvas))
+    for top, rows, part in cuts(strokes, (canvas.shape[1], canvas.shape[2]), renderer):
+        layers = renderer(strokes[part].moved(shift=(0, -top)))
+        layers = layers if space.is_rgb else layers.encoded(space.encode)
+        above, size = torch.arange(len(part), device=part.device).flip(0), (rows, canvas.shape[2])
+        paint = blend(layers, above, size, black).image
+        light = (blend(layers, above, size, white).image - paint).mean(0)
+        canvas[:, top : top + rows].mul_(light).add_(paint)

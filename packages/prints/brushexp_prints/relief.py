@@ -1,4 +1,4 @@
-"""The painting as an object under a light, and its shape for printers and 3D programs."""
+"""Write the painting as an object under a light, and its shape for printers and 3D programs."""
 
 import logging
 from dataclasses import replace
@@ -11,7 +11,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
-from brushexp.shading.light import UNLIT, normals_of, shaded
+from brushexp.shading.light import UNLIT, normals_of, shade_picture
 from brushexp.system.files import replacing, to_bytes, write_picture
 from brushexp.system.runtime import check_memory
 
@@ -43,14 +43,13 @@ class Relief(Exporter):
             rows = slice(top, top + band.shape[1])
             facing = normals_of(height, light.depth, rows)
             normals[rows] = to_bytes(torch.from_numpy(0.5 * facing + 0.5))
-            lit = shaded(band.float().cpu().numpy(), facing, light)
+            lit = shade_picture(band.float().cpu().numpy(), facing, light)
             relief[rows] = to_bytes(torch.from_numpy(lit))
         paths = [folder / name for name in ("relief.png", "height.png", "normals.png")]
         write_picture(paths[0], relief)
         write_picture(paths[2], normals)
         white = light.depth * float(height.max())
-        share = 100 * white / max(job.size)
-        highest = f"{white:.6g} pixels above the bare canvas, {share:.4g} % of the longer side"
+        highest = f"{white:.6g} pixels above the bare canvas, {100 * white / max(job.size):.4g} % of the longer side"
         log.info("%s: white is %s", paths[1], highest)
         texts = PngInfo()
         texts.add_text("Description", f"height of the paint: 0 is the bare canvas, {WHITE} is {highest}")
@@ -61,7 +60,7 @@ class Relief(Exporter):
 
 
 def levels_of(height: np.ndarray) -> np.ndarray:
-    """Round heights (H, W), >= 0, to 16 bits, the highest one white; they are scaled in place, to save memory."""
+    """Round heights (H, W), >= 0, to 16 bits, the highest one white; scale them in place, to save memory."""
     highest = float(height.max())
     height *= WHITE / highest if highest > 1e-6 else 0.0  # what is lower is rounding
     return np.rint(height, out=height).clip(0, WHITE).astype(np.uint16)

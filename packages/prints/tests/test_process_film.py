@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import torch
-from brushexp_prints.process import Process, fitted, schedule, states
+from brushexp_prints.process import Process, schedule, shrink_to_side, states
 from catalogues import changed, job_of
 from films import decoded, unrolled
 from scenes import Windowed, random_strokes
@@ -27,11 +27,11 @@ def painted(n: int = 40, size: tuple[int, int] = (36, 52), renderer=None, blend=
     return job_of(random_strokes(n, size), size, **canvas)
 
 
-def painted_at_once(job: ExportJob, n: int) -> torch.Tensor:
-    """The bottom ``n`` strokes, drawn directly."""
-    number = job.bottom_up[:n]
+def painted_at_once(job: ExportJob, share: np.ndarray) -> torch.Tensor:
+    """This share of each stroke, the bottom one first, drawn directly."""
+    n = int((share > 0).sum())
     with torch.no_grad():
-        layers = job.renderer(job.strokes[number])
+        layers = job.renderer(unfinished(job.strokes[job.bottom_up[:n]], torch.from_numpy(share[:n]).float()))
         return job.blend(layers, torch.arange(n).flip(0), job.size, job.saved.background).image
 
 
@@ -55,8 +55,9 @@ def test_under_a_lamp_every_state_is_the_lit_painting_of_its_strokes():
 ])  # fmt: skip
 def test_each_state_is_the_painting_of_its_strokes_and_a_slow_blend_says_so(renderer, blend, caplog):
     job = painted(renderer=build_named("renderer", renderer, {}).eval(), blend=blend)
-    for count, picture in zip([0, 1, 7, 7, 25, 40], states(job, whole(job, [0, 1, 7, 7, 25, 40])), strict=True):
-        torch.testing.assert_close(picture, painted_at_once(job, count), rtol=0, atol=2e-4)
+    shares = whole(job, [0, 1, 7, 7, 25, 40])
+    for share, picture in zip(shares, states(job, shares), strict=True):
+        torch.testing.assert_close(picture, painted_at_once(job, share), rtol=0, atol=2e-4)
     assert ("try blend=tiled" in caplog.text) == isinstance(blend, TopK)
 
 
@@ -88,14 +89,9 @@ def test_a_growing_stroke_is_a_part_of_it():
 def test_strokes_that_grow_lie_on_those_that_are_finished(blend):
     job = painted(20, blend=blend)
     share = np.concatenate([np.ones(15), [0.8, 0.5, 0.2], np.zeros(2)])
-    _, picture, last = (state.clone() for state in states(job, [np.zeros(20), share, np.ones(20)]))
-    number = job.bottom_up
-    strokes = unfinished(job.strokes[number[:18]], torch.from_numpy(share[:18]).float())
-    with torch.no_grad():
-        layers = job.renderer(strokes)
-        expected = job.blend(layers, torch.arange(18).flip(0), job.size, job.saved.background).image
-    torch.testing.assert_close(picture, expected, rtol=0, atol=2e-4)
-    torch.testing.assert_close(last, painted_at_once(job, 20), rtol=0, atol=2e-4)
+    shares = [np.zeros(20), share, np.ones(20)]
+    for part, picture in zip(shares, states(job, shares), strict=True):
+        torch.testing.assert_close(picture, painted_at_once(job, part), rtol=0, atol=2e-4)
 
 
 @pytest.mark.parametrize("growing", [True, False])
@@ -122,8 +118,8 @@ def test_quickening_begins_slowly_and_long_canvases_are_drawn_at_the_size_of_the
     assert abs(quickening[10] - 10) < 1
     assert np.diff(quickening)[-2] > 18
     job = painted(20, (60, 1200))
-    assert fitted(job, 4096) is job
-    small = fitted(job, 480)
+    assert shrink_to_side(job, 4096) is job
+    small = shrink_to_side(job, 480)
     assert small.size == (24, 480)
     (gif,) = Process(seconds=0.5, hold=0.0, format="gif").write(job, tmp_path)
     assert np.abs(unrolled(gif)[0][-1].astype(float) - small.picture()).mean() < 3
@@ -143,9 +139,9 @@ def test_films_begin_with_the_canvas_end_with_the_painting_and_are_as_long_as_wa
     assert (len(frames), rate) == (count, fps)
     assert abs(sum(durations) - 1000 * count / fps) <= 5
     height, width = size
-    for seen, rough in ((frames, 12), (pictures, 3)):  # a video has fewer colours than pixels
-        assert max(seen[0].shape[0] - height, seen[0].shape[1] - width) <= 1
-        first, last = (seen[k][:height, :width].astype(float) for k in (0, -1))
+    for film, rough in ((frames, 12), (pictures, 3)):  # a video has fewer colours than pixels
+        assert max(film[0].shape[0] - height, film[0].shape[1] - width) <= 1
+        first, last = (film[k][:height, :width].astype(float) for k in (0, -1))
         assert round(seconds * fps) < 2 or np.abs(first / 255 - job.saved.background.numpy()).max() < 0.03
         assert np.abs(last - job.picture()).mean() < rough
 

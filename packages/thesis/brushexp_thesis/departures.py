@@ -1,4 +1,4 @@
-"""``task=departures``: every setting in which finished paintings differ from the procedure of the thesis."""
+"""``task=departures``: list every setting in which finished paintings differ from the procedure of the thesis."""
 
 import json
 import logging
@@ -9,9 +9,9 @@ from typing import Any
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
-from brushexp.pages.replay import recorded_config
-from brushexp.pages.run_page import settings_as_typed
-from brushexp.reporting.tables import escaped, markdown_table
+from brushexp.pages.replay import config_of
+from brushexp.pages.run_page import list_settings
+from brushexp.reporting.tables import escape_markdown, markdown_table
 from brushexp.results.runs import gather
 from brushexp.strokes.storage import load_catalogue
 from brushexp.system.files import write_text
@@ -30,9 +30,9 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         raise UserError(f"runs={','.join(cfg.runs)}: there is no finished painting; give folders of such with runs=")
     lines, counts = ["# Beside the thesis", ""], []
     for name, path in catalogues.items():
-        settings = settings_as_typed(recorded_config(load_catalogue(path)), [])
+        settings = list_settings(config_of(load_catalogue(path)), [])
         rows = list(departures({key: value for key, value, _ in settings}))
-        lines += [f"## {escaped(str(name))}", "", f"{len(rows)} settings differ.", "", markdown_table(rows), ""]
+        lines += [f"## {escape_markdown(str(name))}", "", f"{len(rows)} settings differ.", "", markdown_table(rows), ""]
         counts.append(len(rows))
     write_text(folder / "departures.md", "\n".join(lines))
     log.info("%s: %s settings differ", folder / "departures.md", ", ".join(map(str, counts)))
@@ -40,7 +40,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def departures(settings: Mapping[str, str]) -> Iterator[dict[str, str]]:
-    """Where a run departs from the thesis: the ``setting``, both values, and the section of the thesis.
+    """Compare a run with the thesis: each ``setting`` that differs, both values, and the section of the thesis.
 
     ``settings`` are dotted keys and values as they would be typed, plugins by their names.
     """
@@ -50,19 +50,17 @@ def departures(settings: Mapping[str, str]) -> Iterator[dict[str, str]]:
             continue
         allowed = row["value"] if isinstance(row["value"], list) else [row["value"]]
         own = settings.get(row["key"], ABSENT)
-        if not any(_same(own, one) for one in allowed):
+        if not any(_equal(own, one) for one in allowed):
             words = row.get("thesis") or " or ".join(map(_typed, allowed))
             run = row.get("run", own)
             yield {"setting": row["key"], "thesis": words, "this run": run, "where": row["source"]}
 
 
 def _typed(value: Any) -> str:
-    """A value as settings have it."""
     return value if isinstance(value, str) else json.dumps(value)
 
 
-def _same(own: str, allowed: Any) -> bool:
-    """Whether a setting has a value, whichever way its number is written."""
+def _equal(own: str, allowed: Any) -> bool:
     try:
         return float(own) == float(_typed(allowed))
     except ValueError:

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 from omegaconf import MISSING
 
-from brushexp.bounds import FILE, at_least, one_of
+from brushexp.bounds import FILE, FOLDER, at_least, one_of
 from brushexp.config.keys import key
-from brushexp.config.rules import FOLDER
 from brushexp.config.schema import Task
 
 RUNS = "folder of a run, of a sweep, or above many of them; several with commas"

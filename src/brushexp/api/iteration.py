@@ -46,23 +46,20 @@ class State:
 
 
 class Handover(L.Callback):
-    """Hands states of a painting over to another thread, at most one ahead of what that has taken.
-
-    While it waits, the painter's clock stands still.
-    """
+    """Hand states of a painting to another thread, at most one ahead; the painter's clock stops while it waits."""
 
     def __init__(self, every: int, every_seconds: float) -> None:
         self.every, self.every_seconds = every, every_seconds
         self.states: SimpleQueue[State | None] = SimpleQueue()  # None: the painting is done
         self.room = threading.Semaphore(1)
         self.stopped, self.closed = threading.Event(), threading.Event()
-        self.last, self.seen = -float("inf"), -1  # when a state was handed over, and the step before the present one
+        self.last, self.step = -float("inf"), -1  # time of the last state, and the previous step
 
     def on_train_start(self, trainer: L.Trainer, painter: Any) -> None:
         self.on_train_batch_end(trainer, painter)
 
     def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
-        before, self.seen = self.seen, painter.schedule.step
+        before, self.step = self.step, painter.schedule.step
         if self.stopped.is_set() or self.closed.is_set():
             painter.stop = painter.stop or (INTERRUPTED if self.closed.is_set() else STOPPED)
             trainer.should_stop = True
@@ -74,28 +71,16 @@ class Handover(L.Callback):
             painter.schedule.start()
 
     def _is_due(self, before: int) -> bool:
-        """Whether a multiple of ``every`` was reached or passed: a state of another painter may be many steps."""
-        is_next = self.seen // self.every > before // self.every
+        """Whether a multiple of ``every`` was passed: other painters may take many steps at once."""
+        is_next = self.step // self.every > before // self.every
         return is_next and time.monotonic() - self.last >= self.every_seconds
 
     def state_of(self, painter: Any) -> State:
-        """The state of a painter now."""
         schedule, image, error = painter.schedule, painter.latest(), painter.picture.error
         if math.isinf(error):  # nothing has been looked at
             error = float((image - painter.picture.target).square().mean())
         numbers = schedule.step, schedule.steps, schedule.seconds
         return State(*numbers, to_bytes(image), painter.strokes(), psnr_of(error), stop=self.stopped.set)
-
-    def take(self) -> State | None:
-        """The next state; None when the painting is done."""
-        state = self.states.get()
-        self.room.release()
-        return state
-
-    def close(self) -> None:
-        """Let the painting end after its present step, whoever waits for room."""
-        self.closed.set()
-        self.room.release()
 
 
 def iterate(
@@ -111,19 +96,12 @@ def iterate(
 ) -> Iterator[State]:
     """Paint as `paint` does, to the same bits, and give the state before the first step and after each ``every``.
 
-    The painting is made in a thread, which is at most one state ahead of what is taken from here; while it waits, its
-    ``seconds`` stand still. The last state has the finished ``painting``. ``state.stop()`` ends it with what there is;
-    closing the generator ends it without. PyTorch's generators are those of the painting as long as it lasts.
+    A thread paints, at most one state ahead of the caller; while it waits, its ``seconds`` stand still. The last state
+    has the finished ``painting``. ``state.stop()`` makes the next state the last; closing the generator ends without
+    one. PyTorch's generators are those of the painting as long as it lasts.
 
-    Args:
-        image: as in `paint`.
-        every: steps from one state to the next.
-        every_seconds: at least so much time between two states; with ``every=1``, as many states as can be looked at.
-        look: as in `paint`.
-        strokes: as in `paint`.
-        seconds: as in `paint`.
-        output: as in `paint`.
-        overrides: as in `paint`.
+    ``every`` counts steps, and ``every_seconds`` is the least time between two states: with ``every=1``, there are as
+    many as can be looked at. The other arguments are those of `paint`.
 
     Raises:
         UserError: from here, what is wrong with the settings; from the generator, what goes wrong while it paints.
@@ -143,24 +121,29 @@ def iterate(
 
 
 def states_of(settings: Settings, handover: Handover) -> Iterator[State]:
-    """The states of a painting that begins, in a thread, with the first of them."""
+    """Paint in a thread, and yield the states."""
     painting: Future[Painting] = Future()
     thread = threading.Thread(target=_paint, args=(settings, handover, painting), name="brushexp", daemon=True)
 
     def close() -> None:
-        handover.close()
-        if threading.current_thread() is not thread:  # where a generator that nobody wants any more may be found
+        handover.closed.set()
+        handover.room.release()  # the painter may wait for it
+        if threading.current_thread() is not thread:  # which may collect the generator as garbage
             thread.join()
 
     atexit.register(close)
     thread.start()
     try:
-        while (state := handover.take()) is not None:
+        while (state := handover.states.get()) is not None:
+            handover.room.release()
             if not handover.stopped.is_set():
                 yield state
-        yield last_state(painting.result())
+        finished = painting.result()
+        metrics = finished.metrics
+        numbers = metrics["steps"], metrics["steps"], metrics["seconds"]
+        yield State(*numbers, finished.image, finished.strokes, metrics["psnr"], finished)
     finally:
-        if not handover.closed.is_set():  # else the program is at its end, and the modules that this needs are gone
+        if not handover.closed.is_set():  # else the program ends, and modules are gone
             close()
             atexit.unregister(close)
 
@@ -172,10 +155,3 @@ def _paint(settings: Settings, handover: Handover, painting: Future[Painting]) -
         painting.set_exception(error)
     finally:
         handover.states.put(None)
-
-
-def last_state(painting: Painting) -> State:
-    """The state of a finished painting."""
-    metrics = painting.metrics
-    numbers = metrics["steps"], metrics["steps"], metrics["seconds"]
-    return State(*numbers, painting.image, painting.strokes, metrics["psnr"], painting)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from torch import Tensor
 
-from brushexp.api.settings import Settings, held_as_files, settings_of
+from brushexp.api.settings import Settings, settings_of, write_pictures
 from brushexp.errors import UserError
 from brushexp.pages.run_page import run_page
 from brushexp.painting.finished import Finished
@@ -66,18 +66,12 @@ class Painting:
 
     @property
     def metrics(self) -> Mapping[str, Any]:
-        """What metrics.json of a run holds: ``psnr`` (dB), ``ssim``, ``seconds``, ``status`` and others.
-
-        The pictures are compared at the first look, which takes a while.
-        """
+        """The numbers of metrics.json, computed at first use: ``psnr`` (dB), ``ssim``, ``seconds``, ``status``, ..."""
         with self.settings.as_asked():
             return self.finished.metrics
 
     def render(self, size: int | None = None, *, light: bool = True) -> np.ndarray:
-        """Draw it with ``size`` pixels on the longer side, crisp at any size: (H, W, 3) uint8.
-
-        Without ``size`` it is as large as it was painted; ``light=False`` leaves the lamp out.
-        """
+        """Draw it with ``size`` pixels on the longer side, crisp at any size: (H, W, 3) uint8; ``light``: with lamp."""
         job = _sized(self.finished.job, size)
         return (job if light else replace(job, light=UNLIT)).picture()
 
@@ -103,10 +97,9 @@ class Painting:
         return paths
 
     def save(self, folder: str | PathLike[str]) -> Path:
-        """Write what a run of the command line leaves (painting.png, catalogue.h5, report.html, ...); the page's path.
+        """Write the files of a run (painting.png, catalogue.h5, report.html, ...) over those of another painting.
 
-        What another painting has left there is removed. There is a timelapse only if ``frames`` were asked for, and no
-        curves.
+        There is a timelapse only if ``frames`` was set, and no curves. Returns the path of the page.
         """
         into = Path(folder)
         (into / ".hydra").mkdir(parents=True, exist_ok=True)
@@ -115,7 +108,7 @@ class Painting:
             clear(into, self.settings.cfg)
         job = self.finished.job
         with recorded(into):
-            settings = held_as_files(self.settings, into)
+            settings = write_pictures(self.settings, into)
             note_words(into, settings.cfg, settings.words)
             job = replace(job, saved=replace(job.saved, config=settings.yaml))
             finished = replace(self.finished, job=job, compute_metrics=lambda: self.metrics)
@@ -129,8 +122,8 @@ class Painting:
     def _repr_html_(self) -> str:
         """The page of the painting, with its replay, for a notebook."""
         name = Path(str(self.settings.cfg.image)).name
-        shown = replace(self.finished, pictures={"painting": self.image}, compute_metrics=lambda: self.metrics)
-        page = run_page(shown, name=name)
+        finished = replace(self.finished, pictures={"painting": self.image}, compute_metrics=lambda: self.metrics)
+        page = run_page(finished, name=name)
         style = f"width: 100%; height: {FRAME_HEIGHT}px; border: 0"
         return f'<iframe title="{html.escape(name)}" style="{style}" srcdoc="{html.escape(page)}"></iframe>'
 
@@ -183,10 +176,10 @@ def paint(
 def plan_of(
     image: Picture, output: str | PathLike[str] | None, main: Mapping[str, Any], overrides: Mapping[str, Any]
 ) -> Settings:
-    """Check the settings of a painting; a ``main`` key that is None is left out."""
-    given = {key: value for key, value in main.items() if value is not None}
-    frames = {"frames": 0} if output is None else {}  # of a timelapse that nobody has asked for
-    settings = settings_of("paint", {"image": image, **given, **frames, **overrides}, output)
+    """Check the settings of a painting; those of ``main`` that are None are left out."""
+    typed = {key: value for key, value in main.items() if value is not None}
+    frames = {"frames": 0} if output is None else {}  # no timelapse
+    settings = settings_of("paint", {"image": image, **typed, **frames, **overrides}, output)
     loggers = [name for name in settings.cfg.logger if name != "csv"]
     for key, names in (("callbacks", list(settings.cfg.callbacks)), ("logger", loggers)):
         if output is None and names:
@@ -195,14 +188,14 @@ def plan_of(
 
 
 def painting_of(settings: Settings, callbacks: Sequence[L.Callback] = ()) -> Painting:
-    """Paint, in a folder if the settings have one; a UserError says what a user can mend."""
+    """Paint, in a folder if the settings have one."""
     start, folder, cfg = time.monotonic(), settings.folder, settings.cfg
     with explaining_to_users(cfg), settings.as_asked():
         if folder is None:
             return Painting(paint_picture(cfg, callbacks=callbacks), settings)
         try:
             take(folder, cfg)
-            settings = held_as_files(settings, folder)
+            settings = write_pictures(settings, folder)
             note_words(folder, settings.cfg, settings.words)
             return Painting(paint_picture(settings.cfg, folder, start, callbacks=callbacks), settings)
         finally:

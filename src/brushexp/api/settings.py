@@ -1,4 +1,4 @@
-"""Keys of the command line given from Python: composed and checked as there, with the same messages."""
+"""Compose and check keys from Python as the command line does, with the same messages."""
 
 import logging
 import os
@@ -19,24 +19,24 @@ from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
 from brushexp.config.words import as_typed, expand_shorthand, parse_value, types_of_keys
 from brushexp.errors import UserError
-from brushexp.pictures.held import HeldPicture, is_picture
+from brushexp.pictures.load import HeldPicture, is_picture
 from brushexp.registry import drop_built
 
-SHORT = {"style": "style.image"}  # keys that may be typed for others
 PICTURE = "image="
+_composed = lru_cache(maxsize=32)(composed)  # which takes Hydra a while
 RESERVED = {"task": "call another function", "output": "set output=", "resume": "type brushexp resume=... in a shell"}
 
 
 @cache
 def load() -> list[Path]:
-    """Load plugins, those of the current folder too, at the first call; the folders of configs."""
+    """Load plugins, those of the current folder too, at the first call, and list the folders of configs."""
     prepare(Path())
     return folders_of(Path().resolve())  # the program may go elsewhere
 
 
 @dataclass(frozen=True)
 class Settings:
-    """The checked config of a task, the words that make it, and the pictures in memory that it names."""
+    """The checked config of a task, its words, and the pictures in memory that it names."""
 
     cfg: DictConfig
     words: list[str]
@@ -45,12 +45,11 @@ class Settings:
 
     @property
     def yaml(self) -> str:
-        """The resolved config, as catalogues have it."""
         return OmegaConf.to_yaml(self.cfg, resolve=True)
 
     @contextmanager
     def as_asked(self) -> Iterator[None]:
-        """Use the threads that were asked for; afterwards they, random generators and Lightning are as they were."""
+        """Use the threads of the config; afterwards threads, random generators and Lightning are as before."""
         import torch  # noqa: PLC0415
         from lightning.pytorch.utilities.seed import isolate_rng  # noqa: PLC0415
 
@@ -67,10 +66,9 @@ class Settings:
 
 
 def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike[str] | None = None) -> Settings:
-    """The checked settings of a task with keys as Python has them.
+    """Check the settings of a task from values of Python; what the command line refuses is a UserError.
 
-    Values are numbers, texts, paths, None, lists and mappings of them; pictures may be in memory. What the command line
-    refuses is a UserError, in one line.
+    Values are numbers, texts, paths, None, and lists and mappings of them; pictures may be in memory.
     """
     folders = load()
     held: dict[str, HeldPicture] = {}
@@ -89,14 +87,8 @@ def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike
     return Settings(cfg, words, held, folder)
 
 
-@lru_cache(maxsize=32)
-def _composed(words: tuple[str, ...], folders: tuple[Path, ...]) -> DictConfig:
-    """What Hydra composes, which takes it a while; the picture of a painting changes nothing else of it."""
-    return composed(words, folders)
-
-
-def held_as_files(settings: Settings, folder: Path) -> Settings:
-    """The same with the pictures in memory as files of a run, beside its settings, so that these can be used again."""
+def write_pictures(settings: Settings, folder: Path) -> Settings:
+    """Write the pictures in memory into the folder of a run, and name these files in the settings."""
     cfg, words = settings.cfg.copy(), settings.words
     for key, held in settings.held.items():
         path = str(held.write(folder / ".hydra", key.replace(".", "_")))
@@ -107,13 +99,13 @@ def held_as_files(settings: Settings, folder: Path) -> Settings:
 
 
 def words_from(options: Mapping[str, Any], held: dict[str, HeldPicture], above: str = "") -> Iterator[str]:
-    """``key=value`` for each option, those of a mapping below its key: ``light={"azimuth": 90}``, ``init={...}``."""
+    """Write ``key=value`` for each option, those of a mapping below its key: ``light={"azimuth": 90}``."""
     for key, value in options.items():
         name = f"{above}{key}"
         if name in RESERVED:
             raise UserError(f"{name}={value} is no option here; {RESERVED[name]}")
         if is_picture(value):
-            full = SHORT.get(name, name)
+            full = "style.image" if name == "style" else name
             held[full] = HeldPicture(value, name)
             value = held[full].name  # noqa: PLW2901
         if isinstance(value, Mapping) and get_origin(types_of_keys().get(name, (None,))[0]) is not dict:

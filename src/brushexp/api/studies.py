@@ -1,4 +1,4 @@
-"""``brushexp.simulate`` and ``brushexp.train_renderer``: strokes of a brush, and what is trained on them."""
+"""``brushexp.simulate`` and ``brushexp.train_renderer``: strokes of a brush, and networks that draw them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import time
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
-from brushexp.api.choosing import create
+from brushexp.api.parts import create
 from brushexp.api.settings import settings_of
 from brushexp.registry import build, plugin_of
 from brushexp.runs.run_folder import note_words, release, take
@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 
 
 def simulate(n: int, *, engine: str = "fluid", seed: int = 0, **options: Any) -> tuple[Any, Simulated]:
-    """Simulate strokes of a brush on empty canvases, in memory: their parameters (n, 10) in [-1, 1], and pictures.
-
-    Sets for training, on disk, are those of ``task=simulate``.
+    """Simulate strokes of a brush in memory: their parameters (n, 10) in [-1, 1], and pictures on empty canvases.
 
     Args:
         n: strokes, drawn from the prior.
@@ -30,8 +28,8 @@ def simulate(n: int, *, engine: str = "fluid", seed: int = 0, **options: Any) ->
         seed: everything random follows from it.
         options: of the engine, such as ``window=64``.
 
-    >>> parameters, found = simulate(2, engine="disc", window=32)
-    >>> parameters.shape, found.images.shape
+    >>> parameters, strokes = simulate(2, engine="disc", window=32)
+    >>> parameters.shape, strokes.images.shape
     (torch.Size([2, 10]), torch.Size([2, 4, 32, 32]))
     """
     parameters = parameters_of(sample_prior(n, seed))
@@ -45,7 +43,7 @@ def train_renderer(output: str | PathLike[str], *, renderer: str = "neural", **o
     Args:
         output: folder of the run; weights and their recipe stay there, and ``paint(renderer=..., **{
             "renderer.checkpoint": output / "neural.safetensors"})`` paints with them.
-        renderer: name of what is trained.
+        renderer: name of the renderer to train.
         overrides: keys of the command line: ``data="strokes"``, ``minutes=30``, ``batch_size=32``, ``simulate=None``.
 
     Raises:

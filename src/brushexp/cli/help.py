@@ -32,7 +32,7 @@ COLUMN = 28  # letters up to a meaning
 
 
 def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]) -> str:
-    """What ``--help`` says for a composed config and the overrides that were typed; presets are in the folders."""
+    """Write the help for a composed config and the typed overrides; presets are in the folders."""
     schema = TASKS[cfg.task]
     lines = [INTRODUCTION, f"task={cfg.task}: {schema.__doc__}", "", "Its keys and their values now, key=value:"]
     raw: Any = OmegaConf.to_container(cfg, resolve=False)
@@ -54,7 +54,7 @@ def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]
 
 
 def group_lines(group: str, cfg: DictConfig, folders: Sequence[Path], with_options: bool) -> list[str]:
-    """A family of plugins or group of presets: its members, one line each, and the options of those chosen."""
+    """List the members of a group, one line each, and the options of the chosen ones."""
     rows = {plugin.name: plugin.summary for plugin in plugins(group)}
     for folder in folders:
         rows |= presets_of(folder / group)
@@ -75,7 +75,7 @@ def group_lines(group: str, cfg: DictConfig, folders: Sequence[Path], with_optio
 
 
 def two_columns(name: str, meaning: str) -> list[str]:
-    """A name and what is said about it, in two columns; in two lines if the name is long."""
+    """Write a name and its meaning in two columns, or in two lines if the name is long."""
     head = f"  {name:<{COLUMN - 3}} "
     if len(head) > COLUMN:
         return [head, *fill(meaning, WIDTH, initial_indent=" " * COLUMN, subsequent_indent=" " * COLUMN).splitlines()]

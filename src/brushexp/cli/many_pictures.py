@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from itertools import chain, count
 from pathlib import Path
 
-from brushexp.config.compose import files_of, quoted
+from brushexp.config.compose import files_of, quote
 from brushexp.errors import UserError
 from brushexp.pictures.folders import is_several, pictures_in
 from brushexp.pictures.load import samples
@@ -19,53 +19,47 @@ from brushexp.runs.sweep_jobs import PICTURE
 from brushexp.system.reading import read_text, yaml_of
 
 SETS = "pictures="
-GROUP_OF_SETS, ENDING = "pictures", ".yaml"  # folder of configs with sets of pictures, and how their files end
-PROCESSES, AUTO = "jobs=", "auto"  # of a sweep: how many at once
-WITH_LAUNCHER = ("hydra/launcher=", "experiment=")  # words that choose one, or may
-PICTURES_PER_PROCESS = 2  # at least
-MB_PER_PROCESS = 2048  # 450 of them modules, and about 800 bytes for each pixel of a picture
+ENDING = ".yaml"  # of files with sets of pictures
+PROCESSES, AUTO = "jobs=", "auto"  # number of jobs of a sweep at once
+LAUNCHER_WORDS = ("hydra/launcher=", "experiment=")  # words that choose a launcher, or may
+PICTURES_PER_PROCESS = 2  # fewest
+MB_PER_PROCESS = 2048  # memory of a process: 450 for modules, and about 800 bytes for each pixel
 
 
 def in_processes(words: Sequence[str], pictures: int = 0) -> list[str]:
-    """The words with ``jobs=2`` written out: a launcher that runs so many jobs of a sweep at once.
-
-    ``jobs=auto``, which several ``pictures`` need not say, is as many as there are cores, and memory, and work for.
-    """
+    """Replace ``jobs=2`` by the launcher that runs so many jobs at once; several ``pictures`` are ``jobs=auto``."""
     typed = [word for word in words if word.startswith(PROCESSES)]
-    kept = [word for word in words if word not in typed]
-    automatic = pictures and not any(word.startswith(WITH_LAUNCHER) for word in words)
+    others = [word for word in words if word not in typed]
+    automatic = pictures and not any(word.startswith(LAUNCHER_WORDS) for word in words)
     number = (typed or [PROCESSES + (AUTO if automatic else "1")])[-1].removeprefix(PROCESSES)
     if number == AUTO:
         number = str(as_many_as_fit(pictures))
     if not number.isdecimal() or number == "0":
         raise UserError(f"{typed[-1]} is no number of processes; try jobs=2, or jobs=auto")
-    return kept if number == "1" else [*kept, f"hydra/launcher={launcher()}", f"hydra.launcher.n_jobs={number}"]
+    return others if number == "1" else [*others, f"hydra/launcher={launcher()}", f"hydra.launcher.n_jobs={number}"]
 
 
 def launcher() -> str:
-    """Hydra's for several processes: forks, which are quick, or joblib where CUDA or another system forbids them."""
+    """Choose the launcher of processes: forks, which start fast, or joblib where CUDA or the system forbids them."""
     from brushexp.system.device import device_of  # noqa: PLC0415
 
     return "processes" if sys.platform == "linux" and device_of("auto").type == "cpu" else "joblib"
 
 
 def as_many_as_fit(pictures: int) -> int:
-    """Processes that paint at once: one for each core, for so much memory and work (0: any); one on a GPU."""
+    """Count the processes that cores, memory and work (0: any) allow at once; one on a GPU."""
     from brushexp.system.device import device_of  # noqa: PLC0415  (torch; --help should not wait for it)
     from brushexp.system.runtime import cores, free_memory  # noqa: PLC0415
 
-    is_there = launcher() != "joblib" or find_spec("hydra_plugins.hydra_joblib_launcher")
-    if not is_there or device_of("auto").type != "cpu":
+    is_installed = launcher() != "joblib" or find_spec("hydra_plugins.hydra_joblib_launcher")
+    if not is_installed or device_of("auto").type != "cpu":
         return 1
     work = pictures // PICTURES_PER_PROCESS if pictures else cores()
     return max(1, min(cores(), int(min(free_memory() / MB_PER_PROCESS, work))))
 
 
 def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
-    """The words of a command line with a set or folder of pictures, or several, as a sweep; others as they are.
-
-    The same command again continues the sweep: finished pictures are kept.
-    """
+    """Turn the words of a command line with several pictures into a sweep, which the same command continues."""
     named = [word.removeprefix(PICTURE) for word in words if word.startswith(PICTURE)]
     sets = [word.removeprefix(SETS) for word in words if word.startswith(SETS)]
     if not sets and len(named) < 2 and not any(map(is_several, named)):
@@ -74,7 +68,7 @@ def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
     pictures = 0 if sets or is_sweep else sum(counts)
     others = in_processes([word for word in words if not word.startswith((PICTURE, SETS))], pictures)
     parts = [*named, *(part for text in sets for part in ([text] if os.path.exists(text) else text.split(",")))]
-    texts = ",".join(map(quoted, parts))
+    texts = ",".join(map(quote, parts))
     typed = [word.removeprefix("output=") for word in others if word.startswith("output=")]
     first = parts[0] if len(parts) == 1 else sets[0].replace(",", "_") if sets else os.path.dirname(parts[0])
     output = typed[-1] if typed else f"outputs/{name_of(first or '.')}"
@@ -91,17 +85,17 @@ def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
 
 
 def all_pictures(names: Sequence[str], folders: Sequence[Path]) -> list[str]:
-    """The pictures that several parts of ``pictures=`` name, each once."""
+    """List the pictures that several parts of ``pictures=`` name, each once."""
     return list(dict.fromkeys(picture for name in names for picture in pictures_named(name, folders)))
 
 
 def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
-    """The pictures that one part of ``pictures=`` names: a set, a folder or pattern, or one picture.
+    """List the pictures of one part of ``pictures=``: a set, a folder or pattern, or one picture.
 
-    A set is a YAML file with a list, ``pictures/<name>.yaml`` in folders of configs or a path as it is typed, of names
-    of samples and of files, which lie beside it unless their paths are whole. A UserError names what is not there.
+    A set is a YAML file, ``pictures/<name>.yaml`` in folders of configs or a typed path, that lists samples and files;
+    their relative paths begin at its folder. A UserError names what is missing.
     """
-    files = {key: path for folder in folders for key, path in files_of(folder, GROUP_OF_SETS).items()}
+    files = {key: path for folder in folders for key, path in files_of(folder, "pictures").items()}
     path = Path(os.path.expanduser(name)) if name.endswith(ENDING) else files.get(name)
     if path is None or (os.path.exists(name) and not name.endswith(ENDING)):
         return pictures_in(name) if is_several(name) else [name]
@@ -118,19 +112,19 @@ def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
 
 
 def name_of(image: str) -> str:
-    """The name of the output folder for the pictures of a folder or pattern."""
+    """Name the output folder for the pictures of a folder or pattern."""
     folder = image if os.path.isdir(os.path.expanduser(image)) else glob.escape(image).partition("[")[0]
     return Path(folder).expanduser().resolve().name or "pictures"
 
 
 def subfolders_for(paths: Sequence[str]) -> list[str]:
-    """A folder for each picture: its name without its ending, and with it where two would have one."""
+    """Name a folder for each picture: by its stem, and by its ending and a number where names would be equal."""
     stems = ["".join(c if c.isalnum() or c in "-_." else "_" for c in Path(path).stem) for path in paths]
     endings = [Path(path).suffix.lower().replace(".", "_") for path in paths]
     often = Counter(stems)
     names = [stem if often[stem] == 1 else stem + ending for stem, ending in zip(stems, endings, strict=True)]
-    taken: list[str] = []
+    folders: list[str] = []
     for name in names:
         numbered = (f"{name}_{k}" for k in count(2))
-        taken.append(next(one for one in chain([name], numbered) if one not in taken))
-    return taken
+        folders.append(next(one for one in chain([name], numbered) if one not in folders))
+    return folders

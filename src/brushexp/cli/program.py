@@ -1,4 +1,4 @@
-"""Run the program with the words of a command line: plugins are loaded, Hydra composes, and a task begins."""
+"""Run the program with the words of a command line."""
 
 import logging
 import os
@@ -20,7 +20,7 @@ from brushexp.compat.hydra import parse_arguments
 from brushexp.config.compose import composed, folders_of, search_path, without_folder
 from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
-from brushexp.config.tasks import suited
+from brushexp.config.tasks import add_task
 from brushexp.config.words import expand_positional, expand_shorthand
 from brushexp.errors import UserError
 from brushexp.system.runtime import end_on_signals, interrupted_code
@@ -31,7 +31,7 @@ _start = [time.monotonic()]  # of the program
 
 @hydra.main(version_base="1.3", config_path="pkg://brushexp.conf", config_name="config")
 def job(cfg: DictConfig) -> dict[str, object] | float:
-    """Run the task of a config; its numbers, or that of its objective. A process of a parallel sweep begins here."""
+    """Run the task of a config and return its numbers, or its objective; processes of a parallel sweep begin here."""
     if os.getpid() not in _prepared:
         prepare(Path())
         _prepared.add(os.getpid())
@@ -43,7 +43,7 @@ def job(cfg: DictConfig) -> dict[str, object] | float:
 def run(start: float) -> None:
     """Run the program with the words of its command line; ``start`` is `time.monotonic` when it began."""
     _start[0] = start
-    with explained(words := sys.argv[1:]):
+    with reporting_errors(words := sys.argv[1:]):
         prepare(Path(), words)  # before Hydra, which reads the choices when it composes
         _prepared.add(os.getpid())
         words, folders = expand_arguments(words), folders_of(Path(), words)
@@ -56,35 +56,31 @@ def run(start: float) -> None:
 
 
 def expand_arguments(arguments: list[str]) -> list[str]:
-    """The command line with its short forms written out (`brushexp.config.words`); several pictures are a sweep.
+    """Expand the short forms of a command line (`brushexp.config.words`); several pictures are a sweep.
 
-    In a sweep commas separate the values of jobs, so ``data=a,b`` are two jobs with one data set each. A UserError says
-    which word is no ``key=value``, or has no value that could be meant.
+    A UserError says which word is no ``key=value``, or has an impossible value.
     """
     typed, after_flags = parse_arguments(arguments)
     overrides = {*typed.overrides, *after_flags}
     words = [expand_positional(word) if word in overrides else word for word in arguments]
     typed_words = {word for word, argument in zip(words, arguments, strict=True) if argument in overrides}
-    plain = as_sweep(suited(words), typed.multirun)
+    plain = as_sweep(add_task(words), typed.multirun)
     return [expand_shorthand(word, typed.multirun) if word in typed_words else word for word in plain]
 
 
 @contextmanager
-def explained(words: Sequence[str]) -> Iterator[None]:
-    """Turn what a user can mend, of the ``words`` that were typed, into one line on stderr and an exit code.
-
-    Bugs go through with their traceback.
-    """
-    os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # Hydra then leaves exceptions to us
+def reporting_errors(words: Sequence[str]) -> Iterator[None]:
+    """Turn errors that a user can mend into one line on stderr and an exit code; bugs keep their traceback."""
+    os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # else Hydra handles exceptions
     warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)  # Lightning calls a name that torch deprecates
-    logging.raiseExceptions = False  # a log that cannot be written, on a full disk, is no reason for tracebacks
+    logging.raiseExceptions = False  # a full disk gives no tracebacks of the log
     end_on_signals()
     try:
         yield
     except KeyboardInterrupt:
         sys.exit(interrupted_code())
-    except BrokenPipeError:  # whoever read this has seen enough: --help | head
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains once more at its end
+    except BrokenPipeError:  # the reader has ended: --help | head
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python reports it again at its end
         sys.exit(1)
     except (UserError, CompactHydraException, OmegaConfBaseException, OSError) as error:
         if isinstance(error, OSError) and error.errno is None and not isinstance(error, CompactHydraException):

@@ -1,4 +1,4 @@
-"""A whole picture in bands of rows, so that a huge one needs little more memory than its pixels."""
+"""Paint a picture in bands of rows, so that a huge one needs little more memory than its pixels."""
 
 from collections.abc import Iterator
 from typing import Protocol
@@ -9,8 +9,8 @@ from torch import Tensor
 from brushexp.compositing.layers import Compose, Layers, Size
 from brushexp.strokes.catalogue import Strokes
 
-BAND = 2**20  # pixels that are painted at once
-LEAST_ROWS = 64  # rows: bands do not get lower than this for the sake of the layers' memory
+BAND = 2**20  # pixels of a band
+LEAST_ROWS = 64  # rows of the lowest band that is made for the sake of the layers' memory
 
 
 class Drawer(Protocol):
@@ -18,13 +18,13 @@ class Drawer(Protocol):
 
     @property
     def at_once(self) -> int | None:
-        """Number of strokes whose layers should be held at once at most; None if they are small."""
+        """Largest number of strokes whose layers are held at once; None for no limit."""
 
     def __call__(self, strokes: Strokes) -> Layers:
-        """Layers of N strokes."""
+        """Draw N strokes."""
 
     def rows(self, strokes: Strokes) -> Tensor | None:
-        """First and last row (N, 2) that each stroke may touch, in pixels; None if that is not worth knowing."""
+        """Bound the rows (N, 2) that each stroke may touch, first and last, in pixels; None for no bound."""
 
 
 @torch.no_grad()
@@ -69,5 +69,5 @@ def cuts(strokes: Strokes, size: Size, renderer: Drawer) -> Iterator[tuple[int, 
 
 
 def within(rows: Tensor, top: int, height: int) -> Tensor:
-    """Numbers of the strokes whose rows (N, 2) meet the ``height`` rows from ``top`` on."""
+    """Find the strokes whose rows (N, 2) meet the ``height`` rows from ``top`` on."""
     return ((rows[:, 1] > top) & (rows[:, 0] < top + height)).nonzero()[:, 0]

@@ -1,4 +1,4 @@
-"""Eager PyTorch on tile lists: any dtype, device and renderer; what the compiled kernels are measured against."""
+"""Paint tile by tile in eager PyTorch, for any dtype, device and renderer."""
 
 from collections.abc import Callable
 
@@ -10,14 +10,14 @@ from torch.utils.checkpoint import checkpoint
 from brushexp.compositing.layers import Canvas, Layers, Size, accuracy_of
 from brushexp.compositing.tile_lists import TILE, tile_lists
 
-CHUNK = 2**25  # stroke-pixel pairs held at once; more is computed in pieces, and again in the backward pass
+CHUNK = 2**25  # stroke-pixel pairs held at once; more are computed in pieces, and again in the backward pass
 
 # (alpha (T, K, P), color (T, K, P or 1, C)) -> (painted (T, P, C), light left for the background (T, P))
 Combine = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
 
 
 def padded_lists(layers: Layers, front_to_back: Tensor, size: Size) -> tuple[Tensor, Tensor]:
-    """Strokes (T, K) of each tile front to back, -1 where a list has ended, and pixel centres (T, P, 2)."""
+    """List strokes (T, K) of each tile front to back, padded by -1, and pixel centres (T, P, 2)."""
     lists, like = tile_lists(layers.curve, layers.reach, front_to_back, size), layers.curve
     first, stroke = torch.from_numpy(lists.first), torch.from_numpy(lists.stroke).long()
     counts = first.diff()
@@ -41,8 +41,8 @@ def paint_tiles(
 
     def paint(index: Tensor, points: Tensor) -> Tensor:
         alpha, color = layers.sample(index.clamp_min(0), points)
-        painted, light = combine(alpha * (index >= 0)[..., None], color)
-        return painted + light[..., None] * background
+        color_sum, light = combine(alpha * (index >= 0)[..., None], color)
+        return color_sum + light[..., None] * background
 
     per_chunk = max(1, CHUNK // max(1, every.shape[1] * TILE * TILE))
     pieces = []
@@ -72,6 +72,5 @@ def _judge(
 
 
 def _to_tiles(image: Tensor, whole: Size) -> Tensor:
-    """(3, H, W) -> (T, P, 3), zeros beyond the edge."""
     padded = functional.pad(image, (0, whole[1] - image.shape[2], 0, whole[0] - image.shape[1]))
     return functional.unfold(padded[None], TILE, stride=TILE).reshape(3, TILE * TILE, -1).permute(2, 1, 0)

@@ -1,10 +1,10 @@
-"""What passes between renderers and blends: layers, the compiled kernel of a kind of layer, and the canvas."""
+"""Layers of strokes, the compiled kernel of a kind of layer, and the canvas that a blend paints."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, Self
 
 import torch
 from torch import Tensor
@@ -45,34 +45,23 @@ class TileKernel:
         self.columns, self.curved, self.gather = columns, curved, gather
 
     @cache  # noqa: B019  (kernels live as long as the program)
-    def passes(self, channels: int) -> "TilePasses":
-        """Those for colours of so many channels."""
+    def passes(self, channels: int) -> tuple[Compiled, Compiled, Compiled]:
+        """Compile what paints colours of so many channels, what finds gradients of strokes, and their importance."""
         rows = self._rows[0] + self._rows[1] * channels
         parts = self._parts | channel_rows(channels) | {"ROWS": rows}
         backward = backward_pass.having(**parts, pull=self._pull)
-        return TilePasses(forward_pass.having(**parts), backward, backward_pass.having(**parts, visit=weigh))
-
-
-class TilePasses(NamedTuple):
-    """What a kernel does: paint, go back for the gradients of strokes, and go back for their importance."""
-
-    forward: Compiled
-    backward: Compiled
-    importance: Compiled
+        return forward_pass.having(**parts), backward, backward_pass.having(**parts, visit=weigh)
 
 
 @dataclass(frozen=True)
 class KernelInput:
-    """Layers as a compiled kernel takes them: float32, on the CPU.
-
-    ``boxes`` are curve (N, 3, 2) and reach (N,) of strokes that fill the boxes around them; None: those of the layers.
-    """
+    """Layers as a compiled kernel takes them: float32, on the CPU."""
 
     kernel: TileKernel
     strokes: Tensor  # (N, .) numbers of each stroke, differentiable
     data: tuple[Any, ...] = ()  # whatever else the parts of the kernel need; tensors reach them as arrays
     learnt: int = 0  # how many of ``data``, counted from the first, are differentiable
-    boxes: tuple[Tensor, Tensor] | None = None
+    boxes: tuple[Tensor, Tensor] | None = None  # curve (N, 3, 2) and reach (N,) of strokes that fill boxes
 
 
 class Layers(ABC):
@@ -84,19 +73,19 @@ class Layers(ABC):
     per_stroke: ClassVar[tuple[str, ...]]  # names of the fields that have a row for each stroke
 
     def joined(self, other: Self) -> Self:
-        """These strokes, and then those of ``other``, which the same renderer drew."""
+        """Append the strokes of ``other``, which the same renderer drew."""
         rows = {name: torch.cat([getattr(self, name), getattr(other, name)]) for name in self.per_stroke}
         return replace(self, **rows)  # type: ignore[type-var]
 
     @abstractmethod
     def sample(self, index: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
-        """Alpha (T, K, P) and colour (T, K, P or 1, C) of strokes ``index`` (T, K) at ``points`` (T, P, 2).
+        """Evaluate alpha (T, K, P) and colour (T, K, P or 1, C) of strokes ``index`` (T, K) at ``points`` (T, P, 2).
 
         Both are in [0, 1], and differentiable in all fields; a colour that is constant has one pixel.
         """
 
     def pictures(self, side: int) -> Tensor:
-        """Each stroke alone on a canvas of ``side`` x ``side`` pixels: (N, C + 1, side, side), straight alpha last."""
+        """Draw each stroke alone on ``side`` x ``side`` pixels: (N, C + 1, side, side), straight alpha last."""
         pixel = torch.arange(side).to(self.curve) + 0.5
         points = torch.stack(torch.meshgrid(pixel, pixel, indexing="xy"), dim=-1).reshape(1, -1, 2)
         n = len(self.curve)
@@ -106,11 +95,11 @@ class Layers(ABC):
         return parts.reshape(n, side, side, -1).movedim(-1, 1)
 
     def encoded(self, encode: Encode) -> "Layers":
-        """The same strokes with colours of other channels; light in textures mixes them with white or black there."""
+        """Encode colours in other channels, in which light in textures then mixes them with white or black."""
         return EncodedLayers(self, encode)
 
     def compiled(self) -> KernelInput | None:
-        """The same for a compiled kernel; None if there is none, or none that can do what these layers need."""
+        """Make the input of a compiled kernel; None if no kernel can draw these layers."""
         return None
 
 
@@ -129,7 +118,7 @@ Compose = Callable[[Layers, Tensor, Size, Tensor], Canvas]  # as `Blend`, withou
 
 
 def accuracy_of(error: Tensor, total: Tensor) -> Tensor:
-    """Accuracy (N,) from the sums (N,) of alpha |color - target|^2 and of alpha; NaN where a stroke covers nothing."""
+    """Compute accuracy (N,) from sums (N,) of alpha |color - target|^2 and of alpha; NaN where nothing is covered."""
     covers = total > 1e-6  # below a millionth of a pixel there is nothing to judge
     return torch.where(covers, 1 - error / total.clamp_min(1e-6), torch.nan)
 

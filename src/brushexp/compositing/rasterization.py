@@ -1,4 +1,4 @@
-"""One picture as the compiled kernels see it, differentiable in all that the layers gave them."""
+"""Paint a picture by compiled kernels, differentiable in all that the layers hand to them."""
 
 from typing import Any
 
@@ -23,55 +23,53 @@ class Rasterization:
     errors: Array
 
     def __init__(
-        self, given: KernelInput, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, opaque: float
+        self, inputs: KernelInput, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, opaque: float
     ) -> None:
         share_threads()
-        curve, reach = given.boxes or (layers.curve, layers.reach)
-        lists = tile_lists(curve, reach, front_to_back, size, boxes_only=given.boxes is not None)
-        self.kernel, self.lists, self.size, self.opaque = given.kernel, lists, size, opaque
-        self.channels = len(background)
-        self._passes = given.kernel.passes(self.channels)
-        self.order = front_to_back.numpy()
-        data = tuple(part.detach().numpy() if isinstance(part, Tensor) else part for part in given.data)
-        self._strokes = np.ascontiguousarray(given.strokes.detach().numpy()), data
+        curve, reach = inputs.boxes or (layers.curve, layers.reach)
+        lists = tile_lists(curve, reach, front_to_back, size, boxes_only=inputs.boxes is not None)
+        self.kernel, self.lists, self.size, self.opaque = inputs.kernel, lists, size, opaque
+        self.channels, self.order = len(background), front_to_back.numpy()
+        self._forward, self._backward, self._weigh = inputs.kernel.passes(self.channels)
+        data = tuple(part.detach().numpy() if isinstance(part, Tensor) else part for part in inputs.data)
+        self._strokes = np.ascontiguousarray(inputs.strokes.detach().numpy()), data
         self._tiles = (self.order, lists.first, lists.stroke, lists.slot, lists.shape[1], background.numpy())
-        self._seen: tuple[Array, Array, Array]  # how much of each list, which pairs, nearest points
+        self._trace: tuple[Array, Array, Array]  # how much of each list, which pairs, nearest points
 
     def paint(self, target: Array | None, *, keep: bool) -> Array:
-        """Picture (C, H, W); ``keep`` if `gradient` or `importance` will follow."""
+        """Paint a picture (C, H, W); ``keep`` nearest points if `gradient` or `importance` will follow."""
         pairs = len(self.lists.stroke)
         near = np.empty((pairs if keep and self.kernel.curved else 0, AREA), np.uint16)
-        self._seen = np.zeros(len(self.lists.first) - 1, np.int64), np.zeros(pairs, np.bool_), near
+        self._trace = np.zeros(len(self.lists.first) - 1, np.int64), np.zeros(pairs, np.bool_), near
         image = np.empty((self.channels, *self.size), F)
         errors = np.empty((0 if target is None else pairs, 2), F)
         goal = np.zeros((self.channels, 0, 0), F) if target is None else target
-        self._passes.forward(*self._strokes, *self._tiles, F(self.opaque), goal, image, *self._seen, errors)
+        self._forward(*self._strokes, *self._tiles, F(self.opaque), goal, image, *self._trace, errors)
         if target is not None:
             self.errors = self._sums(errors)
         return image
 
     def gradient(self, grad_image: Array) -> tuple[Array, ...]:
-        """Gradients of the strokes' numbers and of learnt data from the gradient (C, H, W) of the picture."""
-        pairs = self._back(self._passes.backward, grad_image, self.kernel.columns or self._strokes[0].shape[1])
+        """Compute gradients of the strokes' numbers and of learnt data from that (C, H, W) of the picture."""
+        pairs = self._run_back(self._backward, grad_image, self.kernel.columns or self._strokes[0].shape[1])
         if self.kernel.gather is None:
             return (self._sums(pairs),)
-        return tuple(self.kernel.gather(pairs, self._seen[1], self.lists.row, self.order, grad_image, *self._strokes))
+        return tuple(self.kernel.gather(pairs, self._trace[1], self.lists.row, self.order, grad_image, *self._strokes))
 
     def importance(self, target: Array, weight: Array) -> Array:
-        """By how much the squared error, weighted by (H, W), would grow without each stroke: (N,)."""
+        """Compute by how much (N,) the squared error, weighted by (H, W), would grow without each stroke."""
         error = self.paint(None, keep=True) - target
-        return self._sums(self._back(self._passes.importance, np.concatenate([error, weight[None]]), 1))[:, 0]
+        return self._sums(self._run_back(self._weigh, np.concatenate([error, weight[None]]), 1))[:, 0]
 
-    def _back(self, backward: Compiled, picture: Array, columns: int) -> Array:
-        """What a backward pass writes (pairs, columns)."""
+    def _run_back(self, backward: Compiled, picture: Array, columns: int) -> Array:
         pairs = np.empty((len(self.lists.stroke), columns), F)
-        backward(*self._strokes, *self._tiles, *self._seen, picture, pairs)
+        backward(*self._strokes, *self._tiles, *self._trace, picture, pairs)
         return pairs
 
     def _sums(self, pairs: Array) -> Array:
-        """Sums (N, C) over the pairs (pairs, C) of each stroke."""
+        """Sum the rows (pairs, C) of each stroke: (N, C)."""
         sums = np.zeros((len(self._strokes[0]), pairs.shape[1]), F)
-        sum_by_stroke(pairs, self._seen[1], self.lists.row, self.order, sums)
+        sum_by_stroke(pairs, self._trace[1], self.lists.row, self.order, sums)
         return sums
 
 

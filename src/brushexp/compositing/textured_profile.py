@@ -56,7 +56,7 @@ class TexturedProfile(Layers):
         return self.half_width * self.sheets.extent.to(self.half_width.dtype)[self.look]
 
     def frame(self) -> Tensor:
-        """How to find each stroke's texels (N, 8), in those of its sheet, texel j with its centre at j.
+        """Describe where each stroke finds its texels (N, 8), in those of its sheet, texel j with its centre at j.
 
         Rows and columns of the sheet, the column at the start of the curve, columns along it, the column where the
         loop begins, its length (1 if it has none), by how many repeats there are more than one, and the flip.
@@ -84,7 +84,7 @@ class TexturedProfile(Layers):
         return replace(self, color=encode(self.color))
 
     def _look_up(self, index: Tensor, x: Tensor, y: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
-        """Bilinear opacity and tone (..., 2) of strokes ``index`` at columns x and rows y of their textures."""
+        """Interpolate opacity and tone (..., 2) of strokes ``index`` at columns x and rows y of their textures."""
         texels, stride = self.sheets.texels[:, :2].to(x.dtype), columns.long() + 2
         x, y = torch.minimum(x.clamp_min(0), columns + 1), torch.minimum(y.clamp_min(0), rows + 1)
         left, top = torch.minimum(x.detach().floor(), columns), torch.minimum(y.detach().floor(), rows)
@@ -95,7 +95,7 @@ class TexturedProfile(Layers):
         return torch.lerp(above, below, down)
 
     def pictures(self, side: int) -> Tensor:
-        """As others, but the compiled parts find the places in the textures: that is what training textures needs."""
+        """Draw as others do, but find the places in the textures by compiled parts, as training textures needs."""
         size, free = self.sheets.size[self.look], not (self.curve.requires_grad or self.half_width.requires_grad)
         if not free or side % TILE or self.curve.device.type != "cpu" or bool((size != size[:1]).any()):
             return super().pictures(side)
@@ -107,10 +107,9 @@ class TexturedProfile(Layers):
         share_threads()
         places_in_windows(strokes.detach().numpy(), frame.numpy(), places.numpy())
         height, width = (size[0] + 2).tolist() if len(size) else (2, 2)
-        here = self.sheets.first[self.look][:, None] + torch.arange(height * width)
-        texels = functional.embedding(here, self.sheets.texels[:, :2].float()).reshape(-1, height, width, 2)
-        seen = functional.grid_sample(texels.movedim(-1, 1), places, align_corners=True)
-        opacity, tone = seen.split(1, dim=1)
+        own = self.sheets.first[self.look][:, None] + torch.arange(height * width)
+        texels = functional.embedding(own, self.sheets.texels[:, :2].float()).reshape(-1, height, width, 2)
+        opacity, tone = functional.grid_sample(texels.movedim(-1, 1), places, align_corners=True).split(1, dim=1)
         color = self.color[:, :, None, None] * (1 - tone.abs()) + tone.clamp_min(0)
         return torch.cat([color, self.opacity[:, None, None, None] * opacity], dim=1)
 

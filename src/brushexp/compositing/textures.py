@@ -15,7 +15,7 @@ from torch.nn import functional
 from brushexp.compositing.layers import SPREAD
 
 LONG = 2  # texels along a stroke are so many times as long as they are wide: bristles run along it
-LEAST = 5  # steps of opacity that are kept
+LEAST = 5  # least steps of opacity; fainter ones become 0
 BYTE, HALF = 255, 127  # steps of opacity, and of tone to either side of 0
 
 
@@ -38,14 +38,14 @@ class Sheets:
     extent: Tensor  # (M,) half widths beyond which it is transparent
     cells: Tensor | None = None  # (T,) int64, see `cells_of`; None while textures are being trained
 
-    def __deepcopy__(self, known: dict[int, object]) -> "Sheets":
+    def __deepcopy__(self, memo: dict[int, object]) -> "Sheets":
         return self  # nothing changes them, and copies of a renderer share them
 
 
 def coordinates_of(rows: int, columns: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Where the texels of a texture with the ring around it lie; all but t in half widths.
+    """Locate texels of a texture and its ring: across (rows + 2,), and t, before, and beyond the curve (columns + 2,).
 
-    Across (rows + 2,), and of the columns (columns + 2,) t, before the start (negative), and beyond the end.
+    All but t are in half widths; those before the start are negative.
     """
     step, cap = 2 * SPREAD / rows, cap_of(rows)
     across = step * (torch.arange(rows + 2) - 0.5 - rows / 2)
@@ -54,31 +54,26 @@ def coordinates_of(rows: int, columns: int) -> tuple[Tensor, Tensor, Tensor, Ten
 
 
 def cap_of(rows: int) -> float:
-    """Columns of a cap."""
+    """Count the columns of a cap."""
     return rows / (2 * LONG)
 
 
 def texel_distances(rows: int, columns: int) -> Tensor:
-    """Half widths (rows + 2, columns + 2) from the curve to each texel."""
+    """Measure half widths (rows + 2, columns + 2) from the curve to each texel."""
     across, _, before, beyond = coordinates_of(rows, columns)
     return torch.hypot(across[:, None], before + beyond)
 
 
-def room_of(rows: int, columns: int) -> Tensor:
-    """1 where a texture (rows + 2, columns + 2) may be opaque, 0 in its corners and its ring."""
-    return (texel_distances(rows, columns) < SPREAD - 2 * SPREAD / rows).float()
-
-
 def sheets_of(textures: Tensor, levels: int, loop: Loop, *, rounded: bool) -> Sheets:
-    """Textures (V, C, rows, columns) in ``levels`` sizes each, every one half the one before: M = V * levels.
+    """Reduce textures (V, C, rows, columns) to ``levels`` sizes, every one half the one before: M = V * levels.
 
     A texel of the smaller ones is the mean of four (mip maps: Williams, 1983); what is not opacity counts by it. If
     ``rounded``, they are in whole steps of 8 bits, and there are cells for the kernel.
     """
     variants, _, rows, columns = textures.shape
-    sheets = [_ringed(_halved(textures, level)) for level in range(levels)]
+    sheets = [_add_ring(_halve(textures, level)) for level in range(levels)]
     if rounded:
-        sheets = [_rounded(sheet) for sheet in sheets]
+        sheets = [_round_steps(sheet) for sheet in sheets]
     size = torch.tensor([(rows >> level, columns >> level) for level in range(levels)]).repeat(variants, 1)
     size = size.reshape(-1, 2)  # of no texture, too
     counts, scale = (size + 2).prod(1), 0.5 ** torch.arange(levels)[:, None]
@@ -94,7 +89,7 @@ def sheets_of(textures: Tensor, levels: int, loop: Loop, *, rounded: bool) -> Sh
     )
 
 
-def _halved(textures: Tensor, times: int) -> Tensor:
+def _halve(textures: Tensor, times: int) -> Tensor:
     if times == 0:
         return textures
     opacity, rest = textures[:, :1], textures[:, 1:]
@@ -102,14 +97,16 @@ def _halved(textures: Tensor, times: int) -> Tensor:
     return torch.cat([covered, counted / covered.clamp_min(1e-6)], dim=1)
 
 
-def _ringed(textures: Tensor) -> Tensor:
-    """With the ring around them, and nothing in the corners."""
+def _add_ring(textures: Tensor) -> Tensor:
+    """Add the ring, transparent as the corners are."""
     opacity, rest = functional.pad(textures, (1, 1, 1, 1), mode="replicate").split([1, textures.shape[1] - 1], dim=1)
-    return torch.cat([opacity * room_of(*textures.shape[2:]).to(opacity), rest], dim=1)
+    rows, columns = textures.shape[2:]
+    may_cover = texel_distances(rows, columns) < SPREAD - 2 * SPREAD / rows
+    return torch.cat([opacity * may_cover.to(opacity), rest], dim=1)
 
 
-def _rounded(sheet: Tensor) -> Tensor:
-    """In whole steps, and without the faintest opacities: a stroke's reach is what it costs."""
+def _round_steps(sheet: Tensor) -> Tensor:
+    """Round to whole steps, without the faintest opacities: a stroke's reach is what it costs."""
     steps = torch.full((sheet.shape[1], 1, 1), float(BYTE)).to(sheet)
     steps[1] = HALF
     opacity, rest = ((sheet * steps).round() / steps).split([1, sheet.shape[1] - 1], dim=1)
@@ -117,16 +114,16 @@ def _rounded(sheet: Tensor) -> Tensor:
 
 
 def extent_of(opacity: Tensor) -> Tensor:
-    """Half widths (M,) from the curve, beyond which textures with this opacity (M, rows + 2, columns + 2) are empty."""
+    """Measure the half widths (M,) from the curve beyond which opacities (M, rows + 2, columns + 2) are 0."""
     distance = texel_distances(opacity.shape[1] - 2, opacity.shape[2] - 2).to(opacity)
-    felt = functional.max_pool2d(distance[None], 3, 1, 1)  # a texel is felt as far as the next one
-    return torch.where(opacity > 0, felt, 0.0).amax((1, 2)) * (1 + 1e-5)
+    farthest = functional.max_pool2d(distance[None], 3, 1, 1)  # a texel reaches as far as the next one
+    return torch.where(opacity > 0, farthest, 0.0).amax((1, 2)) * (1 + 1e-5)
 
 
 def cells_of(texels: Tensor, size: Tensor) -> Tensor:
-    """The corners of the cell below and to the right of each texel, as the bytes of one word: a lookup is one load.
+    """Pack the corners of the cell below and to the right of each texel as one word, so that a lookup is one load.
 
-    ``texels`` (T, C) and ``size`` (M, 2) are those of `Sheets`, in whole steps of 8 bits. What comes is int64 (T,): in
+    ``texels`` (T, C) and ``size`` (M, 2) are those of `Sheets`, in whole steps of 8 bits. A word is int64: it has in
     the lower half opacity, in the upper one tone + 128, of the corners above left, above right, below left and below
     right, the lowest byte first. A texel of the last row or column of a sheet begins no cell.
     """

@@ -1,4 +1,4 @@
-"""Check a composed config before anything runs: names, types, bounds, plugins, and the rules of its task."""
+"""Check names, types, bounds, plugins and rules of a composed config before anything runs."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -17,10 +17,7 @@ STYLE_PARTS = {"style.loss": "style.image", "style.strokes": "style.brushwork"} 
 
 
 def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
-    """Stop with a UserError at what is wrong with a composed config, and say which override mends it.
-
-    Each plugin is built for that, and kept for the run (`registry.take_built`).
-    """
+    """Check a composed config; a UserError says which override mends it. Plugins are built and kept for the run."""
     schema = TASKS[cfg.task]
     if (other := task_for(cfg.task, cfg)) != cfg.task:
         raise UserError(f"task={cfg.task} leaves this to task={other}; type brushexp task={other} and the same words")
@@ -45,7 +42,7 @@ def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
 
 
 def check_names(cfg: DictConfig) -> None:
-    """Stop when there is a key that the task does not have, at the top or below another one."""
+    """Refuse keys that the task does not have, at the top or below another key."""
     schema = TASKS[cfg.task]
     names = {*keys_of(schema), *groups_of(schema), *NOT_KEYS, *(group.rpartition("@")[2] for group in schema.groups)}
     parents = {name.rpartition(".")[0] for name in names}
@@ -57,7 +54,7 @@ def check_names(cfg: DictConfig) -> None:
 
 
 def check_plugin(path: str, node: DictConfig, is_used: bool) -> None:
-    """Stop when a plugin does not take the options in its node of a config; build and keep it if the run uses it."""
+    """Check the options of a plugin in its node of a config; build and keep it if the run uses it."""
     options = options_in(node, path)
     try:
         if is_used:
@@ -68,7 +65,7 @@ def check_plugin(path: str, node: DictConfig, is_used: bool) -> None:
 
 
 def leaves(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:
-    """All values of nested settings, by what is typed."""
+    """List all values of nested settings with their full keys."""
     settings = dict(enumerate(settings)) if isinstance(settings, list) else settings
     if not isinstance(settings, dict):
         yield above, settings
@@ -78,7 +75,7 @@ def leaves(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def check_chosen(cfg: DictConfig) -> None:
-    """Stop when nothing is chosen of a family that needs a member, or options are set of one that is not chosen."""
+    """Refuse a family without a member, and options of a plugin that is not chosen."""
     for family, default in TASKS[cfg.task].groups.items():
         if isinstance(default, str) and family in FAMILIES and "_target_" not in (cfg.get(family) or {}):
             raise UserError(f"{family} is not chosen; choose one of {members_of(family)}")
@@ -102,7 +99,7 @@ def check_chosen(cfg: DictConfig) -> None:
 
 
 def nodes_of(cfg: DictConfig, above: str = "") -> Iterator[tuple[str, DictConfig]]:
-    """What is typed before the options of each chosen plugin, and its part of the config."""
+    """List the key and the node of each chosen plugin."""
     for name, node in ((str(key), node) for key, node in cfg.items()):
         if isinstance(node, DictConfig) and (above or name in FAMILIES or name == "style"):
             if "_target_" in node:
@@ -112,17 +109,17 @@ def nodes_of(cfg: DictConfig, above: str = "") -> Iterator[tuple[str, DictConfig
 
 
 def members_of(family: str) -> str:
-    """The members of a family, as messages list them."""
+    """List the members of a family for a message."""
     return ", ".join(plugin.name for plugin in plugins(family))
 
 
 def nearest_first(word: str, names: list[str]) -> str:
-    """The names as a list, those most like the word first."""
+    """List names for a message, those most like the word first."""
     return ", ".join(get_close_matches(word, names, max(1, len(names)), 0))
 
 
 def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -> str:
-    """An option that a plugin does not have; of the others that have it, those come first that were typed."""
+    """Explain that a plugin lacks an option; of the plugins that have it, typed ones come first."""
     family, names = plugin.family, list(plugin.meanings)
     text = f"{plugin.path}.{option} is no option of {family}={plugin.name}; "
     text += f"its options, nearest first: {nearest_first(option, names)}" if names else "it has none"
@@ -139,7 +136,7 @@ def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -
 
 
 def unknown_key(typed: str, task: str) -> str:
-    """A key that a task does not have, or below a family of which several can be chosen."""
+    """Explain that a task lacks a key, or that a plugin with this key is not chosen."""
     family, _, rest = typed.partition(".")
     if family in MULTI_SELECT and rest:
         name, names = rest.partition(".")[0], [plugin.name for plugin in plugins(family)]

@@ -1,4 +1,4 @@
-"""Find the folders of configs, those that ship and the user's own, and let Hydra compose a config of them."""
+"""Find the folders of configs, and compose a config with Hydra."""
 
 import re
 from collections.abc import Sequence
@@ -21,12 +21,12 @@ GLOBAL = "# @package _global_\n"  # first line of such a file
 
 
 def chosen_groups() -> set[str]:
-    """The groups of configs of which a run chooses members, as ``group=name``."""
+    """List the groups of configs of which a run chooses members, as ``group=name``."""
     return {name for schema in TASKS.values() for name in groups_of(schema)} | {"task", "experiment"}
 
 
 def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
-    """The configs that ship, and then the user's: in the folder of ``--config-dir``, or else in ``root/conf``.
+    """List the folder of configs that ship and that of the user, ``--config-dir`` or else ``root/conf``.
 
     A UserError if a file of the user has the name of one that ships, or is no YAML.
     """
@@ -43,7 +43,7 @@ def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
 
 
 def _check_file(path: Path) -> None:
-    """Refuse a config that holds something else: Hydra would show a traceback, or take a word for a key of its own."""
+    """Refuse a file that is no config: Hydra would show a traceback, or take a word for a key of its own."""
     if not path.is_file():
         raise UserError(f"{path} is a folder, a device or a pipe, not a file; take it away")
     kind, example = (list, "- photo.jpg") if path.parent.name == "pictures" else (dict, "steps: 100")
@@ -59,33 +59,30 @@ def _check_file(path: Path) -> None:
 
 
 def folders_in(cfg: DictConfig) -> list[Path]:
-    """The folders that Hydra has composed a config of, those that ship first."""
+    """List the folders of which Hydra has composed a config, those that ship first."""
     sources = [source for source in cfg.hydra.runtime.config_sources if source.schema == "file"]
     return list(dict.fromkeys([SHIPPED, *(Path(source.path).resolve() for source in sources)]))
 
 
 def files_of(folder: Path, group: str) -> dict[str, Path]:
-    """The files of a group in a folder of configs, by name."""
+    """Map names to files of a group in a folder of configs."""
     return {path.stem: path for path in sorted((folder / group).glob("*.yaml"))}
 
 
 def presets_of(folder: Path) -> dict[str, str]:
-    """Name -> first comment line, after the one that Hydra reads, of each preset in a folder of configs."""
+    """Map the presets in a folder to their first comment lines, after the one that Hydra reads."""
     texts = {path.stem: path.read_text(encoding="utf-8") for path in folder.glob("*.yaml")}
     return {name: text.removeprefix(GLOBAL).partition("\n")[0].lstrip("# ") for name, text in texts.items()}
 
 
 def search_path(folders: Sequence[Path]) -> list[str]:
-    """The word that lets Hydra find the user's configs, behind what is published: looks are, in parts.
-
-    What ``--config-dir`` names would come first.
-    """
-    places = [quoted(f"file://{folder.resolve()}") for folder in folders[1:]]
+    """Write the word by which Hydra finds the user's configs after looks; ``--config-dir`` would put them first."""
+    places = [quote(f"file://{folder.resolve()}") for folder in folders[1:]]
     return [f"hydra.searchpath=[{','.join(places)}]"] if places else []
 
 
 def without_folder(words: Sequence[str]) -> list[str]:
-    """The words of a command line but for ``--config-dir``."""
+    """Drop ``--config-dir`` from the words of a command line."""
     flags = ("--config-dir", "-cd")
     return [
         word
@@ -94,14 +91,14 @@ def without_folder(words: Sequence[str]) -> list[str]:
     ]
 
 
-def quoted(text: str) -> str:
-    """A text in quotes, as Hydra and OmegaConf read it whatever its letters."""
+def quote(text: str) -> str:
+    """Put a text in quotes so that Hydra and OmegaConf read any letters in it as they are."""
     escaped = re.sub(r'(\\*)("|$)', lambda end: 2 * end[1] + end[2].replace('"', '\\"'), text)
     return '"' + escaped.replace("${", "\\${") + '"'
 
 
 def composed(words: Sequence[str], folders: Sequence[Path] = (SHIPPED,)) -> DictConfig:
-    """The config that Hydra composes for words of a command line, of configs in folders, those that ship first.
+    """Compose the config for words of a command line, of configs in folders, those that ship first.
 
     Any thread may call it, and another user of Hydra in this process is not disturbed.
     """

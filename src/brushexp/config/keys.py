@@ -1,4 +1,4 @@
-"""Declare and read the keys of a task; Hydra, `--help`, messages and documentation read the same lines."""
+"""Declare the keys of a task, and list them for Hydra, `--help`, messages and documentation."""
 
 from dataclasses import MISSING as NO_DEFAULT
 from dataclasses import dataclass, field, fields, is_dataclass
@@ -19,7 +19,7 @@ def key(default: Any, meaning: str, bounds: Bounds | Rule = ANY) -> Any:
 
 @dataclass(frozen=True)
 class Key:
-    """One key of a task, as it is typed."""
+    """One key of a task."""
 
     name: str
     annotation: Any
@@ -29,7 +29,7 @@ class Key:
 
 
 def keys_of(schema: type[Any], above: str = "") -> dict[str, Key]:
-    """All keys of a task, those below others too, by what is typed; those that every task has come last."""
+    """List all keys of a task by their full names; those that every task has come last."""
     hints = get_type_hints(schema)
     keys: dict[str, Key] = {}
     inherited = {item.name for base in schema.__bases__ if is_dataclass(base) for item in fields(base)}
@@ -44,16 +44,18 @@ def keys_of(schema: type[Any], above: str = "") -> dict[str, Key]:
 
 
 def groups_of(schema: type[Any]) -> list[str]:
-    """The plugin families and other groups of configs that a task takes."""
+    """List the plugin families and other groups of configs of a task."""
     return [name for name in {**schema.groups, **schema.presets} if "@" not in name]
 
 
-def typed(schema: type[Any], values: DictConfig) -> DictConfig:
-    """Values of a task's keys and groups, those of its keys as the schema types them; OmegaConf's errors if not."""
-    return OmegaConf.merge(untied(OmegaConf.structured(schema)), values)  # type: ignore[return-value]
+def with_types(schema: type[Any], values: DictConfig) -> DictConfig:
+    """Give the values of a task's keys the types of its schema; an error of OmegaConf if one does not fit."""
+    return OmegaConf.merge(without_class(OmegaConf.structured(schema)), values)  # type: ignore[return-value]
 
 
-def untied(node: DictConfig) -> DictConfig:
-    """The same typed values in a mapping that belongs to no class, so that groups can stand beside them."""
+def without_class(node: DictConfig) -> DictConfig:
+    """Copy typed values into a mapping of no class, so that groups can stand beside them."""
     children = ((name, node._get_node(name)) for name in node)
-    return DictConfig({name: untied(child) if isinstance(child, DictConfig) else child for name, child in children})
+    return DictConfig(
+        {name: without_class(child) if isinstance(child, DictConfig) else child for name, child in children}
+    )

@@ -1,9 +1,8 @@
 """Publish looks, files of overrides ``conf/look/<name>.yaml`` that say how a painting is made: ``look=oil``.
 
-A look chooses plugins, sets keys of the task, and options of plugins. Those options are taken out of it here and
-offered to Hydra one by one, each under the names of the look and of the plugin that it is for: the defaults list of the
-task and the entries of losses then take what there is for the plugins that are chosen in the end, whoever has chosen
-them. So a typed ``renderer=analytic`` keeps the rest of a look.
+Options of plugins are taken out of a look and published one by one under the names of the look and of the plugin: the
+defaults lists of tasks and losses then load those of the plugins that a run chooses. So a typed ``renderer=analytic``
+keeps the rest of a look.
 """
 
 from collections.abc import Mapping
@@ -23,27 +22,24 @@ UNTUNED = "untuned"  # group of losses as they are without a look
 FACTORS = {"steps": ("effort", 1), "pixels_per_stroke": ("detail", -1), "max_strokes": ("detail", 1)}
 
 
-def scaled(key: str, value: int | float, *, _root_: DictConfig) -> int | float:
-    """The value that a look gives to a key, times what ``quality=`` says, in some power."""
+def scale(key: str, value: int | float, *, _root_: DictConfig) -> int | float:
+    """Multiply the value of a look for a key by a power of the factor of ``quality=``."""
     factor, power = FACTORS[key]
     product = value * _root_[factor] ** power
     return round(product) if isinstance(value, int) and power > 0 else product
 
 
-OmegaConf.register_new_resolver("scaled", scaled, replace=True)
+OmegaConf.register_new_resolver("scaled", scale, replace=True)
 
 
 def offer_looks(paths: Mapping[str, Path], schema: type[Any]) -> set[str]:
-    """Publish the looks in files for the task of a schema; the families, besides losses, of which they set options.
-
-    A UserError says which file does not fit.
-    """
+    """Publish looks for a task, and list the families, without losses, of which they set options."""
     tuned: dict[str, set[str]] = {}
     for name, path in paths.items():
         values = OmegaConf.load(path)
         if not isinstance(values, DictConfig):
             raise UserError(f"{path} sets nothing; a look has lines like 'steps: 100'")
-        for family, plugin, options in taken_out(values, schema.groups):
+        for family, plugin, options in take_out(values, schema.groups):
             check_options(path, family, plugin, options)
             tuned.setdefault(family, set()).add(plugin)
             ConfigStore.instance().store(
@@ -59,15 +55,12 @@ def offer_looks(paths: Mapping[str, Path], schema: type[Any]) -> set[str]:
 
 
 def look_names() -> list[str]:
-    """The looks that there are, once they are offered, in the order of the alphabet."""
+    """List the published looks in alphabetical order."""
     return sorted(name.removesuffix(".yaml") for name in ConfigStore.instance().list("look"))
 
 
-def taken_out(look: DictConfig, groups: Mapping[str, Any]) -> list[tuple[str, str, DictConfig]]:
-    """Family, plugin and options of all that a look sets below families; they are taken out of it.
-
-    Options of a family are for the plugin that the look chooses, or else the task.
-    """
+def take_out(look: DictConfig, groups: Mapping[str, Any]) -> list[tuple[str, str, DictConfig]]:
+    """Take options out of a look, each with its family and the plugin that the look, or else the task, chooses."""
     chosen = dict(groups)
     for entry in look.get("defaults", []):
         chosen |= {str(key).removeprefix("override /"): value for key, value in dict(entry).items()}

@@ -1,4 +1,4 @@
-"""Explain errors of Hydra and OmegaConf in the words of the program: what is wrong, and what to type instead."""
+"""Explain errors of Hydra and OmegaConf: what is wrong, and what to type instead."""
 
 import re
 from collections.abc import Sequence
@@ -13,9 +13,9 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.config.check import nearest_first, unknown_key, unknown_option
-from brushexp.config.compose import composed
+from brushexp.config.compose import composed, files_of
 from brushexp.config.keys import groups_of, keys_of
-from brushexp.config.tasks import TASKS, suited
+from brushexp.config.tasks import TASKS, add_task
 from brushexp.config.words import as_typed
 from brushexp.registry import plugins
 
@@ -23,7 +23,7 @@ KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "
 
 
 def explanation(error: BaseException, folders: Sequence[Path], arguments: Sequence[str]) -> str:
-    """One line that says what is wrong by an error of Hydra, OmegaConf or the program, and what to type instead."""
+    """Explain an error of Hydra, OmegaConf or the program in one line, with what to type instead."""
     if isinstance(error, OSError) and not isinstance(error, CompactHydraException):
         return f"cannot use {error.filename or 'the disk'}: {error.strerror}; choose another place with output=..."
     text = " ".join(str(error).partition("Config search path")[0].split())
@@ -31,11 +31,11 @@ def explanation(error: BaseException, folders: Sequence[Path], arguments: Sequen
         text += f": {' '.join(str(error.__cause__).split())}"
     if match := re.search(r"interpolation '\$\{look\}_\$\{(\w+)\}'", text):
         return f"{match[1]} is not chosen; choose one of {', '.join(choices(match[1], folders))}"
-    return translated(text, task_of(arguments, folders), folders, arguments) or text
+    return translate(text, task_of(arguments, folders), folders, arguments) or text
 
 
-def translated(text: str, task: str, folders: Sequence[Path], arguments: Sequence[str] = ()) -> str | None:
-    """The meaning of a message of Hydra or OmegaConf for a task; None for an unknown message."""
+def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence[str] = ()) -> str | None:
+    """Translate a message of Hydra or OmegaConf for a task; None for an unknown message."""
     if match := re.match(r"LexerNoViableAltException: (.*?) \^ See |Ambiguous value for argument '(.*?)' ", text):
         reason = "has letters that must stand in quotes" if match[1] else "are several values; add -m for a sweep"
         return f"{match[1] or match[2]} {reason}; one text is put into both kinds of quotes: 'catalogue=\"a, b.h5\"'"
@@ -53,23 +53,23 @@ def translated(text: str, task: str, folders: Sequence[Path], arguments: Sequenc
 
 
 def task_of(arguments: Sequence[str], folders: Sequence[Path]) -> str:
-    """The task that a command line is for; that of its experiment if it names one."""
-    kept = [word for word in suited(arguments) if re.fullmatch(r"(task|experiment)=\w+", word)]
+    """Find the task of a command line, or of the experiment that it names."""
+    words = [word for word in add_task(arguments) if re.fullmatch(r"(task|experiment)=\w+", word)]
     try:
-        return str(composed(kept, folders).task)
+        return str(composed(words, folders).task)
     except (CompactHydraException, OmegaConfBaseException):
         return "paint"
 
 
 def choices(group: str, folders: Sequence[Path]) -> list[str]:
-    """The names that can be chosen of a group of configs."""
+    """List the names of a group of configs."""
     names = [plugin.name for plugin in plugins(group)]
-    presets = [path.stem for folder in folders for path in (folder / group).glob("*.yaml")]
+    presets = [name for folder in folders for name in files_of(folder, group)]
     return names + presets + (list(TASKS) if group == "task" else [])
 
 
 def wrong_type(text: str, task: str) -> str | None:
-    """The message for a value that its key or option does not take; None for other errors."""
+    """Explain that a key or option does not take a value; None for other errors."""
     typed = re.search(r"full_key: ([^\s\[]+)", text)
     if typed is None or (declared := declaration_of(path := typed[1], task)) is None:
         return None
@@ -85,7 +85,7 @@ def wrong_type(text: str, task: str) -> str | None:
 
 
 def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:
-    """Type, default and meaning of a key, or of an option of a plugin, by what is typed; None if it is not known."""
+    """Find type, default and meaning of a key, or of an option of a plugin; None if there is none."""
     if (key := keys_of(TASKS[task]).get(path)) is not None:
         return key.annotation, key.default, key.meaning
     above, _, option = path.rpartition(".")
@@ -98,14 +98,12 @@ def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:
 
 
 def in_words(annotation: Any) -> str:
-    """The values that a type takes, in words."""
+    """Describe the values of a type."""
     parts = get_args(annotation)
     if isinstance(annotation, UnionType) or get_origin(annotation) is Union:
         return in_words(next(part for part in parts if part is not NoneType))
     if isinstance(annotation, EnumType):
         return f"one of {', '.join(annotation.__members__)}"
-    return (
-        f"[{in_words(parts[0])},...]"
-        if get_origin(annotation) in (list, tuple)
-        else KINDS[get_origin(annotation) or annotation]
-    )
+    if get_origin(annotation) in (list, tuple):
+        return f"[{in_words(parts[0])},...]"
+    return KINDS[get_origin(annotation) or annotation]

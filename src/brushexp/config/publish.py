@@ -1,4 +1,4 @@
-"""Load all plugins, and publish tasks, looks and presets to Hydra, which composes configs of what is published."""
+"""Load all plugins, and publish tasks, looks and presets to Hydra."""
 
 import logging
 from collections.abc import Collection, Mapping, Sequence
@@ -12,7 +12,7 @@ from hydra.core.plugins import Plugins
 from omegaconf import OmegaConf
 
 from brushexp.config.compose import files_of, folders_of
-from brushexp.config.keys import untied
+from brushexp.config.keys import without_class
 from brushexp.config.looks import LOOK_OPTIONS, check_options, offer_looks
 from brushexp.config.tasks import TASKS, load_tasks
 from brushexp.errors import UserError
@@ -48,7 +48,7 @@ def offer_tasks(tasks: Mapping[str, type[Any]], tuned: Collection[str] = ()) -> 
         presets = [{f"/{group}": chosen} for group, chosen in schema.presets.items()]
         several: dict[str, Any] = {family: {} for family in MULTI_SELECT if family in schema.groups}  # for loss=[]
         head = {"defaults": [*groups, "_self_", *presets], "task": name, **several}
-        node = OmegaConf.merge(head, untied(OmegaConf.structured(schema)), schema.settings)
+        node = OmegaConf.merge(head, without_class(OmegaConf.structured(schema)), schema.settings)
         ConfigStore.instance().store(group="task", name=name, node=node, package="_global_", provider=PUBLISHER)
 
 
@@ -56,8 +56,8 @@ def offer_presets(family: str, paths: Mapping[str, Path]) -> None:
     """Publish YAML files as members of a family of which several can be chosen: ``loss=name``.
 
     Hydra by itself would put the values of ``conf/loss/name.yaml`` beside the losses instead of below ``loss.name``.
-    A file that lists several members, has keys below them, or says its package itself is left to Hydra; one that has
-    the name of a plugin, or sets an option that its plugin does not have, is refused (UserError).
+    A file that lists several members, or names its package, is left to Hydra; one that has the name of a plugin, or an
+    option that its plugin does not have, is a UserError.
     """
     for name, path in paths.items():
         if any(name == plugin.name for plugin in plugins(family)):
@@ -72,7 +72,7 @@ def offer_presets(family: str, paths: Mapping[str, Path]) -> None:
 
 
 def offer_sweepers() -> None:
-    """Put our sweepers in the place of Hydra's own and of Optuna's, under their names, in this program alone.
+    """Replace the sweepers of Hydra and of Optuna by ours, under the same names.
 
     A default in config.yaml would win over a study that chooses another one, and Optuna's would minimise a PSNR.
     """
@@ -85,11 +85,11 @@ def offer_sweepers() -> None:
         node = getattr(import_module(f"hydra_plugins.brushexp_{module}"), conf)
         ConfigStore.instance().store(group="hydra/sweeper", name=name, node=node, provider=PUBLISHER)
     groups = ConfigStore.instance().repo["hydra"]
-    groups["sweeper"] = OursStay(groups["sweeper"])
+    groups["sweeper"] = PinnedGroup(groups["sweeper"])
 
 
-class OursStay(dict[str, Any]):
-    """A group of configs in which Hydra replaces nothing of ours: it publishes its own anew in each worker process."""
+class PinnedGroup(dict[str, Any]):
+    """A group in which Hydra, which publishes its configs again in each worker process, replaces none of ours."""
 
     def __setitem__(self, name: str, node: Any) -> None:
         if name not in self or self[name].provider != PUBLISHER:

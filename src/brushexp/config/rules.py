@@ -1,7 +1,4 @@
-"""What is asked of a config beyond types and bounds, before anything starts: that files are there, and that keys agree.
-
-Each rule asks what uses the value later. What is slow to import is imported where a key asks for it.
-"""
+"""Check, before anything starts, that the files of a config exist and that its keys fit together."""
 
 import logging
 from collections.abc import Sequence
@@ -24,38 +21,27 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-# What only gradient steps heed, of the keys of task=paint.
-OF_STEPS = {
+STEP_KEYS = {  # keys of task=paint that only gradient steps use
     *("init", "order", "loss", "density", "sampler", "optimizer", "style", "focus", "focus_strength", "catalogue"),
     *("steps", "steps_per_stroke", "coarse", "warm_up", "finish_steps", "effort", "early_stop", "checkpoint_every"),
 }
-BYTES_PER_STROKE = 500  # that an export takes at least; a million were seen to take 850 each
+BYTES_PER_STROKE = 500  # least memory of an export; a million strokes took 850 bytes each
 BYTES_PER_WINDOW_PIXEL = 16  # RGBA in 32 bits
 BYTES_PER_TRAINED_PIXEL = 48  # of a network's strokes: RGBA of the picture, of what it should be, and of its gradient
-AUTO = "auto"  # focus that is found in the picture, and a warm-up renderer that the chosen one names
+AUTO = "auto"  # focus by saliency, and the warm-up renderer that the chosen one names
 PAINTING_CURVES = ("psnr", "seconds", "loss/", "lr-")  # how the names of the curves begin that a callback may watch
 TRAINING_CURVES = ("validation/psnr_alpha", "validation/", "loss/", "lr-")
 
 
 def canvas_of(path: str, option: str) -> tuple[int, tuple[int, int]]:
-    """Number of strokes of a saved painting, and height and width of its canvas."""
+    """Read the number of strokes of a saved painting, and the height and width of its canvas."""
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415
 
     saved = load_catalogue(Path(path), option)
     return len(saved.strokes), saved.size
 
 
-def _is_folder(path: str, option: str) -> None:
-    if not Path(path).is_dir():
-        raise UserError(f"{option}={path}: there is no such folder; give the folder of a run or of a sweep")
-
-
-def _is_interrupted(folder: str, option: str) -> None:
-    if not (Path(folder) / "checkpoint.ckpt").is_file():
-        raise UserError(f"{option}={folder}: there is no checkpoint.ckpt; give the folder of an interrupted run")
-
-
-def _is_set(path: str, option: str) -> None:
+def _check_set(path: str, option: str) -> None:
     from brushexp.training.dataset import StrokeSet  # noqa: PLC0415
 
     try:
@@ -68,14 +54,12 @@ CATALOGUE = Rule(canvas_of)
 COLOR = Rule(named_color)
 DEVICE = Rule(device_of)
 FOCUS = Rule(partial(size_of_picture, also=f"{AUTO}, "), besides=(AUTO,))
-FOLDER = Rule(_is_folder)
-INTERRUPTED_RUN = Rule(_is_interrupted)
 PAGE = Rule(lambda path, option: Path(path).is_dir() or canvas_of(path, option))
-STROKES = Rule(_is_set)
+STROKES = Rule(_check_set)
 
 
 def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Check a painting of the picture that ``image`` names."""
+    """Check a painting of one picture."""
     check_painting(cfg, overrides, size_of_picture(cfg.image, "image", cfg.resolution))
 
 
@@ -85,7 +69,7 @@ def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, i
     from brushexp.painting.metrics import official_lpips  # noqa: PLC0415
 
     names = [plugin.name for plugin in plugins("renderer")]
-    tell_unused(cfg, overrides)
+    warn_of_unused_keys(cfg, overrides)
     if cfg.warm_up not in (AUTO, None, *names):
         raise UserError(f"warm_up={cfg.warm_up} is not a renderer; choose auto, null or one of {', '.join(names)}")
     check_losses(cfg)
@@ -108,19 +92,19 @@ def check_painting(cfg: DictConfig, overrides: Sequence[str], size: tuple[int, i
         Timelapse(cfg.frames, cfg.frame_side, seconds=cfg.timelapse_seconds)
 
 
-def tell_unused(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Say in a line which typed keys a painter, or a catalogue, has no use for; in a sweep they may be for others."""
+def warn_of_unused_keys(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    """Log the typed keys that a painter, or a catalogue, has no use for; in a sweep they may be for other jobs."""
     keys = [override.lstrip("+~").partition("=")[0] for override in overrides]
-    unused = sorted({key for key in keys if key.partition(".")[0] in OF_STEPS})
+    unused = sorted({key for key in keys if key.partition(".")[0] in STEP_KEYS})
     if unused and isinstance(keep_built(cfg.painter), Painter):
         log.warning("painter=%s has no use for %s", plugin_of(cfg.painter).name, ", ".join(unused))
-    starts = sorted({key for key in keys if key.partition(".")[0] == "init"})
-    if starts and cfg.catalogue is not None:
-        log.warning("catalogue=%s says where strokes start: it has no use for %s", cfg.catalogue, ", ".join(starts))
+    init = sorted({key for key in keys if key.partition(".")[0] == "init"})
+    if init and cfg.catalogue is not None:
+        log.warning("catalogue=%s says where strokes start: it has no use for %s", cfg.catalogue, ", ".join(init))
 
 
 def check_train(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """That training ends, and that the strokes fit what is trained."""
+    """Check that training ends, and that the strokes fit the network."""
     from brushexp.plugins.renderer.base import check_trainable  # noqa: PLC0415
     from brushexp.training.stroke_data import origin_for  # noqa: PLC0415
 
@@ -138,7 +122,7 @@ def check_train(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 
 def check_brushes(cfg: DictConfig, origin: "Origin", sets: int) -> None:
-    """Stop with a UserError if a renderer that knows brushes could not tell those of the strokes of so many sets."""
+    """Stop with a UserError if a renderer of several brushes could not tell apart those of the sets."""
     own, theirs = cfg.renderer.get("brushes") or 1, origin.engine_config.get("brushes") or 1
     if own == 1 or theirs == 1:
         return
@@ -151,13 +135,13 @@ def check_brushes(cfg: DictConfig, origin: "Origin", sets: int) -> None:
 
 
 def check_batch(cfg: DictConfig, window: int) -> None:
-    """Stop with a UserError if memory cannot hold the pictures of a step, of ``window`` x ``window`` pixels each."""
+    """Stop with a UserError if memory cannot hold the pictures of a step, ``window`` x ``window`` pixels each."""
     what = f"batch_size={cfg.batch_size} strokes of {window} x {window} pixels"
     check_memory(cfg.batch_size * window**2 * BYTES_PER_TRAINED_PIXEL, what, "choose a smaller batch_size=")
 
 
 def check_simulate(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """That the set can go on with these strokes, and memory holds those of a file."""
+    """Check that the set can be continued with these strokes, and that memory holds those of one file."""
     from brushexp.training.dataset import origin_of  # noqa: PLC0415
     from brushexp.training.writer import BYTES_PER_PIXEL, SHARD_STROKES, whole_shards  # noqa: PLC0415
 
@@ -170,7 +154,7 @@ def check_simulate(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 
 def check_export(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """That the renderer can be built, and the painting has room in memory and in what it is exported to."""
+    """Check that the renderer can be built, and that the painting fits into memory and its formats."""
     from brushexp.compositing.bands import cuts  # noqa: PLC0415
     from brushexp.plugins.export.job import export_job  # noqa: PLC0415
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415
@@ -181,9 +165,8 @@ def check_export(cfg: DictConfig, overrides: Sequence[str]) -> None:
     for node in cfg.to.values():
         keep_built(node).check(len(job.strokes), job.size)
     windows = max(len(number) for _, _, number in cuts(job.strokes, job.size, job.renderer))
-    needed = (
-        len(job.strokes) * BYTES_PER_STROKE + windows * getattr(job.renderer, "window", 0) ** 2 * BYTES_PER_WINDOW_PIXEL
-    )
+    pixels = windows * getattr(job.renderer, "window", 0) ** 2
+    needed = len(job.strokes) * BYTES_PER_STROKE + pixels * BYTES_PER_WINDOW_PIXEL
     what = f"{len(job.strokes)} strokes on {job.size[1]} x {job.size[0]} pixels"
     check_memory(needed, what, "choose a smaller resolution=, or renderer=analytic")
 
@@ -208,7 +191,7 @@ def check_ends(cfg: DictConfig) -> None:
 
 
 def check_evaluate(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """That there are strokes, and the renderer knows such."""
+    """Check that there are strokes, and that the renderer was trained on such strokes."""
     from brushexp.training.stroke_data import check_origin, origin_for  # noqa: PLC0415
 
     check_origin(cfg, *origin_for(cfg))

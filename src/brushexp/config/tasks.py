@@ -1,4 +1,4 @@
-"""All tasks by name: those of the program, and those that installed packages publish."""
+"""List all tasks by name: those of the program, and those that installed packages publish."""
 
 from collections.abc import Mapping, Sequence
 from importlib.metadata import entry_points
@@ -18,7 +18,7 @@ def load_tasks() -> None:
 
 
 def task_for(name: str, values: Mapping[str, Any]) -> str:
-    """The task that takes the place of a task for such values, typed or of a config; as a rule it is the task itself.
+    """Find the task that takes the place of a task for such values; mostly it is the task itself.
 
     >>> task_for("paint", {"image": "clip.mp4"}), task_for("paint", {"image": "photo.jpg"})
     ('film', 'paint')
@@ -26,8 +26,8 @@ def task_for(name: str, values: Mapping[str, Any]) -> str:
     return next((other for other, task in TASKS.items() if task.instead_of == name and task.suits(values)), name)
 
 
-def suited(words: Sequence[str]) -> list[str]:
-    """The words of a command line, with ``task=`` of the task that suits them."""
+def add_task(words: Sequence[str]) -> list[str]:
+    """Add ``task=`` of the task that suits the words of a command line, if it is not named."""
     typed: dict[str, str] = {}
     for name, _, value in (word.partition("=") for word in words):
         typed[name] = f"{typed[name]},{value}" if name in typed else value  # of several pictures, as in a sweep
@@ -36,5 +36,5 @@ def suited(words: Sequence[str]) -> list[str]:
     if other == named:
         return [*words]
     first = next(k for k, word in enumerate(words) if word.partition("=")[0] in typed and "=" in word)
-    kept = [word for word in words if word != f"task={named}"]
-    return [*kept[:first], f"task={other}", *kept[first:]]
+    others = [word for word in words if word != f"task={named}"]
+    return [*others[:first], f"task={other}", *others[first:]]

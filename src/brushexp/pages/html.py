@@ -1,4 +1,4 @@
-"""Templates to pages: everything a page needs is written into it, and its content security policy allows no more."""
+"""Render templates to pages that hold all they need; their content security policy allows no more."""
 
 import base64
 import hashlib
@@ -19,18 +19,17 @@ TEMPLATES = Path(__file__).parent / "templates"
 
 
 def page(template: str, folder: Path = TEMPLATES, **context: Any) -> str:
-    """A whole page of a template in a folder, beside which those here can be used; the same for the same context.
+    """Render a template of a folder, which may use those here, to a whole page; the same for the same context.
 
     Templates escape what they show, and a name that is missing is an error. They write files of both folders into the
-    page with ``{{ assets["page.css"] }}``; the policy allows only these, and pictures that are in the page itself. So
-    neither ``style`` nor ``onclick`` attributes work in a template.
+    page with ``{{ assets["page.css"] }}``; the policy allows only these, and pictures that are in the page itself, and
+    neither ``style`` nor ``onclick`` attributes.
     """
     return _environment(folder).get_template(template).render(**context)
 
 
 @cache
 def _environment(folder: Path) -> Environment:
-    """Jinja with what all templates need."""
     folders = dict.fromkeys((TEMPLATES, folder))
     policy = ["default-src 'none'; img-src data:; base-uri 'none'; form-action 'none'"]
     assets: dict[str, Markup] = {}
@@ -41,34 +40,30 @@ def _environment(folder: Path) -> Environment:
         policy.append(" ".join([f"{tag}-src", *(f"'sha256-{digest}'" for digest in digests)]))
         assets |= {name: Markup(f"<{tag}>{text}</{tag}>") for name, text in texts.items()}
     loader = FileSystemLoader(list(folders))
-    made = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    made.globals |= {"policy": Markup("; ".join(policy)), "assets": assets, "version": version("brushexp")}
-    made.filters["number"] = readable_number
-    return made
+    jinja = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    jinja.globals |= {"policy": Markup("; ".join(policy)), "assets": assets, "version": version("brushexp")}
+    jinja.filters["number"] = readable_number
+    return jinja
 
 
 def readable_number(value: object, digits: int = 0) -> str:
-    """A number as people read it, 12,345.6; infinity as a sign; None and NaN as a dash."""
+    """Write a number for people, 12,345.6; infinity as a sign; None and NaN as a dash."""
     if not isinstance(value, int | float) or math.isnan(value):
         return "–"
     return f"{value:,.{digits}f}" if math.isfinite(value) else "∞" if value > 0 else "−∞"
 
 
-def encoded(picture: Image.Image, largest: int, **options: Any) -> bytes:
-    """A picture as Pillow encodes it, shrunk in place to at most ``largest`` pixels on its longer side."""
+def encode(picture: Image.Image, largest: int, **options: Any) -> bytes:
+    """Encode a picture with Pillow, shrunk in place to at most ``largest`` pixels on its longer side."""
     picture.thumbnail((largest, largest), Image.Resampling.LANCZOS, reducing_gap=3.0)
     file = io.BytesIO()
     picture.save(file, **options)
     return file.getvalue()
 
 
-def embedded(picture: Image.Image, largest: int, **options: Any) -> dict[str, Any]:
-    """A picture as templates take it, in the page itself: ``source``, ``width`` and ``height``.
-
-    It is shrunk in place to at most ``largest`` pixels on its longer side; ``options`` are for Pillow, with a
-    ``format``; without any it is a PNG.
-    """
+def embed(picture: Image.Image, largest: int, **options: Any) -> dict[str, Any]:
+    """Encode a picture as a PNG, or with ``options``, for templates: ``source``, ``width`` and ``height``."""
     options = options or PNG
-    letters = base64.b64encode(encoded(picture, largest, **options)).decode()
+    letters = base64.b64encode(encode(picture, largest, **options)).decode()
     source = f"data:image/{options['format'].lower()};base64,{letters}"
     return {"source": source, "width": picture.width, "height": picture.height}

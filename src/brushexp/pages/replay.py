@@ -1,4 +1,4 @@
-"""Strokes as a page takes them: packed into few bytes each, from which a canvas draws them again."""
+"""Pack strokes into few bytes each, from which the canvas of a page draws them again."""
 
 import base64
 from typing import Any
@@ -16,23 +16,21 @@ from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.storage import Saved
 from brushexp.system.reading import yaml_of
 
-MAX_STROKES = 200_000  # strokes: more make a page that browsers choke on
+MAX_STROKES = 200_000  # of a page that browsers can still draw
 STEPS = 65_535  # levels of 16 bits above 0
-FARTHEST = 4.0  # canvas sides: control points farther out are moved there, because 16 bits must do for all
+FARTHEST = 4.0  # canvas sides: farther control points are moved there
 CANVAS_RENDERER = "analytic"  # whose strokes a canvas can draw
-EDGES = {"soft": 2.0, "taper": 0.0}  # soft edge in pixels and taper of strokes whose renderer has no such option
+EDGES = {"soft": 2.0, "taper": 0.0}  # soft edge in pixels and taper, by default
 
 
 def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
     """Pack what ``strokes.js`` needs of a painting and its strokes' measures; None for more than ``MAX_STROKES``.
 
-    ``data`` holds, for the strokes from the bottom to the top, one array after the other, little-endian, in base64
-    (34 bytes a stroke): the number in the catalogue (uint32), and then what ``columns`` lists as name, values a
-    stroke, lowest and highest value, as shares of that range (uint16). ``points`` are x and y of the three control
-    points, and ``half`` is half the width; both and ``length`` are in pixels of the canvas. ``direction`` is in
-    degrees, -1 for none; ``layer`` is 0, 1 or 2, a third of the strokes by their area each. Strokes that are
-    ``textured`` have besides their half width (``thick``) and opacity (``strength``) as their renderer gives them,
-    and in ``texture_of`` the number of the texture, repeats of its loop, and whether it is turned over.
+    ``data`` holds, for the strokes from the bottom to the top, one array after the other, little-endian, in base64: the
+    number in the catalogue (uint32), and then each of ``columns`` (name, values a stroke, lowest and highest value) as
+    shares of its range (uint16). ``points`` are the control points, ``half`` is half the width, ``direction`` is -1 for
+    none, ``layer`` the third of the strokes by area. Textured strokes also have half width (``thick``) and opacity
+    (``strength``) of their renderer, and in ``texture_of`` the texture, repeats of its loop, and whether it is flipped.
     """
     count, saved, (height, width) = len(job.strokes), job.saved, job.size
     if count > MAX_STROKES:
@@ -42,7 +40,7 @@ def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
     points = curve_of(saved.strokes).numpy().clip(-far, max(height, width) + far)
     half, length = (measures.width / 2).clip(0, far), measures.length.clip(0, 2 * far)
     thirds = np.quantile(measures.area, [1 / 3, 2 / 3])
-    values = {  # values (N, ...), and the range of which they become shares
+    values = {  # (N, ...), lowest and highest value
         "points": (points, points.min(), points.max()),
         "half": (half, 0, half.max()),
         "length": (length, 0, length.max()),
@@ -63,7 +61,7 @@ def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
         shares = (column[order].astype(np.float64) - low) / max(high - low, 1e-6)
         data += _quantised(shares, STEPS, "<u2").tobytes()
         columns.append((name, column.size // count, float(low), float(max(high, low + 1e-6))))
-    options = recorded_config(saved).get("renderer")
+    options = config_of(saved).get("renderer")
     edges = {k: v for k, v in options.items() if k in EDGES and v is not None} if isinstance(options, dict) else {}
     mixed = not job.space.is_rgb
     return {
@@ -83,14 +81,14 @@ def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
 def _textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
     """Pack textures ``looks`` (M,) for a page.
 
-    Texels are in base64, a byte of opacity and one of tone each; of each texture there is where its texels begin, its
-    rows, columns, the column at which its loop begins, how many it has, and the half widths beyond which it is empty.
+    Texels are in base64, a byte of opacity and one of tone each; ``sheets`` are the first texel, rows, columns, begin
+    and length of the loop in columns, and the half widths beyond which a texture is empty.
     """
     levels = np.stack([sheets.texels[:, 0].numpy() * BYTE, sheets.texels[:, 1].numpy() * HALF + 128], axis=1)
     size, loop, extent = (part[looks] for part in (sheets.size, sheets.loop, sheets.extent))
     counts = (size + 2).prod(1).numpy()
-    taken = [levels[first : first + count] for first, count in zip(sheets.first[looks].tolist(), counts, strict=True)]
-    texels = np.concatenate([np.empty((0, 2)), *taken])
+    parts = [levels[first : first + count] for first, count in zip(sheets.first[looks].tolist(), counts, strict=True)]
+    texels = np.concatenate([np.empty((0, 2)), *parts])
     rows = zip(counts.cumsum() - counts, size, loop, extent, strict=True)
     return {
         "spread": SPREAD,
@@ -105,13 +103,12 @@ def _textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
 
 @torch.no_grad()
 def _textured(job: ExportJob) -> TexturedProfile | None:
-    """Draw strokes with their textures; None if they have none, or none that a page could hold."""
     layers = None if job.renderer.warm_up else job.renderer(job.strokes)
     return layers if isinstance(layers, TexturedProfile) else None
 
 
-def recorded_config(saved: Saved) -> dict[str, Any]:
-    """Read the config of a run; it is empty if the file of a stranger holds no plain data."""
+def config_of(saved: Saved) -> dict[str, Any]:
+    """Read the config of a run; it is empty unless it is plain data."""
     try:
         config: dict[str, Any] = yaml_of(saved.config)
     except UserError:

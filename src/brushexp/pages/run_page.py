@@ -1,4 +1,4 @@
-"""The page of a painting: everything about it in one file."""
+"""Write the page of a painting: everything about it in one file."""
 
 import json
 import math
@@ -13,8 +13,8 @@ import numpy as np
 from PIL import Image
 
 from brushexp.pages import drawings
-from brushexp.pages.html import embedded, page, readable_number
-from brushexp.pages.replay import recorded_config, replay_of
+from brushexp.pages.html import embed, page, readable_number
+from brushexp.pages.replay import config_of, replay_of
 from brushexp.painting.finished import Finished
 from brushexp.registry import plugins
 from brushexp.results.anytime_curves import curve_from
@@ -37,13 +37,12 @@ FILES = {  # of a run, in the order in which the page has them
     "metrics.json": "its numbers",
     "curves/metrics.csv": "the curves, as a table",
 }
-OF_THE_FOLDER = ("lock", "files.txt", TEMPORARY)
-LEFT_OUT = (PAGE_NAME, "checkpoint.ckpt", *OF_THE_FOLDER)  # of what a run has left
-LARGEST_SIDE = 1600  # pixels of the longer side of a picture in a page, at most
-LOSSLESS = 2**18  # pixels of a picture that is embedded as a PNG; a larger one is embedded as a JPEG
+NOT_LISTED = (PAGE_NAME, "checkpoint.ckpt", "lock", "files.txt", TEMPORARY)  # files of a run
+LARGEST_SIDE = 1600  # pixels: longer side of a picture in a page
+LOSSLESS = 2**18  # pixels of the largest picture that is a PNG; larger ones are JPEGs
 JPEG = {"format": "JPEG", "quality": 92, "subsampling": 0}
 WEBP = {"format": "WEBP", "quality": 85, "alpha_quality": 100, "method": 0}  # of the light
-NUMBERS_SHOWN = (  # of metrics.json before what metrics give: key, name, unit, digits, what it is
+FIRST_NUMBERS = (  # of metrics.json, before those of metrics: key, name, unit, digits, meaning
     ("n_strokes", "strokes", "", 0, "in the catalogue"),
     ("steps", "steps", "", 0, "of gradient descent"),
     ("seconds", "optimisation", "s", 1, "wall time of the steps"),
@@ -59,7 +58,7 @@ def write_run_page(folder: Path, finished: Finished, film: Future[Any] | None = 
 
 def page_in(folder: Path, finished: Finished, film: Future[Any] | None = None) -> str:
     """Make the page of a painting with the curves, the command and the files in the folder of its run."""
-    image = recorded_config(finished.job.saved).get("image")
+    image = config_of(finished.job.saved).get("image")
     return run_page(
         finished,
         name=Path(str(image or folder.resolve().name)).name,
@@ -72,10 +71,10 @@ def page_in(folder: Path, finished: Finished, film: Future[Any] | None = None) -
 def files_in(folder: Path, film: Future[Any] | None = None) -> Iterator[dict[str, str]]:
     """Yield the files of a run without its page: names, addresses from the page, and what they are.
 
-    A ``film`` that is being written is waited for at the first file, when all else of the page is made.
+    The first file waits for a ``film`` that is being written.
     """
     wait([] if film is None else [film])
-    paths = sorted(path for path in folder.rglob("*") if path.is_file() and not any(map(path.match, LEFT_OUT)))
+    paths = sorted(path for path in folder.rglob("*") if path.is_file() and not any(map(path.match, NOT_LISTED)))
     names = [path.relative_to(folder).as_posix() for path in paths]
     for name in sorted(names, key=lambda name: list(FILES).index(name) if name in FILES else len(FILES)):
         yield {"name": name, "address": quote(name), "about": FILES.get(name, "")}
@@ -87,12 +86,11 @@ def run_page(
 ) -> str:  # fmt: skip
     """Make the page of a painting, HTML that needs nothing else; parts without data are left out.
 
-    Curves are columns by name: ``step``, ``psnr``, ``loss/...``; ``command`` repeats the run; ``files`` lie beside the
-    page, see `files_in`.
+    Curves are columns by name: ``step``, ``psnr``, ``loss/...``; ``files`` are those of `files_in`.
     """
     job, metrics, pictures = finished.job, finished.metrics, finished.pictures
-    saved, config = job.saved, recorded_config(job.saved)
-    shown = {key: _shown(picture) for key, picture in pictures.items()}
+    saved, config = job.saved, config_of(job.saved)
+    images = {key: embed_pixels(picture) for key, picture in pictures.items()}
     measures = measure_strokes(saved.strokes, saved.depth, saved.size) if len(saved.strokes) else None
     return page(
         "run.html.j2",
@@ -100,29 +98,29 @@ def run_page(
         lead=_lead(saved, metrics),
         interrupted=metrics.get("status") == "interrupted",
         figures=_figures(metrics),
-        target=shown.pop("target", None),
-        painting=shown.pop("painting", None),
-        flat=shown.pop("flat", None),
+        target=images.pop("target", None),
+        painting=images.pop("painting", None),
+        flat=images.pop("flat", None),
         overlay=_overlay(pictures),
-        others=shown,
+        others=images,
         renderer=saved.renderer,
         replay=None if measures is None else replay_of(job, measures),
         error=_error(pictures.get("flat", pictures.get("painting")), pictures.get("target")),
         curves=_curves(curves or {}, metrics),
         strokes=None if measures is None else _strokes(saved, measures),
         light=drawings.height_map(job) if measures is not None and "painting" in pictures else None,
-        settings=settings_as_typed(config, shlex.split(command or "")[1:]),
+        settings=list_settings(config, shlex.split(command or "")[1:]),
         line=line_of(config),
         command=command,
         files=files,
     )
 
 
-def _shown(pixels: np.ndarray) -> dict[str, Any]:
-    """Embed a picture for the template, with its size before it is shrunk."""
+def embed_pixels(pixels: np.ndarray) -> dict[str, Any]:
+    """Embed a picture (H, W, 3) for the template, with its size before it is shrunk."""
     height, width, _ = pixels.shape
     options: dict[str, Any] = {} if height * width <= LOSSLESS else JPEG
-    return embedded(Image.fromarray(pixels), LARGEST_SIDE, **options) | {"width": width, "height": height}
+    return embed(Image.fromarray(pixels), LARGEST_SIDE, **options) | {"width": width, "height": height}
 
 
 def _lead(saved: Saved, metrics: Mapping[str, Any]) -> str:
@@ -137,7 +135,7 @@ def _figures(metrics: Mapping[str, Any]) -> list[dict[str, str]]:
     measured = [(key, one.title, one.unit, one.digits, one.about) for key, one in quantities().items() if one.about]
     return [
         {"name": name, "value": readable_number(metrics[key], digits), "unit": unit, "title": title}
-        for key, name, unit, digits, title in (*NUMBERS_SHOWN, *measured)
+        for key, name, unit, digits, title in (*FIRST_NUMBERS, *measured)
         if isinstance(metrics.get(key), int | float)
     ]
 
@@ -147,7 +145,7 @@ def _error(painting: np.ndarray | None, target: np.ndarray | None) -> dict[str, 
     if painting is None or target is None or painting.shape != target.shape:
         return None
     error = drawings.error_map(painting, target)
-    return error | {"picture": _shown(error["pixels"])}
+    return error | {"picture": embed_pixels(error["pixels"])}
 
 
 def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -164,15 +162,16 @@ def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -
 
 
 def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
-    """Draw how long, wide, bent and turned the strokes are, and in which colours."""
-    charts = [
-        drawings.histogram_chart("Length", measures.length, "pixels"),
-        drawings.histogram_chart("Width", measures.width, "pixels"),
-        drawings.histogram_chart("Elongatedness", measures.elongatedness, "length / width"),
-        drawings.histogram_chart("Curvature", np.degrees(measures.curvature), "degrees from end to end"),
-        drawings.histogram_chart("Visible share", 100 * measures.visible, "% of a stroke's paint"),
-        drawings.rose_chart("Direction", measures.orientation, measures.length),
+    """Draw the measures and the colours of the strokes."""
+    histograms = [
+        ("Length", measures.length, "pixels"),
+        ("Width", measures.width, "pixels"),
+        ("Elongatedness", measures.elongatedness, "length / width"),
+        ("Curvature", np.degrees(measures.curvature), "degrees from end to end"),
+        ("Visible share", 100 * measures.visible, "% of a stroke's paint"),
     ]
+    charts = [drawings.histogram_chart(*histogram) for histogram in histograms]
+    charts.append(drawings.rose_chart("Direction", measures.orientation, measures.length))
     paint = measures.area * measures.visible * saved.strokes.opacity.numpy()
     hidden = float((measures.visible < 0.01).mean())
     lead = (
@@ -186,14 +185,14 @@ def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
 
 
 def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
-    """Make the light on a painting a picture to lay over its colours; None without a lamp."""
+    """Draw the light on a painting, to lay over its colours; None without a lamp."""
     if "flat" not in pictures or "painting" not in pictures:
         return None
     light = Image.fromarray(overlay(pictures["flat"], pictures["painting"]))
-    return str(embedded(light, LARGEST_SIDE, **WEBP)["source"])
+    return str(embed(light, LARGEST_SIDE, **WEBP)["source"])
 
 
-def settings_as_typed(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, str, bool]]:
+def list_settings(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, str, bool]]:
     """List dotted keys, values as a user types them (a class by its name as a plugin), and whether they were typed."""
     typed = {word.lstrip("+~").partition("=")[0] for word in overrides}
     names = {plugin.target: plugin.name for plugin in plugins()}
@@ -212,13 +211,10 @@ def line_of(config: Mapping[str, Any]) -> str:
         elif isinstance(value, dict) and value and all(isinstance(one, dict) for one in value.values()):
             words.append(f"{key}=[{','.join(value)}]")
     for key, text in _flat(config):
-        if (
-            not key.endswith("_target_")
-            and text not in ("{}", "null")
-            and key not in ("task", "output", "overwrite", "resume")
-        ):
-            below = key.rpartition(".")[0].rpartition(".")[0]  # of an option that is a table: its keys are the user's
-            keys.append(f"{'++' * (below in chosen)}{key}={text}")
+        if key.endswith("_target_") or text in ("{}", "null") or key in ("task", "output", "overwrite", "resume"):
+            continue
+        below = key.rpartition(".")[0].rpartition(".")[0]  # of an option that is a table: its keys are the user's
+        keys.append(f"{'++' * (below in chosen)}{key}={text}")
     return shlex.join(["brushexp", "look=plain", *words, *keys])
 
 

@@ -1,4 +1,4 @@
-"""Pages for a browser on this machine: these files, and nothing else."""
+"""Serve pages to browsers on this machine, and nothing else."""
 
 import logging
 import time
@@ -18,25 +18,27 @@ from brushexp.system.reading import check_file
 log = logging.getLogger(__name__)
 HOST = "127.0.0.1"  # nobody else can connect
 LARGEST_PAGE = 2**28  # bytes
-# A page that somebody else has made may run its own scripts, which reach neither other pages here nor the network.
-POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
-    "form-action 'none'"
-)
-TIMEOUT_SECONDS = 10  # that a silent connection may take
+HEADERS = {
+    "Content-Type": "text/html; charset=utf-8",
+    "Cache-Control": "no-store",  # the page may be made anew
+    "X-Frame-Options": "DENY",
+    # A page that somebody else has made may run its own scripts, which reach neither other pages here nor the network.
+    "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data:; base-uri 'none'; form-action 'none'",
+}
+TIMEOUT_SECONDS = 10  # of a silent connection
 
 
 @contextmanager
-def served(pages: Mapping[str, Path], port: int = 0) -> Iterator[str]:
-    """Serve pages while the context lasts; yields the address of the first one.
+def serve(pages: Mapping[str, Path], port: int = 0) -> Iterator[str]:
+    """Serve files by the path of their address while the context lasts; yields the address of the first one, ``/``.
 
-    ``pages`` are files by the path of their address, ``/`` for the first; they are read whenever they are asked for.
-    Port 0 is any that is free; one that cannot be had is a UserError.
+    They are read at each request. Port 0 is any that is free; one that cannot be had is a UserError.
     """
     try:
         server = _Server((HOST, port), _Handler)
     except OSError as error:
-        raise refused(port, error) from error
+        raise port_error(port, error) from error
     server.pages = pages
     thread = Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
     thread.start()
@@ -48,14 +50,14 @@ def served(pages: Mapping[str, Path], port: int = 0) -> Iterator[str]:
         thread.join()
 
 
-def refused(port: int, error: OSError) -> UserError:
-    """What to tell when a port cannot be had."""
+def port_error(port: int, error: OSError) -> UserError:
+    """Make the error of a port that cannot be had."""
     reason = f"port={port} cannot be had ({error.strerror})"
     return UserError(f"{reason}; choose another one, or port=0 for any that is free")
 
 
 def show_until_interrupted(address: str, *, in_browser: bool) -> None:
-    """Open what is served in the browser, if it shall be, and wait for Ctrl-C."""
+    """Wait for Ctrl-C, with the address open in the browser if it shall be."""
     try:
         if in_browser and not webbrowser.open(address):
             log.info("no browser could be started: open %s yourself", address)
@@ -66,8 +68,6 @@ def show_until_interrupted(address: str, *, in_browser: bool) -> None:
 
 
 class _Server(ThreadingHTTPServer):
-    """Knows its pages."""
-
     pages: Mapping[str, Path]
 
     def handle_error(self, request: Any, client_address: Any) -> None:
@@ -75,8 +75,6 @@ class _Server(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers GET of the pages."""
-
     server: _Server
     server_version, sys_version = "brushexp", ""
     timeout = TIMEOUT_SECONDS
@@ -97,11 +95,9 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.NOT_FOUND, "there is no such page here")
             return
         self.send_response(HTTPStatus.OK)
-        self.send_header("Content-Type", "text/html; charset=utf-8")
+        for name, value in HEADERS.items():
+            self.send_header(name, value)
         self.send_header("Content-Length", str(len(body)))
-        self.send_header("Cache-Control", "no-store")  # the page may be made anew
-        self.send_header("X-Frame-Options", "DENY")
-        self.send_header("Content-Security-Policy", POLICY)
         self.end_headers()
         self.wfile.write(body)
 

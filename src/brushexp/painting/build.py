@@ -7,7 +7,7 @@ from brushexp.painting.components import STYLE, Components, build_components, fi
 from brushexp.painting.other_painter import OtherPainter
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
-from brushexp.pictures.color import recolored
+from brushexp.pictures.color import recolor
 from brushexp.pictures.focus import focus_map, focus_weights
 from brushexp.pictures.load import background_color, load_picture
 from brushexp.plugins.loss.style import Style
@@ -64,4 +64,4 @@ def match_colors(target: Tensor, parts: Components) -> tuple[Tensor, Tensor]:
     style = parts.losses[STYLE]
     assert isinstance(style, Style)
     picture = style.picture(target)
-    return (target if style.colors == "content" else recolored(target, like=picture)), picture
+    return (target if style.colors == "content" else recolor(target, like=picture)), picture

@@ -84,7 +84,7 @@ def finish(
     strokes, front_to_back = drag_paint(painter, cfg.wet)
     colors = canvas.draw(strokes, front_to_back)
     job = bare_job(cfg, deepcopy(painter.renderer).cpu(), canvas.blend, canvas.size)
-    job = replace(job, saved=job.saved.laid(strokes, front_to_back, canvas.background))
+    job = replace(job, saved=job.saved.with_strokes(strokes, front_to_back, canvas.background))
     sources = {name: to_bytes(picture) for name, picture in painter.pictures.items()}
     flat, target, lit = to_bytes(colors), sources["target"], dict[str, object]()
     results = {"painting": flat}

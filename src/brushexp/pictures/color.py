@@ -1,4 +1,4 @@
-"""Colours of pictures: those of another picture, CIELAB, and a few inks in place of many."""
+"""Colours of pictures are matched to another picture, converted to CIELAB, and reduced to a few inks."""
 
 import numpy as np
 import torch
@@ -11,15 +11,13 @@ ROUNDS = 100  # of k-means; it settles in a dozen
 Array = np.ndarray
 
 
-def recolored(picture: Tensor, like: Tensor) -> Tensor:
-    """A picture with the mean and the covariance of the colours of another, by a linear map of its colours.
+def recolor(picture: Tensor, like: Tensor) -> Tensor:
+    """Map the colours of a picture (3, H, W) linearly to the mean and covariance of those of another.
 
     Source: Gatys et al. (2016), "Preserving color in neural artistic style transfer", arXiv:1606.05897, "image
-    analogies" variant: x -> A (x - mean) + mean_like with A = S_like^(1/2) S^(-1/2), S the covariances and roots by
-    eigen-decomposition, so that A S A = S_like. Differs: in the roots a variance counts as one grey level at least,
-    and no direction is spread more than 8 times, so that even pictures stay finite and their noise small.
-
-    Both are (3, H, W) in [0, 1], of any sizes; what is returned is like ``picture`` in shape and dtype, and clipped.
+    analogies" variant: x -> A (x - mean) + mean_like with A = S_like^(1/2) S^(-1/2), S the covariances, so that A S A =
+    S_like. Differs: in the roots a variance counts as one grey level at least, and no direction is spread more than 8
+    times, so that even pictures stay finite and their noise small.
     """
     mean, covariance = _moments(picture)
     like_mean, like_covariance = _moments(like)
@@ -34,7 +32,7 @@ def recolored(picture: Tensor, like: Tensor) -> Tensor:
 
 
 def _moments(picture: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean (3, 1) and covariance (3, 3) of the colours, in double precision."""
+    """Compute mean (3, 1) and covariance (3, 3) of the colours, in double precision."""
     colors = picture.flatten(1).to(torch.float64)
     mean = colors.mean(1, keepdim=True)
     offset = colors - mean
@@ -42,11 +40,10 @@ def _moments(picture: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def palette(lab: Array, weight: Array, count: int) -> Array:
-    """The inks (K <= count, 3) that a picture can best be drawn with: k-means in CIELAB (Lloyd, 1982).
+    """Find the inks (K <= count, 3) that a picture can best be drawn with: k-means in CIELAB (Lloyd, 1982).
 
-    ``weight`` (N,) >= 0 is how much of the picture has each of the colours ``lab`` (N, 3). It starts from one ink and
-    adds, where the error is largest, one after the other, never more than there are different colours; so that there
-    is nothing random in it, and no further ink makes the error larger.
+    ``weight`` (N,) >= 0 is how much of the picture has each of the colours ``lab`` (N, 3). Inks are added one after the
+    other where the error is largest, so that nothing is random and no further ink makes the error larger.
     """
     lab, weight = lab[weight > 0], weight[weight > 0]
     if len(lab) == 0:
@@ -61,12 +58,12 @@ def palette(lab: Array, weight: Array, count: int) -> Array:
 
 
 def nearest_ink(lab: Array, inks: Array) -> Array:
-    """Number (N,) of the ink (K, 3) that is most like each colour (N, 3)."""
+    """Find the number (N,) of the ink (K, 3) that is most like each colour (N, 3)."""
     return (np.square(inks).sum(1) - 2 * lab @ inks.T).argmin(1)  # squared distances, but for |lab|^2
 
 
 def _settled(lab: Array, weight: Array, inks: Array) -> Array:
-    """Inks that are the mean of the colours drawn with them."""
+    """Move inks to the mean of the colours drawn with them."""
     chosen = nearest_ink(lab, inks)
     for _ in range(ROUNDS):
         share = np.bincount(chosen, weight, len(inks))[:, None]
@@ -79,14 +76,14 @@ def _settled(lab: Array, weight: Array, inks: Array) -> Array:
 
 
 def to_lab(rgb: Array) -> Array:
-    """Colours (N, 3) of sRGB in [0, 1] in CIELAB."""
+    """Convert colours (N, 3) of sRGB in [0, 1] to CIELAB."""
     from skimage.color import rgb2lab  # noqa: PLC0415  (slow to import)
 
     return rgb2lab(rgb.reshape(-1, 1, 3)).reshape(-1, 3)
 
 
 def to_rgb(lab: Array) -> Array:
-    """Colours (N, 3) of CIELAB in sRGB, those that a screen cannot show clipped to [0, 1]."""
+    """Convert colours (N, 3) of CIELAB to sRGB, clipped to [0, 1]."""
     from skimage.color import lab2rgb  # noqa: PLC0415  (slow to import)
 
     rgb: Array = lab2rgb(lab.reshape(-1, 1, 3)).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Picture files of many kinds -> display-referred sRGB; what each format does differently is settled here."""
+"""Picture files of many formats are decoded to display-referred sRGB."""
 
 import io
 import logging
@@ -35,19 +35,17 @@ _alone = RLock()  # a process has one stderr, and one list of warnings
 def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0) -> np.ndarray:
     """Decode the first frame of a picture, upright, over a ``backdrop`` of white (1) or black (0), in sRGB.
 
-    An embedded ICC profile is converted, unless it is broken; for pictures of more than 8 bits the conversion is
-    accurate to 8 bits. Of 16 bits, PNG other than plain grey, CMYK, and TIFF that Pillow alone can unpack keep 8.
-    It is (H, W, 3) uint8, or float32 in [0, 1] where more than 8 bits per channel are kept.
-
-    A UserError, with the ``key`` that the user types before the path, says if the file cannot be read, is damaged or
-    too large, has no plain meaning as a picture, or holds floats that are not in [0, 1].
+    It is (H, W, 3) uint8, or float32 in [0, 1] where more than 8 bits are kept; PNG of 16 bits other than plain grey,
+    CMYK, and TIFF that Pillow alone can unpack keep 8. An embedded ICC profile is converted, to 8 bits, unless it is
+    broken. UserError, with the ``key`` that the user types before the path, if the picture cannot be read, is too
+    large, or has floats outside [0, 1].
     """
     with _explained(path, key):
         return np.ascontiguousarray(_read(path, backdrop))
 
 
 def picture_size(path: Path, *, key: str = "image") -> tuple[int, int]:
-    """Height and width of a picture as `read_picture` decodes it, and its errors, as far as its first bytes tell."""
+    """Read height and width of a picture as `read_picture` decodes it, and its errors, from its first bytes."""
     with _explained(path, key), _opened(path) as picture:
         if picture is None or isinstance(picture, TiffImageFile):
             height, width = _read(path, 1.0).shape[:2]
@@ -79,8 +77,8 @@ def _explained(path: Path, key: str) -> Iterator[None]:
 
 
 @contextmanager
-def opened_picture(path: Path) -> Iterator[Image.Image]:
-    """A picture that a run has left, not decoded yet; whatever is wrong with it, found then too, is a UserError."""
+def open_picture(path: Path) -> Iterator[Image.Image]:
+    """Open a picture of a run, not decoded yet; whatever is wrong with it is a UserError."""
     check_file(path, "paint it again")
     with explaining(path, "paint it again"), Image.open(path, formats=WRITTEN) as picture:
         _check_size(*picture.size)
@@ -104,7 +102,7 @@ def _silence() -> Iterator[None]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[ImageFile | None]:
-    """A picture whose first bytes are read; None for a TIFF that Pillow does not know."""
+    """Open a picture and read its first bytes; None for a TIFF that Pillow does not know."""
     with path.open("rb") as file:
         magic = file.read(4)
     if not magic:
@@ -124,15 +122,14 @@ def _opened(path: Path) -> Iterator[ImageFile | None]:
 
 
 def _read(path: Path, backdrop: float) -> np.ndarray:
-    """(H, W, 3); errors say what is wrong without the name of the file."""
     with _opened(path) as picture:
         if picture is None or _needs_tifffile(picture):
             return _read_tiff(path, backdrop)
-        return unpacked(picture, backdrop)
+        return decode_image(picture, backdrop)
 
 
-def unpacked(picture: Image.Image, backdrop: float = 1.0) -> np.ndarray:
-    """An image of Pillow as `read_picture` gives it; whatever its decoder raises."""
+def decode_image(picture: Image.Image, backdrop: float = 1.0) -> np.ndarray:
+    """Decode an image of Pillow as `read_picture` does; its decoder may raise anything."""
     if picture.mode == "F" or picture.mode.startswith("I"):
         samples, key = np.asarray(picture)[..., None], picture.info.get("transparency")
         alpha = None if key is None else (samples != key).astype(np.float32)
@@ -154,7 +151,6 @@ def _too_large(size: str) -> str:
 
 
 def _bytes_to_srgb(picture: Image.Image, backdrop: float) -> np.ndarray:
-    """(H, W, 3) uint8 of an 8-bit picture of any mode."""
     picture.load()
     alpha = picture.convert("RGBA").getchannel("A") if picture.has_transparency_data else None
     profile = picture.info.get("icc_profile")
@@ -167,7 +163,7 @@ def _bytes_to_srgb(picture: Image.Image, backdrop: float) -> np.ndarray:
 
 
 def _converted(picture: Image.Image, profile: bytes | None) -> Image.Image:
-    """A picture of mode L, RGB or CMYK as sRGB; its raw values if the profile does not work."""
+    """Convert a picture of mode L, RGB or CMYK to sRGB; its raw values if the profile does not work."""
     converted = None
     if profile:
         with suppress(ImageCms.PyCMSError, OSError, ImportError):  # the last: a Pillow that was built without it
@@ -177,7 +173,7 @@ def _converted(picture: Image.Image, profile: bytes | None) -> Image.Image:
 
 
 def _float_to_srgb(color: np.ndarray, alpha: np.ndarray | None, profile: bytes | None, backdrop: float) -> np.ndarray:
-    """(H, W, 3) float32 from (H, W, 1 or 3) colours and (H, W, 1) alpha, all in [0, 1]."""
+    """Convert colours (H, W, 1 or 3) and alpha (H, W, 1) in [0, 1] to (H, W, 3) float32."""
     if profile:
         # What the conversion does in 8 bits is added to the exact values, so that an sRGB profile changes nothing.
         eight_bit = np.rint(color * 255).astype(np.uint8)
@@ -190,7 +186,7 @@ def _float_to_srgb(color: np.ndarray, alpha: np.ndarray | None, profile: bytes |
 
 
 def _needs_tifffile(picture: ImageFile) -> bool:
-    """Whether a picture is a TIFF of more than 8 bits, unless Pillow must unpack it and reads its kind rightly."""
+    """Decide whether a TIFF has more than 8 bits and Pillow misreads it or tifffile can unpack it."""
     if not isinstance(picture, TiffImageFile) or max(picture.tag_v2.get(BITS, (1,))) <= 8:
         return False
     tags = picture.tag_v2
@@ -199,7 +195,6 @@ def _needs_tifffile(picture: ImageFile) -> bool:
 
 
 def _read_tiff(path: Path, backdrop: float) -> np.ndarray:
-    """(H, W, 3) float32 of the first page of a TIFF, by tifffile."""
     from tifffile import TiffFile, TiffPage  # noqa: PLC0415  (rarely needed)
 
     with TiffFile(path) as tiff:
@@ -225,7 +220,7 @@ def _read_tiff(path: Path, backdrop: float) -> np.ndarray:
 
 
 def _unit_range(samples: np.ndarray, bits: int) -> np.ndarray:
-    """Samples as float32 in [0, 1]; floats are taken as they are, and refused if they are not in that range."""
+    """Convert samples to float32 in [0, 1]; floats are taken as they are, and refused outside that range."""
     unit = samples.astype(np.float32)
     if samples.dtype.kind != "f":
         unit /= 2**bits - 1
@@ -237,7 +232,7 @@ def _unit_range(samples: np.ndarray, bits: int) -> np.ndarray:
 
 
 def _orientation(picture: Image.Image) -> int:
-    """The EXIF orientation of a picture, 1 to 8; 1 if there is none that can be read."""
+    """Read the EXIF orientation of a picture, 1 to 8; 1 if there is none that can be read."""
     try:
         return int(picture.getexif().get(ORIENTATION, 1))
     except Exception:  # damaged EXIF data raise nearly anything; they do not make the picture worse
@@ -245,7 +240,6 @@ def _orientation(picture: Image.Image) -> int:
 
 
 def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
-    """Turn and mirror (H, W, 3) as the EXIF orientation says."""
     if orientation >= SWAPPED:
         pixels = pixels.swapaxes(0, 1)
     if orientation in (2, 3, 6, 7):

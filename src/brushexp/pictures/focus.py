@@ -1,4 +1,4 @@
-"""Where accuracy matters: a mask or the picture itself -> a map of attention -> weights of the pixels."""
+"""Pixels are weighted by where accuracy matters: a mask, or what people look at first."""
 
 import numpy as np
 import torch
@@ -6,7 +6,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from brushexp.pictures.color import to_lab
-from brushexp.pictures.load import downsampled, load_mask
+from brushexp.pictures.load import downsample, load_mask
 
 AUTO = "auto"  # focus that is found in the picture
 SIDE = 64  # pixels of the longer side at which a picture is looked at as a whole
@@ -20,20 +20,20 @@ BESIDE_FACES = 0.5  # of the attention that everything else keeps where there is
 
 
 def focus_map(focus: str, target: Tensor) -> Tensor:
-    """How much pixels of a picture (3, H, W) matter, 0 to 1 (H, W) float32, by ``auto`` or a file (see `load_mask`)."""
+    """Map how much pixels of a picture (3, H, W) matter, 0 to 1 (H, W), by ``auto`` or a file (see `load_mask`)."""
     if focus == AUTO:
         return attention(target)
     return load_mask(focus, (target.shape[1], target.shape[2]), "focus", f"{AUTO}, ")
 
 
 def focus_weights(attended: Tensor, strength: float) -> Tensor:
-    """1 + (strength - 1) m for a map m (H, W) in [0, 1], divided by its mean; float32 of mean 1."""
+    """Compute 1 + (strength - 1) m for a map m (H, W) in [0, 1], divided by its mean; float32 of mean 1."""
     weights = 1 + (strength - 1) * attended.double()
     return (weights / weights.mean()).to(torch.float32)
 
 
 def resized(weights: Tensor, size: tuple[int, int]) -> Tensor:
-    """Weights (H, W) at another resolution, of a smaller picture or of features: means over areas, of the same mean."""
+    """Average weights (H, W) over areas to another resolution, with the same mean."""
     if weights.shape == size:
         return weights
     means = functional.adaptive_avg_pool2d(weights[None].double(), size)[0]
@@ -41,17 +41,14 @@ def resized(weights: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 def attention(picture: Tensor) -> Tensor:
-    """Where people look first: saliency times detail, nearer the middle more, and faces first of all.
+    """Estimate where people look first, (H, W) float32 from 0 to 1; all 0 for a picture that is even.
 
     Saliency is the image signature (Hou, Harel and Koch, 2012, "Image signature: highlighting sparse salient regions"):
-    of each Lab channel the cosine transform keeps its signs only, and what is bright in the squared inverse stands out
-    from a background that few frequencies make. Detail is the slope of the Lab channels. Both are smoothed, and the
-    root of their product is weighed with a Gaussian around the middle (Judd et al., 2009, measured that prior). Faces
-    are added as Cerf et al. (2007) do, who found them to draw the eye whatever their contrast; the detector is the
-    cascade of local binary patterns that scikit-image ships, asked about the picture and its mirror image. Differs from
-    the sources in this combination, which was chosen by eye on three photographs (a portrait, a cup, a cat).
-
-    It is (H, W) float32 from 0 to 1 for a picture (3, H, W) in [0, 1]; all 0 if that is the same everywhere.
+    of each Lab channel the cosine transform keeps its signs only, and what is bright in the squared inverse stands out.
+    Detail is the slope of the Lab channels. Both are smoothed, and the root of their product is weighed with a Gaussian
+    around the middle (Judd et al., 2009). Faces are added as Cerf et al. (2007) do; the detector is the cascade of
+    local binary patterns that scikit-image ships, applied to the picture and its mirror image. Differs from the sources
+    in this combination, which was chosen by eye on three photographs.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (rarely needed)
 
@@ -77,7 +74,6 @@ def attention(picture: Tensor) -> Tensor:
 
 
 def _signature(lab: np.ndarray) -> np.ndarray:
-    """Squared inverse cosine transform of the signs of that of each channel (h, w, 3), summed over channels (h, w)."""
     from scipy.fft import dctn, idctn  # noqa: PLC0415  (rarely needed)
 
     frequencies = dctn(lab, axes=(0, 1), norm="ortho")
@@ -86,7 +82,7 @@ def _signature(lab: np.ndarray) -> np.ndarray:
 
 
 def _slope(lab: np.ndarray) -> np.ndarray:
-    """Length of the gradient (h, w) of all channels (h, w, 3), at a scale of one pixel."""
+    """Compute the length of the gradient (h, w) of all channels (h, w, 3), at a scale of one pixel."""
     from scipy.ndimage import gaussian_gradient_magnitude  # noqa: PLC0415  (rarely needed)
 
     squares: np.ndarray = sum(gaussian_gradient_magnitude(channel, 1.0) ** 2 for channel in np.moveaxis(lab, 2, 0))
@@ -94,7 +90,7 @@ def _slope(lab: np.ndarray) -> np.ndarray:
 
 
 def faces(picture: Tensor) -> list[tuple[tuple[float, float], float]]:
-    """Middle (y, x) and side of the square around each face that looks at us, in pixels of a picture (3, H, W)."""
+    """Find the middle (y, x) and side of the square around each frontal face of a picture (3, H, W), in pixels."""
     small = _shrunk(picture, FACE_SIDE)
     if min(small.shape[:2]) <= FACE_LEAST:
         return []
@@ -122,5 +118,4 @@ def faces(picture: Tensor) -> list[tuple[tuple[float, float], float]]:
 
 
 def _shrunk(picture: Tensor, side: int) -> np.ndarray:
-    """A picture (3, H, W) with its longer side at most ``side`` (h, w, 3)."""
-    return downsampled(picture, side).permute(1, 2, 0).clamp(0, 1).cpu().numpy()
+    return downsample(picture, side).permute(1, 2, 0).clamp(0, 1).cpu().numpy()

@@ -1,4 +1,4 @@
-"""Find the pictures of a folder, or of a pattern such as ``photos/*.jpg``."""
+"""The pictures of a folder, or of a pattern such as ``photos/*.jpg``, are found."""
 
 import glob
 import os
@@ -9,13 +9,13 @@ PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".gif")  
 
 
 def is_several(image: str) -> bool:
-    """Whether what was typed names a folder or, being no file, is a pattern."""
+    """Test whether what was typed names a folder or, being no file, is a pattern."""
     path = os.path.expanduser(image)
     return os.path.isdir(path) or (not os.path.exists(path) and glob.has_magic(image) and "(" not in image)
 
 
 def pictures_in(image: str) -> list[str]:
-    """The picture files that a folder holds, or a pattern names; a UserError if there are none."""
+    """List the picture files that a folder holds, or a pattern names; UserError if there are none."""
     path = os.path.expanduser(image)
     pattern = os.path.join(glob.escape(path), "*") if os.path.isdir(path) else path
     paths = sorted(

@@ -1,4 +1,4 @@
-"""Reading a picture at the size it is wanted, and the colour of the canvas below it."""
+"""Pictures are loaded from files, samples and memory, where they have names that stand in place of a path."""
 
 import math
 import os
@@ -6,7 +6,10 @@ import re
 from collections.abc import Sequence
 from functools import cache
 from importlib.util import find_spec
+from itertools import count
 from pathlib import Path
+from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 import torch
@@ -16,26 +19,26 @@ from torch.nn import functional
 
 from brushexp.bounds import Rule
 from brushexp.errors import UserError
-from brushexp.pictures.decode import MAX_PIXELS, picture_size, read_picture
-from brushexp.pictures.held import pixels_of
+from brushexp.pictures.decode import MAX_PIXELS, decode_image, picture_size, read_picture
+from brushexp.system.files import replacing, write_picture
 
 BRIGHTNESS = (0.299, 0.587, 0.114)  # of red, green and blue, Rec. 601
+KINDS = "a path, a PIL image, an array (H, W, 3) or (H, W), or a tensor (3, H, W); uint8, or floats from 0 to 1"
 SAMPLE_SUFFIXES = (".png", ".jpg")  # the GIF and TIFF files beside the samples are test data
 
 
 def load_picture(image: str, resolution: int | None, key: str = "image") -> Tensor:
     """Read a picture, upright, over white, and resample it: (3, H, W) float32, contiguous, sRGB in [0, 1].
 
-    ``image`` is the path of a file, one of ``samples()``, or the name of a `HeldPicture`; a file wins over a sample of
-    its name. ``resolution`` is the longer side in pixels, None that of the file; ``key`` is what the user types before
-    the path, for messages.
-    UserError if there is no such picture, it cannot be read, or it or the result has more than 100 megapixels.
+    ``image`` is the path of a file, one of ``samples()``, or the name of a `HeldPicture`; ``resolution`` is the longer
+    side in pixels, None that of the file; ``key`` is what the user types before the path, for messages. UserError if
+    there is no such picture, it cannot be read, or it or the result has more than 100 megapixels.
     """
     return planes_of(_pixels_of(image, key), resolution)
 
 
 def planes_of(picture: np.ndarray, resolution: int | None) -> Tensor:
-    """A picture (H, W, 3), uint8 or in [0, 1], as `load_picture` gives one."""
+    """Convert a picture (H, W, 3), uint8 or in [0, 1], as `load_picture` does."""
     if resolution is not None:
         picture = _resample(picture, size_at(resolution, *picture.shape[:2]))
     planes = np.ascontiguousarray(np.moveaxis(picture, 2, 0), dtype=np.float32)
@@ -44,15 +47,15 @@ def planes_of(picture: np.ndarray, resolution: int | None) -> Tensor:
     return torch.from_numpy(planes)
 
 
-def downsampled(picture: Tensor, side: int) -> Tensor:
-    """A picture (3, H, W) of at most ``side`` pixels a side (3, h, w): means over areas."""
+def downsample(picture: Tensor, side: int) -> Tensor:
+    """Average a picture (3, H, W) over areas to at most ``side`` pixels a side (3, h, w)."""
     height, width = picture.shape[1:]
     zoom = min(side / max(height, width), 1)
     return functional.adaptive_avg_pool2d(picture, (max(round(zoom * height), 1), max(round(zoom * width), 1)))
 
 
 def size_of_picture(image: str, key: str, resolution: int | None = None, also: str = "") -> tuple[int, int]:
-    """Height and width of what `load_picture` makes, and its errors, without decoding a picture."""
+    """Compute height and width of what `load_picture` makes, and its errors, without decoding a picture."""
     if (held := pixels_of(image)) is not None:
         height, width = held.shape[:2]
     else:
@@ -62,7 +65,6 @@ def size_of_picture(image: str, key: str, resolution: int | None = None, also: s
 
 
 def _pixels_of(image: str, key: str, also: str = "", backdrop: float = 1.0) -> np.ndarray:
-    """(H, W, 3) uint8, or float32 in [0, 1]."""
     held = pixels_of(image)
     return read_picture(_path_of(image, key, also), key=key, backdrop=backdrop) if held is None else held
 
@@ -76,11 +78,10 @@ PICTURE = Rule(size_of_picture)
 
 
 def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Tensor:
-    """Read a picture as grey values (H, W), at the ``size`` of another one, resampled as that is.
+    """Read a picture as grey values (H, W), float32 in [0, 1], resampled to the ``size`` of another one.
 
-    They are float32, brightness (Rec. 601) of the sRGB values in [0, 1]; transparent pixels are black. ``image`` and
-    ``key`` are as in `load_picture`, and ``also`` is what else the key takes, for messages: "auto, " for instance.
-    UserError if there is no such picture, it cannot be read, or its sides have another ratio.
+    Grey is brightness (Rec. 601); transparent pixels are black. ``image`` and ``key`` are as in `load_picture`, and
+    ``also`` is what else the key takes, for messages: "auto, " for instance. UserError if its sides have another ratio.
     """
     picture = _pixels_of(image, key, also, backdrop=0.0)
     check_ratio(image, picture.shape, size, key)
@@ -99,7 +100,7 @@ def check_ratio(image: str, sides: Sequence[int], size: tuple[int, int], key: st
 
 
 def background_color(spec: str, target: Tensor) -> Tensor:
-    """Colour (3,) of the bare canvas, as `named_color`, float32 in [0, 1], for a target (3, H, W) on its device."""
+    """Choose the colour (3,) of the bare canvas, float32 in [0, 1], as `named_color` for a target (3, H, W)."""
     color = named_color(spec, "background")
     if color is None:
         return target.mean((1, 2), dtype=torch.float64).to(torch.float32)
@@ -107,10 +108,7 @@ def background_color(spec: str, target: Tensor) -> Tensor:
 
 
 def named_color(spec: str, key: str) -> bytes | None:
-    """Red, green and blue of a colour; None for ``mean``, that of the target.
-
-    ``spec`` is ``mean``, ``white``, ``black`` or ``#rrggbb`` (hexadecimal); anything else a UserError.
-    """
+    """Convert ``white``, ``black`` or ``#rrggbb`` to bytes; ``mean``, that of the target, to None (else UserError)."""
     digits = {"white": "#ffffff", "black": "#000000"}.get(spec, spec)
     if spec != "mean" and not re.fullmatch("#[0-9a-fA-F]{6}", digits):
         raise UserError(f"{key}={spec} is not a colour; use {key}=mean, white, black or '#rrggbb'")
@@ -118,22 +116,18 @@ def named_color(spec: str, key: str) -> bytes | None:
 
 
 def samples() -> dict[str, Path]:
-    """The pictures that scikit-image ships, and a portrait of matplotlib's, by name; none of them needs a network."""
+    """List the pictures that scikit-image and matplotlib ship, by name; none of them needs a network."""
     import skimage.data  # noqa: PLC0415  (``--help`` does not need it)
 
     folder = Path(skimage.data.__file__).parent
     pictures = {path.stem: path for path in folder.iterdir() if path.suffix in SAMPLE_SUFFIXES}
-    portrait = (
-        Path(str(getattr(find_spec("matplotlib"), "origin", ""))).parent
-        / "mpl-data"
-        / "sample_data"
-        / "grace_hopper.jpg"
-    )
+    shipped_with_matplotlib = Path(str(getattr(find_spec("matplotlib"), "origin", ""))).parent / "mpl-data/sample_data"
+    portrait = shipped_with_matplotlib / "grace_hopper.jpg"
     return pictures | ({portrait.stem: portrait} if portrait.is_file() else {})
 
 
 def _path_of(image: str, key: str, also: str = "") -> Path:
-    """The file that ``image`` names; a shell leaves the ~ of ``image=~/photo.jpg`` to us."""
+    """Find the file that ``image`` names; a shell leaves the ~ of ``image=~/photo.jpg`` to us."""
     path = os.path.expanduser(image)  # these three functions of os, unlike those of pathlib, never raise
     if os.path.isfile(path):
         return Path(path)
@@ -146,7 +140,7 @@ def _path_of(image: str, key: str, also: str = "") -> Path:
 
 
 def size_at(resolution: int | None, height: int, width: int) -> tuple[int, int]:
-    """Height and width in proportion, with the longer side at ``resolution``; None changes nothing."""
+    """Scale height and width in proportion, with the longer side at ``resolution``; None changes nothing."""
     if resolution is None:
         return height, width
     longer = max(height, width)
@@ -161,7 +155,7 @@ def size_at(resolution: int | None, height: int, width: int) -> tuple[int, int]:
 
 
 def _resample(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Lanczos, 3 lobes, widened when the picture shrinks; (H, W, 3) uint8 or float32 in [0, 1] stays what it is."""
+    """Resample by Lanczos, 3 lobes, widened when the picture shrinks; the dtype stays."""
     height, width = size
     if picture.shape[:2] == size:
         return picture
@@ -169,3 +163,76 @@ def _resample(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
         return np.asarray(Image.fromarray(picture).resize((width, height), Image.Resampling.LANCZOS))
     channels = [Image.fromarray(picture[..., c]).resize((width, height), Image.Resampling.LANCZOS) for c in range(3)]
     return np.stack([np.asarray(channel) for channel in channels], 2).clip(0, 1)  # Lanczos overshoots at edges
+
+
+class HeldPicture:
+    """A picture, (H, W, 3) uint8 or float32 in [0, 1], which is found by its name as long as this object lives."""
+
+    def __init__(self, picture: Any, key: str = "image") -> None:
+        self.pixels = _pixels(picture, key)
+        self.name = f"picture {next(_numbers)} in memory"
+        _pictures[self.name] = self
+
+    def write(self, folder: Path, stem: str) -> Path:
+        """Write exactly these pixels to a file: PNG, or TIFF of floats."""
+        if self.pixels.dtype == np.uint8:
+            write_picture(path := folder / f"{stem}.png", self.pixels)
+            return path
+        from tifffile import imwrite  # noqa: PLC0415  (rarely needed)
+
+        with replacing(path := folder / f"{stem}.tif") as temporary:
+            imwrite(temporary, self.pixels, photometric="rgb")
+        return path
+
+
+_pictures: WeakValueDictionary[str, HeldPicture] = WeakValueDictionary()
+_numbers = count(1)
+
+
+def pixels_of(name: str) -> np.ndarray | None:
+    """Look up the picture (H, W, 3) of this name; None if none is held."""
+    return getattr(_pictures.get(name), "pixels", None)
+
+
+def is_picture(value: Any) -> bool:
+    """Test whether a value is of a kind that can be held."""
+    return isinstance(value, Image.Image | np.ndarray | torch.Tensor)
+
+
+def _pixels(picture: Any, key: str) -> np.ndarray:
+    if isinstance(picture, Image.Image):
+        return _pixels_of_pillow(picture, key)
+    if isinstance(picture, torch.Tensor):
+        if picture.layout != torch.strided or picture.is_meta:
+            raise UserError(f"{key} is a tensor that is sparse or without numbers; give {KINDS}")
+        if picture.ndim != 3 or len(picture) != 3:
+            raise UserError(f"{key} is a tensor of shape {tuple(picture.shape)}; give {KINDS}")
+        picture = picture.detach().movedim(0, 2).cpu()
+        picture = (picture.float() if picture.is_floating_point() else picture).numpy()
+    if not isinstance(picture, np.ndarray):
+        raise UserError(f"{key} is a {type(picture).__name__}; give {KINDS}")
+    picture = np.asarray(picture)  # no subclass, whose methods may be others
+    picture = np.stack([picture] * 3, 2) if picture.ndim == 2 else picture
+    if picture.ndim != 3 or picture.shape[2] != 3 or not picture.size:
+        raise UserError(f"{key} is an array of shape {picture.shape}; give {KINDS}")
+    if picture.shape[0] * picture.shape[1] > MAX_PIXELS:
+        raise UserError(f"{key} has {picture.shape[1]} x {picture.shape[0]} pixels; give {MAX_PIXELS} or fewer")
+    if picture.dtype == np.uint8:
+        return picture.copy()
+    if picture.dtype.kind not in "biuf":
+        raise UserError(f"{key} is an array of {picture.dtype}; give {KINDS}")
+    if picture.dtype.kind != "f" or not (picture.min() >= 0 and picture.max() <= 1):  # false of NaN
+        reach = f"{picture.dtype} from {picture.min():g} to {picture.max():g}"
+        raise UserError(f"{key} is an array of {reach}; give {KINDS}")
+    return picture.astype(np.float32)
+
+
+def _pixels_of_pillow(picture: Image.Image, key: str) -> np.ndarray:
+    if not all(picture.size):
+        raise UserError(f"{key} is a picture without pixels; give {KINDS}")
+    try:
+        return np.ascontiguousarray(decode_image(picture))
+    except UserError as error:
+        raise UserError(f"{key} {error}") from error
+    except (ValueError, OSError, AssertionError) as error:  # of Pillow, also where a file is closed
+        raise UserError(f"{key} is closed or damaged ({error}); give {KINDS}") from error

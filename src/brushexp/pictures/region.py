@@ -1,4 +1,4 @@
-"""A rectangle of the canvas."""
+"""A rectangle of the canvas is cut out, widened and tiled."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ class Region:
 
     @staticmethod
     def whole(picture: Tensor) -> Region:
-        """All of a picture (..., H, W)."""
+        """Cover all of a picture (..., H, W)."""
         return Region(0, 0, picture.shape[-2], picture.shape[-1])
 
     def of(self, picture: Tensor) -> Tensor:
-        """This part (..., height, width) of a picture (..., H, W), not copied."""
+        """Cut this part (..., height, width) out of a picture (..., H, W), without a copy."""
         return picture[..., self.top : self.top + self.height, self.left : self.left + self.width]
 
     def widened(self, margin: int, size: tuple[int, int], grid: int = 1) -> Region:
-        """With ``margin`` more pixels on every side, as far as a canvas of ``size`` (H, W) reaches.
+        """Add ``margin`` pixels on every side, as far as a canvas of ``size`` (H, W) reaches.
 
-        It begins at multiples of ``grid``, and its sides leave the same remainder as those of the canvas: a network
-        whose positions are so many pixels apart then pads both alike, and looks at the same places in both.
+        The region begins at multiples of ``grid``, and its sides leave the same remainder as those of the canvas, so
+        that a network whose positions are so many pixels apart pads both alike.
         """
 
         def span(first: int, length: int, side: int) -> tuple[int, int]:
@@ -41,7 +41,7 @@ class Region:
         return Region(top, left, height, width)
 
     def tiles(self, side: int) -> Iterator[Region]:
-        """The region in parts of at most ``side`` x ``side`` pixels."""
+        """Divide the region into parts of at most ``side`` x ``side`` pixels."""
         for top in range(self.top, self.top + self.height, side):
             for left in range(self.left, self.left + self.width, side):
                 height, width = self.top + self.height - top, self.left + self.width - left

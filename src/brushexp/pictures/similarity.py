@@ -1,4 +1,4 @@
-"""How near two pictures are to each other: PSNR, and SSIM around each pixel."""
+"""PSNR, and SSIM around each pixel, measure how near two pictures are to each other."""
 
 import math
 
@@ -14,31 +14,31 @@ C1, C2 = 0.01**2, 0.03**2  # of Wang et al., for pictures in [0, 1]
 
 
 def psnr_of(mean_squared_error: float) -> float:
-    """Peak signal-to-noise ratio in dB of pictures in [0, 1]; infinite for equal ones."""
+    """Compute the peak signal-to-noise ratio in dB of pictures in [0, 1]; infinite for equal ones."""
     return -10 * math.log10(mean_squared_error) if mean_squared_error > 0 else math.inf
 
 
 def picture_psnr(picture: np.ndarray, target: np.ndarray) -> float:
-    """PSNR in dB of two 8-bit pictures of one shape."""
+    """Compute the PSNR in dB of two 8-bit pictures of one shape."""
     return psnr_of(float(np.square((picture.astype(np.float64) - target) / 255).mean()))
 
 
 def statistics(picture: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean and variance (3, H, W) of the window around each pixel of a picture (3, H, W)."""
+    """Compute mean and variance (3, H, W) of the window around each pixel of a picture (3, H, W)."""
     picture = at_least_single(picture)
-    mean, square = blurred(torch.cat([picture, picture.square()])).split(3)
+    mean, square = gaussian_mean(torch.cat([picture, picture.square()])).split(3)
     return mean, square - mean.square()
 
 
 def dissimilarity(image: Tensor, target: Tensor, mean: Tensor, variance: Tensor) -> Tensor:
-    """1 - SSIM (3, H, W) of the windows of two pictures (3, H, W); ``mean`` and ``variance`` are of the target's.
+    """Compute 1 - SSIM (3, H, W) of two pictures (3, H, W); ``mean`` and ``variance`` are the target's.
 
     With d the difference of the pictures, 2 m n = m^2 + n^2 - E[d]^2 for means m and n, and the same for covariances:
     SSIM = (1 - E[d]^2 / (m^2 + n^2 + C1)) (1 - V[d] / (V[x] + V[y] + C2)).
     """
     image, target = at_least_single(image), at_least_single(target)
     difference = image - target
-    mean_d, square_d, square = blurred(torch.cat([difference, difference.square(), image.square()])).split(3)
+    mean_d, square_d, square = gaussian_mean(torch.cat([difference, difference.square(), image.square()])).split(3)
     ours = mean + mean_d
     of_means = mean_d.square() / (ours.square() + mean.square() + C1)
     variance_d = (square_d - mean_d.square()).clamp_min(0)  # rounding may leave less
@@ -46,8 +46,8 @@ def dissimilarity(image: Tensor, target: Tensor, mean: Tensor, variance: Tensor)
     return of_means + of_structure - of_means * of_structure
 
 
-def blurred(pictures: Tensor) -> Tensor:
-    """Gaussian mean around each pixel of pictures (C, H, W), mirrored at the border."""
+def gaussian_mean(pictures: Tensor) -> Tensor:
+    """Compute the Gaussian mean around each pixel of pictures (C, H, W), mirrored at the border."""
     count, (down, across) = len(pictures), (min(RADIUS, side - 1) for side in pictures.shape[1:])
     steps = (torch.arange(-r, r + 1).to(pictures) for r in (down, across))
     column, row = ((-((step / SIGMA) ** 2) / 2).softmax(0) for step in steps)

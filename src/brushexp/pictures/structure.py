@@ -1,4 +1,4 @@
-"""The local structure of a picture: in which direction it changes least."""
+"""The structure tensor of a picture says in which direction it changes least."""
 
 from collections.abc import Iterable
 
@@ -9,9 +9,9 @@ Array = np.ndarray
 
 
 def structure_tensor(picture: Array, sigma: float) -> Array:
-    """Structure tensor (3, H, W: xx, xy, yy) of a picture (C, H, W), summed over channels (Bigun and Granlund, 1987).
+    """Compute the structure tensor (3, H, W: xx, xy, yy) of a picture (C, H, W) (Bigun and Granlund, 1987).
 
-    Products of the central differences per pixel, smoothed with a Gaussian of ``sigma`` pixels.
+    Products of the central differences are summed over channels and smoothed with a Gaussian of ``sigma`` pixels.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
 
@@ -35,36 +35,36 @@ class FarStructure:
         self.spectrum = dctn(_products(picture), axes=(1, 2), workers=torch.get_num_threads())
 
     def __call__(self, parts: Iterable[tuple[float, float]]) -> Array:
-        """The sum (3, H, W) of those smoothed with Gaussians of so many pixels, times their weights."""
+        """Sum the tensors (3, H, W) smoothed with Gaussians of so many pixels, times their weights."""
         from scipy.fft import idctn  # noqa: PLC0415
 
         squares = np.add.outer(*((np.pi * np.arange(n) / n) ** 2 for n in self.spectrum.shape[1:]))
         passed = sum(weight * np.exp(-0.5 * sigma**2 * squares) for sigma, weight in parts)
-        found: Array = idctn(self.spectrum * passed, axes=(1, 2), workers=torch.get_num_threads())
-        return found
+        tensor: Array = idctn(self.spectrum * passed, axes=(1, 2), workers=torch.get_num_threads())
+        return tensor
 
 
 def _products(picture: Array) -> Array:
-    """Products (3, H, W: xx, xy, yy) of the central differences of a picture (C, H, W), summed over channels."""
+    """Compute products (3, H, W) of the central differences of a picture (C, H, W), summed over channels."""
     padded = np.pad(picture, ((0, 0), (1, 1), (1, 1)), mode="edge")
     gx, gy = (padded[:, 1:-1, 2:] - padded[:, 1:-1, :-2]) / 2, (padded[:, 2:, 1:-1] - padded[:, :-2, 1:-1]) / 2
     return np.stack([(a * b).sum(0) for a, b in ((gx, gx), (gx, gy), (gy, gy))])
 
 
 def along_edges(tensor: Array) -> Array:
-    """Direction (...) in which a picture with this structure tensor (3, ...) changes least, radians from the x axis."""
+    """Compute the direction (...) in which a picture changes least, radians from the x axis, of tensors (3, ...)."""
     return 0.5 * np.arctan2(-2 * tensor[1], tensor[2] - tensor[0])
 
 
 def sampled_at(picture: Array, x: Array, y: Array) -> Array:
-    """Values (..., n) of a picture (..., H, W) in the pixels of places (n,), the nearest ones for those outside."""
+    """Look up values (..., n) of a picture (..., H, W) at places (n,), in the nearest pixels for those outside."""
     height, width = picture.shape[-2:]
-    found: Array = picture[..., y.astype(int).clip(0, height - 1), x.astype(int).clip(0, width - 1)]
-    return found
+    values: Array = picture[..., y.astype(int).clip(0, height - 1), x.astype(int).clip(0, width - 1)]
+    return values
 
 
 def worst_of_cells(difference: Array, side: int) -> tuple[Array, Array, Array]:
-    """Cells (n, side^2) of a map (H, W), NaN beyond it, and the places x, y (n,) of their worst pixels."""
+    """Divide a map (H, W) into cells (n, side^2), NaN beyond it, and find their worst pixels, x and y (n,)."""
     height, width = difference.shape
     rows, columns = -(-height // side), -(-width // side)
     padded = np.pad(difference, ((0, rows * side - height), (0, columns * side - width)), constant_values=np.nan)

@@ -1,4 +1,4 @@
-"""Films as MP4 and GIF, made picture by picture: a video is written on the way, the frames of a GIF at the end."""
+"""Films are written picture by picture: a video on the way, the frames of a GIF at the end."""
 
 import importlib
 import logging
@@ -31,7 +31,7 @@ Show = Callable[[Array, int], None]  # a picture (H, W, 3) of bytes, and for how
 
 
 class Film(NamedTuple):
-    """Files that are there when the film is finished, and what adds a picture to them."""
+    """The files that a film is written to, and the function that adds a picture to them."""
 
     paths: list[Path]
     show: Show
@@ -64,12 +64,12 @@ def filming(stem: Path, kind: str, size: tuple[int, int], rate: Fraction) -> Ite
 
 
 def largest_side(kind: str) -> int:
-    """Pixels that the longer side of a film has at most."""
+    """Return the pixels that the longer side of a film has at most."""
     return GIF_SIDE if _encoder(kind) is None else LARGEST_SIDE
 
 
 def _encoder(kind: str) -> ModuleType | None:
-    """PyAV, if a film of this kind has a video, and PyAV is installed and has an encoder for H.264."""
+    """Import PyAV, if a film of this kind has a video, and PyAV is installed and has an encoder for H.264."""
     if kind == "gif":
         return None
     try:
@@ -88,16 +88,16 @@ def _mp4(path: Path, size: tuple[int, int], rate: Fraction, av: ModuleType) -> I
         stream.pix_fmt = "yuv420p"
         coding = stream.codec_context  # said in the file, because players guess differently where it is not
         coding.colorspace = coding.color_primaries = coding.color_trc = coding.color_range = BT709
-        shown = 0
+        tick = 0
 
         def show(picture: Array, ticks: int) -> None:
-            nonlocal shown
+            nonlocal tick
             frame = av.VideoFrame.from_ndarray(np.pad(picture, [*odd, (0, 0)], mode="edge"), format="rgb24")
             frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709")
             for _ in range(ticks):
-                frame.pts, frame.time_base = shown, 1 / rate
+                frame.pts, frame.time_base = tick, 1 / rate
                 container.mux(stream.encode(frame))
-                shown += 1
+                tick += 1
 
         yield show
         container.mux(stream.encode())
@@ -105,20 +105,20 @@ def _mp4(path: Path, size: tuple[int, int], rate: Fraction, av: ModuleType) -> I
 
 @contextmanager
 def _gif(path: Path, rate: Fraction) -> Iterator[Show]:
-    """Frames that hold only the pixels which have changed: small, and what stays the same does not flicker."""
+    """Write frames that hold only the pixels which have changed: small, and without flicker."""
     frames: list[Image.Image] = []
     begins: list[int] = []  # of the frames, in ticks
     now = 0
-    shown: Array = np.array(-1000)  # each pixel as it was when it last changed; at first unlike any
+    screen: Array = np.array(-1000)  # each pixel as it was when it last changed; at first unlike any
 
     def show(picture: Array, ticks: int) -> None:
-        nonlocal now, shown
+        nonlocal now, screen
         small = Image.fromarray(picture)
         small.thumbnail((GIF_SIDE, GIF_SIDE), Image.Resampling.LANCZOS)
         levels = np.asarray(small).astype(np.int16)
-        changed: Array = (np.abs(levels - shown) > SAME).any(2)
+        changed: Array = (np.abs(levels - screen) > SAME).any(2)
         if changed.any():
-            shown = np.where(changed[..., None], levels, shown)
+            screen = np.where(changed[..., None], levels, screen)
             frames.append(_cut_out(np.asarray(small), changed))
             begins.append(now)
         now += ticks
@@ -134,7 +134,7 @@ def _gif(path: Path, rate: Fraction) -> Iterator[Show]:
 
 
 def _cut_out(picture: Array, changed: Array) -> Image.Image:
-    """Some pixels of a picture in 255 colours of their own, everything else transparent."""
+    """Draw some pixels of a picture in 255 colours of their own, and everything else transparent."""
     small = Image.fromarray(picture[changed][None]).quantize(255)
     palette = small.getpalette() or []
     index = np.full(changed.shape, len(palette) // 3, np.uint8)

@@ -1,39 +1,45 @@
-"""What all static plots share: colours, letters, axes. Matplotlib is loaded when one is drawn."""
+"""Draw static plots: colours, text, axes, strips of points. Matplotlib is imported when one is drawn."""
 
 from __future__ import annotations
 
 import io
+import math
 import re
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from brushexp.system.files import write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pandas import DataFrame
 
-# Okabe and Ito (2008): told apart by the colour-blind too; without yellow, which is faint on white.
+# Okabe and Ito (2008): the colour-blind can distinguish them; without yellow, which is faint on white.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MARKERS = "osD^vPX"
 DASHES = ("-", "--", ":", "-.")
 INK, FAINT, GREY = "#202020", "#d8d8d8", "#9a9a9a"
 DPI = 100
 SIZE = (14.0, 5.0)  # inches
+TALLEST = 30.0  # inches: of a figure whose height grows with its rows
+LABEL = 28  # letters in a line of the label of a row
 LOGARITHMIC_FROM = 20.0  # ratio of largest to smallest number from which an axis is logarithmic
 
 
 def new_figure(height: float = SIZE[1]) -> Figure:
-    """An empty figure on white, of no global state."""
+    """Make an empty figure on white, without global state."""
     from matplotlib.figure import Figure  # noqa: PLC0415
 
     return Figure(figsize=(SIZE[0], height), dpi=DPI, layout="constrained", facecolor="white")
 
 
 def tidy(axes: Axes) -> None:
-    """A light grid and no frame."""
+    """Give axes a light grid and no frame."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color("#808080")
     axes.grid(color=FAINT, linewidth=0.6)
@@ -45,18 +51,27 @@ def save_figure(figure: Figure, path: Path) -> Path:
     """Write a PNG, the same for the same figure."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
 
-    encoded = io.BytesIO()
-    FigureCanvasAgg(figure).print_png(encoded, metadata={"Software": None})  # figure.savefig draws twice
-    write_bytes(path, encoded.getvalue())
+    file = io.BytesIO()
+    FigureCanvasAgg(figure).print_png(file, metadata={"Software": None})  # figure.savefig draws twice
+    write_bytes(path, file.getvalue())
     return path
 
 
+def draw_strips(axes: Axes, table: DataFrame, looks: Sequence[Any], bars: DataFrame | None = None) -> None:
+    """Draw a row of points for each row of a table, its columns above each other, with error ``bars``."""
+    for k, look in enumerate(looks):
+        places = np.arange(len(table)) + 0.8 * ((k + 0.5) / len(looks) - 0.5)
+        axes.errorbar(table.iloc[:, k], places, xerr=None if bars is None else bars.iloc[:, k], ls="none", **look)
+    axes.set_yticks(range(len(table)), [label_lines(name, LABEL) for name in table.index])
+    axes.set_ylim(len(table) - 0.5, -0.5)
+
+
 def fit_scale(axes: Axes, name: str, values: Iterable[float]) -> None:
-    """A logarithmic axis (x or y) with plain numbers where values are positive and differ much."""
+    """Make an axis (x or y) logarithmic, with plain numbers, where values are positive and differ much."""
     from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter  # noqa: PLC0415
 
-    found = [value for value in values if value == value]  # noqa: PLR0124 (missing ones are NaN)
-    if found and min(found) > 0 and max(found) / min(found) > LOGARITHMIC_FROM:
+    finite = [value for value in values if math.isfinite(value)]
+    if finite and min(finite) > 0 and max(finite) / min(finite) > LOGARITHMIC_FROM:
         axes.set(**{f"{name}scale": "log"})
         axis = axes.xaxis if name == "x" else axes.yaxis
         axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -64,26 +79,26 @@ def fit_scale(axes: Axes, name: str, values: Iterable[float]) -> None:
         axis.set_minor_locator(NullLocator())
 
 
-def entitle(figure: Figure, folder: Path, text: str) -> None:
+def add_title(figure: Figure, folder: Path, text: str) -> None:
     """Write the name of a sweep's folder and a text above all panels."""
     figure.suptitle(f"{without_math(folder.resolve().name)[:60]}: {text}", fontsize=11, x=0.01, ha="left")
 
 
 def without_math(text: str) -> str:
-    """On one line, with the letters that the font has; a dollar sign begins no formula."""
+    """Put text on one line, with "?" for letters that the font lacks and dollar signs escaped."""
     from matplotlib.font_manager import FontProperties, findfont, get_font  # noqa: PLC0415
 
-    known = get_font(findfont(FontProperties())).get_charmap()
-    return "".join(sign if ord(sign) in known else "?" for sign in " ".join(text.split())).replace("$", r"\$")
+    letters = get_font(findfont(FontProperties())).get_charmap()
+    return "".join(sign if ord(sign) in letters else "?" for sign in " ".join(text.split())).replace("$", r"\$")
 
 
 def label_lines(text: str, width: int, most: int = 3) -> str:
-    """Text of a plot in at most so many lines of so many letters."""
-    return folded(without_math(text), width, most)
+    """Break the text of a plot into at most so many lines of so many letters."""
+    return wrap_text(without_math(text), width, most)
 
 
-def folded(text: str, width: int, most: int = 3) -> str:
-    """Text in at most so many lines of so many letters, broken at spaces and after signs, if need be in words."""
+def wrap_text(text: str, width: int, most: int = 3) -> str:
+    """Break text into at most so many lines of so many letters, at spaces and after signs, if need be in words."""
     marked = re.sub(r"(?<=[+,/_])", "\v", text)  # at which textwrap may break
     filled = textwrap.fill(marked, width, max_lines=most, placeholder="...", replace_whitespace=False)
     return filled.replace("\v", "")

@@ -1,4 +1,4 @@
-"""Tables as CSV, Markdown and LaTeX."""
+"""Write tables as CSV, Markdown and LaTeX."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     # A row per element, a column per key, or a data frame, whose index is not shown.
     Rows: TypeAlias = DataFrame | Sequence[Mapping[str, Any]] | Mapping[str, Sequence[Any]]
 
-MISSING = "–"  # in place of a number that is not known
+MISSING = "–"  # in place of a number that is missing
 NUMBER = re.compile(rf"([-+]?\d[\d.,e+-]*( ± [\d.e+-]+)?|-?inf|{MISSING}|)")  # and what stands in place of one
 
 
 def csv_table(rows: Rows, significant: int | None = None) -> str:
-    """A table as CSV: what is missing is empty, and finite floats have so many digits, None for full precision."""
+    """Write a table as CSV; missing numbers are empty, finite floats have ``significant`` digits, None for all."""
     frame = _frame(rows)
     if significant is not None:
         frame = frame.map(lambda x: f"{x:.{significant}g}" if isinstance(x, float) and math.isfinite(x) else x)
@@ -29,29 +29,28 @@ def csv_table(rows: Rows, significant: int | None = None) -> str:
 def markdown_table(
     rows: Rows, digits: Mapping[str, int] | None = None, align: str | None = None, *, escape: bool = True
 ) -> str:
-    """A table as Markdown, without a line break at its end.
+    """Write a table as Markdown.
 
-    ``digits`` are those after the point of numbers by column; the other values are shown as they are. ``align`` is "l"
-    or "r" for each column, as in LaTeX; None sets columns of numbers on the right. With ``escape`` every letter is
-    shown as it is, also those that mean something to Markdown.
+    ``digits`` are those after the point of numbers by column. ``align`` is "l" or "r" for each column, as in LaTeX;
+    None sets columns of numbers on the right. Without ``escape`` the cells are Markdown themselves.
     """
-    shown = as_text(_frame(rows), digits or {})
-    quoted = escaped if escape else str
-    rules = ["---:" if side == "r" else "---" for side in align or _alignment(shown)]
-    lines = [map(quoted, shown), rules, *(map(quoted, line) for line in shown.to_numpy())]
+    texts = as_text(_frame(rows), digits or {})
+    quote = escape_markdown if escape else str
+    rules = ["---:" if side == "r" else "---" for side in align or _alignment(texts)]
+    lines = [map(quote, texts), rules, *(map(quote, line) for line in texts.to_numpy())]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def latex_table(rows: Rows, digits: Mapping[str, int] | None = None) -> str:
-    """A table as LaTeX, with the rules of the package booktabs; arguments as of `markdown_table`."""
-    shown = as_text(_frame(rows), digits or {})
-    text = str(shown.to_latex(index=False, escape=True, column_format=_alignment(shown)))
+    """Write a table as LaTeX, with the rules of the package booktabs; arguments as of `markdown_table`."""
+    texts = as_text(_frame(rows), digits or {})
+    text = str(texts.to_latex(index=False, escape=True, column_format=_alignment(texts)))
     return text.replace("±", r"$\pm$").replace(MISSING, "--")
 
 
 def as_text(frame: DataFrame, digits: Mapping[str, int]) -> DataFrame:
-    """Every cell as it is shown: numbers with the digits of their column."""
-    return frame.apply(lambda column: column.map(lambda value: _shown(value, digits.get(column.name))))
+    """Format every cell, numbers with the digits of their column."""
+    return frame.apply(lambda column: column.map(lambda value: _format(value, digits.get(column.name))))
 
 
 def _frame(rows: Rows) -> DataFrame:
@@ -60,17 +59,17 @@ def _frame(rows: Rows) -> DataFrame:
     return pd.DataFrame(rows, dtype=object)
 
 
-def _shown(value: Any, digits: int | None) -> str:
+def _format(value: Any, digits: int | None) -> str:
     if value is None or value != value:  # noqa: PLR0124 (not a number)
         return MISSING
     return f"{value:.{digits}f}" if digits is not None and isinstance(value, Real) else str(value)
 
 
-def _alignment(shown: DataFrame) -> str:
-    """Columns of numbers stand on the right: ``"lrr"``."""
-    return "".join("r" if all(map(NUMBER.fullmatch, column)) and any(column) else "l" for _, column in shown.items())
+def _alignment(texts: DataFrame) -> str:
+    """Align columns of numbers on the right: ``"lrr"``."""
+    return "".join("r" if all(map(NUMBER.fullmatch, column)) and any(column) else "l" for _, column in texts.items())
 
 
-def escaped(text: str) -> str:
-    r"""Markdown that shows exactly this text: ``a|b_c`` becomes ``a\|b\_c``."""
+def escape_markdown(text: str) -> str:
+    r"""Escape text so that Markdown shows it to the letter: ``a|b_c`` becomes ``a\|b\_c``."""
     return re.sub(r"([\\`*_\[\]<>|~$&])", r"\\\1", " ".join(text.split()))

@@ -1,4 +1,4 @@
-"""Pictures in a grid on white paper, with labels below them; and such a sheet of all runs of a sweep."""
+"""Draw pictures in a grid on white paper, with labels below them; and such a sheet of all runs of a sweep."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from brushexp.errors import UserError
-from brushexp.pictures.decode import opened_picture
-from brushexp.reporting.plotting import folded
+from brushexp.pictures.decode import open_picture
+from brushexp.reporting.plotting import wrap_text
 from brushexp.results.quantities import digits
-from brushexp.results.runs import shortened
-from brushexp.results.tables import is_album, numbers, run_count, varying
+from brushexp.results.runs import shorten
+from brushexp.results.tables import is_album, numbers, run_count, varying_settings
 from brushexp.system.files import write_picture
 
 if TYPE_CHECKING:
-    from pandas import DataFrame, Series
+    from pandas import DataFrame
 
 SIDE = 400  # pixels: longer side of a picture, where the sheet has room
-LIMIT = 6000  # pixels: side of a sheet, about; it is drawn anew after every run
+LIMIT = 6000  # pixels: longest side of a sheet, about
 GAP = 16  # pixels between pictures
-TALL = 1.7  # height of a picture with its label, of its side, at most
-LETTER, LETTER_WIDTH, LINE = 0.04, 0.58, 1.35  # height of letters by side; their mean width and a line by that height
+TALL = 1.7  # most height of a picture with its label, in sides
+LETTER, LETTER_WIDTH, LINE = 0.04, 0.58, 1.35  # height of letters in sides; their mean width and a line in heights
 PAPER, INK, BOX = "white", "#202020", "#ededed"
 COLUMNS = 6  # up to 48 pictures; larger sheets are about square
 TARGET = "target"
@@ -36,7 +36,7 @@ UNITS = {"psnr": "dB", "psnr_alpha": "dB in alpha", "seconds": "s"}  # of the me
 
 @dataclass(frozen=True)
 class SheetCell:
-    """One place of a sheet: a picture (or its file), or words in a grey box, and lines below it."""
+    """Cell of a sheet: a picture (or its file), or words in a grey box, and lines below it."""
 
     picture: Path | Image.Image | None
     label: tuple[str, ...] = ()
@@ -59,7 +59,8 @@ def write_contact_sheet(folder: Path, frame: DataFrame) -> Path | None:
 
 
 def _rows(frame: DataFrame) -> list[list[SheetCell]]:
-    axes = varying(frame)
+    """Arrange the runs of a sweep in rows of cells."""
+    axes = varying_settings(frame)
     if not any("loss" in typed for typed in frame["run", "overrides"]):
         axes.pop("loss", None)  # it follows from another setting
     settings = frame["setting"][list(axes)].fillna("")
@@ -76,37 +77,38 @@ def _rows(frame: DataFrame) -> list[list[SheetCell]]:
 
 
 def _cells(frame: DataFrame, axes: dict[str, list[str]]) -> list[SheetCell]:
-    """These runs, and every target before the first that painted it, but in an album."""
-    words = {key: shortened(values) for key, values in axes.items()}
-    chosen, found = frame["setting"].fillna(""), numbers(frame)
+    """Make cells of runs, and of every target before the first run that painted it, but in an album."""
+    words = {key: shorten(values) for key, values in axes.items()}
+    settings, metrics = frame["setting"].fillna(""), numbers(frame).reindex(columns=list(UNITS))
     cells: list[SheetCell] = []
-    shown = {*frame["run", "target"]} if is_album(frame) else set()
+    targets = {*frame["run", "target"]} if is_album(frame) else set()
     for name, run in frame["run"].iterrows():
-        if run["target"] not in shown and (run["folder"] / "target.png").is_file():
-            shown.add(run["target"])
+        if run["target"] not in targets and (run["folder"] / "target.png").is_file():
+            targets.add(run["target"])
             cells.append(SheetCell(run["folder"] / "target.png", (TARGET,)))
-        label = "   ".join(f"{key}={names[chosen.loc[name, key]]}" for key, names in words.items())
-        cells.append(_cell(name, run, label, found.loc[name]))
+        label = "   ".join(f"{key}={names[settings.loc[name, key]]}" for key, names in words.items())
+        if run["status"] == "failed":
+            cells.append(SheetCell(None, (label, f"run {name}"), f"failed: {run['error']}"))
+            continue
+        values = [f"{x:.{digits()[key]}f} {UNITS[key]}" for key, x in metrics.loc[name].dropna().items()]
+        status = [run["status"]] * (run["status"] != "completed")
+        cells.append(SheetCell(run["picture"], (label, "   ".join([*status, *values, f"run {name}"])), "no picture"))
     return cells
 
 
-def _cell(name: str, run: Series, label: str, found: Series) -> SheetCell:
-    if run["status"] == "failed":
-        return SheetCell(None, (label, f"run {name}"), f"failed: {run['error']}")
-    told = [f"{value:.{digits()[key]}f} {UNITS[key]}" for key, value in found.reindex(list(UNITS)).dropna().items()]
-    state = [] if run["status"] == "completed" else [run["status"]]
-    return SheetCell(run["picture"], (label, "   ".join([*state, *told, f"run {name}"])), "no picture")
-
-
 def draw_sheet(rows: Sequence[Sequence[SheetCell]], title: str, side: int = SIDE) -> Image.Image:
-    """Draw pictures in rows, their longer side of so many pixels, or fewer if the sheet would be too large."""
+    """Draw pictures in rows, their longer side of ``side`` pixels, or fewer if the sheet would be too large."""
+    from matplotlib import get_data_path  # noqa: PLC0415
+
     columns = max(map(len, rows))
     side = max(1, min(side, int(LIMIT / max(columns, TALL * len(rows))) - GAP))
     letter = max(10, round(LETTER * side))
-    font, large, line = _font(letter), _font(letter * 5 // 4), round(LINE * letter)
-    letters = max(1, int(side / (LETTER_WIDTH * letter)))
+    # Matplotlib's font has more letters than Pillow's own.
+    path = Path(get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
+    font, large = (ImageFont.truetype(path, size) for size in (letter, letter * 5 // 4))
+    line, letters = round(LINE * letter), max(1, int(side / (LETTER_WIDTH * letter)))
     pictures = [[_picture(cell, side) or _box(cell.words, side, letters, font) for cell in row] for row in rows]
-    labels = [["\n".join(folded(text, letters) for text in cell.label) for cell in row] for row in rows]
+    labels = [["\n".join(wrap_text(text, letters) for text in cell.label) for cell in row] for row in rows]
     tops = [2 * (line + GAP)]
     for row, texts in zip(pictures, labels, strict=True):
         lines = max(1 + text.count("\n") for text in texts)
@@ -124,27 +126,20 @@ def draw_sheet(rows: Sequence[Sequence[SheetCell]], title: str, side: int = SIDE
     return sheet
 
 
-def _font(size: int) -> ImageFont.FreeTypeFont:
-    """Matplotlib's, which has more letters than Pillow's own."""
-    from matplotlib import get_data_path  # noqa: PLC0415
-
-    return ImageFont.truetype(Path(get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", size)
-
-
 def _box(words: str, side: int, letters: int, font: ImageFont.FreeTypeFont) -> Image.Image:
     box = Image.new("RGB", (side, max(1, side * 3 // 5)), BOX)
     place = side // 2, box.height // 2
-    ImageDraw.Draw(box).multiline_text(place, folded(words, letters, most=8), INK, font, anchor="mm", align="center")
+    ImageDraw.Draw(box).multiline_text(place, wrap_text(words, letters, most=8), INK, font, anchor="mm", align="center")
     return box
 
 
 def _picture(cell: SheetCell, side: int) -> Image.Image | None:
-    """The picture, its longer side of so many pixels; None if there is none or it cannot be read."""
+    """Resize the picture of a cell; None if there is none or it cannot be read."""
     source = cell.picture
     if source is None:
         return None
     try:
-        with nullcontext(source) if isinstance(source, Image.Image) else opened_picture(source) as picture:
+        with nullcontext(source) if isinstance(source, Image.Image) else open_picture(source) as picture:
             zoom = side / max(picture.size)
             size = max(1, round(picture.width * zoom)), max(1, round(picture.height * zoom))
             method = Image.Resampling.NEAREST if zoom > 1 else Image.Resampling.BICUBIC  # small ones show their pixels

@@ -1,4 +1,4 @@
-"""Which settings are worth their time: the Pareto fronts of seconds against PSNR and against perceptual distance."""
+"""Find the settings that are worth their time: the Pareto fronts of seconds against PSNR and perceptual distance."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ FRONTS = ("psnr", "perceptual")  # metrics that have a front
 FLAGS = ["front_psnr", "front_perceptual"]
 COLUMNS = ["picture", "number", "seconds", *FRONTS, "runs", *FLAGS, "overrides", "command"]
 HEIGHT = 6.0  # inches: of the panels of an image
-MOST_IMAGES = 6  # in a plot; the tables have all
+MOST_IMAGES = 6  # in the plot; the tables have all
 SHORTEST_SECONDS = 0.01  # seconds: a logarithmic axis has no 0
-MOST_LINES, LINE = 20, 42  # settings, and letters of a line, that tell what stands on the fronts
+MOST_LINES, LINE = 20, 42  # settings in the list beside the panels, and letters of a line
 DIGITS = {"seconds": 2, "psnr": 2, "perceptual": 4}
 
 
 def front(costs: Any) -> np.ndarray:
-    """Which of some pairs of costs are on the Pareto front: no other is as low in both and lower in one."""
+    """Tell which of some pairs of costs are on the Pareto front: no other is as low in both and lower in one."""
     costs = np.asarray(costs, float)
     as_low = (costs[:, None] <= costs[None]).all(-1)
     lower = (costs[:, None] < costs[None]).any(-1)
@@ -39,29 +39,26 @@ def front(costs: Any) -> np.ndarray:
 
 
 def front_table(frame: DataFrame) -> DataFrame:
-    """The settings of every image with at least two, numbered in the order of seconds; values are means over seeds.
-
-    The columns are ``COLUMNS``: ``FLAGS`` tell whether it is on the fronts, ``command`` is that of a first run.
-    """
+    """Tabulate ``COLUMNS``: the settings of every image with at least two, by seconds; values are means over seeds."""
     import pandas as pd  # noqa: PLC0415
 
     means = over_seeds(frame)
     table = means["mean"].reindex(columns=["seconds", *FRONTS]).join(means["run"]).dropna(subset=["seconds", "psnr"])
     table = table.rename_axis(["picture", "overrides"]).reset_index()
-    found = []
+    parts = []
     for _, settings in table.groupby("picture", sort=False):
         if len(settings) > 1:
             one = settings.sort_values("seconds", kind="stable")
-            one["number"] = range(1, len(one) + 1)
-            one["front_psnr"] = front(np.stack([one["seconds"], -one["psnr"]], 1))
             distance = one["perceptual"].fillna(math.inf)
-            one["front_perceptual"] = front(np.stack([one["seconds"], distance], 1)) & (distance < math.inf)
-            found.append(one)
-    return (pd.concat(found) if found else table.iloc[:0]).reindex(columns=COLUMNS)
+            one["number"] = range(1, len(one) + 1)
+            one["front_psnr"] = front(one[["seconds"]].assign(cost=-one["psnr"]))
+            one["front_perceptual"] = front(one[["seconds"]].assign(cost=distance)) & (distance < math.inf)
+            parts.append(one)
+    return (pd.concat(parts) if parts else table.iloc[:0]).reindex(columns=COLUMNS)
 
 
 def write_front(folder: Path, frame: DataFrame) -> Path | None:
-    """Write ``pareto.md``, ``.csv`` and ``.png``, and return the first; None if no two settings of an image ended."""
+    """Write ``pareto.md``, ``.csv`` and ``.png``, and return the first; None without two settings of an image."""
     table = front_table(frame)
     if table.empty:
         return None
@@ -70,8 +67,7 @@ def write_front(folder: Path, frame: DataFrame) -> Path | None:
         rows = points[["number", "seconds", *FRONTS, "runs"]].rename(columns={"number": ""})
         rows["front"] = [", ".join(np.compress(flags, FRONTS)) for flags in points[FLAGS].to_numpy(bool)]
         rows["overrides"] = points["overrides"]
-        first = points[points[FLAGS].any(axis=1)]
-        commands = [f"{number:>4}: {text}" for number, text in zip(first["number"], first["command"], strict=True)]
+        commands = [f"{number:>4}: {text}" for number, text in _on_a_front(points, "command")]
         lines += ["", f"## {image}", "", markdown_table(rows, DIGITS), ""]
         lines += ["Those on a front are repeated by", "", "```", *commands, "```"]
     write_text(folder / "pareto.md", "\n".join([*lines, ""]))
@@ -80,32 +76,33 @@ def write_front(folder: Path, frame: DataFrame) -> Path | None:
     return folder / "pareto.md"
 
 
+def _on_a_front(points: DataFrame, column: str) -> list[tuple[int, str]]:
+    """List the numbers of the settings on a front, with a column of theirs."""
+    return list(points.loc[points[FLAGS].any(axis=1), ["number", column]].itertuples(index=False, name=None))
+
+
 def _plot(table: DataFrame, folder: Path) -> Figure:
-    """A row of two panels for each image, and beside it what stands on their fronts."""
-    images = list(table.groupby("picture", sort=False))
-    shown = images[:MOST_IMAGES]
-    figure = plotting.new_figure(HEIGHT * len(shown))
-    grid = figure.subplots(len(shown), 3, squeeze=False, width_ratios=(5, 5, 3))
-    for panels, (image, points) in zip(grid, shown, strict=True):
+    """Draw a row of two panels for each image, and list the settings on their fronts beside it."""
+    images = list(table.groupby("picture", sort=False))[:MOST_IMAGES]
+    figure = plotting.new_figure(HEIGHT * len(images))
+    grid = figure.subplots(len(images), 3, squeeze=False, width_ratios=(5, 5, 3))
+    for panels, (image, points) in zip(grid, images, strict=True):
         for axes, metric in zip(panels[:2], FRONTS, strict=True):
             _panel(axes, points, metric)
         panels[0].set_title(plotting.without_math(image), fontsize=11, loc="left", color=INK)
-        first = points[points[FLAGS].any(axis=1)]
-        lines = [f"{n:>2}  {text}" for n, text in zip(first["number"], first["overrides"], strict=True)]
+        lines = [f"{number:>2}  {text}" for number, text in _on_a_front(points, "overrides")]
         lines[MOST_LINES:] = ["more in pareto.md"] * (len(lines) > MOST_LINES)
         text = "\n".join(plotting.label_lines(line, LINE, most=2) for line in lines)
         panels[2].text(0, 1, text, va="top", fontsize=8.5, linespacing=1.3, color=INK, in_layout=False)
         panels[2].axis("off")
-    more = f"; {len(images) - len(shown)} more in the table" * (len(images) > len(shown))
-    plotting.entitle(figure, folder, f"what is worth its time; grey settings are told in pareto.md{more}")
+    plotting.add_title(figure, folder, "what is worth its time; pareto.md has all settings")
     return figure
 
 
 def _panel(axes: Axes, points: DataFrame, metric: str) -> None:
-    """All points, and the numbered front of one metric, near which the axis ends."""
+    """Draw all points, and the numbered front of one metric, near which the axis ends."""
     plotting.tidy(axes)
-    axes.set_xlabel("optimisation, s", fontsize=10)
-    axes.set_ylabel(quantities()[metric].label, fontsize=10)
+    axes.set(xlabel="optimisation, s", ylabel=quantities()[metric].label)
     points = points.dropna(subset=[metric])
     if points.empty:
         axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", color=GREY)

@@ -1,4 +1,4 @@
-"""What the numbers of metrics.json are: how tables, plots and pages show them, and which way each is better."""
+"""Name the numbers of metrics.json: how tables, plots and pages show them, and which way each is better."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,16 +10,13 @@ from brushexp.registry import Plugin, plugins
 
 @dataclass(frozen=True)
 class Quantity:
-    """How a number is shown: its name for people, digits after the point, and which is better ("" for neither).
-
-    Differences up to ``matters`` are none to speak of; those of a ``ratio`` are of its logarithm.
-    """
+    """A number of a run as tables, plots and pages show it."""
 
     title: str
-    digits: int
-    better: str
-    matters: float = 0.0
-    ratio: bool = False
+    digits: int  # after the point
+    better: str  # "higher", "lower", or "" for neither
+    matters: float = 0.0  # smaller differences are negligible
+    ratio: bool = False  # differences are of its logarithm
     unit: str = ""
     about: str = ""
 
@@ -30,7 +27,7 @@ class Quantity:
 
     @property
     def label(self) -> str:
-        """What stands along an axis: the name, and which end is better."""
+        """Label of an axis: the name, and which end is better."""
         return f"{self.name} ({self.better} is better)"
 
 
@@ -58,19 +55,18 @@ OTHERS: Mapping[str, Quantity] = {  # numbers of a run that no metric gives
 
 
 def quantities() -> dict[str, Quantity]:
-    """The numbers that tables and plots show, in this order, if some run has them: those of metrics come first."""
+    """List the numbers that tables and plots show, in this order; those of metrics come first."""
     rank = {name: place for place, name in enumerate(STANDARD)}
     ranked = sorted(plugins("metric"), key=lambda plugin: rank.get(plugin.name, len(rank)))
-    return {key: quantity for plugin in ranked for key, quantity in _measured(plugin).items()} | dict(OTHERS)
+    return {key: quantity for plugin in ranked for key, quantity in _quantities_of(plugin).items()} | dict(OTHERS)
 
 
-def _measured(plugin: Plugin) -> dict[str, Quantity]:
-    """What a metric gives, by the name that metrics.json has for it."""
+def _quantities_of(plugin: Plugin) -> dict[str, Quantity]:
     cls: Any = plugin.cls
     facts = cls.digits, "higher" if cls.higher_is_better else "lower", cls.matters, False, cls.unit, plugin.summary
     return {key: Quantity(title, *facts) for key, title in (cls.variants or {plugin.name: cls.title}).items()}
 
 
 def digits() -> dict[str, int]:
-    """Digits after the point of each number."""
+    """Return the digits after the point of each number."""
     return {key: quantity.digits for key, quantity in quantities().items()}

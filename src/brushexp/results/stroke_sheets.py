@@ -6,7 +6,7 @@ from torch import Tensor
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.results.contact_sheet import SheetCell, draw_sheet
 from brushexp.system.files import to_bytes
-from brushexp.training.benchmark import EXTREMES, ExtremeDrawings, drawn_and_true
+from brushexp.training.benchmark import EXTREMES, ExtremeDrawings, draw_batch
 from brushexp.training.datamodule import StrokeBatch
 from brushexp.training.dataset import Origin
 from brushexp.training.evaluation import over_white
@@ -19,7 +19,7 @@ def sheet_of_strokes(renderers: dict[str, Renderer], batch: StrokeBatch, origin:
     """Draw a sheet of strokes, the true ones above those of each renderer."""
     kinds = {origin.engine: batch.images}
     for name, renderer in renderers.items():
-        kinds[name] = drawn_and_true(renderer, batch, origin.window)[0]
+        kinds[name] = draw_batch(renderer, batch, origin.window)[0]
     title = f"{', '.join(renderers)} on held-out strokes of {origin.engine}"
     return _sheet(kinds, [()] * len(batch.number), ZOOM * origin.window, title)
 

@@ -1,4 +1,4 @@
-"""A painting's strokes as columns of numbers: the measures of `strokes.measures`, what others hide, who is around."""
+"""Measure a painting's strokes: the measures of `strokes.measures`, visible shares and neighbours."""
 
 import math
 from dataclasses import replace
@@ -20,12 +20,12 @@ from brushexp.strokes.measures import LI, NEIGHBOURS, Measure
 Array = NDArray[np.float64]
 StrokeTable: TypeAlias = "np.recarray[Any, Any]"  # columns as attributes, see `measure_strokes`
 
-RADIUS_PITCHES = 4.0  # within which neighbours are counted: some 50 strokes
-ALIGNED_WITHIN = math.radians(20)  # directions of aligned strokes differ by less
-LARGEST_CANVAS = 2**20  # pixels: what hides what is looked at on a larger canvas reduced to so many
-THIN_FILM = 1e-4  # share of their opacity with which strokes are laid when none is to hide another
+RADIUS_PITCHES = 4.0  # pitches within which neighbours are counted: some 50 strokes
+ALIGNED_WITHIN = math.radians(20)  # by which directions of aligned strokes differ at most
+LARGEST_CANVAS = 2**20  # pixels of the canvas on which visible shares are computed
+THIN_FILM = 1e-4  # share of their opacity at which strokes hardly hide each other
 DIRECTION_BINS = 18  # of 10 degrees each
-LEAST_PAINT = 1e-6  # pixels of paint on the canvas: less is none
+LEAST_PAINT = 1e-6  # pixels of paint on the canvas: less counts as none
 
 MEASURES = ruler.MEASURES | {
     "deviation": Measure("spread of directions", "angular deviation sqrt((1 - coherence) / 2) near a stroke", LI, "°"),
@@ -47,10 +47,9 @@ def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radi
 
     Returns:
         (N,) records of float64: x and y, the centre of the curve in pixels from the left and the top, and ``MEASURES``,
-        angles in radians. Orientation is in [0, pi), from the x axis towards y, which points down: clockwise as it is
-        seen. What is not defined is NaN: elongatedness of a stroke of no width; deviation, coherence and homogeneity
-        without neighbours; straightness and orientation of a dot, shorter than `ruler.POINT_LENGTH`, whose length and
-        curvature are 0. A stroke beyond the canvas has 0 visible.
+        angles in radians, orientation clockwise in [0, pi). Undefined ones are NaN: elongatedness without width;
+        deviation, coherence and homogeneity without neighbours; straightness and orientation of a dot, shorter than
+        `ruler.POINT_LENGTH`, whose length and curvature are 0.
     """
     fine = strokes.map(Tensor.double)
     curve, width = curve_of(fine), 2 * half_width_of(fine)
@@ -61,7 +60,7 @@ def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radi
     likeness = (direction[:, None] * direction[near]).sum(-1)  # cos 2 (angle between)
     aligned = (likeness >= math.cos(2 * ALIGNED_WITHIN)).sum(1)
     length = length.masked_fill(dot, 0)
-    found = {
+    measures = {
         "x": centre[:, 0],
         "y": centre[:, 1],
         "length": length,
@@ -72,20 +71,20 @@ def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radi
         "curvature": ruler.curvature_of(curve).masked_fill(dot, 0),
         "orientation": (0.5 * torch.atan2(direction[:, 1], direction[:, 0])).masked_fill(dot, torch.nan),
         "visible": visible_share(strokes, depth, size),
-        "neighbours": counted_within(centre, RADIUS_PITCHES * pitch_of(strokes, size) if radius is None else radius),
+        "neighbours": _count_within(centre, RADIUS_PITCHES * pitch_of(strokes, size) if radius is None else radius),
         "aligned": aligned,
         "deviation": (0.5 * (1 - coherence)).sqrt(),
         "coherence": coherence,
         "homogeneity": ruler.homogeneity_of(width, near).masked_fill(alone, torch.nan),
     }
-    columns = [value.double().numpy() for value in found.values()]
-    table = np.rec.fromarrays(columns, dtype=[(name, np.float64) for name in found])
+    columns = [value.double().numpy() for value in measures.values()]
+    table = np.rec.fromarrays(columns, dtype=[(name, np.float64) for name in measures])
     table.orientation = table.orientation % math.pi % math.pi  # of a tiny negative angle rounding makes pi
     return table
 
 
-def counted_within(centre: Tensor, radius: float) -> Tensor:
-    """How many others (N,) of the centres (N, 2) are within a radius of each."""
+def _count_within(centre: Tensor, radius: float) -> Tensor:
+    """Count the others (N,) of the centres (N, 2) within a radius of each."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 
     if not len(centre):
@@ -94,26 +93,25 @@ def counted_within(centre: Tensor, radius: float) -> Tensor:
 
 
 def visible_share(strokes: Strokes, depth: Tensor, size: tuple[int, int]) -> Tensor:
-    """Share (N,) of the paint of each stroke on the canvas that later strokes let through, in [0, 1].
+    """Compute the share (N,) of the paint of each stroke on the canvas that later strokes let through, in [0, 1].
 
     That is sum(alpha T) / sum(alpha) over the pixels of the canvas, T being the share of light that the strokes above
-    let through, with every stroke as ``renderer=analytic`` draws it, whatever it was painted with, so that paintings
-    of different renderers compare. The picture is linear in the colour of each stroke, so both sums are the slope of
-    its brightness in that colour, for all strokes at once; the second with strokes that are almost transparent.
+    let through, drawn by ``renderer=analytic`` for all paintings. The picture is linear in the colour of each stroke,
+    so both sums are slopes of its brightness in that colour; the second with strokes that are almost transparent.
     """
     if not len(strokes):
         return torch.zeros(0)
     zoom = min(1.0, math.sqrt(LARGEST_CANVAS / (size[0] * size[1])))
     small = (max(1, round(size[0] * zoom)), max(1, round(size[1] * zoom)))
-    laid = strokes.map(Tensor.float).moved(zoom=zoom)
+    moved = strokes.map(Tensor.float).moved(zoom=zoom)
     above = depth.argsort(descending=True)
-    seen = _paint_of(laid, above, small)
-    whole = _paint_of(replace(laid, opacity=THIN_FILM * laid.opacity), above, small) / THIN_FILM
-    return torch.where(whole > LEAST_PAINT, seen / whole.clamp_min(LEAST_PAINT), 0.0).clamp(0, 1)
+    part = _paint_of(moved, above, small)
+    whole = _paint_of(replace(moved, opacity=THIN_FILM * moved.opacity), above, small) / THIN_FILM
+    return torch.where(whole > LEAST_PAINT, part / whole.clamp_min(LEAST_PAINT), 0.0).clamp(0, 1)
 
 
 def _paint_of(strokes: Strokes, above: Tensor, size: tuple[int, int]) -> Tensor:
-    """Sum (N,) over the canvas of what each stroke adds to the picture per unit of its colour."""
+    """Sum over the canvas what each stroke (N,) adds to the picture per unit of its colour."""
     color = torch.zeros_like(strokes.color).requires_grad_()
     with torch.enable_grad():
         layers = Analytic()(replace(strokes, color=color))
@@ -123,7 +121,7 @@ def _paint_of(strokes: Strokes, above: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 def direction_shares(angle: Array, weight: Array | None = None) -> Array:
-    """Shares (DIRECTION_BINS,) of directions (n,) in degrees, by number or ``weight``; the first bin is about 0."""
+    """Compute shares (DIRECTION_BINS,) of directions (n,) in degrees, by number or ``weight``; bin 0 is about 0."""
     number = np.floor(angle * DIRECTION_BINS / 180 + 0.5).astype(np.intp) % DIRECTION_BINS
     shares = np.bincount(number, weight, DIRECTION_BINS)
     return shares / (shares.sum() or 1)

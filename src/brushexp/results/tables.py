@@ -1,4 +1,4 @@
-"""The tables of a sweep: a row per run, and means over seeds."""
+"""Write the tables of a sweep: a row per run, and means over seeds."""
 
 from __future__ import annotations
 
@@ -20,32 +20,28 @@ LONGEST_ERROR = 200  # letters of an error message in table.md
 
 def write_run_tables(folder: Path, frame: DataFrame) -> None:
     """Write ``table.csv`` (every column in full precision), ``table.md`` and, for papers, ``table.tex``."""
+    metrics = frame["metric"].dropna(axis=1, how="all")
+    settings = _settings(frame, list(frame["setting"].dropna(axis=1, how="all")), ["run", "status", "error", *metrics])
+    every = frame["run"][["status", "error"]].join(settings).join(metrics).rename_axis("run").reset_index()
+    write_text(folder / "table.csv", csv_table(every))
     runs, means = runs_table(frame), means_table(frame)
-    told = [] if means is None else ["Mean ± standard deviation over seeds.", "", markdown_table(means), ""]
-    write_text(folder / "table.csv", csv_table(everything(frame)))
-    write_text(folder / "table.md", "\n".join([*told, f"{run_count(frame)}.", "", markdown_table(runs, digits()), ""]))
+    lines = [] if means is None else ["Mean ± standard deviation over seeds.", "", markdown_table(means), ""]
+    write_text(folder / "table.md", "\n".join([*lines, f"{run_count(frame)}.", "", markdown_table(runs, digits()), ""]))
     short = runs.drop(columns=["run", "status"]) if means is None else means
     write_text(folder / "table.tex", latex_table(short, digits()))
 
 
-def everything(frame: DataFrame) -> DataFrame:
-    """A row per run, with a column per setting and metric."""
-    metrics = frame["metric"].dropna(axis=1, how="all")
-    settings = _settings(frame, list(frame["setting"].dropna(axis=1, how="all")), ["run", "status", "error", *metrics])
-    return frame["run"][["status", "error"]].join(settings).join(metrics).rename_axis("run").reset_index()
-
-
 def runs_table(frame: DataFrame) -> DataFrame:
-    """A row per run: the settings that vary, how it ended, and the metrics that are shown."""
+    """Make a row per run: the settings that vary, how it ended, and the metrics that are shown."""
     metrics = shown_metrics(frame)
-    settings = _settings(frame, list(varying(frame)), ["run", "status", *metrics]).fillna("")
+    settings = _settings(frame, list(varying_settings(frame)), ["run", "status", *metrics]).fillna("")
     errors = (": " + frame["run", "error"]).fillna("").map(lambda text: textwrap.shorten(text, LONGEST_ERROR))
     return settings.assign(status=frame["run", "status"] + errors).join(metrics).rename_axis("run").reset_index()
 
 
 def means_table(frame: DataFrame) -> DataFrame | None:
-    """A row per setting with means over seeds, ``21.00 ± 1.41`` where there are several; None if seeds do not vary."""
-    keys = list(varying(frame))
+    """Make a row per setting with means over seeds, ``21.00 ± 1.41``; None if seeds do not vary."""
+    keys = list(varying_settings(frame))
     if "seed" not in keys:
         return None
     means = over_seeds(frame)
@@ -55,33 +51,33 @@ def means_table(frame: DataFrame) -> DataFrame | None:
     return settings.assign(runs=means["run", "runs"]).join(texts)
 
 
-def _settings(frame: DataFrame, keys: list[str], taken: Collection[str]) -> DataFrame:
-    """These settings; one whose name is taken by another column is called ``override.<name>``."""
-    return frame["setting"][keys].rename(columns={key: f"override.{key}" for key in keys if key in taken})
+def _settings(frame: DataFrame, keys: list[str], others: Collection[str]) -> DataFrame:
+    """Select settings; one with the name of another column becomes ``override.<name>``."""
+    return frame["setting"][keys].rename(columns={key: f"override.{key}" for key in keys if key in others})
 
 
-def varying(frame: DataFrame) -> dict[str, list[str]]:
-    """The settings in which runs differ, and the values of each in order of first appearance; "" where not set."""
+def varying_settings(frame: DataFrame) -> dict[str, list[str]]:
+    """List the settings in which runs differ, and the values of each in order of appearance; "" where not set."""
     settings = frame["setting"].fillna("")
     return {key: list(settings[key].unique()) for key in settings if settings[key].nunique() > 1}
 
 
 def is_album(frame: DataFrame) -> bool:
-    """Whether each of several runs has painted a picture of its own by the same settings: nothing is to be compared."""
-    return bool(frame["run", "target"].is_unique) and list(varying(frame)) == ["image"]
+    """Tell whether each of several runs has painted a picture of its own by the same settings."""
+    return bool(frame["run", "target"].is_unique) and list(varying_settings(frame)) == ["image"]
 
 
 def numbers(frame: DataFrame) -> DataFrame:
-    """The finite numbers among the metrics that are shown; ``psnr`` and ``seconds`` at least."""
+    """Convert the metrics that are shown to finite numbers; ``psnr`` and ``seconds`` at least."""
     import pandas as pd  # noqa: PLC0415
 
     metrics = frame["metric"][[key for key in quantities() if key in frame["metric"]]]
-    found = metrics.apply(pd.to_numeric, errors="coerce").astype(float)
-    return found.where(found.abs() < math.inf)
+    values = metrics.apply(pd.to_numeric, errors="coerce").astype(float)
+    return values.where(values.abs() < math.inf)
 
 
 def over_seeds(frame: DataFrame) -> DataFrame:
-    """Means of the runs that are compared and differ in the seed alone: a row per setting, by image and label.
+    """Average runs that differ in the seed alone: a row per setting, by image and label.
 
     Columns are in four parts: "run" (``command`` of the first, and ``runs``, how many), "setting", "mean" and "std" (of
     a sample; missing for a single run) of each metric.
@@ -90,18 +86,18 @@ def over_seeds(frame: DataFrame) -> DataFrame:
 
     compared = frame[frame["run", "label"].notna()]
     keys = [compared["run", "image"].rename("image"), compared["run", "label"].rename("label")]
-    found = numbers(compared).groupby(keys, sort=False)
-    told = compared["run"][["command"]].groupby(keys, sort=False).first().assign(runs=found.size())
+    groups = numbers(compared).groupby(keys, sort=False)
+    runs = compared["run"][["command"]].groupby(keys, sort=False).first().assign(runs=groups.size())
     settings = compared["setting"].groupby(keys, sort=False).first()
-    return pd.concat({"run": told, "setting": settings, "mean": found.mean(), "std": found.std()}, axis=1)
+    return pd.concat({"run": runs, "setting": settings, "mean": groups.mean(), "std": groups.std()}, axis=1)
 
 
 def shown_metrics(frame: DataFrame) -> DataFrame:
-    """The columns of those metrics that are shown and that some run has."""
+    """Select the metrics that are shown and that some run has."""
     return frame["metric"][[key for key in quantities() if key in frame["metric"]]].dropna(axis=1, how="all")
 
 
 def run_count(frame: DataFrame) -> str:
-    """How many runs there are, and how many of them failed."""
+    """Count the runs, and those that failed, in words."""
     failed = (frame["run", "status"] == "failed").sum()
     return f"{len(frame)} run{'s' * (len(frame) != 1)}, {failed} failed"

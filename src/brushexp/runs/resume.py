@@ -11,7 +11,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from brushexp.config.check import check, leaves
-from brushexp.config.keys import typed
+from brushexp.config.keys import with_types
 from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
 from brushexp.registry import plain_config
@@ -56,7 +56,7 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
         chosen = _chosen_keys(words)
         if settings.task != cfg.task:
             raise UserError(f"this is a run of task={settings.task}; add task={settings.task}")
-        settings = typed(TASKS[settings.task], settings)
+        settings = with_types(TASKS[settings.task], settings)
         _check_files(path, record, settings)
         settings.merge_with({key: cfg[key] for key in OVERRIDABLE if key in chosen})
         settings.merge_with({"output": cfg.output, "resume": str(folder)})

@@ -19,7 +19,7 @@ from brushexp.compat.hidden_packages import hidden
 from brushexp.config.check import check
 from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
-from brushexp.plugin_errors import plugins_named
+from brushexp.plugin_errors import naming_plugins
 from brushexp.registry import plugins
 from brushexp.results.runs import objective_in
 from brushexp.runs.run_folder import lock, release, take_job
@@ -102,7 +102,7 @@ def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> di
 def explaining_to_users(cfg: DictConfig) -> Iterator[None]:
     """Make what a user can mend a UserError: no memory, a full disk, or a plugin."""
     try:
-        with plugins_named(plugins()):
+        with naming_plugins(plugins()):
             yield
     except BaseException as error:
         if (reason := in_users_words(error, cfg)) is error:

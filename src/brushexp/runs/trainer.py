@@ -12,7 +12,7 @@ from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig
 
 from brushexp.errors import UserError
-from brushexp.plugin_errors import SAID_ALREADY, mistake_of
+from brushexp.plugin_errors import EXPLAINED_ERRORS, mistake_of
 from brushexp.registry import plugins, take_built
 from brushexp.runs.resume import RunRecord
 from brushexp.runs.sweep_report import first_line
@@ -73,7 +73,7 @@ def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | No
             log.error("step %d failed, what is done will be written: %s", trainer.global_step + 1, first_line(error))
             module.stop = FAILED
             return error
-        is_known = isinstance(error, (*SAID_ALREADY, SystemExit)) or mistake_of(error, plugins())
+        is_known = isinstance(error, (*EXPLAINED_ERRORS, SystemExit)) or mistake_of(error, plugins())
         if checkpoint is None or record.begun or is_known:
             raise
         reason = in_short(f"{type(error).__name__}: {error}")

@@ -1,8 +1,8 @@
-"""How high the paint of a painting stands.
+"""Compute the height of the paint of a painting.
 
-The thickness of one stroke is told by its coverage, or, for plain strokes, by bristles drawn at random. It is in films:
-1 is the thickest that a brush leaves. It travels in the place of a texture's light, thickness - 1, because black paint
-(0) of that light has the colour thickness * colour.
+The thickness of a stroke follows from its coverage, or, for plain strokes, from bristles drawn at random. It is in
+films: 1 is the thickest that a brush leaves. It takes the place of a texture's tone, as thickness - 1, because black
+paint (0) of that tone has the colour thickness * colour.
 """
 
 from collections.abc import Iterator
@@ -23,11 +23,11 @@ from brushexp.compositing.windows import Windows
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes, drawable
 
-FILM = 0.1  # how thick the paint is that a stroke leaves at most, in widths of a stroke as wide as is typical
+FILM = 0.1  # thickest paint of a stroke of typical width, in its widths
 BROADER = 0.25  # power of a stroke's width to which its film grows: with more of it, relief is uneven
 CARRIED = 0.75  # share of the paint below that an opaque stroke carries away or levels
 THIN = 0.5  # pixels: a stroke thinner than about twice this is drawn so thick, and lower
-AT_ONCE = 256  # windows
+AT_ONCE = 256  # windows that are computed in one batch
 DENSE = 0.97  # coverage of a full film
 LIT = 0.8  # films by which paint is higher where it is white by light than where it has its own colour
 VARIANTS, LEVELS = 8, 5  # brushes of plain strokes; sizes, each half of the one before
@@ -46,10 +46,10 @@ EDGE = (0.85, 1.1)  # half widths between which a plain stroke ends
 def heights(
     strokes: Strokes, front_to_back: Tensor, size: Size, renderer: Drawer, blend: Compose
 ) -> Iterator[tuple[int, int, Tensor, np.ndarray]]:
-    """Height of the paint from the top of the canvas to its bottom, in pixels of the picture; the bare canvas is 0.
+    """Compute heights band by band, from the top to the bottom, in pixels of the picture; the bare canvas is 0.
 
-    What comes is the first row of each band, how many rows it has, the numbers of its strokes, and heights (h, W),
-    float32, of these rows and of the one before and after them, where there are such: all that their slopes need.
+    Yields the first row of each band, how many rows it has, the numbers of its strokes, and heights (h, W), float32, of
+    these rows and of the one before and after them, where there are such: all that their slopes need.
 
     Strokes are laid from the bottom to the top: h <- h (1 - CARRIED a) + a t, with the opacity a of a stroke at a pixel
     and the thickness t of its film there, at most ``FILM`` times a geometric mean of its width (which counts BROADER)
@@ -74,7 +74,7 @@ def heights(
 
 
 def typical_width(strokes: Strokes) -> float:
-    """Median width of strokes in pixels; 0 without any."""
+    """Take the median width of strokes in pixels; 0 without any."""
     return 2 * float(half_width_of(strokes).median()) if len(strokes) else 0.0
 
 
@@ -87,8 +87,7 @@ class Impasto:
 
     @property
     def at_once(self) -> int | None:
-        """A quarter of what the renderer draws at once: the layers made of it need room as well."""
-        return self.renderer.at_once and max(1, self.renderer.at_once // 4)
+        return self.renderer.at_once and max(1, self.renderer.at_once // 4)  # the new layers need room as well
 
     def rows(self, strokes: Strokes) -> Tensor | None:
         return self.renderer.rows(strokes)
@@ -98,17 +97,17 @@ class Impasto:
         layers = self.renderer(strokes)
         film = FILM * self.typical ** (1 - BROADER) * (2 * half_width_of(strokes)) ** BROADER
         if isinstance(layers, Profile):
-            return _plain(layers, film, strokes.brush)
+            return _add_bristles(layers, film, strokes.brush)
         if isinstance(layers, TexturedProfile):
-            return _textured(layers, film)
+            return replace(layers, sheets=_raised_sheets(layers.sheets), **_as_layers(film, layers.opacity))
         if isinstance(layers, Windows):
-            return _windows(layers, film)
+            return _raise_windows(layers, film)
         return HeightLayers(layers.curve, layers.reach, layers.color, layers, film)
 
 
 @dataclass(frozen=True)
 class HeightLayers(Layers):
-    """Layers of any other kind, whose colour is the height of their paint; ``film`` (N,) is how thick it is at most."""
+    """Layers of any other kind, whose colour is the height of their paint; it is at most ``film`` (N,) thick."""
 
     per_stroke = ()
 
@@ -126,28 +125,21 @@ class HeightLayers(Layers):
 
 
 def _as_layers(film: Tensor, opacity: Tensor) -> dict[str, Tensor]:
-    """Colour and opacity with which a blend of full films computes heights."""
     return {"color": (film / CARRIED)[:, None].expand(-1, 3).contiguous(), "opacity": CARRIED * opacity}
 
 
-def _plain(layers: Profile, film: Tensor, brush: Tensor) -> TexturedProfile:
-    """Strokes without a texture, with that of a brush."""
-    sheets = _plain_brush(layers.taper, film.device)
+def _add_bristles(layers: Profile, film: Tensor, brush: Tensor) -> TexturedProfile:
+    sheets = _bristle_sheets(layers.taper, film.device)
     half = (layers.half_width.square() + THIN**2).sqrt()
     texel = half * (2 * SPREAD / ROWS)  # of the size whose texels are about as large as pixels
     look = brush % VARIANTS * LEVELS + texel.log2().neg().floor().clamp(0, LEVELS - 1).long()
-    shown = _as_layers(film, layers.opacity * layers.half_width / half)
+    parts = _as_layers(film, layers.opacity * layers.half_width / half)
     once = torch.ones_like(look)
-    return TexturedProfile(layers.curve, half, look=look, repeats=once, flip=once, sheets=sheets, **shown)
+    return TexturedProfile(layers.curve, half, look=look, repeats=once, flip=once, sheets=sheets, **parts)
 
 
-def _textured(layers: TexturedProfile, film: Tensor) -> TexturedProfile:
-    """Strokes with a texture, as high as it says."""
-    return replace(layers, sheets=_raised(layers.sheets), **_as_layers(film, layers.opacity))
-
-
-def _windows(layers: Windows, film: Tensor) -> Windows:
-    """Drawn windows, whose colours are replaced by what their coverage and light say of the height."""
+def _raise_windows(layers: Windows, film: Tensor) -> Windows:
+    """Replace the colours of drawn windows by the height that follows from their coverage and light."""
     images = []
     for image, color, full in zip(*(part.split(AT_ONCE) for part in (layers.images, layers.color, film)), strict=True):
         light = (image[:, :3] - color[:, :, None, None]).mean(1)
@@ -157,7 +149,7 @@ def _windows(layers: Windows, film: Tensor) -> Windows:
 
 
 def thickness_of(coverage: Tensor, light: Tensor) -> Tensor:
-    """Films of paint where a stroke covers the canvas to ``coverage`` (0 to 1) and shines by ``light`` (-1 to 1).
+    """Compute films of paint where a stroke has a ``coverage`` (0 to 1) and a ``light`` (-1 to 1) on its colour.
 
     A height is -log(1 - coverage), as in the simulator (`engine.fluid`): a splat of height w leaves the share exp(-w)
     of the canvas bare. Light lies on the ridges.
@@ -167,8 +159,8 @@ def thickness_of(coverage: Tensor, light: Tensor) -> Tensor:
 
 
 @lru_cache(maxsize=1)  # a renderer's textures are the same at every call
-def _raised(sheets: Sheets) -> Sheets:
-    """Textures of opacity and, in place of the tone, thickness - 1: their own, or what opacity and tone tell of it."""
+def _raised_sheets(sheets: Sheets) -> Sheets:
+    """Replace the tone of textures by thickness - 1: by their own, or that which follows from opacity and tone."""
     opacity, tone = sheets.texels[:, 0], sheets.texels[:, 1]
     thickness = sheets.texels[:, 2] if sheets.texels.shape[1] > 2 else thickness_of(opacity, tone)
     texels = torch.stack([opacity, ((thickness - 1) * HALF).round() / HALF], dim=1)
@@ -176,8 +168,8 @@ def _raised(sheets: Sheets) -> Sheets:
 
 
 @lru_cache(maxsize=4)
-def _plain_brush(taper: float, device: torch.device) -> Sheets:
-    """Textures for strokes that have none: VARIANTS brushes, each in LEVELS sizes, look = variant * LEVELS + level."""
+def _bristle_sheets(taper: float, device: torch.device) -> Sheets:
+    """Draw textures for plain strokes: VARIANTS brushes in LEVELS sizes, look = variant * LEVELS + level."""
     across, t, before, beyond = (part[1:-1] for part in coordinates_of(ROWS, COLUMNS))
     half = (1 - taper * (2 * t - 1) ** 2).clamp_min(0.05)
     fine, coarse = _streaks(1.0), _streaks(3.0)
@@ -192,7 +184,7 @@ def _plain_brush(taper: float, device: torch.device) -> Sheets:
 
 
 def _streaks(spread: float) -> Tensor:
-    """Noise (VARIANTS, ROWS, COLUMNS) of mean 0 and deviation 1: ``spread`` rows wide, and long."""
+    """Draw long noise (VARIANTS, ROWS, COLUMNS), ``spread`` rows wide, of mean 0 and deviation 1."""
     generator = torch.Generator().manual_seed(round(1000 * spread))
     knots = torch.randn(VARIANTS, ROWS, KNOTS, generator=generator)
     knots = 0.8 * knots[..., :1] + 0.6 * knots  # mostly the same bristles all the way

@@ -1,4 +1,4 @@
-"""Shading of a height map: normals, diffuse and specular light.
+"""Shade a height map by normals, diffuse and specular light.
 
 The formula, the same in the browser; x points to the right, y up, z to the viewer; rows y of a picture go down. A is
 the azimuth of the light, clockwise from the top (315: upper left), E its elevation above the canvas, c a colour in
@@ -42,7 +42,7 @@ class Light:
 
     azimuth: float = 315.0  # degrees clockwise from the top (315: upper left)
     elevation: float = 45.0  # degrees above the canvas
-    depth: float = 0.0  # how thick the paint is: 1 is natural, and 0 flat, so that there is no light to be seen
+    depth: float = 0.0  # thickness of the paint: 1 is natural, and 0 flat, without any light
     gloss: float = 0.25  # of the paint, 0 (matt) to 1 (wet)
 
     @property
@@ -57,7 +57,7 @@ UNLIT = Light()
 
 
 def normals_of(height: Array, scale: float = 1.0, rows: slice = slice(None)) -> Array:
-    """Unit normals (3, h, W), right, up and to the viewer, of some rows of heights (H, W), float32, times ``scale``."""
+    """Compute unit normals (3, h, W), right, up and to the viewer, of rows of heights (H, W) times ``scale``."""
     chosen = range(len(height))[rows]
     around = np.clip(np.arange(chosen.start - 1, chosen.stop + 1), 0, len(height) - 1)
     padded = np.pad(height[around], ((0, 0), (1, 1)), mode="edge")
@@ -67,8 +67,8 @@ def normals_of(height: Array, scale: float = 1.0, rows: slice = slice(None)) -> 
     return np.stack([-gx, gy, np.ones_like(gx)]) / np.sqrt(gx * gx + gy * gy + 1)
 
 
-def shaded(color: Array, normals: Array, light: Light) -> Array:
-    """A display-referred picture (3, H, W) in [0, 1] under a light, by the formula above."""
+def shade_picture(color: Array, normals: Array, light: Light) -> Array:
+    """Shade a display-referred picture (3, H, W) in [0, 1] under a light, by the formula above."""
     to_light = light.direction
     halfway = to_light + np.array([0, 0, 1], np.float32)
     halfway /= np.linalg.norm(halfway)
@@ -80,7 +80,7 @@ def shaded(color: Array, normals: Array, light: Light) -> Array:
 
 
 def overlay(flat: Array, lit: Array) -> Array:
-    """Black and white with transparency (H, W, 4) uint8 that, laid over ``flat`` (H, W, 3) uint8, give about ``lit``.
+    """Compute the black and white (H, W, 4) uint8 that turns ``flat`` (H, W, 3) uint8 into about ``lit``.
 
     It is the share of black or white that is nearest in the three colours: exact where a colour was darkened.
     """

@@ -19,26 +19,23 @@ Cubic = tuple[Tensor, Tensor, Tensor, Tensor]  # coefficients, highest first
 
 
 def curve_of(strokes: Strokes) -> Tensor:
-    """Control points (N, 3, 2) in pixels."""
+    """Compute control points (N, 3, 2) in pixels."""
     return strokes.position[:, None] + shape_of(strokes)
 
 
 def shape_of(strokes: Strokes) -> Tensor:
-    """Control points (N, 3, 2) in pixels from ``position``: as exact for a stroke that lies far away."""
+    """Compute control points (N, 3, 2) in pixels from ``position``, as exactly for a stroke that lies far away."""
     points = torch.stack([strokes.start, strokes.control, strokes.end], dim=1)
     return points * (0.5 * strokes.scale)[:, None, None]
 
 
 def half_width_of(strokes: Strokes) -> Tensor:
-    """Half of the thickness (N,) in pixels."""
+    """Compute half of the thickness (N,) in pixels."""
     return 0.5 * strokes.width * strokes.scale
 
 
 def roomy_window(pitch: float) -> float:
-    """Side in pixels of a window in which a stroke has room to move, where strokes are a ``pitch`` (pixels) apart.
-
-    It is that of the thesis: 64 pixels for a stroke on every 100 pixels of the canvas.
-    """
+    """Return the side in pixels of a window in which strokes a ``pitch`` apart can move: 64 at 10 (thesis 2020)."""
     return max(6.4 * pitch, 4.0)
 
 
@@ -46,7 +43,7 @@ def strokes_along(
     curve: Tensor, thickness: Tensor | float, color: Tensor, opacity: Tensor | float,
     *, window: Tensor | float | None = None, position: Tensor | None = None,
 ) -> Strokes:  # fmt: skip
-    """Strokes along curves (N, 3, 2) in pixels, of the precision of the curves.
+    """Make strokes along curves (N, 3, 2) in pixels, of the precision of the curves.
 
     Args:
         curve: start, control and end of each stroke.
@@ -55,11 +52,6 @@ def strokes_along(
         opacity: one for all strokes or (N,).
         window: side in pixels, beyond which a stroke cannot move, as `roomy_window`; None for one that fits closely.
         position: (N, 2) centres of the windows, from which curves are then given; None for the middle of each curve.
-
-    >>> curve = torch.tensor([[[2.0, 3.0], [6.0, 3.0], [10.0, 5.0]]])
-    >>> strokes = strokes_along(curve, 4.0, torch.rand(1, 3), 0.95)
-    >>> curve_of(strokes).tolist(), half_width_of(strokes).tolist()
-    ([[[2.0, 3.0], [6.0, 3.0], [10.0, 5.0]]], [2.0])
     """
 
     def each(value: Tensor | float) -> Tensor:
@@ -77,25 +69,24 @@ def strokes_along(
 
 
 def unfinished(strokes: Strokes, share: Tensor) -> Strokes:
-    """Strokes (n) from their start to parameter ``share`` (n,) of their curve (de Casteljau)."""
-    done, left = share[:, None], 1 - share[:, None]
-    first, second = left * strokes.start + done * strokes.control, left * strokes.control + done * strokes.end
-    return replace(strokes, control=first, end=left * first + done * second)
+    """Cut strokes (n) off at parameter ``share`` (n,) of their curve (de Casteljau)."""
+    t, rest = share[:, None], 1 - share[:, None]
+    first, second = rest * strokes.start + t * strokes.control, rest * strokes.control + t * strokes.end
+    return replace(strokes, control=first, end=rest * first + t * second)
 
 
 def point_at(curve: Tensor, t: Tensor) -> Tensor:
-    """Points (..., 2) of curves (..., 3, 2) at parameters t (...)."""
+    """Compute points (..., 2) of curves (..., 3, 2) at parameters t (...)."""
     weights = torch.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], dim=-1)
     return (weights[..., None] * curve).sum(-2)
 
 
 def closest_parameter(curve: Tensor, points: Tensor) -> Tensor:
-    """Parameter t (...) in [0, 1] of the point of each curve (..., 3, 2) nearest to ``points`` (..., 2).
+    """Find the parameter t (...) in [0, 1] of the point of each curve (..., 3, 2) nearest to ``points`` (..., 2).
 
     The distance has at most two valleys, one to each side of the inflection of its derivative. In each the best of a
-    few samples is refined by Newton's method, with bisection where it would leave the neighbouring samples; the nearer
-    of both is taken. Its derivative is that of the implicit function theorem, 0 where t is held at an end, and limited
-    where a curve is so short that it would grow without bound (`MIN_SLOPE_PX2`).
+    few samples is refined by Newton's method with bisection. The derivative of t is that of the implicit function
+    theorem, 0 where t is held at an end, and limited by `MIN_SLOPE_PX2`.
     """
     cubic = distance_cubic(curve, points)
     with torch.no_grad():
@@ -111,7 +102,7 @@ def closest_parameter(curve: Tensor, points: Tensor) -> Tensor:
 
 
 def _refined(cubic: Cubic, t: Tensor, n: int) -> Tensor:
-    """Zero of a cubic near sample ``t`` of ``n`` intervals, or the end at which the samples stop."""
+    """Find the zero of a cubic near sample ``t`` of ``n`` intervals, or the end at which the samples stop."""
     low, high = (t - 1 / n).clamp_min(0), (t + 1 / n).clamp_max(1)
     for _ in range(NEWTON_STEPS - 1):
         slope, bend = cubic_at(cubic, t)
@@ -122,7 +113,7 @@ def _refined(cubic: Cubic, t: Tensor, n: int) -> Tensor:
 
 
 def distance_cubic(curve: Tensor, points: Tensor) -> Cubic:
-    """Coefficients, highest first, of f(t) = (B(t) - p) . B'(t) / 2, whose zeros are the critical points of |B - p|."""
+    """Compute the cubic f(t) = (B(t) - p) . B'(t) / 2, whose zeros are the critical points of |B - p|."""
     start, control, end = curve.unbind(-2)
     bend, forward, away = start - 2 * control + end, control - start, start - points
     return (
@@ -134,13 +125,13 @@ def distance_cubic(curve: Tensor, points: Tensor) -> Cubic:
 
 
 def cubic_at(cubic: Cubic, t: Tensor) -> tuple[Tensor, Tensor]:
-    """Value and derivative of a cubic."""
+    """Evaluate a cubic and its derivative."""
     a, b, c, d = cubic
     return ((a * t + b) * t + c) * t + d, (3 * a * t + 2 * b) * t + c
 
 
 def _samples_for(curve: Tensor) -> int:
-    """Intervals between samples that put Newton's method into the right valley for every curve of a batch."""
+    """Count the intervals between samples that put Newton's method into the right valley for every curve."""
     start, control, end = curve.unbind(-2)
     bend, chord = (start - 2 * control + end).square().sum(-1), (end - start).square().sum(-1)
     gentle, bent = bool((bend <= 0.16 * chord).all()), bool((bend <= chord).all())
@@ -148,28 +139,28 @@ def _samples_for(curve: Tensor) -> int:
 
 
 def _nearest_samples(cubic: Cubic, n: int) -> tuple[Tensor, Tensor]:
-    """The nearest of the samples before the inflection of a cubic, and of those after it."""
+    """Find the nearest of the samples before the inflection of a cubic, and of those after it."""
     a, b, c, d = cubic
     inflection = -b / (3 * a).clamp_min(torch.finfo(a.dtype).tiny)
-    found = []
+    nearest = []
     for after in (False, True):
         best_t, best = torch.zeros_like(b), torch.full_like(b, torch.inf)
         for t in torch.linspace(0, 1, n + 1).tolist():
             away = (((a * t / 4 + b / 3) * t + c / 2) * t + d) * t  # a quarter of |B(t) - p|^2 - |P0 - p|^2
             away = away.where((inflection < t) == after, torch.inf)
             best_t, best = torch.where(away < best, t, best_t), torch.minimum(away, best)
-        found.append(best_t)
-    return found[0], found[1]
+        nearest.append(best_t)
+    return nearest[0], nearest[1]
 
 
 def _floor(cubic: Cubic) -> Tensor:
-    """Least curvature Newton may divide by: tiny against the curve's own squared length, and never 0."""
+    """Bound what Newton's method divides by: tiny against the curve's own squared length, and never 0."""
     a, b, c, _ = cubic
     return 1e-6 * (a + b.abs() + c.abs()) + torch.finfo(a.dtype).tiny
 
 
 def length_of(curve: Tensor) -> Tensor:
-    """Arc length (...) of curves (..., 3, 2) by Gauss-Legendre, to 2e-3 also of hairpins; with a slope for points."""
+    """Compute the arc length (...) of curves (..., 3, 2) by Gauss-Legendre, to 2e-3 also of hairpins."""
     nodes, weights = curve.new_tensor(NODES), curve.new_tensor(WEIGHTS).repeat(PIECES)
     nodes = (nodes + torch.arange(PIECES).to(nodes)[:, None] / PIECES).flatten()
     start, control, end = curve.unbind(-2)

@@ -1,8 +1,7 @@
-"""Brushwork: lengths, widths, curvatures and directions of the strokes of a painting, as a sample to draw from.
+"""A painting's brushwork, its lengths, widths, curvatures and directions, is a sample to draw from.
 
-What is measured is defined in `strokes.measures`. Sizes are in pitches, sqrt(pixels of the canvas / number of strokes):
-strokes so transferred cover a picture as densely as they cover their own, whatever its size and their number. For
-strokes as large against the picture as the painting's, paint with as many strokes.
+Sizes are in pitches, sqrt(pixels of the canvas / number of strokes), so that transferred strokes cover another picture
+as densely as their own.
 """
 
 from __future__ import annotations
@@ -33,14 +32,11 @@ MATCHED = ("length", "width", "curvature", "coherence")  # measures that `distan
 
 @dataclass(frozen=True)
 class Brushwork:
-    """A sample of M strokes; row i of every tensor but the last is one stroke.
-
-    A stroke drawn from its other end has both signs of ``bend`` turned; here the one across is never below 0.
-    """
+    """A sample of M strokes; row i of every tensor but the last is one stroke."""
 
     length: Tensor  # (M,) arc length, pitches
     width: Tensor  # (M,) thickness, pitches
-    bend: Tensor  # (M, 2) of the control point along and across the chord, as `prior.control_offset`
+    bend: Tensor  # (M, 2) of the control point along and across (never below 0) the chord: `prior.control_offset`
     deviation: Tensor  # (M,) direction of the chord against the mean one of the neighbours, radians in [-pi/2, pi/2]
     measures: Tensor  # (4, M) what `matched_measures` finds, each row ascending
 
@@ -48,12 +44,12 @@ class Brushwork:
         return self.length.shape[0]
 
     def to(self, like: Tensor) -> Brushwork:
-        """The same in the dtype and on the device of ``like``."""
+        """Convert to the dtype and the device of ``like``."""
         return Brushwork(**{name: value.to(like) for name, value in vars(self).items()})
 
 
 def load_brushwork(path: Path, option: str = OPTION) -> Brushwork:
-    """The brushwork of a saved catalogue; ``option`` is what sets the path, for messages."""
+    """Measure the brushwork of a saved catalogue; ``option`` is the key that sets the path, for messages."""
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415  (slow to import)
 
     saved = load_catalogue(path, option)
@@ -65,10 +61,7 @@ def load_brushwork(path: Path, option: str = OPTION) -> Brushwork:
 
 @torch.no_grad()
 def brushwork_of(strokes: Strokes, size: tuple[int, int]) -> Brushwork:
-    """The brushwork of strokes on a canvas of ``size`` (height, width), of those that can be seen (`is_visible`).
-
-    Fewer than ``MIN_STROKES`` of these are refused (UserError).
-    """
+    """Measure the brushwork of visible strokes on a canvas (H, W); UserError if they are fewer than `MIN_STROKES`."""
     pitch = pitch_of(strokes, size)
     counted = strokes[is_visible(strokes, pitch)]
     if len(counted) < MIN_STROKES:
@@ -88,23 +81,17 @@ def brushwork_of(strokes: Strokes, size: tuple[int, int]) -> Brushwork:
 
 
 def pitch_of(strokes: Strokes, size: tuple[int, int]) -> float:
-    """Typical distance between neighbouring strokes on a canvas of ``size``: sqrt(pixels / strokes)."""
+    """Compute the typical distance between neighbouring strokes: sqrt(pixels / strokes)."""
     return math.sqrt(size[0] * size[1] / max(len(strokes), 1))
 
 
 def is_visible(strokes: Strokes, pitch: float) -> Tensor:
-    """Which strokes (N,) are opaque and thick enough to be seen: ``MIN_OPACITY`` and ``MIN_WIDTH_PITCHES``.
-
-    A stroke that others hide counts; which those are depends on the renderer.
-    """
+    """Decide which strokes (N,) are opaque and thick enough to be seen, whether or not others hide them."""
     return (strokes.opacity >= MIN_OPACITY) & (2 * half_width_of(strokes) >= MIN_WIDTH_PITCHES * pitch)
 
 
 def matched_measures(strokes: Strokes, pitch: float) -> Tensor:
-    """What is compared between paintings (4, N), the rows of ``MATCHED``; differentiable and finite for any strokes.
-
-    log(length + 0.1) and log(width + 0.1), lengths in pitches; curvature, radians; coherence.
-    """
+    """Compute the rows of `MATCHED` (4, N): logarithms of length and width in pitches + 0.1, curvature, coherence."""
     shape = shape_of(strokes)
     sizes = torch.stack([length_of(shape), 2 * half_width_of(strokes)]) / pitch
     coherence = ruler.coherence_of(ruler.direction_of(shape), ruler.neighbours_of(strokes, shape))
@@ -112,11 +99,7 @@ def matched_measures(strokes: Strokes, pitch: float) -> Tensor:
 
 
 def transport_cost(values: Tensor, reference: Tensor) -> Tensor:
-    """Squared 2-Wasserstein distances (R,) between two samples on the line, row by row: (R, N) and (R, M).
-
-    The integral over u from 0 to 1 of the squared difference of both quantile functions, which are steps; exact for
-    any N and M. The rows of ``reference`` are ascending.
-    """
+    """Compute exact squared 2-Wasserstein distances (R,) between samples (R, N) and ascending ones (R, M)."""
     n, m = values.shape[1], reference.shape[1]
     ends = torch.cat([torch.arange(1, n + 1) * m, torch.arange(1, m + 1) * n]).unique()  # of steps, in 1 / (n m)
     ends = ends.to(values.device)
@@ -127,13 +110,10 @@ def transport_cost(values: Tensor, reference: Tensor) -> Tensor:
 
 
 def distances(strokes: Strokes, size: tuple[int, int], reference: Brushwork) -> Tensor:
-    """Squared 2-Wasserstein distance (4,) of each of ``MATCHED`` from the reference, in units of its variance there.
-
-    0 if no stroke can be seen (`is_visible`). Those that cannot have no gradient.
-    """
+    """Compute squared 2-Wasserstein distances (4,) of `MATCHED`, in units of the reference's variance."""
     pitch = pitch_of(strokes, size)
-    seen = is_visible(strokes, pitch)
-    counted = strokes if bool(seen.all()) else strokes[seen]
+    visible = is_visible(strokes, pitch)
+    counted = strokes if bool(visible.all()) else strokes[visible]
     if not len(counted):
         return torch.zeros(len(MATCHED)).to(strokes.width) + strokes.width.sum() * 0
     spread = reference.measures.std(1, correction=0).clamp_min(MIN_SPREAD)
@@ -144,13 +124,11 @@ def distances(strokes: Strokes, size: tuple[int, int], reference: Brushwork) -> 
 def with_brushwork(
     strokes: Strokes, reference: Brushwork, size: tuple[int, int], generator: torch.Generator
 ) -> Strokes:
-    """The same strokes, in place, colour and opacity, with the reference's lengths, widths, bends and directions.
+    """Give strokes, in place, colour and opacity, the lengths, widths, bends and directions of a reference.
 
-    Each stroke is given those of one stroke of the reference together. All of the reference is used equally often, as
-    far as the numbers allow; which of them are used once more is drawn. The larger ones go where ``strokes`` are
-    larger, up to chance, so that detail keeps its small strokes. A stroke lies along the mean direction of the
-    neighbouring ``strokes`` and deviates from it as its model deviates from its own neighbours; it bends to the side
-    to which that direction turns along it.
+    Each stroke gets those of one stroke of the reference, all of which are used equally often, as far as the numbers
+    allow. The larger ones go where ``strokes`` are larger. The direction is relative to the mean one of the neighbours;
+    a stroke bends to the side to which that direction turns along it.
     """
     if not len(strokes):
         return strokes
@@ -162,7 +140,7 @@ def with_brushwork(
     unit = torch.stack([half, bend, -half], dim=1)  # along and across, in chords
     chord = pitch * model.length[row] / length_of(torch.view_as_real(unit)).clamp_min(1e-6)
     way = torch.polar(0.5 * chord, 0.5 * _flow_at(strokes.position, strokes).angle() + model.deviation[row])
-    before, after = (_flow_at(strokes.position + torch.view_as_real(there), strokes) for there in (-way, way))
+    before, after = (_flow_at(strokes.position + torch.view_as_real(step), strokes) for step in (-way, way))
     turns = (after * before.conj()).imag > 0  # to one side: the curve has its control point on the other
     unit = unit - 0.5 * bend[:, None]  # the middle of the curve to the place of the stroke
     points = torch.where(turns[:, None], unit.conj(), unit) * (4 * way / strokes.scale)[:, None]
@@ -171,7 +149,7 @@ def with_brushwork(
 
 
 def _assigned(strokes: Strokes, reference: Brushwork, generator: torch.Generator) -> Tensor:
-    """Row (N,) of the reference that each stroke is given."""
+    """Draw the row (N,) of the reference that each stroke is given."""
     n, m = len(strokes), len(reference)
     rows = torch.cat([torch.arange(m).repeat(n // m), torch.randperm(m, generator=generator)[: n % m]])
     thickness = 2 * half_width_of(strokes)
@@ -184,7 +162,7 @@ def _assigned(strokes: Strokes, reference: Brushwork, generator: torch.Generator
 
 
 def _flow_at(points: Tensor, strokes: Strokes) -> Tensor:
-    """Mean doubled direction (Q,), a complex number, of the strokes nearest to points (Q, 2)."""
+    """Compute the mean doubled direction (Q,), a complex number, of the strokes nearest to points (Q, 2)."""
     shape = shape_of(strokes)
     near = ruler.nearest_strokes(points, strokes.position + ruler.centre_of(shape), exclude_self=False)
     return torch.view_as_complex(ruler.mean_direction(ruler.direction_of(shape), near))

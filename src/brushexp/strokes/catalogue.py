@@ -1,4 +1,4 @@
-"""The stroke catalogue: the numbers that are optimised, their units and their bounds."""
+"""A catalogue holds the numbers of strokes that are optimised, with their units and bounds."""
 
 from __future__ import annotations
 
@@ -46,19 +46,7 @@ SCALE_FIRST = sorted(FIELDS, key=lambda name: name != "scale")  # it is the unit
 class Strokes:
     """N strokes as tensors of one dtype on one device; units and ranges in ``FIELDS``. Pixel centres lie at +0.5.
 
-    Beside its numbers a stroke has a ``brush``: renderers with several textures choose by it. It stays with the stroke
-    when others come and go; brushes that are not given are 0 to N - 1.
-
-    >>> import torch
-    >>> level = Strokes(
-    ...     position=torch.tensor([[20.0, 10.0]]), scale=torch.tensor([16.0]), start=torch.tensor([[-0.5, 0.0]]),
-    ...     control=torch.zeros(1, 2), end=torch.tensor([[0.5, 0.0]]), width=torch.tensor([0.25]),
-    ...     color=torch.tensor([[1.0, 0.0, 0.0]]), opacity=torch.ones(1),
-    ... )
-    >>> check_strokes(level)
-    >>> both = Strokes.join(level, level.moved(zoom=2.0))
-    >>> len(both), (both.width * both.scale).tolist()  # thickness in pixels
-    (2, [4.0, 8.0])
+    A stroke keeps its ``brush``, by which renderers with several textures choose, when others come and go.
     """
 
     position: Tensor  # (N, 2)
@@ -82,33 +70,33 @@ class Strokes:
         return replace(self, brush=self.brush[index], **{name: value[index] for name, value in self.items()})
 
     def items(self) -> Iterator[tuple[str, Tensor]]:
-        """Names and tensors, in the order of ``FIELDS``."""
+        """Yield names and tensors, in the order of ``FIELDS``."""
         return ((name, getattr(self, name)) for name in FIELDS)
 
     def map(self, function: Callable[[Tensor], Tensor]) -> Strokes:
-        """The same strokes with a function of each field, which may change dtype and device, but not N."""
+        """Apply a function to each field, which may change dtype and device, but not N."""
         changed = {name: function(value) for name, value in self.items()}
         return Strokes(**changed, brush=self.brush.to(changed["position"].device))
 
     def moved(self, zoom: float = 1.0, shift: tuple[float, float] = (0.0, 0.0)) -> Strokes:
-        """The same strokes on a canvas ``zoom`` times as large, moved by ``shift`` (x, y) pixels of that canvas."""
+        """Enlarge by ``zoom``, and then move by ``shift`` (x, y) pixels."""
         position = self.position * zoom + self.position.new_tensor(shift)
         return replace(self, position=position, scale=self.scale * zoom)
 
     def with_rows(self, rows: Tensor, others: Strokes) -> Strokes:
-        """The same strokes with ``others`` in place of those number ``rows``; each row keeps its brush."""
+        """Put ``others`` in place of the strokes number ``rows``; each row keeps its brush."""
         return replace(self, **{name: value.index_copy(0, rows, getattr(others, name)) for name, value in self.items()})
 
     @staticmethod
     def join(*parts: Strokes) -> Strokes:
-        """All strokes of the parts; the brushes of a later part count on from the number of strokes before it."""
+        """Join strokes; the brushes of a later part count on from the number of strokes before it."""
         before = accumulate((len(part) for part in parts), initial=0)
         brush = torch.cat([part.brush + count for part, count in zip(parts, before, strict=False)])
         return Strokes(**{name: torch.cat([getattr(part, name) for part in parts]) for name in FIELDS}, brush=brush)
 
     @staticmethod
     def none(like: Tensor | None = None) -> Strokes:
-        """No strokes, of the dtype and device of ``like``."""
+        """Make no strokes, of the dtype and device of ``like``."""
         like = torch.empty(0) if like is None else like
         return Strokes(**{name: like.new_empty(field.shape(0)) for name, field in FIELDS.items()})
 
@@ -133,12 +121,10 @@ def check_strokes(strokes: Strokes) -> None:
 
 
 def drawable(strokes: Strokes) -> Strokes:
-    """Strokes as renderers take them: those of 16 bits in float32, and their gradients come back in 16 bits.
+    """Convert strokes of 16 bits to float32, as renderers take them; their gradients come back in 16 bits.
 
-    A coordinate of 16 bits is coarse (at 300 px steps of 1/4 px in float16, of 2 px in bfloat16), but it is a place.
-    What is computed from it in 16 bits is not: squares of distances overflow, and nearest points are lost. What is
-    farther away than float16 can tell (65,504 px, as an infinity) is off any canvas, and stays there. Refused
-    (UserError) are other numbers that 16 bits cannot hold, and strokes of whole or complex numbers.
+    What is farther away than float16 can tell (65,504 px, an infinity) is off any canvas, and stays there. UserError
+    for other numbers that 16 bits cannot hold, and for strokes of whole or complex numbers.
     """
     dtype = strokes.position.dtype
     if dtype in PRECISE:
@@ -158,9 +144,9 @@ def drawable(strokes: Strokes) -> Strokes:
 class Catalogue(nn.Module):
     """Owns the strokes as parameters, keeps them finite and in range, adds and removes them.
 
-    An optimiser sees each field divided by its unit, so that one learning rate serves all fields (a diagonal
-    preconditioner): a step of ``lr`` moves the field by about ``lr * unit`` under Adam. The unit of ``position`` is
-    that many half-windows of each stroke. A field whose unit is 0 or missing is frozen.
+    An optimiser sees each field divided by its unit, so that one learning rate serves all fields: under Adam a step of
+    ``lr`` moves a field by about ``lr * unit``. The unit of ``position`` is in half-windows of each stroke. A field
+    whose unit is 0 or missing is frozen.
     """
 
     scale: Tensor
@@ -179,14 +165,14 @@ class Catalogue(nn.Module):
         self._store(strokes)
 
     def forward(self) -> Strokes:
-        """The strokes now, differentiable in the parameters."""
+        """Return the strokes as they are now, differentiable in the parameters."""
         return Strokes(**{name: getattr(self, name) * self._unit(name) for name in FIELDS}, brush=self.brush)
 
     def __len__(self) -> int:
         return len(self.scale)
 
     def is_finite(self) -> bool:
-        """Whether all parameters are numbers: a sum shows one that is not, and is quicker to find than `isfinite`."""
+        """Test whether all parameters are finite, by their sums, which is quicker than `isfinite`."""
         return all(math.isfinite(value.detach().sum(dtype=torch.float64)) for value in self.parameters())
 
     @torch.no_grad()
@@ -199,7 +185,7 @@ class Catalogue(nn.Module):
 
     @torch.no_grad()
     def replace(self, strokes: Strokes) -> None:
-        """Write other numbers for the same strokes, into the parameters that an optimiser holds."""
+        """Write other numbers for the same strokes into the parameters that an optimiser holds."""
         before = self()
         for name in SCALE_FIRST:
             value = getattr(strokes, name)
@@ -208,7 +194,7 @@ class Catalogue(nn.Module):
 
     @torch.no_grad()
     def part(self, rows: Tensor) -> Catalogue:
-        """Strokes number ``rows`` (A,) as a catalogue of their own."""
+        """Copy strokes number ``rows`` (A,) into a catalogue of their own."""
         part = Catalogue(self()[rows], self.units)
         for name in FIELDS:  # the very bits: a field is its parameter times its unit, rounded
             getattr(part, name).copy_(getattr(self, name)[rows])
@@ -237,13 +223,12 @@ class Catalogue(nn.Module):
                 optimizer.state[parameter] = {key: _carry(value, keep, parameter) for key, value in state.items()}
 
     def resize(self, n: int) -> None:
-        """Make room for ``n`` strokes that are about to be loaded; what there is becomes meaningless unless it fits."""
+        """Make room for ``n`` strokes that are about to be loaded."""
         if n != len(self):
             blank = {name: self.scale.new_full(field.shape(n), max(field.low, 0)) for name, field in FIELDS.items()}
             self._store(Strokes(**blank))
 
     def _unit(self, name: str) -> Tensor | float:
-        """What one unit of a parameter is in the units of its field."""
         unit = self.units[name] or 1.0
         return 0.5 * unit * self.scale[:, None] if name == "position" and self.units[name] else unit
 
@@ -262,7 +247,7 @@ class Catalogue(nn.Module):
 
 
 def _carry(value: Tensor, keep: Tensor, parameter: Tensor) -> Tensor:
-    """Optimiser state for the strokes that stay, zeros for the new ones; counters stay as they are."""
+    """Keep optimiser state of the strokes that stay, with zeros for the new ones; counters stay as they are."""
     if value.ndim == 0:
         return value
     carried = value.new_zeros(parameter.shape)

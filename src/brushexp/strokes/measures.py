@@ -1,18 +1,13 @@
-"""The ruler: each measure of strokes is defined here once, for `task=analyse`, `style.brushwork` and the losses.
+"""Measures of strokes are defined here once, for `task=analyse`, `style.brushwork` and the losses.
 
-All functions are differentiable, take float32 or float64, and are finite with finite gradients for any strokes. Curves
-are (N, 3, 2) control points in pixels (`bezier.shape_of` or `curve_of`). Directions are doubled: (cos 2 theta,
-sin 2 theta), the same for both ways along a stroke (Batschelet, 1981).
+All are differentiable, and finite with finite gradients for any strokes. Curves are (N, 3, 2) control points in pixels.
+Directions are doubled: (cos 2 theta, sin 2 theta), the same for both ways along a stroke (Batschelet, 1981).
 
-Most measures and their names are those of Li, Yao, Hendriks and Wang, "Rhythmic brushstrokes distinguish van Gogh from
-his contemporaries" (IEEE TPAMI 34(6), 2012), who measure regions of pixels cut out of scans. ``MEASURES`` says where
-each comes from; we differ in these:
-
-- straightness is chord over arc length; theirs, the correlation of x and y, is not defined for a level stroke.
-- homogeneity of breadth compares a stroke with its neighbours; theirs compares the breadth along one stroke, which is
-  constant here.
-- neighbours are the ``NEIGHBOURS`` nearest strokes (as in Kotovenko et al., 2021), not those within 200 pixels, so that
-  paintings of different sizes and densities compare.
+Names follow Li, Yao, Hendriks and Wang, "Rhythmic brushstrokes distinguish van Gogh from his contemporaries" (IEEE
+TPAMI 34(6), 2012), who measure regions of pixels. Differs from the source: straightness is chord over arc length,
+because a correlation of x and y is not defined for a level stroke; homogeneity compares a stroke's breadth with its
+neighbours', because along one stroke it is constant; neighbours are the ``NEIGHBOURS`` nearest strokes (Kotovenko et
+al., 2021), not those within 200 pixels, so that paintings of different sizes compare.
 """
 
 import math
@@ -32,7 +27,7 @@ LI, BATSCHELET = "Li et al., 2012", "Batschelet, 1981"
 
 @dataclass(frozen=True)
 class Measure:
-    """Name and definition of one measure. Angles are kept in radians and shown in degrees."""
+    """A measure's name and definition. Angles are kept in radians and shown in degrees."""
 
     name: str
     meaning: str
@@ -71,36 +66,33 @@ MEASURES = {
 
 
 def area_of(length: Tensor, width: Tensor) -> Tensor:
-    """Area (N,) of strokes with round ends, square pixels, from their lengths and widths."""
+    """Compute the area (N,) of strokes with round ends from their lengths and widths."""
     return length * width + 0.25 * math.pi * width.square()
 
 
 def straightness_of(curve: Tensor, length: Tensor) -> Tensor:
-    """Distance of the ends over arc length (N,), in [0, 1]; 0 for a point."""
+    """Compute the distance of the ends over arc length (N,), in [0, 1]; 0 for a point."""
     chord = (curve[:, 2] - curve[:, 0]).square().sum(1)
     tiny = torch.finfo(curve.dtype).tiny
     return ((chord + tiny).sqrt() / length.clamp_min(POINT_LENGTH**2)).clamp_max(1)
 
 
 def curvature_of(curve: Tensor) -> Tensor:
-    """Total curvature (N,), radians in [0, pi]: the angle between both legs, as a parabola turns one way only.
-
-    It is 0 for a point. The slope of an exactly straight stroke is 0.
-    """
+    """Compute total curvature (N,), radians in [0, pi], as the angle between both legs; 0 for a point."""
     (x, y), (u, v) = (leg.unbind(1) for leg in _unit_legs(curve))
     return torch.atan2((x * v - y * u).abs(), x * u + y * v + LEG_SOFTENING)
 
 
 def centre_of(curve: Tensor) -> Tensor:
-    """Mean (N, 2) of the points of a curve, evenly spaced in its parameter: that of its control points."""
+    """Compute the mean (N, 2) of the points of a curve, which is that of its control points."""
     return curve.mean(1)
 
 
 def direction_of(curve: Tensor) -> Tensor:
-    """Doubled direction (N, 2) of the principal axis of curves, 1 long; shorter for points, which have none.
+    """Compute the doubled direction (N, 2) of the principal axis of curves, 1 long; shorter for points.
 
-    The second moment of B(t), t uniform, about its mean is (4 a^2 + 7 a b + 4 b^2) / 45, if the legs a and b are
-    complex numbers; squaring doubles angles.
+    The second moment of B(t), t uniform, about its mean is (4 a^2 + 7 a b + 4 b^2) / 45, for legs a and b as complex
+    numbers; squaring doubles angles.
     """
     (x, y), (u, v) = (leg.unbind(1) for leg in _unit_legs(curve))
     real = 4 * (x * x - y * y + u * u - v * v) + 7 * (x * u - y * v)
@@ -110,7 +102,7 @@ def direction_of(curve: Tensor) -> Tensor:
 
 
 def _unit_legs(curve: Tensor) -> tuple[Tensor, Tensor]:
-    """Both legs (N, 2), control - start and end - control, in units of the root of their squared lengths' sum."""
+    """Compute both legs (N, 2) in units of the root of their squared lengths' sum."""
     start, control, end = curve.unbind(1)
     first, last = control - start, end - control
     size = (first.square().sum(1) + last.square().sum(1) + POINT_LENGTH**2).sqrt()[:, None]
@@ -119,7 +111,7 @@ def _unit_legs(curve: Tensor) -> tuple[Tensor, Tensor]:
 
 @torch.no_grad()
 def nearest_strokes(points: Tensor, centres: Tensor, k: int = NEIGHBOURS, *, exclude_self: bool) -> Tensor:
-    """Indices (Q, k) of the k nearest of ``centres`` (N, 2) to each of ``points`` (Q, 2); of all if they are fewer.
+    """Find indices (Q, k) of the k nearest of ``centres`` (N, 2) to ``points`` (Q, 2); of all if they are fewer.
 
     With ``exclude_self`` the points are the centres themselves, and none is its own neighbour.
     """
@@ -129,27 +121,27 @@ def nearest_strokes(points: Tensor, centres: Tensor, k: int = NEIGHBOURS, *, exc
     if k < 1:
         return torch.empty(len(points), 0, dtype=torch.long, device=points.device)
     places, around = (x.detach().cpu().double().numpy() for x in (points, centres))  # numpy has no bfloat16
-    found = torch.from_numpy(cKDTree(around).query(places, k=k + exclude_self, workers=torch.get_num_threads())[1])
-    found = found.reshape(len(points), k + exclude_self).to(points.device)
-    if exclude_self:  # where strokes share a place, the stroke itself need not come first, nor be found at all
-        own = found == torch.arange(len(points), device=points.device)[:, None]
-        found = found[:, 1:] if own[:, 0].all() else found.gather(1, own.long().argsort(dim=1, stable=True))[:, :k]
-    return found
+    index = torch.from_numpy(cKDTree(around).query(places, k=k + exclude_self, workers=torch.get_num_threads())[1])
+    index = index.reshape(len(points), k + exclude_self).to(points.device)
+    if exclude_self:  # where strokes share a place, the stroke itself need not come first, nor be index at all
+        own = index == torch.arange(len(points), device=points.device)[:, None]
+        index = index[:, 1:] if own[:, 0].all() else index.gather(1, own.long().argsort(dim=1, stable=True))[:, :k]
+    return index
 
 
 def neighbours_of(strokes: Strokes, shape: Tensor, k: int = NEIGHBOURS) -> Tensor:
-    """Indices (N, k) of the strokes nearest to each, from centre to centre of their curves (`bezier.shape_of`)."""
+    """Find indices (N, k) of the strokes whose curves (`bezier.shape_of`) have the nearest centres."""
     centre = strokes.position + centre_of(shape)
     return nearest_strokes(centre, centre, k, exclude_self=True)
 
 
 def with_self(near: Tensor) -> Tensor:
-    """Indices (N, 1 + k): each stroke, and its neighbours (N, k)."""
+    """Put each stroke's own index before those of its neighbours: (N, k) becomes (N, 1 + k)."""
     return torch.cat([torch.arange(len(near), device=near.device)[:, None], near], dim=1)
 
 
 def mean_direction(direction: Tensor, near: Tensor) -> Tensor:
-    """Mean doubled direction (Q, 2) of strokes ``near`` (Q, k), at most 1 long; points do not count, 0 without any."""
+    """Average the doubled directions of strokes ``near`` (Q, k) to (Q, 2), at most 1 long; points do not count."""
     weight = (direction.square().sum(1, keepdim=True) + torch.finfo(direction.dtype).eps).sqrt()
     table = torch.cat([direction, weight], dim=1).index_select(0, near.flatten())  # its slope is faster than that of []
     total = table.reshape(*near.shape, 3).sum(1)
@@ -157,16 +149,13 @@ def mean_direction(direction: Tensor, near: Tensor) -> Tensor:
 
 
 def coherence_of(direction: Tensor, near: Tensor) -> Tensor:
-    """Length (N,) of the mean doubled direction of each stroke and its neighbours, in [0, 1]; 1 is parallel.
-
-    Of n strokes in disorder it is about sqrt(pi / 4 n), and not 0.
-    """
+    """Compute the length (N,) of the mean direction around strokes; 1 is parallel, disorder of n sqrt(pi / 4 n)."""
     mean = mean_direction(direction, with_self(near))
     return (mean.square().sum(1) + torch.finfo(mean.dtype).eps ** 2).sqrt()
 
 
 def homogeneity_of(width: Tensor, near: Tensor) -> Tensor:
-    """Mean / (mean + standard deviation) (N,) of the widths of each stroke and its neighbours, in [0, 1]."""
+    """Compute mean / (mean + standard deviation) (N,) of the widths of each stroke and its neighbours."""
     own = with_self(near)
     around = width.index_select(0, own.flatten()).reshape(own.shape)
     tiny = torch.finfo(width.dtype).tiny ** 0.5

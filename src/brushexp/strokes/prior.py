@@ -1,4 +1,4 @@
-"""The distribution of valid strokes (thesis 2020, eq. 6.1 to 6.5): drawn from, measured in, and as plain numbers."""
+"""The distribution of valid strokes (thesis 2020, eq. 6.1 to 6.5) is drawn from, and strokes become plain numbers."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,11 +25,10 @@ Array = NDArray[np.float64]
 def sample_prior(n: int, seed: int = 0, first: int = 0) -> Strokes:
     """Draw valid strokes number ``first`` to ``first + n - 1``; each depends on ``seed`` and its own number alone.
 
-    Start and end are uniform in the window and the thickness w is uniform in ``WIDTH``, redrawn until |s - e| >= 2 w
-    (in sides of the window); the control point is normal about the middle with variances ``SPREAD``, redrawn until it
-    lies in the window; then all three points are scaled by ``INSET``. Hence the length of a stroke is at least 1.4 w.
-    They are float32 on the CPU, opaque, of uniform colours, at position 0 in a window of 64 pixels. Differs from the
-    source: its eq. 6.1 prints the inequality the other way round.
+    Start and end are uniform in the window and the thickness w in ``WIDTH``, redrawn until |s - e| >= 2 w (in sides of
+    the window); the control point is normal about the middle with variances ``SPREAD``, redrawn until it lies in the
+    window; then all three are scaled by ``INSET``. The strokes are float32 on the CPU, opaque, of uniform colours, at
+    position 0. Differs from the source: its eq. 6.1 prints the inequality the other way round.
     """
     draw = partial(_uniform, seed, first, n)
     body = _redraw(lambda attempt: draw(2 * attempt, 8), _long_enough)  # (n, 8): start 2, end 2, width, colour 3
@@ -41,16 +40,13 @@ def sample_prior(n: int, seed: int = 0, first: int = 0) -> Strokes:
 
 
 def parameters_of(strokes: Strokes) -> Tensor:
-    """What a stroke looks like in its window as (N, 10): start 2, control 2, end 2, width 1, colour 3.
-
-    Valid strokes lie in [-1, 1]: the points are in half-windows; ``WIDTH`` and the colours' [0, 1] are mapped to it.
-    """
+    """Describe strokes in their windows as (N, 10): start, control, end, width, colour; valid ones lie in [-1, 1]."""
     width = (2 * strokes.width - (WIDTH[1] + WIDTH[0])) / (WIDTH[1] - WIDTH[0])
     return torch.cat([strokes.start, strokes.control, strokes.end, width[:, None], 2 * strokes.color - 1], dim=1)
 
 
 def strokes_of(parameters: Tensor) -> Strokes:
-    """Inverse of ``parameters_of``: opaque strokes at position 0 in a window of 64 pixels from (N, 10)."""
+    """Invert `parameters_of`: opaque strokes at position 0 in a window of 64 pixels from (N, 10)."""
     start, control, end, width, color = parameters.split([2, 2, 2, 1, 3], dim=1)
     one = torch.ones_like(width[:, 0])
     return Strokes(
@@ -66,11 +62,10 @@ def strokes_of(parameters: Tensor) -> Strokes:
 
 
 def clamp_to_prior(strokes: Strokes) -> Strokes:
-    """Bring points and widths to the edge of the box that `sample_prior` draws from; inside, nothing changes.
+    """Bring points and widths to the edge of the box that `sample_prior` draws from; what is clamped has no gradient.
 
-    That is +-``INSET`` half-windows for the points and ``WIDTH``, no stroke shorter than ``SHORTEST_CHORD``, and none
-    thicker than half its length (but at least the thinnest), as the source's eq. 6.1 asks. What is clamped
-    has no gradient.
+    The box is +-``INSET`` half-windows for the points, ``WIDTH``, chords of ``SHORTEST_CHORD`` or more, and no stroke
+    thicker than half its length (but at least the thinnest), as the source's eq. 6.1 asks.
     """
     start, control, end = (value.clamp(-INSET, INSET) for value in (strokes.start, strokes.control, strokes.end))
     along, length = _along((end - start).detach())
@@ -82,7 +77,7 @@ def clamp_to_prior(strokes: Strokes) -> Strokes:
 
 
 def _along(chord: Tensor) -> tuple[Tensor, Tensor]:
-    """Direction (N, 2), to the right for a point, and length (N,) of chords (N, 2)."""
+    """Compute the direction (N, 2), to the right for a point, and the length (N,) of chords (N, 2)."""
     length = torch.linalg.vector_norm(chord, dim=1)
     right = torch.tensor([1.0, 0.0]).to(chord)
     return torch.where((length > TOUCHING)[:, None], chord / length.clamp_min(TOUCHING)[:, None], right), length
@@ -90,13 +85,12 @@ def _along(chord: Tensor) -> tuple[Tensor, Tensor]:
 
 @torch.no_grad()
 def rewindow(strokes: Strokes) -> Strokes:
-    """The same strokes in pixels, in windows in which `clamp_to_prior` has as little as possible to change.
+    """Choose windows for strokes in which `clamp_to_prior` has as little as possible to change; valid ones stay.
 
-    Strokes that are valid stay as they are. The window of others is centred on the control points, and its side is the
-    valid one nearest to what it was. Two kinds of stroke fit into no window; they are changed so that they cover as
-    much of the canvas as before: one that is shorter than valid for its thickness becomes longer and thinner, one that
-    is too thin for its length thicker and shorter. (On a painting of 655 strokes, one in four of them such, the picture
-    then lost 1.3 dB; 3.5 dB when short ones were just thinned.)
+    A window is centred on the control points, and its side is the valid one nearest to what it was. Two kinds of stroke
+    fit into no window, and are changed so that they cover as much of the canvas as before: one too short for its
+    thickness becomes longer and thinner, one too thin for its length thicker and shorter. On a painting of 655 strokes,
+    one in four of them such, this cost 1.3 dB; thinning the short ones alone cost 3.5 dB.
     """
     curve, thickness = _long_as_wide(curve_of(strokes), strokes.width * strokes.scale)
     low, high = curve.amin(1), curve.amax(1)
@@ -111,23 +105,20 @@ def rewindow(strokes: Strokes) -> Strokes:
     width = (thickness / scale).clamp_min(WIDTH[0])
     new = replace(strokes, position=centre, scale=scale, start=start, control=control, end=end, width=width)
     valid = (parameters_of(strokes) == parameters_of(clamp_to_prior(strokes))).all(1)
-    kept = {
+    fields = {
         name: torch.where(valid[:, None] if value.ndim > 1 else valid, value, getattr(new, name))
         for name, value in strokes.items()
     }
-    return replace(strokes, **kept)
+    return replace(strokes, **fields)
 
 
 def bend_of(strokes: Strokes) -> Tensor:
-    """`control_offset` (N, 2) of strokes; if shorter than ``SHORTEST_CHORD``, and so not valid, as if that long."""
+    """Compute the `control_offset` (N, 2) of strokes, as if no chord were shorter than ``SHORTEST_CHORD``."""
     return control_offset(torch.stack([strokes.start, strokes.control, strokes.end], dim=1), SHORTEST_CHORD)
 
 
 def control_offset(curve: Tensor, shortest: float) -> Tensor:
-    """Control points (N, 2) of curves (N, 3, 2) along and across s - e, from its middle, in units of |s - e|.
-
-    |s - e| counts as at least ``shortest``, so that value and gradient stay finite where start and end coincide.
-    """
+    """Measure control points (N, 2) along and across s - e, from its middle, in |s - e| or at least ``shortest``."""
     start, control, end = curve.unbind(1)
     chord, offset = start - end, control - 0.5 * (start + end)
     across = torch.stack([-chord[:, 1], chord[:, 0]], dim=1)
@@ -136,10 +127,7 @@ def control_offset(curve: Tensor, shortest: float) -> Tensor:
 
 
 def _long_as_wide(curve: Tensor, thickness: Tensor) -> tuple[Tensor, Tensor]:
-    """Curves (N, 3, 2) and thicknesses (N,) with ends at least 2 ``INSET`` thicknesses apart, and the same areas.
-
-    The area is that of a straight stroke with round ends: length * w + pi / 4 w^2.
-    """
+    """Lengthen and thin curves (N, 3, 2) that are shorter than 2 ``INSET`` thicknesses (N,), at the same area."""
     start, control, end = curve.unbind(1)
     along, length = _along(end - start)
     least = 2 * INSET * (1 + 1e-5)  # a little more than valid, so that rounding does not make it invalid
@@ -151,7 +139,7 @@ def _long_as_wide(curve: Tensor, thickness: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _uniform(seed: int, first: int, n: int, stream: int, columns: int) -> Array:
-    """Numbers (n, columns) in the open interval (0, 1); row i depends on seed, stream and first + i alone.
+    """Draw numbers (n, columns) in the open interval (0, 1); row i depends on seed, stream and first + i alone.
 
     Philox (Salmon et al., 2011) gives four words per step of its counter, so ``columns`` must be a multiple of 4.
     """
@@ -161,7 +149,7 @@ def _uniform(seed: int, first: int, n: int, stream: int, columns: int) -> Array:
 
 
 def _redraw(draw: Callable[[int], Array], valid: Callable[[Array], NDArray[np.bool_]]) -> Array:
-    """Rows of ``draw(0)``, those that are not valid replaced by their namesakes of ``draw(1)``, ``draw(2)`` ..."""
+    """Replace rows of ``draw(0)`` that are not valid by those of ``draw(1)``, ``draw(2)`` and so on."""
     rows, attempt = draw(0), 0
     while (wrong := ~valid(rows)).any():
         attempt += 1
@@ -175,7 +163,7 @@ def _long_enough(body: Array) -> NDArray[np.bool_]:
 
 
 def _bent(start: Array, end: Array, uniform: Array) -> Array:
-    """Control points (n, 2) from two of the uniform numbers (n, 4) each (Box and Muller, 1958)."""
+    """Draw control points (n, 2) from two of the uniform numbers (n, 4) each (Box and Muller, 1958)."""
     radius, angle = np.sqrt(-2 * np.log(uniform[:, 0])), 2 * np.pi * uniform[:, 1]
     along = np.sqrt(SPREAD[0]) * radius * np.cos(angle)
     across = np.sqrt(SPREAD[1]) * radius * np.sin(angle)

@@ -1,16 +1,27 @@
-"""The record of a finished painting: its strokes, and all that is needed to draw them again."""
+"""The record of a finished painting, and its form as JSON (docs/formats.md), which people read, edit and write."""
 
+import json
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Self
+from reprlib import repr as shortened
+from typing import Any, Self
 
 import torch
 from torch import Tensor
 
 from brushexp.errors import UserError
-from brushexp.strokes.catalogue import Strokes, check_strokes
-from brushexp.system.reading import check_yaml, in_short
+from brushexp.strokes.catalogue import FIELDS, MOST, Strokes, check_strokes
+from brushexp.system.reading import check_yaml, in_short, json_of
 
 LARGEST_SIDE = 1_000_000  # pixels of a canvas
+FORMAT = "brushexp catalogue"
+VERSION = 2  # raise it whenever a file of the new kind would mislead an older reader
+DEPTH_UNIT = "rank, 0 is the bottom stroke"
+BRUSH_UNIT = "0 or more; a renderer with several textures chooses by it"
+ATTRIBUTES = {"height": int, "width": int, "renderer": str, "renderer_hash": str, "seed": int}
+AT_ONCE = 4096  # strokes whose text is in memory at a time
+KINDS = {int: "a whole number", str: "text", list: "a list"}
 
 
 @dataclass(frozen=True)
@@ -26,7 +37,7 @@ class Saved:
     seed: int = 0  # of the run
     config: str = ""  # settings of the run as YAML: text from a file, of which only plugins may be built
 
-    def laid(self, strokes: Strokes, front_to_back: Tensor, background: Tensor) -> Self:
+    def with_strokes(self, strokes: Strokes, front_to_back: Tensor, background: Tensor) -> Self:
         """Record other strokes of the same run, in the order ``front_to_back`` (N,), the uppermost first."""
         depth = (len(strokes) - 1 - front_to_back.argsort()).int().cpu()
         return replace(self, strokes=strokes.map(Tensor.cpu), depth=depth, background=background.cpu())
@@ -51,3 +62,94 @@ class Saved:
         except UserError as error:
             raise UserError(f"config is {error}") from error
         return self
+
+
+def json_lines(saved: Saved) -> Iterator[str]:
+    """Write a catalogue as text, piece by piece; the config (YAML) is written as a list of its lines."""
+    strokes = saved.strokes.map(lambda value: value.detach().to("cpu", torch.float32))
+    attributes = {"height": saved.size[0], "width": saved.size[1], "renderer": saved.renderer}
+    attributes |= {"renderer_hash": saved.renderer_hash, "seed": saved.seed}
+    units = {name: field.unit for name, field in FIELDS.items()} | {"brush": BRUSH_UNIT, "depth": DEPTH_UNIT}
+    head = {"format": FORMAT, "format_version": VERSION, **attributes}
+    head["background"] = [float(f"{level:.9g}") for level in saved.background.float().tolist()]
+    yield json.dumps(head | {"units": units, "config": saved.config.split("\n")}, ensure_ascii=False, indent=2)[:-2]
+    yield ',\n  "strokes": ['
+    exact = "%.9g"  # as short as can be: nine digits tell any two float32 apart
+    slots = {name: f"[{', '.join([exact] * field.size)}]" if field.size else exact for name, field in FIELDS.items()}
+    line = "{" + ", ".join(f'"{name}": {slot}' for name, slot in slots.items()) + ', "brush": %d, "depth": %d}'
+    columns = [value.reshape(len(strokes), FIELDS[name].size or 1) for name, value in strokes.items()]
+    separator = "\n    "
+    for *parts, ranks in zip(
+        *(column.split(AT_ONCE) for column in (*columns, strokes.brush[:, None], saved.depth[:, None])), strict=True
+    ):
+        rows = torch.cat([part.double() for part in (*parts, ranks)], dim=1).tolist()
+        text = ",\n    ".join([line % tuple(row) for row in rows])
+        yield separator * bool(rows) + text.replace("-0,", "-0.0,").replace("-0]", "-0.0]")  # -0 is a whole number
+        separator = ",\n    "
+    yield "\n  ]\n}\n" if len(strokes) else "]\n}\n"
+
+
+def parse(text: str) -> Saved:
+    """Read what `json_lines` has written; a UserError says where a text differs from that form."""
+    try:
+        data = json_of(text)
+    except UserError as error:
+        raise UserError(f"{error}; mend it there, or export it again with to=json") from error
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        raise UserError(f"JSON, but not a {FORMAT}; give a strokes.json of task=export to=json")
+    check_version(_typed(data, "format_version", int))
+    height, width, renderer, renderer_hash, seed = (_typed(data, name, kind) for name, kind in ATTRIBUTES.items())
+    config = _typed(data, "config", list)
+    if not all(isinstance(line, str) for line in config):
+        raise UserError(f"config is {shortened(config)}; a list of the lines of a YAML text is needed")
+    background = torch.tensor(_numbers(data, "background", 3), dtype=torch.float64).float()
+    strokes, depth = _strokes(_typed(data, "strokes", list))
+    canvas = (strokes, depth.int(), (height, width), background)
+    return Saved(*canvas, renderer, renderer_hash, seed, "\n".join(config))
+
+
+def check_version(version: int) -> None:
+    """Raise a UserError for a file of a newer format."""
+    if not 1 <= version <= VERSION:
+        raise UserError(f"has format_version {version}, and this brushexp reads {VERSION}; update brushexp")
+
+
+def _strokes(rows: list[Any]) -> tuple[Strokes, Tensor]:
+    for index, row in enumerate(rows):
+        if not isinstance(row, dict):
+            raise UserError(f"stroke {index} is {shortened(row)}; {{...}} with its fields is needed")
+        if unknown := sorted(row.keys() - {*FIELDS, "brush", "depth"}):
+            raise UserError(
+                f"stroke {index} has a field {shortened(unknown[0])}; it takes {', '.join(FIELDS)}, brush and depth"
+            )
+    values = {}
+    for name, field in FIELDS.items():
+        column = [_numbers(row, name, field.size, f"stroke {index}: ") for index, row in enumerate(rows)]
+        values[name] = torch.tensor(column, dtype=torch.float64).reshape(field.shape(len(rows))).float()
+    brushes = [_typed({"brush": index, **row}, "brush", int, f"stroke {index}: ") for index, row in enumerate(rows)]
+    within = [min(max(brush, -1), MOST) for brush in brushes]  # which `check_strokes` refuses
+    strokes = Strokes(**values, brush=torch.tensor(within, dtype=torch.int64))
+    if not any("depth" in row for row in rows):
+        return strokes, torch.arange(len(rows))
+    ranks = [_typed(row, "depth", int, f"stroke {index}: ") for index, row in enumerate(rows)]
+    rank, times = Counter(ranks).most_common(1)[0]
+    if times > 1:
+        raise UserError(f"{times} strokes have depth {rank}; give each another one, or leave it out of all")
+    return strokes, torch.tensor(ranks).argsort().argsort()
+
+
+def _numbers(data: dict[str, Any], name: str, size: int, where: str = "") -> Any:
+    """Check that a value is as many numbers as a field has; size 0 is one that is not in a list."""
+    value = data.get(name)
+    numbers = value if size else [value]
+    if type(numbers) is not list or len(numbers) != (size or 1) or not {type(x) for x in numbers} <= {int, float}:
+        needed = f"a list of {size} numbers" if size else "a number"
+        raise UserError(f"{where}{name} is {shortened(value)}; {needed} is needed")
+    return value
+
+
+def _typed(data: dict[str, Any], name: str, kind: type, where: str = "") -> Any:
+    value = data.get(name)
+    if type(value) is not kind:  # true is no number
+        raise UserError(f"{where}{name} is {shortened(value)}; {KINDS[kind]} is needed")
+    return value

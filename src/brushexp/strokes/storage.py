@@ -1,9 +1,6 @@
-"""``catalogue.h5``: a finished catalogue on disk, with all that is needed to render it again.
+"""A finished catalogue is kept on disk as HDF5, with all that is needed to render it again; docs/formats.md.
 
-A ``.json`` file, which task=export writes, is read as well: see `strokes.text`. The HDF5 file has one float32 dataset
-for each field of `Strokes`, ``brush`` and ``depth`` (int32, 0 = bottom), and attributes for the rest. Checksums of HDF5
-cover everything in it: it has them since format 1.10, but not for texts of variable length, in which one wrong byte can
-send the HDF5 library into an endless loop.
+Texts have a fixed length, because HDF5 has no checksums for others: one wrong byte there can make it loop for ever.
 """
 
 import io
@@ -16,8 +13,7 @@ import torch
 
 from brushexp.errors import UserError
 from brushexp.strokes.catalogue import FIELDS, Strokes
-from brushexp.strokes.saved import Saved
-from brushexp.strokes.text import BRUSH_UNIT, DEPTH_UNIT, FORMAT, VERSION, check_version, parse
+from brushexp.strokes.saved import BRUSH_UNIT, DEPTH_UNIT, FORMAT, VERSION, Saved, check_version, parse
 from brushexp.system.files import write_bytes
 from brushexp.system.hdf5 import HDF5, attribute_of, dataset_of, fixed, numbers_of, opened, text_of, whole_number_of
 from brushexp.system.reading import explaining, in_short, read_text
@@ -58,10 +54,7 @@ def _put(file: h5py.File, name: str, value: np.ndarray, unit: str) -> None:
 
 
 def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
-    """Read a catalogue and check all of it; a UserError says what is wrong. ``option`` is the key that sets the path.
-
-    A plain name is a catalogue that comes with the program: ``starry_night``.
-    """
+    """Read and check a catalogue, by its path or the name of one that is shipped (UserError); ``option`` sets it."""
     if str(path).isidentifier() and not path.exists() and (SHIPPED / f"{path}.h5").is_file():
         path = SHIPPED / f"{path}.h5"
     if path.is_dir():

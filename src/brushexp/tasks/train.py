@@ -18,8 +18,7 @@ from brushexp.training.benchmark import evaluate
 from brushexp.training.datamodule import StrokeData
 from brushexp.training.dataset import Origin, Split
 from brushexp.training.evaluation import FrechetDistance, HeldOutSheet, effl0_distance
-from brushexp.training.fresh_start import FreshStart
-from brushexp.training.renderer_module import RendererModule
+from brushexp.training.renderer_module import FreshStart, RendererModule
 from brushexp.training.stroke_data import stroke_data
 
 DISTILLED = {"window": 1024, "supersample": 1}  # options of an engine whose strokes a renderer looks at

@@ -9,10 +9,10 @@ from omegaconf import DictConfig
 
 from brushexp.errors import UserError
 from brushexp.pages.run_page import LARGEST_SIDE, PAGE_NAME, page_in, run_page
-from brushexp.pages.serving import served, show_until_interrupted
+from brushexp.pages.serving import serve, show_until_interrupted
 from brushexp.pages.sweep_page import write_sweep_page
 from brushexp.painting.finished import Finished
-from brushexp.pictures.decode import opened_picture
+from brushexp.pictures.decode import open_picture
 from brushexp.plugins.export.job import ExportJob, export_job, with_renderer
 from brushexp.registry import build
 from brushexp.results.runs import gather, read_result
@@ -28,7 +28,7 @@ PICTURES = ("target", "painting", "flat", "style", "focus")  # of a run, as `Fin
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Write the page into this run's folder, and serve it until Ctrl-C."""
     pages = pages_of(cfg, folder)
-    with served(pages, cfg.port) as address:
+    with serve(pages, cfg.port) as address:
         log.info("%s is at %s until Ctrl-C; it is also in %s", cfg.catalogue, address, folder / PAGE_NAME)
         show_until_interrupted(address, in_browser=cfg.open)
     log.info("the page is no longer served; it stays in %s", folder / PAGE_NAME)
@@ -82,7 +82,7 @@ def finished_in(folder: Path, job: ExportJob) -> Finished:
     for name in PICTURES:
         if (path := folder / f"{name}.png").exists():
             try:
-                with opened_picture(path) as image:
+                with open_picture(path) as image:
                     pictures[name] = np.asarray(image.convert("RGB"))
             except UserError as error:
                 log.warning("%s is left out: %s", path, error)

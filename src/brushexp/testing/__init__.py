@@ -8,16 +8,16 @@
     def test_contract(check):
         check(lambda **options: build_named("engine", "dabs", options))
 
-A check is given what builds the plugin, with options if it wants some, and fails with an AssertionError. It needs no
-pytest; ``pytest.register_assert_rewrite("brushexp.testing")`` in a conftest.py makes it say more. brushexp's own tests
-run the same checks over every plugin and preset that is registered.
+A check takes a function that builds the plugin from options, and fails with an AssertionError. It needs no pytest;
+``pytest.register_assert_rewrite("brushexp.testing")`` in a conftest.py makes its messages longer.
 """
 
-from brushexp.testing.checks import Check
+from collections.abc import Callable
+from typing import Any
 
 
-def contract(family: str) -> list[Check]:
-    """The checks of a family; none if its members are not alike in anything but their types.
+def contract(family: str) -> list[Callable[..., Any]]:
+    """List the checks of a family; there are none if its contract is only about types.
 
     >>> [check.__name__ for check in contract("order")]
     ['gives_every_stroke_a_depth']

@@ -1,11 +1,11 @@
-"""What every brush simulator must do."""
+"""Check what every brush simulator must do."""
 
 import torch
 from torch import Tensor
 
 from brushexp.plugins.engine.base import Simulated
 from brushexp.strokes.prior import parameters_of, sample_prior, strokes_of
-from brushexp.testing.checks import Check, Make
+from brushexp.testing.families import Check, Make
 
 WINDOW = 32
 EXTREMES = [
@@ -27,7 +27,7 @@ def _valid(n: int) -> Tensor:
 
 
 def _distances(parameters: Tensor) -> Tensor:
-    """From every pixel's centre to the curves, (n, S, S), windows."""
+    """Measure the distance from every pixel's centre to the curves, (n, S, S), in windows."""
     strokes = strokes_of(parameters)
     t = torch.linspace(0, 1, 101)[:, None, None]
     curve = (1 - t) ** 2 * strokes.start + 2 * t * (1 - t) * strokes.control + t**2 * strokes.end  # (101, n, 2)
@@ -37,28 +37,28 @@ def _distances(parameters: Tensor) -> Tensor:
     return 0.5 * offset.norm(dim=-1).amin(0)
 
 
-def _is_simulated(parameters: Tensor, painted: Simulated) -> None:
+def _is_simulated(parameters: Tensor, simulated: Simulated) -> None:
     n = len(parameters)
-    assert painted.images.shape == (n, 4, WINDOW, WINDOW)
-    assert painted.heights.shape == (n, WINDOW, WINDOW)
-    for values in (painted.images, painted.heights):
+    assert simulated.images.shape == (n, 4, WINDOW, WINDOW)
+    assert simulated.heights.shape == (n, WINDOW, WINDOW)
+    for values in (simulated.images, simulated.heights):
         assert values.dtype == torch.float32
         assert (values >= 0).all()
         assert values.isfinite().all()
-    assert (painted.images <= 1).all()
+    assert (simulated.images <= 1).all()
 
 
 def returns_pictures_and_heights(make: Make) -> None:
     """Paint on an empty canvas: of every stroke some, none in the corner, and its own colour where there is none."""
     engine, parameters = make(window=WINDOW), _valid(6).requires_grad_()
-    painted = engine(parameters, seed=1)
-    _is_simulated(parameters, painted)
-    assert not painted.images.requires_grad
+    simulated = engine(parameters, seed=1)
+    _is_simulated(parameters, simulated)
+    assert not simulated.images.requires_grad
     assert torch.equal(parameters, _valid(6))
     assert engine.window == WINDOW
-    assert (painted.images[:, 3].amax((1, 2)) > 0.2).all()
-    assert (painted.heights.amax((1, 2)) > 0).all()
-    color, alpha = painted.images.split([3, 1], dim=1)
+    assert (simulated.images[:, 3].amax((1, 2)) > 0.2).all()
+    assert (simulated.heights.amax((1, 2)) > 0).all()
+    color, alpha = simulated.images.split([3, 1], dim=1)
     assert (alpha[..., 0, 0] == 0).all()
     bare = (alpha == 0).expand_as(color)
     own = strokes_of(parameters).color[:, :, None, None].expand_as(color)
@@ -93,9 +93,9 @@ def draws_anything_finite(make: Make) -> None:
     """Extreme strokes, and none, give valid pictures and leave their neighbours alone."""
     engine, alone = make(window=WINDOW), _valid(1)
     parameters = torch.cat([torch.tensor(EXTREMES), alone])
-    painted = engine(parameters, seed=1)
-    _is_simulated(parameters, painted)
-    assert torch.equal(painted.images[-1:], engine(alone, seed=1, first=len(EXTREMES)).images)
+    simulated = engine(parameters, seed=1)
+    _is_simulated(parameters, simulated)
+    assert torch.equal(simulated.images[-1:], engine(alone, seed=1, first=len(EXTREMES)).images)
     _is_simulated(parameters[:0], engine(parameters[:0], seed=1))
 
 

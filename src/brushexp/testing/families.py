@@ -1,9 +1,11 @@
-"""What the plugins of each family must do, but for engines."""
+"""Check what the plugins of each family but engines must do."""
 
 import tempfile
+from collections.abc import Callable
 from functools import partial
 from inspect import signature
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -17,8 +19,9 @@ from brushexp.plugins.order.base import front_to_back
 from brushexp.plugins.painter.base import Painter, PaintRequest
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.strokes.catalogue import FIELDS, Catalogue, Strokes, check_strokes
-from brushexp.testing.checks import Check, Make
 
+Make = Callable[..., Any]  # builds a fresh plugin from options
+Check = Callable[[Make], None]
 SIZE = (24, 40)  # not square: catches a swap of height and width
 
 
@@ -31,7 +34,7 @@ def some_strokes(
     width: tuple[float, float] = (0.02, 0.3),
     dtype: torch.dtype = torch.float32,
 ) -> Strokes:
-    """``n`` strokes on and around a canvas of ``size`` (H, W); ``bend`` is how far controls stray from the middle."""
+    """Draw ``n`` random strokes on and around a canvas of ``size`` (H, W); ``bend`` is how far controls stray."""
     generator = torch.Generator().manual_seed(seed)
     uniform = partial(torch.rand, generator=generator)
     start, end = uniform(n, 2) * 2 - 1, uniform(n, 2) * 2 - 1
@@ -49,7 +52,7 @@ def some_strokes(
 
 
 def with_gradients(strokes: Strokes, dtype: torch.dtype = torch.float32) -> Strokes:
-    """Copies that collect gradients."""
+    """Copy strokes so that they collect gradients."""
     return strokes.map(lambda value: value.detach().to(dtype).clone().requires_grad_())
 
 
@@ -171,8 +174,8 @@ def stays_on_the_canvas(make: Make) -> None:
     for step in range(20):
         view = sampler(some_strokes(9, SIZE), SIZE, step, torch.Generator().manual_seed(step))
         region = view.region
-        known = [number for number in (view.active, view.ring) if number is not None]
-        assert len(torch.cat([torch.arange(0), *known]).unique()) == sum(map(len, known)) <= 9
+        numbers = [number for number in (view.active, view.ring) if number is not None]
+        assert len(torch.cat([torch.arange(0), *numbers]).unique()) == sum(map(len, numbers)) <= 9
         assert 0 <= region.top <= region.top + region.height <= SIZE[0]
         assert 0 <= region.left <= region.left + region.width <= SIZE[1]
         assert min(region.height, region.width) > 0
@@ -225,8 +228,8 @@ def paints_with_no_more_strokes_than_asked(make: Make) -> None:
     shades[0, :, : SIZE[1] // 2] = 0.9
     for target, n, times in ((shades, 12, 2), (torch.rand(3, 3, 2), 1, 1), (torch.full((3, *SIZE), 0.5), 8, 1)):
         background = torch.tensor([0.2, 0.4, 0.9])
-        found = [list(make()(request_of(target, n, background))) for _ in range(times)]
-        states = found[0]
+        paintings = [list(make()(request_of(target, n, background))) for _ in range(times)]
+        states, again = paintings[0], paintings[-1][-1].strokes
         assert states
         assert all(0 < len(state.strokes) <= n for state in states)
         steps = [state.step for state in states]
@@ -234,15 +237,13 @@ def paints_with_no_more_strokes_than_asked(make: Make) -> None:
         assert min(steps) > 0
         assert all(state.step <= state.steps for state in states)
         check_strokes(states[-1].strokes)
-        assert all(
-            torch.equal(getattr(found[-1][-1].strokes, name), value) for name, value in states[-1].strokes.items()
-        )
+        assert all(torch.equal(getattr(again, name), value) for name, value in states[-1].strokes.items())
         drawn = request_of(target, n, background).draw(states[-1].strokes)
         assert (drawn - background[:, None, None]).abs().amax() > 0.1
 
 
 def request_of(target: torch.Tensor, n: int, background: torch.Tensor) -> PaintRequest:
-    """What a painter is asked for, drawn with plain strokes."""
+    """Ask a painter for a picture, and draw its strokes plainly."""
 
     def draw(strokes: Strokes) -> torch.Tensor:
         order = torch.arange(len(strokes) - 1, -1, -1)

@@ -1,4 +1,4 @@
-"""A renderer is measured: its errors on held-out strokes, its speed, and its drawings outside the range of training."""
+"""A renderer's errors on held-out strokes, its speed, and its drawings outside the range of training are measured."""
 
 import time
 from collections.abc import Iterable, Sequence
@@ -11,7 +11,6 @@ from torch import Tensor
 from brushexp.plugins.blend.base import Blend
 from brushexp.plugins.engine.base import Engine
 from brushexp.plugins.renderer.base import Renderer, window_pictures
-from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import clamp_to_prior, parameters_of, sample_prior, strokes_of
 from brushexp.system.progress import with_progress
 from brushexp.training.datamodule import StrokeBatch
@@ -46,7 +45,7 @@ def evaluate(
     """Measure `error_figures`, `bristle_figures` and distances on ``n`` strokes that a renderer has not seen."""
     sums, bristles = torch.zeros(5, dtype=torch.float64), torch.zeros(2, 2, 2, dtype=torch.float64)
     for batch in with_progress(batches, n, "evaluating strokes", lambda batch: len(batch.number)):
-        drawn, truth = drawn_and_true(renderer, batch, window)
+        drawn, truth = draw_batch(renderer, batch, window)
         sums += error_sums(drawn, truth)
         bristles += bristle_sums(drawn, truth, batch.parameters.to(drawn.device))
         for distance in distances:
@@ -58,18 +57,15 @@ def evaluate(
 
 
 @torch.no_grad()
-def drawn_and_true(renderer: Renderer, batch: StrokeBatch, window: int) -> tuple[Tensor, Tensor]:
-    """Draw the pictures (B, 4, S, S) of a batch, in [0, 1]; return them and the true ones."""
+def draw_batch(renderer: Renderer, batch: StrokeBatch, window: int) -> tuple[Tensor, Tensor]:
+    """Draw the pictures (B, 4, S, S) of a batch, in [0, 1], and return them with the true ones."""
     device = device_of_weights(renderer)
     drawn = window_pictures(renderer, batch.parameters.to(device), window, batch.number.to(device))
     return drawn.clamp(0, 1), batch.images.to(device)
 
 
 def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backward: bool) -> float:
-    """Measure how fast `ACROSS` x `DOWN` strokes are painted at once, each alone in its window's place on a canvas.
-
-    The best of some repetitions after a first one; ``backward``, with the gradient of the sum of all pixels.
-    """
+    """Measure how many strokes a second are painted, in windows beside each other, at the best of some repetitions."""
     device, n = device_of_weights(renderer), ACROSS * DOWN
     strokes = sample_prior(n)
     place = torch.stack(torch.meshgrid(torch.arange(ACROSS), torch.arange(DOWN), indexing="xy"), dim=-1).reshape(-1, 2)
@@ -78,10 +74,10 @@ def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backwar
     white, order = torch.ones(3, device=device), torch.arange(n, device=device)
     seconds: list[float] = []
     while len(seconds) <= REPETITIONS and (len(seconds) < 2 or sum(seconds) <= TIMING_SECONDS):
-        given = strokes.map(lambda value: value.clone().requires_grad_(backward))
+        leaves = strokes.map(lambda value: value.clone().requires_grad_(backward))
         before = time.perf_counter()
         with torch.set_grad_enabled(backward):
-            image = blend(renderer(given), order, (DOWN * window, ACROSS * window), white).image
+            image = blend(renderer(leaves), order, (DOWN * window, ACROSS * window), white).image
             if backward:
                 image.sum().backward()
         if device.type == "cuda":
@@ -91,11 +87,7 @@ def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backwar
 
 
 class ExtremeDrawings(NamedTuple):
-    """What became of the strokes `EXTREMES`.
-
-    ``pictures`` are ``painted``, what a user gets, and of a network ``bare``: without ``project``, its parameters are
-    not brought into the range first.
-    """
+    """The drawings of `EXTREMES`: "painted", as users get them, and of networks "bare", without ``project``."""
 
     nearest: Tensor  # (n, 4, S, S) the engine's pictures of the nearest strokes of the range of training
     pictures: dict[str, Tensor]
@@ -105,7 +97,9 @@ class ExtremeDrawings(NamedTuple):
 @torch.no_grad()
 def draw_extremes(renderer: Renderer, engine: Engine, seed: int) -> ExtremeDrawings:
     """Draw the strokes `EXTREMES` beside those that the engine paints nearest to them, with the brushes of a seed."""
-    side, strokes = engine.window, extreme_strokes()
+    chosen = [{**ORDINARY, **changes} for changes in EXTREMES.values()]
+    values = {name: torch.tensor([stroke[name] for stroke in chosen]) for name in ORDINARY}
+    side, strokes = engine.window, replace(strokes_of(torch.zeros(len(chosen), 10)), **values)
     within = clamp_to_prior(replace(strokes, color=strokes.color.clamp(0, 1)))
     nearest = engine(parameters_of(within), seed=seed).images
     parameters = parameters_of(strokes).to(device_of_weights(renderer))
@@ -129,13 +123,6 @@ def draw_extremes(renderer: Renderer, engine: Engine, seed: int) -> ExtremeDrawi
     return ExtremeDrawings(nearest, pictures, rows)
 
 
-def extreme_strokes() -> Strokes:
-    """Make the strokes `EXTREMES` at position 0 in a window of 64 pixels."""
-    chosen = [{**ORDINARY, **changes} for changes in EXTREMES.values()]
-    values = {name: torch.tensor([stroke[name] for stroke in chosen]) for name in ORDINARY}
-    return replace(strokes_of(torch.zeros(len(chosen), 10)), **values)
-
-
 def for_painting(renderer: Renderer, device: torch.device) -> Renderer:
     """Put a renderer on the device, in ``eval`` mode and with frozen weights, as painting uses it."""
     return renderer.to(device).eval().requires_grad_(False)
@@ -151,5 +138,5 @@ def speed_and_size(renderer: Renderer, blend: Blend, window: int) -> dict[str, f
 
 
 def device_of_weights(renderer: Renderer) -> torch.device:
-    """Return the device of its weights; the CPU if it has none."""
+    """Return the device of a renderer's weights; the CPU if it has none."""
     return next((weight.device for weight in renderer.parameters()), torch.device("cpu"))

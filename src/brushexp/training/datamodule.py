@@ -1,4 +1,4 @@
-"""Batches of strokes are shuffled from files without holding them in memory, or simulated on the way."""
+"""Batches of strokes are read in random order without holding all in memory, or simulated on the way."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
@@ -31,7 +31,7 @@ class StrokeBatch(NamedTuple):
 
 
 class StrokeLoader:
-    """The ``length`` batches of an epoch, ``batches(epoch, first batch)``, epoch after epoch."""
+    """Iterates over the ``length`` batches of an epoch, ``batches(epoch, first batch)``, epoch after epoch."""
 
     def __init__(self, batches: Callable[[int, int], Iterator[Any]], length: int) -> None:
         self.batches, self.length = batches, length
@@ -107,18 +107,14 @@ class StrokeData(L.LightningDataModule, ABC):
 
 
 class SimulatedData(StrokeData):
-    """Strokes that an engine simulates when they are needed, in training never the same twice.
-
-    ``origin`` describes the engine, ``seed`` is that of the prior, too, and ``held_out`` strokes are for validation and
-    as many for the test.
-    """
+    """Simulates strokes when they are needed, ``held_out`` for validation and test each; training repeats none."""
 
     def __init__(
         self, engine: Engine, origin: Origin, *, batch_size: int = 64, seed: int = 0, held_out: int = 1000
     ) -> None:
         super().__init__()
         self.engine, self.origin, self.batch_size, self.seed, self.held_out = engine, origin, batch_size, seed, held_out
-        self._kept: dict[int, StrokeBatch] = {}  # held-out strokes, which every validation looks at
+        self._held_out: dict[int, StrokeBatch] = {}  # held-out strokes, which every validation looks at
 
     def size(self, split: Split) -> int:
         return EPOCH_STEPS * self.batch_size if split is Split.TRAINING else self.held_out
@@ -127,23 +123,18 @@ class SimulatedData(StrokeData):
         size = self.size(split)
         begin = HELD_OUT.get(split, epoch * size)
         for number in range(begin + first * self.batch_size, begin + size, self.batch_size):
-            batch = self._kept.get(number) or self._simulated(number, min(self.batch_size, begin + size - number))
+            if (batch := self._held_out.get(number)) is None:
+                numbers = torch.arange(number, min(number + self.batch_size, begin + size))
+                parameters = parameters_of(sample_prior(len(numbers), self.seed, number))
+                images = self.engine(parameters, seed=self.seed, first=number).images
+                batch = StrokeBatch(parameters, images, numbers)
             if split is not Split.TRAINING:
-                self._kept[number] = batch
+                self._held_out[number] = batch
             yield batch
-
-    def _simulated(self, first: int, n: int) -> StrokeBatch:
-        parameters = parameters_of(sample_prior(n, self.seed, first))
-        images = self.engine(parameters, seed=self.seed, first=first).images
-        return StrokeBatch(parameters, images, torch.arange(first, first + n))
 
 
 class StoredData(StrokeData):
-    """Strokes from files; every training stroke comes once in an epoch, in an order decided by seed and epoch.
-
-    ``paths`` are sets of `task=simulate`, all of one engine and window; of their training strokes only the first
-    ``limit`` are used. UserError if a set cannot be read, the sets do not fit together, or a split is empty.
-    """
+    """Reads strokes from sets: the first ``limit`` training strokes once an epoch, in an order of seed and epoch."""
 
     def __init__(self, paths: Sequence[Path], *, batch_size: int = 64, seed: int = 0, limit: int | None = None) -> None:
         super().__init__()
@@ -167,7 +158,7 @@ class StoredData(StrokeData):
     def batches(self, split: Split, epoch: int, first: int) -> Iterator[StrokeBatch]:
         places, n = self.places[split], self.batch_size
         if split is Split.TRAINING:
-            groups = shuffled_groups(places, self.numbers[places] // BLOCK, np.random.default_rng([self.seed, epoch]))
+            groups = shuffle_groups(places, self.numbers[places] // BLOCK, np.random.default_rng([self.seed, epoch]))
         else:
             groups = np.split(places, range(n, len(places), n))
         skip, waiting = first * n, places[:0]  # strokes that are read and not handed out yet
@@ -202,7 +193,7 @@ def require_compatible(sets: Sequence[StrokeSet]) -> None:
             raise UserError(f"{repeated}; drop one, or simulate it again with another seed")
 
 
-def shuffled_groups(places: Numbers, blocks: Numbers, random: np.random.Generator) -> list[Numbers]:
+def shuffle_groups(places: Numbers, blocks: Numbers, random: np.random.Generator) -> list[Numbers]:
     """Shuffle places (n,) in groups of whole blocks: the blocks, and the places in a group."""
     parts = np.split(places, 1 + np.flatnonzero(np.diff(blocks)))
     order = random.permutation(len(parts))

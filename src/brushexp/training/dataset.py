@@ -1,14 +1,8 @@
-"""A set of simulated strokes: a folder of shards, HDF5 files of up to 2048 strokes; `writer` writes them.
+"""A set of simulated strokes is a folder of shards, HDF5 files (docs/formats.md), and is read block by block.
 
-A shard of n strokes in windows of S x S pixels holds the datasets ``params`` (n, 10) float32 as
-`strokes.prior.parameters_of` writes them; ``images`` (n, S, S, 4) uint8 RGBA, straight alpha; ``heights`` (n, S, S)
-uint16 in units of 1/1024. The stroke in row i is number ``first`` + i of the prior. Everything is covered by checksums
-of HDF5; those of pictures are checked when they are read. Attributes: format, format_version, first, n, seed, engine,
-engine_config (JSON), window, splits. A single shard that begins at stroke 0 is a set, too.
-
-Splits: blocks of 16 strokes, which are also the chunks on disk, go to one split each by their number alone. So a set
-keeps its splits when it grows, and reading one split unpacks nothing of another; as strokes are drawn independently,
-any rule on the number is fair. With 5 %, a set of 50,000 holds enough test strokes (2500) for an FID of 2048 features.
+Blocks of 16 strokes are the chunks on disk, and belong to one split each by their number alone. So a set keeps its
+splits when it grows, and reading one split unpacks nothing of another. With 5 %, a set of 50,000 holds enough test
+strokes (2500) for an FID of 2048 features.
 """
 
 import json
@@ -44,7 +38,7 @@ Numbers = NDArray[np.int64]
 
 
 class Split(Enum):
-    """What a stroke is for; the values are the rests of the rule in the module's docstring."""
+    """What a stroke is for; the values are remainders of the number of its block."""
 
     TEST = 0
     VALIDATION = 1
@@ -77,20 +71,17 @@ def origin_of(node: DictConfig, engine: Engine) -> Origin:
     return Origin(plugin_of(node).name, json.loads(json.dumps(config)), engine.window)
 
 
-def first_difference(here: dict[str, object], there: dict[str, object]) -> tuple[str, str] | None:
+def first_difference(first: dict[str, object], second: dict[str, object]) -> tuple[str, str] | None:
     """Find the first setting that differs, as ``key=value`` of each side; None if all are the same."""
-    for key in here | there:
-        one, other = (f"{key}={side[key]}" if key in side else f"no {key}" for side in (here, there))
+    for key in first | second:
+        one, other = (f"{key}={side[key]}" if key in side else f"no {key}" for side in (first, second))
         if one != other:
             return one, other
     return None
 
 
 class Shard:
-    """One file of a set: strokes ``first`` and on, made by ``origin`` with ``seed``, and their ``parameters`` (n, 10).
-
-    All but the pictures is read and checked at once, pictures when they are asked for. UserError says what is wrong.
-    """
+    """One file of a set, strokes ``first`` and on; pictures are read and checked when they are asked for."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -142,17 +133,13 @@ class Shard:
                 if (dataset.name, block) not in self._checked:
                     check_chunk(dataset, (int(block) * BLOCK, *(0 for _ in dataset.shape[1:])))
                     self._checked.add((dataset.name, block))
-                here = np.flatnonzero(blocks == block)
-                values[here] = dataset[block * BLOCK : (block + 1) * BLOCK][rows[here] - block * BLOCK]
+                within = np.flatnonzero(blocks == block)
+                values[within] = dataset[block * BLOCK : (block + 1) * BLOCK][rows[within] - block * BLOCK]
         return values
 
 
 class StrokeSet:
-    """All shards of a set, strokes 0 to n - 1, made by ``origin`` with ``seed``.
-
-    ``path`` is the folder of the shards; or a file, the only shard of a small set. UserError says what is wrong with
-    the set, or with which of its files.
-    """
+    """The shards of a set, strokes 0 to n - 1, in a folder or a single file; UserError says what is wrong."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -188,7 +175,7 @@ def pictures_of(shards: Sequence[Shard], places: Numbers) -> Bytes:
 
 
 def _whole_dataset(file: h5py.File, name: str, dtype: type, shape: tuple[int, ...]) -> h5py.Dataset:
-    """Open a dataset, and check that it is what the format says and complete; its numbers are not read yet."""
+    """Open a dataset and check its chunks; its numbers are not read yet."""
     dataset = dataset_of(file, name, dtype, shape)
     if dataset.chunks is None or dataset.chunks[0] != BLOCK:
         raise UserError(f"{name} has chunks {dataset.chunks}; {BLOCK} strokes in each are needed")

@@ -1,4 +1,4 @@
-"""The LightningModule of a network: its progress, its learning rate, and its curves."""
+"""A network is trained with a schedule of its learning rate, clipped gradients, and curves."""
 
 import math
 import time
@@ -19,7 +19,7 @@ FINAL_RATE = 0.01  # of the highest learning rate, at the end
 
 
 class NetworkModule(L.LightningModule):
-    """A network that is trained until the first limit of its Trainer: ``max_steps``, ``max_epochs`` or a `Timer`."""
+    """Trains a network until the first limit of its Trainer: ``max_steps``, ``max_epochs`` or a `Timer`."""
 
     title = "training"  # for the progress bar
     clip_norm: float | None = None  # longest gradient, unless the Trainer has another
@@ -46,8 +46,8 @@ class NetworkModule(L.LightningModule):
             steps = trainer.max_epochs * trainer.num_training_batches / trainer.accumulate_grad_batches
             shares.append(self.global_step / max(1, steps))
         for timer in self._timers():
-            left, spent = timer.time_remaining(), timer.time_elapsed()
-            shares += [] if left is None else [spent / max(spent + left, 1e-9)]
+            remaining, spent = timer.time_remaining(), timer.time_elapsed()
+            shares += [] if remaining is None else [spent / max(spent + remaining, 1e-9)]
         return min(1.0, max(shares))
 
     @property
@@ -57,7 +57,7 @@ class NetworkModule(L.LightningModule):
 
     @property
     def cpu_seconds(self) -> float:
-        """CPU time of all threads of this process in the fit so far, that before an interruption included."""
+        """CPU time of all threads in the fit so far, that before an interruption included."""
         return self._cpu_seconds + (0.0 if self._since is None else time.process_time() - self._since)
 
     def state_line(self) -> str:
@@ -110,7 +110,7 @@ class NetworkModule(L.LightningModule):
             nn.utils.clip_grads_with_norm_(weights, longest, norm)
 
     def goes_well(self, norm: Tensor) -> bool:
-        """Decide whether a gradient of this norm and the losses are finite; if not, training ends with this step."""
+        """Test whether a gradient's norm and the losses are finite; if not, training ends with this step."""
         well = bool(torch.stack([norm, *self.terms.values()]).isfinite().all())
         if not well and not self.trouble and getattr(self.trainer.precision_plugin, "scaler", None) is None:
             wrong = next((name for name, term in self.terms.items() if not term.isfinite()), None)

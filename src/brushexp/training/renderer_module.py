@@ -1,8 +1,11 @@
 """A renderer is trained on pictures of strokes, with or without a critic."""
 
+import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import lightning as L
 import torch
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn, optim
@@ -11,36 +14,39 @@ from torch.nn import functional
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.renderer.base import Renderer, check_trainable, window_pictures
 from brushexp.training.datamodule import StrokeBatch
-from brushexp.training.evaluation import error_figures, error_sums, fine_detail, premultiplied
+from brushexp.training.evaluation import error_figures, error_sums, fine_detail, premultiply
 from brushexp.training.network_module import NetworkModule
 
 BETAS = (0.9, 0.99)  # of Adam, for the renderer
 CRITIC_BETAS = (0.5, 0.99)  # for the critic, and for the renderer beside one: their aims move
-WEIGHT_DECAY = 1e-4
 SLOPE = 0.2  # of the critic's leaky ReLU
 SMALLEST, WIDEST = 4, 256  # pixels on the side of what its dense layers see, and its channels at most
 DENSE = (256, 64)
+START_STEPS = 200  # after which a start is judged, and again after as many if it was begun anew
+MOST_STARTS = 3  # new ones
+ALIVE = 0.01  # share of the true variance among strokes that a network draws at least, if it learns anything
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class RendererSettings:
-    """How a renderer is trained; for how long, and in which precision, says the Trainer."""
+    """How a renderer is trained; the Trainer has duration and precision."""
 
     lr: float = 5e-4  # highest learning rate
     detail: float = 1.0  # how much errors of alpha's finest detail (`fine_detail`) count besides
     tone: float = 4.0  # and errors of the straight colour where there truly is paint: the light on ridges is faint
     critic: bool = False  # judges the pictures beside L2
     critic_lr: float = 2e-3  # on the faster of two time scales (Heusel et al., 2017, arXiv:1706.08500)
-    critic_weight: float = 0.1  # how hard it pulls at the pictures, as a share of how hard L2 does (`balanced`)
+    critic_weight: float = 0.1  # how hard it pulls at the pictures, as a share of how hard L2 does (`balance`)
     critic_width: int = 16  # its channels at full size
 
 
 def relativistic_loss(above: Tensor, below: Tensor) -> Tensor:
     """RaSGAN (Jolicoeur-Martineau, 2018, arXiv:1807.00734): small when ``above`` scores higher than ``below``.
 
-    -E[log sigma(D(a) - E D(b))] - E[log(1 - sigma(D(b) - E D(a)))], through softplus, so that it is finite for any
-    score. The critic minimises it with the true pictures above the drawn ones, the renderer with the drawn ones above.
-    Scores (n,) and (m,) are before any sigmoid. Differs from the thesis (4.6 to 4.10): there a bracket is misplaced.
+    -E[log sigma(D(a) - E D(b))] - E[log(1 - sigma(D(b) - E D(a)))] of scores (n,) and (m,) before any sigmoid, through
+    softplus, so that it is finite. Differs from the thesis (4.6 to 4.10): there a bracket is misplaced.
     """
     return functional.softplus(below.mean() - above).mean() + functional.softplus(below - above.mean()).mean()
 
@@ -48,8 +54,8 @@ def relativistic_loss(above: Tensor, below: Tensor) -> Tensor:
 class Critic(nn.Module):
     """VGG encoder: three convolutions and pooling until 4 x 4 pixels, then three dense layers to one number.
 
-    Source: thesis 2020, 6.2. The ``window`` has 4 times a power of two pixels; there are ``width`` channels at full
-    size and twice as many after each pooling, at most 256.
+    Source: thesis 2020, 6.2. The ``window`` has 4 times a power of two pixels; ``width`` channels at full size double
+    at each pooling, up to 256.
     """
 
     def __init__(self, window: int, width: int) -> None:
@@ -80,12 +86,10 @@ class Critic(nn.Module):
 
 
 class RendererModule(NetworkModule):
-    """Moves the weights of a renderer until its pictures are those of the strokes.
+    """Moves the weights of a renderer until its pictures are those of the strokes (`evaluation.squared_error`).
 
-    The loss is `evaluation.squared_error`. Lightning sees one optimiser, that of the renderer, so one step of it is one
-    ``global_step``. The critic takes its own step within ``training_step``, as part of computing the renderer's loss;
-    its optimiser is in the checkpoints, too. UserError if the renderer, which is trained in place, has no weights, or
-    its windows are of another size.
+    Lightning sees one optimiser, the renderer's, so that its steps are ``global_step``; the critic takes its own step
+    within ``training_step``. UserError if the renderer has no weights, or its windows are of another size.
     """
 
     clip_norm = 1.0
@@ -101,7 +105,7 @@ class RendererModule(NetworkModule):
         settings = self.settings
         trained = [parameter for parameter in self.renderer.parameters() if parameter.requires_grad]
         betas = BETAS if self.critic is None else CRITIC_BETAS
-        optimizer = optim.AdamW(trained, settings.lr, betas, weight_decay=WEIGHT_DECAY)
+        optimizer = optim.AdamW(trained, settings.lr, betas, weight_decay=1e-4)
         if self.critic is not None:
             weights = self.critic.parameters()
             self.critic_optimizer = optim.AdamW(weights, settings.critic_lr, CRITIC_BETAS, weight_decay=0.0)
@@ -120,7 +124,7 @@ class RendererModule(NetworkModule):
         drawn = window_pictures(self.renderer, batch.parameters, self.window, batch.number).float()
         (color, _), (true_color, paint) = drawn.split([3, 1], dim=1), batch.images.split([3, 1], dim=1)
         lit = (paint * (color - true_color)).square().mean()
-        drawn, truth = premultiplied(drawn), premultiplied(batch.images)
+        drawn, truth = premultiply(drawn), premultiply(batch.images)
         wrong = drawn - truth
         error, fine = wrong.square().mean(), fine_detail(wrong[:, 3:]).square().mean()
         self.terms = {"loss/l2": error.detach(), "loss/detail": fine.detach(), "loss/tone": lit.detach()}
@@ -175,7 +179,6 @@ class RendererModule(NetworkModule):
         return f"L2 {loss:.5f} ({psnr_of(loss):.2f} dB){quality}  {speed:.0f} strokes/s"
 
     def _step_critic(self, critic: Critic, drawn: Tensor, truth: Tensor) -> None:
-        """Take one step of the critic, true pictures above drawn ones."""
         critic.requires_grad_(True)
         loss = relativistic_loss(critic(truth), critic(drawn))
         self.critic_optimizer.zero_grad(set_to_none=True)
@@ -190,13 +193,51 @@ class RendererModule(NetworkModule):
         loss = relativistic_loss(critic(drawn), critic(truth))
         (pull,) = torch.autograd.grad(loss, drawn)
         (push,) = torch.autograd.grad(error, drawn, retain_graph=True)
-        return loss.detach(), balanced(push, pull, self.settings.critic_weight)
+        return loss.detach(), balance(push, pull, self.settings.critic_weight)
 
 
-def balanced(push: Tensor, pull: Tensor, weight: float) -> Tensor:
+def balance(push: Tensor, pull: Tensor, weight: float) -> Tensor:
     """Add to ``push`` a vector of ``weight`` times its length, in the direction of ``pull``.
 
     The scores of a critic have no scale: in 80 steps their gradients grew a thousandfold against those of L2, so no
-    fixed weight of the losses would do (Esser et al., 2021, arXiv:2012.09841, balance them at the last layer).
+    fixed weight would do (Esser et al., 2021, arXiv:2012.09841, balance them at the last layer).
     """
     return push + weight * torch.linalg.vector_norm(push) / torch.linalg.vector_norm(pull).clamp_min(1e-30) * pull
+
+
+class FreshStart(L.Callback):
+    """Gives a network that draws every stroke alike, and cannot learn without slopes, the weights of ``fresh()``."""
+
+    def __init__(self, fresh: Callable[[], nn.Module]) -> None:
+        self.fresh, self.restarts, self.lives = fresh, 0, False
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"restarts": self.restarts, "lives": self.lives}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        self.restarts, self.lives = state_dict["restarts"], state_dict["lives"]
+
+    def on_train_batch_end(self, trainer: L.Trainer, pl_module: Any, outputs: Any, batch: Any, batch_idx: int) -> None:
+        if self.lives or self.restarts == MOST_STARTS or pl_module.global_step < START_STEPS * (self.restarts + 1):
+            return
+        if not (true := variance_of(batch.images)):
+            return  # a single stroke
+        with torch.no_grad():
+            drawn = window_pictures(pl_module.renderer, batch.parameters, pl_module.window, batch.number)
+        share = variance_of(drawn) / true
+        self.lives = share >= ALIVE
+        if not self.lives:
+            self.restarts += 1
+            pl_module.renderer.load_state_dict(self.fresh().state_dict())
+            for optimizer in trainer.optimizers:
+                optimizer.state.clear()
+            log.warning(
+                "step %d: the network draws all strokes alike (%.2g %% of the variance of the true ones); "
+                "begun anew with other weights, %d of %d times",
+                *(pl_module.global_step, 100 * share, self.restarts, MOST_STARTS),
+            )
+
+
+def variance_of(pictures: Tensor) -> float:
+    """Compute the variance of alpha among pictures (n, 4, S, S), averaged over their pixels."""
+    return float(pictures[:, 3].float().var(0, unbiased=False).mean())

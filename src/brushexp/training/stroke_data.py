@@ -1,4 +1,4 @@
-"""The config of a task names the strokes that it trains or measures on."""
+"""A task's config names the strokes that it trains or measures on."""
 
 import hashlib
 import json
@@ -56,10 +56,7 @@ def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:
 
 
 def origin_for(cfg: DictConfig) -> tuple[Origin, list[int]]:
-    """Describe the origin of the strokes of `stroke_data`, before any are simulated, and the seeds of the sets, if any.
-
-    UserError if the sets are none.
-    """
+    """Describe the origin of the strokes of `stroke_data`, before any are simulated, and list the seeds of the sets."""
     if cfg.data is None:
         node = engine_node(cfg)
         return origin_of(node, build(node)), []
@@ -68,10 +65,7 @@ def origin_for(cfg: DictConfig) -> tuple[Origin, list[int]]:
 
 
 def engine_node(cfg: DictConfig) -> DictConfig:
-    """Take the engine's node of the config; a renderer that is measured has the options of its own training.
-
-    Options that are typed win over those.
-    """
+    """Take the engine of the config; options of a measured renderer's training win over those not typed."""
     plugin, (trained, _) = plugin_of(cfg.engine), training_of(cfg)
     if trained is None or trained.engine != plugin.name:
         return cfg.engine
@@ -86,10 +80,7 @@ def engine_node(cfg: DictConfig) -> DictConfig:
 
 
 def training_of(cfg: DictConfig) -> tuple[Origin | None, list[int]]:
-    """Read what made the strokes that a renderer was trained on, and their seeds, as far as its recipe says.
-
-    It is (None, []), too, where ``other_data`` allows other strokes, or the task has no such key.
-    """
+    """Read origin and seeds of the strokes that a renderer was trained on, unless ``other_data`` allows others."""
     checkpoint = cfg.renderer.get("checkpoint")
     if checkpoint is None or cfg.get("other_data", True):
         return None, []
@@ -102,10 +93,7 @@ def training_of(cfg: DictConfig) -> tuple[Origin | None, list[int]]:
 
 
 def check_origin(cfg: DictConfig, origin: Origin, seeds: Sequence[int]) -> None:
-    """Stop with a UserError if a trained renderer knows other brushes than those of the strokes, unless wanted.
-
-    ``seeds`` are those of the sets, if there are any: an engine's brushes are drawn from its seed.
-    """
+    """Stop with a UserError if a renderer was trained on other brushes, whose seeds are the sets', unless wanted."""
     trained, trained_seeds = training_of(cfg)
     if trained is not None and (difference := first_difference(trained.settings(), origin.settings())):
         name = f"engine={origin.engine}" if cfg.data is None else cfg.data[0]

@@ -1,7 +1,6 @@
 """A set of strokes is written shard by shard, each moved to its place when it is complete.
 
-So at any moment the folder holds only whole shards, which are a smaller set, and what is missing can be made later:
-the strokes are the same however often the making was interrupted, and however often the set grew.
+So the folder always holds a smaller set, and grows to the same strokes however often its making was interrupted.
 """
 
 import io
@@ -46,28 +45,27 @@ Rows = dict[str, NDArray[Any]]  # of some strokes, by name of the dataset
 def simulate_set(path: Path, engine: Engine, origin: Origin, seed: int, n: int, *, wait: bool = False) -> int:
     """Simulate what a set of ``n`` strokes lacks, with a progress bar, and return their number.
 
-    ``origin`` describes the engine, ``seed`` is that of the prior, too. ``wait`` for another process that makes the
-    same set, instead of stopping. A set that was made otherwise or is larger is refused (UserError). Ctrl-C stops after
-    the present batch, and what is simulated by then is kept.
+    ``wait`` for another process that makes the same set, instead of stopping. A set that was made otherwise or is
+    larger is refused (UserError). Ctrl-C stops after the present batch, and what is simulated by then stays.
     """
     with _locked(path, wait):
         for rest in path.glob(TEMPORARY):  # of writing that was killed
             rest.unlink()
-        kept = whole_shards(path, origin, seed, n)
-        done = sum(map(len, kept.values()))
+        shards = whole_shards(path, origin, seed, n)
+        done = sum(map(len, shards.values()))
         if done:
             log.info("%s: %d of %d strokes are there already%s", path, done, n, "; going on" if done < n else "")
-        _simulate_missing(path, engine, origin, seed, n, kept)
+        _simulate_missing(path, engine, origin, seed, n, shards)
     return n - done
 
 
-def _simulate_missing(path: Path, engine: Engine, origin: Origin, seed: int, n: int, kept: dict[int, Shard]) -> None:
-    """Write the shards that are not there or not full; Ctrl-C and errors leave what is simulated."""
-    pressed, done = Event(), sum(map(len, kept.values()))
+def _simulate_missing(path: Path, engine: Engine, origin: Origin, seed: int, n: int, shards: dict[int, Shard]) -> None:
+    """Write the shards that are missing or not full; Ctrl-C and errors leave what is simulated."""
+    pressed, done = Event(), sum(map(len, shards.values()))
     with interruptible(pressed.set, "stopping after this batch"), counting("simulating strokes", n, done) as show:
         for first in range(0, n, SHARD_STROKES):
-            start, end = first + len(kept.get(first, ())), min(first + SHARD_STROKES, n)
-            parts = [shard_rows(kept[first])] if first < start < end else []
+            start, end = first + len(shards.get(first, ())), min(first + SHARD_STROKES, n)
+            parts = [shard_rows(shards[first])] if first < start < end else []
             try:
                 for number in range(start, end, BATCH_STROKES):
                     parameters = parameters_of(sample_prior(min(BATCH_STROKES, end - number), seed, number))
@@ -82,7 +80,6 @@ def _simulate_missing(path: Path, engine: Engine, origin: Origin, seed: int, n: 
 
 
 def _locked(path: Path, wait: bool) -> AbstractContextManager[object]:
-    """Make the folder, and keep other processes away from it."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         return FileLock(path / "lock", timeout=-1 if wait else 0).acquire()
@@ -116,7 +113,6 @@ def whole_shards(path: Path, origin: Origin, seed: int, n: int) -> dict[int, Sha
 
 
 def _write(path: Path, parts: list[Rows], first: int, origin: Origin, seed: int) -> None:
-    """Write a shard that begins at stroke ``first``."""
     rows = {name: np.concatenate([part[name] for part in parts]) for name in UNITS}
     memory = io.BytesIO()  # h5py does not say why writing to a file failed
     with h5py.File(memory, "w", libver=(HDF5, HDF5)) as file:

@@ -1,4 +1,4 @@
-"""What every blend receives and returns."""
+"""The contract of blends, which lay strokes over each other."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -51,7 +51,7 @@ class Blend(ABC):
     def importance(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor, weight: Tensor
     ) -> Tensor | None:
-        """Growth (N,) of the squared error without each stroke; None if the blend has no quick way to compute it.
+        """Compute by how much (N,) the squared error grows without each stroke; None if there is no quick way.
 
         Arguments as above; ``weight`` (H, W) says how much the error at each pixel counts in the sum.
         """
@@ -72,7 +72,6 @@ class Compositor:
     def __call__(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None
     ) -> Canvas:
-        """Paint as a `Blend` does."""
         if self.space.is_rgb:
             return self.blend(layers, front_to_back, size, background, target)
         bare = self.space.encode(background.to(layers.color))
@@ -84,7 +83,6 @@ class Compositor:
             return Canvas(image, self.blend(layers, front_to_back, size, background, target).accuracy)
 
     def importance(self, *arguments: Any) -> Tensor | None:
-        """Importance of the strokes, as `Blend.importance` has it."""
         return self.blend.importance(*arguments) if self.space.is_rgb else None
 
 
@@ -94,5 +92,5 @@ def match_dtype(layers: Layers, background: Tensor, target: Tensor | None) -> tu
 
 
 def pixel_centres(pixel: Tensor, width: int, dtype: torch.dtype) -> Tensor:
-    """Positions (..., 2), x and y, of pixels (...) numbered row by row on a canvas ``width`` pixels wide."""
+    """Compute positions (..., 2), x and y, of pixels (...) numbered row by row on a canvas ``width`` pixels wide."""
     return torch.stack([pixel % width, pixel // width], dim=-1).to(dtype) + 0.5

@@ -1,4 +1,4 @@
-"""The reference: every stroke at every pixel."""
+"""Blend every stroke at every pixel, for reference."""
 
 import torch
 from torch import Tensor
@@ -19,8 +19,8 @@ class Dense(Blend):
 
     def check(self, count: int, size: Size) -> None:
         if count * size[0] * size[1] > LIMIT:
-            wrong = f"blend=dense would hold {count} strokes at {size[0] * size[1]} pixels each"
-            raise UserError(f"{wrong}; use blend=tiled, or fewer strokes or a smaller resolution")
+            reason = f"blend=dense would hold {count} strokes at {size[0] * size[1]} pixels each"
+            raise UserError(f"{reason}; use blend=tiled, or fewer strokes or a smaller resolution")
 
     def __call__(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None
@@ -30,8 +30,8 @@ class Dense(Blend):
         self.check(len(front_to_back), size)
         points = pixel_centres(torch.arange(height * width, device=background.device), width, background.dtype)[None]
         alpha, color = layers.sample(front_to_back[None], points)  # (1, N, P), (1, N, P or 1, C)
-        painted, light = over(alpha, color)
-        image = (painted + light[..., None] * background)[0].T.reshape(-1, height, width)
+        paint, light = over(alpha, color)
+        image = (paint + light[..., None] * background)[0].T.reshape(-1, height, width)
         if target is None:
             return Canvas(image)
         goal = target.reshape(3, -1).T[None, None]  # (1, 1, P, 3)
@@ -44,10 +44,10 @@ class Dense(Blend):
 def over(alpha: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
     """Lay K strokes over each other, the uppermost first ("over", Porter and Duff, 1984).
 
-    From alpha (T, K, P) and color (T, K, P or 1, C) to the painted (T, P, C), and the light that is left for the
+    From alpha (T, K, P) and color (T, K, P or 1, C) follow the picture (T, P, C), and the light that reaches the
     background (T, P).
     """
     light = torch.cumprod(1 - alpha, dim=1)
     above = torch.cat([torch.ones_like(light[:, :1]), light[:, :-1]], dim=1)
-    painted = ((above * alpha)[..., None] * color).sum(1)
-    return painted, light[:, -1] if alpha.shape[1] else torch.ones_like(alpha[:, :0].sum(1))
+    paint = ((above * alpha)[..., None] * color).sum(1)
+    return paint, light[:, -1] if alpha.shape[1] else torch.ones_like(alpha[:, :0].sum(1))

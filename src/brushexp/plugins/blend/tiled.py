@@ -1,5 +1,6 @@
-"""The default blend: per tile of pixels, only the strokes that touch it and can be seen."""
+"""Blend, tile by tile, the strokes that touch the tile and can be seen; this is the default."""
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import torch
@@ -16,6 +17,7 @@ from brushexp.registry import register
 
 
 @register("blend", "tiled")
+@dataclass(kw_only=True)
 class Tiled(Blend):
     """Per tile of 8 x 8 pixels the strokes that touch it, front to back, in one fused kernel; exact but for ``opaque``.
 
@@ -29,25 +31,19 @@ class Tiled(Blend):
     exact = "but for `opaque`"
     runs_on = "CPU in float32; anything else in PyTorch, slower"
 
-    def __init__(
-        self,
-        *,
-        opaque: Annotated[float, between(0, 0.99)] = 5e-5,
-        kernel: Annotated[str, one_of("auto", "numba", "torch")] = "auto",
-    ) -> None:
-        self.opaque = opaque
-        self.kernel = kernel
+    opaque: Annotated[float, between(0, 0.99)] = 5e-5
+    kernel: Annotated[str, one_of("auto", "numba", "torch")] = "auto"
 
     def __call__(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None
     ) -> Canvas:
         background, target = match_dtype(layers, background, target)
-        given = self._compiled(layers)
-        if given is None:
+        inputs = self._kernel_input(layers)
+        if inputs is None:
             return paint_tiles(layers, front_to_back, size, background, target, over)
-        rasterization = Rasterization(given, layers, front_to_back, size, background, self.opaque)
+        rasterization = Rasterization(inputs, layers, front_to_back, size, background, self.opaque)
         goal = None if target is None else target.contiguous().numpy()
-        image = Painted.apply(rasterization, goal, given.strokes, *given.data[: given.learnt])
+        image = Painted.apply(rasterization, goal, inputs.strokes, *inputs.data[: inputs.learnt])
         if target is None:
             return Canvas(image)
         return Canvas(image, accuracy_of(*torch.from_numpy(rasterization.errors).unbind(1)))
@@ -55,16 +51,15 @@ class Tiled(Blend):
     def importance(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor, weight: Tensor
     ) -> Tensor | None:
-        given = self._compiled(layers)
-        if given is None:
+        inputs = self._kernel_input(layers)
+        if inputs is None:
             return None
-        rasterization = Rasterization(given, layers, front_to_back, size, background, self.opaque)
+        rasterization = Rasterization(inputs, layers, front_to_back, size, background, self.opaque)
         return torch.from_numpy(rasterization.importance(target.numpy(), weight.numpy()))
 
-    def _compiled(self, layers: Layers) -> KernelInput | None:
-        """The layers for a compiled kernel, if there is one that may draw them."""
+    def _kernel_input(self, layers: Layers) -> KernelInput | None:
         able = layers.color.dtype == torch.float32 and layers.color.device.type == "cpu"
-        given = layers.compiled() if able and self.kernel != "torch" else None
-        if given is None and self.kernel == "numba":
+        inputs = layers.compiled() if able and self.kernel != "torch" else None
+        if inputs is None and self.kernel == "numba":
             raise UserError("blend.kernel=numba draws in float32 on the CPU, not all layers; use blend.kernel=auto")
-        return given
+        return inputs

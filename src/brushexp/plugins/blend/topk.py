@@ -1,5 +1,6 @@
-"""The thesis's blend: only the k uppermost strokes of each pixel."""
+"""Blend only the k uppermost strokes of each pixel, as the thesis does."""
 
+from dataclasses import dataclass
 from functools import partial
 from typing import Annotated
 
@@ -15,6 +16,7 @@ from brushexp.registry import register
 
 
 @register("blend", "topk")
+@dataclass(kw_only=True)
 class TopK(Blend):
     """The k uppermost strokes that are not empty at a pixel, in plain PyTorch (thesis 2020, eq. 6.8 to 6.21).
 
@@ -30,8 +32,7 @@ class TopK(Blend):
     exact = "the k uppermost strokes"
     layered = False
 
-    def __init__(self, *, k: Annotated[int, at_least(1)] = 8) -> None:
-        self.k = k
+    k: Annotated[int, at_least(1)] = 8
 
     def __call__(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None
@@ -41,7 +42,7 @@ class TopK(Blend):
 
 
 def _uppermost(k: int, alpha: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
-    """What `over` makes of the k uppermost layers that are not empty, of K layers (T, K, P) and their colours."""
+    """Lay the k uppermost of K layers (T, K, P) that are not empty over each other, as `over` does."""
     k = min(k, alpha.shape[1])
     filled = alpha > 0
     rank = torch.where(filled, filled.cumsum(1) - 1, k).clamp_max(k)  # (T, K, P): place from the top; k: dropped

@@ -1,4 +1,4 @@
-"""What every colour space receives and returns."""
+"""The contract of colour spaces, in which paint is laid over paint."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar
@@ -36,8 +36,8 @@ class ColorSpace(ABC):
 
     @abstractmethod
     def encode(self, color: Tensor) -> Tensor:
-        """Channels (..., C) in [0, 1] of colours (..., 3), display-referred (sRGB values) in [0, 1]."""
+        """Convert colours (..., 3), display-referred (sRGB values) in [0, 1], to channels (..., C) in [0, 1]."""
 
     @abstractmethod
     def decode(self, picture: Tensor) -> Tensor:
-        """Display-referred RGB (3, H, W) in [0, 1] of a picture in channels (C, H, W)."""
+        """Convert a picture in channels (C, H, W) to display-referred RGB (3, H, W) in [0, 1]."""

@@ -1,4 +1,4 @@
-"""Light itself."""
+"""Mix paint as amounts of light."""
 # mypy: allow-untyped-defs
 
 import torch

@@ -1,4 +1,4 @@
-"""Evenly to the eye."""
+"""Mix paint in steps that are even to the eye."""
 # mypy: allow-untyped-defs
 
 import torch
@@ -9,7 +9,7 @@ from brushexp.plugins.color._decoding import Decoder, F, linear_of
 from brushexp.plugins.color.base import ColorSpace
 from brushexp.registry import register
 
-# What each kind of cone sees of linear red, green and blue (Ottosson, 2020).
+# Response of each kind of cone to linear red, green and blue (Ottosson, 2020).
 CONES = torch.tensor(
     [
         [0.4122214708, 0.5363325363, 0.0514459929],
@@ -23,8 +23,8 @@ DARK = TOE ** (1 / 3)
 RANGE = (1 + TOE) ** (1 / 3) - DARK
 
 
-def cubed(channels: Tensor) -> Tensor:
-    """What the cones see, from channels."""
+def cone_responses(channels: Tensor) -> Tensor:
+    """Compute the responses of the cones from channels."""
     return (channels * RANGE + DARK) ** 3 - TOE
 
 
@@ -40,7 +40,7 @@ def _slope(x):
     return F(3 * RANGE) * y * y
 
 
-DECODER = Decoder(torch.linalg.inv(CONES), cubed, _cubed, _slope)
+DECODER = Decoder(torch.linalg.inv(CONES), cone_responses, _cubed, _slope)
 
 
 @register("color", "oklab")
@@ -54,8 +54,8 @@ class Oklab(ColorSpace):
     cost, mixes = "not measured", "grey"
 
     def encode(self, color: Tensor) -> Tensor:
-        seen = linear_of(color) @ CONES.T.to(color)
-        return ((seen + TOE).pow(1 / 3) - DARK) / RANGE
+        response = linear_of(color) @ CONES.T.to(color)
+        return ((response + TOE).pow(1 / 3) - DARK) / RANGE
 
     def decode(self, picture: Tensor) -> Tensor:
         return DECODER(picture)

@@ -1,4 +1,4 @@
-"""Pigments: what is left of the light in each of seven bands of colour is multiplied, not added."""
+"""Mix paint as pigments, whose reflectances in seven bands of colour are multiplied, not added."""
 # mypy: allow-untyped-defs
 
 import math
@@ -31,8 +31,8 @@ DEEPEST = 0.01  # share that the blackest paint reflects: what black does to oth
 DEPTH = math.log((1 + DEEPEST) / DEEPEST)
 
 
-def reflected(channels: Tensor) -> Tensor:
-    """Shares of light, from channels."""
+def reflectances_of(channels: Tensor) -> Tensor:
+    """Compute shares of reflected light from channels."""
     return (1 + DEEPEST) * (DEPTH * (channels - 1)).exp() - DEEPEST
 
 
@@ -57,7 +57,7 @@ def _slope(x):
     return F(DEPTH * (1 + DEEPEST)) * _power(x)
 
 
-DECODER = Decoder(SEEN, reflected, _reflected, _slope)
+DECODER = Decoder(SEEN, reflectances_of, _reflected, _slope)
 
 
 @register("color", "pigment")
@@ -81,7 +81,7 @@ class Pigment(ColorSpace):
 
 
 def paints(light: Tensor) -> Tensor:
-    """Amounts (..., 7) of white and the pure paints, at most three of them not 0, in linear RGB (..., 3)."""
+    """Split linear RGB (..., 3) into amounts (..., 7) of white and pure paints, at most three of them not 0."""
     white = light.amin(-1)
     red, green, blue = (light - white[..., None]).unbind(-1)
     cyan, magenta, yellow = torch.minimum(green, blue), torch.minimum(red, blue), torch.minimum(red, green)

@@ -1,4 +1,4 @@
-"""The space in which pictures are stored."""
+"""Mix paint in the space in which pictures are stored."""
 
 from torch import Tensor
 

@@ -1,4 +1,4 @@
-"""What every brush simulator receives and returns."""
+"""The contract of brush simulators."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class Simulated:
-    """What n strokes left behind, each on a canvas of its own."""
+    """Pictures and heights of n strokes, each on a canvas of its own."""
 
     images: Tensor  # (n, 4, S, S) float32 RGBA in [0, 1], straight alpha; without paint, the colour of the stroke
     heights: Tensor  # (n, S, S) float32 >= 0, how much paint lies there; 1 is about what covers the canvas

@@ -1,4 +1,4 @@
-"""Wet oil paint under a brush of bristles."""
+"""Simulate wet oil paint under a brush of bristles."""
 
 import math
 from typing import Annotated
@@ -17,8 +17,8 @@ GOLDEN = (1 + 5**0.5) / 2
 BAND = 1.05  # radius of the brush that paints a band, in halves of the band: the outermost bristles leave little
 STEP = 0.05  # brushes whose scales differ by less than this ratio begin with the same pose
 SCALES = (0.2, 256.0)  # radii of brushes that are simulated, 256ths of the window
-FARTHEST = 4.0  # half-windows: farther away, points are brought to here
-THIN, THICK = 10, 100  # bristles of Fluid Paint's thinnest and fullest brush, and what each of their splats can cover
+FARTHEST = 4.0  # half-windows: largest coordinate of points
+THIN, THICK = 10, 100  # bristles of Fluid Paint's thinnest and fullest brush; the opacities below are of their splats
 LEAST_OPACITY, MOST_OPACITY_THIN, MOST_OPACITY_THICK = 0.002, 0.08, 0.025
 DRAG = 0.14  # velocity of the paint per velocity of the bristle and opacity
 Array = np.ndarray
@@ -100,7 +100,7 @@ class Fluid(Engine):
     def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:
         share_threads()
         if seed != self._seed:
-            self._take_brushes(seed)
+            self._draw_brushes(seed)
         strokes = strokes_of(parameters.detach().cpu().float())
         units = 0.5 * float(self._bristles.UNITS)
         points = torch.cat([strokes.start, strokes.control, strokes.end], dim=1).clamp(-FARTHEST, FARTHEST)
@@ -117,8 +117,8 @@ class Fluid(Engine):
         self._deposition.draw(rows, brush, pose, *brushes, *settings, images, heights)
         return Simulated(torch.from_numpy(images), torch.from_numpy(heights))
 
-    def _take_brushes(self, seed: int) -> None:
-        """Draw the bristles: a jittered sunflower of places, how stiff each one is, and which way it falls."""
+    def _draw_brushes(self, seed: int) -> None:
+        """Draw places of bristles on a jittered sunflower, their stiffness, and the direction in which each falls."""
         n = self.bristles
         sources = (np.random.Philox(key=np.array([seed, brush], np.uint64)) for brush in range(self.brushes))
         words = np.stack([source.random_raw(4 * n).reshape(4, n) for source in sources])
@@ -133,7 +133,7 @@ class Fluid(Engine):
         self._poses, self._reach = list[Array](), list[Array]()
 
     def _poses_for(self, brush: Array, scale: Array) -> Array:
-        """Which pose (n,) each brush begins with; poses that are new are found by letting brushes come to rest."""
+        """Choose the pose (n,) that each brush begins with; new poses come from brushes that come to rest."""
         node = np.rint(np.log(scale) / math.log1p(STEP)).astype(int)
         keys = list(zip(brush.tolist(), node.tolist(), strict=True))
         fresh = [key for key in dict.fromkeys(keys) if key not in self._place]

@@ -1,6 +1,7 @@
-"""Watercolour: a wash of thin paint, whose pigment gathers where it dries first, at its edge."""
+"""Simulate a wash of watercolour, whose pigment gathers at its edge, where it dries first."""
 
 import math
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -13,7 +14,7 @@ from brushexp.registry import register
 from brushexp.strokes.bezier import closest_parameter, point_at
 from brushexp.strokes.prior import strokes_of
 
-FARTHEST, THINNEST, WIDEST = 4.0, 0.01, 4.0  # half-windows, windows and windows: what is beyond is brought to here
+FARTHEST, THINNEST, WIDEST = 4.0, 0.01, 4.0  # half-windows, windows and windows: bounds of places and widths
 SIDE = 64  # cells of the noise of a stroke, which repeats beyond them
 COARSE, FINE = 1.2, 0.1  # half widths between two of its cells: of the wandering outline, of the grain of the paper
 RIM = 0.14  # half widths from the edge to where the rim has faded to 1/e
@@ -21,6 +22,7 @@ SOFT = 0.06  # half widths over which the outline rises
 
 
 @register("engine", "wash")
+@dataclass(kw_only=True)
 class Wash(Engine):
     """A flat wash with a dark rim and the grain of paper; thin paint all over, so it has no height.
 
@@ -36,27 +38,21 @@ class Wash(Engine):
         wander: of the outline, in half widths, 0 to 0.5.
     """
 
-    def __init__(
-        self,
-        *,
-        window: Annotated[int, between(8, 1024)] = 64,
-        film: Annotated[float, between(0, 1)] = 0.5,
-        rim: Annotated[float, between(0, 1)] = 0.45,
-        grain: Annotated[float, between(0, 1)] = 0.12,
-        wander: Annotated[float, between(0, 0.5)] = 0.15,
-    ) -> None:
-        self.window, self.film, self.rim, self.grain, self.wander = window, film, rim, grain, wander
+    window: Annotated[int, between(8, 1024)] = 64
+    film: Annotated[float, between(0, 1)] = 0.5
+    rim: Annotated[float, between(0, 1)] = 0.45
+    grain: Annotated[float, between(0, 1)] = 0.12
+    wander: Annotated[float, between(0, 0.5)] = 0.15
 
     def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:
         parameters = parameters.detach().cpu().float()
-        none = torch.empty(0, self.window, self.window)
-        painted = (self._painted(parameters[i : i + 1], seed, first + i) for i in range(len(parameters)))
-        alpha = torch.cat([none, *painted])
+        strokes = (self._coverage(parameters[i : i + 1], seed, first + i) for i in range(len(parameters)))
+        alpha = torch.cat([torch.empty(0, self.window, self.window), *strokes])
         color = strokes_of(parameters).color.clamp(0, 1)[:, :, None, None].expand(-1, -1, *alpha.shape[1:])
         return Simulated(torch.cat([color, alpha[:, None]], dim=1), (alpha > 0).float())
 
-    def _painted(self, parameters: Tensor, seed: int, number: int) -> Tensor:
-        """Coverage (1, S, S) of a stroke (1, 10), alone, so that its bits do not depend on others."""
+    def _coverage(self, parameters: Tensor, seed: int, number: int) -> Tensor:
+        """Compute the coverage (1, S, S) of one stroke (1, 10), so that its bits do not depend on others."""
         strokes, pixel = strokes_of(parameters), torch.arange(self.window) + 0.5 - 0.5 * self.window
         points = torch.stack(torch.meshgrid(pixel, pixel, indexing="xy"), dim=-1).reshape(-1, 2)
         curve = torch.stack([strokes.start, strokes.control, strokes.end], dim=1).clamp(-FARTHEST, FARTHEST)
@@ -66,14 +62,14 @@ class Wash(Engine):
         source = np.random.Generator(np.random.Philox(key=np.array([seed, number], np.uint64)))
         outline, paper = torch.from_numpy(source.standard_normal((2, SIDE, SIDE), np.float32))
         place = points / half
-        inside = 1 + self.wander * (_looked_up(outline, place / COARSE) - 1).clamp(-2, 0) - away  # half widths
+        inside = 1 + self.wander * (_look_up(outline, place / COARSE) - 1).clamp(-2, 0) - away  # half widths
         film = self.film + self.rim * torch.exp(-(inside / RIM).clamp_min(0))
-        film = film * (1 + self.grain * _looked_up(paper, place / FINE))
+        film = film * (1 + self.grain * _look_up(paper, place / FINE))
         return (film * (inside / SOFT + 0.5).clamp(0, 1)).clamp(0, 1).reshape(1, self.window, self.window)
 
 
-def _looked_up(noise: Tensor, place: Tensor) -> Tensor:
-    """Noise (SIDE, SIDE), which repeats, at places (P, 2) in cells: smooth between them."""
+def _look_up(noise: Tensor, place: Tensor) -> Tensor:
+    """Interpolate noise (SIDE, SIDE), which repeats, smoothly at places (P, 2) in cells."""
     cell = place.floor()
     share = 0.5 - 0.5 * torch.cos(math.pi * (place - cell))
     column, row = cell.long().unbind(-1)

@@ -1,4 +1,4 @@
-"""Sprites: the bitmap of every single stroke, as the renderer draws it, and its place on the canvas."""
+"""Draw the bitmap of every single stroke, as the renderer draws it, and find its place on the canvas."""
 
 import math
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from brushexp.strokes.catalogue import Strokes
 
 SHEET_WIDTH = 4096  # pixels of a row of the sheet
 GAP = 1  # pixels between bitmaps
-MOST_PIXELS = 6e6  # pixels of a sheet, about 5 MB in an SVG
+MOST_PIXELS = 6e6  # pixels of the largest sheet, about 5 MB in an SVG
 Array = np.ndarray
 
 
@@ -37,12 +37,12 @@ class Sprites:
 
 
 def has_sprites(job: ExportJob) -> bool:
-    """Whether strokes are more than curves with a width, and quickly drawn."""
+    """Tell whether strokes are more than curves with a width, and quickly drawn."""
     return job.renderer.warm_up is None and not isinstance(job.renderer(job.strokes[:0]), Profile)
 
 
 @torch.no_grad()
-def sprites_of(job: ExportJob) -> Sprites:
+def draw_sprites(job: ExportJob) -> Sprites:
     """Draw every stroke once, all in one pass of a blend, which leaves them as they are, for they do not touch.
 
     On black a blend shows what a stroke contributes, on white also what it lets through. Strokes are drawn smaller if
@@ -50,21 +50,20 @@ def sprites_of(job: ExportJob) -> Sprites:
     """
     strokes = job.strokes
     boxes = _boxes(job, strokes)
-    needed = float(((boxes[:, 2] + GAP) * (boxes[:, 3] + GAP)).sum())
-    longest = float(boxes[:, 2:].max(initial=1))
-    zoom = min(1.0, math.sqrt(0.8 * MOST_PIXELS / max(needed, 1.0)), (SHEET_WIDTH - GAP) / longest)
+    area, longest = float((boxes[:, 2:] + GAP).prod(1).sum()), float(boxes[:, 2:].max(initial=1))
+    zoom = min(1.0, math.sqrt(0.8 * MOST_PIXELS / max(area, 1.0)), (SHEET_WIDTH - GAP) / longest)
     if zoom < 1:
         strokes = strokes.moved(zoom=zoom)
         boxes = _boxes(job, strokes)
         boxes[:, 2:] = np.minimum(boxes[:, 2:], SHEET_WIDTH - GAP)  # edges are as soft as before, and so not shorter
-    corners, height = _on_shelves(boxes[:, 2:] + GAP)
+    corners, height = _lay_on_shelves(boxes[:, 2:] + GAP)
     shift = torch.from_numpy(corners - boxes[:, :2]).to(strokes.position)
     apart = replace(strokes, position=strokes.position + shift)
-    laid = replace(job.saved, strokes=apart, size=(height, SHEET_WIDTH))
+    spread = replace(job.saved, strokes=apart, size=(height, SHEET_WIDTH))
     blend, rgb = build_named("blend", "tiled", {}), build_named("color", "rgb", {})
     sheet = np.zeros((height, SHEET_WIDTH, 4), np.uint8)
     dark, bright = (
-        ExportJob(replace(laid, background=torch.full_like(laid.background, shade)), job.renderer, blend, rgb)
+        ExportJob(replace(spread, background=torch.full_like(spread.background, shade)), job.renderer, blend, rgb)
         for shade in (0.0, 1.0)
     )
     for (top, black), (_, white) in zip(dark.bands(), bright.bands(), strict=True):
@@ -92,8 +91,8 @@ def _boxes(job: ExportJob, strokes: Strokes) -> Array:
     return np.concatenate([low, size], axis=1).astype(np.int64)
 
 
-def _on_shelves(sizes: Array) -> tuple[Array, int]:
-    """Lay boxes (N, 2) side by side in rows, the highest first: their corners (N, 2), and the height of all rows."""
+def _lay_on_shelves(sizes: Array) -> tuple[Array, int]:
+    """Lay boxes (N, 2) side by side in rows, the highest first; return corners (N, 2) and the height of all rows."""
     corners, (left, top, row) = np.zeros_like(sizes), (0, 0, 0)
     for k in np.argsort(-sizes[:, 1], kind="stable"):
         width, height = sizes[k]

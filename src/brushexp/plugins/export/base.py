@@ -1,4 +1,4 @@
-"""What every exporter receives and writes."""
+"""The contract of exporters, which write a painting into files."""
 
 from abc import ABC, abstractmethod
 from pathlib import Path
@@ -32,7 +32,7 @@ class Exporter(ABC):
 
     @property
     def key(self) -> str:
-        """The words that a user types before an option: ``to.`` and the registered name."""
+        """The key of its options on the command line: ``to.`` and the registered name."""
         return next(plugin.path for plugin in plugins("to") if plugin.cls is type(self))
 
     def check(self, count: int, size: tuple[int, int]) -> None:  # noqa: B027  (most hold anything)

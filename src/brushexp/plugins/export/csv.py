@@ -1,4 +1,4 @@
-"""The strokes as a table."""
+"""Write strokes as a table."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +9,7 @@ from torch import Tensor
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.strokes.bezier import curve_of, length_of
-from brushexp.strokes.text import AT_ONCE
+from brushexp.strokes.saved import AT_ONCE
 from brushexp.system.files import write_text
 
 POINTS = tuple(f"{point}_{axis}_px" for point in ("start", "control", "end") for axis in "xy")
@@ -33,7 +33,6 @@ class Csv(Exporter):
 
 
 def _lines(job: ExportJob) -> Iterator[str]:
-    """Write the text of the file, piece by piece."""
     yield ",".join(("stroke", *COLUMNS)) + "\n"
     line = "%d" + ",%.7g" * len(COLUMNS) + "\n"
     for number in job.bottom_up.cpu().split(AT_ONCE):
@@ -45,7 +44,7 @@ def _lines(job: ExportJob) -> Iterator[str]:
 
 
 def heading_degrees(curve: Tensor) -> Tensor:
-    """Angle (N,) in degrees, in (-180, 180], from start to end of curves (N, 3, 2), y down; NaN for a point."""
+    """Compute the angle (N,) in (-180, 180] from start to end of curves (N, 3, 2), y down; NaN for a point."""
     x, y = (curve[:, 2] - curve[:, 0]).unbind(1)
     angle = torch.atan2(-y, x).rad2deg()
     return torch.where((x == 0) & (y == 0), torch.nan, torch.where(angle == -180, 180.0, angle)) + 0.0  # -0 is 0

@@ -1,4 +1,4 @@
-"""A saved painting, to be drawn again at any size: what every exporter receives, and how a catalogue is reopened."""
+"""Reopen a catalogue, and draw the saved painting again at any size."""
 
 import logging
 import math
@@ -18,7 +18,7 @@ from brushexp.plugins.color.base import ColorSpace
 from brushexp.plugins.renderer.base import Renderer
 from brushexp.registry import build, build_named, plain_config, plugin_of
 from brushexp.shading.height import heights
-from brushexp.shading.light import BOUNDS, UNLIT, Light, normals_of, shaded
+from brushexp.shading.light import BOUNDS, UNLIT, Light, normals_of, shade_picture
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.saved import Saved
 from brushexp.system.files import to_bytes
@@ -27,7 +27,7 @@ from brushexp.system.reading import in_short, yaml_of
 
 log = logging.getLogger(__name__)
 LARGEST_SIDE_PIXELS = 65_536  # of the longer side of a picture that is written
-LARGE = 8 * BAND  # pixels from which painting takes so long that a bar is shown
+LARGE = 8 * BAND  # pixels from which painting shows a progress bar
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,11 @@ class ExportJob:
         return self.saved.depth.argsort()
 
     def at_most(self, side: int) -> "ExportJob":
-        """The same painting with at most ``side`` pixels on its longer side."""
+        """Shrink the painting to at most ``side`` pixels on its longer side."""
         return self if side >= max(self.size) else self.scaled(side / max(self.size))
 
     def scaled(self, zoom: float) -> "ExportJob":
-        """The same painting ``zoom`` times as large; the strokes are scaled and not the pixels, so it stays crisp."""
+        """Scale strokes, not pixels, by ``zoom``, so that the painting stays crisp."""
         size = (max(1, round(self.size[0] * zoom)), max(1, round(self.size[1] * zoom)))
         return replace(self, saved=replace(self.saved, strokes=self.strokes.moved(zoom=zoom), size=size))
 
@@ -78,13 +78,17 @@ class ExportJob:
         So a large picture takes little more memory than its pixels. ``replace(job, light=UNLIT)`` paints the colours
         alone; ``flat`` (3, H, W) are these if they are painted already.
         """
-        painted = self._lit(flat) if self.light.depth else self._unlit()
+        if self.light.depth:
+            painting = self._lit(flat)
+        else:
+            canvas = self.size, self.saved.background, self.renderer, self._compositor
+            painting = bands(self.strokes, self.bottom_up.flip(0), *canvas)
         if self.size[0] * self.size[1] < LARGE:
-            return painted
-        return with_progress(painted, self.size[0], "painting", lambda item: item[1].shape[1])
+            return painting
+        return with_progress(painting, self.size[0], "painting", lambda item: item[1].shape[1])
 
     def height(self) -> np.ndarray:
-        """Height of the paint (H, W), float32, in pixels of the picture, as `heights` defines it."""
+        """Compute the height of the paint (H, W), float32, in pixels of the picture, as `heights` does."""
         height = np.empty(self.size, np.float32)
         for top, rows, _, band in self._heights():
             height[top : top + rows] = band[top > 0 :][:rows]
@@ -97,54 +101,41 @@ class ExportJob:
     def _heights(self) -> Iterator[tuple[int, int, Tensor, np.ndarray]]:
         return heights(self.strokes, self.bottom_up.flip(0), self.size, self.renderer, self.blend)
 
-    def _unlit(self) -> Iterator[tuple[int, Tensor]]:
-        canvas = self.size, self.saved.background
-        return bands(self.strokes, self.bottom_up.flip(0), *canvas, self.renderer, self._compositor)
-
     def _lit(self, flat: Tensor | None) -> Iterator[tuple[int, Tensor]]:
-        place, made = self.bottom_up.flip(0).argsort(), (self.saved.background, self.renderer, self._compositor)
+        place, canvas = self.bottom_up.flip(0).argsort(), (self.saved.background, self.renderer, self._compositor)
         for top, rows, number, height in self._heights():
             if flat is None:
-                colors = band_of(self.strokes, place, number, (top, rows, self.size[1]), *made)
+                colors = band_of(self.strokes, place, number, (top, rows, self.size[1]), *canvas)
             else:
                 colors = flat[:, top : top + rows]
             facing = normals_of(height, self.light.depth, slice(int(top > 0), int(top > 0) + rows))
-            yield top, torch.from_numpy(shaded(colors.float().cpu().numpy(), facing, self.light))
+            yield top, torch.from_numpy(shade_picture(colors.float().cpu().numpy(), facing, self.light))
 
 
 def export_job(
     saved: Saved, renderer: Renderer | None = None, blend: Blend | None = None, *, resolution: int | None = None,
     source: str = "",
 ) -> ExportJob:  # fmt: skip
-    """Make a saved painting a job: in the colour space and under the lamp that its settings name.
+    """Make a job of a saved painting, in the colour space and under the lamp that its settings name.
 
-    Args:
-        saved: the painting.
-        renderer: what draws the strokes; None for the renderer that the painting was made with.
-        blend: what lays them over each other; None for ``blend=tiled``.
-        resolution: longer side in pixels, ``LARGEST_SIDE_PIXELS`` at most; None for as it was painted.
-        source: file or picture that titles name.
+    Without ``renderer``, ``blend`` and ``resolution`` (pixels of the longer side) it has the renderer and the size that
+    it was painted with, and ``blend=tiled``; titles name ``source``, a file or picture.
     """
     side = resolution or max(saved.size)
     if side > LARGEST_SIDE_PIXELS:
         raise UserError(f"resolution={side} is more than {LARGEST_SIDE_PIXELS} pixels; choose a smaller one")
-    renderer = renderer or renderer_of(saved)
-    blend = blend or build_named("blend", "tiled", {})
-    job = ExportJob(saved, renderer, blend, space_of(saved), light_of(saved), source)
+    parts = renderer or renderer_of(saved), blend or build_named("blend", "tiled", {}), space_of(saved)
+    job = ExportJob(saved, *parts, light_of(saved), source)
     return job if resolution is None else job.scaled(side / max(saved.size))
 
 
 def renderer_of(saved: Saved) -> Renderer:
     """Build the renderer that a catalogue was made with by its name, because a file must not name code to run."""
-    renderer: Renderer = build_named("renderer", saved.renderer, painted_with(saved)["renderer"])
-    return renderer
+    return build_named("renderer", saved.renderer, recorded_settings(saved)["renderer"])
 
 
 def with_renderer(saved: Saved, chosen: DictConfig | None, path: str) -> tuple[Saved, Renderer]:
-    """Choose the renderer to draw with, and change the catalogue, from ``path``, to one that was painted with it.
-
-    ``chosen`` is the config of a renderer; None chooses the one that the catalogue was made with.
-    """
+    """Build the ``chosen`` renderer, or that of the catalogue at ``path``, and make it that of the catalogue."""
     if chosen is None:
         try:
             name, renderer = saved.renderer, renderer_of(saved)
@@ -163,31 +154,26 @@ def with_renderer(saved: Saved, chosen: DictConfig | None, path: str) -> tuple[S
         )  # fmt: skip
     if chosen is None:
         return saved, renderer
-    settings = painted_with(saved) | {"renderer": OmegaConf.to_container(chosen, resolve=True)}
+    settings = recorded_settings(saved) | {"renderer": OmegaConf.to_container(chosen, resolve=True)}
     config = OmegaConf.to_yaml(OmegaConf.create(settings))
     return replace(saved, renderer=name, renderer_hash=renderer.weights_hash, config=config), renderer
 
 
 def space_of(saved: Saved) -> ColorSpace:
     """Build the colour space that a catalogue was painted in: a registered one, because a file must not name code."""
-    node = painted_with(saved).get("color")
-    space: ColorSpace
+    node = recorded_settings(saved).get("color")
     if not node:
-        space = build_named("color", "rgb", {})
-        return space
+        return build_named("color", "rgb", {})
     if not isinstance(node, dict) or "_target_" not in node or plugin_of(plain_config(node)).family != "color":
         raise UserError(f"color is {in_short(node)} in the config of the catalogue; write color: {{}} there for rgb")
-    space = build(plain_config(node))
-    return space
+    return build(plain_config(node))
 
 
 def light_of(saved: Saved) -> Light:
     """Read the lamp that a catalogue was painted under; none where its settings do not name one."""
-    options = painted_with(saved).get("light") or {}
+    options = recorded_settings(saved).get("light") or {}
     if not isinstance(options, dict):
-        raise UserError(
-            f"light is {in_short(options)} in the config of the catalogue; write light: {{}} there for none"
-        )
+        raise UserError(f"light is {in_short(options)} in the config of the catalogue; write light: {{}} for none")
     lamp = {item.name: options[item.name] for item in fields(Light) if item.name in options}
     for name, value in lamp.items():
         if not isinstance(value, int | float) or not math.isfinite(value):
@@ -196,7 +182,7 @@ def light_of(saved: Saved) -> Light:
     return Light(**lamp)
 
 
-def painted_with(saved: Saved) -> dict[str, Any]:
+def recorded_settings(saved: Saved) -> dict[str, Any]:
     """Read the settings that a catalogue was painted with; options of its renderer are under ``renderer``."""
     try:
         settings = yaml_of(saved.config)

@@ -1,4 +1,4 @@
-"""The catalogue as text."""
+"""Write the catalogue as text."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.strokes.catalogue import check_strokes
-from brushexp.strokes.text import json_lines
+from brushexp.strokes.saved import json_lines
 from brushexp.system.files import write_text
 
 

@@ -1,16 +1,13 @@
-"""The painting as a picture of any size."""
+"""Write the painting as a picture of any size."""
 
 import struct
 from dataclasses import dataclass
 from pathlib import Path
 
-from brushexp.plugins.export._packing import RGB, SIGNATURE, chunk, header
 from brushexp.plugins.export.base import ExportJob
-from brushexp.plugins.export.prints import CM, PrintExporter
+from brushexp.plugins.export.prints import CM, RGB, SIGNATURE, PrintExporter, chunk, header
 from brushexp.registry import register
 from brushexp.system.files import replacing
-
-PER_METRE = 1  # PNG's number for this unit of density
 
 
 @register("to", "png")
@@ -23,14 +20,14 @@ class Png(PrintExporter):
     """
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        job = self.sized(job)
+        job = self.scale_to_paper(job)
         path, (height, width) = folder / "painting.png", job.size
         # Pillow wants the whole picture, and packs it in four bytes a pixel.
         with replacing(path) as temporary, temporary.open("wb") as file:
             file.write(SIGNATURE + header(width, height, RGB))
             if self.density:
                 metre = round(100 * self.density / CM)
-                file.write(chunk(b"pHYs", struct.pack(">IIB", metre, metre, PER_METRE)))
-            file.writelines(chunk(b"IDAT", piece) for piece in self.packed(job) if piece)
+                file.write(chunk(b"pHYs", struct.pack(">IIB", metre, metre, 1)))  # 1: per metre
+            file.writelines(chunk(b"IDAT", piece) for piece in self.pack_rows(job) if piece)
             file.write(chunk(b"IEND", b""))
         return [path]

@@ -1,9 +1,9 @@
-"""The strokes as SVG (W3C, SVG 1.1): paths, outlines where the width tapers, and bitmaps of strokes with a texture."""
+"""Write strokes as SVG (W3C, SVG 1.1): paths, outlines where the width tapers, and bitmaps where there is a texture."""
 
 import base64
 import re
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from typing import Annotated
@@ -14,13 +14,13 @@ from torch import Tensor
 
 from brushexp.bounds import between
 from brushexp.compositing.profile import Profile, smooth_rise
-from brushexp.plugins.export._packing import bitmap
-from brushexp.plugins.export._sprites import Sprites, has_sprites, sprites_of
+from brushexp.plugins.export._sprites import Sprites, draw_sprites, has_sprites
 from brushexp.plugins.export.base import Exporter, ExportJob
+from brushexp.plugins.export.prints import bitmap
 from brushexp.registry import register
 from brushexp.shading.light import UNLIT, overlay
 from brushexp.strokes.bezier import curve_of, half_width_of, point_at
-from brushexp.strokes.text import AT_ONCE
+from brushexp.strokes.saved import AT_ONCE
 from brushexp.system.files import write_text
 
 CRISP = 1.0  # pixels of soft edge of strokes whose renderer makes no profile
@@ -30,11 +30,12 @@ LIGHT_SIDE = 2048  # pixels of the longer side of the image of the light, at mos
 ALPHA_DIGITS = 3  # decimals of opacities
 SIDE_POINTS = 24  # points on each long side of a tapered stroke
 TURN = 1e-3  # of the parameter: how near to its sharpest bend a curve that folds is sampled, on either side
-LEADING_ZERO = re.compile(r"(?<![\d.])0\.")
+LEADING_ZERO = re.compile(r"(?<![\d.])0\.")  # SVG takes .5 for 0.5, and a minus without a space before it
 FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # in XML 1.0
 
 
 @register("to", "svg")
+@dataclass(kw_only=True)
 class Svg(Exporter):
     """``strokes.svg``: one path per stroke, bottom first, that browsers and Inkscape show like the painting.
 
@@ -53,33 +54,26 @@ class Svg(Exporter):
         paths: nothing but paths, without textures and light, for programs that edit them.
     """
 
-    def __init__(
-        self,
-        *,
-        digits: Annotated[int, between(0, 6)] = 2,
-        outlines: Annotated[int, between(1, 8)] = 1,
-        paths: bool = False,
-    ) -> None:
-        self.digits = digits
-        self.outlines = outlines
-        self.paths = paths
+    digits: Annotated[int, between(0, 6)] = 2
+    outlines: Annotated[int, between(1, 8)] = 1
+    paths: bool = False
 
     def write(self, job: ExportJob, folder: Path, pictures: tuple[np.ndarray, np.ndarray] | None = None) -> list[Path]:
-        """Write the file; ``pictures`` are those of the job without and under its lamp, if they are painted already."""
+        """Write the file; ``pictures`` are those of the job without and under its lamp, if they exist already."""
         path = folder / "strokes.svg"
         write_text(path, self._lines(job, pictures))
         return [path]
 
     def _lines(self, job: ExportJob, pictures: tuple[np.ndarray, np.ndarray] | None) -> Iterator[str]:
         (height, width), count = job.size, len(job.strokes)
-        profile, bare = profile_of(job)
+        profile, is_profile = profile_of(job)
         has_bitmaps, is_lit = not self.paths and has_sprites(job), not self.paths and job.light.depth > 0
         about = f"{count} brush strokes on {width} x {height} pixels, the bottom one first"
         about += f", from {job.source}" * bool(job.source) + "; written by brushexp."
-        about += f" The renderer {job.saved.renderer} gives them a texture, which paths cannot hold." * (
-            bare and not has_bitmaps
-        )
-        about += " Each one is a bitmap with its texture." * has_bitmaps
+        if has_bitmaps:
+            about += " Each one is a bitmap with its texture."
+        elif not is_profile:
+            about += f" The renderer {job.saved.renderer} gives them a texture, which paths cannot hold."
         about += " Viewers mix its colours as light, not as color= said." * (not job.space.is_rgb)
         about += " The last image is the light on the paint." * is_lit
         canvas = f'<path d="M0 0h{width}v{height}h-{width}z"'
@@ -91,10 +85,10 @@ class Svg(Exporter):
         yield f'<clipPath id="canvas">{canvas}/></clipPath>\n<g clip-path="url(#canvas)"{stroked}>\n'
         yield f'{canvas} fill="{hexadecimal(job.saved.background[None])[0]}"/>\n'
         if has_bitmaps:
-            yield from self._bitmaps(sprites_of(job))
+            yield from self._bitmaps(draw_sprites(job))
         else:
             for number in job.bottom_up.cpu().split(AT_ONCE):
-                yield short("".join(self._paths(profile, number)))
+                yield LEADING_ZERO.sub(".", "".join(self._paths(profile, number))).replace(" -", "-")
         if is_lit:
             if pictures is None or max(job.size) > LIGHT_SIDE:
                 job = job.at_most(LIGHT_SIDE)
@@ -116,12 +110,12 @@ class Svg(Exporter):
             for value in (profile.curve, profile.half_width, profile.color, profile.opacity)
         )
         middle, offset, alpha = soft_edge(half, opacity, profile.soft, self.outlines)
-        widths = _rounded(2 * (middle[:, None] + offset), self.digits).tolist()
+        widths = _round(2 * (middle[:, None] + offset), self.digits).tolist()
         kind = "fill" if profile.taper else "stroke"
-        shapes: Iterable[list[str]] = ([text] * self.outlines for text in lines(curve, self.digits))
+        shapes: Iterable[list[str]] = ([text] * self.outlines for text in curve_paths(curve, self.digits))
         if profile.taper:
-            shapes = tapered(curve, middle, offset, profile.taper, self.digits)
-        rows = zip(shapes, hexadecimal(color), widths, _rounded(alpha, ALPHA_DIGITS).tolist(), strict=True)
+            shapes = outline_paths(curve, middle, offset, profile.taper, self.digits)
+        rows = zip(shapes, hexadecimal(color), widths, _round(alpha, ALPHA_DIGITS).tolist(), strict=True)
         for paths, paint, path_widths, opacities in rows:
             for d, width, opaque in zip(paths, path_widths, opacities, strict=True):
                 if width > 0 and opaque > 0:
@@ -137,13 +131,13 @@ def _href(pixels: np.ndarray) -> str:
 
 @torch.no_grad()
 def profile_of(job: ExportJob) -> tuple[Profile, bool]:
-    """Make strokes profiles; and say whether their renderer draws more than that, which is left out."""
+    """Make profiles of strokes, and tell whether they are all that their renderer draws."""
     strokes = job.strokes
     if isinstance(job.renderer(strokes[:0]), Profile):  # no strokes are drawn to find out
         profile = job.renderer(strokes)
         assert isinstance(profile, Profile)
-        return profile, False
-    return Profile(curve_of(strokes), half_width_of(strokes), strokes.color, strokes.opacity, CRISP, 0.0), True
+        return profile, True
+    return Profile(curve_of(strokes), half_width_of(strokes), strokes.color, strokes.opacity, CRISP, 0.0), False
 
 
 def soft_edge(half: Tensor, opacity: Tensor, soft: float, count: int) -> tuple[Tensor, Tensor, Tensor]:
@@ -186,37 +180,30 @@ def hexadecimal(color: Tensor) -> list[str]:
     return [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in levels]
 
 
-def short(text: str) -> str:
-    """Shorten the numbers of paths, ``.5`` and not ``0.5``; a minus needs no space before it."""
-    return LEADING_ZERO.sub(".", text).replace(" -", "-")
+def _numbers(*values: float) -> str:
+    return " ".join(["%.12g"] * len(values)) % values
 
 
-def packed(values: Sequence[float]) -> str:
-    """Write rounded numbers one after another, to be made `short`."""
-    return " ".join(["%.12g"] * len(values)) % tuple(values)
+def curve_paths(curve: Tensor, digits: int) -> Iterator[str]:
+    """Write quadratic Bezier curves (N, 3, 2); a point becomes a shortest line."""
+    curve = _round(curve, digits)
+    further = _round((curve[:, 1:] - curve[:, :1]).flatten(1), digits)
+    for start, ends in zip(curve[:, 0].tolist(), further.tolist(), strict=True):
+        yield f"M{_numbers(*start)}" + (f"q{_numbers(*ends)}" if any(ends) else f"h{_numbers(10**-digits)}")
 
 
-def lines(curve: Tensor, digits: int) -> Iterator[str]:
-    """Write quadratic Bezier curves (N, 3, 2), to be made `short`; a point becomes a shortest line."""
-    curve = _rounded(curve, digits)
-    further = _rounded((curve[:, 1:] - curve[:, :1]).flatten(1), digits)
-    for start, (cx, cy, ex, ey) in zip(curve[:, 0].tolist(), further.tolist(), strict=True):
-        drawn = f"q{packed([cx, cy, ex, ey])}" if cx or cy or ex or ey else f"h{packed([10**-digits])}"
-        yield f"M{packed(start)}{drawn}"
-
-
-def _rounded(values: Tensor, digits: int) -> Tensor:
+def _round(values: Tensor, digits: int) -> Tensor:
     return values.round(decimals=digits) + 0.0  # not -0
 
 
-def tapered(curve: Tensor, middle: Tensor, offset: Tensor, taper: float, digits: int) -> Iterator[list[str]]:
+def outline_paths(curve: Tensor, middle: Tensor, offset: Tensor, taper: float, digits: int) -> Iterator[list[str]]:
     """Outline strokes that are thinner at their ends, with round ends; fill them by the rule nonzero.
 
     The half width at parameter t is ``middle * (1 - taper * (2 t - 1)^2) + offset``, and 0 where that is less. Sides
     are chains of chords. A curve that folds gets a disc where it does, and one that is a point is a disc. Yields the K
     outlines of each stroke; ``curve`` (N, 3, 2), ``middle`` (N,) and ``offset`` (N, K) are in pixels.
     """
-    bend, folds = sharpest(curve, middle)
+    bend, folds = sharpest_bend(curve, middle)
     point_like = (curve - curve[:, :1]).abs().amax((1, 2)) * 10**digits < 1
     even = torch.linspace(0, 1, SIDE_POINTS).to(curve).expand(len(curve), -1)
     t = torch.cat([even, bend[:, None] - TURN, bend[:, None] + TURN], dim=1).clamp(0, 1).sort(1).values  # (N, T)
@@ -224,24 +211,24 @@ def tapered(curve: Tensor, middle: Tensor, offset: Tensor, taper: float, digits:
     half = middle[:, None] * (1 - taper * (2 * torch.cat([t, bend[:, None]], dim=1) - 1) ** 2)
     half = (half[:, None] + offset[..., None]).clamp_min(0)  # (N, K, T + 1), the last one at the bend
     reach = half[..., :-1, None] * normal
-    left, right = (point + reach).flatten(2), (point - reach).flip(2).flatten(2)  # (N, K, 2 T): x, y, x, y, ...
+    sides = (point + reach).flatten(2), (point - reach).flip(2).flatten(2)  # (N, K, 2 T): x, y, x, y, ...
     tips = half[..., -1:] * (folds | point_like)[:, None, None]
-    tables = (left, right, half[..., [0, -2]], tips, point_at(curve, bend))
-    columns = [_rounded(table, digits).tolist() for table in tables]
+    tables = (*sides, half[..., [0, -2]], tips, point_at(curve, bend))
+    columns = [_round(table, digits).tolist() for table in tables]
     for lefts, rights, halves, discs, (x, y) in zip(*columns, strict=True):
         outlines = []
         for side, back, (first, last), (tip,) in zip(lefts, rights, halves, discs, strict=True):
             # Along one side, around the end, back along the other side and around the start.
-            text = f"M{packed(side)}A{packed([last, last])} 0 0 0 {packed(back[:2])}L"
-            text += f"{packed(back[2:])}A{packed([first, first])} 0 0 0 {packed(side[:2])}z"
+            text = f"M{_numbers(*side)}A{_numbers(last, last)} 0 0 0 {_numbers(*back[:2])}L"
+            text += f"{_numbers(*back[2:])}A{_numbers(first, first)} 0 0 0 {_numbers(*side[:2])}z"
             if tip > 0:
-                arc = f"a{packed([tip, tip])} 0 1 0 "
-                text += f"M{packed([x - tip, y])}{arc}{packed([2 * tip, 0])}{arc}{packed([-2 * tip, 0])}z"
+                arc = f"a{_numbers(tip, tip)} 0 1 0 "
+                text += f"M{_numbers(x - tip, y)}{arc}{_numbers(2 * tip, 0)}{arc}{_numbers(-2 * tip, 0)}z"
             outlines.append(text)
         yield outlines
 
 
-def sharpest(curve: Tensor, half: Tensor) -> tuple[Tensor, Tensor]:
+def sharpest_bend(curve: Tensor, half: Tensor) -> tuple[Tensor, Tensor]:
     """Find the parameter (N,) where curves (N, 3, 2) bend most, and whether more tightly than ``half`` their width."""
     start, control, end = curve.unbind(1)
     bend, forward = start - 2 * control + end, control - start

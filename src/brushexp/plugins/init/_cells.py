@@ -1,4 +1,4 @@
-"""From a partition of the picture into cells to one stroke for each cell."""
+"""Partition a picture into cells, and place one stroke in each."""
 
 import math
 from abc import abstractmethod
@@ -43,7 +43,7 @@ class CellInitializer(Initializer):
 
     @abstractmethod
     def cells(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None) -> Array:
-        """Number (H, W) of each pixel's cell, 0 to n - 1, none of them empty."""
+        """Assign a cell (H, W) to each pixel, from 0 to n - 1, none of them empty."""
 
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
         flat = self.cells(target, n, generator, focus).ravel()
@@ -71,25 +71,25 @@ class CellInitializer(Initializer):
         return strokes_along(curve, thickness, mean, self.opacity, window=window, position=position).map(Tensor.float)
 
 
-def joined(labels: Array, n: int) -> Array:
+def merge_smallest(labels: Array, n: int) -> Array:
     """Keep the ``n`` largest cells of a partition (H, W); every other one joins the nearest of them."""
     flat = labels.ravel()
     centre, _, area = _moments(_coordinates(*labels.shape), flat, int(flat.max()) + 1)
-    kept = np.sort(np.argsort(-area, kind="stable")[:n])
-    heir = nearest(centre.T[kept], centre.T)
-    heir[kept] = np.arange(n)
+    largest = np.sort(np.argsort(-area, kind="stable")[:n])
+    heir = nearest(centre.T[largest], centre.T)
+    heir[largest] = np.arange(n)
     return heir[labels]
 
 
 def nearest(points: Array, to: Array) -> Array:
-    """Which of n points (n, 2) is nearest to each of others (m, 2)."""
+    """Find the nearest of n points (n, 2) to each of others (m, 2)."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 
     return cKDTree(points).query(to)[1]
 
 
-def cut(flat: Array, pieces: Array, height: int, width: int) -> Array:
-    """Cut cells (H * W,) across their longer axis, again and again, until each is in its number of pieces (n,)."""
+def split_cells(flat: Array, pieces: Array, height: int, width: int) -> Array:
+    """Split cells (H * W,) across their longer axis, again and again, until each is in its number of pieces (n,)."""
     points = _coordinates(height, width)
     flat, pieces = flat.copy(), pieces.copy()
     while (pieces > 1).any():
@@ -112,30 +112,29 @@ def cut(flat: Array, pieces: Array, height: int, width: int) -> Array:
 
 
 def _coordinates(height: int, width: int) -> Array:
-    """Positions (2, H * W), x and y, of the pixel centres."""
     y, x = np.mgrid[:height, :width] + 0.5
     return np.stack([x.ravel(), y.ravel()])
 
 
 def cell_means(values: Array, flat: Array, n: int) -> Array:
-    """Mean (C, n) of values (C, P) of pixels over each cell; 0 where a cell has none."""
+    """Average values (C, P) of pixels over each of ``n`` cells; 0 where a cell has none."""
     return np.stack([np.bincount(flat, value, n) for value in values]) / np.bincount(flat, minlength=n).clip(1)
 
 
 def _moments(points: Array, flat: Array, n: int) -> tuple[Array, Array, Array]:
-    """Centre (2, n), covariance (3, n: xx, xy, yy) and area (n,) of each cell of pixels at points (2, P)."""
+    """Compute centre (2, n), covariance (3, n: xx, xy, yy) and area (n,) of each cell of pixels at points (2, P)."""
     centre = cell_means(points, flat, n)
     dx, dy = points - centre[:, flat]
     return centre, cell_means(np.stack([dx * dx, dx * dy, dy * dy]), flat, n), np.bincount(flat, minlength=n)
 
 
 def _direction(picture: Array, flat: Array, n: int, covariance: Array) -> Array:
-    """Direction (n,) in which the picture changes least around each cell, radians.
+    """Compute the direction (n,), radians, in which the picture changes least around each cell.
 
     The structure tensor (Bigun and Granlund, 1987), averaged over the cell and divided by its trace, plus a little of
     the cell's own elongation, which decides where the picture is flat; summed as double angles.
     """
     tensor = cell_means(structure_tensor(picture, 1.0).reshape(3, -1), flat, n)
     strength = tensor[0] + tensor[2] + MIN_GRADIENT_POWER
-    extent = covariance[0] + covariance[2] + 1e-9  # of a cell of one pixel it is 0
+    extent = covariance[0] + covariance[2] + 1e-9  # a cell of one pixel has 0
     return along_edges(tensor / strength - ELONGATION_WEIGHT * covariance / extent)

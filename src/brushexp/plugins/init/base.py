@@ -1,4 +1,4 @@
-"""What every initialiser receives and returns."""
+"""The contract of initialisers, which place the first strokes."""
 
 from abc import ABC, abstractmethod
 
@@ -21,6 +21,6 @@ class Initializer(ABC):
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
         """Map a target (3, H, W) in [0, 1] to exactly ``n`` (1 to H * W) strokes, float32 on the CPU.
 
-        All randomness comes from ``generator``. ``focus`` (H, W) says how much each pixel counts, with a mean of 1;
-        None for all alike. An initialiser may leave it aside.
+        All randomness comes from ``generator``. ``focus`` (H, W) weighs the pixels, with a mean of 1; an initialiser
+        may ignore it.
         """

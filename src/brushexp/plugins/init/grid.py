@@ -1,4 +1,4 @@
-"""Strokes on a lattice."""
+"""Place strokes on a lattice."""
 
 import math
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class Grid(CellInitializer):
 
 
 def lattice(height: int, width: int, n: int, *, shift: bool = False) -> np.ndarray:
-    """Number (H, W) of each pixel's cell in a lattice of exactly ``n`` nearly square cells.
+    """Assign each pixel (H, W) to one of exactly ``n`` nearly square cells of a lattice.
 
     Rows differ by one cell at most. With ``shift`` rows are moved by a quarter of a cell, to the right and to the left
     in turn; the cells at the edge of the canvas make up for it.

@@ -1,4 +1,4 @@
-"""Strokes in layers, as painters lay them: large ones everywhere, smaller ones where they are missed."""
+"""Place strokes in layers, as painters do: large ones everywhere, smaller ones where there is detail."""
 
 import math
 from collections.abc import Sequence
@@ -21,11 +21,11 @@ from brushexp.strokes.bezier import roomy_window, strokes_along
 from brushexp.strokes.catalogue import Strokes
 
 Array = np.ndarray
-BLUR = 0.35  # of the picture that a layer paints after, in pitches of the layer
+BLUR = 0.35  # deviation of the blur of the picture of a layer, in pitches of the layer
 SUBSTEPS = 4  # points of a stroke on each side of its middle
-FAR_AWAY = ((1, 1.0), (4, 0.05), (16, 0.01))  # how far structure reaches (in pitches), and how much it counts there
-UNDER = 1.5  # width of the strokes of an underpainting, in that of the others
-SHORTEST = 0.5  # of a stroke that ends at an edge, in its full length
+FAR_AWAY = ((1, 1.0), (4, 0.05), (16, 0.01))  # reach of structure (in pitches), and its weight
+UNDER = 1.5  # width of the strokes of an underpainting over that of the others
+SHORTEST = 0.5  # least length of a stroke that ends at an edge, over its full length
 INK = Rule(named_color)
 
 
@@ -74,33 +74,32 @@ class InLayers(Initializer):
         for number, count in enumerate(counts):
             if count:
                 side = pitch * self.ratio**number
-                seen = _blurred(picture, BLUR * side)
-                wanted = weight * np.abs(seen - below).sum(0)
+                blurred = _blur(picture, BLUR * side)
+                detail = weight * np.abs(blurred - below).sum(0)
                 cells = min(weight.size, max(count, round(count / self.cover**number)))
                 flow = along_edges(structure([(reach * side, share) for reach, share in FAR_AWAY]))
-                places = _places(wanted, cells, count)
+                places = _places(detail, cells, count)
                 if not parts:
-                    places = _to_the_edges(places, side, picture.shape[:0:-1])
+                    places = _spread_to_edges(places, side, picture.shape[:0:-1])
                 hides = self.underpainting and not parts
                 layer = replace(self, edges=1.0, width=UNDER * self.width) if hides else self
-                parts.append(layer._layer(seen, flow, places, side, generator))
-                below = seen
+                parts.append(layer._layer(blurred, flow, places, side, generator))
+                below = blurred
         return Strokes.join(*parts)
 
     def _counts(self, n: int) -> list[int]:
-        """Strokes of each layer, ``n`` in all."""
         shares = (self.cover / self.ratio**2) ** np.arange(self.layers)
         counts = np.floor(n * shares / shares.sum()).astype(int)
         counts[0] += n - counts.sum()
         return list(map(int, counts))
 
     def _layer(self, picture: Array, flow: Array, places: Array, side: float, generator: torch.Generator) -> Strokes:
-        """Strokes of one size, in pixels, at (n, 2: x, y) in a blurred picture, along a flow (H, W) in radians."""
+        """Place strokes of one size, in pixels, at (n, 2: x, y) in a blurred picture, along a flow (H, W), radians."""
         n, limit = len(places), np.array([picture.shape[2], picture.shape[1]]) - 0.5
         shift = torch.randn(n, 2, generator=generator, dtype=torch.float64).numpy()
         places = (places + self.jitter * side * shift).clip(0.5, limit)
         color = sampled_at(picture, *places.T).T
-        start, end = (self._traced(picture, flow, places, color, sign * 0.5 * self.length * side) for sign in (-1, 1))
+        start, end = (self._trace(picture, flow, places, color, sign * 0.5 * self.length * side) for sign in (-1, 1))
         chord = (start + end) / 2
         middle = chord.clip(0.5, limit)
         window = max(roomy_window(side), 1.2 * self.length * side)
@@ -115,17 +114,17 @@ class InLayers(Initializer):
             position=torch.from_numpy(middle),
         ).map(Tensor.float)
 
-    def _traced(self, picture: Array, flow: Array, places: Array, color: Array, reach: float) -> Array:
-        """Ends (n, 2) of strokes that go from their places along the flow (H, W), radians, to where colours differ."""
+    def _trace(self, picture: Array, flow: Array, places: Array, color: Array, reach: float) -> Array:
+        """Follow the flow (H, W), radians, from places to ends (n, 2), where colours differ or the reach ends."""
         point, step = places.copy(), abs(reach) / SUBSTEPS
         angle = sampled_at(flow, *point.T)
         ahead = np.sign(reach) * np.stack([np.cos(angle), np.sin(angle)], 1)
         going = np.ones(len(places), bool)
         for number in range(1, SUBSTEPS + 1):
-            there = point + step * ahead
-            differs = np.abs(sampled_at(picture, *there.T).T - color).max(1) > self.edges
+            following = point + step * ahead
+            differs = np.abs(sampled_at(picture, *following.T).T - color).max(1) > self.edges
             going &= ~differs | (number <= SHORTEST * SUBSTEPS)
-            point = np.where(going[:, None], there, point)
+            point = np.where(going[:, None], following, point)
             angle = sampled_at(flow, *point.T)
             turned = np.stack([np.cos(angle), np.sin(angle)], 1)
             turned *= np.where((turned * ahead).sum(1) < 0, -1, 1)[:, None]
@@ -135,28 +134,27 @@ class InLayers(Initializer):
 
 
 def _ink(color: str | None, own: Tensor) -> Tensor:
-    """Colours (n, 3) of strokes: one that is named, or their ``own``."""
     ink = None if color is None else named_color(color, "init.color")
     return own if ink is None else (torch.tensor(list(ink)) / 255).repeat(len(own), 1)
 
 
-def _places(wanted: Array, cells: int, n: int) -> Array:
-    """Centres (n, 2: x, y) of those of ``cells`` squares where the mean of what is ``wanted`` (H, W) is largest."""
-    flat = lattice(wanted.shape[0], wanted.shape[1], cells).ravel()
+def _places(detail: Array, cells: int, n: int) -> Array:
+    """Find the centres (n, 2: x, y) of those of ``cells`` squares where the mean ``detail`` (H, W) is largest."""
+    flat = lattice(detail.shape[0], detail.shape[1], cells).ravel()
     area = np.bincount(flat, minlength=cells)
-    best = np.sort(np.argsort(-np.bincount(flat, wanted.ravel(), cells) / area, kind="stable")[:n])
-    y, x = np.divmod(np.arange(wanted.size), wanted.shape[1])
+    best = np.sort(np.argsort(-np.bincount(flat, detail.ravel(), cells) / area, kind="stable")[:n])
+    y, x = np.divmod(np.arange(detail.size), detail.shape[1])
     return np.stack([np.bincount(flat, axis + 0.5, cells) / area for axis in (x, y)], 1)[best]
 
 
-def _to_the_edges(places: Array, side: float, size: Sequence[int]) -> Array:
-    """Places (n, 2: x, y) spread so that the outermost, half a ``side`` from the edges of the canvas, lie on them."""
+def _spread_to_edges(places: Array, side: float, size: Sequence[int]) -> Array:
+    """Spread places (n, 2: x, y) so that the outermost, half a ``side`` from the edges of the canvas, lie on them."""
     middle = np.array(size) / 2
     return middle + (places - middle) * (middle / np.maximum(middle - side / 2, 1))
 
 
-def _blurred(picture: Array, sigma: float) -> Array:
-    from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
+def _blur(picture: Array, sigma: float) -> Array:
+    from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
     with ThreadPoolExecutor(torch.get_num_threads()) as pool:  # SciPy lets others work meanwhile
         return np.stack([*pool.map(partial(gaussian_filter, sigma=sigma, mode="nearest"), picture)])

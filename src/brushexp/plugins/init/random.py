@@ -1,4 +1,4 @@
-"""Strokes at random places."""
+"""Place strokes at random."""
 
 from dataclasses import dataclass
 from typing import Annotated

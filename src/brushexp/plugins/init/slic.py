@@ -1,4 +1,4 @@
-"""Strokes on superpixels."""
+"""Place strokes on superpixels."""
 
 import heapq
 from dataclasses import dataclass
@@ -9,13 +9,13 @@ import torch
 from torch import Tensor
 
 from brushexp.bounds import above, between
-from brushexp.plugins.init._cells import CellInitializer, cell_means, cut, joined
+from brushexp.plugins.init._cells import CellInitializer, cell_means, merge_smallest, split_cells
 from brushexp.plugins.init.grid import lattice
 from brushexp.registry import register
 
 SLIC_ITERATIONS = 5  # ten take twice as long and paint no better
-REFINEMENT_ROUNDS = 3  # each of which looks at the cells of the one before
-GREY_LEVEL = 1 / 255  # deviations below it are none: the area of a cell decides
+REFINEMENT_ROUNDS = 3  # rounds of splitting, each of the cells of the one before
+GREY_LEVEL = 1 / 255  # deviation of colour below which the area of a cell decides
 
 
 @register("init", "slic")
@@ -38,11 +38,11 @@ class Slic(CellInitializer):
 
     def cells(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None) -> np.ndarray:
         labels = superpixels(target, max(1, round((1 - self.detail) * n)), self.compactness)
-        return refined(labels, n, target.numpy(), None if focus is None else focus.numpy())
+        return refine_cells(labels, n, target.numpy(), None if focus is None else focus.numpy())
 
 
 def superpixels(target: Tensor, n: int, compactness: float) -> np.ndarray:
-    """Number (H, W) of each pixel's superpixel, about ``n`` of them; a plain lattice where they have few pixels."""
+    """Assign each pixel (H, W) to one of about ``n`` superpixels; to a lattice where they have few pixels."""
     from skimage.segmentation import slic  # noqa: PLC0415  (slow to import)
 
     _, height, width = target.shape
@@ -60,31 +60,30 @@ def superpixels(target: Tensor, n: int, compactness: float) -> np.ndarray:
     return labels
 
 
-def refined(labels: np.ndarray, n: int, picture: np.ndarray, focus: np.ndarray | None = None) -> np.ndarray:
-    """Cut cells (H, W) until there are exactly ``n``, first those with most area times standard deviation of colour.
+def refine_cells(labels: np.ndarray, n: int, picture: np.ndarray, focus: np.ndarray | None = None) -> np.ndarray:
+    """Split cells (H, W) until there are exactly ``n``, first those with most area times standard deviation of colour.
 
     Area times variance, the squared error, gains no more PSNR and leaves even regions too coarse for the eye. Where
     there are more than ``n`` cells, the smallest join others. A ``focus`` (H, W) multiplies weights by its mean.
     """
     height, width = labels.shape
     if labels.max() >= n:
-        return joined(labels, n)
+        return merge_smallest(labels, n)
     flat, channels = labels.ravel(), picture.reshape(3, -1).astype(np.float64)
     squares = channels**2
-    for left in range(REFINEMENT_ROUNDS, 0, -1):
+    for rounds in range(REFINEMENT_ROUNDS, 0, -1):
         k = int(flat.max()) + 1
         area = np.bincount(flat, minlength=k)
         variance = (cell_means(squares, flat, k) - cell_means(channels, flat, k) ** 2).sum(0).clip(0)
         weight = area * np.sqrt(variance + GREY_LEVEL**2)
         if focus is not None:
             weight *= np.bincount(flat, focus.ravel(), minlength=k) / area
-        pieces = _pieces(weight, area, k + (n - k) // left)
-        flat = cut(flat, pieces, height, width)
+        flat = split_cells(flat, _pieces(weight, area, k + (n - k) // rounds), height, width)
     return flat.reshape(height, width)
 
 
 def _pieces(weight: np.ndarray, area: np.ndarray, n: int) -> np.ndarray:
-    """Into how many pieces each cell is cut, ``n`` in all, none smaller than a pixel.
+    """Choose into how many pieces each cell is split, ``n`` in all, none smaller than a pixel.
 
     A piece of a ramp of colour cut into p has 1 / p of its area and 1 / p of its deviation, so 1 / p^2 of its weight;
     the cell whose pieces weigh most is next.

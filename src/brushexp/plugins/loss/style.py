@@ -10,7 +10,7 @@ from torch import Tensor
 from brushexp.bounds import FILE, above, one_of
 from brushexp.errors import UserError
 from brushexp.features import NETWORKS, open_backbone
-from brushexp.pictures.color import recolored
+from brushexp.pictures.color import recolor
 from brushexp.pictures.load import PICTURE, load_picture, size_of_picture
 from brushexp.plugins.loss.base import Loss, PaintedView, Surroundings
 from brushexp.registry import register
@@ -164,7 +164,7 @@ class Style(Loss):
             return target
         side = self.check((target.shape[1], target.shape[2]))
         picture = load_picture(self.image, side, key="style").to(target)
-        return recolored(picture, like=target) if self.colors == "content" else picture
+        return recolor(picture, like=target) if self.colors == "content" else picture
 
     def forward(self, view: PaintedView) -> Tensor:
         styles = self._styles(view.whole_target, self.kernel)

@@ -1,9 +1,4 @@
-"""What every renderer receives and returns.
-
-A renderer says what each stroke covers (`Layers`); a blend decides which pixels to ask and puts the answers together.
-Layers are formulas that are evaluated where the stroke is (`Profile`, `TexturedProfile`), windows that a network drew
-(`Windows`), or those of plugins; tests/dabs.py has one with a compiled kernel of its own.
-"""
+"""The contract of renderers, which say what each stroke covers (`Layers`)."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -36,20 +31,10 @@ RENDERERS = CheckpointFormat(
 
 
 class Renderer(nn.Module, ABC):
-    """Turns stroke parameters into layers: a subclass defines `forward`, and where it needs to, any of these.
-
-    ==================  ===============================================================================
-    ``clamp``           bring strokes to the nearest ones that it can draw
-    ``convert``         change strokes of another renderer into those that it draws best
-    ``distil``          read its parameters directly off simulated strokes, before it is trained
-    ``rows``            bound the rows of pixels that a stroke touches, so that bands are drawn faster
-    ``edge``            distance beyond the outline at which a stroke may still paint
-    ``at_once``         largest number of strokes whose layers are held in memory
-    ``warm_up``         name of the fast renderer that takes most steps of a painting in its place
-    ``cost`` and so on  facts that ``--help`` lists: its time, its weights, the strokes that it can draw
-    ==================  ===============================================================================
+    """Turns stroke parameters into layers: a subclass defines `forward`, and overrides others where it needs to.
 
     A renderer that is trained has an option ``checkpoint`` and calls `restore` at the end of its ``__init__``.
+    ``tests/dabs.py`` has one with layers and a compiled kernel of its own.
 
     >>> from brushexp.registry import build_named
     >>> from brushexp.strokes.prior import sample_prior
@@ -82,33 +67,32 @@ class Renderer(nn.Module, ABC):
         return {"cost": cls.cost, "gradient": "all fields", "weights": cls.weights, "strokes": cls.strokes}
 
     def __call__(self, strokes: Strokes) -> Layers:
-        """As `forward`; strokes of 16 bits are drawn in float32, see `drawable`."""
         return super().__call__(drawable(strokes))
 
     @abstractmethod
     def forward(self, strokes: Strokes) -> Layers:
-        """Layers of N strokes on the canvas that they are measured on; differentiable in every field.
+        """Make layers of N strokes on the canvas that they are measured on; differentiable in every field.
 
         A renderer with several looks chooses by ``strokes.brush``, so that a stroke keeps its look.
         """
 
     def clamp(self, strokes: Strokes) -> Strokes:
-        """The nearest strokes that this renderer can draw; the painter applies it after every step."""
+        """Bring strokes to the nearest ones that this renderer can draw; the painter does so after every step."""
         return strokes
 
     def distil(self, simulate: Callable[[Tensor, int], Simulated]) -> None:
-        """Take over what can be read directly off strokes of a simulator; called once, before training.
+        """Read parameters directly off strokes of a simulator; this is called once, before training.
 
         ``simulate`` paints strokes (n, 10), large enough to see details, as the simulator paints those of a data set
         that begins with the given number: this decides the brushes.
         """
 
     def convert(self, strokes: Strokes) -> Strokes:
-        """Strokes that another renderer painted with, as this one draws them best; applied once, before the steps."""
+        """Change strokes of another renderer into those that this one draws best, once, before the steps."""
         return self.clamp(strokes)
 
     def rows(self, strokes: Strokes) -> Tensor | None:
-        """Rows (N, 2), first and last, in pixels, that each stroke may touch; None if that is not worth knowing.
+        """Bound the rows (N, 2), first and last, in pixels, that each stroke may touch; None for no bound.
 
         A picture that is too large for one piece is drawn in bands of rows, each with these strokes only.
         """
@@ -128,13 +112,13 @@ class PatchRenderer(Renderer):
 
     @abstractmethod
     def draw(self, parameters: Tensor) -> Tensor:
-        """Pictures (n, 4, S, S) of strokes (n, 10) as `strokes.prior.parameters_of` writes them.
+        """Draw pictures (n, 4, S, S) of strokes (n, 10) as `strokes.prior.parameters_of` writes them.
 
         These are RGBA in [0, 1], straight alpha, opaque where there is paint: the opacity of a stroke is applied later.
         """
 
     def forward(self, strokes: Strokes) -> Windows:
-        """Layers of the windows; with ``project`` strokes outside the range of training come to its edge first."""
+        """Draw the windows; with ``project`` strokes outside the range of training come to its edge first."""
         parameters = parameters_of(self.clamp(strokes))
         draw: Callable[[Tensor], Tensor] = self.draw if self.training else self._clean
         if not self.training and torch.is_grad_enabled():  # pictures are kept, activations are computed again
@@ -145,7 +129,7 @@ class PatchRenderer(Renderer):
         return Windows(images, strokes.position, strokes.scale, strokes.opacity, strokes.color)
 
     def _clean(self, parameters: Tensor) -> Tensor:
-        """What `draw` makes without its faintest traces: a network leaves some everywhere, and each costs time."""
+        """Draw without the faintest traces: a network leaves some everywhere, and each costs time."""
         with torch.autocast(parameters.device.type, torch.bfloat16, enabled=self.precision == "bfloat16"):
             pictures = self.draw(parameters)
         color, alpha = pictures.to(parameters.dtype).split([3, 1], dim=1)
@@ -167,7 +151,7 @@ class PatchRenderer(Renderer):
 
 
 def initialise(module: nn.Module) -> None:
-    """He et al. (2015), so that what distinguishes strokes reaches the last layer: PyTorch's own would lose it."""
+    """Draw weights as He et al. (2015), so that differences of strokes reach the last layer, unlike by default."""
     if isinstance(module, nn.Conv2d | nn.Linear):
         nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
         if module.bias is not None:
@@ -175,7 +159,7 @@ def initialise(module: nn.Module) -> None:
 
 
 def check_trainable(renderer: Renderer, window: int) -> None:
-    """Stop with a UserError unless a renderer has weights, and strokes in windows of ``window`` pixels fit it."""
+    """Raise a UserError unless a renderer has weights, and strokes in windows of ``window`` pixels fit it."""
     if not any(parameter.requires_grad for parameter in renderer.parameters()):
         raise UserError("this renderer has no weights to train; try renderer=neural")
     if (own := getattr(renderer, "window", window)) != window:
@@ -184,7 +168,7 @@ def check_trainable(renderer: Renderer, window: int) -> None:
 
 
 def window_pictures(renderer: Renderer, parameters: Tensor, side: int, brush: Tensor | None = None) -> Tensor:
-    """What any renderer makes of strokes alone in their windows: (n, 10) -> (n, 4, side, side), RGBA, straight alpha.
+    """Draw strokes (n, 10) alone in their windows: (n, 4, side, side), RGBA, straight alpha.
 
     This is what renderers are trained on and compared by. Parameters are as `strokes.prior.parameters_of` writes them;
     ``brush`` (n,) is that of `Strokes`.

@@ -1,4 +1,4 @@
-"""Strokes that a network unrolls: out of ten numbers and a brush it draws a texture along and across the stroke."""
+"""Draw strokes by a network: from ten numbers and a brush to a texture along and across the stroke."""
 
 import math
 from collections.abc import Sequence
@@ -113,20 +113,19 @@ class Neural(Renderer):
         )
 
     def textures(self, parameters: Tensor, brush: Tensor) -> Tensor:
-        """Opacity in [0, 1] and tone in [-1, 1], (n, 2, rows, columns), of strokes (n, 10), each of its ``brush``."""
+        """Draw opacity in [0, 1] and tone in [-1, 1], (n, 2, rows, columns), of strokes (n, 10) by their ``brush``."""
         weight = self.last.weight
-        known = shape_numbers(parameters).to(weight.dtype)
-        chunks = zip(known.split(CHUNK), brush.split(CHUNK), strict=True) if len(known) else ()
-        parts = [self._drawn(*chunk) for chunk in chunks]
+        shapes = shape_numbers(parameters).to(weight.dtype)
+        chunks = zip(shapes.split(CHUNK), brush.split(CHUNK), strict=True) if len(shapes) else ()
         rows, columns = (side << len(self.stages) + 1 for side in COARSEST)
-        drawn = torch.cat([weight.new_zeros(0, 2, rows, columns), *parts])
-        return torch.cat([drawn[:, :1].sigmoid(), drawn[:, 1:].tanh()], dim=1)
+        raw = torch.cat([weight.new_zeros(0, 2, rows, columns), *(self._draw(*chunk) for chunk in chunks)])
+        return torch.cat([raw[:, :1].sigmoid(), raw[:, 1:].tanh()], dim=1)
 
-    def _drawn(self, known: Tensor, brush: Tensor) -> Tensor:
-        able = known.device.type == "cpu" and torch.cpu._is_avx512_bf16_supported()
+    def _draw(self, shapes: Tensor, brush: Tensor) -> Tensor:
+        able = shapes.device.type == "cpu" and torch.cpu._is_avx512_bf16_supported()
         low = not self.training and (self.precision == "bfloat16" or (self.precision == "auto" and able))
-        with torch.autocast(known.device.type, torch.bfloat16) if low else nullcontext():
-            x = torch.cat([known, self.codes[brush]], dim=1)
+        with torch.autocast(shapes.device.type, torch.bfloat16) if low else nullcontext():
+            x = torch.cat([shapes, self.codes[brush]], dim=1)
             for layer in self.dense:
                 x = functional.silu(layer(x))
             x = functional.relu(self.first(x)).reshape(len(x), *COARSEST, -1).permute(0, 3, 1, 2)
@@ -144,7 +143,7 @@ class Neural(Renderer):
 
 
 class _Stage(nn.Module):
-    """Twice as many rows and columns, two convolutions, and a map of each brush between them."""
+    """Double rows and columns, and convolve twice, with a map of each brush in between."""
 
     def __init__(self, before: int, after: int, brushes: int, sides: Sequence[int]) -> None:
         super().__init__()
@@ -159,9 +158,9 @@ class _Stage(nn.Module):
 
 
 def shape_numbers(parameters: Tensor) -> Tensor:
-    """What a texture depends on, (n, NUMBERS), about -2 to 2, of strokes (n, 10) as `parameters_of` writes them.
+    """Describe strokes (n, 10), as `parameters_of` writes them, by NUMBERS numbers from about -2 to 2.
 
-    Length, absolutely and in half widths, bend, thickness, direction and colour.
+    These are length, absolutely and in half widths, bend, thickness, direction and colour.
     """
     start, control, end, width, color = parameters.split([2, 2, 2, 1, 3], dim=1)
     half = (WIDTH[0] + 0.5 * (WIDTH[1] - WIDTH[0]) * (width + 1)).clamp_min(1e-3)  # a width in windows, so half-windows

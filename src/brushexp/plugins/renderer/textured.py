@@ -1,4 +1,4 @@
-"""Strokes with the look of a bristle brush: textures along and across the stroke, drawn by compiled kernels."""
+"""Draw strokes with the look of a bristle brush, by textures along and across the stroke in compiled kernels."""
 
 from collections.abc import Callable
 from functools import lru_cache, partial
@@ -20,16 +20,16 @@ from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import WIDTH
 
-LEVELS = 7  # sizes of a texture, for texels down to a 64th of a pixel, with one twice as fine as it is known
+LEVELS = 7  # sizes of a texture, for texels down to a 64th of a pixel; the first has twice the texels of the weights
 THIN = 0.5  # pixels: strokes do not get thinner than about twice this, but fainter
-FADED, LIT = 0.003, 0.95  # opacities and tones this near to their limits are kept off them, so that they can be trained
-SAMPLES = 4  # of a texel in each direction, when it is read off a picture
+FADED, LIT = 0.003, 0.95  # margin of opacities, and largest tone, at which they can still be trained
+SAMPLES = 4  # samples of a texel in each direction, when it is read off a picture
 STRETCH = 0.9  # half-windows from the middle to either end of a stroke that textures are read off
 FULL = 0.98  # share of texels with paint that are no higher than a full film
 TONE = 0.2  # share of white in the palest bristle, of black in the darkest
 REACH = (1.15, 1.35)  # half widths between which hairs end that go astray: a stroke's reach is what it costs
 AROUND = 0.35  # half widths over which paint is compared with the paint around it
-AGAIN = 1.2  # how strong the finest detail of a texture is once more, at half its size
+AGAIN = 1.2  # strength of the finest detail of a texture when it is repeated at half its size
 NEAR = 9  # texels over which the strength of detail is measured
 NODES = ((0.112702, 5 / 18), (0.5, 4 / 9), (0.887298, 5 / 18))  # of Gauss and Legendre's rule
 
@@ -69,7 +69,7 @@ class Textured(Renderer):
             raise UserError(f"renderer.columns={columns} leaves no room for a stroke of renderer.rows={rows}; {cure}")
         self.variants = variants
         self.loop = Loop(3 * columns // 8, 3 * columns // 8)
-        self.textures = nn.Parameter(bristles(variants, rows, columns))
+        self.textures = nn.Parameter(random_bristles(variants, rows, columns))
         self._ready: tuple[object, Sheets] | None = None
         self.restore(checkpoint, variants=variants, rows=rows, columns=columns)
 
@@ -92,11 +92,11 @@ class Textured(Renderer):
 
     @property
     def levels(self) -> int:
-        """Sizes of a texture: each of its pieces is whole columns in all of them."""
+        """Number of sizes of a texture, in all of which each of its pieces has whole columns."""
         return min(LEVELS, 1 + (self.loop.begin & -self.loop.begin).bit_length(), self.textures.shape[2].bit_length())
 
     def _repeats(self, curve: Tensor, half: Tensor) -> Tensor:
-        """How often each stroke (N,) has the piece that repeats, so that texels are about as long as they should be."""
+        """Count the loops of each stroke (N,) that keep its texels about as long as they should be."""
         start, control, end = curve.unbind(1)
         velocity = (2 * ((1 - t) * (control - start) + t * (end - control)) for t, _ in NODES)
         length = sum((w * v.norm(dim=1) for v, (_, w) in zip(velocity, NODES, strict=True)), torch.zeros_like(half))
@@ -115,9 +115,10 @@ class Textured(Renderer):
         parameters[:, 0], parameters[:, 4] = -STRETCH, STRETCH
         parameters[:, 6] = (2 * width - sum(WIDTH)) / (WIDTH[1] - WIDTH[0])
         for variant in range(self.variants):
-            painted = simulate(parameters, variant)
-            seen = torch.stack([painted.images[0, 3], painted.heights[0]])
-            self.textures[variant] = raw_of(without_middle(unrolled(seen, width, rows, long), columns, self.loop))
+            stroke = simulate(parameters, variant)
+            pictures = torch.stack([stroke.images[0, 3], stroke.heights[0]])
+            texels = unroll_stroke(pictures, width, rows, long)
+            self.textures[variant] = weights_of_texels(drop_middle(texels, columns, self.loop))
 
     def _sheets(self) -> Sheets:
         if self.training or (self.textures.requires_grad and torch.is_grad_enabled()):
@@ -130,26 +131,26 @@ class Textured(Renderer):
         return self._ready[1]
 
 
-@lru_cache(maxsize=2)  # painting, bitmaps and page each build the renderer anew, and so does the next painting
+@lru_cache(maxsize=2)  # painting, bitmaps and page each build the renderer anew
 def _rounded_sheets(
     values: bytes, shape: torch.Size, dtype: torch.dtype, device: torch.device, loop: Loop, levels: int
 ) -> Sheets:
-    """Frozen textures in 8 bits; to make them takes as long as a step."""
+    """Make frozen textures in 8 bits, which takes as long as a step."""
     with torch.inference_mode(False), torch.no_grad():
         textures = torch.frombuffer(bytearray(values), dtype=dtype).view(shape).to(device)
         return _sheets_of(textures, loop, levels, rounded=True)
 
 
 def _sheets_of(textures: Tensor, loop: Loop, levels: int, *, rounded: bool) -> Sheets:
-    """Textures (V, 3, rows, columns), before sigmoid, tanh and sigmoid, in all sizes, from twice their own down."""
+    """Make all sizes, from twice their own down, of textures (V, 3, rows, columns) before sigmoid, tanh, sigmoid."""
     opacity, tone, height = textures.unbind(1)
-    shown = torch.stack([opacity.sigmoid(), tone.tanh(), height.sigmoid()], dim=1)
+    values = torch.stack([opacity.sigmoid(), tone.tanh(), height.sigmoid()], dim=1)
     finest = Loop(2 * loop.begin, 2 * loop.length)
-    return sheets_of(finer_textures(shown, loop), levels, finest, rounded=rounded)
+    return sheets_of(double_textures(values, loop), levels, finest, rounded=rounded)
 
 
-def unrolled(seen: Tensor, width: float, rows: int, columns: int) -> Tensor:
-    """Texels (C, rows, columns) of a straight stroke in pictures ``seen`` (C, S, S), ``width`` windows thick.
+def unroll_stroke(pictures: Tensor, width: float, rows: int, columns: int) -> Tensor:
+    """Sample texels (C, rows, columns) of a straight stroke, ``width`` windows thick, in pictures (C, S, S).
 
     It goes from (-STRETCH, 0) to (STRETCH, 0) half-windows.
     """
@@ -159,22 +160,19 @@ def unrolled(seen: Tensor, width: float, rows: int, columns: int) -> Tensor:
     x = (x[:, None] + within * torch.gradient(x)[0][:, None]).flatten()
     y = (width * (across[:, None] + within * (2 * SPREAD / rows))).flatten()
     places = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1)[None]
-    return functional.avg_pool2d(functional.grid_sample(seen[None], places, align_corners=False), SAMPLES)[0]
+    return functional.avg_pool2d(functional.grid_sample(pictures[None], places, align_corners=False), SAMPLES)[0]
 
 
-def without_middle(texels: Tensor, columns: int, loop: Loop) -> Tensor:
-    """Texels (C, rows, columns) of a long stroke's beginning and then of its end, which holds the ``loop``.
-
-    What is left out lies between them, so that what comes after the beginning is steady.
-    """
-    result = looped(texels[..., -columns:], loop)
+def drop_middle(texels: Tensor, columns: int, loop: Loop) -> Tensor:
+    """Join the beginning of a long stroke (C, rows, .) and its steady end, which holds the ``loop``."""
+    result = close_loop(texels[..., -columns:], loop)
     part = torch.cat([torch.zeros(loop.begin // 2), torch.linspace(0, 1, loop.begin - loop.begin // 2)])
     result[..., : loop.begin] = torch.lerp(texels[..., : loop.begin], result[..., : loop.begin], part)
     return result
 
 
-def looped(texels: Tensor, loop: Loop) -> Tensor:
-    """Texels (C, rows, columns) whose ``loop`` follows itself, and whose end follows the beginning, without a seam.
+def close_loop(texels: Tensor, loop: Loop) -> Tensor:
+    """Make the ``loop`` of texels (..., columns) follow itself, and the end follow the beginning, without a seam.
 
     The second half of the loop goes over into what comes before it, what comes after it begins as the loop does. (The
     beginning of a loop must be as long as half of it, the end as the rest.)
@@ -185,7 +183,7 @@ def looped(texels: Tensor, loop: Loop) -> Tensor:
     result[..., after - half : after] = torch.lerp(
         texels[..., after - half : after], texels[..., loop.begin - half : loop.begin], part
     )
-    ahead = min(half, (texels.shape[2] - after) // 2)
+    ahead = min(half, (texels.shape[-1] - after) // 2)
     part = torch.linspace(0, 1, ahead + 1)[:-1]
     result[..., after : after + ahead] = torch.lerp(
         texels[..., loop.begin : loop.begin + ahead], texels[..., after : after + ahead], part
@@ -193,8 +191,8 @@ def looped(texels: Tensor, loop: Loop) -> Tensor:
     return result
 
 
-def raw_of(texels: Tensor) -> Tensor:
-    """Texture (3, rows, columns), before sigmoid, tanh and sigmoid, of texels (2, rows, columns): coverage, height.
+def weights_of_texels(texels: Tensor) -> Tensor:
+    """Turn coverage and height (2, rows, columns) into weights (3, rows, columns) before sigmoid, tanh, sigmoid.
 
     Where there is more paint than around it, bristles hold more pigment and are paler; where there is less, darker.
     """
@@ -203,16 +201,16 @@ def raw_of(texels: Tensor) -> Tensor:
     films = (height / height[coverage > 0.5].quantile(FULL).clamp_min(1e-6)).clamp(0, 1)
     rows = height.shape[0]
     spread = 2 * round(0.5 * AROUND * rows / (2 * SPREAD)) + 1
-    around, known = (
+    around, covered = (
         functional.avg_pool2d(part[None], (spread, spread), 1, spread // 2)[0] for part in (coverage * films, coverage)
     )
-    tone = TONE * torch.tanh(4 * (films - around / known.clamp_min(1e-3))) * (coverage > FADED)
+    tone = TONE * torch.tanh(4 * (films - around / covered.clamp_min(1e-3))) * (coverage > FADED)
     parts = (coverage.clamp(FADED, 1 - FADED).logit(), tone.clamp(-LIT, LIT).atanh())
     return torch.stack([*parts, films.clamp(FADED, 1 - FADED).logit()])
 
 
-def finer_textures(textures: Tensor, loop: Loop) -> Tensor:
-    """Textures (V, 3, rows, columns) of opacity, tone and height in twice the size, with detail that is as fine again.
+def double_textures(textures: Tensor, loop: Loop) -> Tensor:
+    """Double textures (V, 3, rows, columns) of opacity, tone and height in size, and add detail that is twice as fine.
 
     What is finest in the middle of a loop is repeated at half its size, as strong as it is at each place: a brush that
     is looked at more closely has finer hairs. It is no detail of the stroke that was simulated. The mean of four of
@@ -233,11 +231,8 @@ def finer_textures(textures: Tensor, loop: Loop) -> Tensor:
     return finer.clamp(low, torch.ones_like(low))
 
 
-def bristles(variants: int, rows: int, columns: int) -> Tensor:
-    """Textures (variants, 3, rows, columns) of brushes drawn at random, the same ones every time.
-
-    Before sigmoid (opacity), tanh (tone) and sigmoid (height).
-    """
+def random_bristles(variants: int, rows: int, columns: int) -> Tensor:
+    """Draw the same weights (variants, 3, rows, columns), before sigmoid, tanh and sigmoid, every time."""
     generator = torch.Generator().manual_seed(0)
     load, begin, finish = torch.randn(3, variants, rows, 1, generator=generator)
     waver = torch.randn(variants, rows, 8, generator=generator)  # what changes along a bristle
@@ -249,4 +244,4 @@ def bristles(variants: int, rows: int, columns: int) -> Tensor:
     full = 2.5 + 0.6 * (load + 0.7 * waver)
     opacity = torch.minimum(torch.minimum(side, start), torch.minimum(end, full)).clamp(-6, 6)
     textures = torch.stack([opacity, 0.1 * (load + waver), load + waver], dim=1)
-    return torch.stack([looped(texture, Loop(3 * columns // 8, 3 * columns // 8)) for texture in textures])
+    return close_loop(textures, Loop(3 * columns // 8, 3 * columns // 8))

@@ -1,4 +1,4 @@
-"""``brushexp.render``: strokes as a picture, differentiable in PyTorch."""
+"""``brushexp.list_plugins``, ``brushexp.create`` and ``brushexp.render``: plugins, and strokes that they draw."""
 
 from __future__ import annotations
 
@@ -7,11 +7,38 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from brushexp.api.choosing import create
+from brushexp.api.settings import load
 from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.renderer.base import Renderer
+from brushexp.registry import FAMILIES, build_named, plugins
 from brushexp.strokes.catalogue import Strokes, check_strokes
+
+
+def list_plugins(family: str | None = None) -> dict[str, dict[str, str]]:
+    """Map families to the names of their plugins, those of the current folder too, and to a line about each.
+
+    >>> list(list_plugins("order")["order"])
+    ['accuracy', 'area', 'fixed']
+    """
+    load()
+    if family not in (None, *FAMILIES):
+        raise UserError(f"there is no family {family}; choose one of {', '.join(FAMILIES)}")
+    families = FAMILIES if family is None else [family]
+    return {name: {plugin.name: plugin.summary for plugin in plugins(name)} for name in families}
+
+
+def create(family: str, name: str, **options: Any) -> Any:
+    """Build one plugin with options as its keys have them: a loss, a renderer, an exporter.
+
+    Raises:
+        UserError: which option does not fit, or which names there are.
+
+    >>> create("loss", "mse", weight=2.0).weight
+    2.0
+    """
+    list_plugins(family)
+    return build_named(family, name, options)
 
 
 def render(
@@ -60,7 +87,6 @@ def render(
     chosen = create("renderer", renderer, **options) if isinstance(renderer, str) else renderer
     paper = torch.ones(3) if background is None else background
     like = strokes.position
-    layers = chosen.to(like.device)(strokes)
     front_to_back = order.to(like.device).argsort(descending=True)
     compositor = Compositor(create("blend", blend), create("color", color))
-    return compositor(layers, front_to_back, size, paper.to(like)).image
+    return compositor(chosen.to(like.device)(strokes), front_to_back, size, paper.to(like)).image
